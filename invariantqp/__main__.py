@@ -20,7 +20,7 @@ def main() -> None:
 
 
 def _told(error: MissingExtra) -> int:
-    """Print what is missing; the status of `invariantqp.cli.status.BAD_INPUT`."""
+    """Print what is missing; the status of `invariantqp.cli.console.BAD_INPUT`."""
     sys.stderr.write(f"error: {error}\n")
     return 2
 

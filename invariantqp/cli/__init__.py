@@ -1,4 +1,4 @@
-"""The command line. It only parses; `printing` prints. Exit statuses are those of `status`."""
+"""The command line. A file for each command; `console` has what they share."""
 
 from __future__ import annotations
 
@@ -14,11 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from invariantqp.cli.compare import compare
-from invariantqp.cli.identify import identify
-from invariantqp.cli.inspect import ManyNumbers, inspect
-from invariantqp.cli.new import new
-from invariantqp.cli.run import ViewAlone, run
-from invariantqp.cli.status import (
+from invariantqp.cli.console import (
     BAD_INPUT,
     DEFECT,
     DONE,
@@ -28,10 +24,14 @@ from invariantqp.cli.status import (
     NOT_WRITTEN,
     NotAccepted,
     NotWritten,
+    say,
 )
+from invariantqp.cli.identify import identify
+from invariantqp.cli.inspect import ManyNumbers, inspect
+from invariantqp.cli.new import new
+from invariantqp.cli.run import ViewAlone, run
 from invariantqp.engine import engine
 from invariantqp.errors import InvariantQPError
-from invariantqp.printing import say
 from invariantqp.version import __version__
 
 app: typer.Typer = typer.Typer(
@@ -53,7 +53,7 @@ STATUSES = (
 
 
 def main() -> None:
-    """Run the command line and leave with a status of `invariantqp.cli.status`."""
+    """Run the command line and leave with a status of `invariantqp.cli.console`."""
     for stream in ("stdout", "stderr"):
         if getattr(sys, stream) is None:  # closed by whoever started this
             setattr(sys, stream, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115, PTH123 (open to the end)
@@ -146,4 +146,4 @@ app.command(cls=ViewAlone, epilog=HELP)(run)
 app.command(cls=ManyNumbers, epilog=HELP)(inspect)
 app.command(epilog=HELP)(identify)
 app.command(epilog=HELP)(compare)
-app.command(cls=ManyNumbers, epilog=HELP)(new)
+app.command(epilog=HELP)(new)

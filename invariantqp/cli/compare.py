@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
-from invariantqp.cli.places import folder, writable, write
-from invariantqp.cli.status import NotAccepted
-from invariantqp.errors import BadInput
+from invariantqp.cli.console import WIDEST, NotAccepted, folder, progress, writable, write
+from invariantqp.errors import BadInput, install_command
 from invariantqp.extras import require
-from invariantqp.printing import print_comparison, print_not_installed, print_stability, progress
+
+if TYPE_CHECKING:
+    from invariantqp.compare.stability import StabilityOutcome
 
 
 def compare(
@@ -104,3 +108,71 @@ def _compare_stability(json_file: Path | None, quiet: bool) -> None:
     failed = [run.case for run in outcomes if run.law == OURS and not (run.finite and run.inside)]
     if failed:
         raise NotAccepted([f"{case}: an answer of ours was not finite, or outside limits" for case in failed])
+
+
+def print_not_installed(missing: dict[str, list[str]]) -> None:
+    """What a comparison will leave out, on standard error, and how to install it; {extra: names}."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    for extra, names in missing.items():
+        listed = "; ".join(names)
+        console.print(f"not installed, so left out: {listed}. Run: {install_command(extra)}", markup=False)
+
+
+def print_stability(outcomes: list[StabilityOutcome]) -> None:
+    """A table of how each law did in each difficult case, with failures in red."""
+    table = Table(box=None)
+    before = ""
+    for run in outcomes:
+        row = (
+            ("case", "" if run.case == before else escape(run.case)),
+            ("law", escape(run.law)),
+            ("finite", "yes" if run.finite else f"[red]no: {run.not_finite}[/red]"),
+            ("inside limits", "yes" if run.inside else f"[red]{run.excess:.1e}[/red]"),
+            ("peak/limit", f"{run.peak:.3f}"),
+            ("largest mm", f"{run.largest_mm:.3g}"),
+            ("deg", f"{run.largest_deg:.3g}"),
+            ("last mm", f"{run.error_mm:.3g}"),
+            ("deg", f"{run.error_deg:.3g}"),
+            ("tail rad/s", f"{run.tail:.1e}"),
+            ("chatter", f"{run.chatter:.2f}"),
+            ("raised", f"{run.exceptions}" if run.exceptions else ""),
+        )
+        if not table.columns:
+            for heading, _ in row:
+                table.add_column(heading)
+        table.add_row(*(cell for _, cell in row))
+        before = run.case
+    console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
+    console.print(table)
+    console.print(
+        "finite: number of ticks without a finite answer; inside limits: largest excess over a limit; largest, last: "
+        "errors of the run; tail: largest joint speed in its last tenth; chatter: total variation of the velocity "
+        "relative to the least-squares QP that is told the same; raised: number of ticks in which the law raised."
+    )
+
+
+def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict[str, float] | None) -> None:
+    """The tables of a comparison, its verdict, and the files that were written."""
+    from invariantqp.compare.results import kinds_in
+    from invariantqp.compare.tables import EVERYDAY_CELLS, everyday, summary
+    from invariantqp.compare.verdict import short
+
+    console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
+    parts = [(summary(results), "")] if {"loop", "tick"} & kinds_in(results) else []
+    if "everyday" in kinds_in(results):
+        parts.append((everyday(results), EVERYDAY_CELLS.replace("*", "")))
+    for found, cells in parts:
+        table = Table(*found.columns, box=None)
+        for row in found.rows:
+            table.add_row(*(escape(cell) for cell in row))
+        console.print(table)
+        if cells:
+            console.print(cells, markup=False)
+    for sentence in short(results):
+        console.print(f"- {sentence}", markup=False)
+    failed = sum("failed" in cell["result"] for cell in results["cells"])
+    if failed:
+        console.print(f"{failed} of {len(results['cells'])} measurements failed: the report says why.")
+    for place, rho in (agreement or {}).items():
+        console.print(f"ranks by time, {place}: Spearman {rho:.3f}", markup=False)
+    console.print(f"written: {', '.join(str(file) for file in files)}", markup=False)

@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from math import degrees
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
-from invariantqp.cli.inspect import numbers
-from invariantqp.cli.places import PAGES, writable, write
+from invariantqp.cli.console import PAGES, PLAIN_WIDTH, numbers, say, writable, write
 from invariantqp.errors import BadInput
 from invariantqp.extras import require
-from invariantqp.printing import print_identification, say
 
 if TYPE_CHECKING:
+    from invariantqp.geometry.arrays import Array
+    from invariantqp.identification.candidate import Candidate
+    from invariantqp.identification.identify import Identification
     from invariantqp.robots.kinematics import Robot
 
+# A pitch above this many lengths a radian is a slide, one below its inverse a turn, in words.
+FLAT = 1e3
 # Steps of time this much longer than the usual one are worth a word: samples are taken as evenly spaced.
 GAP = 3.0
 
@@ -105,3 +114,60 @@ def _frame(text: str) -> Any:
     if len(found) not in (3, len(POSE)):
         raise BadInput("--mount", repr(text), "3 numbers, x,y,z, or 7, x,y,z,qx,qy,qz,qw")
     return quaternion_poses(np.array([[*found, *[0.0, 0.0, 0.0, 1.0][: len(POSE) - len(found)]]]), "--mount")[0]
+
+
+def print_identification(found: Identification, name: str, time: Array) -> None:
+    """Which contact a recording shows, where it is, and what it leaves open."""
+    console = Console(highlight=False, soft_wrap=True)
+    for part in found.segments:
+        told = f"[bold]{part.kind}[/bold]" if part.kind else "[bold]not told[/bold]"
+        console.print(f"{escape(name)}, {time[part.start]:.2f} to {time[part.stop - 1]:.2f} s: {told}")
+        if part.reason:
+            console.print(fill(f"{part.reason}.", PLAIN_WIDTH), markup=False)
+        table = Table("kind", "surface on", "type", "misfit", "where", box=None)
+        for c in part.candidates:
+            misfit = f"{max(c.misfit, c.wrench_misfit):.2f}"
+            table.add_row(c.kind, c.fixed_to, c.gibson_hunt, misfit, "; ".join(_places(c)))
+        if part.candidates:
+            console.print(table)
+        for twist in part.unexcited.T:
+            console.print(f"never tried: {_motion(twist)}", markup=False)
+        for kind, why in part.refuted.items():
+            console.print(f"no {kind}: {why}", markup=False, style="dim")
+
+
+def _places(c: Candidate) -> Iterator[str]:
+    """Where a contact is, with standard deviations."""
+    deviations = c.deviations
+    surface, tip = {"tool": ("tool", "base"), "base": ("base", "tool"), "both": ("base", "base")}[c.fixed_to]
+    edge = c.kind == "line"
+    for key, value, frame in (
+        ("normal", c.normal, surface),
+        ("axis", c.axis, tip if edge else surface),
+        ("point", c.point, tip),
+    ):
+        if value is not None and key in deviations:
+            angle = key != "point"
+            off = deviations[key]
+            known = "not told" if off == float("inf") else f"{degrees(off):.2g} deg" if angle else f"{off:.2g}"
+            numbers = ", ".join(f"{x:.4f}" for x in value)
+            yield f"{'edge' if edge and key == 'axis' else key} ({numbers}) in the {frame} frame, to {known}"
+    if c.kind == "screw":
+        yield f"pitch {c.pitch:.4g} a radian, to {deviations['pitch']:.2g}"
+    if c.kind == "sphere":
+        yield f"radius {c.radius:.4g}, to {deviations['radius']:.2g}"
+
+
+def _motion(twist: Array) -> str:
+    """A twist in words."""
+    from invariantqp.geometry.screws import axis, pitch
+
+    def direction(a: Array) -> str:
+        return ", ".join(f"{x:.2f}" for x in a)
+
+    h = pitch(twist)
+    if abs(h) > FLAT:
+        return f"a slide along ({direction(twist[3:] / max(sum(x * x for x in twist[3:]) ** 0.5, 1e-300))})"
+    along, place = axis(twist)
+    screw = "" if abs(h) < 1.0 / FLAT else f", sliding by {h:.2g} a radian"
+    return f"a turn about ({direction(along)}) through ({direction(place)}){screw}"

@@ -4,28 +4,32 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from textwrap import fill
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.console import Console
+from rich.markup import escape
 from typer.core import TyperCommand
 
-from invariantqp.cli.places import PICTURES, writable, write, writing
+from invariantqp.cli.console import PICTURES, PLAIN_WIDTH, numbers, progress, writable, write, writing
 from invariantqp.errors import BadInput
 from invariantqp.extras import require
-from invariantqp.printing import print_clearance, print_inspection, progress
 
-Q_EXPECTED = "numbers, one for each joint, such as 0 0.5 -1"
+if TYPE_CHECKING:
+    from invariantqp.analysis.inspection import Inspection
+    from invariantqp.control.clearance import Clearance
 
 
 class ManyNumbers(TyperCommand):
-    """A command in which every number after --q or --start belongs to it: --q 0 0.5 -1 means --q 0,0.5,-1."""
+    """A command in which every number after --q belongs to it: --q 0 0.5 -1 means --q 0,0.5,-1."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Join the numbers before anything else reads the arguments: -1 is not an option."""
         joined: list[str] = []
         for word in args:
             before = joined[-2:]
-            if len(before) == 2 and before[0] in {"--q", "--start"} and _is_numbers(before[1]) and _is_numbers(word):
+            if len(before) == 2 and before[0] == "--q" and _is_numbers(before[1]) and _is_numbers(word):
                 joined[-1] += f",{word}"
             else:
                 joined.append(word)
@@ -38,21 +42,6 @@ def _is_numbers(text: str) -> bool:
     except BadInput:
         return False
     return True
-
-
-def numbers(option: str, text: str) -> list[float]:
-    """Numbers separated by commas or spaces.
-
-    Raises:
-        BadInput: something else, or none; names the option.
-    """
-    try:
-        found = [float(word) for word in text.replace(",", " ").split()]
-    except ValueError as error:
-        raise BadInput(option, repr(text), Q_EXPECTED) from error
-    if not found:
-        raise BadInput(option, repr(text), Q_EXPECTED)
-    return found
 
 
 def inspect(
@@ -106,3 +95,39 @@ def inspect(
     print_inspection(found)
     if kept is not None:
         print_clearance(kept)
+
+
+def print_inspection(found: Inspection) -> None:
+    """An arm in words: the state asked for, its joint range, and the pitch to split twists by."""
+    console = Console(highlight=False, soft_wrap=True)
+    width = console.width if console.is_terminal else PLAIN_WIDTH
+    advice = found.recommended
+    use = (
+        f"no form; for splits the pitch h = {advice.h:g}"
+        if advice.h is not None
+        else "no form, and no pitch for splits"
+    )
+    console.print(f"[bold]{escape(found.robot)}[/bold], {len(found.joints)} joints to {escape(found.tool)}")
+    for title, words in (
+        (f"{found.where}, q = ({', '.join(f'{x:.4g}' for x in found.q)})", found.state_words()),
+        (f"over the joint range, {len(found.survey.q)} states", found.range_words()),
+        (f"recommended: {use}", (advice.reason,)),
+    ):
+        console.print(f"\n[bold]{title}[/bold]")
+        for sentence in words:
+            paragraph = fill(sentence, width, initial_indent="  ", subsequent_indent="  ")
+            console.print(paragraph, markup=False)
+
+
+def print_clearance(kept: Clearance) -> None:
+    """Which links a clearance keeps apart, and which it does not, with the reason."""
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"\n[bold]clearance: {len(kept.pairs)} pairs of links are kept apart[/bold]")
+    for name in dict.fromkeys(first for first, _ in kept.pairs):
+        others = ", ".join(second for first, second in kept.pairs if first == name)
+        console.print(f"  {name} from {others}", markup=False)
+    console.print(f"\n[bold]{len(kept.dropped)} are not[/bold]")
+    reasons = dict.fromkeys(dropped.reason for dropped in kept.dropped)
+    for reason in reasons:
+        pairs = ", ".join(f"{one} and {other}" for one, other, why in kept.dropped if why == reason)
+        console.print(f"  {reason}: {pairs}", markup=False)

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 from typer.core import TyperCommand
 
-from invariantqp.cli.places import PAGES, PICTURES, writable, write, writing
-from invariantqp.cli.status import NotAccepted
+from invariantqp.cli.console import PAGES, PICTURES, NotAccepted, percent, progress, say, writable, write, writing
 from invariantqp.errors import BadInput
 from invariantqp.extras import require
-from invariantqp.printing import print_contact_frame_check, print_frame_check, print_run, progress, say
 
 if TYPE_CHECKING:
     from invariantqp.runs.taskfile import Task
-    from invariantqp.runs.trace import Trace
+    from invariantqp.runs.trace import PathTrace, Trace
     from invariantqp.view.server import Viewer
 
 
@@ -156,3 +158,93 @@ def _play(viewer: Viewer, trace: Trace, quiet: bool) -> None:
         if not quiet:
             say("playing; Ctrl-C ends it")
         viewer.play(trace)
+
+
+def print_run(trace: Trace) -> None:
+    """A run's figures, and whether it is accepted."""
+    figures = trace.summary()
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"[bold]{escape(figures['task'])}[/bold]  {escape(trace.task.about)}")
+    table = Table("", "median", "p99", "max", box=None)
+    for label, key, form in (
+        ("position error, mm", "position_error_mm", "{:.2g}"),
+        ("orientation error, deg", "orientation_error_deg", "{:.2g}"),
+        ("time of a tick, us", "tick_us", "{:.1f}"),
+    ):
+        spread = figures[key]
+        table.add_row(label, *(form.format(spread[k]) for k in ("median", "p99", "max")))
+    console.print(table)
+    for line in _run_lines(trace, figures):
+        console.print(line)
+
+
+def _run_lines(trace: Trace, figures: dict[str, Any]) -> Iterator[str]:
+    if figures["physics"] != "ideal":
+        yield f"physics: {figures['physics']}"
+    read = figures["force_error_relative_rms_measured"]
+    if read is not None:
+        error = (
+            f"{percent(trace.force_error or 0.0)} rms of the wanted force, {percent(read)} as the controller read it"
+        )
+        yield f"force error: {error}; counted from {trace.time[trace.counted_from]:g} s on, after contact has settled"
+    if trace.along is not None:
+        yield from _path_lines(trace.along, figures)
+    yield f"{figures['ticks']} ticks; a limit was active in {percent(figures['limits_active'])} of them"
+    speed, acceleration = figures["peak_speed"], figures["peak_acceleration"]
+    yield (
+        f"largest joint speed: {speed:.3g}, acceleration: {acceleration:.3g}, counted from rest "
+        "(rad/s, rad/s^2; of a slide m/s, m/s^2)"
+    )
+    yield f"largest excess over a limit: {figures['limit_violation']:.1e} (SI units)"
+    if figures["form"]:
+        yield f"attempted of a twist beyond the joints: by the {figures['form']}"
+    yield f"methods: {_shares(figures['methods'])}; statuses: {_shares(figures['statuses'])}"
+    for warning in figures["warnings"]:
+        yield f"[yellow]note:[/yellow] {escape(warning)}"
+    yield "[green]accepted[/green]" if figures["passed"] else "[red]not accepted[/red]"
+
+
+def _path_lines(along: PathTrace, figures: dict[str, Any]) -> Iterator[str]:
+    end = "arrived" if along.status == "done" else "stopped"
+    yield (
+        f"path: {end} {figures['path_lag']:.3g} s late; speed along it {figures['path_speed']['median']:.2g} of its "
+        f"timing's in the median, {along.driven.min():.2g} to {along.driven.max():.2g}"
+    )
+    slowed = ", ".join(f"{name} {percent(share)}" for name, share in along.slowed.items())
+    yield f"slowed down by: {slowed or 'nothing'}"
+
+
+def print_frame_check(task: Task, seed: int) -> None:
+    """How much another tool frame changes a run under each law."""
+    from invariantqp.compare.frames import frame_check
+
+    with progress("displacing the tool frame", quiet=False) as report:
+        checks = frame_check(task, seed, report)
+    table = Table("law", "change of joint positions, rad", "start moved by 1e-12", "largest error, mm", box=None)
+    for check in checks:
+        table.add_row(check.law, f"{check.change:.1e}", f"{check.control:.1e}", f"{check.worst_error_mm:.2g}")
+    console = Console(highlight=False)
+    console.print("\nThe same motion of the tool, asked of a tool frame displaced at random:")
+    console.print(table)
+
+
+def print_contact_frame_check(task: Task, seed: int, physics: str) -> None:
+    """How much other frames of tool, sensor and contact change a run under each controller."""
+    from invariantqp.compare.frames import contact_frame_check
+
+    with progress("displacing frames", quiet=False) as report:
+        checks = contact_frame_check(task, seed, physics, report)
+    told = ("path error, mm", "in displaced frames", "force error", "in displaced frames")
+    columns = ("law", "change of joint velocities, rad/s", *told)
+    table = Table(*columns, box=None)
+    for c in checks:
+        errors = (f"{c.error_mm:.2g}", f"{c.displaced_error_mm:.2g}")
+        forces = (percent(f or 0.0) for f in (c.force_error, c.displaced_force_error))
+        table.add_row(c.law, f"{c.change:.1e}", *errors, *forces)
+    console = Console(highlight=False)
+    console.print("\nThe same task, with the frames of tool, sensor and contact displaced at random:")
+    console.print(table)
+
+
+def _shares(counts: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {percent(share)}" for name, share in sorted(counts.items(), key=lambda i: -i[1]))

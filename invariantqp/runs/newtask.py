@@ -5,7 +5,7 @@ Keys that are given come first, the others as comments; what a key means is what
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from textwrap import wrap
 from typing import Any, NamedTuple, get_args
 
@@ -36,6 +36,8 @@ MOVES: dict[str, dict[str, Any]] = {
 # How far each joint goes on a path of joint positions [rad, m].
 STRIDE = 0.1
 SIZES = (0.08, 0.05)
+# Contact force [N].
+PRESS = 5.0
 # Above what a run at these speeds leaves; a first demand, to be changed [mm].
 ACCURACY = 1.0
 
@@ -44,24 +46,21 @@ def new_task(
     name: str,
     robot: str,
     *,
-    start: Sequence[float] | None = None,
     path: str = "line",
     contact: str | None = None,
-    press: float = 5.0,
 ) -> str:
-    """The text of a task file, with every key of its tables explained.
+    """The text of a task file, with every key of its tables explained, to be changed by hand.
+
+    The arm starts in the best-conditioned of a few states around the middle of its range.
 
     Args:
         name: of the task.
         robot: a known name, or the path of a URDF or MJCF.
-        start: joint positions; None is the best-conditioned of a few states around the middle of the range.
         path: kind of path, as in a task file.
         contact: kind of contact, as in a task file; None is none.
-        press: contact force [N].
 
     Raises:
-        BadInput: no such kind of path or contact, a press below zero, a start that has not one number for each joint
-            or is outside the limits.
+        BadInput: no such kind of path or contact.
         TaskFileError: values that no task file may have.
         RobotModelError, UnknownName, MissingExtra: as `invariantqp.load_robot`.
     """
@@ -71,14 +70,9 @@ def new_task(
     arrays.choice(path, "path", list(PATHS))
     if contact is not None:
         arrays.choice(contact, "contact", list(SIDES))
-    press = arrays.not_negative(press, "press", "a force [N]")
     arm = load_robot(robot)
     m = len(arm.names)
-    at = (
-        [round(x, 2) for x in well_placed(arm).tolist()] if start is None else arrays.vector(start, m, "start").tolist()
-    )
-    if not ((arm.position_lower <= at) & (at <= arm.position_upper)).all():
-        raise BadInput("start", excerpt(at), "joint positions inside the limits")
+    at = [round(x, 2) for x in well_placed(arm).tolist()]
     ways = [x + STRIDE if x + STRIDE <= high else x - STRIDE for x, high in zip(at, arm.position_upper, strict=True)]
     move = {"waypoints": [[round(x, 4) for x in ways]]} if path == "joints" else MOVES[path]
     law: dict[str, Any] = {"dt": 0.002}
@@ -86,14 +80,14 @@ def new_task(
         law["exact"] = "position"
     content: dict[str, Any] = {
         "name": name,
-        "about": f"{robot}: {path}{f', {contact} contact with {press:g} N' if contact else ''}",
+        "about": f"{robot}: {path}{f', {contact} contact with {PRESS:g} N' if contact else ''}",
         "robot": {"source": robot, "start": at},
         "path": {"kind": path, "duration": 2.0, **move},
         "law": law,
     }
     if contact is not None:
         size = {"size": list(SIZES[: SIDES[contact]])} if SIDES[contact] else {}
-        content |= {"contact": {"kind": contact, **size}, "force": {"press": press}, "sensor": {}}
+        content |= {"contact": {"kind": contact, **size}, "force": {"press": PRESS}, "sensor": {}}
     if path != "hold":
         content["accept"] = {"position_error_mm": ACCURACY}
     task_from(content, f"the task {name!r}").load_robot()

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.pictures.errors import CURVES, SMALLEST, errors_of
-from invariantqp.pictures.palette import BLUE, GREEN, SCREEN_COLOURS, SKY, VERMILION
+from invariantqp.pictures.palette import BLUE, CURVES, GREEN, SCREEN_COLOURS, SKY, SMALLEST, VERMILION, errors_of
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import ClearanceTrace, ContactTrace, Trace

@@ -5,12 +5,10 @@ import invariantqp as iq
 
 def test_a_new_task_is_a_file_that_can_be_loaded(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
-    status, out, err = call(
-        monkeypatch, capsys, "new", "mine", "--robot", "ur5e", "--start", "0", "-1", "1", "-1", "-1", "0"
-    )
+    status, out, err = call(monkeypatch, capsys, "new", "mine", "--robot", "ur5e")
     assert (status, out) == (0, "")
     assert err == "written: mine.toml. Change it, then: invariantqp run mine.toml\n"
-    assert iq.load_task("mine.toml").robot.start == [0.0, -1.0, 1.0, -1.0, -1.0, 0.0]
+    assert iq.load_task("mine.toml").robot.source == "ur5e"
     status, _, err = call(monkeypatch, capsys, "new", "mine")
     assert (status, err.split(";")[0]) == (2, "error: TASK: found mine.toml, which exists")
     status, _, err = call(monkeypatch, capsys, "new", "other.toml", "--robot", "ur5e")

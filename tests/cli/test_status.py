@@ -12,7 +12,7 @@ from support.warm import Warm
 
 import invariantqp as iq
 from invariantqp import cli
-from invariantqp.cli.status import BAD_INPUT, DEFECT, DONE, HELP, INTERRUPTED, NOT_ACCEPTED, NOT_WRITTEN
+from invariantqp.cli.console import BAD_INPUT, DEFECT, DONE, HELP, INTERRUPTED, NOT_ACCEPTED, NOT_WRITTEN
 
 TASK = """
 name = "short"

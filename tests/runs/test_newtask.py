@@ -62,14 +62,3 @@ def test_kinds_that_there_are_not():
         new_task("mine", "panda", path="spiral")
     with pytest.raises(iq.BadInput, match=r"contact: found 'ball'; expected .*point"):
         new_task("mine", "panda", contact="ball")
-    with pytest.raises(iq.BadInput, match="start: found shape"):
-        new_task("mine", "panda", start=[0.0, 1.0])
-
-
-def test_what_would_not_run_is_refused_and_a_start_is_kept():
-    start = [0.123456, -0.4, 0.0, -2.2, 0.0, 1.8, 0.004]
-    assert "0.123456" in new_task("mine", "panda", start=start)
-    with pytest.raises(iq.BadInput, match="start"):
-        new_task("mine", "panda", start=[9.0] * 7)
-    with pytest.raises(iq.BadInput, match="press"):
-        new_task("mine", "panda", contact="point", press=-5.0)

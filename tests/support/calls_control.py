@@ -537,7 +537,7 @@ CONTROL = {
     "load_task": lambda: (iq.load_task, {"path_or_name": "panda_path"}),
     "new_task": lambda: (
         iq.tasks.new_task,
-        {"name": "mine", "robot": "ur5", "start": None, "path": "line", "contact": "point", "press": 5.0},
+        {"name": "mine", "robot": "ur5", "path": "line", "contact": "point"},
     ),
     "shipped_tasks": lambda: (iq.tasks.shipped_tasks, {"group": ""}),
     "inspect": lambda: (

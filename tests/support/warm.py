@@ -12,7 +12,7 @@ from types import SimpleNamespace
 # Each child ends as any Python process does, so that what it could not write is seen.
 SERVER = """
 import json, os, socket, sys
-from invariantqp import cli, printing
+from invariantqp import cli
 from invariantqp.analysis import inspection
 from invariantqp.runs import run
 asked = socket.socket(fileno=int(sys.argv[1]))

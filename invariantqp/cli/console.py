@@ -1,0 +1,170 @@
+"""What every command shares: exit statuses, what it says on standard error, numbers it reads, and files it writes.
+
+What cannot be written is refused before the work is done, as far as can be known.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+
+from invariantqp.errors import BadInput
+from invariantqp.progress import Progress
+
+# Exit statuses. 1 says that a run was not accepted, and is used for nothing else.
+DONE = 0
+NOT_ACCEPTED = 1
+BAD_INPUT = 2
+# Standard output or a file could not be written: a full disk, a reader that is gone.
+NOT_WRITTEN = 3
+# A defect of this program.
+DEFECT = 4
+# By Ctrl-C, as shells have it.
+INTERRUPTED = 130
+HELP = (
+    "Exit status: 0 done, or accepted; 1 not accepted; 2 bad input; 3 output could not be written; 4 a defect of "
+    "invariantqp; 130 interrupted."
+)
+
+PICTURES = (".png", ".svg", ".pdf")
+PAGES = (".html",)
+# Width of paragraphs and of tables where no terminal says how wide it is.
+PLAIN_WIDTH, WIDEST = 100, 180
+# How many times a progress bar is drawn.
+STEPS = 200
+NUMBERS = "numbers, one for each joint, such as 0 0.5 -1"
+
+
+class NotAccepted(Exception):
+    """A run or a comparison is done, and its acceptance numbers are not met.
+
+    Attributes:
+        reasons: one sentence each.
+    """
+
+    def __init__(self, reasons: list[str]) -> None:
+        self.reasons = reasons
+        super().__init__("; ".join(reasons))
+
+
+class NotWritten(Exception):
+    """A file could not be written to its end.
+
+    Attributes:
+        file: its name.
+        why: in words.
+    """
+
+    def __init__(self, file: str, why: str) -> None:
+        self.file = file
+        self.why = why
+        super().__init__(f"{file} could not be written: {why}")
+
+
+def say(sentence: str, *, style: str | None = None) -> None:
+    """Print on standard error what is not a result."""
+    Console(stderr=True, highlight=False, soft_wrap=True).print(sentence, style=style, markup=False)
+
+
+@contextmanager
+def progress(what: str, quiet: bool) -> Iterator[Progress | None]:
+    """A progress bar on standard error; nothing at all when quiet or when nobody watches."""
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield None
+        return
+    from rich import progress as bars
+
+    with bars.Progress(
+        bars.TextColumn(what),
+        bars.BarColumn(),
+        bars.TextColumn("{task.percentage:3.0f} %"),
+        bars.TimeRemainingColumn(),
+        console=console,
+    ) as bar:
+        job = bar.add_task(what, total=None)
+
+        def report(done: int, total: int) -> None:
+            if done % max(1, total // STEPS) == 0 or done == total:
+                bar.update(job, completed=done, total=total)
+
+        yield report
+
+
+def percent(share: float) -> str:
+    """A share in words."""
+    return f"{100.0 * share:.3g} %"
+
+
+def numbers(option: str, text: str) -> list[float]:
+    """Numbers separated by commas or spaces.
+
+    Raises:
+        BadInput: something else, or none; names the option.
+    """
+    try:
+        found = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError as error:
+        raise BadInput(option, repr(text), NUMBERS) from error
+    if not found:
+        raise BadInput(option, repr(text), NUMBERS)
+    return found
+
+
+def writable(option: str, file: Path | None, suffixes: tuple[str, ...] = ()) -> None:
+    """Refuse a file that cannot be written, or whose ending is that of another kind of file.
+
+    Raises:
+        BadInput: why it cannot be.
+    """
+    if file is None:
+        return
+    if not file.name or file.is_dir():
+        raise BadInput(option, f"{file}, a folder", "the name of a file")
+    if not file.parent.is_dir():
+        raise BadInput(option, f"{file}, in a folder that does not exist", "a file in an existing folder")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise BadInput(option, f"{file}, which may not be written to", "a file in a folder of yours")
+    if suffixes and file.suffix.lower() not in suffixes:
+        raise BadInput(option, f"{file}, with the ending {file.suffix!r}", f"one of {', '.join(suffixes)}")
+
+
+def folder(option: str, out: Path) -> None:
+    """Make a folder, or refuse one that cannot be had.
+
+    Raises:
+        BadInput: why it cannot be.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(option, f"{out}: {error.strerror}", "a folder, or a place where one can be made") from error
+    if not os.access(out, os.W_OK):
+        raise BadInput(option, f"{out}, which may not be written to", "a folder of yours")
+
+
+@contextmanager
+def writing(file: Path) -> Iterator[None]:
+    """Say which file it was that could not be written.
+
+    Raises:
+        NotWritten: the operating system refused, for lack of space for instance.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise NotWritten(str(file), error.strerror or str(error)) from error
+
+
+def write(file: Path, text: str) -> None:
+    """Write text to a file.
+
+    Raises:
+        NotWritten: it cannot be written to its end.
+    """
+    with writing(file):
+        file.write_text(text, encoding="utf-8")
