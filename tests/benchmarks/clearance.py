@@ -29,6 +29,7 @@ from invariantqp.geometry.shapes import Core
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, OtherArm
 
 HOLD = 0.4  # how long a target stays [s]
+REACH, SWEPT = 1.5, 3.5  # of any point of an arm from any of its axes [m]; speeds of the other arm's joints, summed [rad/s]
 
 
 class Scene(NamedTuple):
@@ -151,7 +152,7 @@ def run(name, ticks, dt, delay, acceleration, seed=0, *, clear=True):
                          limits=[clearance] if clear else [])  # fmt: skip
     q, d, x_before = scene.start.copy(), [], np.zeros(len(scene.start))
     queue = [np.zeros(len(q))] * round(delay / dt)
-    statuses, reasons, times, change, outside = {}, {}, [], [], 0.0
+    statuses, reasons, times, change, outside, far = {}, {}, [], [], 0.0, 0.0
     for i in range(ticks):
         if i % round(HOLD / dt) == 0:
             target = robot.target(next(wanted))
@@ -165,18 +166,24 @@ def run(name, ticks, dt, delay, acceleration, seed=0, *, clear=True):
         if solution.status == "degraded":
             reasons[solution.reason[:100]] = reasons.get(solution.reason[:100], 0) + 1
         queue.append(x)
-        q = q + dt * queue.pop(0)
+        shown = queue.pop(0)
+        q = q + dt * shown
+        moved = float(np.abs(shown).sum())
         if name == "two":
             sweep(scene.obstacles[0], (i + 1) * dt, dt)
+            moved += SWEPT
         outside = max(outside, float((robot.position_lower - q).max()), float((q - robot.position_upper).max()))
-        d.append(judge(q))
+        far -= dt * REACH * moved
+        if far < scene.distance + 0.005:  # by how fast bodies move at most, farther until now
+            far = judge(q)
+            d.append(far)
         change.append(float(np.abs(x - x_before).max()))
         x_before = x
     d, micro = np.array(d), np.array(times) * 1e-3
     print(f"{name}: {len(clearance.pairs)} pairs of bodies, {ticks} ticks of {dt * 1e3:g} ms, delay {delay * 1e3:g} ms, "
           f"acceleration {acceleration}; least distance {d.min() * 1e3:.3f} of {scene.distance * 1e3:g} mm, "
-          f"inside 0: {int((d < 0).sum())} ticks, below by over 1 um: {np.mean(d < scene.distance - 1e-6) * 100:.2f} %; "
-          f"start {d[0] * 1e3:.1f} mm; "
+          f"inside 0: {int((d < 0).sum())} ticks, below by over 1 um: {np.sum(d < scene.distance - 1e-6) / ticks * 100:.2f} %; "
+          f"seen by coal in {len(d)} ticks, those in which anything may be near; "
           f"change of velocity p50 {np.median(change):.4f} p99 {np.percentile(change, 99):.3f}; tick p50 "
           f"{np.median(micro):.0f} p99.9 {np.percentile(micro, 99.9):.0f} us; outside limits {max(outside, 0.0):.1e}; {statuses}")  # fmt: skip
     for reason, count in sorted(reasons.items(), key=lambda item: -item[1])[:4]:

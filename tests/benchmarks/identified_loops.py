@@ -158,13 +158,17 @@ class Peg:
         return lambda tool: iq.contacts.peg_in_hole(tool[:3, 3], axis)
 
     def demonstration(self, rng, t):
-        """A hand of 2000 N/m and 2 N m/rad leads the peg, which settles where the walls of its hole hold it."""
+        """A hand of 2000 N/m and 2 N m/rad leads the peg, which settles where the walls of its hole, of steel, hold it.
+
+        Led by hand an arm does not give way; one that moves by itself does, by 1e4 N/m.
+        """
+        steel = hole(self.mouth, self.axis, None, None, stiffness=1e5).world
         n = len(t)
         z = self.axis
-        deep = 0.02 + wander(rng, t, 0.006)
+        deep = 0.03 + wander(rng, t, 0.006)
         spin = wander(rng, t, 0.3)
         aside = np.stack((wander(rng, t, 3e-3), wander(rng, t, 3e-3)), 1)
-        lean = np.stack((wander(rng, t, 0.12), wander(rng, t, 0.12)), 1)
+        lean = np.stack((wander(rng, t, 0.06), wander(rng, t, 0.06)), 1)
         x = np.cross(self.start[:3, 1], z)
         x /= np.linalg.norm(x)
         hole_frame = frames(np.column_stack((x, np.cross(z, x), z)), self.mouth)
@@ -176,15 +180,15 @@ class Peg:
                 turned(np.array([0.0, 0.0, spin[i]])) @ turned(np.array([*lean[i], 0.0])),
                 np.array([*aside[i], deep[i]]),
             )
-            for _ in range(30):  # relaxed: the hand pulls, the walls push back
+            for _ in range(60):  # relaxed: the hand pulls, the walls push back
                 error = iq.log(goal @ inverted(T))
                 at = iq.adjoint(iq.transform(translation=-T[:3, 3]))
                 pull = K * (at @ error)
-                wall = iq.coadjoint(iq.transform(translation=-T[:3, 3])) @ self.world(T, None)
-                step = np.linalg.solve(np.diag(K + np.array([10.0] * 3 + [2e4] * 3)), pull + wall)
+                wall = iq.coadjoint(iq.transform(translation=-T[:3, 3])) @ steel(T, None)
+                step = np.linalg.solve(np.diag(K + np.array([100.0] * 3 + [2e5] * 3)), pull + wall)
                 T = iq.exp(iq.adjoint(iq.transform(translation=T[:3, 3])) @ step) @ T
             X[i] = T
-            w[i] = -self.world(T, None)
+            w[i] = -steel(T, None)
         return X, held(X, w)
 
 
