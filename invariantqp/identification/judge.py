@@ -71,14 +71,38 @@ class Verdict(NamedTuple):
 def judged(samples: Samples, kinds: tuple[str, ...]) -> list[Verdict]:
     """A verdict on each kind."""
     sides = (samples, samples.reversed)
+    resisted = [_resisted(side) for side in sides]
     found: list[Verdict] = []
     for model in MODELS.values():
         if model.kind not in kinds:
             continue
-        for side in sides[: 1 + model.reversible]:
-            best = _best(model, side, _inside(model, side is not samples, found))
-            found.append(_verdict(model, side is not samples, best, side))
+        for reversed_ in (False, True)[: 1 + model.reversible]:
+            side = sides[reversed_]
+            least = _least_moments(model, resisted[reversed_])
+            if least < MISFIT:
+                best = _best(model, side, _inside(model, reversed_, found))
+                found.append(_verdict(model, reversed_, best, side))
+            else:
+                anywhere = fit(model, side, (np.eye(4), np.eye(4), np.zeros(model.extra)), 1)
+                found.append(Verdict(model, reversed_, anywhere, _moments(least)))
     return _told_apart(found, samples)
+
+
+def _resisted(samples: Samples) -> Array:
+    """(6,) second moments of the wrenches, in their noise, along the twists that they do least work on first."""
+    root = np.linalg.cholesky(samples.wrench_noise.mean(axis=0))
+    w = np.linalg.solve(root, samples.wrench.T)
+    return np.asarray(np.linalg.eigvalsh(w @ w.T / w.shape[1]))
+
+
+def _least_moments(model: Model, resisted: Array) -> float:
+    """What moments about turns that a kind leaves free are at least, root mean square, in their noise."""
+    free = len(model.free_moments)
+    return sqrt(max(0.0, float(resisted[:free].mean()))) if free else 0.0
+
+
+def _moments(times: float) -> str:
+    return f"moments about what turns freely are {times:.3g} times their noise"
 
 
 def _inside(model: Model, reversed_: bool, found: list[Verdict]) -> list[tuple[Array, Array, Array]]:
@@ -98,6 +122,8 @@ def explains(samples: Samples, kinds: tuple[str, ...]) -> bool:
     for model in MODELS.values():
         if model.kind in kinds:
             for side in (samples, samples.reversed)[: 1 + model.reversible]:
+                if not _least_moments(model, _resisted(side)) < MISFIT:
+                    continue
                 if not _verdict(model, side is not samples, _best(model, side), side).why:
                     return True
     return False
@@ -144,7 +170,7 @@ def _verdict(model: Model, reversed_: bool, found: Fit, samples: Samples) -> Ver
     if not found.motion < MISFIT:
         return verdict(f"poses leave it by {found.motion:.3g} times their noise")
     if not found.wrench < MISFIT:
-        return verdict(f"moments about what turns freely are {found.wrench:.3g} times their noise")
+        return verdict(_moments(found.wrench))
     C = inverse(found.base) @ samples.pose @ found.tool
     if model.kind in ("hinge", "screw"):
         turned = angles(C, samples.turned @ found.tool[:3, 2])

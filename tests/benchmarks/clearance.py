@@ -29,7 +29,10 @@ from invariantqp.geometry.shapes import Core
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, OtherArm
 
 HOLD = 0.4  # how long a target stays [s]
-REACH, SWEPT = 1.5, 3.5  # of any point of an arm from any of its axes [m]; speeds of the other arm's joints, summed [rad/s]
+REACH, SWEPT = (
+    1.5,
+    3.5,
+)  # of any point of an arm from any of its axes [m]; speeds of the other arm's joints, summed [rad/s]
 
 
 class Scene(NamedTuple):

@@ -9,6 +9,7 @@ from support.recordings import KINDS, NOISE, carried, errors, inverted, noisy, r
 import invariantqp as iq
 from invariantqp.contacts import identify
 from invariantqp.errors import NoContactFound
+from invariantqp.identification import judge
 
 TOUCHING = [kind for kind in KINDS if kind != "free"]
 # What one recording may be off at most: degrees, millimetres, per cent.
@@ -325,3 +326,15 @@ def test_the_answer_is_written_as_json():
     said = json.loads(json.dumps(identified("hinge")[-1].as_json()))
     assert said["kind"] == "hinge"
     assert said["contacts"][0]["candidates"][0]["deviations"]["axis"] < 1e-2
+
+
+@pytest.mark.parametrize("kind", ["point", "line on tool", "face", "ball", "peg"])
+def test_what_wrenches_alone_refute_is_refuted_by_the_best_fit_too(kind, monkeypatch):
+    X, w, _ = record(kind, 3)
+    found = identify(X, w)
+    fitted = []
+    monkeypatch.setattr(judge, "_least_moments", lambda model, _: fitted.append(model.kind) or 0.0)
+    again = identify(X, w)
+    assert {"point", "line", "sphere"} <= set(fitted)
+    assert again.candidates == found.candidates
+    assert set(again.refuted) == set(found.refuted)
