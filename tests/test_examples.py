@@ -41,6 +41,7 @@ SAYS = {
     "27_rail_and_two_arms": "m of the 2 m, the arm does the rest",
     "28_batches": "tight batches.velocities, numpy",
     "31_streams": "conveyor: on the part after",
+    "32_from_mink": "Controller, 40 rad/s^2",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")
