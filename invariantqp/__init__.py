@@ -53,8 +53,8 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.geometry.se3 import log as log
     from invariantqp.geometry.se3 import transform as transform
     from invariantqp.paths.driver import Follower as Follower
-    from invariantqp.pose.batch import solve_poses as solve_poses
     from invariantqp.pose.ik import solve_pose as solve_pose
+    from invariantqp.pose.ik import solve_poses as solve_poses
     from invariantqp.robots.load import load_robot as load_robot
     from invariantqp.runs.run import run_task as run_task
     from invariantqp.runs.taskfile import load_task as load_task

@@ -1,28 +1,36 @@
 """Which pitch an arm's twists can be split by, if any: the smallest |h| of +-1, 1.5, 2, 3, 4 L whose |P_h| stays small.
 
-    |s - P_h s| <= |P_h| |s - best|      beside the best that the arm can do, at the tool (`projection`)
+    A = root J,  U its directions of which the law does half and more,  M the form on measured twists
+    P_h = U (U'MU)^-1 U'M,    |s - P_h s| <= |P_h| |s - U U's|,    |P_h| = 1 / sin(angle between U and what P_h removes)
+
+Proof: (I - P_h) U = 0, so (I - P_h) s = (I - P_h)(s - U U's), and |I - P_h| = |P_h| for every projector but 0 and I.
+|P_h| is infinite at a principal pitch and where the arm is blind, and it is large near both. So no tolerance on the
+type of a screw system is needed, and rounding in a URDF decides nothing.
 
 A controller needs no pitch: without a form, what the arm cannot do is missed by least squares at the tool. A pitch is
 for [DS]'s reciprocal splitting: dual projectors, hybrid and shared control. L is the arm's reach to the tool; with |h|
 far below it projectors are oblique and large, with |h| far above it orientation comes first.
 
-|P_h| is looked at in states spread over the joint range and in states with the tool straight up or down (`upright`).
+|P_h| is looked at in states spread over the joint range and in states with the tool straight up or down, in which most
+work is done. A random state is never such a state, and an SO-101, among others, has no pitch there at all.
+
+Reference: [DS] Sect. 6.1 for P_h; Szyld 2006 for |I - P| = |P|.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import floor, log10
+from math import floor, inf, log10
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from invariantqp.analysis.projection import can_do, projector_norm, unseen
-from invariantqp.analysis.upright import upright
 from invariantqp.errors import listed, written
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.systems.report import along_axes
+from invariantqp.velocity.damping import Adaptive
+from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.measure import length_at, root_at
 
 # The largest |P_h| that serves. Measured on SO-101, SO-100 and a three-joint arm with random twists: where |P_h| is
@@ -37,6 +45,16 @@ MOST_STATES = 1000
 UPRIGHT_STARTS = 32
 # Twists that turn by less than this share of what they move the tool are told as translations.
 TURNING = 1e-3
+# An eigenvalue of U'MU below this share of |M| is rounding of zero.
+ROUNDING = 1e-12
+# Newton's steps; four to eight are enough from anywhere for arms whose wrist can turn that far.
+STEPS = 20
+# The longest of them in one joint [rad].
+LONGEST = 0.5
+# The sine of the angle between axes that count as parallel, which is finer than anyone points a tool.
+PARALLEL = 1e-3
+# Directions in which turning the axis needs joints a thousand times faster than in others are left alone.
+WEAK = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,3 +200,72 @@ def _unseen_words(q: Array, lost: Array, root: Array) -> str:
 
 def _tuple(values: Array) -> str:
     return f"({listed(values.round(4), 3)})"
+
+
+def can_do(A: Array) -> Array:
+    """(6, k) orthonormal: the twists that the measured joints A (6, m) can do, damping leaves half of them and more."""
+    U, sigma, _ = np.linalg.svd(A, full_matrices=False)
+    damped = Adaptive().squares(sigma, np.zeros(len(sigma)), sigma[0])
+    return np.asarray(U[:, sigma * sigma >= np.maximum(damped, np.finfo(float).tiny)])
+
+
+def projector_norm(U: Array, inverse_root: Array, h: float) -> float:
+    """|P_h| in the measure: 1 where the joints can do every twist, inf where h [length/rad] has no projector.
+
+    U (6, k) is what the joints can do, orthonormal; (6, 6) the inverse of the measure's root.
+    """
+    if U.shape[1] in (0, 6):
+        return 1.0
+    on_arm = _on_arm(U, inverse_root, h)
+    G = on_arm.dot(U)
+    if np.linalg.norm(G, -2) < ROUNDING:
+        return inf
+    return float(np.linalg.norm(np.linalg.solve(G, on_arm), 2))
+
+
+def unseen(U: Array, inverse_root: Array, pitches: tuple[float, ...], bound: float) -> Array:
+    """(6, b) twists of the arm that none of the pitches sees: |U'M s| is below |M| |s| / bound for each of them.
+
+    U (6, k) is what the joints can do, orthonormal in the measure; `bound` the largest |P_h| that serves.
+    """
+    seen = np.vstack([_on_arm(U, inverse_root, h).dot(U) for h in pitches])
+    _, size, directions = np.linalg.svd(seen)
+    return np.asarray(inverse_root.dot(U).dot(directions[size < 1.0 / bound].T))
+
+
+def _on_arm(U: Array, inverse_root: Array, h: float) -> Array:
+    """(k, 6) U'M with |M| = 1."""
+    M = PitchForm(h).matrix(inverse_root)
+    return np.asarray(U.T.dot(M) / np.linalg.norm(M, 2))
+
+
+def upright(robot: Robot, q: Array) -> Array:
+    """(k, m) states near the (n, m) given ones, inside the joint limits, with the last axis parallel to the first.
+
+    There are none where no joint or only one turns, where joint limits forbid them, and where the two axes are parallel
+    in every state (a SCARA): then they are no other states than the rest.
+    """
+    found = [state for start in q if (state := _turned(robot, start)) is not None]
+    return np.array(found).reshape(-1, q.shape[1])
+
+
+def _turned(robot: Robot, start: Array) -> Array | None:
+    q = start
+    for step in range(STEPS + 1):
+        w = robot.jacobian(q)[:3]
+        sizes = np.linalg.norm(w, axis=0)
+        turning = sizes > 0.0
+        if np.count_nonzero(turning) < 2:
+            return None
+        axes = w[:, turning] / sizes[turning]
+        first, last = axes[:, 0], axes[:, -1]
+        if np.linalg.norm(np.cross(first, last)) < PARALLEL:
+            return q if step else None
+        if step == STEPS:
+            break
+        rates = np.cross(axes.T, last).T  # (3, turning) how each joint turns the last axis
+        wanted = np.copysign(1.0, first.dot(last)) * first - last
+        change = np.zeros(len(q))
+        change[turning] = np.linalg.pinv(rates, rcond=WEAK).dot(wanted) / sizes[turning]
+        q = np.clip(q + np.clip(change, -LONGEST, LONGEST), robot.position_lower, robot.position_upper)
+    return None

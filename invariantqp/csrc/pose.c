@@ -1,4 +1,4 @@
-/* Twin of pose/newton.py, error.py and joint_space.py: one try at a pose, by damped Newton steps inside joint limits;
+/* Twin of pose/newton.py, error.py and arm.py: one try at a pose, by damped Newton steps inside joint limits;
    exact_pose.c has the steps with exact demands.
 
        f(q) = 1/2 |r|^2,   r = (L omega; p_d - p),   A = -dr/dq
@@ -176,7 +176,7 @@ static void step_of(int m, const Linearization *state, Row *H, double mu, const 
         x[j] = between(g[j] / size, lower[j], upper[j]);
 }
 
-/* joint_space.py: the least and the largest step; with `turning`, half a turn for a hinge that can turn over. */
+/* arm.py: the least and the largest step; with `turning`, half a turn for a hinge that can turn over. */
 static void steps_from(const Arm *arm, const double *q, bool turning, Row lower, Row upper)
 {
     for (int j = 0; j < (int)arm->joints; j++) {
@@ -186,7 +186,7 @@ static void steps_from(const Arm *arm, const double *q, bool turning, Row lower,
     }
 }
 
-/* joint_space.py: q shifted by whole turns into the limits; clipped to them where no turn helps. */
+/* arm.py: q shifted by whole turns into the limits; clipped to them where no turn helps. */
 static void inside(const Arm *arm, double *q)
 {
     for (int j = 0; j < (int)arm->joints; j++) {

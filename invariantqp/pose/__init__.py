@@ -5,6 +5,6 @@ from typing import TYPE_CHECKING
 from invariantqp.lazy import loaded_on_use
 
 if TYPE_CHECKING or not loaded_on_use(__name__):
-    from invariantqp.pose.batch import solve_poses as solve_poses
     from invariantqp.pose.ik import PoseSolution as PoseSolution
     from invariantqp.pose.ik import solve_pose as solve_pose
+    from invariantqp.pose.ik import solve_poses as solve_poses

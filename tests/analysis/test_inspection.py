@@ -7,12 +7,18 @@ from support.random_systems import motion
 
 import invariantqp as iq
 from invariantqp.analysis import survey as surveys
-from invariantqp.analysis.projection import can_do, projector_norm
-from invariantqp.analysis.recommendation import LARGEST_NORM, NEARLY_ALL, recommend
+from invariantqp.analysis.recommendation import (
+    LARGEST_NORM,
+    NEARLY_ALL,
+    PARALLEL,
+    can_do,
+    projector_norm,
+    recommend,
+    upright,
+)
 from invariantqp.analysis.survey import joint_ranges, spread, survey
-from invariantqp.analysis.upright import PARALLEL, upright
 from invariantqp.robots.kinematics import middle
-from invariantqp.runs.taskfile import arm
+from invariantqp.runs.taskfile import load_arm
 from invariantqp.velocity.measure import root_at
 
 X, Y, Z = np.eye(3)
@@ -44,7 +50,7 @@ def five(moved=None):
 @cache
 def inspected(name):
     """What is found of an arm in the middle of its range."""
-    return iq.analysis.inspect(arm(name), name=name)
+    return iq.analysis.inspect(load_arm(name), name=name)
 
 
 def words(found):
@@ -53,7 +59,7 @@ def words(found):
 
 @pytest.mark.parametrize(("name", "joints", "rank", "attainable", "kind", "form"), ARMS, ids=[a[0] for a in ARMS])
 def test_what_is_said_of_known_arms(name, joints, rank, attainable, kind, form):
-    robot = arm(name)
+    robot = load_arm(name)
     found = inspected(name)
     assert len(found.joints) == joints
     assert (found.report.rank, found.survey.attainable_rank, str(found.report.type)) == (rank, attainable, kind)
@@ -78,9 +84,9 @@ def test_a_singular_middle_is_not_taken_for_the_arm():
     found = inspected("ur5")
     assert found.report.rank == 6
     assert found.where == "in a regular state, since the middle of the joint range is singular"
-    singular = iq.analysis.inspect(arm("ur5"), q=np.zeros(6))
+    singular = iq.analysis.inspect(load_arm("ur5"), q=np.zeros(6))
     assert "That is this state, not the arm: its rank is 6 in 100 % of the range." in singular.state_words()
-    regular = iq.analysis.inspect(arm("ur5"), q=[0.1, -1.2, 1.6, -0.6, -0.4, 0.3])
+    regular = iq.analysis.inspect(load_arm("ur5"), q=[0.1, -1.2, 1.6, -0.6, -0.4, 0.3])
     assert (regular.report.rank, regular.recommended.reason) == (6, found.recommended.reason)
     assert "not the arm" not in words(regular)
 
@@ -218,7 +224,7 @@ def test_what_rounding_in_a_urdf_hides_is_told(name):
 
 
 def test_a_tool_straight_down_leaves_five_joints_no_pitch():
-    robot, found = arm("so101"), inspected("so101")
+    robot, found = load_arm("so101"), inspected("so101")
     assert (found.report.rank, found.report.blind_directions.shape[1]) == (5, 0)
     assert "0 % of those with the last axis parallel to the first" in found.recommended.reason
     q = found.recommended.q
@@ -239,7 +245,9 @@ def test_upright_states_are_inside_the_range_and_upright():
     for state in q:
         w = robot.jacobian(state)[:3]
         assert np.linalg.norm(np.cross(w[:, 0], w[:, -1])) < PARALLEL
-    assert not len(upright(arm("scara"), spread(arm("scara"), 5)))  # always upright: no other states than the rest
+    assert not len(
+        upright(load_arm("scara"), spread(load_arm("scara"), 5))
+    )  # always upright: no other states than the rest
     slides = iq.robots.Chain(np.vstack((np.zeros((3, 3)), np.eye(3))), np.eye(4))
     assert not len(upright(slides, np.zeros((2, 3))))
 
@@ -256,7 +264,7 @@ def test_no_frame_matters():
 
 
 def test_states_are_spread_evenly_inside_the_range():
-    robot = arm("panda")
+    robot = load_arm("panda")
     q = spread(robot, 400)
     low, high = joint_ranges(robot)
     assert (q > low).all()
@@ -271,7 +279,7 @@ def test_states_are_spread_evenly_inside_the_range():
 
 
 def test_processes_find_what_one_finds(monkeypatch):
-    robot = arm("so101")
+    robot = load_arm("so101")
     q = spread(robot, 60)
     alone = survey(robot, q)
     monkeypatch.setattr(surveys, "PARALLEL_FROM", 1)
@@ -303,23 +311,23 @@ def test_bad_input():
     with pytest.raises(iq.BadInput, match="samples"):
         iq.analysis.inspect(five(), samples=0)
     with pytest.raises(iq.errors.UnknownName, match=r"did you mean .*scara"):
-        arm("scarra")
+        load_arm("scarra")
     with pytest.raises(iq.errors.UnknownName, match="unknown task"):
-        arm("nowhere.toml")
+        load_arm("nowhere.toml")
     with pytest.raises(iq.errors.UnknownName, match="unknown frame"):
-        arm("so101_line", "nowhere")
+        load_arm("so101_line", "nowhere")
     with pytest.raises(iq.BadInput, match="none with joint screws"):
-        arm("scara", "tool0")
+        load_arm("scara", "tool0")
 
 
 def test_a_task_lends_its_robot_and_another_tool_can_be_named():
-    assert len(arm("ur5_wrist").names) == 6
-    assert len(arm("ur5_wrist", "forearm_link").names) == 3
+    assert len(load_arm("ur5_wrist").names) == 6
+    assert len(load_arm("ur5_wrist", "forearm_link").names) == 3
 
 
 @pytest.mark.parametrize(("name", "said"), [("planar_3r", "no pitch works"), ("ur5", "every pitch works")])
 def test_the_picture_says_where_there_are_no_pitches(tmp_path, name, said):
-    robot = arm(name)
+    robot = load_arm(name)
     file = iq.pictures.pitch_picture(inspected(name), robot, tmp_path / "p.svg")
     text = file.read_text(encoding="utf-8")
     assert f"<!-- {said} -->" in text
@@ -336,5 +344,5 @@ def test_the_picture_of_pitches(tmp_path):
 
 def test_frames_that_share_their_names_with_joints_are_found():
     # A link of the Z1 is called like the fixed joint before it; a tool may be a joint's own frame.
-    assert len(arm("z1").names) == 6
-    assert len(arm("panda", "panda_joint7").names) == 7
+    assert len(load_arm("z1").names) == 6
+    assert len(load_arm("panda", "panda_joint7").names) == 7
