@@ -32,7 +32,6 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp import view as view
     from invariantqp.control.controller import Controller as Controller
     from invariantqp.control.measure import tool_metric as tool_metric
-    from invariantqp.control.path_follower import PathFollower as PathFollower
     from invariantqp.engine import native as native
     from invariantqp.errors import BadInput as BadInput
     from invariantqp.errors import BlindSystem as BlindSystem
@@ -53,6 +52,7 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.geometry.se3 import log as log
     from invariantqp.geometry.se3 import transform as transform
     from invariantqp.paths.driver import Follower as Follower
+    from invariantqp.paths.driver import PathFollower as PathFollower
     from invariantqp.pose.ik import solve_pose as solve_pose
     from invariantqp.pose.ik import solve_poses as solve_poses
     from invariantqp.robots.load import load_robot as load_robot

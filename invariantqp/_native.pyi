@@ -4,7 +4,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from invariantqp.control.path_state import PathState
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.solution import Status, VelocitySolution
 
@@ -229,18 +228,6 @@ def pseudoinverse(J: Array, h: float, /) -> Array | None: ...
 def step(
     loop: Loop, memory: Array, q: Any, target: Any, feedforward: Any, velocity: Any, /
 ) -> tuple[VelocitySolution, bool] | None: ...
-def drive(
-    loop: Loop,
-    memory: Array,
-    course: Array,
-    q: Any,
-    state: tuple[Any, ...],
-    velocity: Any,
-    override: Any,
-    paused: bool,
-    back: bool,
-    /,
-) -> tuple[VelocitySolution, PathState, float, float, float, int, str, bool] | None: ...
 def descend(
     arm: Arm, target: Any, start: Array, goal: float, turning: bool, patient: bool, known: Array | None, /
 ) -> tuple[Array, float, float, float, int, bool, bool, Array | None] | None: ...

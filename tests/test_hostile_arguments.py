@@ -19,8 +19,8 @@ PROTOCOLS = "Backend Controls Damping Exact Form Limit Robot"
 NOT_CALLED = {
     "a result: the library makes it": "Border Candidate Centre Identification "
     "ContactFrameCheck ContactTrace DualProjectors Existence FollowerSolution "
-    "FrameCheck GibsonHunt HybridPathSolution LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
-    "Involution MethodChoice NullPlane PathSolution PenroseConditions PointMotion PoseSolution Recommendation "
+    "FrameCheck GibsonHunt LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
+    "Involution MethodChoice NullPlane PenroseConditions PointMotion PoseSolution Recommendation "
     "Code Loop Reason "
     "SensorCheck Sighting StationaryPoint Status Survey Kinematics Velocities "
     "SystemReport Trace VelocitySolution VelocitySolutions View",

@@ -15,7 +15,4 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.control.demands import View as View
     from invariantqp.control.passivity import LinkEnd as LinkEnd
     from invariantqp.control.passivity import LinkTick as LinkTick
-    from invariantqp.control.path_follower import PathFollower as PathFollower
-    from invariantqp.control.path_solution import PathSolution as PathSolution
     from invariantqp.control.shared import SharedTask as SharedTask
-    from invariantqp.control.streamed_path import StreamedPath as StreamedPath

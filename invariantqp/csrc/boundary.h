@@ -63,10 +63,6 @@ bool is_plain(const Solution *solution);
 PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
-/* driver.c */
-PyObject *tell_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
-PyObject *path_drive(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
-
 /* pseudoinverse.c */
 PyObject *pseudoinverse(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 /* clearance.c */

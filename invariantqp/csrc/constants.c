@@ -1,6 +1,6 @@
 /* The constants of the twins, for the test that compares them with Python's. */
 
-#include "path.h"
+#include "loop.h"
 #include "pose.h"
 
 #define ONE(file, name) {file "." #name, name}
@@ -97,31 +97,5 @@ const Constant CONSTANTS[] = {
     ONE("pose.newton", DEAREST),
     ONE("pose.newton", PENALTY_MARGIN),
     ONE("pose.error", DIFFERENCE),
-    ONE("control.joint_path", OFF_PATH),
-    ONE("control.beside", ASIDE),
-    ONE("control.path_rate", TICK_SHARE),
-    ONE("control.path_rate", EASY_SHARE),
-    ONE("control.path_rate", FULL_SHARE),
-    ONE("control.path_pace", RESTING),
-    ONE("control.path_drive", SAME_RATE),
-    ONE("control.path_drive", PASSES),
-    ONE("control.path_drive", AWAY),
-    ONE("control.path_drive", AWAY_STOP),
-    ONE("control.path_drive", JOINT_GAIN),
-    ONE("control.path_drive", SINGULAR),
-    ONE("control.path_drive", REGULAR),
-    ONE("control.path_drive", STRAYED),
-    ONE("control.path_drive", STANDING),
-    ONE("control.path_drive", MISSED),
-    ONE("control.path_drive", HELD),
-    ONE("control.path_report", ARRIVED),
-    ONE("control.path_report", STOPPED),
-    {"control.path_report.AT_REST", SLOW_JOINT},
-    ONE("control.path_driver", DISPLACED),
-    ONE("control.path_pace", SMOOTH_SHARE),
-    {"control.path_pace.EASY_SHARE", SLOWEST_SHARE},
-    ONE("control.time_law", CANDIDATES),
-    ONE("control.time_law", SAMPLES),
-    ONE("control.time_law", ROUNDING),
     {NULL, 0.0},
 };

@@ -7,8 +7,6 @@ from invariantqp.lazy import loaded_on_use
 if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.force.hybrid import HybridController as HybridController
     from invariantqp.force.hybrid_task import HybridTask as HybridTask
-    from invariantqp.force.path import HybridFollower as HybridFollower
-    from invariantqp.force.path_solution import HybridPathSolution as HybridPathSolution
     from invariantqp.force.reading import Wrench as Wrench
     from invariantqp.force.solution import HybridSolution as HybridSolution
     from invariantqp.force.wrench import SensorCheck as SensorCheck

@@ -11,22 +11,38 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from copy import deepcopy
-from math import nan
+from math import inf, nan
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.path_follower import PathFollower
 from invariantqp.errors import BadInput, excerpt
+from invariantqp.force.hybrid import HybridController
+from invariantqp.force.reading import Wrench
 from invariantqp.geometry import arrays, se3, sizes
 from invariantqp.geometry.arrays import Array
+from invariantqp.paths.contact import Pressed
 from invariantqp.paths.fit import REACHED, Given, Solver, sampled
-from invariantqp.paths.reference import Points, Reference, Slowed, Source, Stop, Window, smoothed, stopping
+from invariantqp.paths.plan import PathPlan
+from invariantqp.paths.reference import (
+    Clock,
+    Clocked,
+    Motion,
+    Reference,
+    Source,
+    Stop,
+    Window,
+    smoothed,
+    stopping,
+    through,
+)
+from invariantqp.paths.shape import ASTRAY, PAUSE, STRAYED, Shape
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.time_law import JointLimits
 from invariantqp.paths.twist import TwistLaw
+from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.solution import Status
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s].
@@ -37,8 +53,10 @@ EASE, EASE_SAMPLE = 0.3, 0.1
 SKEW = 0.02
 # Joints farther from where they were sent than this [rad, length] have been pushed: the motion goes on from there.
 DISPLACED = 0.2
-# Gain [1/s] towards where joints were sent.
+# Gain [1/s] towards where joints were sent, where time is kept.
 JOINT_GAIN = 5.0
+# Stands for no acceleration limit: a joint may change its speed, or this one [rad/s, length/s], so often in a tick.
+AT_ONCE, FASTEST = 4.0, 1e3
 # A function of time is looked ahead so far [s], at places so far apart [s], and again when half of that is driven.
 AHEAD, SAMPLING = 1.0, 0.02
 # A hand whose joints would be faster than this many times their limits has leapt.
@@ -51,6 +69,8 @@ MOST_WAITING, MOST_POINTS = 8, 96
 BEHIND = 1.0
 # An acceleration that differs from the wanted one by less than this share of what jerk changes in a tick is the same.
 ROUNDING = 1e-6
+# The largest override of a path whose shape is kept.
+MOST_OVERRIDE = 1.5
 # Joint speeds below this share of their limits are rest.
 AT_REST = 1e-6
 
@@ -67,7 +87,7 @@ class Follower:
 
     def __init__(
         self,
-        loop: Controller,
+        loop: Controller | HybridController,
         *,
         keep: Literal["time", "shape"] = "time",
         rate: float = 1.0,
@@ -80,13 +100,12 @@ class Follower:
         """A follower of nothing yet: the arm stands still.
 
         Args:
-            loop: a controller with an acceleration limit.
+            loop: a controller with an acceleration limit, or for a path in contact a hybrid controller.
             keep: "time": what is over is skipped, points are met when their stamps say (policies, hands); "shape": the
-                tool stays on the path through the points and is late where limits make it so, as a `PathFollower`,
-                which drives it then.
+                tool stays on the path through the points and is late where limits make it so.
             rate: how fast stamps are driven where the shape is kept, 1 as they say.
             jerk: (m,) or one for all joints [rad/s^3, length/s^3]; None lets the acceleration rise to its limit in
-                20 ms. Where the shape is kept, joints have no jerk limit.
+                20 ms, and at once where the shape is kept.
             cutoff: what is faster than this is smoothed away where time is kept [Hz]; inf follows chunks as they are.
             timeout: after how long without a sample or a twist the arm comes to rest [s].
             blocked: where the shape is kept and the arm cannot reach it: "stop" before it, or "leave" it by the least.
@@ -94,42 +113,48 @@ class Follower:
                 kept, as in `PathFollower`.
 
         Raises:
-            BadInput: not a Controller, one without an acceleration limit, a number that is not positive, or a jerk
-                limit where the shape is kept.
+            BadInput: not a Controller, one without an acceleration limit where time is kept or joints have a jerk
+                limit, or a number that is not positive.
         """
+        self._pressed: Pressed | None = None
+        if isinstance(loop, HybridController):
+            if keep != "shape":
+                raise BadInput("keep", repr(keep), '"shape"', "In contact a path is driven, and waits for the touch.")
+            self._pressed = Pressed(loop)
+            loop = loop.loop
         if not isinstance(loop, Controller):
-            raise BadInput("loop", excerpt(loop), "a Controller")
-        if loop.braking is None:
+            raise BadInput("loop", excerpt(loop), "a Controller, or a HybridController")
+        self._keep = arrays.choice(keep, "keep", ("time", "shape"))
+        if loop.braking is None and (self._keep == "time" or jerk is not None):
             raise BadInput("loop", "one without an acceleration limit", "Controller(acceleration_limit=...)")
         self.controller = loop
-        m = len(loop.robot.names)
-        acceleration = loop.braking.acceleration
-        self.jerk: Array = acceleration / RISE if jerk is None else _jerks(jerk, m)
-        self._keep = arrays.choice(keep, "keep", ("time", "shape"))
-        if keep == "shape" and jerk is not None:
-            raise BadInput(
-                "jerk", 'a limit with keep="shape"', "None: there the joints' accelerations are limited alone"
-            )
-        self._whole_options: dict[str, Any] = {
+        self._m = m = len(loop.robot.names)
+        self._limits = _limits_of(loop, jerk, rise=RISE if keep == "time" else loop.dt / AT_ONCE)
+        self.jerk: Array = self._limits.jerk
+        self._options: dict[str, Any] = {
+            "joint_jerk": np.full(m, inf) if jerk is None else self.jerk,
             "blocked": arrays.choice(blocked, "blocked", ("stop", "leave")),
             "tolerance": tolerance,
         }
         self._rate = arrays.number(rate, "rate", "a share of the stamps' speed", positive=True)
-        self._whole: PathFollower | None = None  # a path whose shape is kept
         self.cutoff: float = arrays.number(cutoff, "cutoff", "a frequency in Hz", positive=True, infinite=True)
         self.timeout: float = arrays.number(timeout, "timeout", "seconds", positive=True)
         least = REACHED * loop.measure.length
-        self._tolerance = least
-        if tolerance is not None:
-            self._tolerance = arrays.number(tolerance, "tolerance", "a distance", positive=True)
-        box = loop.box
-        ahead, behind = box.room(np.zeros(m))
-        self._limits = JointLimits(-behind, ahead, loop.robot.velocity_limit, acceleration, self.jerk, loop.dt)
-        self._solver = Solver(loop, self._tolerance)
-        self._twists = TwistLaw(loop)
+        self._tolerance = (
+            least if tolerance is None else arrays.number(tolerance, "tolerance", "a distance", positive=True)
+        )
+        self._solver, self._twists = Solver(loop, self._tolerance), TwistLaw(loop)
         self.paused: bool = False
-        self._m = m
+        self._reset()
+
+    def _reset(self) -> None:
+        """Nothing has come yet, and the arm stands still."""
+        loop, m = self.controller, self._m
+        self._shape: Shape | None = None  # a path whose shape is kept
+        self._astray = False  # whether its joints are not where they were sent
+        self._command = np.zeros(m)  # in the last tick
         self._time = 0.0  # when the next tick begins, by the stamps' clock
+        self._measured = np.zeros(m)
         self._sent: deque[Array] = deque(maxlen=round(loop.delay / loop.dt) + 1)
         self._reference: Reference | None = None
         self._q = self._v = self._a = np.zeros(m)  # of the commanded motion, when the next tick begins
@@ -144,7 +169,6 @@ class Follower:
         self._shift = 0.0  # of the samples' clock
         self._heard = 0.0
         self._twist: Array | None = None
-        self._driven = False  # whether the path whose shape is kept drives
         self._override = 1.0
         self._closed = False
         self._why = "nothing to follow yet"
@@ -175,12 +199,18 @@ class Follower:
         self._open("points")
         when = self._time if at is None else arrays.number(at, "at", "a time in seconds")
         if self._keep == "shape":
-            whole = self._whole_path(points, stamps, at)
+            if callable(points) or at is not None:
+                what = 'a function, or `at`, with keep="shape"'
+                raise BadInput("points", what, "poses (n, 4, 4)", "PathFollower takes functions.")
+            given = Given(points, self._m, "points")
+            if given.poses is None or len(given) == 1:
+                raise BadInput("points", excerpt(points), 'two poses (n, 4, 4) or more with keep="shape"')
+            times = None if stamps is None else _increasing(stamps, len(given))
+            rate = None if stamps is None else self._rate
+            shape = Shape(self.controller, given.poses, times=times, rate=rate, **self._options)
             self._forget()
             self._halt()
-            self._whole = whole
-            if self.paused:
-                whole.pause()
+            self._shape = shape
             return
         if callable(points):
             if stamps is not None:
@@ -192,9 +222,7 @@ class Follower:
         given = Given(points, self._m, "points")
         if stamps is None:
             raise BadInput("stamps", "None", f"({len(given)},) times in seconds, one for each point, increasing")
-        times = arrays.vector(stamps, len(given), "stamps").copy()
-        if not (np.diff(times) > 0.0).all():
-            raise BadInput("stamps", "stamps that do not increase", "one for each point, increasing")
+        times = _increasing(stamps, len(given))
         self._forget()
         self._next = given, times, when
 
@@ -229,24 +257,34 @@ class Follower:
         """
         self._open("v")
         wanted = sizes.not_too_fast(arrays.twist(v, "v")).copy()
+        if self._pressed is not None:
+            raise BadInput("v", "a twist in contact", "a path: follow(poses)")
         self._forget()
         self._twist, self._heard = wanted, self._time
 
     def prepare(self, q: ArrayLike) -> None:
-        """Look along a path whose shape is kept, from joint positions (m,) near its start: as `PathFollower.prepare`.
+        """Find the joint motion along a path whose shape is kept now, from joint positions near its start.
+
+        It takes about a tenth of a second, where exact demands are left several times that. Without it the first ticks
+        find it, a little in each, while the arm waits.
+
+        Args:
+            q: (m,) joint positions [rad, length]; where the path starts out of reach, those from which to approach it,
+                at best the nearest, `solve_pose(robot, pose, form=tool_metric(robot)).q`.
 
         Raises:
             BadInput: no such path, NaN, a wrong shape, or positions that cannot be true.
         """
-        self._kept_shape("prepare").prepare(q)
+        self._kept_shape("prepare").prepare(self.controller.believed(q))
 
     def reverse(self) -> None:
-        """Drive a path whose shape is kept in the other direction, after coming to rest.
+        """Come to rest on a path whose shape is kept, and drive it in the other direction.
 
         Raises:
             BadInput: no such path.
         """
-        self._kept_shape("reverse").reverse()
+        shape = self._kept_shape("reverse")
+        shape.back = not shape.back
 
     def close(self) -> None:
         """No more comes: where all of it is driven, the arm is "done"."""
@@ -255,19 +293,23 @@ class Follower:
     def pause(self) -> None:
         """Come to rest, and stay."""
         self.paused = True
-        if self._whole is not None:
-            self._whole.pause()
 
     def resume(self) -> None:
         """Go on after a pause: with what is due then or, where the shape is kept, where it was."""
         self.paused = False
-        if self._whole is not None:
-            self._whole.resume()
 
     # A tick
 
     def step(
-        self, q: ArrayLike, velocity: ArrayLike | None = None, *, now: float | None = None, override: float = 1.0
+        self,
+        q: ArrayLike,
+        velocity: ArrayLike | None = None,
+        *,
+        now: float | None = None,
+        override: float = 1.0,
+        wrench: Any = None,
+        contact: Contact | None = None,
+        wanted: ArrayLike | Wrench | None = None,
     ) -> FollowerSolution:
         """One tick: the joint velocity to command until the next.
 
@@ -276,7 +318,10 @@ class Follower:
             velocity: (m,) joint velocity now, where the arm moves when it is first stepped, or after a push; None is
                 rest. Later the one commanded last counts.
             now: the time [s], by the clock of the stamps; None counts ticks.
-            override: share of the speed asked for, 0 to 1.
+            override: share of the speed asked for, 0 to 1; along a path up to 1.5, where limits allow it.
+            wrench: in contact, as in `HybridController.step`, and so are the next two.
+            contact: the contact now; None takes the task's.
+            wanted: what to exert in this tick; None takes the task's.
 
         Returns:
             FollowerSolution: its velocity, and that of the next ticks to a stop, is inside the limits.
@@ -285,78 +330,124 @@ class Follower:
             BadInput: NaN, wrong shapes; the follower is as it was.
         """
         loop, dt = self.controller, self.controller.dt
-        measured = arrays.vector(q, self._m, "q")
+        measured = self._measured = arrays.vector(q, self._m, "q")
         moving = None if velocity is None else arrays.vector(velocity, self._m, "velocity")
         clock = None if now is None else arrays.number(now, "now", "a time in seconds")
-        share = arrays.not_negative(override, "override", "a share of the speed, 0 to 1")
-        if share > 1.0:
-            raise BadInput("override", f"{share:g}", "a share of the speed, 0 to 1")
-        if self._whole is not None and self._at_rest:
-            return self._along(self._whole, measured, moving, clock, share)
+        share = self._override_of(override)
+        if self._pressed is not None:
+            return self._in_contact(self._pressed, measured, moving, clock, share, (wrench, contact, wanted))
+        _none(wrench=wrench, contact=contact, wanted=wanted)
         wrong = loop.wrong(measured)
         if wrong:
+            return self._held(str(wrong), clock, moving)
+        shape = self._shape
+        if shape is not None and shape.motion is None and (self._reference is None or not self._v.any()):
+            if shape.plan is None:
+                return self._setting_out(shape, measured, moving, clock)
+            self._source = shape.begin(self._time if clock is None else clock)
             self._reference = None
-            self._time = self._time + dt if clock is None else clock + dt
-            # Wherever the joints may be, at rest as soon as their accelerations allow.
-            self._v = np.sign(self._v) * np.maximum(np.abs(self._v) - dt * self._limits.acceleration, 0.0)
-            return FollowerSolution(self._v.copy(), Status.HELD, str(wrong), nan, nan, lambda: nan)
         reference = self._begin(measured, moving, clock)
         self._take_in(reference, share)
         if self._late and self._twist is None:
             self._late = not reference.splice(reference.source, self._time, self._state, EASE)
-        v = self._wanted(reference)
-        a = (v - self._v) / dt
-        allowed = self._limits.within(self._q, self._v, self._a, a)
-        kept = bool((np.abs(allowed - a) <= ROUNDING * self.jerk * dt).all())
-        if not kept:
-            v, a = self._v + dt * allowed, allowed
-        part = self._share(v)
-        if part < 1.0:
-            v, kept = part * v, False
-            a = (v - self._v) / dt
-        correction = JOINT_GAIN * (self._sent[0] - measured)
-        self._q, self._v, self._a = self._q + dt * v, v, a
+        v = self._limited(reference)
+        command = self._corrected(measured, v, moving)
+        self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
         self._time += dt
-        if not kept and self._twist is None:
-            self._late = True
-        lower, upper = loop.box.at(measured)
-        return self._reported(reference, np.clip(v + correction, lower, upper))
+        return self._reported(reference, measured, command)
+
+    def _limited(self, reference: Reference) -> Array:
+        """(m,) the joint velocity of a tick: the wanted one, inside the limits."""
+        dt, shape = self.controller.dt, self._shape
+        along = shape is not None and reference.source is shape.motion and not self._late
+        v = self._wanted(reference)
+        if not along:
+            a = (v - self._v) / dt
+            allowed = self._limits.within(self._q, self._v, self._a, a)
+            if (np.abs(allowed - a) > ROUNDING * self.jerk * dt).any():
+                v = self._v + dt * allowed
+                self._late = self._twist is None
+        part = self._share(v)
+        if part < 1.0 and along and shape is not None:  # the path waits
+            reference.source = self._source = shape.delayed((1.0 - part) * dt)
+            return self._wanted(reference)
+        if part < 1.0:
+            self._late = self._twist is None
+        return part * v
+
+    def _override_of(self, value: float) -> float:
+        most = 1.0 if self._shape is None else MOST_OVERRIDE
+        share = arrays.not_negative(value, "override", f"a share of the speed, 0 to {most:g}")
+        if share > most:
+            raise BadInput("override", f"{share:g}", f"a share of the speed, 0 to {most:g}")
+        return share
+
+    def _held(self, reason: str, clock: float | None, moving: Array | None) -> FollowerSolution:
+        """A tick of joint positions that cannot be true: wherever they may be, to rest as soon as they may."""
+        dt, shape = self.controller.dt, self._shape
+        v = self._command if moving is None else moving
+        self._reference = None
+        self._time = (self._time if clock is None else clock) + dt
+        place = nan
+        if shape is not None:
+            place = shape.place(self._time - dt)
+            self._source = None if shape.motion is None else shape.still(self._time)
+        limit = self.controller.braking
+        step = np.full(self._m, inf) if limit is None else dt * limit.acceleration
+        self._v = self._command = np.sign(v) * np.maximum(np.abs(v) - step, 0.0)
+        return FollowerSolution(self._v.copy(), Status.HELD, reason, place, 0.0, lambda: inf, 0.0, "joint positions")
+
+    def _setting_out(
+        self, shape: Shape, measured: Array, moving: Array | None, clock: float | None
+    ) -> FollowerSolution:
+        """A tick on the way to a path whose shape is kept."""
+        dt = self.controller.dt
+        velocity, told = shape.set_out(measured, self._command if moving is None else moving)
+        self._time = (self._time if clock is None else clock) + dt
+        self._command = velocity.copy()
+        self._reference = None
+        return FollowerSolution(velocity, *told)
+
+    def _in_contact(
+        self,
+        pressed: Pressed,
+        measured: Array,
+        moving: Array | None,
+        clock: float | None,
+        override: float,
+        given: tuple[Any, Contact | None, ArrayLike | Wrench | None],
+    ) -> FollowerSolution:
+        """A tick along a path in contact."""
+        shape, before = self._kept_shape("step"), self._command if moving is None else moving
+        time = self._time if clock is None else clock
+        answer, told = pressed.step(shape, measured, before, time, override, given, paused=self.paused)
+        self._time, self._command = time + self.controller.dt, answer.velocity
+        return FollowerSolution(answer.velocity, *told, hybrid=answer)
+
+    def _corrected(self, measured: Array, v: Array, moving: Array | None) -> Array:
+        """(m,) the velocity to command: the wanted one, and the way back to where joints were sent."""
+        loop, off = self.controller, self._sent[0] - measured
+        if self._shape is None:
+            lower, upper = loop.box.at(measured)
+            self._command = np.clip(v + JOINT_GAIN * off, lower, upper)
+            return self._command
+        v = v + np.copysign(self._limits.homing(off, loop.gain), off)
+        if loop.braking is None:
+            lower, upper = loop.box.at(measured)
+        else:
+            lower, upper = loop.braking.at(measured, self._command if moving is None else moving)[:2]
+        self._command = np.clip(v, lower, upper)
+        return self._command
 
     @property
     def _state(self) -> Array:
         """(3, m) position, velocity and acceleration of the motion through the ends of the last three ticks."""
         return np.vstack((self._q, self._v + 0.5 * self.controller.dt * self._a, self._a))
 
-    @property
-    def _at_rest(self) -> bool:
-        """Whether the joints stand, or a path whose shape is kept has taken over."""
-        return self._driven or not self._v.any()
-
-    def _whole_path(self, points: Any, stamps: ArrayLike | None, at: float | None) -> PathFollower:
-        """A follower of a path whose shape is kept."""
-        if callable(points) or at is not None:
-            raise BadInput("points", 'a function, or `at`, with keep="shape"', "poses (n, 4, 4)", "Or PathFollower.")
-        rate = None if stamps is None else self._rate
-        return PathFollower(self.controller, points, times=stamps, rate=rate, **self._whole_options)
-
-    def _kept_shape(self, name: str) -> PathFollower:
-        if self._whole is None:
+    def _kept_shape(self, name: str) -> Shape:
+        if self._shape is None:
             raise BadInput(name, "no path whose shape is kept", 'follow(poses) with keep="shape"')
-        return self._whole
-
-    def _along(
-        self, whole: PathFollower, measured: Array, moving: Array | None, clock: float | None, override: float
-    ) -> FollowerSolution:
-        """A tick along a path whose shape is kept."""
-        dt = self.controller.dt
-        self._driven = True
-        answer = whole.step(measured, moving, override)
-        self._time = (self._time if clock is None else clock) + dt
-        self._q, self._a, self._v = measured + dt * answer.velocity, np.zeros(self._m), answer.velocity.copy()
-        status, reason = answer.status, answer.reason
-        if status is Status.SLOWED:
-            status, reason = Status.LATE, reason or answer.ruling
-        return FollowerSolution(answer.velocity, status, reason, answer.place, answer.lag or 0.0, lambda: answer.across)
+        return self._shape
 
     def _motion(self, reference: Reference) -> Array:
         """(3, m) the same, as exactly as it is known."""
@@ -370,19 +461,18 @@ class Follower:
         """What was to come is replaced."""
         self._next = self._function = None
         self._samples.clear()
-        if self._twist is not None or self._whole is not None:
+        if self._twist is not None or self._shape is not None:
             self._halt()
 
     def _halt(self) -> None:
         """What is followed is a stop from the motion that the arm has now."""
-        self._twist = self._whole = None
-        if self._reference is not None or self._driven:
+        self._twist = self._shape = None
+        if self._reference is not None:
             self._reference = Reference(self._limits, self._q, self._time)
             self._late = not self._reference.splice(
                 stopping(self._state, self._time, self._limits), self._time, self._state, 0.0
             )
         self._source = self._given = self._newest = None
-        self._driven = False
         self._sent.clear()
 
     def _begin(self, measured: Array, moving: Array | None, clock: float | None) -> Reference:
@@ -392,12 +482,19 @@ class Follower:
             if clock is not None and abs(clock - self._time) > SKEW:
                 self._leap_to(clock, reference)
             self._sent.append(self._q)
-            if float(np.abs(self._sent[0] - measured).max()) <= DISPLACED:
+            if not self._displaced(measured):
                 return reference
             self._why = "pushed off, on the way back"
-        elif clock is not None:
-            self._heard += clock - self._time
-            self._time = clock
+        else:
+            if clock is not None:
+                self._heard += clock - self._time
+                self._time = clock
+            begun = None if self._shape is None or self._source is None else self._begun(measured, self._source)
+            if begun is not None:
+                return begun
+        if self._shape is not None and self._shape.motion is not None:
+            self._source = self._shape.still(self._time)
+            moving = self._command if moving is None else moving
         self._q, self._a = np.clip(measured, self._limits.lower, self._limits.upper), np.zeros(self._m)
         speed = self._limits.velocity
         self._v = np.zeros(self._m) if moving is None else np.clip(moving, -speed, speed)
@@ -409,19 +506,50 @@ class Follower:
             self._late = not new.splice(self._source, self._time, new.at(np.array((self._time,)))[0, :3], EASE)
         return new
 
+    def _displaced(self, measured: Array) -> bool:
+        """Whether joints are so far from where they were sent that they have been pushed."""
+        off = float(np.abs(self._sent[0] - measured).max())
+        if off <= STRAYED or self._shape is None:
+            return off > DISPLACED
+        return off > DISPLACED or self._shape.is_off(measured, self._time)
+
+    def _begun(self, measured: Array, source: Source) -> Reference | None:
+        """What is followed along a path whose shape is kept, where the joints are where that has them."""
+        self._q = source.at(np.array((self._time,)))[0, 0]
+        self._v = self._a = np.zeros(self._m)
+        self._sent.clear()
+        self._sent.append(self._q)
+        if self._displaced(measured):
+            return None
+        self._reference = Reference(self._limits, self._q, self._time)
+        self._reference.source = source
+        return self._reference
+
     def _leap_to(self, clock: float, reference: Reference) -> None:
         """The clock says another time than the ticks."""
         state = self._state
-        self._heard += clock - self._time
+        before = self._time
+        self._heard += clock - before
         self._time = clock
         source = reference.source
+        if self._shape is not None and self._shape.motion is not None:
+            reference.source = self._source = self._shape.delayed(clock - before)
+            return
         if isinstance(source, Stop):
             source = stopping(state, clock, self._limits)
         self._late = not reference.splice(source, clock, state, EASE)
 
     def _take_in(self, reference: Reference, override: float) -> None:
         """All that came since the last tick, and what is due."""
-        now = self._time
+        now, shape = self._time, self._shape
+        if shape is not None and shape.motion is not None:
+            off = float(np.abs(self._sent[0] - self._measured).max())
+            away = self._late or now < reference.joined
+            self._astray = away or off > (0.5 if self._astray else 1.0) * STRAYED
+            share = 0.0 if self.paused or self._astray else override
+            self._override = override
+            reference.source = self._source = shape.order(now, share)
+            return
         if self._next is not None and now >= self._next[2]:
             given, stamps, _ = self._next
             self._next = None
@@ -452,8 +580,8 @@ class Follower:
             if reference.source is not source:
                 self._aim(reference, source, EASE)
         elif stands or override != self._override:
-            place = reference.source.place(now) if isinstance(reference.source, Slowed) else now
-            self._aim(reference, Slowed(source, now, place, override), EASE)
+            place = reference.source.place(now) if isinstance(reference.source, Clocked) else now
+            self._aim(reference, Clocked(source, Clock(now, place, override, 0.0, override)), EASE)
         self._override = override
 
     def _aim(self, reference: Reference, source: Source, ease: float) -> None:
@@ -476,12 +604,12 @@ class Follower:
             self._next = given, stamps, float(stamps[first + MOST_POINTS // 2])
             kept[first + MOST_POINTS :] = False
         given, stamps = given.chosen(kept), stamps[kept]
-        near = self._q if not isinstance(self._source, Points) else self._source.at(stamps[:1])[0, 0]
+        near = self._q if not isinstance(self._source, Motion) else self._source.at(stamps[:1])[0, 0]
         joints, missed = self._solver.points(given, near, stamps)
         if smooth:
             joints = smoothed(stamps, joints, self.cutoff)
         self._given, self._missed, self._newest = (given, stamps), missed, None
-        self._source = Points(stamps, self._inside(joints), self._limits)
+        self._source = through(stamps, self._inside(joints), self._limits)
 
     def _take_samples(self, reference: Reference) -> None:
         """Samples of a stream."""
@@ -558,22 +686,32 @@ class Follower:
 
     # What is told
 
-    def _reported(self, reference: Reference, command: Array) -> FollowerSolution:
+    def _reported(self, reference: Reference, measured: Array, command: Array) -> FollowerSolution:
         """The solution of a tick."""
+        shape = self._shape
+        if shape is not None and shape.motion is not None:
+            why = ASTRAY if self._astray else PAUSE if self.paused else ""
+            told = shape.told(measured, command, self._time, self._override, why=why)
+            return FollowerSolution(command.copy(), *told)
         place, late = self._time, 0.0
-        if isinstance(reference.source, Slowed):
+        if isinstance(reference.source, Clocked):
             place = reference.source.place(self._time)
             late = self._time - place
         elif isinstance(self._source, Window):
             late = self._source.late
             place -= late
         q = self._q
-        return FollowerSolution(command, *self._status(place), place, late, lambda: self._across(q, place))
+        return FollowerSolution(command.copy(), *self._status(place), place, late, lambda: self._across(q, place))
+
+    @property
+    def _still(self) -> bool:
+        """Whether the commanded motion rests."""
+        limit = self._limits.velocity
+        return bool((np.abs(self._v) <= AT_REST * np.where(np.isfinite(limit), limit, 1.0)).all())
 
     def _status(self, place: float) -> tuple[Status, str]:
         """What is told of a tick at a place, and why."""
-        limit = self._limits.velocity
-        still = bool((np.abs(self._v) <= AT_REST * np.where(np.isfinite(limit), limit, 1.0)).all())
+        still = self._still
         if self.paused:
             return (Status.PAUSED if still else Status.MOVING), "paused"
         if self._twist is None and self._source is not None:
@@ -616,10 +754,93 @@ class Follower:
         return float(np.linalg.norm(v))
 
 
-def _jerks(jerk: ArrayLike, m: int) -> Array:
-    """(m,) positive limits."""
-    given = arrays.array(jerk, "jerk", "numbers above zero")
-    limits = np.full(m, float(given)) if given.ndim == 0 else given.copy()
-    if limits.shape != (m,) or not (limits > 0.0).all():
-        raise BadInput("jerk", excerpt(jerk), f"{m} limits above zero [rad/s^3, length/s^3], or one for all")
-    return limits
+class PathFollower(Follower):
+    """Drives the tool of a controller along one path, whose shape is kept; `step` is one tick.
+
+    A `Follower(controller, keep="shape")` of one path, which may also be a function.
+    """
+
+    def __init__(
+        self,
+        loop: Controller | HybridController,
+        path: Callable[[float], ArrayLike] | ArrayLike,
+        *,
+        end: float = 1.0,
+        times: ArrayLike | None = None,
+        rate: float | None = None,
+        acceleration: float | None = None,
+        jerk: float | None = None,
+        joint_jerk: ArrayLike | None = None,
+        blocked: Literal["stop", "leave"] = "stop",
+        tolerance: float | None = None,
+    ) -> None:
+        """Fit the path; the joint motion along it is found by `prepare`, or in the first ticks.
+
+        Args:
+            loop: a velocity controller, or for a path in contact a hybrid one.
+            path: the tool's pose (4, 4) as a function of a parameter in [0, end], or (n, 4, 4) poses on the way.
+            end: of a function's parameter.
+            times: (n,) the parameter of poses; None is their number, from 0. A function takes none.
+            rate: how fast the parameter is meant to go [1/s], 1 where it is time; None is as fast as limits allow.
+            acceleration: of the speed along the path; its unit is that of the parameter over s^2, or with rate=None
+                [length/s^2]; None is as much as the joints allow.
+            jerk: likewise, over s^3; None is no limit of jerk.
+            joint_jerk: (m,) of the joints, or one for all [rad/s^3, length/s^3]; None is no limit.
+            blocked: where the arm cannot reach the path: "stop" before it, or "leave" it by the least and rejoin it.
+            tolerance: how near its end a tool is that is "done", in the controller's measure [length]; None is 1e-5 of
+                the measure's length, the arm's reach. Noise in q needs more.
+
+        Raises:
+            BadInput: not a path, fewer than two poses, times that do not increase or of a function, a path that
+                stands still.
+        """
+        super().__init__(loop, keep="shape", jerk=joint_jerk, blocked=blocked, tolerance=tolerance)
+        along: dict[str, Any] = {"end": end, "times": times, "rate": rate, "acceleration": acceleration, "jerk": jerk}
+        self._shape = Shape(self.controller, path, **along, **self._options)
+
+    @property
+    def plan(self) -> PathPlan | None:
+        """The joint motion along the path, None before it is found."""
+        return self._kept_shape("plan").plan
+
+    def pose(self, place: float) -> Array:
+        """(4, 4) the path's pose at a place, as solutions tell it.
+
+        Raises:
+            BadInput: not a number.
+        """
+        return self._kept_shape("place").given.pose(arrays.number(place, "place", "the path's parameter"))
+
+
+def _increasing(stamps: ArrayLike, count: int) -> Array:
+    """(count,) checked."""
+    times = arrays.vector(stamps, count, "stamps").copy()
+    if not (np.diff(times) > 0.0).all():
+        raise BadInput("stamps", "stamps that do not increase", "one for each point, increasing")
+    return times
+
+
+def _none(**given: Any) -> None:
+    """Refuse what counts in contact alone."""
+    for name, value in given.items():
+        if value is not None:
+            raise BadInput(name, excerpt(value), "None without contact", "Give a HybridController as the loop.")
+
+
+def _limits_of(loop: Controller, jerk: ArrayLike | None, rise: float) -> JointLimits:
+    """A loop's limits; without a jerk limit the acceleration rises to its own in a time [s].
+
+    Raises:
+        BadInput: no jerk limits.
+    """
+    m, speed = len(loop.robot.names), loop.robot.velocity_limit
+    acceleration = AT_ONCE * np.minimum(speed, FASTEST) / loop.dt
+    if loop.braking is not None:
+        acceleration = np.minimum(loop.braking.acceleration, acceleration)
+    limits = acceleration / rise
+    if jerk is not None:
+        given = arrays.array(jerk, "jerk", "numbers above zero")
+        limits = np.full(m, float(given)) if given.ndim == 0 else given.copy()
+        if limits.shape != (m,) or not (limits > 0.0).all():
+            raise BadInput("jerk", excerpt(jerk), f"{m} limits above zero [rad/s^3, length/s^3], or one for all")
+    return JointLimits(loop.box.position_lower, loop.box.position_upper, speed, acceleration, limits, loop.dt)

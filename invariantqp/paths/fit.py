@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.control.asked import way_to
 from invariantqp.control.controller import Controller
 from invariantqp.control.demands import View, rows_of
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.paths.asked import way_to
 from invariantqp.pose.ik import PoseSearch
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.law import Demand

@@ -3,14 +3,14 @@
     r(t) = source(t) + residual(t),     residual: a quintic from the jump in position, velocity, acceleration to zero
 
 A source may be replaced at any time: r is then continuous with its first two derivatives (a C2 splice), and jerk stays
-bounded. Sources: joint positions with stamps, smoothed without delay (`Points`), samples of a hand read a little late
-(`Window`), a stop (`Stop`). Each comes to rest after its end by itself.
+bounded. Sources: polynomials of time (`Motion`: points with stamps, smoothed without delay, a path, a stop), samples
+of a hand read a little late (`Window`), either of them by another clock (`Clocked`). Each comes to rest after its end.
 """
 
 from __future__ import annotations
 
-from math import inf
-from typing import NamedTuple, Protocol
+from math import inf, perm
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -25,6 +25,8 @@ SPLICE_SHARE, STOP_SHARE = 0.9, 0.97
 PLACES, DURATIONS, LONGEST = 21, 6, 0.6
 # Stops looked at: the shortest in ticks, for a jerk that lasts less than three is none; the longest [s].
 SHORTEST_STOP, LONGEST_STOP, STOPS = 4.0, 12.0, 64
+# Changes of a clock's rate take at most this [s], are checked at so many places, and keep this share of the limits.
+LONGEST_TURN, PLACES_TURN, TURN_SHARE = 4.0, 41, 0.999
 # The window over a hand's samples reaches this far to each side, times one over the cutoff: 65 ms at 4 Hz.
 WINDOW = 0.26
 # Samples that a window keeps at most, and the share of its width nearer than which two are one.
@@ -33,7 +35,9 @@ MOST_SAMPLES, SAMPLE_SHARE = 64, 1.0 / 48.0
 SPREAD = 0.1
 # How fast the mean transport time follows the measured one, a share of the difference for each sample.
 TRANSPORT_SHARE = 0.02
-_FACTORIALS = np.array((1.0, 1.0, 2.0, 6.0))
+# The d-th derivative of u^n is FACTORS[d, n] u^EXPONENTS[d, n].
+FACTORS: Array = np.array([[perm(n, d) for n in range(7)] for d in range(5)], dtype=np.float64)
+EXPONENTS = np.array([[max(n - d, 0) for n in range(7)] for d in range(5)])
 
 
 class Source(Protocol):
@@ -49,43 +53,41 @@ class Source(Protocol):
         ...
 
 
-class Stop(NamedTuple):
-    """From a state to rest: velocity is a cubic of time that ends at zero with its slope."""
+class Motion:
+    """Joints as polynomials of time, piece by piece; at rest before the first and after the last."""
 
-    start: float
-    duration: float
-    coefficients: Array  # (5, m) of powers of the time since the start
-
-    @classmethod
-    def of(cls, state: Array, start: float, duration: float) -> Stop:
-        """From position, velocity and acceleration (3, m), in a given time."""
-        x, v, a = state
-        D = duration
-        if D <= 0.0:
-            return cls(start, 0.0, np.vstack((x, np.zeros((4, len(x))))))
-        # v(u) = v + a u + b u^2 + c u^3 with v(D) = v'(D) = 0
-        b = -3.0 * v / D**2 - 2.0 * a / D
-        c = 2.0 * v / D**3 + a / D**2
-        return cls(start, D, np.vstack((x, v, 0.5 * a, b / 3.0, 0.25 * c)))
-
-    @property
-    def end(self) -> float:
-        """When it is at rest."""
-        return self.start + self.duration
+    def __init__(self, knots: Array, coefficients: Array) -> None:
+        """Pieces between knots (n + 1,): powers (n, k, m) of the time since each began, from the constant on."""
+        self.knots, self.coefficients = knots, coefficients
+        self.start, self.end = float(knots[0]), float(knots[-1])
 
     def at(self, times: Array) -> Array:
         """As `Source.at`."""
-        u = np.clip(times - self.start, 0.0, self.duration)
-        answer = _derivatives(self.coefficients, u)
+        i = np.clip(np.searchsorted(self.knots, times, side="right") - 1, 0, len(self.coefficients) - 1)
+        u = np.clip(times, self.start, self.end) - self.knots[i]
+        c = self.coefficients[i]
+        answer: Array = _powers(u, c.shape[1]) @ c
         answer[(times >= self.end) | (times < self.start), 1:] = 0.0
         return answer
+
+
+class Stop(Motion):
+    """From position, velocity and acceleration (3, m) to rest: velocity is a cubic that ends at zero with its slope."""
+
+    def __init__(self, state: Array, start: float, duration: float) -> None:
+        """In a given time."""
+        x, v, a = state
+        D = duration
+        b, c = (-3.0 * v / D**2 - 2.0 * a / D, 2.0 * v / D**3 + a / D**2) if D > 0.0 else (0.0 * v, 0.0 * v)
+        # v(u) = v + a u + b u^2 + c u^3 with v(D) = v'(D) = 0
+        super().__init__(np.array((start, start + D)), np.stack((x, v, 0.5 * a, b / 3.0, 0.25 * c))[None])
 
 
 def stopping(state: Array, start: float, limits: JointLimits) -> Stop:
     """The quickest stop from position, velocity and acceleration (3, m) that keeps the limits."""
     x, v, a = state
     if not (v.any() or a.any()):
-        return Stop.of(state, start, 0.0)
+        return Stop(state, start, 0.0)
     D = np.geomspace(SHORTEST_STOP * limits.dt, LONGEST_STOP, STOPS)[:, None, None]
     u = np.linspace(0.0, 1.0, PLACES)[None, :, None] * D
     b, c = -3.0 * v / D**2 - 2.0 * a / D, 2.0 * v / D**3 + a / D**2
@@ -97,69 +99,32 @@ def stopping(state: Array, start: float, limits: JointLimits) -> Stop:
     # Where the state is at a limit already, the stop is not to make it worse.
     allowed = max(STOP_SHARE, 1.0001 * float(worst[:, None].min()))
     fits = np.flatnonzero(worst <= allowed)
-    return Stop.of(state, start, float(D[fits[0], 0, 0]))
+    return Stop(state, start, float(D[fits[0], 0, 0]))
 
 
-class Points:
-    """A cubic spline through joint positions, with a way in from rest before them and out to rest after them."""
-
-    def __init__(self, stamps: Array, positions: Array, limits: JointLimits, *, moving_in: bool = True) -> None:
-        """Through positions (n, m) at increasing stamps (n,)."""
-        self.stamps, self.positions = stamps, positions
-        n, m = positions.shape
-        self._coefficients = np.zeros((4, max(n - 1, 1), m))
-        if n == 1:
-            self._coefficients[3, 0] = positions[0]
-        elif n == 2:
-            self._coefficients[2, 0] = (positions[1] - positions[0]) / (stamps[1] - stamps[0])
-            self._coefficients[3, 0] = positions[0]
-        else:
-            self._coefficients = CubicSpline(stamps, positions, bc_type="natural").c
-        first, last = self._inside(np.array((stamps[0], stamps[-1])))
-        self._out = stopping(last[:3], float(stamps[-1]), limits)
-        back = first[:3] * np.array((1.0, -1.0, 1.0))[:, None]
-        self._in = stopping(back if moving_in else back * np.array((1.0, 0.0, 0.0))[:, None], 0.0, limits)
-
-    @property
-    def start(self) -> float:
-        """Where the way in begins."""
-        return float(self.stamps[0]) - self._in.duration
-
-    @property
-    def end(self) -> float:
-        """When it is at rest."""
-        return self._out.end
-
-    def at(self, times: Array) -> Array:
-        """As `Source.at`."""
-        first, last = float(self.stamps[0]), float(self.stamps[-1])
-        if len(times) == 1:
-            t = float(times[0])
-            if first <= t <= last:
-                return self._inside(times)
-            return self._out.at(times) if t > last else self._before(times)
-        answer = self._inside(np.clip(times, first, last))
-        after, before = times > last, times < first
-        if after.any():
-            answer[after] = self._out.at(times[after])
-        if before.any():
-            answer[before] = self._before(times[before])
-        return answer
-
-    def _before(self, times: Array) -> Array:
-        """On the way in, which is a stop run backward."""
-        back = self._in.at(float(self.stamps[0]) - times)
-        back[:, 1::2] *= -1.0
-        return back
-
-    def _inside(self, times: Array) -> Array:
-        i = np.clip(np.searchsorted(self.stamps, times, side="right") - 1, 0, self._coefficients.shape[1] - 1)
-        u = (times - self.stamps[i])[:, None]
-        c3, c2, c1, c0 = self._coefficients[:, i]
-        return np.stack(
-            (c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2.0 * c2 + 3.0 * u * c3), 2.0 * c2 + 6.0 * u * c3, 6.0 * c3),
-            axis=1,
-        )
+def through(stamps: Array, positions: Array, limits: JointLimits) -> Motion:
+    """A cubic spline through positions (n, m) at increasing stamps (n,), with a way in from rest and out to rest."""
+    n, m = positions.shape
+    inside = np.zeros((max(n - 1, 1), 5, m))
+    inside[:, 0] = positions[: max(n - 1, 1)]
+    if n == 2:
+        inside[0, 1] = (positions[1] - positions[0]) / (stamps[1] - stamps[0])
+    elif n > 2:
+        inside[:, :4] = np.moveaxis(CubicSpline(stamps, positions, bc_type="natural").c[::-1], 0, 1)
+    first = inside[0, :3] * np.array((1.0, -1.0, 2.0))[:, None]  # run backward
+    h = stamps[-1] - stamps[-2] if n > 1 else 0.0
+    last = (_powers(np.array((h,)), 5) @ inside[-1])[0, :3]
+    way_in, out = stopping(first, 0.0, limits), stopping(last, float(stamps[-1]), limits)
+    pieces, knots = [inside], [stamps] if n > 1 else [stamps, stamps]
+    if n == 1 or out.end > out.start:
+        pieces.append(out.coefficients)
+        knots.append(np.array((out.end,)))
+    if way_in.end > 0.0:
+        D = way_in.end
+        back = (_powers(np.array((D,)), 5, 5)[0] / np.diag(FACTORS)[:, None]) @ way_in.coefficients[0]
+        pieces.insert(0, (back * np.array((1.0, -1.0, 1.0, -1.0, 1.0))[:, None])[None])
+        knots.insert(0, stamps[:1] - D)
+    return Motion(np.concatenate(knots), np.concatenate(pieces))
 
 
 def smoothed(stamps: Array, positions: Array, cutoff: float) -> Array:
@@ -251,47 +216,81 @@ class Window:
         return np.stack((p[:, 2], v, a, j), axis=1)
 
 
-class Steady(NamedTuple):
-    """At the velocity of a state."""
+class Clock(NamedTuple):
+    """How fast the time of a source runs: from one rate to another by a cubic, then on at that."""
 
-    start: float
-    state: Array  # (3, m)
+    start: float  # when the rate begins to change
+    first: float  # the source's time then
+    rate: float
+    slope: float  # of the rate
+    final: float  # the rate in the end
+    duration: Any = 0.0  # of the change [s]; an array for several
 
-    @property
-    def end(self) -> float:
-        """It has none."""
-        return inf
+    def at(self, times: Array) -> tuple[Array, Array, Array, Array]:
+        """The source's time, rate, slope and the slope's slope at times that go with the durations."""
+        D, d = np.maximum(self.duration, 1e-300), self.final - self.rate
+        b, c = (3.0 * d / D - 2.0 * self.slope) / D, (self.slope - 2.0 * d / D) / D / D
+        u = np.clip(times - self.start, 0.0, self.duration)
+        on = times - self.start < self.duration
+        place = self.first + u * (self.rate + u * (0.5 * self.slope + u * (b / 3.0 + u * 0.25 * c)))
+        place = place + self.final * np.maximum(times - self.start - self.duration, 0.0)
+        rate = np.where(on, self.rate + u * (self.slope + u * (b + u * c)), self.final)
+        slope = np.where(on, self.slope + u * (2.0 * b + 3.0 * u * c), 0.0)
+        return place, rate, slope, np.where(on, 2.0 * b + 6.0 * u * c, 0.0)
 
-    def at(self, times: Array) -> Array:
-        """As `Source.at`."""
-        answer = np.zeros((len(times), 4, self.state.shape[1]))
-        answer[:, 0] = self.state[0]  # where it leads is not known
-        answer[:, 1] = self.state[1]
-        return answer
+    def now(self, time: float) -> tuple[float, float, float]:
+        """The source's time, rate and slope."""
+        place, rate, slope, _ = self.at(np.array(time))
+        return float(place), float(rate), float(slope)
 
 
-class Slowed(NamedTuple):
-    """A source driven at a share of its speed."""
+class Clocked(NamedTuple):
+    """A source by a clock of its own."""
 
     source: Source
-    start: float
-    first: float  # the source's time at the start
-    rate: float
+    clock: Clock
+    joints: int | None = None  # so many columns of the source; None is all
 
     @property
     def end(self) -> float:
         """When it is at rest."""
-        return self.start + (self.source.end - self.first) / self.rate
+        last = self.clock.start + self.clock.duration
+        place, rate, _ = self.clock.now(last)
+        return float(last + max(self.source.end - place, 0.0) / rate) if rate > 0.0 else last
 
     def place(self, time: float) -> float:
         """The source's own time."""
-        return self.first + self.rate * (time - self.start)
+        return self.clock.now(time)[0]
 
     def at(self, times: Array) -> Array:
         """As `Source.at`."""
-        answer = self.source.at(self.first + self.rate * (times - self.start))
-        slowed: Array = answer * (self.rate ** np.arange(4.0))[:, None]
-        return slowed
+        place, rate, slope, bend = (x[:, None] for x in self.clock.at(times))
+        r = self.source.at(place[:, 0])[:, :, : self.joints]
+        v, a, j = r[:, 1], r[:, 2], r[:, 3]
+        return np.stack(
+            (
+                r[:, 0],
+                rate * v,
+                rate**2 * a + slope * v,
+                rate**3 * j + 3.0 * rate * slope * a + bend * v,
+            ),
+            axis=1,
+        )
+
+    def turned(self, time: float, final: float, limits: JointLimits) -> Clocked:
+        """The same with a clock that goes over to another rate as soon as limits of all columns allow."""
+        here = self.clock.now(time)
+        D = np.geomspace(SHORTEST_STOP * limits.dt, LONGEST_TURN, STOPS)[:, None]
+        times = time + np.linspace(0.0, 1.0, PLACES_TURN) * D
+        whole = self._replace(clock=Clock(time, *here, final, D))
+        place, rate, slope, bend = (x.ravel()[:, None] for x in whole.clock.at(times))
+        r = self.source.at(place[:, 0])
+        v, a, j = r[:, 1], r[:, 2], r[:, 3]
+        jerk = rate**3 * j + 3.0 * rate * slope * a + bend * v
+        worst = limits.ratio(r[:, 0], rate * v, rate**2 * a + slope * v, jerk).reshape(times.shape).max(axis=1)
+        # What it was going to do anyway is not to be made worse.
+        fits = np.flatnonzero(worst <= max(TURN_SHARE, 1.0001 * float(worst.min())))
+        return self._replace(clock=Clock(time, *here, final, float(D[fits[0], 0])))
 
 
 class Reference:
@@ -301,7 +300,7 @@ class Reference:
         """At rest."""
         self._limits = limits
         m = len(position)
-        self.source: Source = Stop.of(np.vstack((position, np.zeros((2, m)))), time, 0.0)
+        self.source: Source = Stop(np.vstack((position, np.zeros((2, m)))), time, 0.0)
         self._residual = np.zeros((6, m))
         self._start, self._duration = time, 0.0
 
@@ -320,7 +319,7 @@ class Reference:
         answer = self.source.at(times)
         if times[0] < self.joined:
             u = times - self._start
-            left = _derivatives(self._residual, np.clip(u, 0.0, self._duration))
+            left = _powers(np.clip(u, 0.0, self._duration), 6) @ self._residual
             left[u >= self._duration] = 0.0
             answer = answer + left
         return answer
@@ -354,10 +353,11 @@ class Reference:
         D = np.geomspace(least, max(LONGEST, least), DURATIONS)
         C = _residuals(e, D)  # (k, 6, m)
         u = np.linspace(0.0, 1.0, PLACES)[None, :] * D[:, None]
-        # A hand is taken to go on as it does.
-        ahead = Steady(time, here) if isinstance(source, Window) else source
-        there = ahead.at((time + u).ravel()).reshape(*u.shape, 4, -1)
-        total = there + _powers(u) @ C[:, None]
+        there = np.zeros((*u.shape, 4, here.shape[1]))
+        there[:, :, :2] = here[:2]
+        if not isinstance(source, Window):  # a hand is taken to go on as it does
+            there = source.at((time + u).ravel()).reshape(there.shape)
+        total = there + _powers(u, 6) @ C[:, None]
         fits = np.flatnonzero(self._limits.ratio(*np.moveaxis(total, 2, 0)).max(axis=1) <= SPLICE_SHARE)
         self.source, self._start = source, time
         if len(fits):
@@ -379,17 +379,7 @@ def _residuals(e: Array, D: Array) -> Array:
     return np.stack((one * x, one * v, one * 0.5 * a, c3, c4, c5), axis=1)
 
 
-def _powers(u: Array) -> Array:
-    """(..., 4, 6) powers of u (...) and their first three derivatives."""
-    answer = np.zeros((*u.shape, 4, 6))
-    for d in range(4):
-        for n in range(d, 6):
-            factor = float(np.prod(np.arange(n, n - d, -1))) if d else 1.0
-            answer[..., d, n] = factor * u ** (n - d)
-    return answer
-
-
-def _derivatives(coefficients: Array, u: Array) -> Array:
-    """(k, 4, m) a polynomial (n, m), by powers, and three derivatives at u (k,)."""
-    answer: Array = _powers(u)[..., : len(coefficients)] @ coefficients
+def _powers(u: Array, count: int, derivatives: int = 4) -> Array:
+    """(..., derivatives, count) powers of u (...), and what they become by differentiating once, twice, ..."""
+    answer: Array = FACTORS[:derivatives, :count] * u[..., None, None] ** EXPONENTS[:derivatives, :count]
     return answer

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from invariantqp.force.solution import HybridSolution
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.solution import Status
 
@@ -13,19 +14,32 @@ class FollowerSolution:
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
-        status: "moving", "late", "waiting", "blocked", "left", "paused", "done" or "held": see `Status`.
+        status: "moving", "late", "slowed", "waiting", "blocked", "left", "paused", "done" or "held": see `Status`.
         reason: why, in words, "" where there is nothing to report.
-        place: the stamp that the joints are at when the tick is over [s].
+        place: where in what is followed the joints are when the tick is over: a stamp [s], or a path's parameter.
         late: how long after its stamp that is [s].
+        speed: of the place [1/s], negative backward.
+        ruling: what rules the speed along a path, in words; "settling" at its end until joints rest.
+        hybrid: in contact, the hybrid controller's answer, with the forces; else None.
     """
 
-    __slots__ = ("_across", "late", "place", "reason", "status", "velocity")
+    __slots__ = ("_across", "hybrid", "late", "place", "reason", "ruling", "speed", "status", "velocity")
 
     def __init__(
-        self, velocity: Array, status: Status, reason: str, place: float, late: float, across: Callable[[], float]
+        self,
+        velocity: Array,
+        status: Status,
+        reason: str,
+        place: float,
+        late: float,
+        across: Callable[[], float],
+        speed: float = 1.0,
+        ruling: str = "",
+        hybrid: HybridSolution | None = None,
     ) -> None:
         """As the attributes say; `across` is computed when it is read."""
         self.velocity, self.status, self.reason, self.place, self.late = velocity, status, reason, place, late
+        self.speed, self.ruling, self.hybrid = speed, ruling, hybrid
         self._across: Callable[[], float] | float = across
 
     @property

@@ -50,13 +50,17 @@ class JointLimits(NamedTuple):
 
     def catching_up(self, position: Array, velocity: Array, there: Array) -> Array:
         """(m,) accelerations that bring joints soonest to a motion: its position and velocity (2+, m)."""
-        A, J = CATCH_UP_SHARE * self.acceleration, self.jerk
         x = there[0] - position
-        # The way to stop from w is w^2 / 2 A and, at w for 2 A / J, the time in which braking begins and ends.
-        lag = 2.0 * A * A / J
-        w = np.minimum(np.sqrt(lag * lag + 2.0 * A * np.abs(x)) - lag, CALM_SHARE / self.dt * np.abs(x))
+        w = self.homing(x, CALM_SHARE / self.dt)
         fastest = CATCH_UP_SPEED * self.velocity
         return self.towards(velocity, np.clip(there[1] + np.copysign(w, x), -fastest, fastest))
+
+    def homing(self, way: Array, gain: float) -> Array:
+        """(m,) speeds at which joints go a way (m,), and stop at its end: at a gain [1/s] where that is little."""
+        A = CATCH_UP_SHARE * self.acceleration
+        # The way to stop from w is w^2 / 2 A and, at w for 2 A / J, the time in which braking begins and ends.
+        lag = 2.0 * A * A / self.jerk
+        return np.asarray(np.minimum(np.sqrt(lag * lag + 2.0 * A * np.abs(way)) - lag, gain * np.abs(way)))
 
     def within(self, q: Array, velocity: Array, acceleration: Array, wanted: Array) -> Array:
         """(m,) the acceleration of a tick nearest the wanted one, after which every joint can still stop.

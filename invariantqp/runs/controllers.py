@@ -17,8 +17,6 @@ from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.demands import ExactPoint
 from invariantqp.control.limits import AnyLimit as Limit
 from invariantqp.control.measure import tool_metric
-from invariantqp.control.path_follower import PathFollower
-from invariantqp.control.path_solution import PathSolution
 from invariantqp.control.shared import SharedTask
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.engine import Engine
@@ -28,6 +26,8 @@ from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.wrench import WrenchSensor
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.paths.driver import PathFollower
+from invariantqp.paths.solution import FollowerSolution
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.contactspec import OperatorSpec
 from invariantqp.runs.plants.plant import Measurement
@@ -36,7 +36,7 @@ from invariantqp.runs.taskfile import LawSpec
 from invariantqp.systems.contacts import face_contact
 from invariantqp.velocity.forms import Form
 from invariantqp.velocity.limits import ToolSpeed
-from invariantqp.velocity.solution import VelocitySolution, with_trouble
+from invariantqp.velocity.solution import Status, VelocitySolution, with_trouble
 
 MakeController = Callable[[Robot, LawSpec], Controls]
 
@@ -114,14 +114,14 @@ class ElasticPilot(Pilot):
         self.follower: PathFollower = PathFollower(loop, brief.poses[kept], times=brief.time[kept], rate=1.0)
         self.follower.prepare(q)
         self.form = loop.law.form
-        self.followed: list[PathSolution] = []
+        self.followed: list[FollowerSolution] = []
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:  # noqa: ARG002 (the path has its own time)
         """One tick."""
         solution = self.follower.step(measured.q)
         self.followed.append(solution)
         self.done = solution.status in ("done", "blocked")
-        answer = solution.velocity_solution
+        answer = VelocitySolution(solution.velocity, "planned", Status.OK, (), (), np.zeros(6), 1.0, 0.0, 0.0, "")
         return answer if solution.status != "blocked" else with_trouble(answer, solution.reason)
 
 

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.control.path_follower import PathFollower
-from invariantqp.control.path_report import ENDED, SETTLING
-from invariantqp.control.path_solution import PathSolution
 from invariantqp.geometry.arrays import Array
+from invariantqp.paths.driver import PathFollower
+from invariantqp.paths.plan import ON_TIME
+from invariantqp.paths.shape import ENDED, SETTLING
+from invariantqp.paths.solution import FollowerSolution
 from invariantqp.runs.plants.plant import PlantState
 from invariantqp.runs.scene import ContactScene
 from invariantqp.runs.taskfile import Task
@@ -98,10 +99,6 @@ def distance(T: Array, wanted: Array) -> tuple[float, float]:
     return float(np.linalg.norm(wanted[:3, 3] - T[:3, 3])), float(angle)
 
 
-# What rules the speed where nothing slows the tool down.
-ON_TIME = "the rate asked for"
-
-
 @dataclass(frozen=True, eq=False)
 class PathTrace:
     """What happened along the path, tick by tick.
@@ -112,7 +109,7 @@ class PathTrace:
         lag: (n,) how late the tool is [s].
         ruling: (n,) what rules the speed, in words.
         poses: (n + 1, 4, 4) of the path where the tool is, before the first tick and after each.
-        status: in the last tick, as in `PathSolution`.
+        status: in the last tick, as in `FollowerSolution`.
     """
 
     place: Array
@@ -135,13 +132,13 @@ class PathTrace:
         return {name: count / len(self.driven) for name, count in counts.most_common()}
 
 
-def path_trace(follower: PathFollower, followed: Sequence[PathSolution]) -> PathTrace:
+def path_trace(follower: PathFollower, followed: Sequence[FollowerSolution]) -> PathTrace:
     """What happened along the path of a follower, from its solutions."""
     place = np.array([s.place for s in followed])
     return PathTrace(
         place=place,
         speed=np.array([s.speed for s in followed]),
-        lag=np.array([0.0 if s.lag is None else s.lag for s in followed]),
+        lag=np.array([s.late for s in followed]),
         ruling=[s.ruling for s in followed],
         poses=np.array([follower.pose(at) for at in (0.0, *place.tolist())]),
         status=followed[-1].status,

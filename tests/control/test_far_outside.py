@@ -126,10 +126,10 @@ def test_a_pressing_tool_stands_still(robot):
     assert not answer.motion.any()
     assert not answer.force.any()
     np.testing.assert_array_equal(hybrid.step(PANDA, here, reading).velocity, other.step(PANDA, here, reading).velocity)
-    follower = iq.force.HybridFollower(hybrid, [here, here @ iq.transform(translation=[0.05, 0.0, 0.0])])
+    follower = iq.PathFollower(hybrid, [here, here @ iq.transform(translation=[0.05, 0.0, 0.0])])
     with pytest.raises(iq.BadInput, match="are these degrees"):
         follower.prepare(DEGREES)
-    assert is_held(follower.step(DEGREES, reading))
+    assert is_held(follower.step(DEGREES, wrench=reading))
 
 
 def test_slides_ranges_without_an_end_and_half_a_radian_are_believed():

@@ -27,7 +27,7 @@ def wiped(noise, acceleration, stiffness=1e4, cutoff=np.inf, told=None):
     task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], UP), [5.0], stiffness=told)
     sensor = wrist(noise=noise, cutoff=cutoff)
     loop = iq.HybridController(robot, task, dt=DT, sensor=sensor, acceleration_limit=acceleration)
-    follower = iq.force.HybridFollower(loop, circle)
+    follower = iq.PathFollower(loop, circle)
     follower.prepare(q)
     off, said = [0.0], set()
     ticks = 0
@@ -36,7 +36,7 @@ def wiped(noise, acceleration, stiffness=1e4, cutoff=np.inf, told=None):
         tool = robot.pose(q)
         wrench = exerted([tool[:3, 3]], start[2, 3] - 5e-4, stiffness)
         reading = -iq.coadjoint(iq.inverse(tool)) @ wrench
-        answer = follower.step(q, reading + noise * rng.normal(size=6) * np.repeat([0.03, 1.0], 3))
+        answer = follower.step(q, wrench=reading + noise * rng.normal(size=6) * np.repeat([0.03, 1.0], 3))
         if answer.place > 0.02:
             x, y, _ = tool[:3, 3] - start[:3, 3]
             off.append(1e3 * abs(np.hypot(x + 0.06, y) - 0.06))

@@ -67,12 +67,6 @@ def follower():
 
 
 @cache
-def in_contact():
-    start = ur5().pose(Q)
-    return iq.force.HybridFollower(hybrid(), [start, iq.transform(translation=[0.01, 0.0, 0.0]) @ start])
-
-
-@cache
 def clearance():
     return iq.limits.Clearance(ur5(), {"tool": [iq.limits.Sphere([0, 0, 0], 0.05)]}, [iq.limits.Sphere([1, 0, 0], 0.1)])
 
@@ -82,8 +76,10 @@ def other_arm():
     return iq.limits.OtherArm(ur5(), {"tool": [iq.limits.Sphere([0, 0, 0], 0.05)]})
 
 
-def stream():
-    return iq.control.StreamedPath(iq.Controller(ur5(), dt=0.01, acceleration_limit=5.0))
+@cache
+def pressed():
+    start = ur5().pose(Q)
+    return iq.PathFollower(hybrid(), [start, iq.transform(translation=[0.01, 0.0, 0.0]) @ start])
 
 
 def shape_follower():
@@ -94,6 +90,9 @@ def shape_follower():
 
 def any_follower():
     return iq.Follower(iq.Controller(chain(), dt=0.01, acceleration_limit=8.0))
+
+
+STEP = {"q": Q, "velocity": Q, "now": 0.0, "override": 1.0}
 
 
 def loop_options():
@@ -218,30 +217,18 @@ CONTROL = {
     "PathFollower": lambda: (
         iq.PathFollower,
         {
-            "controller": controller(),
+            "loop": controller(),
             "path": [T, T @ iq.exp(TWIST)],
             "end": 1.0,
             "times": None,
             "rate": None,
             "acceleration": None,
             "jerk": None,
+            "joint_jerk": None,
             "blocked": "stop",
             "tolerance": None,
         },
     ),
-    "StreamedPath": lambda: (
-        iq.control.StreamedPath,
-        {
-            "controller": iq.Controller(ur5(), dt=0.01, acceleration_limit=5.0),
-            "speed": None,
-            "acceleration": None,
-            "jerk": None,
-            "timeout": 0.1,
-            "tolerance": None,
-        },
-    ),
-    "StreamedPath.add": lambda: (stream().add, {"pose": T}),
-    "StreamedPath.step": lambda: (stream().step, {"q": Q, "velocity": Q, "override": 1.0}),
     "Clearance": lambda: (
         iq.limits.Clearance,
         {
@@ -265,7 +252,13 @@ CONTROL = {
     "OtherArm.move": lambda: (other_arm().move, {"q": Q, "velocity": None}),
     "bodies_of": lambda: (iq.robots.bodies_of, {"robot": ur5()}),
     "PathFollower.prepare": lambda: (follower().prepare, {"q": Q}),
-    "PathFollower.step": lambda: (follower().step, {"q": Q, "velocity": Q, "override": 1.0}),
+    "PathFollower.step": lambda: (pressed().step, STEP | {"wrench": TWIST, "contact": contact(), "wanted": [5.0]}),
+    "PathFollower.follow": lambda: (
+        shape_follower().follow,
+        {"points": [T, T @ iq.exp(TWIST)], "stamps": None, "at": None},
+    ),
+    "PathFollower.add": lambda: (any_follower().add, {"point": T, "stamp": 0.0}),
+    "PathFollower.twist": lambda: (shape_follower().twist, {"v": TWIST}),
     "PathFollower.pose": lambda: (follower().pose, {"place": 0.5}),
     "Follower": lambda: (
         iq.Follower,
@@ -284,7 +277,10 @@ CONTROL = {
     "Follower.add": lambda: (any_follower().add, {"point": T, "stamp": 0.0}),
     "Follower.twist": lambda: (any_follower().twist, {"v": TWIST}),
     "Follower.prepare": lambda: (shape_follower().prepare, {"q": Q}),
-    "Follower.step": lambda: (any_follower().step, {"q": Q, "velocity": Q, "now": 0.0, "override": 1.0}),
+    "Follower.step": lambda: (
+        any_follower().step,
+        STEP | {"wrench": None, "contact": None, "wanted": None},
+    ),
     "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),
     "ExactAxis": lambda: (iq.control.ExactAxis, {"axis": AXIS}),
     "ExactPlane": lambda: (iq.control.ExactPlane, {"normal": AXIS, "point": POINT}),
@@ -378,23 +374,6 @@ CONTROL = {
             "wanted": [5.0],
             "posture": Q,
         },
-    ),
-    "HybridFollower": lambda: (
-        iq.force.HybridFollower,
-        {
-            "hybrid": hybrid(),
-            "path": [T, T @ iq.exp(TWIST)],
-            "end": 1.0,
-            "times": None,
-            "rate": None,
-            "acceleration": None,
-            "jerk": None,
-        },
-    ),
-    "HybridFollower.prepare": lambda: (in_contact().prepare, {"q": Q}),
-    "HybridFollower.step": lambda: (
-        in_contact().step,
-        {"q": Q, "wrench": TWIST, "velocity": Q, "contact": contact(), "wanted": [5.0], "override": 1.0},
     ),
     "WrenchSensor": lambda: (
         iq.WrenchSensor,

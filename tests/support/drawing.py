@@ -25,7 +25,7 @@ def prepared(yields=0.0, **given):
     """That bench, half a circle on the paper, and a follower that has looked along it."""
     bench = slow_bench(yields=yields)
     path = circle(bench.start, RADIUS, PERIOD)
-    follower = iq.force.HybridFollower(bench.loop, lambda t: path(t)[0], end=PERIOD / 2, **given)
+    follower = iq.PathFollower(bench.loop, lambda t: path(t)[0], end=PERIOD / 2, **given)
     follower.prepare(bench.q)
     return bench, path, follower
 

@@ -287,7 +287,7 @@ def test_it_leaves_the_path_by_the_least(name, exact, where):
     found, before = [], start
     for u in np.linspace(0.0, 1.0, 11):
         q = follower.plan.joints(u * follower.plan.end)
-        W = pose(follower._given.place(u * follower.plan.end))
+        W = pose(follower._shape.given.place(u * follower.plan.end))
         tries = [least_squares(missing, np.clip(x, *bounds), bounds=bounds, args=(W,)) for x in (q, before)]
         best = min(tries, key=lambda one: one.cost)
         before = best.x
@@ -476,13 +476,13 @@ def test_a_rate_is_kept_where_limits_allow_it_and_the_lag_is_told():
     slow = follower_on(robot, lambda t: robot.pose(joints(t / 20.0)), end=20.0, rate=1.0)
     slow.prepare(joints(0.0))
     on_time = drive(slow, joints(0.0), 400)[0]
-    assert on_time[-1].lag < 0.2
+    assert on_time[-1].late < 0.2
     assert on_time[-1].ruling == "the rate asked for"
     fast = follower_on(robot, lambda t: robot.pose(joints(t / 0.4)), end=0.4, rate=1.0)
     fast.prepare(joints(0.0))
     late, _, x = drive(fast, joints(0.0))
     assert late[-1].status == "done"
-    assert late[-1].lag == pytest.approx(DT * len(x) - 0.4, abs=2 * DT)
+    assert late[-1].late == pytest.approx(DT * len(x) - 0.4, abs=2 * DT)
     assert {s.status for s in late} == {"slowed", "moving", "done"} or {s.status for s in late} == {"slowed", "done"}
 
 

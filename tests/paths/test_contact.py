@@ -12,7 +12,7 @@ def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
     bench, path, follower = prepared(rate=1.0)
     told, off, jumps = [], [], []
     for _ in range(1000):
-        told.append(follower.step(bench.q, bench.wrench()))
+        told.append(follower.step(bench.q, wrench=bench.wrench()))
         bench.q = bench.q + DT * told[-1].velocity
         off.append(off_circle(bench))
         if told[-1].status in ("done", "blocked"):
@@ -21,7 +21,7 @@ def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
     settled = first + 50
     assert {s.status for s in told[:first]} == {"waiting"}
     assert told[-1].status == "done"
-    assert told[-1].lag > PERIOD
+    assert told[-1].late > PERIOD
     assert max(off[settled:]) < 5e-5
     assert max(abs(s.hybrid.intensities[0] / 5.0 - 1.0) for s in told[settled:]) < 0.01
     assert np.linalg.norm(bench.robot.pose(bench.q)[:2, 3] - path(PERIOD / 2)[0][:2, 3]) < 1e-4
@@ -45,7 +45,7 @@ def test_the_path_waits_while_contact_is_lost():
     for k in range(300):
         if k == 100:
             bench.height -= 1e-2
-        told = follower.step(bench.q, bench.wrench())
+        told = follower.step(bench.q, wrench=bench.wrench())
         bench.q = bench.q + DT * told.velocity
         places.append(told.place)
         statuses.append(told.status)
@@ -64,7 +64,7 @@ def test_a_pushed_tool_comes_back_under_its_force_and_goes_on():
             J = iq.adjoint(iq.transform(translation=-bench.robot.pose(bench.q)[:3, 3])) @ bench.robot.jacobian(bench.q)
             bench.q = bench.q + np.linalg.pinv(J) @ [0.0, 0.0, 0.0, 0.0, -0.03, 0.0]
             bench.height = bench.robot.pose(bench.q)[2, 3] + 5e-4
-        told.append(follower.step(bench.q, bench.wrench()))
+        told.append(follower.step(bench.q, wrench=bench.wrench()))
         bench.q = bench.q + DT * told[-1].velocity
         off.append(off_circle(bench))
         if told[-1].status in ("done", "blocked"):
@@ -83,18 +83,18 @@ def test_joints_off_their_plan_slow_the_path_down():
         if k == 100:
             J = bench.robot.jacobian(bench.q)
             bench.q = bench.q + 0.1 * np.linalg.svd(J)[2][-1]  # the tool stays where it is, but for 0.1 mm or so
-        told = follower.step(bench.q, bench.wrench())
+        told = follower.step(bench.q, wrench=bench.wrench())
         bench.q = bench.q + DT * told.velocity
     assert told.ruling == "the arm is off its path"
 
 
 def driven(bench, path, ticks, push=0.0):
     """Solutions along a path from the start on, until it ends."""
-    follower = iq.force.HybridFollower(bench.loop, path)
+    follower = iq.PathFollower(bench.loop, path)
     follower.prepare(bench.q)
     bench.q, told = bench.q + push, []
     while len(told) < ticks and (not told or told[-1].status not in ("done", "blocked")):
-        told.append(follower.step(bench.q, bench.wrench()))
+        told.append(follower.step(bench.q, wrench=bench.wrench()))
         bench.q = bench.q + bench.dt * told[-1].velocity
     return told
 
@@ -134,23 +134,23 @@ def blocked(seed, dt):
 @pytest.mark.parametrize("seed", [3, 28])
 def test_what_blocks_the_path_is_told_once_the_joints_have_braked(seed):
     told = blocked(seed, DT)  # where reach ends: joints went on for 1 s towards where they cannot be
-    assert told[-1].reason.startswith("it is out of reach")
-    assert sum(s.ruling == "settling" for s in told) < 40
+    assert "it is out of reach" in told[-1].reason
+    assert sum(s.ruling == "settling" for s in told) < 75
     assert (np.abs(told[-1].velocity) < 1e-3).all()
 
 
 def test_a_pressed_tool_that_comes_no_farther_than_its_joint_is_blocked():
     told = blocked(39, 0.01)  # deeper than planned, where the joint ends before the path does: "slowed" for ever
-    assert told[-1].reason.startswith("the tool comes no farther than 0.6169; joint 1 (panda_joint2) is at its lower")
-    assert sum(abs(s.place - told[-1].place) < 1e-4 for s in told) < 130
+    assert told[-1].reason.startswith("the tool comes no farther than 0.617; joint 1 (panda_joint2) is at its lower")
+    assert sum(abs(s.place - told[-1].place) < 1e-4 for s in told) < 150
     assert abs(told[-1].hybrid.intensities[0] / 5.0 - 1.0) < 0.02
 
 
 def test_a_refused_tick_leaves_the_follower_as_it_was():
     bench, _, follower = prepared()
     for _ in range(100):
-        bench.q = bench.q + DT * follower.step(bench.q, bench.wrench()).velocity
-    plan, place = follower.plan, follower.step(bench.q, bench.wrench()).place
+        bench.q = bench.q + DT * follower.step(bench.q, wrench=bench.wrench()).velocity
+    plan, place = follower.plan, follower.step(bench.q, wrench=bench.wrench()).place
     aside = bench.q + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # from there the path is to be looked at again
     for q in (bench.q, aside):
         for wrench, more in (
@@ -161,6 +161,6 @@ def test_a_refused_tick_leaves_the_follower_as_it_was():
             (bench.wrench(), {"override": 1.6}),
         ):
             with pytest.raises(iq.BadInput):
-                follower.step(q, wrench, **more)
+                follower.step(q, wrench=wrench, **more)
             assert follower.plan is plan
-    assert follower.step(bench.q, bench.wrench()).place >= place
+    assert follower.step(bench.q, wrench=bench.wrench()).place >= place

@@ -18,7 +18,7 @@ class Drive:
 
     def tick(self, count=1, **more):
         for _ in range(count):
-            self.told.append(self.follower.step(self.bench.q, self.bench.wrench(), **more))
+            self.told.append(self.follower.step(self.bench.q, wrench=self.bench.wrench(), **more))
             self.bench.q = self.bench.q + DT * self.told[-1].velocity
             self.off.append(off_circle(self.bench))
         return self.told[-1]
@@ -132,7 +132,7 @@ def test_whatever_it_is_told_it_stays_on_its_path_under_its_force(orders, option
             getattr(drive.follower, order)()
         drive.tick(ticks, override=part)
     drive.follower.resume()
-    if drive.follower._wants_back:
+    if drive.follower._shape.back:
         drive.follower.reverse()
     assert drive.until("done").place == pytest.approx(PERIOD / 2, rel=1e-6)
     drive.check()

@@ -1,0 +1,220 @@
+"""A path driven in contact: motion along the surface waits for limits and for the touch, the force waits for nothing.
+
+place     the one nearest the tool, seen along S alone: how deep the tool is pressed counts for nothing
+tick      HybridController.step towards it, ahead at the clock's rate, joints towards the planned ones
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.force.hybrid import HybridController
+from invariantqp.force.kept_split import contact_now
+from invariantqp.force.reading import Wrench
+from invariantqp.force.solution import HybridSolution
+from invariantqp.geometry.arrays import Array
+from invariantqp.paths.asked import way_to
+from invariantqp.paths.shape import (
+    ASTRAY,
+    AT_END,
+    ON_THE_WAY,
+    ON_THE_WAY_BACK,
+    PATIENCE,
+    PAUSE,
+    PUSHED,
+    STOPPED,
+    Shape,
+    Told,
+)
+from invariantqp.systems.contacts import Contact
+from invariantqp.velocity.solution import Status
+
+# The tool touches from this share of the wanted press on.
+TOUCH = 0.5
+# Statuses of a hybrid tick that is not in contact.
+NO_CONTACT = (Status.LOST, Status.OVERLOAD, Status.FAULT)
+NO_TOUCH = "no contact"
+# Gain [1/s] towards the planned joints where the path leaves them free.
+JOINT_GAIN = 5.0
+# Joints that are farther than this [rad, length] off the plan by motion that leaves the tool where it is slow it down;
+# farther than DISPLACED they have been pushed, and the path is looked along again.
+STRAYED, DISPLACED = 1e-2, 0.2
+# A tool this far off, relative to the measure, slows down, and at AWAY_STOP times that waits.
+AWAY, AWAY_STOP = 5e-3, 4.0
+# A singular value below this share of the largest moves no tool: joints are free to move along it.
+STILL = 1e-3
+# The share of the speed below which the tool stands.
+STANDING = 1e-6
+
+
+class Beside(NamedTuple):
+    """The tool and its path at the beginning of a tick."""
+
+    place: float  # nearest the tool along S
+    off: float  # how far it is from there, along S
+    away: float  # how far from where it was expected
+    strayed: float  # how far a joint is off the plan by motion that moves no tool, 0 below STRAYED [rad, length]
+    astray: Array  # (m,) the way back of the joints to the plan
+
+
+class Pressed:
+    """The drive of a hybrid controller along a path."""
+
+    def __init__(self, hybrid: HybridController) -> None:
+        """Not touching yet."""
+        self.hybrid = hybrid
+        self._touching = self._pushed = False
+        self._place = 0.0
+        self._stood: tuple[float, float, float] | None = None  # where, for how long, and how far it was driven there
+
+    def step(
+        self,
+        shape: Shape,
+        q: Array,
+        before: Array,
+        time: float,
+        override: float,
+        given: tuple[Any, Contact | None, ArrayLike | Wrench | None],
+        *,
+        paused: bool,
+    ) -> tuple[HybridSolution, Told]:
+        """A tick from a time on, from q (m,) and the velocity (m,) before; `given` are wrench, contact and wanted."""
+        kept = shape.motion, shape.plan
+        try:
+            return self._tick(shape, q, before, time, override, given, paused=paused)
+        except BadInput:  # the follower is as it was
+            shape.motion, shape.plan = kept
+            raise
+
+    def _tick(
+        self,
+        shape: Shape,
+        q: Array,
+        before: Array,
+        time: float,
+        override: float,
+        given: tuple[Any, Contact | None, ArrayLike | Wrench | None],
+        *,
+        paused: bool,
+    ) -> tuple[HybridSolution, Told]:
+        """The same."""
+        hybrid, loop, curve = self.hybrid, self.hybrid.loop, shape.given.curve
+        wrench, contact, wanted = given
+        here = contact_now(hybrid.task, hybrid.robot.pose(q), contact)
+        if loop.wrong(q):
+            answer = hybrid.step(q, curve.pose(self._place), wrench, None, None, before, wanted)
+            return answer, self._told(shape, answer.status, answer.reason, inf, "joint positions")
+        if shape.motion is None and shape.plan is not None:
+            shape.begin(time)
+        beside = self._beside(shape, q, here)
+        far = PUSHED if not self._pushed else AT_END
+        self._pushed = beside.away > far * loop.measure.length or beside.strayed > DISPLACED
+        if shape.motion is None or self._pushed:
+            posture = None if shape.motion is None else JOINT_GAIN * beside.astray
+            answer = hybrid.step(q, curve.pose(self._place), wrench, None, here, before, wanted, posture)
+            self._touching = self._touches(answer)
+            if shape.motion is not None:
+                shape.still(time)
+                return answer, self._told(shape, Status.WAITING, ON_THE_WAY_BACK, beside.off, ASTRAY)
+            shape.look_on(q)
+            return answer, self._told(shape, Status.WAITING, ON_THE_WAY, beside.off, ON_THE_WAY)
+        return self._along(shape, q, before, time, override, (wrench, here, wanted), beside, paused=paused)
+
+    def _along(
+        self,
+        shape: Shape,
+        q: Array,
+        before: Array,
+        time: float,
+        override: float,
+        given: tuple[Any, Contact, ArrayLike | Wrench | None],
+        beside: Beside,
+        *,
+        paused: bool,
+    ) -> tuple[HybridSolution, Told]:
+        """A tick along the path."""
+        hybrid, loop, curve, plan = self.hybrid, self.hybrid.loop, shape.given.curve, shape.driven
+        dt, (wrench, here, wanted) = loop.dt, given
+        why = NO_TOUCH if not self._touching else PAUSE if paused else ""
+        # Before what blocks the path, at the edge of its reach, a pressed tool never has the plan's joints: they rest.
+        there = bool(plan.blocked) and not shape.back and plan.end - beside.place <= STOPPED * curve.end
+        away = max(beside.off / (AWAY * loop.measure.length), 1.0)
+        near = min(max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / max(beside.strayed / STRAYED, 1.0))
+        share = 0.0 if why or there else near * override * (sqrt(hybrid.room) if override <= 1.0 else 1.0)
+        rate_before = shape.rate(time)
+        if rate_before != 0.0 or not why:
+            shape.put(time, beside.place)
+        motion = shape.order(time, share)
+        middle = motion.clock.now(time + 0.5 * dt)
+        r = motion.source.at(np.array((middle[0],)))[0]
+        rate = middle[1] * float(r[1, -1])
+        place = beside.place if rate_before != 0.0 or not why else self._place
+        slope = middle[1] * r[1, :-1]
+        posture = slope + (0.0 if there else JOINT_GAIN) * beside.astray
+        ahead = rate * curve.tangent(min(max(place + 0.5 * dt * rate, 0.0), curve.end))
+        answer = hybrid.step(q, curve.pose(place), wrench, ahead, here, before, wanted, posture)
+        self._touching = self._touches(answer)
+        after = motion.source.at(np.array((motion.place(time + dt),)))
+        self._place = float(after[0, 0, -1]) if rate_before != 0.0 or not why else place
+        stalls = self._stalls(place, rate, curve.end, waits=bool(why) or share == 0.0)
+        astray = ASTRAY if near < 1.0 and not there else ""
+        told = shape.told(q, answer.velocity, time + dt, override, why=why or astray, pressed=beside.off)
+        if why == NO_TOUCH:
+            told = told._replace(status=Status.WAITING, reason=answer.reason or NO_TOUCH, ruling=NO_TOUCH)
+        elif stalls and told.status not in (Status.DONE, Status.BLOCKED):
+            at = f"the tool comes no farther than {shape.given.place(place):.4g}"
+            reason = "; ".join(filter(None, (at, plan.blocked, answer.reason)))
+            told = told._replace(status=Status.BLOCKED, reason=reason)
+        elif not told.reason and told.status != Status.DONE:
+            told = told._replace(reason=answer.reason)
+        return answer, told
+
+    def _told(self, shape: Shape, status: Status, reason: str, off: float, ruling: str) -> Told:
+        return Told(status, reason, shape.given.place(self._place), 0.0, lambda: off, 0.0, ruling)
+
+    def _beside(self, shape: Shape, q: Array, contact: Contact) -> Beside:
+        """Where the tool of q (m,) is, seen along S."""
+        hybrid, loop, curve, plan = self.hybrid, self.hybrid.loop, shape.given.curve, shape.plan
+        way = way_to(loop, q, loop.robot.target(curve.pose(self._place)))
+        P = hybrid.splits.at(contact, hybrid.robot.pose(q)).projectors.motion
+        R = way.rows.dot(contact.adjoint).dot(P).dot(contact.coadjoint.T)
+        error = R.dot(way.error)
+        away = float(np.linalg.norm(error))
+        if plan is None or shape.motion is None:
+            return Beside(self._place, away, away, 0.0, np.zeros(len(q)))
+        ahead = R.dot(curve.tangent(self._place))
+        # Where the path nearly stands still, or is short beside the error, feedback acts along it too.
+        squares = float(ahead.dot(ahead)) + shape.given.slow**2 + float(error.dot(error)) / curve.end**2
+        place = min(max(self._place - float(ahead.dot(error)) / squares, 0.0), plan.end)
+        off = float(np.linalg.norm(error - (self._place - place) * ahead))
+        astray = plan.joints(place) - q
+        if float(astray.dot(astray)) <= STRAYED * STRAYED:  # nor is any part of it more
+            return Beside(place, off, away, 0.0, astray)
+        _, sigma, Vt = np.linalg.svd(way.root.dot(way.sighting.J), full_matrices=False)
+        moving = Vt[sigma > STILL * sigma[0]]
+        free = astray - moving.T.dot(moving.dot(astray))
+        return Beside(place, off, away, float(np.abs(free).max()), astray)
+
+    def _touches(self, answer: HybridSolution) -> bool:
+        """Whether the tool is in contact."""
+        if answer.status in NO_CONTACT:
+            return False
+        if self._touching:
+            return True
+        n = answer.contact.kind.presses
+        wanted = np.linalg.lstsq(answer.contact.constraints, answer.wanted, rcond=None)[0]
+        return bool((answer.intensities[:n] >= TOUCH * wanted[:n]).all())
+
+    def _stalls(self, place: float, rate: float, end: float, *, waits: bool) -> bool:
+        """Whether the tool comes no farther: pressed, it may not have what is planned."""
+        dt, near, stood = self.hybrid.loop.dt, STOPPED * end, self._stood
+        if waits or stood is None or abs(place - stood[0]) > near:
+            self._stood = None if waits else (place, 0.0, 0.0)
+            return False
+        self._stood = stood = stood[0], stood[1] + dt, stood[2] + dt * abs(rate)
+        return stood[1] > PATIENCE and (abs(rate) * dt <= STANDING * end or stood[2] > 2.0 * near)

@@ -1,0 +1,334 @@
+"""A joint motion along a path, and when: as soon as the joints' limits, and those along the path, let them.
+
+    top speed       |q' v| <= velocity limits, and whatever else limits the joint velocity q' v at a knot
+    from behind     the largest speed from which every later one can still be reached, at most a joint's acceleration:
+                    x = v^2 is linear between knots, q' v changes at most at the rate a at both ends of each piece:
+                    |q'' x_i + q'_i u| <= a,  |q'' x_i+1 + q'_i+1 u| <= a,  u = (x_i+1 - x_i) / 2h
+    from the front  the same from the end back: it begins at rest
+
+The path's place is one joint more, of slope one: its rate, acceleration and jerk are limits as those of the others.
+A jerk limit: the place is averaged over a window of time, which leaves the tool on its path; what then exceeds a limit
+is slowed down there, and in the end all of it.
+
+Reference: Pham & Pham 2018, A new approach to time-optimal path parameterization based on reachability analysis.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
+
+from invariantqp.control.controller import Controller
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
+from invariantqp.paths.ahead import AT_LIMIT, SHORTEST, Knot
+from invariantqp.paths.curve import Curve
+from invariantqp.paths.reference import Motion
+from invariantqp.paths.time_law import HALVINGS, JointLimits
+from invariantqp.velocity.limits import braking_speed
+
+# Stands for an infinite speed, whose square is still a number.
+BOUNDLESS = 1e30
+# Shares of the velocity and acceleration limits that a path is driven at; feedback needs the rest.
+VELOCITY_SHARE = 0.998
+ACCELERATION_SHARE = 0.965
+# Below this share of its top speed, what rules at a knot is the acceleration needed elsewhere.
+RULED = 1.0 - 1e-6
+ACCELERATION, ON_TIME = "acceleration", "the rate asked for"
+# A piece that no speed is left for is passed at this share of the largest.
+CREEP = 1e-6
+# With a jerk limit: times looked at on the way, how often places that exceed a limit are slowed down, and by how much
+# more than they exceed it. A speed below this share of the largest is a rest, over which nothing is averaged.
+TIMES, ROUNDS, MORE, REST = 1500, 6, 0.98, 1e-2
+
+
+class PathPlan(NamedTuple):
+    """A joint motion along a path, from its start to where it ends or is blocked.
+
+    Attributes:
+        at: (n,) the path's parameter at the knots.
+        joints: (m,) joint positions at a place.
+        ruling: (n,) what limits the speed at each knot, in words.
+        off: (n,) how far the tool is off the path at each knot, in the measure.
+        blocked: why the path ends at the last knot, in words; "" where it does not.
+        motion: of the joints and, last, the place, in time; it begins at 0 and at rest.
+    """
+
+    at: Array
+    joints: CubicHermiteSpline
+    ruling: list[str]
+    off: Array
+    blocked: str
+    motion: Motion
+
+    @property
+    def end(self) -> float:
+        """Where it ends."""
+        return float(self.at[-1])
+
+    def nearest(self, at: float) -> int:
+        """The number of the knot nearest a place."""
+        i = int(np.clip(np.searchsorted(self.at, at), 1, len(self.at) - 1))
+        return i if self.at[i] - at < at - self.at[i - 1] else i - 1
+
+    def time(self, place: float) -> float:
+        """When it is at a place."""
+        knots, c = self.motion.knots, self.motion.coefficients[:, :, -1]
+        i = int(np.clip(np.searchsorted(c[:, 0], place, side="right") - 1, 0, len(c) - 1))
+        low, high = float(knots[i]), float(knots[i + 1])
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            u = middle - knots[i]
+            here = c[i, 0] + u * (c[i, 1] + u * (c[i, 2] + u * c[i, 3]))
+            low, high = (middle, high) if here <= place else (low, middle)
+        return low
+
+
+def plan_of(
+    controller: Controller,
+    curve: Curve,
+    knots: list[Knot],
+    blocked: str,
+    *,
+    along: tuple[float, float, float],
+    jerk: Array,
+) -> PathPlan:
+    """The plan of knots; the tool stops at the first and the last of them.
+
+    Args:
+        controller: whose limits hold.
+        curve: the path.
+        knots: one or more.
+        blocked: why the path ends at the last of them, in words; "" where it does not.
+        along: the largest rate, acceleration and jerk of the place, inf for no limit.
+        jerk: (m,) of the joints, inf for no limit.
+    """
+    if len(knots) == 1:  # blocked from the start on
+        knots = [knots[0], knots[0]._replace(at=knots[0].at + SHORTEST * curve.end)]
+    acceleration = accelerations_of(controller)
+    at = np.array([k.at for k in knots])
+    q, slopes = np.array([k.q for k in knots]), np.array([k.slope for k in knots])
+    top, ruling = _top(controller, curve, at, q, slopes, acceleration)
+    for i in np.flatnonzero(along[0] <= top).tolist():
+        top[i], ruling[i] = along[0], ON_TIME
+    # The place is one joint more.
+    q, slopes = np.column_stack((q, at)), np.column_stack((slopes, np.ones(len(at))))
+    limits = np.append(acceleration, along[1])
+    joints = CubicHermiteSpline(at, q, slopes)
+    speed = _speeds(at, q, slopes, top, limits)
+    for i in np.flatnonzero(speed < RULED * top).tolist():
+        ruling[i] = ACCELERATION
+    motion = _timed(at, joints, speed)
+    jerks = np.append(jerk, along[2])
+    if np.isfinite(jerks).any():
+        m = len(acceleration)
+        fastest = np.append(VELOCITY_SHARE * controller.robot.velocity_limit, along[0])
+        none = np.full(m + 1, inf)
+        with np.errstate(divide="ignore"):
+            limits[-1] = min(along[1], float((acceleration / np.abs(slopes[:, :-1])).min(axis=1).max()))
+        # No more than the jerk can make of it on the way to full speed, and on the way at all.
+        way = np.abs(np.diff(q, axis=0)).sum(axis=0)
+        limits = np.minimum(limits, np.minimum(np.sqrt(jerks * fastest), np.cbrt(0.5 * jerks * jerks * way)))
+        bounds = JointLimits(-none, none, fastest, limits / ACCELERATION_SHARE, jerks, controller.dt)
+        motion = _eased(at, q, slopes, top, bounds)
+    off = np.array([k.off for k in knots])
+    return PathPlan(at, CubicHermiteSpline(at, q[:, :-1], slopes[:, :-1]), ruling, off, blocked, motion)
+
+
+def accelerations_of(controller: Controller) -> Array:
+    """(m,) what a path may ask of the joints' acceleration, inf where there is no limit."""
+    if controller.braking is None:
+        return np.full(len(controller.robot.names), inf)
+    acceleration: Array = ACCELERATION_SHARE * controller.braking.acceleration
+    return acceleration
+
+
+def _speeds(at: Array, q: Array, slopes: Array, top: Array, acceleration: Array) -> Array:
+    """(n,) speeds at the knots, from rest to rest where some acceleration is limited."""
+    rests = bool(np.isfinite(acceleration).any())
+    ends = top.copy()
+    if rests:
+        ends[[0, -1]] = 0.0
+    squares = drivable(at, q, slopes, ends, acceleration)
+    back = drivable(at[-1] - at[::-1], q[::-1], -slopes[::-1], np.sqrt(squares)[::-1], acceleration)[::-1]
+    return np.sqrt(back)
+
+
+def _timed(at: Array, joints: CubicHermiteSpline, speed: Array) -> Motion:
+    """The motion with these speeds at the knots; their squares are linear in between."""
+    h = np.diff(at)
+    v, w = speed[:-1], speed[1:]
+    none = v + w == 0.0
+    v = np.where(none, CREEP * float(speed.max()) or float(at[-1] - at[0]), v)
+    w = np.where(none, v, w)
+    D = 2.0 * h / (v + w)
+    v, b = v[:, None], (0.5 * (w - v) / D)[:, None]  # the place is v u + b u^2
+    c3, c2, c1, c0 = joints.c
+    powers = np.stack(
+        (
+            c0,
+            c1 * v,
+            c1 * b + c2 * v**2,
+            2.0 * c2 * v * b + c3 * v**3,
+            c2 * b**2 + 3.0 * c3 * v**2 * b,
+            3.0 * c3 * v * b**2,
+            c3 * b**3,
+        ),
+        axis=1,
+    )
+    return Motion(np.append(0.0, np.cumsum(D)), powers)
+
+
+def _eased(at: Array, q: Array, slopes: Array, top: Array, limits: JointLimits) -> Motion:
+    """The motion whose joints keep jerk limits, too: averaged over a window of time, slowed down where it must be."""
+    joints, smooth = CubicHermiteSpline(at, q, slopes), CubicSpline(at, q)
+    jerky = np.isfinite(limits.jerk)
+    window = float((2.0 * limits.acceleration[jerky] / limits.jerk[jerky]).max())
+    top = top.copy()
+    for _ in range(ROUNDS):
+        plan = _timed(at, joints, _speeds(at, q, slopes, top, ACCELERATION_SHARE * limits.acceleration))
+        times, places = _averaged(plan, window)
+        motion = CubicSpline(times, smooth(places))
+        need = np.array([np.abs(motion(times, k)) for k in (1, 2, 3)])
+        with np.errstate(invalid="ignore"):
+            over = [(x / limit).max(axis=1) for x, limit in zip(need, limits[2:5], strict=True)]
+        slower = np.maximum(np.maximum(over[0], np.sqrt(over[1])), np.cbrt(over[2]))
+        if slower.max() <= 1.0:
+            break
+        # What is over a limit within a window is slowed down all along it.
+        share = np.ones(len(at))
+        for i in np.flatnonzero(slower > 1.0).tolist():
+            near = (times > times[i] - window) & (times < times[i] + window)
+            low, high = places[near].min(), places[near].max()
+            inside = (at >= low) & (at <= high)
+            share[inside] = np.minimum(share[inside], MORE / slower[i])
+        top = share * np.minimum(top, np.sqrt(_speeds(at, q, slopes, top, limits.acceleration) ** 2))
+    slow = max(float(slower.max()), 1.0)
+    powers = np.moveaxis(motion.c[::-1], 0, 1) / slow ** np.arange(4.0)[:, None]
+    return Motion(slow * times, powers)
+
+
+def _averaged(plan: Motion, window: float) -> tuple[Array, Array]:
+    """Times, and places (k,) of a plan averaged over a window of time; at a rest it waits that long."""
+    step = plan.end / TIMES
+    times = np.linspace(0.0, plan.end, TIMES + 1)
+    r = plan.at(times)
+    places, speed = r[:, 0, -1], r[:, 1, -1]
+    wait = max(round(window / step), 1)
+    rests = speed <= REST * speed.max()
+    begins = np.flatnonzero(rests & ~np.append(False, rests[:-1]))
+    counts = np.ones(len(times), dtype=np.intp)
+    counts[begins] += wait
+    counts[-1] += wait
+    places = np.repeat(places, counts)
+    total = np.concatenate(((0.0,), np.cumsum(0.5 * (places[1:] + places[:-1]))))
+    averaged: Array = (total[wait:] - total[:-wait]) / wait
+    averaged[0], averaged[-1] = places[0], places[-1]
+    passed: Array = step * np.arange(len(averaged), dtype=np.float64)
+    return passed, averaged
+
+
+def _top(
+    controller: Controller, curve: Curve, at: Array, q: Array, slopes: Array, acceleration: Array
+) -> tuple[Array, list[str]]:
+    """(n,) the largest speed at each knot but for accelerations, and what limits it, in words."""
+    robot, names = controller.robot, controller.robot.names
+    limit = np.broadcast_to(VELOCITY_SHARE * robot.velocity_limit, slopes.shape)
+    words = [f"velocity of joint {i} ({name})" for i, name in enumerate(names)]
+    top, which = top_speed(slopes, limit)
+    ruling = [words[i] for i in which.tolist()]
+
+    def slower(speed: Array, cause: list[str]) -> None:
+        for i in np.flatnonzero(speed < top).tolist():
+            top[i], ruling[i] = speed[i], cause[i]
+
+    if controller.braking is not None:
+        room = np.maximum(np.where(slopes > 0.0, *controller.box.room(q)), 0.0) + AT_LIMIT
+        speed, which = top_speed(slopes, braking_speed(room, acceleration, controller.dt))
+        slower(speed, [f"position of joint {i} ({names[i]})" for i in which.tolist()])
+    if controller.tool_speed is not None:
+        point = np.append(np.zeros(3) if controller.tool_speed.point is None else controller.tool_speed.point, 1.0)
+        fast = [velocity_at(curve.tangent(t), curve.pose(t).dot(point)[:3]) for t in at.tolist()]
+        speed, _ = top_speed(np.linalg.norm(fast, axis=1)[:, None], VELOCITY_SHARE * controller.tool_speed.limit)
+        slower(speed, ["the tool's speed"] * len(top))
+    if controller.joint_rows is not None:
+        rows = [controller.joint_rows.own(x) for x in q]
+        shares = [
+            inf if r is None else VELOCITY_SHARE * _rows_allow(np.asarray(r.C).dot(s), r.lower, r.upper)
+            for r, s in zip(rows, slopes, strict=True)
+        ]
+        slower(np.array(shares), ["rows"] * len(top))
+    return top, ruling
+
+
+def _rows_allow(y: Array, lower: Array, upper: Array) -> float:
+    """The largest v with lower <= v y <= upper; rows that standing still violates are ignored."""
+    limit = np.where(y > 0.0, np.where(upper >= 0.0, upper, inf), np.where(lower <= 0.0, -lower, inf))
+    moving = y != 0.0
+    return float((limit[moving] / np.abs(y[moving])).min()) if moving.any() else inf
+
+
+def top_speed(slopes: Array, limits: Array | float) -> tuple[Array, NDArray[np.intp]]:
+    """(n,) the largest v with |q'_i v| <= limits_i for (n, m) slopes q', inf at rest; and (n,) the joint that rules.
+
+    Limits are (n, m), or one number, positive or zero.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speed = np.where(slopes != 0.0, limits / np.abs(slopes), np.inf)
+    which = speed.argmin(axis=1)
+    return np.take_along_axis(speed, which[:, None], axis=1)[:, 0], which
+
+
+def bends(at: Array, positions: Array, slopes: Array) -> tuple[Array, Array]:
+    """(n - 1, m) q'' at the beginning and at the end of each piece, of the cubic with these positions and slopes."""
+    h = np.diff(at)[:, None]
+    mean = np.diff(positions, axis=0) / h
+    return (6.0 * mean - 4.0 * slopes[:-1] - 2.0 * slopes[1:]) / h, (
+        2.0 * slopes[:-1] + 4.0 * slopes[1:] - 6.0 * mean
+    ) / h
+
+
+def drivable(at: Array, positions: Array, slopes: Array, top: Array, acceleration: Array) -> Array:
+    """(n,) the largest v^2 at each knot from which all later ones can be driven.
+
+    Parameters and top speeds (n,), joint positions and slopes q' (n, m), acceleration limits (m,), inf where there is
+    none.
+    """
+    n = len(at)
+    h = np.diff(at)
+    squares = np.minimum(top, BOUNDLESS) ** 2
+    limited = np.isfinite(acceleration)
+    if not limited.any() or n < 2:
+        return squares
+    a = acceleration[limited]
+    q = slopes[:, limited]
+    first, last = bends(at, positions[:, limited], q)
+    half = 0.5 / h[:, None]
+    # Rows |alpha x + beta y| <= gamma on the squares x, y at the two ends of a piece
+    alpha = np.hstack((first - q[:-1] * half, -q[1:] * half))
+    beta = np.hstack((q[:-1] * half, last + q[1:] * half))
+    gamma = np.tile(a, 2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        room = np.where(beta != 0.0, gamma / np.abs(beta), np.inf)
+        slope = np.where(beta != 0.0, alpha / beta, 0.0)
+    # |y + slope x| <= room,  0 <= y <= squares of the next knot
+    alone = _most(slope[:, None] - slope[:, :, None], room[:, None] + room[:, :, None]).min(axis=(1, 2))
+    alone = np.minimum(alone, _most(slope, room).min(axis=1))
+    alone = np.minimum(alone, _most(np.where(beta == 0.0, np.abs(alpha), 0.0), gamma).min(axis=1))
+    squares[:-1] = np.minimum(squares[:-1], alone)
+    room, fall = np.where(slope < 0.0, room, np.inf), np.maximum(-slope, 0.0)
+    with np.errstate(divide="ignore", over="ignore"):
+        for i in range(n - 2, -1, -1):
+            squares[i] = min(squares[i], ((room[i] + squares[i + 1]) / fall[i]).min())
+    return squares
+
+
+def _most(slope: Array, room: Array) -> Array:
+    """The largest x with slope x <= room, room >= 0; inf where slope is not positive."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x: Array = np.where(slope > 0.0, room / slope, np.inf)
+    return x
