@@ -186,41 +186,49 @@ def film_before(task: Task) -> Film:
     return replace(drawn, travel=np.gradient(wanted[:, :3, 3], time, axis=0))
 
 
+def arm_in(robot: Robot, q: Array) -> dict[str, Any]:
+    """What a film has of an arm in states q (k, m)."""
+    shapes, zero = [arm_shape(robot, state) for state in q], np.zeros(len(robot.names))
+    return {
+        "joints": robot.names,
+        "slides": [not turn.any() for turn in robot.jacobian(q[0])[:3].T],
+        "points": np.array([s.points for s in shapes]),
+        "axes": np.array([s.axes for s in shapes]),
+        "tool": np.array([s.tool for s in shapes]),
+        "screws": robot.jacobian(zero),
+        "home": arm_shape(robot, zero),
+        "q": q,
+        "limits": np.stack((robot.position_lower, robot.position_upper)),
+        "speed_limit": robot.velocity_limit,
+    }
+
+
 def _film(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Film:
     """A film without results."""
-    shapes, zero = [arm_shape(robot, state) for state in q], np.zeros(len(robot.names))
+    arm = arm_in(robot, q)
     return Film(
         title=task.name,
         about=task.about,
-        joints=robot.names,
-        slides=[not turn.any() for turn in robot.jacobian(q[0])[:3].T],
         time=time,
-        points=np.array([s.points for s in shapes]),
-        axes=np.array([s.axes for s in shapes]),
-        tool=np.array([s.tool for s in shapes]),
-        screws=robot.jacobian(zero),
-        home=arm_shape(robot, zero),
         look=look_of(task, robot.names),
         wanted=wanted,
-        q=q,
-        limits=np.stack((robot.position_lower, robot.position_upper)),
         speed=np.zeros_like(q),
-        speed_limit=robot.velocity_limit,
         limit_active=[False] * len(time),
         status=[""] * len(time),
         charts=(),
         surroundings=surroundings(task, robot, wanted[:, :3, 3]),
         travel=np.zeros((len(time), 3)),
-        solids=_solids(task, robot, time, shapes),
+        solids=_solids(task, robot, time, arm["points"]),
+        **arm,
     )
 
 
-def _solids(task: Task, robot: Robot, time: Array, shapes: list[ArmShape]) -> tuple[Solid, ...]:
+def _solids(task: Task, robot: Robot, time: Array, points: Array) -> tuple[Solid, ...]:
     """What is kept apart in a task."""
     around = task.around(robot)
     if around is None:
         return ()
-    reach = max(float(np.linalg.norm(shape.points - shape.points[0], axis=1).max()) for shape in shapes)
+    reach = float(np.linalg.norm(points - points[:, :1], axis=2).max())
     return solids(around, time, len(robot.names), reach)
 
 

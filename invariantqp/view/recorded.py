@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from invariantqp.identification.identify import Identification
 from invariantqp.pictures.palette import ORANGE, SKY
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of
-from invariantqp.view.film import FORCE, FRAMES, ArmShape, CurveChart, Film, arm_shape, limit_charts
+from invariantqp.view.film import FORCE, FRAMES, ArmShape, CurveChart, Film, arm_in, limit_charts
 from invariantqp.view.look import Look, read_look
 from invariantqp.view.scenery import SIDE, Surroundings, tiles
 
@@ -44,62 +45,67 @@ def film_of_recording(
     at = np.unique(np.linspace(0, n - 1, min(n, FRAMES)).round().astype(int))
     part = max(found.segments, key=lambda p: p.stop - p.start)
     shown = part.candidates[0] if part.candidates else None
-    mark = np.eye(4)
-    if shown is not None and shown.fixed_to != "tool":
-        mark[:3, 3] = np.linalg.inv(file.poses[part.start]).dot(
-            np.append(shown.frame(file.poses[part.start])[:3, 3], 1.0)
-        )[:3]
-        if shown.kind in ("hinge", "screw", "slide", "peg"):
-            mark[:3, 3] = 0.0
+    mark = _touching(shown, file.poses[part.start])
     tool = file.poses[at] @ mark
     w = np.array([sensor.wrench(r, pose) for r, pose in zip(file.readings[at], file.poses[at], strict=True)])
-    q = np.zeros((len(at), 0)) if robot is None or file.q is None else file.q[at]
-    shapes = [
-        ArmShape(np.empty((0, 3)), np.empty((0, 3)), T) if robot is None else arm_shape(robot, state)
-        for T, state in zip(tool, q, strict=True)
-    ]
-    m = q.shape[1]
-    home = ArmShape(np.zeros((2, 3)), np.empty((0, 3)), np.eye(4)) if robot is None else arm_shape(robot, np.zeros(m))
-    speed: Array = np.asarray(np.gradient(q, time[at], axis=0)) if m else np.zeros_like(q)
-    told = "; ".join(
-        p.kind or f"not told ({', '.join(dict.fromkeys(c.kind for c in p.candidates))})" for p in found.segments
-    )
+    arm = _no_arm(tool) if robot is None or file.q is None else arm_in(robot, file.q[at])
+    q, home = arm["q"], arm["home"]
+    nothing = Surroundings(np.empty((0, 4, 3)))
     film = Film(
         title=title,
-        about=f"A recording: {told}.",
-        joints=() if robot is None else robot.names,
-        slides=[] if robot is None else [not turn.any() for turn in robot.jacobian(q[0])[:3].T],
+        about=f"A recording: {'; '.join(_told(p) for p in found.segments)}.",
         time=time[at],
-        points=np.array([s.points if len(s.points) else T[None, :3, 3] for s, T in zip(shapes, tool, strict=True)]),
-        axes=np.array([s.axes for s in shapes]),
-        tool=tool,
-        screws=np.zeros((6, 0)) if robot is None else robot.jacobian(np.zeros(m)),
-        home=home._replace(tool=home.tool @ mark),
         look=_look(source, robot),
         wanted=tool,
-        q=q,
-        limits=np.zeros((2, 0)) if robot is None else np.stack((robot.position_lower, robot.position_upper)),
-        speed=speed,
-        speed_limit=np.zeros(0) if robot is None else robot.velocity_limit,
+        speed=np.asarray(np.gradient(q, time[at], axis=0)) if q.size else np.zeros_like(q),
         limit_active=[False] * len(at),
         status=[_status(found, k) for k in at.tolist()],
         charts=(),
-        surroundings=Surroundings(np.empty((0, 4, 3)))
-        if shown is None
-        else _surface(shown, file.poses[part.start : part.stop]),
+        surroundings=nothing if shown is None else _surface(shown, file.poses[part.start : part.stop]),
         travel=np.gradient(tool[:, :3, 3], time[at], axis=0),
         force=w[:, 3:],
         recorded=True,
+        **{**arm, "tool": tool, "home": home._replace(tool=home.tool @ mark)},
     )
-    size = np.linalg.norm(w[:, 3:], axis=1)
-    charts = [CurveChart("force of the tool [N]", ("size",), size[None], (FORCE,))]
-    if shown is not None:
-        frames = np.array([shown.frame(T) for T in file.poses[at]])
-        local = np.einsum("nji,nj->ni", frames[:, :3, :3], w[:, 3:])
-        names = ("along z of the contact", "across it")
-        parts = np.stack((local[:, 2], np.linalg.norm(local[:, :2], axis=1)))
-        charts = [CurveChart("force of the tool [N]", names, parts, (ORANGE, SKY))]
-    return replace(film, charts=(*charts, *(limit_charts(film) if m else ())))
+    return replace(film, charts=(_forces(shown, file.poses[at], w[:, 3:]), *limit_charts(film)))
+
+
+def _touching(shown: Candidate | None, pose: Array) -> Array:
+    """(4, 4) in the tool frame: where the tool touches, with the tool's axes; its own frame where that is not known."""
+    mark = np.eye(4)
+    if shown is not None and shown.fixed_to != "tool" and shown.kind not in ("hinge", "screw", "slide", "peg"):
+        mark[:3, 3] = np.linalg.inv(pose).dot(np.append(shown.frame(pose)[:3, 3], 1.0))[:3]
+    return mark
+
+
+def _no_arm(tool: Array) -> dict[str, Any]:
+    """What a film has where poses (k, 4, 4) alone were recorded."""
+    return {
+        "joints": (),
+        "slides": [],
+        "points": tool[:, None, :3, 3],
+        "axes": np.empty((len(tool), 0, 3)),
+        "screws": np.zeros((6, 0)),
+        "home": ArmShape(np.zeros((2, 3)), np.empty((0, 3)), np.eye(4)),
+        "q": np.zeros((len(tool), 0)),
+        "limits": np.zeros((2, 0)),
+        "speed_limit": np.zeros(0),
+    }
+
+
+def _forces(shown: Candidate | None, poses: Array, force: Array) -> CurveChart:
+    """The force of the tool: along the contact and across it, or its size where no contact is known."""
+    title = "force of the tool [N]"
+    if shown is None:
+        return CurveChart(title, ("size",), np.linalg.norm(force, axis=1)[None], (FORCE,))
+    frames = np.array([shown.frame(T) for T in poses])
+    local = np.einsum("nji,nj->ni", frames[:, :3, :3], force)
+    parts = np.stack((local[:, 2], np.linalg.norm(local[:, :2], axis=1)))
+    return CurveChart(title, ("along z of the contact", "across it"), parts, (ORANGE, SKY))
+
+
+def _told(part: Identification) -> str:
+    return part.kind or f"not told ({', '.join(dict.fromkeys(c.kind for c in part.candidates))})"
 
 
 def _look(source: str | None, robot: Robot | None) -> Look:
