@@ -21,15 +21,20 @@ from invariantqp.analysis.survey import Survey, spread, survey
 from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import cross, norm
 from invariantqp.progress import PROGRESS, Progress
 from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.points import centre
 from invariantqp.systems.report import SystemReport, describe
+from invariantqp.velocity.measure import root_at
 
 # Default number of states: some 50 ms, and enough to distinguish properties of the arm from those of one state.
 DEFAULT_SAMPLES = 64
 # Takes a quarter of an hour.
 MOST_SAMPLES = 1_000_000
+# Axes off from parallel or from a right angle by something between these were written with few digits [rad]: 1.5708 is
+# off by 4e-6, 1.57 by 8e-4; what is more was meant, what is less moves no tool by a micrometre.
+TILTS = (1e-7, 1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +53,11 @@ class Inspection:
             axes meet.
         norm: the smallest |P_h| of the pitches tried in this state: how many times the least-squares error it leaves.
         recommended: the pitch to split twists by, if any serves.
+        manipulability: sqrt(det(J J')) of the tool point in this state, or of what fewer joints can do, a radian
+            counted as the arm's reach L.
+        unlimited: names of the joints without a velocity limit.
+        tilt: two joints whose axes are nearly parallel or at a right angle, and by how much they are not [rad]; None
+            where no axes are.
     """
 
     robot: str
@@ -60,6 +70,33 @@ class Inspection:
     own_length: float
     norm: float
     recommended: Recommendation
+    manipulability: float
+    unlimited: tuple[str, ...]
+    tilt: tuple[str, str, float] | None
+
+    def use_words(self) -> tuple[str, ...]:
+        """What to tell a controller of this arm, one fact a sentence."""
+        rank, m = self.survey.attainable_rank, len(self.joints)
+        joints = f"{m} joint{'s' if m > 1 else ''}"
+        use = 'every pose near: nothing but a target is needed; exact="position" for a tip that draws'
+        if rank < 6:
+            use = (
+                f'{rank} of 6 directions: exact="position" and point= at the tip put the position first, where these '
+                "joints can have it; the turn is then as near as they come"
+            )
+        said = [f"{joints}, {use}."]
+        if m > rank:
+            more = "one is" if m - rank == 1 else f"{m - rank} are"
+            said.append(f"Of the joints {more} left over: posture= says where to.")
+        if self.unlimited:
+            said.append(f"No velocity limit is known for {', '.join(self.unlimited)}: say velocity_limit=.")
+        if self.tilt is not None:
+            one, two, by = self.tilt
+            said.append(
+                f"The axes of {one} and {two} are not parallel or at a right angle by {by:.1e} rad: too few digits in "
+                "its description, such as 1.5708?"
+            )
+        return tuple(said)
 
     def state_words(self) -> tuple[str, ...]:
         """The state, one fact a sentence."""
@@ -71,6 +108,7 @@ class Inspection:
             said = (said[0], note, *said[1:])
         elif self.report.singular:
             said = (*said, "No state does better: the joints are redundant, this is no singularity.")
+        said = (*said, f"Manipulability {self.manipulability:.3g}, a radian counted as {self.recommended.length:.3g}.")
         if self.norm > LARGEST_NORM and not self.report.blind_directions.shape[1]:
             said = (
                 *said,
@@ -117,6 +155,7 @@ class Inspection:
             "principal_screws": self.report.principal_screws.T.tolist(),
             "blind_directions": self.report.blind_directions.T.tolist(),
             "singularity_distance": self.report.singularity_distance,
+            "manipulability": self.manipulability,
             "attainable_rank": self.survey.attainable_rank,
             "own_length": self.own_length if isfinite(self.own_length) else None,
             "recommended": {
@@ -168,6 +207,8 @@ def inspect(
         report = describe(robot.jacobian(state))
         where = "in a regular state, since the middle of the joint range is singular"
     advice = recommend(robot, seen.q)
+    measured = root_at(robot.pose(state)[:3, 3], advice.length).dot(robot.jacobian(state))
+    sizes = np.linalg.svd(measured, compute_uv=False)[: seen.attainable_rank]
     return Inspection(
         robot=name,
         tool=str(getattr(robot, "tool", "tool_point")),
@@ -179,7 +220,19 @@ def inspect(
         own_length=centre(robot.jacobian(mid)).length,
         norm=smallest_norm(robot, state, advice.length),
         recommended=advice,
+        manipulability=float(np.prod(sizes)),
+        unlimited=tuple(name for name, v in zip(robot.names, robot.velocity_limit, strict=True) if not isfinite(v)),
+        tilt=_tilt(robot),
     )
+
+
+def _tilt(robot: Robot) -> tuple[str, str, float] | None:
+    """Two joints, one after the other, whose axes are nearly parallel or at a right angle, and farthest from it."""
+    axes, found = robot.jacobian(middle(robot))[:3].T, []
+    for one, two, a, b in zip(robot.names, robot.names[1:], axes, axes[1:], strict=False):
+        if a.any() and b.any():
+            found += [(one, two, off) for off in (norm(cross(a, b)), abs(float(a.dot(b)))) if TILTS[0] < off < TILTS[1]]
+    return max(found, key=lambda each: each[2], default=None)
 
 
 def _percent(flags: Array) -> str:

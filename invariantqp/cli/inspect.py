@@ -109,6 +109,7 @@ def print_inspection(found: Inspection) -> None:
     )
     console.print(f"[bold]{escape(found.robot)}[/bold], {len(found.joints)} joints to {escape(found.tool)}")
     for title, words in (
+        ("to use it", found.use_words()),
         (f"{found.where}, q = ({', '.join(f'{x:.4g}' for x in found.q)})", found.state_words()),
         (f"over the joint range, {len(found.survey.q)} states", found.range_words()),
         (f"recommended: {use}", (advice.reason,)),
