@@ -19,7 +19,7 @@ import numpy as np
 import invariantqp as iq
 from invariantqp import tasks, view
 from invariantqp.pictures.palette import BLUE, ORANGE
-from invariantqp.view.film import film_of
+from invariantqp.view.timeline import timeline_of
 
 HERE = Path(__file__).parent
 # Examples that draw: what is run, and the file that comes of it.
@@ -95,7 +95,7 @@ def task_card(name, folder, *, run):
     if not run:
         return card(name, "", words, "")
     trace, file = iq.run_task(task), name.replace("/", "_")
-    (folder / f"{file}.svg").write_text(moving_picture(film_of(trace)), encoding="utf-8")
+    (folder / f"{file}.svg").write_text(moving_picture(timeline_of(trace)), encoding="utf-8")
     view.animation(trace, folder / f"{file}.html")
     error, limits = 1e3 * trace.position_error.max(), 100 * np.mean(trace.limit_active)
     told = f"<p>Largest error {error:.2g} mm; a limit is active in {limits:.0f} % of the ticks.</p>"

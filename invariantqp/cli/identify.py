@@ -73,7 +73,7 @@ def identify(
     """Say which contact RECORDING shows, where it is, and what the recording leaves open."""
     from invariantqp.force.wrench import WrenchSensor
     from invariantqp.identification import files
-    from invariantqp.identification.identify import identify as look
+    from invariantqp.identification.identify import identify as identify_contact
     from invariantqp.runs.taskfile import load_arm
 
     writable("--json", json_file)
@@ -95,14 +95,14 @@ def identify(
     options: dict[str, Any] = {"kinds": kind, "sensor": sensor}
     if off is not None:
         options["accuracy"] = (np.deg2rad(off[0]), off[1])
-    found = look(file.poses, file.readings, **options)
+    found = identify_contact(file.poses, file.readings, **options)
     if json_file is not None:
         write(json_file, json.dumps(found.as_json(), indent=1) + "\n")
     if view is not None:
         from invariantqp.view.page import page
-        from invariantqp.view.recorded import film_of_recording
+        from invariantqp.view.recorded import timeline_of_recording
 
-        write(view, page(film_of_recording(found, file, sensor, loaded, robot, recording.stem)))
+        write(view, page(timeline_of_recording(found, file, sensor, loaded, robot, recording.stem)))
     print_identification(found, recording.name, files.seconds(file))
 
 

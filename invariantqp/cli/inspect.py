@@ -66,7 +66,7 @@ def inspect(
 ) -> None:
     """Say what ROBOT can do and which form to give it: rank, type, pitches to stay away from, blind directions."""
     from invariantqp.analysis.inspection import DEFAULT_SAMPLES
-    from invariantqp.analysis.inspection import inspect as look
+    from invariantqp.analysis.inspection import inspect as inspect_arm
     from invariantqp.runs.taskfile import load_arm
 
     if q is not None and samples is not None:
@@ -78,7 +78,7 @@ def inspect(
     loaded = load_arm(robot, tool)
     state = None if q is None else numbers("--q", q)
     with progress("inspecting", samples is None) as report:
-        found = look(loaded, name=robot, q=state, samples=samples or DEFAULT_SAMPLES, progress=report)
+        found = inspect_arm(loaded, name=robot, q=state, samples=samples or DEFAULT_SAMPLES, progress=report)
     kept = None
     if clearance:
         from invariantqp.control.clearance import Clearance

@@ -138,10 +138,10 @@ def _write(trace: Trace, json_file: Path | None, plot: Path | None, page: Path |
         with writing(plot):
             picture(trace, plot)
     if page is not None:
-        from invariantqp.view.film import film_of
         from invariantqp.view.page import page as page_of
+        from invariantqp.view.timeline import timeline_of
 
-        write(page, page_of(film_of(trace)))
+        write(page, page_of(timeline_of(trace)))
 
 
 def _check_frames(trace: Trace, seed: int) -> None:

@@ -198,9 +198,9 @@ def _settling(axes: Axes, trace: Trace, label: str) -> None:
 def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
     across = np.stack(se3.across(contact.normal))
     first = trace.counted_from
-    asked = 1e3 * (contact.asked[first:] - contact.asked[0]).dot(across.T)
-    drawn = 1e3 * (contact.drawn[first:] - contact.asked[0]).dot(across.T)
-    axes.plot(*asked.T, color=SHADE, linewidth=5.0, alpha=0.5, solid_capstyle="round", label="wanted")
+    desired = 1e3 * (contact.desired[first:] - contact.desired[0]).dot(across.T)
+    drawn = 1e3 * (contact.drawn[first:] - contact.desired[0]).dot(across.T)
+    axes.plot(*desired.T, color=SHADE, linewidth=5.0, alpha=0.5, solid_capstyle="round", label="wanted")
     axes.plot(*drawn.T, color=VERMILION, linewidth=1.2, label="drawn")
     axes.set_aspect("equal", adjustable="datalim")
     names = [_named(a) for a in across]

@@ -36,7 +36,7 @@ class ContactTrace:
         measured_error: (n,) the same of the wrench as read.
         wanted: |W_d| [N].
         drawn: (n, 3) where the tool's point was [m].
-        asked: (n, 3) where it should have been.
+        desired: (n, 3) where it should have been.
         normal: (3,) of the plane to look at these points in.
     """
 
@@ -48,7 +48,7 @@ class ContactTrace:
     measured_error: Array
     wanted: float
     drawn: Array
-    asked: Array
+    desired: Array
     normal: Array
 
     def relative_rms(self, first: int, *, measured: bool = False) -> float | None:
@@ -77,7 +77,7 @@ def contact_trace(
         measured_error=measured_error,
         wanted=scene.wanted_norm,
         drawn=np.array([state.pose[:3, 3] for state in after]),
-        asked=wanted[:, :3, 3],
+        desired=wanted[:, :3, 3],
         normal=scene.normal,
     )
 
@@ -245,7 +245,7 @@ class Trace:
         if self.physics == "mujoco" and self.task.accept_mujoco is not None:
             accept = self.task.accept_mujoco
         mm, deg = self._counted
-        asked = [
+        limits = [
             ("largest position error", float(mm.max()), accept.position_error_mm, "mm"),
             ("largest orientation error", float(deg.max()), accept.orientation_error_deg, "deg"),
             ("final position error", float(mm[-1]), accept.final_position_error_mm, "mm"),
@@ -255,7 +255,7 @@ class Trace:
         ]
         missed = [
             f"{what} {got:.3g} {unit}, at most {limit:g} {unit} accepted"
-            for what, got, limit, unit in asked
+            for what, got, limit, unit in limits
             if limit is not None and not got <= limit
         ]
         if accept.clearance_mm is not None and self.clearance is not None:
@@ -286,7 +286,7 @@ class Trace:
         """The run's figures; SI units unless a key says otherwise."""
         n = len(self.velocity)
         mm, deg = self._counted
-        felt = None if self.contact is None else self.contact.relative_rms(self.counted_from, measured=True)
+        measured = None if self.contact is None else self.contact.relative_rms(self.counted_from, measured=True)
         return {
             "task": self.task.name,
             "physics": self.physics,
@@ -306,7 +306,7 @@ class Trace:
             "statuses": {name: count / n for name, count in Counter(self.statuses).items()},
             "tick_us": _spread(1e-3 * self.tick_ns),
             "force_error_relative_rms": self.force_error,
-            "force_error_relative_rms_measured": felt,
+            "force_error_relative_rms_measured": measured,
             "path_lag": None if self.along is None else float(self.along.lag[-1]),
             "path_speed": None if self.along is None else _spread(self.along.driven),
             "slowed_by": None if self.along is None else self.along.slowed,

@@ -17,20 +17,20 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.palette import BLUE, ORANGE, SKY
 from invariantqp.runs.trace import Trace
 from invariantqp.template import fill_template
-from invariantqp.view.film import ERROR, FORCE, TRAVEL, CurveChart, Film, colours, film_of
-from invariantqp.view.look import Part
+from invariantqp.view.appearance import Part
 from invariantqp.view.scenery import Solid
+from invariantqp.view.timeline import ERROR, FORCE, TRAVEL, CurveChart, Timeline, colours, timeline_of
 
 SCRIPTS = ("motion.js", "hardware.js", "painter.js", "charts.js", "player.js")
 # A chart of more curves than this has no key: the colours are those of the joints' bars.
 KEYED = 3
 
 
-def page(film: Film, *, live: bool = False) -> str:
+def page(timeline: Timeline, *, live: bool = False) -> str:
     """The file's text; a live page asks its server for the run that it shows, again and again."""
     scripts = [_script(name) for name in (*SCRIPTS, "live.js")[: None if live else -1]]
-    run = {**drawn(film), "live": live, "parts": [_part(part) for part in film.look.parts]}
-    values = {"title": film.title, "about": film.about, "run": run, "scripts": scripts}
+    run = {**drawn(timeline), "live": live, "parts": [_part(part) for part in timeline.appearance.parts]}
+    values = {"title": timeline.title, "about": timeline.about, "run": run, "scripts": scripts}
     return fill_template("invariantqp.view", "page.html", values)
 
 
@@ -41,7 +41,7 @@ def animation(trace: Trace, file: Path | str) -> Path:
         BadInput: the file cannot be written.
         RobotModelError, UnknownName, MissingExtra: the robot can no longer be loaded.
     """
-    text = page(film_of(trace))
+    text = page(timeline_of(trace))
     try:
         Path(file).write_text(text, encoding="utf-8")
     except OSError as error:
@@ -53,44 +53,44 @@ def _script(name: str) -> str:
     return (resources.files(__package__) / name).read_text(encoding="utf-8")
 
 
-def drawn(film: Film) -> dict[str, Any]:
+def drawn(timeline: Timeline) -> dict[str, Any]:
     """What the page draws, as JSON has it, without what the arm looks like."""
     named = {
-        "time": film.time,
-        "screws": film.screws,
-        "places": film.home.points[1:-1],
-        "home": film.home.tool,
-        "travel": film.travel,
-        "wanted": film.wanted,
-        "path": film.wanted[:, :3, 3],
-        "q": film.q,
-        "limits": film.limits,
-        "speed": film.speed,
-        "speed_limit": film.speed_limit,
-        "faces": film.surroundings.faces,
+        "time": timeline.time,
+        "screws": timeline.screws,
+        "places": timeline.home.points[1:-1],
+        "home": timeline.home.tool,
+        "travel": timeline.travel,
+        "wanted": timeline.wanted,
+        "path": timeline.wanted[:, :3, 3],
+        "q": timeline.q,
+        "limits": timeline.limits,
+        "speed": timeline.speed,
+        "speed_limit": timeline.speed_limit,
+        "faces": timeline.surroundings.faces,
     }
-    if film.force is not None:
-        named["force"] = film.force
+    if timeline.force is not None:
+        named["force"] = timeline.force
     return {
         "live": False,
-        "duration": float(film.time[-1]),
-        "joints": film.joints,
+        "duration": float(timeline.time[-1]),
+        "joints": timeline.joints,
         "error_title": ERROR,
-        "recorded": film.recorded,
-        "colours": colours(len(film.joints)),
+        "recorded": timeline.recorded,
+        "colours": colours(len(timeline.joints)),
         "hues": {"wanted": ORANGE, "drawn": BLUE, "force": FORCE, "travel": TRAVEL, "body": SKY},
-        "slides": film.slides,
-        "centre": film.centre.tolist(),
-        "size": film.size,
-        "status": film.status,
-        "limit_active": film.limit_active,
-        "axis": None if film.surroundings.axis is None else film.surroundings.axis.tolist(),
-        "floor": film.floor,
-        "force_scale": film.force_scale,
-        "travel_scale": film.travel_scale,
-        "missing": film.look.missing,
-        "solids": [_solid(solid) for solid in film.solids],
-        "charts": [_chart(c) for c in film.charts],
+        "slides": timeline.slides,
+        "centre": timeline.centre.tolist(),
+        "size": timeline.size,
+        "status": timeline.status,
+        "limit_active": timeline.limit_active,
+        "axis": None if timeline.surroundings.axis is None else timeline.surroundings.axis.tolist(),
+        "floor": timeline.floor,
+        "force_scale": timeline.force_scale,
+        "travel_scale": timeline.travel_scale,
+        "missing": timeline.appearance.missing,
+        "solids": [_solid(solid) for solid in timeline.solids],
+        "charts": [_chart(c) for c in timeline.charts],
         "arrays": {name: _pack(a) for name, a in named.items()},
     }
 

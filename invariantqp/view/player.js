@@ -102,7 +102,7 @@ function arrow(at, way, [least, most], hue, words) {
   painter.text(words, tip, `rgb(${hue})`, at);
 }
 
-// Links as bars from joint to joint, where an arm has no look of its own.
+// Links as bars from joint to joint, where an arm is not drawn by its meshes.
 function bones(points) {
   const link = rgb(ink("--link")), n = points.length, taper = k => 0.03 * r * (1 - 0.45 * k / (n - 1));
   painter.bar(add(points[0], [0, 0, -0.004 * r]), add(points[0], [0, 0, 0.012 * r]), 0.09 * r, 0.09 * r, HUES.dark);
@@ -112,7 +112,7 @@ function bones(points) {
   });
 }
 
-// A joint: a drum along its axis; a slide is a sleeve, long and thin. On a look, a rod along the axis, seen through it.
+// A joint: a drum along its axis; a slide is a sleeve, long and thin. On meshes, a rod along the axis, seen through them.
 function joint(p, u, k) {
   const hue = rgb(run.colours[k]), slide = run.slides[k], half = (slide ? 0.075 : 0.052) * r, a = add(p, u, -half);
   if (parts.length) painter.line([a, add(p, u, half)], hue, 4, 1, 0.3 * r);

@@ -17,9 +17,9 @@ from invariantqp.identification.identify import Identification
 from invariantqp.pictures.palette import ORANGE, SKY
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of
-from invariantqp.view.film import FORCE, FRAMES, ArmShape, CurveChart, Film, arm_in, limit_charts
-from invariantqp.view.look import Look, read_look
+from invariantqp.view.appearance import Appearance, read_appearance
 from invariantqp.view.scenery import SIDE, Surroundings, tiles
+from invariantqp.view.timeline import FORCE, FRAMES, ArmShape, CurveChart, Timeline, arm_in, limit_charts
 
 # How much of a surface is drawn beyond the path of the contact, and half of an axis, relative to that path's reach.
 MARGIN = 0.4
@@ -27,9 +27,9 @@ MARGIN = 0.4
 LEAST = 0.03
 
 
-def film_of_recording(
+def timeline_of_recording(
     found: Identification, file: File, sensor: WrenchSensor, robot: Robot | None, source: str | None, title: str
-) -> Film:
+) -> Timeline:
     """A recording as frames: the arm where there is one, the path of the contact, and part of the surface or the axis.
 
     Args:
@@ -51,11 +51,11 @@ def film_of_recording(
     arm = _no_arm(tool) if robot is None or file.q is None else arm_in(robot, file.q[at])
     q, home = arm["q"], arm["home"]
     nothing = Surroundings(np.empty((0, 4, 3)))
-    film = Film(
+    timeline = Timeline(
         title=title,
         about=f"A recording: {'; '.join(_told(p) for p in found.segments)}.",
         time=time[at],
-        look=_look(source, robot),
+        appearance=_appearance(source, robot),
         wanted=tool,
         speed=np.asarray(np.gradient(q, time[at], axis=0)) if q.size else np.zeros_like(q),
         limit_active=[False] * len(at),
@@ -67,7 +67,7 @@ def film_of_recording(
         recorded=True,
         **{**arm, "tool": tool, "home": home._replace(tool=home.tool @ mark)},
     )
-    return replace(film, charts=(_forces(shown, file.poses[at], w[:, 3:]), *limit_charts(film)))
+    return replace(timeline, charts=(_forces(shown, file.poses[at], w[:, 3:]), *limit_charts(timeline)))
 
 
 def _touching(shown: Candidate | None, pose: Array) -> Array:
@@ -79,7 +79,7 @@ def _touching(shown: Candidate | None, pose: Array) -> Array:
 
 
 def _no_arm(tool: Array) -> dict[str, Any]:
-    """What a film has where poses (k, 4, 4) alone were recorded."""
+    """What a timeline has where poses (k, 4, 4) alone were recorded."""
     return {
         "joints": (),
         "slides": [],
@@ -108,13 +108,13 @@ def _told(part: Identification) -> str:
     return part.kind or f"not told ({', '.join(dict.fromkeys(c.kind for c in part.candidates))})"
 
 
-def _look(source: str | None, robot: Robot | None) -> Look:
+def _appearance(source: str | None, robot: Robot | None) -> Appearance:
     if source is None or robot is None:
-        return Look()
+        return Appearance()
     try:
-        return read_look(urdf_of(source), robot.names)
+        return read_appearance(urdf_of(source), robot.names)
     except (BadInput, RobotModelError, MissingExtra):
-        return Look()
+        return Appearance()
 
 
 def _status(found: Identification, k: int) -> str:

@@ -96,7 +96,7 @@ class Solid(NamedTuple):
 
 
 def solids(around: Around, time: Array, m: int, reach: float) -> tuple[Solid, ...]:
-    """The bodies of an arm with m joints and the obstacles, at the times (k,) of a film."""
+    """The bodies of an arm with m joints and the obstacles, at the times (k,) of a timeline."""
     made = []
     clearance = around.clearance
     frames = []

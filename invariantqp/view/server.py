@@ -27,8 +27,17 @@ from invariantqp.runs.plants.plant import PlantState
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import Trace
 from invariantqp.velocity.solution import VelocitySolution
-from invariantqp.view.film import FORCE, CurveChart, Film, extremes, film_before, film_of, limit_charts, states
 from invariantqp.view.page import drawn, page
+from invariantqp.view.timeline import (
+    FORCE,
+    CurveChart,
+    Timeline,
+    extremes,
+    limit_charts,
+    states,
+    timeline_before,
+    timeline_of,
+)
 
 # The port to serve at, or the next one that is free of so many.
 PORT, PORTS = 8080, 100
@@ -57,8 +66,8 @@ class Viewer:
             OSError: no port is free.
         """
         self._dt = task.law.dt
-        self._before = film_before(task)
-        self._done: Film | None = None
+        self._before = timeline_before(task)
+        self._done: Timeline | None = None
         self._seen: list[_Seen] = []
         self._closed = Event()
         self._text = page(self._before, live=True)
@@ -82,9 +91,9 @@ class Viewer:
         status, limited = str(solution.status), bool(solution.active)
         self._seen.append(_Seen(state.q, solution.velocity, -state.wrench[3:], state.pose[:3, 3], status, limited))
 
-    def show(self, film: Film) -> None:
+    def show(self, timeline: Timeline) -> None:
         """Play a run that is done."""
-        self._done = film
+        self._done = timeline
 
     def open_browser(self) -> None:
         """Show the page on this machine's display."""
@@ -92,7 +101,7 @@ class Viewer:
 
     def play(self, trace: Trace) -> None:
         """Show a run that is done, until interrupted or closed."""
-        self.show(film_of(trace))
+        self.show(timeline_of(trace))
         self.serve()
 
     def serve(self) -> None:
@@ -117,7 +126,7 @@ class Viewer:
         whole = {"duration": float(self._before.time[-1]), "travel_scale": self._before.travel_scale}
         return now, json.dumps({**so_far, **whole, "live": True})
 
-    def _so_far(self, n: int) -> Film:
+    def _so_far(self, n: int) -> Timeline:
         """The first n ticks of the run."""
         q, speed, force, place, status, limited = zip(*self._seen[:n], strict=True)
         before, push = self._before, np.array(force)

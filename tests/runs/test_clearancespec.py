@@ -8,8 +8,8 @@ from support.task_files import content
 
 import invariantqp as iq
 from invariantqp.runs.taskfile import task_from
-from invariantqp.view.film import film_of
 from invariantqp.view.page import page
+from invariantqp.view.timeline import timeline_of
 
 BALL = {
     "kind": "sphere",
@@ -68,11 +68,11 @@ def test_a_run_tells_the_least_distance_and_is_judged_by_it():
 
 def test_the_page_has_bodies_obstacles_and_the_curve():
     trace = iq.run_task(task([BALL, SHELF]))
-    film = film_of(trace)
-    assert [solid.joint for solid in film.solids] == [7, 0, 0]
-    assert film.solids[0].poses is None
-    assert any(chart.title == "least distance [mm]" for chart in film.charts)
-    text = page(film)
+    timeline = timeline_of(trace)
+    assert [solid.joint for solid in timeline.solids] == [7, 0, 0]
+    assert timeline.solids[0].poses is None
+    assert any(chart.title == "least distance [mm]" for chart in timeline.charts)
+    text = page(timeline)
     run = json.loads(text.split('id="run">')[1].split("</script>")[0])
     assert [solid["poses"] is None for solid in run["solids"]] == [True, False, False]
     assert run["solids"][1]["poses"]["shape"][0] > 1  # it moves

@@ -28,7 +28,7 @@ def judged(trace):
     """Path error [mm] and force error after settling by first principles: across the normal, and along it."""
     first = trace.counted_from
     n = np.asarray(trace.task.contact.normal)
-    apart = trace.contact.drawn[first:] - trace.contact.asked[first:]
+    apart = trace.contact.drawn[first:] - trace.contact.desired[first:]
     path = np.linalg.norm(apart - np.outer(apart @ n, n), axis=1)
     press = -trace.contact.wrench[first:, 3:] @ n
     return 1e3 * path.max(), np.sqrt(np.mean((press / trace.task.force.press - 1.0) ** 2))
@@ -72,7 +72,7 @@ def test_a_door_is_swung_along_its_arc():
     way = trace.contact.drawn[-1] - trace.contact.drawn[0]
     assert np.linalg.norm(way) == pytest.approx(2.0 * radius * np.sin(angle / 2.0), rel=5e-3)
     pull = trace.contact.wrench[-1, 3:]
-    off_axis = trace.contact.drawn[-1] - (trace.contact.asked[0] + [radius, 0.0, 0.0])
+    off_axis = trace.contact.drawn[-1] - (trace.contact.desired[0] + [radius, 0.0, 0.0])
     assert pull @ off_axis / radius == pytest.approx(20.0, rel=0.05)
 
 

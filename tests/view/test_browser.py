@@ -12,7 +12,7 @@ from support.views import TASK
 
 import invariantqp as iq
 from invariantqp.runs.taskfile import task_from
-from invariantqp.view.film import film_of
+from invariantqp.view.timeline import timeline_of
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="no selenium; it comes with the extra 'test'")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -82,7 +82,7 @@ def clock(browser):
 
 
 def test_the_page_shows_robot_curves_and_joints(opened, trace):
-    film = film_of(trace)
+    timeline = timeline_of(trace)
     assert errors(opened) == []
     assert clock(opened) == 0.5
     for canvas in opened.find_elements("css selector", "canvas"):
@@ -90,10 +90,13 @@ def test_the_page_shows_robot_curves_and_joints(opened, trace):
     seen = pixels(opened.find_element("id", "view").screenshot_as_png)
     for drawn in ((230, 159, 0), (0, 114, 178), (47, 98, 214), (204, 121, 167)):  # paths, z axis of the tool, a joint
         assert np.abs(seen - drawn).max(axis=1).min() < 40
-    assert len(opened.find_elements("css selector", "canvas")) == 1 + len(film.charts)
+    assert len(opened.find_elements("css selector", "canvas")) == 1 + len(timeline.charts)
     rows = [row.text for row in opened.find_elements("css selector", "#joints tr")[1:]]
-    assert [row.split()[0] for row in rows] == list(film.joints)
-    assert rows[1].split()[-2:] == [f"{np.degrees(film.q[50, 1]):.1f}°", f"{np.degrees(film.speed[50, 1]):.1f}°/s"]
+    assert [row.split()[0] for row in rows] == list(timeline.joints)
+    assert rows[1].split()[-2:] == [
+        f"{np.degrees(timeline.q[50, 1]):.1f}°",
+        f"{np.degrees(timeline.speed[50, 1]):.1f}°/s",
+    ]
     header = opened.find_element("css selector", "#joints tr").text
     assert header.split(maxsplit=3)[:3] == ["position,", "in", "its"]
     assert "velocity, of its limit" in header
@@ -101,12 +104,12 @@ def test_the_page_shows_robot_curves_and_joints(opened, trace):
 
 
 def test_the_page_places_the_arm_where_it_is(opened, trace):
-    film = film_of(trace)
+    timeline = timeline_of(trace)
     seen = opened.execute_script("return arm.at(between('q', 37))")
-    np.testing.assert_allclose(seen["points"], film.points[37], atol=1e-6)  # the page has float32
-    np.testing.assert_allclose(seen["axes"], film.axes[37], atol=1e-6)
-    np.testing.assert_allclose(np.reshape(seen["tool"], (3, 4)), film.tool[37, :3], atol=1e-6)
-    motion = task_from(TASK, "short").load_robot().motions(film.q[37])[7]
+    np.testing.assert_allclose(seen["points"], timeline.points[37], atol=1e-6)  # the page has float32
+    np.testing.assert_allclose(seen["axes"], timeline.axes[37], atol=1e-6)
+    np.testing.assert_allclose(np.reshape(seen["tool"], (3, 4)), timeline.tool[37, :3], atol=1e-6)
+    motion = task_from(TASK, "short").load_robot().motions(timeline.q[37])[7]
     np.testing.assert_allclose(np.reshape(seen["motions"][7], (3, 4)), motion[:3], atol=1e-6)
 
 

@@ -20,8 +20,8 @@ import invariantqp as iq
 from invariantqp.robots.load import KNOWN
 from invariantqp.runs.scene import scene_of
 from invariantqp.runs.taskfile import task_from
-from invariantqp.view.film import arm_shape, extremes, film_before, film_of
 from invariantqp.view.page import drawn, page
+from invariantqp.view.timeline import arm_shape, extremes, timeline_before, timeline_of
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +35,8 @@ def trace(task):
 
 
 @pytest.fixture(scope="module")
-def film(trace):
-    return film_of(trace)
+def timeline(trace):
+    return timeline_of(trace)
 
 
 def states(robot, n=5):
@@ -97,25 +97,25 @@ def test_a_chain_is_drawn_as_it_is_built():
     np.testing.assert_allclose(gantry.origins([0.1, 0.2, 0.3]), [[1, 2, 3], [1.1, 2, 3], [1.1, 2.2, 3]])
 
 
-# The film
+# The timeline
 
 
-def test_a_film_shows_the_run(film, trace, task):
+def test_a_film_shows_the_run(timeline, trace, task):
     robot = task.load_robot()
     along = task.path.along(robot, task.start())
-    assert film.force is None
-    assert film.joints == robot.names
-    assert len(film.time) == 101
+    assert timeline.force is None
+    assert timeline.joints == robot.names
+    assert len(timeline.time) == 101
     for i in (0, 37, 100):
-        np.testing.assert_array_equal(film.q[i], trace.q[i])
-        np.testing.assert_array_equal(film.tool[i], robot.pose(trace.q[i]))
-        np.testing.assert_array_equal(film.wanted[i], along(trace.time[i]))
-    errors = film.charts[0].values
+        np.testing.assert_array_equal(timeline.q[i], trace.q[i])
+        np.testing.assert_array_equal(timeline.tool[i], robot.pose(trace.q[i]))
+        np.testing.assert_array_equal(timeline.wanted[i], along(trace.time[i]))
+    errors = timeline.charts[0].values
     np.testing.assert_allclose(errors[0, 1:], np.maximum(1e3 * trace.position_error, 1e-9))
     np.testing.assert_allclose(errors[1, 1:], np.maximum(np.degrees(trace.orientation_error), 1e-9))
     low, high = trace.position_limits
-    np.testing.assert_allclose(film.charts[1].values.T, (trace.q - low) / (high - low))
-    np.testing.assert_allclose(film.charts[2].values[:, 1:].T, trace.velocity / trace.velocity_limit)
+    np.testing.assert_allclose(timeline.charts[1].values.T, (trace.q - low) / (high - low))
+    np.testing.assert_allclose(timeline.charts[2].values[:, 1:].T, trace.velocity / trace.velocity_limit)
 
 
 def test_a_short_film_leaves_no_extreme_out(trace):
@@ -128,14 +128,14 @@ def test_a_short_film_leaves_no_extreme_out(trace):
     )
     spoilt.velocity[44, 2] = -9.0
     spoilt.position_error[66] = 0.5
-    film = film_of(spoilt, frames=11)
-    assert film.time.tolist() == pytest.approx(np.arange(11) / 10)
-    assert film.speed[:, 2].min() == -9.0
-    assert film.speed[5, 2] == -9.0
-    assert film.charts[0].values[0].argmax() == 7
-    assert film.charts[0].values[0].max() == 500.0
-    assert film.limit_active == [i == 6 for i in range(11)]
-    assert film.status == ["guarded" if i == 8 else "ok" for i in range(11)]
+    timeline = timeline_of(spoilt, frames=11)
+    assert timeline.time.tolist() == pytest.approx(np.arange(11) / 10)
+    assert timeline.speed[:, 2].min() == -9.0
+    assert timeline.speed[5, 2] == -9.0
+    assert timeline.charts[0].values[0].argmax() == 7
+    assert timeline.charts[0].values[0].max() == 500.0
+    assert timeline.limit_active == [i == 6 for i in range(11)]
+    assert timeline.status == ["guarded" if i == 8 else "ok" for i in range(11)]
 
 
 def test_the_farthest_of_each_frames_ticks():
@@ -147,10 +147,10 @@ def test_the_farthest_of_each_frames_ticks():
 
 
 def test_before_the_run_the_path_is_there(task):
-    film = film_before(task)
-    np.testing.assert_array_equal(film.tool[0], task.load_robot().pose(task.start()))
-    np.testing.assert_allclose(film.wanted[-1, :3, 3] - film.wanted[0, :3, 3], [0.1, 0.2, 0.05], atol=1e-12)
-    assert film.size > 0.0
+    timeline = timeline_before(task)
+    np.testing.assert_array_equal(timeline.tool[0], task.load_robot().pose(task.start()))
+    np.testing.assert_allclose(timeline.wanted[-1, :3, 3] - timeline.wanted[0, :3, 3], [0.1, 0.2, 0.05], atol=1e-12)
+    assert timeline.size > 0.0
 
 
 def test_an_observer_sees_every_tick_and_changes_none(task, trace):
@@ -182,9 +182,9 @@ def test_faces_lie_on_what_is_touched_and_cover_the_path(shape):
     task = touched(kind="point", tilt=[0.02, -0.01, 0.0], **shape)
     robot = task.load_robot()
     trace = iq.run_task(task)
-    film = film_of(trace)
+    timeline = timeline_of(trace)
     surface = scene_of(task, robot.pose(task.start())).springs.surface
-    faces = film.surroundings.faces
+    faces = timeline.surroundings.faces
     assert faces.shape[1:] == (4, 3)
     np.testing.assert_allclose(distances(surface, faces), 0.0, atol=1e-12)
     for p in trace.contact.drawn:  # beside each point of the path there is a corner, and corners all round
@@ -197,7 +197,7 @@ def test_faces_lie_on_what_is_touched_and_cover_the_path(shape):
 def test_a_doors_axis_is_the_hinges():
     task = touched(kind="hinge", axis=[0.0, 0.0, 1.0], point=[0.0, 0.4, 0.0], size=[0.1, 0.1])
     T = task.load_robot().pose(task.start())
-    a, b = film_before(task).surroundings.axis
+    a, b = timeline_before(task).surroundings.axis
     for end in (a, b):
         np.testing.assert_allclose(end[:2], T[:2, 3] + [0.0, 0.4], atol=1e-12)
     assert a[2] < T[2, 3] < b[2]
@@ -205,26 +205,28 @@ def test_a_doors_axis_is_the_hinges():
 
 def test_the_force_of_a_film_is_the_runs():
     trace = iq.run_task(touched(kind="point"))
-    film = film_of(trace, frames=9)
-    ends = (film.time / 0.01).round().astype(int)
-    np.testing.assert_array_equal(film.force[1:], trace.contact.wrench[ends[1:] - 1, 3:])
-    assert film.force[-1, 2] < -1.0  # it presses
-    chart = film.charts[1]
+    timeline = timeline_of(trace, frames=9)
+    ends = (timeline.time / 0.01).round().astype(int)
+    np.testing.assert_array_equal(timeline.force[1:], trace.contact.wrench[ends[1:] - 1, 3:])
+    assert timeline.force[-1, 2] < -1.0  # it presses
+    chart = timeline.charts[1]
     assert (chart.title, chart.levels) == ("contact force [N]", (5.0,))
     for i, (a, b) in enumerate(pairwise(ends), 1):
         expected = [
             max(x[a:b], key=lambda f: abs(f - 5.0)) for x in (trace.contact.measured_press, trace.contact.press)
         ]
         np.testing.assert_allclose(chart.values[:, i], expected)
-    run = json.loads(read(page(film)).scripts[0])
-    np.testing.assert_array_equal(unpacked(run["arrays"]["force"]), film.force.astype("f4"))
-    np.testing.assert_array_equal(unpacked(run["arrays"]["faces"]), film.surroundings.faces.astype("f4"))
+    run = json.loads(read(page(timeline)).scripts[0])
+    np.testing.assert_array_equal(unpacked(run["arrays"]["force"]), timeline.force.astype("f4"))
+    np.testing.assert_array_equal(unpacked(run["arrays"]["faces"]), timeline.surroundings.faces.astype("f4"))
 
 
 def test_before_a_run_in_touch_the_path_waits():
-    film = film_before(touched(kind="point"))
-    assert film.time[-1] == 0.8
-    np.testing.assert_array_equal(film.wanted[film.time < 0.3], np.broadcast_to(film.tool[0], (224 + 1, 4, 4)))
+    timeline = timeline_before(touched(kind="point"))
+    assert timeline.time[-1] == 0.8
+    np.testing.assert_array_equal(
+        timeline.wanted[timeline.time < 0.3], np.broadcast_to(timeline.tool[0], (224 + 1, 4, 4))
+    )
 
 
 # The page
@@ -234,8 +236,8 @@ def unpacked(packed, kind="<f4"):
     return np.frombuffer(base64.b64decode(packed["data"]), dtype=kind).reshape(packed["shape"])
 
 
-def test_a_page_needs_nothing_from_anywhere(film):
-    text = page(film)
+def test_a_page_needs_nothing_from_anywhere(timeline):
+    text = page(timeline)
     reader = read(text)
     for tag, attributes in reader.tags:
         for name in ("src", "href", "srcset", "action", "data"):
@@ -246,58 +248,64 @@ def test_a_page_needs_nothing_from_anywhere(film):
     assert "@" not in re.sub(r"@media", "", re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL))
 
 
-def test_a_page_has_all_of_the_film(film):
-    run = json.loads(read(page(film)).scripts[0])
+def test_a_page_has_all_of_the_film(timeline):
+    run = json.loads(read(page(timeline)).scripts[0])
     for name in ("time", "screws", "travel", "wanted", "q", "limits", "speed", "speed_limit"):
-        np.testing.assert_array_equal(unpacked(run["arrays"][name]), getattr(film, name).astype("f4"))
-    assert [c["title"] for c in run["charts"]] == [c.title for c in film.charts]
-    for packed, chart in zip(run["charts"], film.charts, strict=True):
+        np.testing.assert_array_equal(unpacked(run["arrays"][name]), getattr(timeline, name).astype("f4"))
+    assert [c["title"] for c in run["charts"]] == [c.title for c in timeline.charts]
+    for packed, chart in zip(run["charts"], timeline.charts, strict=True):
         np.testing.assert_array_equal(unpacked(packed["values"]), chart.values.astype("f4"))
-    assert (tuple(run["joints"]), run["status"], run["limit_active"]) == (film.joints, film.status, film.limit_active)
+    assert (tuple(run["joints"]), run["status"], run["limit_active"]) == (
+        timeline.joints,
+        timeline.status,
+        timeline.limit_active,
+    )
 
 
-def test_a_look_is_on_the_page(film):
-    run = json.loads(read(page(film)).scripts[0])
-    assert len(run["parts"]) == len(film.look.parts) > 9
-    for packed, part in zip(run["parts"], film.look.parts, strict=True):
+def test_a_look_is_on_the_page(timeline):
+    run = json.loads(read(page(timeline)).scripts[0])
+    assert len(run["parts"]) == len(timeline.appearance.parts) > 9
+    for packed, part in zip(run["parts"], timeline.appearance.parts, strict=True):
         assert (packed["joint"], tuple(packed["colour"])) == (part.joint, part.colour)
         np.testing.assert_array_equal(unpacked(packed["vertices"]), part.vertices.astype("f4"))
         np.testing.assert_array_equal(unpacked(packed["faces"], "<u2"), part.faces)
 
 
-def test_a_velocity_is_how_the_tool_moves(film, trace):
-    np.testing.assert_allclose(film.travel[2:], np.diff(film.tool[1:, :3, 3], axis=0) / 0.01, atol=0.01)
-    assert np.linalg.norm(film.travel[50]) > 0.2
+def test_a_velocity_is_how_the_tool_moves(timeline, trace):
+    np.testing.assert_allclose(timeline.travel[2:], np.diff(timeline.tool[1:, :3, 3], axis=0) / 0.01, atol=0.01)
+    assert np.linalg.norm(timeline.travel[50]) > 0.2
 
 
-def test_arrows_are_scaled_by_the_run_but_not_by_rest(film, task):
-    slowest, longest = film.travel_scale
-    assert longest == pytest.approx(np.percentile(np.linalg.norm(film.travel, axis=1), 99))
-    assert slowest == pytest.approx(2e-4 * film.size)
-    assert film_before(task).travel_scale[1] == pytest.approx(longest, rel=0.05)  # the path's, while the run is running
-    resting = replace(film, travel=1e-6 * film.travel, force=1e-6 * film.travel)
+def test_arrows_are_scaled_by_the_run_but_not_by_rest(timeline, task):
+    slowest, longest = timeline.travel_scale
+    assert longest == pytest.approx(np.percentile(np.linalg.norm(timeline.travel, axis=1), 99))
+    assert slowest == pytest.approx(2e-4 * timeline.size)
+    assert timeline_before(task).travel_scale[1] == pytest.approx(
+        longest, rel=0.05
+    )  # the path's, while the run is running
+    resting = replace(timeline, travel=1e-6 * timeline.travel, force=1e-6 * timeline.travel)
     assert resting.travel_scale == (slowest, 10.0 * slowest)
     assert resting.force_scale == pytest.approx((0.05, 0.5))
 
 
 def test_the_longest_film_is_a_small_file(tmp_path):
     long = iq.run_task(iq.load_task("panda_path"), dt=0.005)
-    assert len(film_of(long).time) == 600
+    assert len(timeline_of(long).time) == 600
     assert iq.view.animation(long, tmp_path / "long.html").stat().st_size < 450_000
 
 
-def test_what_a_task_is_called_cannot_break_out_of_the_page(film):
+def test_what_a_task_is_called_cannot_break_out_of_the_page(timeline):
     evil = '</script><img src="http://evil/x" onerror="alert(1)">'
-    tags = read(page(replace(film, title=evil, about=evil, joints=(evil, *film.joints[1:])))).tags
+    tags = read(page(replace(timeline, title=evil, about=evil, joints=(evil, *timeline.joints[1:])))).tags
     assert not [t for t, _ in tags if t == "img"]
     assert len([t for t, _ in tags if t == "script"]) == 2
 
 
 @pytest.mark.parametrize("name", ["@SCRIPTS@", "@RUN@", "{{ run }}", "{% include 'page.html' %}", "{# gone #}"])
-def test_a_name_is_never_read_as_a_part_of_the_page(film, name):
-    text = page(replace(film, title=name, about=name))
+def test_a_name_is_never_read_as_a_part_of_the_page(timeline, name):
+    text = page(replace(timeline, title=name, about=name))
     assert unescape(text).count(name) == 3  # the title, the heading and what it is about
-    assert len(text) < len(page(film)) + 200
+    assert len(text) < len(page(timeline)) + 200
     assert len([t for t, _ in read(text).tags if t == "script"]) == 2
 
 
@@ -305,9 +313,9 @@ def test_joints_without_limits_are_drawn_without(tmp_path):
     bare = {**TASK, "robot": {"screws": [{"axis": [0, 0, 1.0]}], "start": [0.3], "tool_point": [0.5, 0, 0]}}
     bare["path"] = {"kind": "joints", "duration": 0.1, "waypoints": [[0.5]]}
     bare["law"] = {"dt": 0.01, "form": "tool"}
-    film = film_of(iq.run_task(task_from(bare, "bare")))
-    assert [c.title for c in film.charts] == ["tracking error"]
-    run = json.loads(read(page(film)).scripts[0])
+    timeline = timeline_of(iq.run_task(task_from(bare, "bare")))
+    assert [c.title for c in timeline.charts] == ["tracking error"]
+    run = json.loads(read(page(timeline)).scripts[0])
     assert unpacked(run["arrays"]["limits"]).tolist() == [[-np.inf], [np.inf]]
 
 
@@ -325,7 +333,7 @@ def answered(viewer, where=""):
         return answer.status, answer.read().decode(), answer.headers["ETag"]
 
 
-def test_a_run_is_served_while_it_is_running_and_after(task, trace, film):
+def test_a_run_is_served_while_it_is_running_and_after(task, trace, timeline):
     viewer, during = iq.view.Viewer(task, port=0), []
     try:
         before = json.loads(read(answered(viewer)[1]).scripts[0])
@@ -347,14 +355,14 @@ def test_a_run_is_served_while_it_is_running_and_after(task, trace, film):
         np.testing.assert_allclose(unpacked(seen["arrays"]["q"]), trace.q[:61], rtol=1e-6)
         np.testing.assert_allclose(unpacked(seen["arrays"]["speed"])[1:], trace.velocity[:60], rtol=1e-6)
         np.testing.assert_allclose(unpacked(seen["arrays"]["wanted"])[-1, :3, 3], trace.wanted[60, :3, 3], atol=1e-3)
-        assert [c["title"] for c in seen["charts"]] == [c.title for c in film.charts[1:]]
+        assert [c["title"] for c in seen["charts"]] == [c.title for c in timeline.charts[1:]]
         assert seen["status"] == [trace.statuses[0], *trace.statuses[:60]]
-        viewer.show(film)
+        viewer.show(timeline)
         status, text, tag = answered(viewer, "run?60")
         assert (status, tag) == (200, "done")
-        assert json.loads(text) == {**json.loads(json.dumps(drawn(film))), "about": film.about}
+        assert json.loads(text) == {**json.loads(json.dumps(drawn(timeline))), "about": timeline.about}
         assert answered(viewer, "run?done")[:2] == (204, "")
-        assert answered(viewer)[1] == page(film)
+        assert answered(viewer)[1] == page(timeline)
         with pytest.raises(HTTPError, match="404"):
             answered(viewer, "../setup")
     finally:
@@ -371,7 +379,7 @@ def test_a_port_that_is_taken_is_left_alone(task):
         assert int(viewer.url.rsplit(":", 1)[1]) > taken
 
 
-def test_a_server_starts_serves_and_stops(task, trace, film, capfd):
+def test_a_server_starts_serves_and_stops(task, trace, timeline, capfd):
     viewer = iq.view.Viewer(task, port=0)
     port = int(viewer.url.rsplit(":", 1)[1])
     try:
@@ -379,7 +387,7 @@ def test_a_server_starts_serves_and_stops(task, trace, film, capfd):
         with urllib.request.urlopen(viewer.url) as answer:
             assert answer.status == 200
             assert b"<title>short</title>" in answer.read()
-        viewer.show(film)
+        viewer.show(timeline)
         serving = threading.Thread(target=viewer.serve)
         serving.start()
     finally:

@@ -20,7 +20,7 @@ from invariantqp.pictures.palette import BLUE, CURVES, GREEN, SCREEN_COLOURS, SK
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import ClearanceTrace, ContactTrace, Trace
-from invariantqp.view.look import Look, Part, look_of
+from invariantqp.view.appearance import Appearance, Part, appearance_of
 from invariantqp.view.scenery import Solid, Surroundings, solids, surroundings
 
 # The most frames of a run; players interpolate. Of the ticks between two frames the worst values are shown.
@@ -61,7 +61,7 @@ class CurveChart(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Film:
+class Timeline:
     """A run in k frames; lengths in the robot's unit, base frame."""
 
     title: str  # the task's name
@@ -74,7 +74,7 @@ class Film:
     tool: Array  # (k, 4, 4) tool poses
     screws: Array  # (6, m) joint twists at q = 0
     home: ArmShape  # the arm at q = 0
-    look: Look  # its meshes
+    appearance: Appearance  # its meshes
     wanted: Array  # (k, 4, 4) poses that were asked for
     q: Array  # (k, m) joint positions
     limits: Array  # (2, m) lower and upper
@@ -123,7 +123,7 @@ class Film:
     @property
     def _fixed(self) -> list[Part]:
         """Parts that no joint moves."""
-        return [part for part in self.look.parts if part.joint == 0]
+        return [part for part in self.appearance.parts if part.joint == 0]
 
     def _box(self) -> tuple[Array, Array]:
         touched, fixed = self.surroundings.faces.reshape(-1, 3), [part.vertices for part in self._fixed]
@@ -133,7 +133,7 @@ class Film:
 
 
 def _seen(faces: Array, poses: Array) -> Array:
-    """(n, 3) corners of an obstacle at the beginning, in the middle and at the end of a film."""
+    """(n, 3) corners of an obstacle at the beginning, in the middle and at the end of a timeline."""
     corners, some = faces.reshape(-1, 3), poses[[0, len(poses) // 2, -1]]
     return np.vstack([corners.dot(T[:3, :3].T) + T[:3, 3] for T in some])
 
@@ -143,7 +143,7 @@ def _scale(vectors: Array, least: float) -> tuple[float, float]:
     return least, max(float(np.percentile(np.linalg.norm(vectors, axis=1), 99)), 10.0 * least)
 
 
-def film_of(trace: Trace, frames: int = FRAMES) -> Film:
+def timeline_of(trace: Trace, frames: int = FRAMES) -> Timeline:
     """A run from `run_task` as `frames` frames at most.
 
     Raises:
@@ -154,7 +154,7 @@ def film_of(trace: Trace, frames: int = FRAMES) -> Film:
     ends = np.unique(np.linspace(0, n, min(n + 1, frames)).round().astype(int))
     went = "Accepted." if trace.passed else f"Not accepted: {'; '.join(trace.shortfalls)}."
     then = trace.velocity[np.maximum(ends - 1, 0)]
-    drawn = _film(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends])
+    drawn = _timeline(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends])
     drawn = replace(drawn, speed=extremes(trace.velocity, ends))
     return replace(
         drawn,
@@ -176,18 +176,18 @@ def _tool_velocity(robot: Robot, q: Array, velocity: Array) -> Array:
     return se3.velocity_at(robot.jacobian(q).dot(velocity), robot.pose(q)[:3, 3])
 
 
-def film_before(task: Task) -> Film:
+def timeline_before(task: Task) -> Timeline:
     """What is known before a run: the arm at its start and its path, before contact moves it onto a surface."""
     robot = task.load_robot()
     pose = task.path.along(robot, task.start())
     time = np.linspace(0.0, task.settle + task.path.duration, FRAMES)
     wanted = np.array([pose(t) for t in np.maximum(time - task.settle, 0.0).tolist()])
-    drawn = _film(task, robot, time, np.tile(task.start(), (FRAMES, 1)), wanted)
+    drawn = _timeline(task, robot, time, np.tile(task.start(), (FRAMES, 1)), wanted)
     return replace(drawn, travel=np.gradient(wanted[:, :3, 3], time, axis=0))
 
 
 def arm_in(robot: Robot, q: Array) -> dict[str, Any]:
-    """What a film has of an arm in states q (k, m)."""
+    """What a timeline has of an arm in states q (k, m)."""
     shapes, zero = [arm_shape(robot, state) for state in q], np.zeros(len(robot.names))
     return {
         "joints": robot.names,
@@ -203,14 +203,14 @@ def arm_in(robot: Robot, q: Array) -> dict[str, Any]:
     }
 
 
-def _film(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Film:
-    """A film without results."""
+def _timeline(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Timeline:
+    """A timeline without results."""
     arm = arm_in(robot, q)
-    return Film(
+    return Timeline(
         title=task.name,
         about=task.about,
         time=time,
-        look=look_of(task, robot.names),
+        appearance=appearance_of(task, robot.names),
         wanted=wanted,
         speed=np.zeros_like(q),
         limit_active=[False] * len(time),
@@ -239,7 +239,7 @@ def extremes(values: Array, ends: Array) -> Array:
 
 
 def states(statuses: Sequence[str], limited: Sequence[bool], ends: Array) -> dict[str, Any]:
-    """What a film has of the statuses of the ticks and of whether a limit was active in each."""
+    """What a timeline has of the statuses of the ticks and of whether a limit was active in each."""
     ticks = _ticks(ends)
     status = [next((s for s in statuses[a:b] if s != "ok"), statuses[b - 1]) for a, b in ticks]
     return {"status": status, "limit_active": [any(limited[a:b]) for a, b in ticks]}
@@ -279,14 +279,14 @@ def _force_charts(contact: ContactTrace | None, ends: Array) -> list[CurveChart]
     return [CurveChart("contact force [N]", names, extremes(press, ends).T + contact.wanted, hues, (contact.wanted,))]
 
 
-def limit_charts(film: Film) -> list[CurveChart]:
+def limit_charts(timeline: Timeline) -> list[CurveChart]:
     """Joint positions as shares of their ranges and velocities as shares of their limits, for joints that have them."""
-    lower, upper = film.limits
+    lower, upper = timeline.limits
     ranged = np.isfinite(upper - lower) & (upper > lower)
-    limited = np.isfinite(film.speed_limit)
-    place = (film.q[:, ranged] - lower[ranged]) / (upper - lower)[ranged]
-    rate = film.speed[:, limited] / film.speed_limit[limited]
-    names, hues = np.array(film.joints), np.array(colours(len(film.joints)))
+    limited = np.isfinite(timeline.speed_limit)
+    place = (timeline.q[:, ranged] - lower[ranged]) / (upper - lower)[ranged]
+    rate = timeline.speed[:, limited] / timeline.speed_limit[limited]
+    names, hues = np.array(timeline.joints), np.array(colours(len(timeline.joints)))
     limits = (0.0, 1.0), (-0.05, 1.05)
     positions = CurveChart("joint position / range", tuple(names[ranged]), place.T, tuple(hues[ranged]), *limits)
     limits = (-1.0, 1.0), (-1.1, 1.1)

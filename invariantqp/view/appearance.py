@@ -37,32 +37,32 @@ class Part(NamedTuple):
     faces: Array  # (f, 3) indices of corners, anticlockwise as seen from outside
 
 
-class Look(NamedTuple):
+class Appearance(NamedTuple):
     """The parts of an arm; none where it can only be drawn by its joints."""
 
     parts: tuple[Part, ...] = ()  # in no order
     missing: str = ""  # the extra that would draw them, or the mesh that cannot be read; "" if nothing is missing
 
 
-def look_of(task: Task, names: Iterable[str]) -> Look:
+def appearance_of(task: Task, names: Iterable[str]) -> Appearance:
     """What a task's robot looks like, if it is a name or a URDF; joints not among `names` are held."""
     try:
         file = task.urdf()
     except (BadInput, RobotModelError):  # joint screws alone
-        return Look()
-    return read_look(file, tuple(names))
+        return Appearance()
+    return read_appearance(file, tuple(names))
 
 
-def read_look(file: Path, names: tuple[str, ...]) -> Look:
+def read_appearance(file: Path, names: tuple[str, ...]) -> Appearance:
     """What the arm of these joints looks like, by a URDF file; read anew where it or one of its meshes has changed."""
     try:
         meshes = [visual.part.mesh for visual in _visuals(file) if visual.part.kind == "mesh"]
         files = (file, *map(Path, meshes))
         return _read(file, names, frozenset((each, each.stat().st_mtime_ns) for each in files if each.exists()))
     except RobotModelError as error:
-        return Look(missing=f"drawn by its joints: {error}")
+        return Appearance(missing=f"drawn by its joints: {error}")
     except MissingExtra as error:
-        return Look(missing=f"{error.install} draws its meshes")
+        return Appearance(missing=f"{error.install} draws its meshes")
 
 
 def _visuals(file: Path) -> list[Visual]:
@@ -79,9 +79,9 @@ def _visuals(file: Path) -> list[Visual]:
 
 
 @lru_cache(maxsize=8)
-def _read(file: Path, names: tuple[str, ...], _changed: frozenset[tuple[Path, int]]) -> Look:
+def _read(file: Path, names: tuple[str, ...], _changed: frozenset[tuple[Path, int]]) -> Appearance:
     visuals = _visuals(file)
-    return Look(tuple(_parts(visuals, joints_of(*read_xml(file)), list(names))) if visuals else ())
+    return Appearance(tuple(_parts(visuals, joints_of(*read_xml(file)), list(names))) if visuals else ())
 
 
 def _parts(visuals: list[Visual], joints: list[TreeJoint], names: list[str]) -> Iterator[Part]:

@@ -14,8 +14,8 @@ import invariantqp as iq
 from invariantqp.errors import install_command
 from invariantqp.robots.load import urdf_of
 from invariantqp.runs.taskfile import task_from
-from invariantqp.view import look, meshes
-from invariantqp.view.look import TRIANGLES, Look, look_of
+from invariantqp.view import appearance, meshes
+from invariantqp.view.appearance import TRIANGLES, Appearance, appearance_of
 
 WHEELED = """<robot name="r"><material name="red"><color rgba="1 0 0 1"/></material>
 <link name="base"><visual><origin xyz="0 0 0.1"/><geometry><box size="0.2 0.4 0.2"/></geometry></visual></link>
@@ -49,7 +49,7 @@ def written(tmp_path, far="<sphere radius='0.1'/>"):
 def test_parts_are_where_pinocchio_places_the_meshes(name):
     robot = iq.load_robot(name)
     file = urdf_of(name)
-    found = look_of(task_of(name, len(robot.names)), robot.names)
+    found = appearance_of(task_of(name, len(robot.names)), robot.names)
     assert 0.5 * TRIANGLES < sum(len(part.faces) for part in found.parts) < 1.2 * TRIANGLES
     model = pin.buildModelFromUrdf(str(file))
     shapes = pin.buildGeomFromUrdf(model, str(file), pin.GeometryType.VISUAL, None, str(file.parents[4]))
@@ -69,17 +69,17 @@ def test_parts_are_where_pinocchio_places_the_meshes(name):
 
 
 def test_plain_shapes_are_as_the_urdf_says(tmp_path):
-    found = look_of(task_of(str(written(tmp_path)), 2), ["turn", "slide"])
+    found = appearance_of(task_of(str(written(tmp_path)), 2), ["turn", "slide"])
     at = {(part.joint, part.colour): box(part.vertices) for part in found.parts}
-    np.testing.assert_allclose(at[0, look.GREY], [[-0.1, -0.2, 0.0], [0.1, 0.2, 0.2]], atol=1e-9)
+    np.testing.assert_allclose(at[0, appearance.GREY], [[-0.1, -0.2, 0.0], [0.1, 0.2, 0.2]], atol=1e-9)
     np.testing.assert_allclose(at[1, (255, 0, 0)], [[0.0, -0.1, 0.1], [1.0, 0.1, 0.3]], atol=2e-3)
-    np.testing.assert_allclose(at[2, look.GREY], [[0.95, -0.1, 0.1], [1.3, 0.1, 0.3]], atol=5e-3)
+    np.testing.assert_allclose(at[2, appearance.GREY], [[0.95, -0.1, 0.1], [1.3, 0.1, 0.3]], atol=5e-3)
 
 
 def test_a_joint_that_is_held_stands_where_the_arm_holds_it(tmp_path):
     file = written(tmp_path)
     robot = iq.load_robot(file, "tip", ["turn"], velocity_limit=[1.0])
-    found = look_of(task_of(str(file), 1, tool="tip", joints=["turn"]), robot.names)
+    found = appearance_of(task_of(str(file), 1, tool="tip", joints=["turn"]), robot.names)
     assert {part.joint for part in found.parts} == {0, 1}
     assert max(part.vertices[:, 0].max() for part in found.parts) == pytest.approx(
         robot.pose([0.0])[0, 3] + 0.3, abs=5e-3
@@ -88,19 +88,19 @@ def test_a_joint_that_is_held_stands_where_the_arm_holds_it(tmp_path):
 
 def test_without_all_meshes_there_is_no_look(tmp_path, monkeypatch):
     for gone in ("<mesh filename='none.stl'/>", "<mesh filename='package://none/none.stl'/>"):
-        assert look_of(task_of(str(written(tmp_path, gone)), 2), ["turn", "slide"]).missing.startswith(
+        assert appearance_of(task_of(str(written(tmp_path, gone)), 2), ["turn", "slide"]).missing.startswith(
             "drawn by its joints: "
         )
-    assert look_of(task_of("ur5e", 6), iq.load_robot("ur5e").names) == Look()
+    assert appearance_of(task_of("ur5e", 6), iq.load_robot("ur5e").names) == Appearance()
     monkeypatch.setitem(sys.modules, "fast_simplification", None)
     monkeypatch.delitem(sys.modules, "invariantqp.view.meshes")
-    said = look_of(task_of(str(written(tmp_path)), 2), ["turn", "slide"])
-    assert said == Look(missing=f"{install_command('meshes')} draws its meshes")
+    said = appearance_of(task_of(str(written(tmp_path)), 2), ["turn", "slide"])
+    assert said == Appearance(missing=f"{install_command('meshes')} draws its meshes")
 
 
 def test_a_shape_that_cannot_be_read_is_told(tmp_path):
     for broken, why in (("<box size='1 2'/>", "size='1 2'; expected 3 finite numbers"), ("<cone/>", "'cone'")):
-        found = look_of(task_of(str(written(tmp_path, broken)), 2), ["turn", "slide"])
+        found = appearance_of(task_of(str(written(tmp_path, broken)), 2), ["turn", "slide"])
         assert not found.parts
         assert found.missing.startswith("drawn by its joints: ")
         assert why in found.missing
@@ -116,7 +116,7 @@ def test_plain_shapes_lie_about_the_origin_along_z(kind, size):
 
 @pytest.mark.filterwarnings("error")
 def test_a_shape_without_a_surface_does_not_take_the_others_along(tmp_path):
-    found = look_of(task_of(str(written(tmp_path, "<sphere radius='0'/>")), 2), ["turn", "slide"])
+    found = appearance_of(task_of(str(written(tmp_path, "<sphere radius='0'/>")), 2), ["turn", "slide"])
     assert [part.joint for part in found.parts] == [0, 1, 2]
 
 
@@ -124,15 +124,15 @@ def test_a_mirrored_mesh_is_seen_from_outside(tmp_path):
     mirrored = "<mesh filename='box.stl' scale='1 -1 1'/></geometry><material name='blue'><color rgba='0 0 inf 1'/>"
     mirrored += "</material><geometry>"
     trimesh.creation.box().export(tmp_path / "box.stl")
-    found = look_of(task_of(str(written(tmp_path, mirrored)), 2), ["turn", "slide"])
+    found = appearance_of(task_of(str(written(tmp_path, mirrored)), 2), ["turn", "slide"])
     part = next(part for part in found.parts if part.colour == (0, 0, 255))
     assert trimesh.Trimesh(part.vertices, part.faces).volume == pytest.approx(1.0)
 
 
 def test_a_file_without_triangles_is_no_mesh(tmp_path):
     (tmp_path / "empty.obj").write_text("v 0 0 0")
-    said = look_of(task_of(str(written(tmp_path, "<mesh filename='empty.obj'/>")), 2), ["turn", "slide"])
-    assert said == Look(missing="drawn by its joints: empty.obj has no triangles")
+    said = appearance_of(task_of(str(written(tmp_path, "<mesh filename='empty.obj'/>")), 2), ["turn", "slide"])
+    assert said == Appearance(missing="drawn by its joints: empty.obj has no triangles")
 
 
 def test_a_mesh_is_read_once_and_again_when_it_has_changed(tmp_path, monkeypatch):
@@ -142,10 +142,10 @@ def test_a_mesh_is_read_once_and_again_when_it_has_changed(tmp_path, monkeypatch
     trimesh.creation.box().export(mesh)
     twice = "<mesh filename='box.stl'/></geometry></visual><visual><geometry><mesh filename='box.stl'/>"
     task = task_of(str(written(tmp_path, twice)), 2)
-    first = look_of(task, ["turn", "slide"])
-    assert look_of(task, ["turn", "slide"]) is first
+    first = appearance_of(task, ["turn", "slide"])
+    assert appearance_of(task, ["turn", "slide"]) is first
     assert reads == [mesh]
     trimesh.creation.box([3.0, 3.0, 3.0]).export(mesh)
     os.utime(mesh, (0, 0))
-    assert max(part.vertices[:, 1].max() for part in look_of(task, ["turn", "slide"]).parts) == pytest.approx(1.5)
+    assert max(part.vertices[:, 1].max() for part in appearance_of(task, ["turn", "slide"]).parts) == pytest.approx(1.5)
     assert reads == [mesh, mesh]
