@@ -37,7 +37,7 @@ from shared.ten_arms import ARMS, arm, limits, spec
 
 import invariantqp as iq
 from invariantqp.compare.measurements import EVERYDAY
-from invariantqp.compare.watched import figures, grown_errors, rested, watched_run
+from invariantqp.compare.watched import figures, overshoot, watched_run, with_rest
 from invariantqp.control import controller, tracking
 from invariantqp.runs.controllers import law_options
 from invariantqp.runs.plants.plant import IdealPlant
@@ -206,7 +206,7 @@ def random_problem(number: int) -> Problem:
     else:
         content["path"] = _joint_path(robot, start, kind, rng)
     content["robot"] = {**spec(name), "start": start.tolist()}
-    setup = rested(prepare(task_from(content, name)))
+    setup = with_rest(prepare(task_from(content, name)))
     if kind == "singular, no feedforward":
         setup = replace(setup, brief=replace(setup.brief, feedforward=np.zeros_like(setup.brief.feedforward)))
     return Problem(setup, random=True, stays=kind == "stay")
@@ -247,7 +247,7 @@ def singular(robot: Any, q: np.ndarray) -> np.ndarray:
 
 def shipped_problem(name: str) -> Problem:
     """An everyday task or a stability task."""
-    return Problem(rested(prepare(load_task(name))), random=False, stays=name == "compare/stay")
+    return Problem(with_rest(prepare(load_task(name))), random=False, stays=name == "compare/stay")
 
 
 def judged(problem: Problem, choice: Choice) -> np.ndarray:
@@ -267,7 +267,7 @@ def judged(problem: Problem, choice: Choice) -> np.ndarray:
             watched, trace = watched_run(setup, make)
         except iq.BadInput:
             return np.full(5, np.nan)
-    mm, deg = grown_errors(trace, setup.robot) * (1e3, np.degrees(1.0))
+    mm, deg = overshoot(trace, setup.robot) * (1e3, np.degrees(1.0))
     found = figures(watched, trace)
     settled = min(found["settling_s"], float(setup.brief.time[-1]))
     moved = np.degrees(np.abs(trace.q - trace.q[0]).max())

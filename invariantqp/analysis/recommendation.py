@@ -78,7 +78,7 @@ class Recommendation:
     unseen: Array
 
 
-class _Tried(NamedTuple):
+class _ProjectorNorms(NamedTuple):
     """|P_h| of (p,) pitches in n states."""
 
     states: Array  # (n, m)
@@ -128,7 +128,7 @@ def smallest_norm(robot: Robot, q: Array, length: float) -> float:
 def at_tool(robot: Robot, q: Array, length: float) -> tuple[Array, Array]:
     """What the joints can do at q (6, k), measured at the tool, and the inverse of the measure's root (6, 6)."""
     root = root_at(robot.pose(q)[:3, 3], length)
-    return can_do(root.dot(robot.jacobian(q))), np.asarray(np.linalg.inv(root), dtype=np.float64)
+    return achievable(root.dot(robot.jacobian(q))), np.asarray(np.linalg.inv(root), dtype=np.float64)
 
 
 def rounded(x: float) -> float:
@@ -136,17 +136,17 @@ def rounded(x: float) -> float:
     return round(x, 1 - floor(log10(x)))
 
 
-def _tried(robot: Robot, length: float, states: Array) -> _Tried:
+def _tried(robot: Robot, length: float, states: Array) -> _ProjectorNorms:
     pitches = tried_pitches(length)
     norms, six = np.empty((len(states), len(pitches))), np.zeros(len(states), dtype=bool)
     for i, q in enumerate(states):
         U, inverse_root = at_tool(robot, q, length)
         six[i] = U.shape[1] == 6
         norms[i] = [projector_norm(U, inverse_root, h) for h in pitches]
-    return _Tried(states, norms, six)
+    return _ProjectorNorms(states, norms, six)
 
 
-def _pitch_words(h: float, length: float, spread: _Tried, up: _Tried, i: int) -> str:
+def _pitch_words(h: float, length: float, spread: _ProjectorNorms, up: _ProjectorNorms, i: int) -> str:
     times = "" if abs(h) == rounded(length) else f"{abs(h) / length:.2g} times "
     size = f"h = {written(h)}, {times}the arm's reach to the tool"
     if np.mean(spread.six) >= NEARLY_ALL:
@@ -163,7 +163,7 @@ def _pitch_words(h: float, length: float, spread: _Tried, up: _Tried, i: int) ->
     )
 
 
-def _tool_words(length: float, spread: _Tried, up: _Tried, i: int) -> str:
+def _tool_words(length: float, spread: _ProjectorNorms, up: _ProjectorNorms, i: int) -> str:
     counts = f"in {_shares(spread, up, i)}" if spread.share()[i] or (len(up.states) and up.share()[i]) else "nowhere"
     return (
         "Leave out the form: what the arm cannot do is then missed by least squares at the tool, |v|^2 + L^2 |omega|^2 "
@@ -173,7 +173,7 @@ def _tool_words(length: float, spread: _Tried, up: _Tried, i: int) -> str:
     )
 
 
-def _shares(spread: _Tried, up: _Tried, i: int) -> str:
+def _shares(spread: _ProjectorNorms, up: _ProjectorNorms, i: int) -> str:
     """In how many states of each kind a pitch serves."""
     said = f"{100.0 * spread.share()[i]:.3g} % of the states looked at"
     if len(up.states):
@@ -202,7 +202,7 @@ def _tuple(values: Array) -> str:
     return f"({listed(values.round(4), 3)})"
 
 
-def can_do(A: Array) -> Array:
+def achievable(A: Array) -> Array:
     """(6, k) orthonormal: the twists that the measured joints A (6, m) can do, damping leaves half of them and more."""
     U, sigma, _ = np.linalg.svd(A, full_matrices=False)
     damped = Adaptive().squares(sigma, np.zeros(len(sigma)), sigma[0])

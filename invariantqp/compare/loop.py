@@ -43,7 +43,7 @@ class MethodLaw:
 
     def __init__(self, robot: Robot, law: LawSpec, name: str, make: Callable[[Setting], Solve]) -> None:
         """Of `law`, dt, gain, delay, acceleration_limit, point, length, posture, exact and position_margin count."""
-        self._name, self._robot, self._look = name, robot, look_at(robot)
+        self._name, self._robot, self._read = name, robot, state_reader(robot)
         self._gain = tracking_gain(law.gain, law.dt, law.delay)
         setting = setting_of(robot, law)
         self._solve = make(setting)
@@ -58,7 +58,7 @@ class MethodLaw:
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
         """One tick; raises whatever the method raises."""
         positions = arrays.vector(q, len(self._middle), "q")
-        J, error, ahead, wanted = self._look(positions, self._robot.target(target), feedforward)
+        J, error, ahead, wanted = self._read(positions, self._robot.target(target), feedforward)
         C, e = self._none
         if self._exact:
             there = wanted[:3, :3].dot(self._point) + wanted[:3, 3]
@@ -112,7 +112,7 @@ class AccelerationReach:
         return self.last
 
 
-class ToolView(NamedTuple):
+class ToolState(NamedTuple):
     """An arm in one state, and how far it is from its target, all in its tool frame, angular part first."""
 
     J: Array  # (6, m) joint twists
@@ -121,13 +121,13 @@ class ToolView(NamedTuple):
     wanted: Array  # (4, 4) pose of the target
 
 
-Look = Callable[[Array, Any, Any], ToolView]
+ReadState = Callable[[Array, Any, Any], ToolState]
 
 
-def look_at(robot: Robot) -> Look:
-    """The function of (q, target, feedforward) that views an arm."""
+def state_reader(robot: Robot) -> ReadState:
+    """The function of (q, target, feedforward) that says where an arm is and what is asked of it."""
     by_pinocchio = kinematics() != OURS and getattr(robot, "model", None) is not None
-    return _by_pinocchio(robot) if by_pinocchio else _by_twists(robot)
+    return _read_by_pinocchio(robot) if by_pinocchio else _read_by_twists(robot)
 
 
 def kinematics() -> str:
@@ -135,36 +135,36 @@ def kinematics() -> str:
     return "Pinocchio" if is_installed("pinocchio") else OURS
 
 
-def _by_pinocchio(robot: Any) -> Look:
+def _read_by_pinocchio(robot: Any) -> ReadState:
     import pinocchio as pin
 
     model, data = robot.model, robot.model.createData()
     frame = model.getFrameId(robot.tool)
 
-    def look(q: Array, target: Any, feedforward: Any) -> ToolView:
+    def read(q: Array, target: Any, feedforward: Any) -> ToolState:
         pin.forwardKinematics(model, data, q)
         tool = pin.updateFramePlacement(model, data, frame)
         J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL).take(ANGULAR_FIRST, axis=0)
         gap = tool.actInv(target if isinstance(target, pin.SE3) else pin.SE3(pose_of(target)))
         error = pin.log6(gap).vector.take(ANGULAR_FIRST)
         if feedforward is None:
-            return ToolView(J, error, np.zeros(6), gap.homogeneous)
+            return ToolState(J, error, np.zeros(6), gap.homogeneous)
         ahead = tool.actInv(pin.Motion(feedforward[3:], feedforward[:3])).vector.take(ANGULAR_FIRST)
-        return ToolView(J, error, ahead, gap.homogeneous)
+        return ToolState(J, error, ahead, gap.homogeneous)
 
-    return look
+    return read
 
 
-def _by_twists(robot: Robot) -> Look:
-    def look(q: Array, target: Any, feedforward: Any) -> ToolView:
+def _read_by_twists(robot: Robot) -> ReadState:
+    def read(q: Array, target: Any, feedforward: Any) -> ToolState:
         sighting = robot.sight(q, target)
         tool = pose_of(sighting.pose)
         to_tool = se3.inverse_adjoint(tool)
         ahead = np.zeros(6) if feedforward is None else to_tool.dot(feedforward)
         wanted = se3.inverse(tool, check=False).dot(pose_of(target))
-        return ToolView(to_tool.dot(sighting.J), to_tool.dot(sighting.error), ahead, wanted)
+        return ToolState(to_tool.dot(sighting.J), to_tool.dot(sighting.error), ahead, wanted)
 
-    return look
+    return read
 
 
 def pose_of(target: Any) -> Array:

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from invariantqp.compare.frames import displaced, largest_change, moved_start, random_displacement
 from invariantqp.compare.loop import pose_of
 from invariantqp.compare.registry import controller_named
-from invariantqp.compare.watched import Result, figures, grown_errors, quietly, rested, watched_run
+from invariantqp.compare.watched import Result, figures, overshoot, quietly, watched_run, with_rest
 from invariantqp.control.controller import Controls
 from invariantqp.errors import InvariantQPError
 from invariantqp.geometry import se3
@@ -107,11 +107,11 @@ class Kind:
 def loops(cell: Cell) -> dict[str, Result]:
     """Errors, motion, failures and frame dependence of one method on one task."""
     task, make = cell.load(), controller_named(cell.method)
-    setup = rested(prepare(task))
+    setup = with_rest(prepare(task))
     law, trace = watched_run(setup, make)
     changes = []
     for k in range(QUICK_FRAMES if cell.quick else FRAMES):
-        other = displaced(rested(prepare(task)), random_displacement(cell.seed + k))
+        other = displaced(with_rest(prepare(task)), random_displacement(cell.seed + k))
         changes.append(largest_change(trace.q, watched_run(other, make)[1].q))
     control = largest_change(trace.q, watched_run(moved_start(task, setup), make)[1].q)
     return {cell.method: {**figures(law, trace), "frame": max(changes), "control": control}}
@@ -119,15 +119,15 @@ def loops(cell: Cell) -> dict[str, Result]:
 
 def everyday(cell: Cell) -> dict[str, Result]:
     """The figures of `loop`, how far errors grow beyond the target's jumps, and how far joints move; never quick."""
-    setup = rested(prepare(load_task(cell.task)))
+    setup = with_rest(prepare(load_task(cell.task)))
     law, trace = watched_run(setup, controller_named(cell.method))
-    mm, deg = grown_errors(trace, setup.robot) * (1e3, np.degrees(1.0))
+    mm, deg = overshoot(trace, setup.robot) * (1e3, np.degrees(1.0))
     moved = float(np.degrees(np.abs(trace.q - trace.q[0]).max()))
     found = {**figures(law, trace), "grown_mm": float(mm), "grown_deg": float(deg), "joints_deg": moved}
     return {cell.method: found}
 
 
-class Seen:
+class CameraFeedback:
     """A law that is told its target as a camera on the true arm sees it: its model sees it where the camera does.
 
         q <- q + dt x,   the tool at T(q) by the true screws,   x from the model's J(q) and log(T(q)^-1 T_target)
@@ -145,7 +145,7 @@ class Seen:
         return self._law.step(q, self._model.target(seen.dot(pose_of(target))), ahead)
 
 
-def misplaced(robot: Robot, seed: int) -> Chain:
+def miscalibrated(robot: Robot, seed: int) -> Chain:
     """The arm with every joint turned and shifted at random."""
     rng = np.random.default_rng(seed)
     m = len(robot.names)
@@ -160,12 +160,14 @@ def calibration(cell: Cell) -> dict[str, Result]:
     """Largest true error of the run, and the variation of the joint velocities."""
     setup = prepare(cell.load())
     model, law, start = setup.robot, setup.brief.law, np.asarray(setup.task.start())
-    true = misplaced(model, cell.seed)
+    true = miscalibrated(model, cell.seed)
     moved = true.pose(start).dot(se3.inverse(model.pose(start)))  # the path begins where the tool is
     poses, ahead = moved @ setup.wanted, setup.brief.feedforward.dot(se3.adjoint(moved).T)
     brief = replace(setup.brief, robot=true, poses=poses, feedforward=ahead)
     other = replace(setup, robot=true, plant=IdealPlant(true, start, law.dt), wanted=poses, brief=brief)
-    found = figures(*watched_run(other, lambda *_: Seen(controller_named(cell.method)(model, law), model, true)))
+    found = figures(
+        *watched_run(other, lambda *_: CameraFeedback(controller_named(cell.method)(model, law), model, true))
+    )
     return {cell.method: {key: found[key] for key in ("position_mm", "orientation_deg", "variation", "failed_ticks")}}
 
 

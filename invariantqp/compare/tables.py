@@ -72,7 +72,7 @@ def shown(results: Results) -> list[str]:
     return [m["name"] for m in results["methods"] if m["shown"]] or [m["name"] for m in results["methods"]]
 
 
-def told(method: dict[str, Any]) -> str:
+def not_taken(method: dict[str, Any]) -> str:
     """What a method does not take of what every row is told."""
     takes = method["takes"]
     cannot = [f"no {key}" for key in ("posture", "exact") if takes[key] == CANNOT]
@@ -101,7 +101,7 @@ def summary(results: Results, names: Sequence[str] | None = None) -> Table:
             ]
             cells.append(" · ".join(parts) if loop or tick else NOTHING)
         worst = worst_frame(results, name)
-        rows.append([name, told(table[name]), *cells, figure(worst, "{:.0e}")])
+        rows.append([name, not_taken(table[name]), *cells, figure(worst, "{:.0e}")])
     return Table(["method", "takes", *map(title, results["tasks"]), "frame, rad"], rows)
 
 

@@ -95,7 +95,7 @@ def watched_run(setup: Setup, make: MakeController, broken: str = "") -> tuple[W
         return law, run(setup, pilot_of(setup.brief, lambda *_: law))
 
 
-def rested(setup: Setup) -> Setup:
+def with_rest(setup: Setup) -> Setup:
     """The setup with a second more, in which the target is at rest; a path that may be late and contact as they are."""
     brief, more = setup.brief, round(REST / setup.task.law.dt)
     if setup.scene is not None or brief.elastic is not None:
@@ -170,7 +170,7 @@ def settling_time(trace: Trace) -> float:
     return trace.task.law.dt * max(0, settled - came)
 
 
-def grown_errors(trace: Trace, robot: Robot) -> Array:
+def overshoot(trace: Trace, robot: Robot) -> Array:
     """(2,) the largest errors [m], [rad] beyond those that the target made by jumping: how far the tool swings."""
     first = distance(robot.pose(trace.q[0]), trace.wanted[0])
     errors = np.vstack((first, np.column_stack((trace.position_error, trace.orientation_error))))

@@ -127,34 +127,43 @@ class PoseSearch:
         deadline = begun + (EXACT_SHARE if self._exact else SEARCH_SHARE) * self._time_limit
         # An arm with joints to spare can follow a path past a limit without turning a joint by 2 pi: try that first.
         spare = len(start) > 6 or bool(self._exact)
-        tried = [descend(error, space, start, goal, deadline, turning=q0 is None or not spare)]
-        steps, finished = tried[0].steps, []
-        if not tried[0].met and q0 is not None and self._exact:
-            finished = [self._ended(error, tried[0].q, goal, last)]
-            steps += finished[0].steps
+        first = descend(error, space, start, goal, deadline, turning=q0 is None or not spare)
+        finished = []
+        if not first.met and q0 is not None and self._exact:
+            finished = [self._ended(error, first.q, goal, last)]
             if finished[0].unmet <= self._tolerance and finished[0].at_rest:
-                return self._answer(error, finished[0], start, steps, 1, late=False)
-        for state in self._starts() if not self._is_good(tried[0]) else ():
-            if self._is_good(tried[-1]) or perf_counter() > deadline:
-                break
-            tried.append(descend(error, space, state, goal, deadline))
-            steps += tried[-1].steps
+                return self._answer(error, finished[0], start, first.steps + finished[0].steps, 1, late=False)
+        tried = self._tries(error, first, goal, deadline)
         best, late = tried[-1], perf_counter() > deadline
-        met = [one for one in tried if one.met]
-        if not self._is_good(best) and met and self._clearance is not None:  # only nearer to something than is kept
-            best = max(met, key=self._room)
-        elif not best.met:
-            nearest = sorted(tried, key=self._rank)[:CLOSEST]
-            if q0 is not None and not finished:
+        steps = sum(one.steps for one in (*tried, *finished))
+        if not self._is_good(best):
+            met = [one for one in tried if one.met]
+            if met:  # each with bodies too near to each other
+                best = max(met, key=self._room)
+            else:
                 # From a start that was asked for, the closest pose is the one downhill from there.
-                nearest = tried[:1]
-            ended = [self._ended(error, one.q, goal, last) for one in nearest]
-            steps += sum(one.steps for one in ended)
-            # From q0, and not to what is exact: only a try that met that is nearer.
-            finished += [one for one in ended if not finished or one.unmet <= self._tolerance]
-            least = min(map(self._rank, finished))
-            best = next(one for one in finished if self._rank(one) <= (least[0], ALIKE * least[1]))
+                alone = q0 is not None and not finished
+                nearest = tried[:1] if alone else sorted(tried, key=self._rank)[:CLOSEST]
+                ended = [self._ended(error, one.q, goal, last) for one in nearest]
+                steps += sum(one.steps for one in ended)
+                # From q0, and not to what is exact: only a try that met that is nearer.
+                best = self._closest(finished + [one for one in ended if not finished or one.unmet <= self._tolerance])
         return self._answer(error, best, start, steps, len(tried), late=late)
+
+    def _tries(self, error: PoseError, first: Try, goal: float, deadline: float) -> list[Try]:
+        """The first try, and others from states spread over the joint range until one is good or the time is over."""
+        tried = [first]
+        if not self._is_good(first):
+            for state in self._starts():
+                if self._is_good(tried[-1]) or perf_counter() > deadline:
+                    break
+                tried.append(descend(error, self._space, state, goal, deadline))
+        return tried
+
+    def _closest(self, finished: list[Try]) -> Try:
+        """The first of the tries that are as near as the nearest, to rounding."""
+        least = min(map(self._rank, finished))
+        return next(one for one in finished if self._rank(one) <= (least[0], ALIKE * least[1]))
 
     def _is_good(self, one: Try) -> bool:
         """Whether a try ended on the target, where nothing is too near."""

@@ -11,7 +11,7 @@ from invariantqp.analysis.recommendation import (
     LARGEST_NORM,
     NEARLY_ALL,
     PARALLEL,
-    can_do,
+    achievable,
     projector_norm,
     recommend,
     upright,
@@ -129,7 +129,7 @@ def test_the_norm_is_how_many_times_more_a_pitch_misses(multiple):
     for q in spread(robot, 40):
         P, best = projected(robot, q, L, multiple * L)
         root = root_at(robot.pose(q)[:3, 3], L)
-        norm = projector_norm(can_do(root @ robot.jacobian(q)), np.linalg.inv(root), multiple * L)
+        norm = projector_norm(achievable(root @ robot.jacobian(q)), np.linalg.inv(root), multiple * L)
         assert norm == pytest.approx(np.linalg.norm(P, 2), rel=1e-6)
         s = rng.normal(size=(6, 50))
         missed = np.linalg.norm(s - P @ s, axis=0) / np.linalg.norm(s - best @ s, axis=0)
@@ -215,7 +215,7 @@ def test_what_rounding_in_a_urdf_hides_is_told(name):
     assert f"At q = ({q[0]:.3g}" in found.recommended.reason
     J, point = robot.jacobian(q), robot.pose(q)[:3, 3]
     root = root_at(point, found.recommended.length)
-    Q = can_do(root @ J)
+    Q = achievable(root @ J)
     for s in (root @ unseen).T:
         np.testing.assert_allclose(Q @ (Q.T @ s), s, atol=1e-9)
         for h in (found.recommended.length, -2.0 * found.recommended.length):

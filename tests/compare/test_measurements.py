@@ -12,10 +12,10 @@ from invariantqp.compare.watched import (
     REST,
     Watched,
     figures,
-    grown_errors,
-    rested,
+    overshoot,
     settling_time,
     watched_run,
+    with_rest,
 )
 from invariantqp.runs.prepare import prepare
 from invariantqp.runs.taskfile import load_task
@@ -88,9 +88,9 @@ def test_a_displacement_is_a_rigid_motion_of_about_the_length_of_a_tool():
 
 
 def coarse(name, **law):
-    """A shipped task with its law changed, prepared and rested."""
+    """A shipped task with its law changed, prepared and with_rest."""
     task = load_task(name)
-    return rested(prepare(task.model_copy(update={"law": task.law.model_copy(update=law)})))
+    return with_rest(prepare(task.model_copy(update={"law": task.law.model_copy(update=law)})))
 
 
 @pytest.fixture
@@ -134,17 +134,17 @@ def test_the_first_tick_is_no_acceleration_and_every_other_is(jumped):
 
 def test_errors_grow_from_what_a_jump_makes(jumped):
     trace, robot = jumped
-    mm, deg = grown_errors(trace, robot)
+    mm, deg = overshoot(trace, robot)
     assert mm == 0.0
     assert deg == pytest.approx(trace.orientation_error.max(), rel=1e-12)
     trace.position_error[7] = 0.2
-    assert grown_errors(trace, robot)[0] == pytest.approx(0.05, rel=1e-9)
+    assert overshoot(trace, robot)[0] == pytest.approx(0.05, rel=1e-9)
     back = watched_run(coarse("stability/jump"), controller_named("hand-written loop"))[1]
     assert back.position_error[0] == 0.0
     assert back.position_error.max() > 0.3
-    assert grown_errors(back, robot)[0] < 1e-3  # two jumps, each with an error of its own
+    assert overshoot(back, robot)[0] < 1e-3  # two jumps, each with an error of its own
     path = watched_run(coarse("compare/too_fast"), controller_named("DLS"))[1]
-    assert grown_errors(path, robot)[0] == path.position_error.max()
+    assert overshoot(path, robot)[0] == path.position_error.max()
 
 
 def test_after_a_path_the_target_rests_for_a_second():
@@ -158,7 +158,7 @@ def test_after_a_path_the_target_rests_for_a_second():
         task = load_task(name)
         task = task.model_copy(update={"law": task.law.model_copy(update={"dt": 0.01})})
         setup = prepare(task)
-        assert rested(setup) is setup
+        assert with_rest(setup) is setup
 
 
 def test_everyday_figures_of_an_arm_that_is_told_to_stay_turned_in_place_and_late():
@@ -214,10 +214,10 @@ def test_an_arm_that_is_where_its_model_says_is_the_ordinary_run():
 
 def test_what_the_law_sees_is_the_true_error():
     model = iq.load_robot("ur5")
-    true = measurements.misplaced(model, 3)
+    true = measurements.miscalibrated(model, 3)
     q, target = np.array([0.1, -1.1, 1.5, -0.5, -1.1, 0.2]), iq.transform(translation=[0.4, 0.2, 0.5])
     law = mock.Mock()
-    measurements.Seen(law, model, true).step(q, true.target(target), np.arange(6.0))
+    measurements.CameraFeedback(law, model, true).step(q, true.target(target), np.arange(6.0))
     _, seen, ahead = law.step.call_args.args
     np.testing.assert_allclose(
         np.linalg.inv(model.pose(q)) @ seen.pose, np.linalg.inv(true.pose(q)) @ target, atol=1e-12
@@ -228,7 +228,7 @@ def test_what_the_law_sees_is_the_true_error():
 
 def test_joints_are_off_by_millimetres_and_the_run_is_worse():
     model, q = iq.load_robot("ur5"), np.array([0.1, -1.1, 1.5, -0.5, -1.1, 0.2])
-    off = np.linalg.norm(measurements.misplaced(model, 3).pose(q)[:3, 3] - model.pose(q)[:3, 3])
+    off = np.linalg.norm(measurements.miscalibrated(model, 3).pose(q)[:3, 3] - model.pose(q)[:3, 3])
     assert 1e-3 < off < 5e-2
     wrong, right = (measure(WRONG)["invariantqp"]["position_mm"] for measure in (measurements.calibration, loops))
     assert wrong > 2.0 * right

@@ -37,7 +37,7 @@ LOOPS = [
     (None, {"form": 0.1, "damping": iq.velocity.Selective()}),
     (JOINT, ROWS),
 ]
-ARMS = ("panda", "ur5", "xarm7", "so101", "z1")
+ARMS = ("panda", "ur5", "so101")
 
 
 def in_python(controller, *tick):

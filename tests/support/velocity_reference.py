@@ -119,21 +119,6 @@ def least_squares_form(A, b, posture=None, damping=LIMITED):
     return Vt.T @ np.diag(sizes**2 + squares) @ Vt, Vt.T @ (pull + squares * wanted)
 
 
-def convex_form(J, s, h, damping, metric=None):
-    """(H, c) of [DS]'s problem made convex: H = V diag(a) V', a = sqrt(mu^2 + lambda^2), c = H x*.
-
-    With a joint metric M = LL' the spectrum is that of L^-1 G L^-T, and H, c go back to x by L.
-    """
-    L = np.eye(J.shape[1]) if metric is None else np.linalg.cholesky(metric)
-    Q = np.block([[-2.0 * h * np.eye(3), np.eye(3)], [np.eye(3), np.zeros((3, 3))]])
-    A = J @ np.linalg.inv(L).T
-    mu, V = np.linalg.eigh(A.T @ Q @ A)
-    optimum = mu / (mu**2 + damping**2) * (V.T @ (A.T @ Q @ s))
-    a = np.sqrt(mu**2 + damping**2)
-    H, c = V @ np.diag(a) @ V.T, V @ (a * optimum)
-    return L @ H @ L.T, L @ c
-
-
 def box_minimum(H, c, lower, upper):
     """The minimiser over a box in rational numbers, by least-index pivoting: no solver, no tolerance.
 
