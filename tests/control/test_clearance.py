@@ -357,6 +357,41 @@ def test_neither_base_frame_nor_tool_frame_nor_unit_changes_a_velocity(panda):
         np.testing.assert_allclose(tool, x, atol=1e-10 * np.abs(x).max())
 
 
+@pytest.mark.parametrize("acceleration", [None, 10.0])
+def test_the_unit_of_length_changes_no_velocity(panda, acceleration):
+    """The same arm, shapes and target in millimetres, while it comes down on the table and begins inside of it."""
+    unit = 1e3
+    scale = np.diag([1.0, 1.0, 1.0, unit, unit, unit])
+    home = panda.home.copy()
+    home[:3, 3] *= unit
+    limits = {"position_lower": panda.position_lower, "position_upper": panda.position_upper}
+    small = iq.robots.Chain(scale @ panda.screws, home, velocity_limit=panda.velocity_limit, **limits)
+    bodies = {}
+    for name, shapes in HAND.items():
+        link = next(link for link in panda.links if link.name == name)
+        bodies[small.names[link.body - 1]] = bodies.get(small.names[link.body - 1], [])
+        for shape in shapes:
+            T, half = link.frame @ shape.place, shape.half[2] * link.frame[:3, :3] @ shape.place[:3, 2]
+            ends = T[:3, 3] - half, T[:3, 3] + half
+            bodies[small.names[link.body - 1]].append(Capsule(*(unit * end for end in ends), unit * shape.radius))
+    options = {"dt": DT, "acceleration_limit": acceleration}
+    for start, seconds in ((READY, 1.0), (READY + np.array([0, 1.1, 0, 0.2, 0, 0, 0]), 0.2)):
+        loops = (
+            iq.Controller(panda, limits=[Clearance(panda, HAND, [TABLE])], **options),
+            iq.Controller(small, limits=[Clearance(small, bodies, [TABLE], unit * 0.02)], **options),
+        )
+        target = below(panda, start, 0.8)
+        same = target.copy()
+        same[:3, 3] *= unit
+        q, limited = start, 0
+        for _ in range(int(seconds / DT)):
+            one, other = loops[0].step(q, target), loops[1].step(q, same)
+            np.testing.assert_allclose(other.velocity, one.velocity, atol=1e-9)
+            limited += "clearance" in one.reason
+            q = q + DT * one.velocity
+        assert limited > 10
+
+
 def test_shapes_without_a_size_and_shapes_in_each_other_give_numbers(panda):
     degenerate = [
         Box(np.eye(4), [0.0, 0.0, 0.0]),
