@@ -8,7 +8,7 @@ the room, and what is decided on positions D seconds old does not overshoot.
 
 Joints with acceleration limits a do not stop at once. A velocity is then one that can still be braked from:
 
-    q_n(x) = q + dt (x + x' + x'' + ...)      n ticks of braking x at 0.8 a, each joint by itself, inside its range
+    q_n(x) = q + dt (x + x' + x'' + ...)      n ticks of braking x at 0.7 a, each joint by itself, inside its range
     d(q_n(x), n dt) - d_min >= (1 - alpha dt) (d(q_n(y), n dt) - d_min),    y the last velocity braked for a tick
 
 to first order in x - y, for n = 0 and the ticks that it takes to stop, a half, a quarter, ... of them. In the next tick
@@ -57,7 +57,9 @@ UNMOVED = 1e-12
 SHARE_OF_ROOM = 0.1
 # Of the accelerations, rows take this share to brake by; the rest is for how their directions turn within a tick, and
 # between the states that are looked at.
-BRAKING = 0.8
+BRAKING = 0.7
+# States that are ticks away keep this times the distance: what is linear in x - y is off by less.
+AHEAD = 1.01
 # Inside the distance, bodies are led apart at the first share of the joints' velocity limits, and no joint is faster
 # than the second: an arm that begins inside comes out in a second or three, without a kick. That holds from a depth on
 # of the third, of the distance; less is what curvature takes of it in a tick.
@@ -98,9 +100,11 @@ class Rate(NamedTuple):
     settings: Array  # d_min [length], alpha [1/s], ESCAPE, a tick [s], BRAKING
     delay: float  # of the robot [s]
 
-    def braked(self, before: Array) -> Array:
-        """(m,) how fast joints still are after a tick of braking a velocity (m,)."""
-        return np.asarray(np.maximum(np.abs(before) - self.settings[3] * self.settings[4] * self.limits[1], 0.0))
+    def braked(self, before: Array, share: float) -> Array:
+        """(m,) how fast joints still are after a tick of braking a velocity (m,), at a share of what rows brake by."""
+        b = self.settings[4] * self.limits[1]
+        slower = np.abs(before) - self.settings[3] * np.where(np.isfinite(b), share * b, b)
+        return np.asarray(np.maximum(slower, 0.0))
 
 
 class States(NamedTuple):
@@ -331,7 +335,7 @@ class Clearance(Limit):
         upper = np.full(len(lower), inf)
         names = [self._called(i, distances[i]) for i in of_pair.astype(int).tolist()]
         if self._is_inside(self.nearest) and not self._twists.any():
-            speed = self._calm() if before is None else np.maximum(self._calm(), rate.braked(before))
+            speed = self._calm(rate, before)
             limited = np.isfinite(speed)
             C = np.vstack((C, np.eye(len(speed))[limited]))
             lower, upper = np.append(lower, -speed[limited]), np.append(upper, speed[limited])
@@ -344,10 +348,11 @@ class Clearance(Limit):
         near = Near(self._parts[one].name, self._parts[other].name, distance)
         return f"clearance: {near}" + (f" (nearer than {1e3 * self.distance:.1f})" if self._is_inside(near) else "")
 
-    def _calm(self) -> Array:
-        """(m,) how fast joints may be, the nearest bodies being nearer than the distance."""
-        depth = (self.distance - self.nearest.distance) / (DEEP * self.distance) if self.distance > 0.0 else 1.0
-        return np.asarray(max(CALM, 1.0 - depth) * self.robot.velocity_limit)
+    def _calm(self, rate: Rate, before: Array | None) -> Array:
+        """(m,) how fast joints may be, the nearest bodies being nearer than the distance, and no brakes too weak."""
+        deep = _depth(self.distance - self.nearest.distance, self.distance)
+        speed: Array = max(CALM, 1.0 - deep) * self.robot.velocity_limit
+        return speed if before is None else np.maximum(speed, rate.braked(before, deep))
 
     def at(self, q: ArrayLike) -> Near:
         """The least distance at joint positions q (m,).
@@ -642,7 +647,7 @@ def rows_of(
             bodies = int(shapes[one, 0]), int(shapes[other, 0])
             between = slice(min(bodies), max(bodies))
             sides = twists[other] - twists[one], weight[between] * (1.0 if bodies[0] < bodies[1] else -1.0)
-            wanted = settings[0] if s == 0 else min(settings[0], distances[k])
+            wanted = min(settings[0] * (AHEAD if s > 1 else 1.0), distances[k] if s > 0 else inf)
             found = places(placed[one], placed[other])
             moved = [(place, C) for place in found if (C := _row(place, J, between, sides[1])).any()]
             if s == 0:
@@ -691,10 +696,16 @@ def _asked_of(
         wish = max(0.0, out) * min(-alpha * room, escape * float(scaled.dot(scaled)) / float(scaled.max()))
     lower = braked + wish - drift
     if leaving:
-        lower = min(wish - drift, braked + float(np.abs(C[moved]).dot(states.sure[moved])))
+        sure = float(np.abs(C[moved]).dot(states.sure[moved]))
+        lower = min(wish - drift, braked + sure)
     if not lower > braked - float(np.abs(C[moved]).dot(states.reach[moved])):
         return -inf, 0.0
     return lower, (lower - braked) / float(scaled.sum())
+
+
+def _depth(depth: float, distance: float) -> float:
+    """How far inside a distance bodies are, 1 where all of what leads them out applies."""
+    return min(1.0, depth / (DEEP * distance)) if distance > 0.0 else 1.0
 
 
 def _keep(kept: list[tuple[float, float, int, Array]], row: tuple[float, float, int, Array]) -> None:

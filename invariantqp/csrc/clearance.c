@@ -10,7 +10,7 @@ enum { BODY, KIND, RADIUS, HALF, TURN = HALF + 3, PLACE = TURN + 9, OF_SHAPE = P
 enum { ROUND, BLOCK, FREE_SIDE };                                                            /* kinds of core */
 /* control/clearance.py: rows at most, how near equal ones are, and what does not move a place. */
 #define KEPT_ROWS 16
-static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0;
+static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, AHEAD = 1.01;
 /* geometry/distance.py: below these shares, lines are parallel, and a normal has no direction. */
 static const double PARALLEL_LINES = 1e-14, NO_DIRECTION = 1e-12;
 #define MOST_SHAPES 256
@@ -689,7 +689,7 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
                          .to = outer->body,
                          .sign = a->body < b->body ? 1.0 : -1.0,
                          .share = pairs[3 * i + 2],
-                         .wanted = s > 0 && least[i] < wanted ? least[i] : wanted,
+                         .wanted = fmin(s > 1 ? AHEAD * wanted : wanted, s > 0 ? least[i] : INFINITY),
                          .rate = rate,
                          .escape = settings[2],
                          .J = (const Row *)J,
@@ -700,9 +700,9 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
                          .leaving = brakes && s == 0};
             /* Too far for any row, and for the least distance: where rows are asked for, a pair is not looked at closer. */
             double far = at_least(a, b);
-            if (rate > 0.0 && far > wanted && (s > 0 || far > smallest) && outer->kind != FREE_SIDE &&
+            if (rate > 0.0 && far > AHEAD * wanted && (s > 0 || far > smallest) && outer->kind != FREE_SIDE &&
                 is_still(pair.twist_a) && is_still(pair.twist_b) &&
-                (pair.leaving || rate * pair.share * (far - wanted) >
+                (pair.leaving || rate * pair.share * (far - AHEAD * wanted) >
                                      swept(pair.from, pair.to, outer, pair.J, pair.weight, states.reach)))
                 continue;
             places(a, b, &found);
