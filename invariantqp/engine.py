@@ -10,7 +10,6 @@ What stays in Python, and what a tick of a Panda then costs beside a plain one o
     more than 16 joints, 32 rows of limits or 8 exact rows                          100 to 400
     damping of one's own, `PaperLambda`, a pitch form made convex, another solver   100 to 10 000
     `point="own"` in a controller                                                   40
-    `ToolSpeed(exact=True)`, a QP of CVXPY                                          thousands
     a slider at zero, joint positions that cannot be true                           10 to 35
     `follow` with rows, a sighting, a point or a posture of one tick                5 and more
     joint positions of a robot that is no `Chain`                                   all of it: 120

@@ -39,6 +39,8 @@ from invariantqp.velocity.limits import ToolSpeed
 from invariantqp.velocity.solution import Status, VelocitySolution, with_trouble
 
 MakeController = Callable[[Robot, LawSpec], Controls]
+# Poses by which an elastic path is known: more than a plot could show.
+PATH_SAMPLES = 1500
 
 
 def our_controller(robot: Robot, law: LawSpec, limits: Sequence[Limit] = (), engine: Engine = "compiled") -> Controller:
@@ -54,29 +56,14 @@ def our_hybrid(
 
 
 def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
-    """A [law] as keyword arguments of `Controller`."""
-    return {
-        "dt": law.dt,
-        "gain": law.gain,
+    """A [law] as keyword arguments of `Controller`, which its keys are called as."""
+    speed = None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point)
+    return law.model_dump(exclude={"tool_speed_point"}) | {
         "form": tool_metric(robot) if law.form == "tool" else law.form,
-        "damping": law.damping,
-        "guard": law.guard,
-        "posture": law.posture,
-        "posture_gain": law.posture_gain,
-        "joint_metric": law.joint_metric,
-        "backend": law.backend,
         "exact": None if law.exact is None else ExactPoint(law.point),
         "point": law.point if any(law.point) else None,  # in contact that is the point of contact
-        "length": law.length,
-        "acceleration_limit": law.acceleration_limit,
-        "delay": law.delay,
-        "position_margin": law.position_margin,
-        "tool_speed": None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point),
+        "tool_speed": speed,
     }
-
-
-# Poses by which an elastic path is known: more than a plot could show.
-PATH_SAMPLES = 1500
 
 
 class Pilot(ABC):

@@ -40,6 +40,9 @@ SIZES = (0.08, 0.05)
 PRESS = 5.0
 # Above what a run at these speeds leaves; a first demand, to be changed [mm].
 ACCURACY = 1.0
+# Where the meaning of a key begins, and the last column of a line.
+COLUMN, WIDTH = 42, 120
+PATHS = {get_args(path.model_fields["kind"].annotation)[0]: path for path in get_args(get_args(Path)[0])}
 
 
 def new_task(
@@ -110,10 +113,6 @@ def well_placed(robot: Robot) -> np.ndarray:
     return best
 
 
-# Where the meaning of a key begins, and the last column of a line.
-COLUMN, WIDTH = 42, 120
-
-
 class TaskTable(NamedTuple):
     """A table of a task file: how it is headed, which of several kinds it is ("" for the only one), and its keys."""
 
@@ -122,7 +121,6 @@ class TaskTable(NamedTuple):
     section: type[Section]
 
 
-PATHS = {get_args(path.model_fields["kind"].annotation)[0]: path for path in get_args(get_args(Path)[0])}
 TABLES = (
     TaskTable("robot", "", RobotSpec),
     TaskTable("robot.screws", "", Screw),

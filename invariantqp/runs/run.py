@@ -31,6 +31,9 @@ from invariantqp.velocity.solution import VelocitySolution
 NEAR_PITCH = 0.1
 # States at which principal pitches are looked at: a path is smooth, and every tick would cost time.
 PITCH_SAMPLES = 200
+# An elastic path may take this many times as long as its timing says.
+LONGEST = 10
+Observer = Callable[[int, PlantState, VelocitySolution], None]
 
 
 def notes(robot: Robot, form: Form | None, q: Array, solutions: Sequence[VelocitySolution]) -> list[str]:
@@ -59,11 +62,6 @@ def _about_pitches(robot: Robot, h: float, q: Array) -> list[str]:
     if nearest is None or abs(nearest - h) > NEAR_PITCH * abs(h):
         return []
     return [f"h = {h:.4g} m comes near the principal pitch {nearest:.4g} m on this path"]
-
-
-# An elastic path may take this many times as long as its timing says.
-LONGEST = 10
-Observer = Callable[[int, PlantState, VelocitySolution], None]
 
 
 class _Record(NamedTuple):

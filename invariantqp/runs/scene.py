@@ -34,6 +34,17 @@ from invariantqp.systems.projectors import dual_projectors
 
 # Newton steps that move a wanted point onto the surface: a plane takes one, a round bar a few.
 DROP_STEPS = 6
+# The length over which a point contact is taken to extend, where moments are weighed against forces [m].
+POINT_SIZE = 0.05
+# If a handle is nearer to its hinge than this [m], or an edge nearer to the normal [rad], rounding chose its direction.
+LEAST_ARM = 1e-6
+# The corners of a face or a handle in order, and the ends of an edge, in halves of its sides.
+CORNERS = {
+    "point": ((0, 0),),
+    "edge": ((-1, 0), (1, 0)),
+    "face": ((-1, -1), (1, -1), (1, 1), (-1, 1)),
+    "hinge": ((-1, -1), (1, -1), (1, 1), (-1, 1)),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,19 +113,6 @@ class ContactScene:
         return orth(S[:3]), orth(S[3:])
 
 
-# The length over which a point contact is taken to extend, where moments are weighed against forces [m].
-POINT_SIZE = 0.05
-# If a handle is nearer to its hinge than this [m], or an edge nearer to the normal [rad], rounding chose its direction.
-LEAST_ARM = 1e-6
-# The corners of a face or a handle in order, and the ends of an edge, in halves of its sides.
-CORNERS = {
-    "point": ((0, 0),),
-    "edge": ((-1, 0), (1, 0)),
-    "face": ((-1, -1), (1, -1), (1, 1), (-1, 1)),
-    "hinge": ((-1, -1), (1, -1), (1, 1), (-1, 1)),
-}
-
-
 class _Touched(NamedTuple):
     """What is touched."""
 
@@ -161,14 +159,8 @@ def _hybrid_task(contact: ContactSpec, force: ForceSpec, touched: _Touched) -> H
         h=force.h,
         complement=None if force.complement is None else np.array(force.complement).T,
         metric=touched.stiffness if by_stiffness else None,
-        max_force=force.max_force,
-        max_moment=force.max_moment,
-        on_overload=force.on_overload,
-        on_loss=force.on_loss,
-        approach_speed=force.approach_speed,
-        edge_margin=force.edge_margin,
-        normal_within=contact.normal_within,
-        yields=contact.yields,
+        **force.model_dump(exclude={"press", "rate", "h", "complement"}),
+        **contact.model_dump(include={"normal_within", "yields"}),
     )
 
 
@@ -184,11 +176,8 @@ def _believed_sensor(sensor: SensorSpec, mount: Array, noise: float) -> WrenchSe
         mount,
         order="moment first",
         reads="reaction",
-        mass=sensor.mass,
-        centre=sensor.centre,
         cutoff=inf if sensor.cutoff is None else sensor.cutoff,
-        force_deadband=sensor.force_deadband,
-        moment_deadband=sensor.moment_deadband,
+        **sensor.model_dump(include={"mass", "centre", "force_deadband", "moment_deadband"}),
         noise=noise,
         origin=se3.inverse(mount)[:3, 3],
     )

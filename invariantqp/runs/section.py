@@ -27,6 +27,7 @@ Positive = Annotated[Number, Field(gt=0.0)]
 NotNegative = Annotated[Number, Field(ge=0.0)]
 Vector3 = tuple[Number, Number, Number]
 Vector6 = tuple[Number, Number, Number, Number, Number, Number]
+Models = list[type[BaseModel]]
 
 
 class Section(BaseModel):
@@ -68,9 +69,6 @@ def checked_direction(vector: Vector3) -> Vector3:
 
 # A direction in space; its length does not matter.
 Direction = Annotated[Vector3, AfterValidator(checked_direction)]
-
-
-Models = list[type[BaseModel]]
 
 
 class _Place(NamedTuple):

@@ -36,6 +36,17 @@ from invariantqp.runs.section import (
     problems,
 )
 
+# A run of more ticks than this would take hours and gigabytes: its duration or its tick is a typing error.
+MOST_TICKS = 10_000_000
+# Folders of tasks that come with the package.
+GROUPS = ("", "stability", "compare")
+# Old values of `form`, and what to write instead.
+NOW = {
+    "auto": "leave form out",
+    "carried": '"carried" is now "tool"',
+    "pitch": "a pitch is now given as it is, form = 0.3",
+}
+
 
 class Screw(Section):
     """A joint described by its axis."""
@@ -101,17 +112,6 @@ if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
-
-# A run of more ticks than this would take hours and gigabytes: its duration or its tick is a typing error.
-MOST_TICKS = 10_000_000
-# Folders of tasks that come with the package.
-GROUPS = ("", "stability", "compare")
-# Old values of `form`, and what to write instead.
-NOW = {
-    "auto": "leave form out",
-    "carried": '"carried" is now "tool"',
-    "pitch": "a pitch is now given as it is, form = 0.3",
-}
 
 
 def _form(given: Any) -> Any:

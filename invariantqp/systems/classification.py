@@ -67,6 +67,24 @@ MODULUS_NAMES: dict[tuple[int, str], tuple[str, ...]] = {
     (3, "IA1"): ("h_a", "h_b", "h_c"),
     (3, "IB0"): ("h", "p"),
 }
+# Where translations move every axis, or there is none.
+ANYWHERE = np.zeros(3)
+# Relative error of the twists that must not change the type: a hundred times that of a model file with nine digits.
+CLASS_TOLERANCE = 1e-7
+# A margin below this is small enough to tell the user about.
+NEAR_BORDER = 10.0
+# `next` is the type this far past the nearest border. Borders closer together than that count as one: the same small
+# number is often seen twice (a small angular part is also a small difference of pitches), and no system nearby is of
+# the type between the two.
+BEYOND = 1e-2
+# Axes that meet within this fraction of their distance from the origin define no length of their own: the error of
+# their moments is relative to that distance.
+MEETING = 0.3
+# A length outside these many of the caller's units is not that of a machine: it is rounding in moments, or in angular
+# parts, that should be zero.
+SHORTEST, LONGEST = 0.1, 1e5
+# No h exists for these ([DS] Table 3 and its missing IID); 4- and 5-systems follow their reciprocal (Corollary 3.2).
+_NO_PSEUDOINVERSE = {(1, "h=inf"), (2, "IIB"), (2, "IIC")} | {(3, n) for n in ("IB3", "IC", "IIB", "IIC", "IID")}
 
 
 class Frame(NamedTuple):
@@ -172,8 +190,6 @@ def _screw_and_plane(s: Parts) -> Frame:
     return Frame((), (float(R[2].dot(n)) / along,), R, cross(w, v - n * (w.dot(v) / along)))
 
 
-# Where translations move every axis, or there is none.
-ANYWHERE = np.zeros(3)
 FRAMES: dict[tuple[int, str], Callable[[Parts], Frame]] = {
     (1, "h"): lambda s: Frame((_pitch(s),), (), _axes(s.W[:, 0]), cross(s.W[:, 0], s.V[:, 0])),
     (1, "h=inf"): lambda s: Frame((), (), _axes(s.N[:, 0]), ANYWHERE),
@@ -188,29 +204,6 @@ FRAMES: dict[tuple[int, str], Callable[[Parts], Frame]] = {
     (3, "IIC"): lambda s: Frame((_pitch(s),), (), _axes(s.W[:, 0]), ANYWHERE),
     (3, "IID"): lambda _: Frame((), (), np.eye(3), ANYWHERE),
 }
-
-
-# Relative error of the twists that must not change the type: a hundred times that of a model file with nine digits.
-CLASS_TOLERANCE = 1e-7
-
-# A margin below this is small enough to tell the user about.
-NEAR_BORDER = 10.0
-
-# `next` is the type this far past the nearest border. Borders closer together than that count as one: the same small
-# number is often seen twice (a small angular part is also a small difference of pitches), and no system nearby is of
-# the type between the two.
-BEYOND = 1e-2
-
-# Axes that meet within this fraction of their distance from the origin define no length of their own: the error of
-# their moments is relative to that distance.
-MEETING = 0.3
-
-# A length outside these many of the caller's units is not that of a machine: it is rounding in moments, or in angular
-# parts, that should be zero.
-SHORTEST, LONGEST = 0.1, 1e5
-
-# No h exists for these ([DS] Table 3 and its missing IID); 4- and 5-systems follow their reciprocal (Corollary 3.2).
-_NO_PSEUDOINVERSE = {(1, "h=inf"), (2, "IIB"), (2, "IIC")} | {(3, n) for n in ("IB3", "IC", "IIB", "IIC", "IID")}
 
 
 @frozen

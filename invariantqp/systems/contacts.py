@@ -37,6 +37,14 @@ from invariantqp.systems.subspaces import LENGTH_LIMIT, annihilator, span
 
 # How far W'S may be from zero relative to |W||S|: wrenches given with six digits pass, wrong ones do not.
 DUAL_TOLERANCE = 1e-6
+# A tangent at an angle to the normal below this [rad] counts as parallel to it.
+ALONG = 1e-6
+# Step of central differences, relative to the coordinates: the cube root of the rounding error, where truncation and
+# rounding are of one size.
+GRADIENT_STEP = 6e-6
+NUMBER = "a function that gives a number"
+# Ways out of unit speed whose sum is slower than this lead nowhere: the tool is between two walls.
+NOWHERE = 1e-6
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -163,14 +171,6 @@ def screw_kind(pitch: float) -> ContactKind:
         W[:, 4] = E[2]
     name = "slide" if isinf(pitch) else "screw" if pitch else "hinge"
     return ContactKind(name, helical([0.0, 0.0, 1.0], pitch=pitch), W)
-
-
-# A tangent at an angle to the normal below this [rad] counts as parallel to it.
-ALONG = 1e-6
-# Step of central differences, relative to the coordinates: the cube root of the rounding error, where truncation and
-# rounding are of one size.
-GRADIENT_STEP = 6e-6
-NUMBER = "a function that gives a number"
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -403,10 +403,6 @@ def _at(kind: ContactKind, pose: Array, edge: float | None = None) -> Contact:
     contact = Contact.__new__(Contact)
     contact.__attrs_init__(kind, pose, edge)
     return contact
-
-
-# Ways out of unit speed whose sum is slower than this lead nowhere: the tool is between two walls.
-NOWHERE = 1e-6
 
 
 def two_contacts(first: Contact, second: Contact) -> Contact:

@@ -66,6 +66,11 @@ LINE_TOLERANCE = 1e-9
 
 # Relative error of the lines that must not change the answer: that at which `has_pseudoinverse` refuses.
 ERROR_TOLERANCE = 1.0 / LARGEST_CONDITION
+# A screw lies in a plane if its h-products with the plane's screws are below this fraction of the sum of their terms:
+# model files have nine digits at best.
+MEMBER_TOLERANCE = 1e-9
+# [DS] Table 2: the 3-systems that lie in one q_h, as planes.
+_FAMILIES: dict[str, Literal["alpha", "beta"]] = {"IIA": "alpha", "IIC": "alpha", "IIB": "beta", "IID": "beta"}
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -197,14 +202,6 @@ def _split(null: Array, tolerance: float) -> tuple[Array, Array]:
     at_infinity = unit[:, far]
     at_infinity[:3] = 0.0
     return unit[:, ~far] / w[~far], at_infinity
-
-
-# A screw lies in a plane if its h-products with the plane's screws are below this fraction of the sum of their terms:
-# model files have nine digits at best.
-MEMBER_TOLERANCE = 1e-9
-
-# [DS] Table 2: the 3-systems that lie in one q_h, as planes.
-_FAMILIES: dict[str, Literal["alpha", "beta"]] = {"IIA": "alpha", "IIC": "alpha", "IIB": "beta", "IID": "beta"}
 
 
 @frozen(eq=False, repr=False, slots=False)

@@ -38,6 +38,9 @@ FAR = 1e6
 # A reach below this fraction of the coordinates it is computed from is their rounding: forward kinematics of a dozen
 # joints leaves some 1e-15 of them.
 ROUNDING = 1e-12
+# Angle below which a twist of im J counts as one of S_q, and fraction of the fastest speed below which the point counts
+# as being at rest: two factorisations leave some 1e-15.
+MEET_TOLERANCE = 1e-12
 
 
 class Centre(NamedTuple):
@@ -158,11 +161,6 @@ def _length(twists: Array, moving: Array) -> float:
     if moved * LENGTH_LIMIT**2 <= max(float(np.vdot(twists[3:], twists[3:])), turning):
         return 0.0
     return sqrt(moved / turning)
-
-
-# Angle below which a twist of im J counts as one of S_q, and fraction of the fastest speed below which the point counts
-# as being at rest: two factorisations leave some 1e-15.
-MEET_TOLERANCE = 1e-12
 
 
 @frozen(eq=False, repr=False, slots=False)

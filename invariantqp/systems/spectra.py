@@ -53,6 +53,9 @@ from invariantqp.systems.gram import gram_matrix
 from invariantqp.systems.pseudoinverses import pseudoinverse
 from invariantqp.systems.subspaces import span
 
+# Least over largest |mu| below which rounding of the largest leaves the least fewer than three digits.
+LEAST_SHARE = 1e-12
+
 
 @frozen(eq=False, repr=False, slots=False)
 class HyperbolicSpectrum(Value):
@@ -126,10 +129,6 @@ def hyperbolic_singular_values(J: ArrayLike, h: float, *, joint_metric: ArrayLik
     values, V = mu[order], V[:, order]
     values[system.rank :] = 0.0
     return HyperbolicSpectrum(pitch, system.rank, values, V, twists.dot(V))
-
-
-# Least over largest |mu| below which rounding of the largest leaves the least fewer than three digits.
-LEAST_SHARE = 1e-12
 
 
 @frozen(eq=False, repr=False, slots=False)

@@ -46,6 +46,31 @@ THICK = 0.05
 SQUARE = 1e-6
 
 SolidKind = Literal["plane", "sphere", "capsule", "cylinder", "box"]
+# MuJoCo's impedance d of a contact. Its spring is solref / ((1 - d) A), A the inverse mass it assumes, and a mass of
+# d / ((1 - d) A) sticks to it. A small d makes a spring; d near 1, as is usual for stiff contact, adds some 30 kg.
+IMPEDANCE = 0.02
+# Damping over stiffness of a contact [s]. MuJoCo's convex friction lifts a sliding contact by friction x speed x this:
+# 15 micrometres at 0.1 m/s. With critical damping it would be half a millimetre, and contact would be lost.
+RELAXATION = 5e-4
+# The mass of the tool beyond its sensor is a ball of this radius [m].
+TOOL_RADIUS = 0.03
+# Mass of a door [kg], and half its width [m]; at least this, and less where the handle is nearer to the axis: a nut.
+DOOR_MASS = 5.0
+DOOR_HALF = (0.03, 0.3)
+# A pitch below this [m/rad] is rounding, and makes no thread.
+LEAST_PITCH = 1e-9
+# Which of MuJoCo's shapes a solid is.
+GEOMS = {kind: getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}") for kind in get_args(SolidKind)}
+# How fast a nut follows its thread [s] and the damping ratio, and how little it gives: it pushes both ways, so that the
+# mass of MuJoCo's stiff constraints does no harm.
+THREAD = {"solref": (2e-3, 1.0), "solimp": (0.999, 0.999, 1e-3, 0.5, 2.0)}
+# Mass and inertia given to a massless link, without which MuJoCo cannot move it [kg, kg m^2].
+LEAST_MASS = 1e-6
+LEAST_INERTIA = 1e-9
+# Longest step of the engine [s]: contact and velocity loops are ten times slower.
+SUBSTEP = 5e-4
+# Time [s] in which a joint's servo brings its inertia to the commanded speed, short beside the lag.
+SERVO = 1e-3
 
 
 class Solid(NamedTuple):
@@ -118,29 +143,6 @@ def _tip(springs: SurfaceSprings, T: Array) -> Solid:
     sides = 0.5 * float(np.linalg.norm(a)), 0.5 * float(np.linalg.norm(b))
     R = np.column_stack((a / (2.0 * sides[0]), b / (2.0 * sides[1]), np.cross(a, b) / (4.0 * sides[0] * sides[1])))
     return Solid("box", (*sides, 0.5 * TIP), se3.transform(R, p + 0.5 * TIP * up))
-
-
-# MuJoCo's impedance d of a contact. Its spring is solref / ((1 - d) A), A the inverse mass it assumes, and a mass of
-# d / ((1 - d) A) sticks to it. A small d makes a spring; d near 1, as is usual for stiff contact, adds some 30 kg.
-IMPEDANCE = 0.02
-# Damping over stiffness of a contact [s]. MuJoCo's convex friction lifts a sliding contact by friction x speed x this:
-# 15 micrometres at 0.1 m/s. With critical damping it would be half a millimetre, and contact would be lost.
-RELAXATION = 5e-4
-# The mass of the tool beyond its sensor is a ball of this radius [m].
-TOOL_RADIUS = 0.03
-# Mass of a door [kg], and half its width [m]; at least this, and less where the handle is nearer to the axis: a nut.
-DOOR_MASS = 5.0
-DOOR_HALF = (0.03, 0.3)
-# A pitch below this [m/rad] is rounding, and makes no thread.
-LEAST_PITCH = 1e-9
-# Which of MuJoCo's shapes a solid is.
-GEOMS = {kind: getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}") for kind in get_args(SolidKind)}
-# How fast a nut follows its thread [s] and the damping ratio, and how little it gives: it pushes both ways, so that the
-# mass of MuJoCo's stiff constraints does no harm.
-THREAD = {"solref": (2e-3, 1.0), "solimp": (0.999, 0.999, 1e-3, 0.5, 2.0)}
-# Mass and inertia given to a massless link, without which MuJoCo cannot move it [kg, kg m^2].
-LEAST_MASS = 1e-6
-LEAST_INERTIA = 1e-9
 
 
 def arm_model(
@@ -298,12 +300,6 @@ def _place(T: Array) -> dict[str, Array]:
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, T[:3, :3].ravel())
     return {"pos": T[:3, 3], "quat": quat}
-
-
-# Longest step of the engine [s]: contact and velocity loops are ten times slower.
-SUBSTEP = 5e-4
-# Time [s] in which a joint's servo brings its inertia to the commanded speed, short beside the lag.
-SERVO = 1e-3
 
 
 class MujocoPlant:

@@ -24,6 +24,11 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.surfaces import Plane, Surface
 from invariantqp.robots.kinematics import Robot
 
+# Gauss-Newton steps for the angle of a hinge: two reach rounding from the angle of a tick ago.
+ANGLE_STEPS = 3
+# The wrench on a tool that touches nothing.
+NO_WRENCH = np.zeros(6)
+
 
 class Measurement(NamedTuple):
     """What the sensors say: joint positions (m,), and the wrench (6,) in the sensor's frame, None without a sensor."""
@@ -54,10 +59,6 @@ class Plant(Protocol):
     def state(self) -> PlantState:
         """How things really are now; no controller is told."""
         ...
-
-
-# Gauss-Newton steps for the angle of a hinge: two reach rounding from the angle of a tick ago.
-ANGLE_STEPS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,10 +134,6 @@ class SimulatedSensor(NamedTuple):
         weight = force_at(self.mass * np.array(GRAVITY), pose[:3, :3].dot(self.centre) + pose[:3, 3])
         reading: Array = se3.adjoint(pose, check=False).T.dot(contact + weight)
         return reading
-
-
-# The wrench on a tool that touches nothing.
-NO_WRENCH = np.zeros(6)
 
 
 class IdealPlant:
