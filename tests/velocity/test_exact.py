@@ -176,6 +176,21 @@ def test_rows_that_fit_inside_the_limits_are_not_called_scaled():
             assert iq.solve_velocity(J, s, exact=rows, bounds=bounds).status != "scaled"
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_rows_at_rest_beside_a_motion_that_leaves_them_alone_are_not_scaled(engine):
+    """A joint on its way back inside its range, which the others can make up for."""
+    rng = np.random.default_rng(5)
+    for _ in range(40):
+        J, s = rng.normal(size=(6, 7)), rng.normal(size=6)
+        lower, upper = np.full(7, -9.0), np.full(7, 9.0)
+        lower[3] = 10.0 ** rng.uniform(-3, 0)
+        rows = iq.ExactRows.of(J, np.eye(6)[3:], np.zeros(3))
+        solution = iq.solve_velocity(J, s, exact=rows, bounds=iq.Bounds(lower, upper), engine=engine)
+        assert solution.scale == 1.0
+        assert solution.status != "scaled"
+        assert np.abs(J[3:] @ solution.velocity).max() <= 1e-12 * np.abs(solution.velocity).max()
+
+
 def test_no_joint_is_spent_at_full_speed_for_a_thousandth_of_line_speed():
     """A column that helps the rows by a thousandth of what another does: the loop's calm leaves it alone."""
     A, b = np.array([[1.0, 1e-3, 0.0]]), np.array([10.0])
