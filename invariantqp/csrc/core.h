@@ -277,6 +277,7 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
 Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, Row y, Yielded *yielded);
 Outcome slowed_point(int m, const Polytope *limits, Cone *cone, Row y, Yielded *yielded);
 Outcome solve(const Demand *demand, Solution *solution);
+Outcome solve_measured(const Demand *demand, const Row A[6], Solution *solution);
 Outcome frame_cost(const Law *law, const FrameError *error, Row *H, Row c);
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool);
 Outcome error_twist(const Pose *target, const Pose *tool, double error[6]);

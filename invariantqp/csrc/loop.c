@@ -82,7 +82,7 @@ void remembered(const Loop *loop, const double *q, const double *command, double
 }
 
 /* memory.py, followed: what the tool was told to move since the tick before, and what it moved. */
-static void watched(const Loop *loop, const Demand *demand, const double *q, const double *kept, Memory *memory)
+static void watched(const Loop *loop, const Row A[6], const double *q, const double *kept, Memory *memory)
 {
     int m = loop->joints;
     double part, told[6], done[6], share = 1.0 / MEMORY, size, along;
@@ -95,8 +95,6 @@ static void watched(const Loop *loop, const Demand *demand, const double *q, con
         shown[j] = loop->dt * ((1.0 - part) * commands[whole * m + j] + part * commands[(whole + 1) * m + j]);
         moved[j] = q[j] - positions[j];
     }
-    Row A[6];
-    product_of_rows(6, demand->root, m, demand->J, A);
     for (int i = 0; i < 6; i++) {
         told[i] = dot(m, A[i], shown);
         done[i] = dot(m, A[i], moved);
@@ -151,13 +149,13 @@ static void limited_point(const Loop *loop, const Pose *tool, Demand *demand)
 }
 
 /* controller.py: the share of the gain that leaves the joints room to brake before the target. */
-static Outcome approach(const Loop *loop, double gain, const Demand *demand, const double measured[6], double *share)
+static Outcome approach(const Loop *loop, double gain, const Row A[6], const double measured[6], double *share)
 {
-    Row A[6];
-    product_of_rows(6, demand->root, demand->m, demand->J, A);
-    if (demand->metric != NULL)
-        product_with(6, demand->m, A, demand->metric->T);
-    return braking_share(loop, gain, (const Row *)A, measured, share);
+    Row y[6];
+    memcpy(y, A, sizeof y);
+    if (loop->law.has_metric)
+        product_with(6, loop->joints, y, loop->law.T);
+    return braking_share(loop, gain, (const Row *)y, measured, share);
 }
 
 /* control/limits.py: joint speeds of this tick; no joint has to slow down faster than it can. */
@@ -267,7 +265,7 @@ Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *targ
     Memory *memory = &tick->memory;
     Pose tool, home;
     double speed = now != NULL ? now->speed : 1.0, error[6] = {0.0}, measured[6], ahead[6] = {0.0}, along[6], most = 0.0, square = 0.0, share = 1.0, gain = 0.0;
-    Row there;
+    Row there, A[6];
     int m = demand.m = loop->joints;
     demand.chased = target != NULL;
     memcpy(memory, kept, sizeof *memory);
@@ -287,7 +285,8 @@ Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *targ
     }
     for (int i = 0; i < 6; i++)
         measured[i] = dot(6, demand.root[i], error);
-    if (demand.chased && loop->has_braking && approach(loop, speed * loop->gain, &demand, measured, &share) == HAND_BACK)
+    product_of_rows(6, demand.root, m, demand.J, A);
+    if (demand.chased && loop->has_braking && approach(loop, speed * loop->gain, (const Row *)A, measured, &share) == HAND_BACK)
         return HAND_BACK;
     gain = demand.chased ? share * loop->gain : 0.0;
     for (int i = 0; i < 6; i++) {
@@ -321,7 +320,7 @@ Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *targ
         slowed(&demand, speed);
     if (now != NULL && now->has_brought)
         memcpy(demand.brought, now->brought, sizeof demand.brought);
-    if (solve(&demand, &tick->solution) == HAND_BACK)
+    if (solve_measured(&demand, (const Row *)A, &tick->solution) == HAND_BACK)
         return HAND_BACK;
     for (int j = 0; j < m && !loop->has_braking; j++) {
         double outside = tick->solution.active[j] ? outside_by(loop, q, j) : 0.0;
@@ -329,6 +328,6 @@ Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *targ
         tick->acceleration[j] = 0.0;
     }
     if (demand.chased)
-        watched(loop, &demand, q, kept, memory);
+        watched(loop, (const Row *)A, q, kept, memory);
     return DONE;
 }

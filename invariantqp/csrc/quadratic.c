@@ -498,28 +498,25 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
     Room room;
     Face face;
     double y[LIMITS], guess[LIMITS];
-    bool within = true;
+    bool limited = cone->limit > 0.0, within = !limited || tool_speed(cone, n, problem->centre) <= cone->limit * (1.0 + CONE_TOLERANCE);
     for (int i = 0; i < limits->count; i++) {
+        double value = limits->box ? problem->centre[i] : dot(n, limits->A[i], problem->centre);
+        within = within && value >= limits->lower[i] && value <= limits->upper[i];
         guess[i] = near != NULL && near->met ? near->multipliers[i] : 0.0; /* near may be found itself */
         found->multipliers[i] = 0.0;
     }
     found->met = false;
     found->nu = 0.0;
-    bool limited = cone->limit > 0.0;
+    if (within) {
+        memcpy(found->z, problem->centre, (size_t)n * sizeof(double));
+        return DONE;
+    }
     if (limited)
         slow_on(problem, cone, &slow);
     if (centred(problem, limits, &room, of) == HAND_BACK)
         return HAND_BACK;
-    for (int k = 0; k < room.count; k++) {
-        within = within && room.lower[k] <= 0.0 && room.upper[k] >= 0.0;
+    for (int k = 0; k < room.count; k++)
         side[k] = (guess[of[k]] > 0.0) - (guess[of[k]] < 0.0);
-    }
-    if (within) {
-        for (int j = 0; j < n; j++)
-            found->z[j] = problem->centre[j];
-        if (!limited || tool_speed(cone, n, found->z) <= cone->limit * (1.0 + CONE_TOLERANCE))
-            return DONE;
-    }
     double nu = 0.0;
     if (corrected(&room, NULL, side, &face, y, &nu) == HAND_BACK &&
         searched(problem, inside, &room, NULL, side, &face, y, &nu) == HAND_BACK)

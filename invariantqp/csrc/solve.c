@@ -66,12 +66,18 @@ static bool is_between(double lower, double upper) { return lower <= upper && lo
 
 Outcome solve(const Demand *demand, Solution *solution)
 {
-    int m = demand->m;
     Row A[6];
+    product_of_rows(6, demand->root, demand->m, demand->J, A);
+    return solve_measured(demand, (const Row *)A, solution);
+}
+
+/* The same where A = root J is known. */
+Outcome solve_measured(const Demand *demand, const Row A[6], Solution *solution)
+{
+    int m = demand->m;
     double b[6];
     for (int i = 0; i < 6; i++)
         b[i] = dot(6, demand->root[i], demand->s);
-    product_of_rows(6, demand->root, m, demand->J, A);
     bool plain = usual(6, b) && usual(m, demand->posture);
     for (int j = 0; j < m && demand->paced; j++)
         plain = plain && demand->fastest[j] > 0.0;

@@ -28,7 +28,8 @@ typedef struct {
 /* What is left to minimise over at a share of the exact rows' speed: the limits on z, and a z inside them. */
 typedef struct {
     const Share *share;
-    Polytope limits, placed;
+    const Polytope *limits, *placed; /* those of the problem, or these beside exact rows */
+    Polytope on[2];
     Cone cone;
     Row inside;
 } Room;
@@ -239,17 +240,15 @@ static void room_at(const Posed *problem, const Share *share, Room *room)
     room->share = share;
     room->cone = problem->cone;
     free_part(problem, share->inside, share->value, room->inside);
-    if (demand->rows == 0) {
-        room->limits = problem->limits;
-        if (demand->chased)
-            room->placed = problem->placed;
+    room->limits = demand->rows == 0 ? &problem->limits : &room->on[0];
+    room->placed = demand->rows == 0 ? &problem->placed : &room->on[1];
+    if (demand->rows == 0)
         return;
-    }
     Row start;
     origin(reduction, m, share->value, start);
-    polytope_on(&problem->limits, m, start, reduction->n, reduction->basis, &room->limits);
+    polytope_on(&problem->limits, m, start, reduction->n, reduction->basis, &room->on[0]);
     if (demand->chased)
-        polytope_on(&problem->placed, m, start, reduction->n, reduction->basis, &room->placed);
+        polytope_on(&problem->placed, m, start, reduction->n, reduction->basis, &room->on[1]);
     if (room->cone.limit > 0.0)
         cone_on(&problem->cone, m, start, reduction->n, reduction->basis, &room->cone);
 }
@@ -257,9 +256,9 @@ static void room_at(const Posed *problem, const Share *share, Room *room)
 /* Whether z is inside all limits, but for rounding. */
 static bool is_allowed(const Room *room, int n, const Row z)
 {
-    for (int i = 0; i < room->limits.count; i++) {
-        double value = room->limits.box ? z[i] : dot(n, room->limits.A[i], z);
-        double lower = room->limits.lower[i], upper = room->limits.upper[i];
+    const Polytope *limits = room->limits;
+    for (int i = 0; i < limits->count; i++) {
+        double value = limits->box ? z[i] : dot(n, limits->A[i], z), lower = limits->lower[i], upper = limits->upper[i];
         double size = FEASIBLE * (1.0 + fmin(fabs(lower), fabs(upper)));
         if (!(value <= upper + size && value >= lower - size))
             return false;
@@ -283,7 +282,7 @@ static Outcome missed(Slowed *slowed, double pace, double *by)
     int n = cost->n;
     for (int j = 0; j < n; j++)
         cost->centre[j] = slowed->z0[j] + pace * slowed->way[j];
-    if (minimise(cost, &slowed->room->limits, &slowed->room->cone, slowed->room->inside, slowed->found, slowed->found) ==
+    if (minimise(cost, slowed->room->limits, &slowed->room->cone, slowed->room->inside, slowed->found, slowed->found) ==
         HAND_BACK)
         return HAND_BACK;
     *by = -slowed->delta;
@@ -298,7 +297,7 @@ static Outcome missed(Slowed *slowed, double pace, double *by)
 static double slope(const Slowed *slowed)
 {
     const Quadratic *cost = slowed->cost;
-    const Polytope *limits = &slowed->room->limits;
+    const Polytope *limits = slowed->room->limits;
     int n = cost->n, k = 0;
     Row Q[MOST];
     double sum = 0.0;
@@ -391,7 +390,7 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
     quadratic(objective, &cost);
     memcpy(whole, cost.centre, sizeof whole);
     if (demand->chased) {
-        if (minimise(&cost, &room->placed, &NONE, room->inside, found, found) == HAND_BACK)
+        if (minimise(&cost, room->placed, &NONE, room->inside, found, found) == HAND_BACK)
             return HAND_BACK;
         if (is_allowed(room, n, found->z)) {
             joints(problem, found->z, room->share->value, y);
@@ -404,7 +403,7 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
         memcpy(rest.optimum, objective->still, sizeof rest.optimum);
         centre(&rest, unchased);
         memcpy(cost.centre, unchased, sizeof unchased);
-        if (minimise(&cost, &room->placed, &NONE, room->inside, NULL, &still) == HAND_BACK)
+        if (minimise(&cost, room->placed, &NONE, room->inside, NULL, &still) == HAND_BACK)
             return HAND_BACK;
         memcpy(way.z0, still.z, sizeof way.z0);
         for (int j = 0; j < n; j++)
@@ -432,7 +431,7 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
         if (demand->rows == 0)
             memcpy(slowed, part, sizeof(Row));
     }
-    if (minimise(&cost, &room->limits, &room->cone, room->inside, found, found) == HAND_BACK)
+    if (minimise(&cost, room->limits, &room->cone, room->inside, found, found) == HAND_BACK)
         return HAND_BACK;
     joints(problem, found->z, room->share->value, y);
     return DONE;
@@ -447,7 +446,7 @@ static Outcome again(const Posed *problem, const Room *room, Objective *objectiv
         objective->optimum[i] = objective->still[i] + pace * (objective->optimum[i] - objective->still[i]);
     calmed(objective, mu);
     quadratic(objective, &cost);
-    if (minimise(&cost, &room->limits, &room->cone, room->inside, found, found) == HAND_BACK)
+    if (minimise(&cost, room->limits, &room->cone, room->inside, found, found) == HAND_BACK)
         return HAND_BACK;
     joints(problem, found->z, room->share->value, y);
     return DONE;

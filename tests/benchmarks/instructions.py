@@ -40,7 +40,7 @@ def counted(name, options, *, limited):
     """Instructions in one tick, on average."""
     from table import ticks_of
 
-    _, found = ticks_of(iq.load_task(name), lambda s: bool(s.active) == limited, **options)
+    _, found, _ = ticks_of(iq.load_task(name), lambda s: bool(s.active) == limited, **options)
     ticks = [(q, target.homogeneous, ahead) for q, target, ahead in found[:TICKS]]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "ticks"

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import placo
-from table import ROUNDS, ticks_of, timed
+from table import ticks_of, times
 
 import invariantqp as iq
 
@@ -76,16 +76,16 @@ def joint(name, kind, parent, child, xyz, axis, limit, rpy=(0.0, 0.0, 0.0)):
 
 def main():
     print("| tick | compiled | placo | compiled / placo |\n|---|---|---|---|")
-    for title, wanted in (("Panda, free", lambda s: not s.active), ("Panda, limits met", lambda s: s.active)):
-        controller, ticks = ticks_of(iq.load_task("compare/panda_limits"), wanted)
+    for title, name, wanted in (
+        ("Panda, free", "compare/panda_limits", lambda s: not s.active),
+        ("Panda, limits met", "compare/panda_limits", lambda s: s.active),
+        ("UR5, limits met", "compare/ur5_limits", lambda s: s.active),
+    ):
+        controller, ticks, kept = ticks_of(iq.load_task(name), wanted)
         ticks = [(q, target.homogeneous, ahead) for q, target, ahead in ticks]
         theirs = Placo(controller.robot, controller.dt)
-        took = [[], []]
-        for _ in range(ROUNDS):
-            for tick in ticks:
-                for which, call in enumerate((controller.step, theirs.step)):
-                    took[which].append(timed(call, tick))
-        cells = [f"{np.median(times):.1f} ({np.quantile(times, 0.99):.0f})" for times in took]
+        took = list(times({"ours": controller.step, "theirs": theirs.step}, ticks, (controller,), kept).values())
+        cells = [f"{np.median(each):.1f} ({np.quantile(each, 0.99):.0f})" for each in took]
         print(f"| {title} | {' | '.join(cells)} | {np.median(took[0]) / np.median(took[1]):.2f} |", flush=True)
 
 

@@ -4,8 +4,9 @@
 
 Medians and 99th percentiles in microseconds, and the ratio of each median to that of the hand-written loop or, without
 one, to that of the compiled core. All take turns at every tick, so that a busy machine slows them down alike. A tick is
-pose, Jacobian, law and limits. The hand-written loop is damped least squares in metres and radians inside the same
-joint limits, with rows for an exact position; it has no posture, no status and no tool speed. Pink and mink are called
+pose, Jacobian, law and limits, of a controller that remembers what it did before. The hand-written loop is damped least
+squares in metres and radians inside the same joint limits, with rows for an exact position, and nothing is allocated
+twice; it has no posture, no status and no tool speed. Pink and mink are called
 as `invariantqp compare` calls them, with DAQP. A tick of a `PathFollower` is compared with an ordinary tick of the same
 engine in the same states, where limits may be met that the follower keeps away from. placo has a script for an
 environment of its own, `placo_row.py`.
@@ -41,52 +42,70 @@ ROWS = 4096
 
 
 class HandWritten:
-    """One tick of damped least squares by DAQP, as a user would write it."""
+    """One tick of damped least squares by DAQP, as fast as a user can write it: one model, arrays allocated once."""
 
     def __init__(self, robot, dt, gain, exact):
-        self.model, self.dt, self.gain, self.exact = robot.model, dt, gain, exact
+        self.model, self.rate, self.gain = robot.model, 1.0 / dt, gain
         self.data, self.frame = robot.model.createData(), robot.model.getFrameId(robot.tool)
-        m = robot.model.nv
-        self.damping, self.sense = 1e-6 * np.eye(m), np.zeros(m, dtype=np.int32)
-        self.rows = np.zeros((0, m))
-        if exact:
-            self.sense = np.concatenate((self.sense, np.full(3, 5))).astype(np.int32)
+        m, k = robot.model.nv, 3 if exact else 0
+        self.H, self.rows, self.solver = np.empty((m, m)), np.zeros((k, m)), daqp.Model()
+        self.diagonal, self.sense = self.H.ravel()[:: m + 1], np.array([0] * m + [5] * k, dtype=np.int32)
+        self.lower, self.upper = np.empty((2, m + k))
+        fastest = robot.model.velocityLimit
+        self.sides = (
+            (self.upper[:m], robot.model.upperPositionLimit.copy(), fastest, np.minimum),
+            (self.lower[:m], robot.model.lowerPositionLimit.copy(), -fastest, np.maximum),
+        )
+        self.exact = (self.lower[m:], self.upper[m:]) if exact else ()
+        self.fill = self.solver.setup
 
     def step(self, q, target, ahead):
         model, data = self.model, self.data
-        pin.forwardKinematics(model, data, q)
+        pin.computeJointJacobians(model, data, q)
         pose = pin.updateFramePlacement(model, data, self.frame)
-        J = pin.computeFrameJacobian(model, data, q, self.frame, pin.LOCAL)
-        feedforward = pose.actInv(pin.Motion(ahead[3:], ahead[:3])).vector
-        s = self.gain * pin.log6(pose.actInv(target)).vector + feedforward
-        upper = np.minimum((model.upperPositionLimit - q) / self.dt, model.velocityLimit)
-        lower = np.maximum((model.lowerPositionLimit - q) / self.dt, -model.velocityLimit)
-        rows = self.rows
+        J = pin.getFrameJacobian(model, data, self.frame, pin.LOCAL)
+        s = self.gain * pin.log6(pose.actInv(target)).vector
+        s += pose.actInv(pin.Motion(ahead[3:], ahead[:3])).vector
+        np.dot(J.T, J, out=self.H)
+        self.diagonal += 1e-6
+        for speeds, position, fastest, nearer in self.sides:
+            np.subtract(position, q, out=speeds)
+            np.multiply(speeds, self.rate, out=speeds)
+            nearer(speeds, fastest, out=speeds)
         if self.exact:
-            rows, upper, lower = J[:3], np.concatenate((upper, s[:3])), np.concatenate((lower, s[:3]))
-        return daqp.solve(J.T @ J + self.damping, -J.T @ s, rows, upper, lower, self.sense)[0]
+            self.rows[:] = J[:3]
+            for side in self.exact:
+                side[:] = s[:3]
+        self.fill(self.H, -J.T.dot(s), self.rows, self.upper, self.lower, self.sense)
+        self.fill = self.solver.update
+        self.rows = self.rows if self.exact else None  # which `update` takes for unchanged, and none for an error
+        return self.solver.solve()[0]
 
 
 def ticks_of(task, wanted, **options):
-    """Up to TICKS ticks of the task's path that are as wanted, and a controller for them."""
+    """A controller, up to TICKS ticks of the task's path that are as wanted, and its memory before each."""
     robot = task.load_robot()
     controller = iq.Controller(robot, dt=task.law.dt, **options)
-    pose, dt, q, found = task.path.along(robot, task.start()), task.law.dt, task.start(), []
+    pose, dt, q, found, kept = task.path.along(robot, task.start()), task.law.dt, task.start(), [], []
     for k in range(int(task.path.duration / dt)):
         target, ahead = pin.SE3(pose(k * dt)), iq.log(pose((k + 1) * dt) @ iq.inverse(pose(k * dt))) / dt
-        solution = controller.step(q, target, ahead)
+        before, solution = controller.kept.copy(), controller.step(q, target, ahead)
         if wanted(solution):
             found.append((q, target, ahead))
+            kept.append(before)
         q = q + dt * solution.velocity
-    return controller, found[:: max(1, len(found) // TICKS)]
+    some = max(1, len(found) // TICKS)
+    return controller, found[::some], kept[::some]
 
 
-def times(calls, ticks):
-    """Microseconds of each contender, who take turns."""
+def times(calls, ticks, loops=(), kept=()):
+    """Microseconds of each contender, who take turns; `loops` have what they keep set to `kept` before each tick."""
     took = {name: [] for name in calls}
     for k in range(ROUNDS):
-        for tick in ticks:
+        for i, tick in enumerate(ticks):
             for name, call in tuple(calls.items())[:: (-1) ** k]:  # what runs after Python finds its caches cold
+                for loop in loops:
+                    loop.kept[:] = kept[i]
                 took[name].append(timed(call, tick))
     return took
 
@@ -116,14 +135,19 @@ def line_along(title, took):
     print(f"| {title} | {' | '.join(cells)} |", flush=True)
 
 
-def peers(task, robot):
-    """Pink's and mink's ticks, where they are installed."""
+def peers(task, robot, ticks):
+    """Pink's and mink's ticks, where they are installed and find an answer to each."""
     found = {}
     for name, law in (("Pink", PinkLaw), ("mink", MinkLaw)):
         try:
-            found[name] = law(robot, task.law).step
-        except iq.MissingExtra:
+            step = law(robot, task.law).step
+            for tick in ticks:
+                step(*tick)
+            found[name] = step
+        except iq.errors.MissingExtra:
             print(f"{name} is not installed")
+        except Exception as failure:  # noqa: BLE001 (whatever a library raises)
+            print(f"{name}: {failure}")
     return found
 
 
@@ -237,6 +261,7 @@ def main():
     cases = (
         ("Panda, free", "compare/panda_limits", lambda s: not s.active, {}),
         ("Panda, limits met", "compare/panda_limits", lambda s: s.active, {}),
+        ("UR5, limits met", "compare/ur5_limits", lambda s: s.active, {}),
         ("UR5, near a singularity", "ur5_wrist", lambda s: s.damping > 0.0, {}),
         ("SO-101, exact position", "so101_line", lambda s: not s.active, {"exact": "position"}),
         ("SO-101, exact position, limits met", "stability/limit_all_along", lambda s: s.active, {"exact": "position"}),
@@ -268,14 +293,15 @@ def main():
     )
     for title, name, wanted, options in cases:
         task = iq.load_task(name)
-        controller, ticks = ticks_of(task, wanted, **options)
-        calls = {OURS: controller.step, PYTHON: controller.by_engine("python").step}
+        controller, ticks, kept = ticks_of(task, wanted, **options)
+        python = controller.by_engine("python")
+        calls = {OURS: controller.step, PYTHON: python.step}
         if not options.keys() - {"exact"} and options.get("exact", "position") == "position":
             calls[HAND] = HandWritten(controller.robot, controller.dt, controller.gain, "exact" in options).step
         if not options:
-            calls |= peers(task, controller.robot)
+            calls |= peers(task, controller.robot, ticks)
         if ticks:
-            line(title, times(calls, ticks))
+            line(title, times(calls, ticks, (controller, python), kept))
     (pressing, ticks), (alone, _) = hybrid("compiled"), hybrid("python")
     line("Panda, a pen pressed with 5 N", times({OURS: pressing, PYTHON: alone}, ticks))
     for name, exact in (("panda", None), ("so101", None), ("so101", "position")):
