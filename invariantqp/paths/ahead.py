@@ -117,7 +117,7 @@ class KnotFinder:
         if controller.exact:
             self._back = self._law
         self._pace = 0.0 if rate is None else 1.0 / rate  # time per unit of the parameter
-        speed = controller.robot.velocity_limit
+        speed = controller.box.velocity_limit
         self._speed = np.where(np.isfinite(speed), speed, 1.0)
 
     def knot(self, curve: Curve, at: float, q: Array, before: Knot | None, step: float) -> Knot:
@@ -290,7 +290,7 @@ class JointPath:
         self._finder = KnotFinder(controller, self._scale, self._longest, rate=rate, stops=stops)
         self._step = self._longest
         self._first = q.copy()
-        speed = controller.robot.velocity_limit
+        speed = controller.box.velocity_limit
         self._speed = np.where(np.isfinite(speed), speed, 1.0)
 
     @property

@@ -833,7 +833,7 @@ def _limits_of(loop: Controller, jerk: ArrayLike | None, rise: float) -> JointLi
     Raises:
         BadInput: no jerk limits.
     """
-    m, speed = len(loop.robot.names), loop.robot.velocity_limit
+    m, speed = len(loop.robot.names), loop.box.velocity_limit
     acceleration = AT_ONCE * np.minimum(speed, FASTEST) / loop.dt
     if loop.braking is not None:
         acceleration = np.minimum(loop.braking.acceleration, acceleration)

@@ -114,7 +114,7 @@ class Solver:
         """
         found = self._search.solve(target, near)
         missed = self._missed(found)
-        close = bool((np.abs(found.q - near) <= self._loop.robot.velocity_limit * step).all())
+        close = bool((np.abs(found.q - near) <= self._loop.box.velocity_limit * step).all())
         if missed <= self._tolerance and (close or self._stalled is None):
             self._stalled = None
             return (found.q if close else self._walked(target, near, found.q)), 0.0
@@ -178,7 +178,7 @@ class Solver:
         root = loop.measure.root_for(sighting.J, sighting.pose)
         view = View(robot, sighting, robot.target(target), CALM / step, np.zeros(6))
         exact = rows_of(loop.exact, view) if loop.exact else None
-        speed = OUTSIDE_SHARE * loop.robot.velocity_limit
+        speed = OUTSIDE_SHARE * loop.box.velocity_limit
         lower = np.maximum(np.minimum((self._lower - q) / step, 0.0), -speed)
         upper = np.minimum(np.maximum((self._upper - q) / step, 0.0), speed)
         twist = tracking_twist(sighting.error, CALM / step)

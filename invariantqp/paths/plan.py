@@ -126,7 +126,7 @@ def plan_of(
     jerks = np.append(jerk, along[2])
     if np.isfinite(jerks).any():
         m = len(acceleration)
-        fastest = np.append(VELOCITY_SHARE * controller.robot.velocity_limit, along[0])
+        fastest = np.append(VELOCITY_SHARE * controller.box.velocity_limit, along[0])
         none = np.full(m + 1, inf)
         with np.errstate(divide="ignore"):
             limits[-1] = min(along[1], float((acceleration / np.abs(slopes[:, :-1])).min(axis=1).max()))
@@ -237,7 +237,7 @@ def _top(
 ) -> tuple[Array, list[str]]:
     """(n,) the largest speed at each knot but for accelerations, and what limits it, in words."""
     robot, names = controller.robot, controller.robot.names
-    limit = np.broadcast_to(VELOCITY_SHARE * robot.velocity_limit, slopes.shape)
+    limit = np.broadcast_to(VELOCITY_SHARE * controller.box.velocity_limit, slopes.shape)
     words = [f"velocity of joint {i} ({name})" for i, name in enumerate(names)]
     top, which = top_speed(slopes, limit)
     ruling = [words[i] for i in which.tolist()]

@@ -107,7 +107,7 @@ class Shape:
         self.back = False
         m = len(joint_jerk)
         none = np.full(m + 1, inf)
-        speed = np.append(loop.robot.velocity_limit, inf)
+        speed = np.append(loop.box.velocity_limit, inf)
         acceleration_of = none if loop.braking is None else np.append(loop.braking.acceleration, self._along[0])
         # Of the joints and, last, the place; its own positions are in range.
         self._limits = JointLimits(-none, none, speed, acceleration_of, np.append(joint_jerk, self._along[1]), loop.dt)
@@ -339,5 +339,5 @@ class Shape:
 
     def _stands(self, velocity: Array) -> bool:
         """Whether joints at a velocity (m,) count as at rest."""
-        limit = self._loop.robot.velocity_limit
+        limit = self._loop.box.velocity_limit
         return bool((np.abs(velocity) <= AT_REST * np.where(np.isfinite(limit), limit, 1.0)).all())

@@ -23,7 +23,7 @@ class TwistLaw:
     def __init__(self, controller: Controller) -> None:
         """Of a loop."""
         self._loop = controller
-        speed = controller.robot.velocity_limit
+        speed = controller.box.velocity_limit
         self._fastest = np.where(np.isfinite(speed), speed, 1.0)
 
     def velocity(self, q: Array, v: Array, twist: Array, limits: JointLimits) -> Array:

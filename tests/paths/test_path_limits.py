@@ -51,6 +51,24 @@ def test_an_s_curve_reaches_what_blocks_the_path(dt, jerk):
     assert "upper position limit" in last.reason
 
 
+def test_a_path_is_planned_inside_a_controller_s_own_limits():
+    """As for an arm that has them itself: it is not planned faster, to be slowed down."""
+    arm = arm_of(7)
+    slow = iq.robots.Chain(arm.screws, arm.home, position_lower=-2.5, position_upper=2.5, velocity_limit=0.3)
+    q, turn, ends = np.full(7, 0.3), 0.5 * np.cos(np.arange(7)), []
+    for robot, limits in ((slow, []), (arm, [iq.limits.JointLimits(velocity_limit=0.3)])):
+        loop = iq.Controller(robot, dt=0.01, acceleration_limit=4.0, limits=limits)
+        follower = iq.PathFollower(loop, lambda u: arm.pose(q + u * turn))
+        follower.prepare(q)
+        solutions, positions = drive(follower, q)
+        assert solutions[-1].status == "done"
+        assert np.abs(np.diff(positions, axis=0)).max() <= 0.003 * (1.0 + 1e-9)
+        ends.append((len(solutions), max(s.across for s in solutions), positions[-1]))
+    assert ends[0][0] == ends[1][0]
+    assert max(off for _, off, _ in ends) < LEAST
+    np.testing.assert_allclose(ends[0][2], ends[1][2], rtol=0.0, atol=1e-6)
+
+
 def test_a_path_that_ends_beside_a_singularity_is_not_driven_back():
     arm = iq.load_robot("z1")
     q = np.array([0.4502256612, 0.8442602893, -2.2534555304, -0.7595615323, 0.3878826847, 1.4802279124])
