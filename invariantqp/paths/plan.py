@@ -236,7 +236,7 @@ def _top(
     controller: Controller, curve: Curve, at: Array, q: Array, slopes: Array, acceleration: Array
 ) -> tuple[Array, list[str]]:
     """(n,) the largest speed at each knot but for accelerations, and what limits it, in words."""
-    robot, names = controller.robot, controller.robot.names
+    names = controller.robot.names
     limit = np.broadcast_to(VELOCITY_SHARE * controller.box.velocity_limit, slopes.shape)
     words = [f"velocity of joint {i} ({name})" for i, name in enumerate(names)]
     top, which = top_speed(slopes, limit)
