@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,6 +20,7 @@ from invariantqp.extras import require
 if TYPE_CHECKING:
     from invariantqp.analysis.inspection import Inspection
     from invariantqp.control.clearance import Clearance
+    from invariantqp.geometry.arrays import Array
 
 
 class ManyNumbers(TyperCommand):
@@ -57,11 +59,19 @@ def inspect(
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write everything as JSON.")] = None,
     clearance: Annotated[
-        bool, typer.Option("--clearance", help="Also say which links are kept apart, which not, and why.")
+        bool,
+        typer.Option(
+            "--clearance",
+            help="Also say what bodies the links are, how near they come, which are kept apart, and which not.",
+        ),
     ] = False,
     plot: Annotated[
         Path | None,
-        typer.Option("--plot", metavar="FILE", help="Draw the principal pitches over the range (.png, .svg, .pdf)."),
+        typer.Option(
+            "--plot",
+            metavar="FILE",
+            help="Draw the principal pitches over the range, or with --clearance the bodies (.png, .svg, .pdf).",
+        ),
     ] = None,
 ) -> None:
     """Say what ROBOT can do and which form to give it: rank, type, pitches to stay away from, blind directions."""
@@ -85,16 +95,29 @@ def inspect(
 
         kept = Clearance(loaded)
     if json_file is not None:
-        more = {} if kept is None else {"clearance": {"pairs": kept.pairs, "dropped": kept.dropped}}
+        more = {} if kept is None else {"clearance": _as_json(kept, found.q)}
         write(json_file, json.dumps({**found.as_json(), **more}, indent=1) + "\n")
     if plot is not None:
-        from invariantqp.pictures.pitches import pitch_picture
-
         with writing(plot):
-            pitch_picture(found, loaded, plot)
+            if kept is None:
+                from invariantqp.pictures.pitches import pitch_picture
+
+                pitch_picture(found, loaded, plot)
+            else:
+                from invariantqp.pictures.bodies import bodies_picture
+
+                bodies_picture(kept, found.q, plot)
     print_inspection(found)
     if kept is not None:
-        print_clearance(kept)
+        print_clearance(kept, found.q)
+
+
+def _as_json(kept: Clearance, q: Array) -> dict[str, Any]:
+    """A clearance at joint positions q (m,)."""
+    near = kept.at(q)
+    nearest = {"bodies": near[:2], "distance": near.distance} if near.first else None
+    shapes = {name: len(shapes) for name, shapes in kept.bodies.items()}
+    return {"bodies": shapes, "nearest": nearest, "pairs": kept.pairs, "dropped": kept.dropped}
 
 
 def print_inspection(found: Inspection) -> None:
@@ -120,9 +143,15 @@ def print_inspection(found: Inspection) -> None:
             console.print(paragraph, markup=False)
 
 
-def print_clearance(kept: Clearance) -> None:
-    """Which links a clearance keeps apart, and which it does not, with the reason."""
+def print_clearance(kept: Clearance, q: Array) -> None:
+    """The bodies of an arm, how near they are at joint positions q (m,), and which are kept apart, or why not."""
     console = Console(highlight=False, soft_wrap=True)
+    console.print("\n[bold]bodies[/bold]")
+    for name, shapes in kept.bodies.items():
+        kinds = Counter(shape.called for shape in shapes)
+        console.print(f"  {name}: {', '.join(f'{n} x {kind}' for kind, n in kinds.items())}", markup=False)
+    near = kept.at(q)
+    console.print(f"  nearest where the arm is: {near}" if near.first else "  no two of them can touch", markup=False)
     console.print(f"\n[bold]clearance: {len(kept.pairs)} pairs of links are kept apart[/bold]")
     for name in dict.fromkeys(first for first, _ in kept.pairs):
         others = ", ".join(second for first, second in kept.pairs if first == name)
