@@ -232,6 +232,17 @@ def descend(
     arm: Arm, target: Any, start: Array, goal: float, turning: bool, patient: bool, known: Array | None, /
 ) -> tuple[Array, float, float, float, int, bool, bool, Array | None] | None: ...
 def misses(arm: Arm, target: Any, q: Array, /) -> tuple[float, float] | None: ...
+def follow(
+    course: Array,
+    time: float,
+    q: Any,
+    sent: Array,
+    position: Array,
+    velocity: Array,
+    acceleration: Array,
+    command: Array,
+    /,
+) -> tuple[Array, Array, Array, Array, Array, float, float] | None: ...
 def clearance(
     screws: Array,
     q: Array,

@@ -1,6 +1,7 @@
 /* The constants of the twins, for the test that compares them with Python's. */
 
 #include "loop.h"
+#include "boundary.h"
 #include "pose.h"
 
 #define ONE(file, name) {file "." #name, name}
@@ -97,5 +98,7 @@ const Constant CONSTANTS[] = {
     ONE("pose.newton", DEAREST),
     ONE("pose.newton", PENALTY_MARGIN),
     ONE("pose.error", DIFFERENCE),
+    ONE("paths.time_law", CATCH_UP_SHARE),
+    ONE("paths.reference", SPREAD),
     {NULL, 0.0},
 };

@@ -160,6 +160,7 @@ static PyMethodDef methods[] = {
     CALLED("solution", batch_solution, "A VelocitySolution from its record."),
     CALLED_BY_NAME("step", controller_step,
            "A controller's tick: a VelocitySolution, and what is to be said of joints beside it; None where Python has to answer."),
+    CALLED("follow", follow, "A tick of a follower in which nothing new comes, or None where Python has to answer."),
     CALLED("clearance", clearance, "Rows that keep distances of shapes, and the distances."),
     CALLED("sight", sight,
            "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."),

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
+from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.hybrid import HybridController
 from invariantqp.force.reading import Wrench
@@ -27,6 +28,9 @@ from invariantqp.paths.contact import Pressed
 from invariantqp.paths.fit import REACHED, Given, Solver, sampled
 from invariantqp.paths.plan import PathPlan
 from invariantqp.paths.reference import (
+    DISPLACED,
+    JOINT_GAIN,
+    STRAYED,
     Clock,
     Clocked,
     Motion,
@@ -38,7 +42,7 @@ from invariantqp.paths.reference import (
     stopping,
     through,
 )
-from invariantqp.paths.shape import ASTRAY, PAUSE, STRAYED, Shape
+from invariantqp.paths.shape import ASTRAY, PAUSE, Shape
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.time_law import JointLimits
 from invariantqp.paths.twist import TwistLaw
@@ -51,10 +55,6 @@ RISE = 0.02
 EASE, EASE_SAMPLE = 0.3, 0.1
 # A clock that differs by more than this from the sum of the ticks [s] has jumped.
 SKEW = 0.02
-# Joints farther from where they were sent than this [rad, length] have been pushed: the motion goes on from there.
-DISPLACED = 0.2
-# Gain [1/s] towards where joints were sent, where time is kept.
-JOINT_GAIN = 5.0
 # Stands for no acceleration limit: a joint may change its speed, or this one [rad/s, length/s], so often in a tick.
 AT_ONCE, FASTEST = 4.0, 1e3
 # A function of time is looked ahead so far [s], at places so far apart [s], and again when half of that is driven.
@@ -153,6 +153,7 @@ class Follower:
         self._shape: Shape | None = None  # a path whose shape is kept
         self._astray = False  # whether its joints are not where they were sent
         self._command = np.zeros(m)  # in the last tick
+        self._course: tuple[Reference, Array, float] | None = None  # what the core follows
         self._time = 0.0  # when the next tick begins, by the stamps' clock
         self._measured = np.zeros(m)
         self._sent: deque[Array] = deque(maxlen=round(loop.delay / loop.dt) + 1)
@@ -257,6 +258,7 @@ class Follower:
         """
         self._open("v")
         wanted = sizes.not_too_fast(arrays.twist(v, "v")).copy()
+        self._course = None
         if self._pressed is not None:
             raise BadInput("v", "a twist in contact", "a path: follow(poses)")
         self._forget()
@@ -284,18 +286,22 @@ class Follower:
             BadInput: no such path.
         """
         shape = self._kept_shape("reverse")
+        self._course = None
         shape.back = not shape.back
 
     def close(self) -> None:
         """No more comes: where all of it is driven, the arm is "done"."""
+        self._course = None
         self._closed = True
 
     def pause(self) -> None:
         """Come to rest, and stay."""
+        self._course = None
         self.paused = True
 
     def resume(self) -> None:
         """Go on after a pause: with what is due then or, where the shape is kept, where it was."""
+        self._course = None
         self.paused = False
 
     # A tick
@@ -330,6 +336,11 @@ class Follower:
             BadInput: NaN, wrong shapes; the follower is as it was.
         """
         loop, dt = self.controller, self.controller.dt
+        if self._course is not None and velocity is None and override == self._override:
+            found = self._by_core(self._course, q, now)
+            if found is not None:
+                return found
+            self._course = None
         measured = self._measured = arrays.vector(q, self._m, "q")
         moving = None if velocity is None else arrays.vector(velocity, self._m, "velocity")
         clock = None if now is None else arrays.number(now, "now", "a time in seconds")
@@ -354,7 +365,60 @@ class Follower:
         command = self._corrected(measured, v, moving)
         self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
         self._time += dt
+        self._course = self._made_course(reference)
         return self._reported(reference, measured, command)
+
+    def _made_course(self, reference: Reference) -> tuple[Reference, Array, float] | None:
+        """What the core follows, and until when nothing new comes; None where Python has to."""
+        loop, shape = self.controller, self._shape
+        if core is None or loop.compiled is None or loop.tool_speed is not None or loop.joint_rows is not None:
+            return None
+        if self._late or self._twist is not None or self._samples or (shape is None and self._source is None):
+            return None
+        if shape is not None and (
+            reference.source is not shape.motion or self._time <= reference.joined or self._astray
+        ):
+            return None
+        until = min(
+            reference.end if shape is None else shape.until, self._looked + 0.5 * AHEAD if self._function else inf
+        )
+        until = min(until, inf if self._next is None else self._next[2])
+        if isinstance(self._source, Window):
+            until = min(until, self._heard + self.timeout)
+        numbers = reference.course(loop.dt, None if shape is None else loop.gain, self._limits)
+        return None if numbers is None or until <= self._time else (reference, numbers, until)
+
+    def _by_core(
+        self, course: tuple[Reference, Array, float], q: ArrayLike, now: float | None
+    ) -> FollowerSolution | None:
+        """A tick in which nothing new comes, by the core; None where Python has to answer."""
+        reference, numbers, until = course
+        time, sent, shape = self._time, self._sent, self._shape
+        if time >= until or not (now is None or -SKEW <= now - time <= SKEW):
+            return None
+        shown = self._q if sent.maxlen == 1 else sent[1] if len(sent) == sent.maxlen else sent[0]
+        found = core.follow(numbers, time, q, shown, self._q, self._v, self._a, self._command)  # type: ignore[union-attr]
+        if found is None:
+            return None
+        sent.append(self._q)
+        self._q, self._v, self._a, self._command, measured, before, after = found
+        self._time = time = time + self.controller.dt
+        command = self._command.copy()
+        if shape is not None:
+            told = None if self.paused else shape.told_by_core(measured, before, after, self._override)
+            if told is None:
+                return self._reported(reference, measured, command)
+            return FollowerSolution(command, *told)
+        if self.paused or self._override != 1.0 or self._some_missed:
+            return self._reported(reference, measured, command)
+        late = reference.source.late if isinstance(reference.source, Window) else 0.0
+        place, position = time - late, self._q
+        return FollowerSolution(command, Status.MOVING, "", place, late, lambda: self._across(position, place))
+
+    @property
+    def _some_missed(self) -> bool:
+        """Whether points are out of reach."""
+        return bool((self._missed > self._tolerance).any())
 
     def _limited(self, reference: Reference) -> Array:
         """(m,) the joint velocity of a tick: the wanted one, inside the limits."""
@@ -454,6 +518,7 @@ class Follower:
         return self._state if self._late else reference.at(np.array((self._time,)))[0, :3]
 
     def _open(self, argument: str) -> None:
+        self._course = None
         if self._closed:
             raise BadInput(argument, "more after close()", "a new Follower")
 

@@ -112,14 +112,16 @@ class Solver:
 
         Near (m,) is where the joints are `step` [s] before; inf is as long as they need.
         """
-        found = self._search.solve(target, near)
-        missed = self._missed(found)
-        close = bool((np.abs(found.q - near) <= self._loop.box.velocity_limit * step).all())
+        reached, missed = self._search.met(target, near), 0.0
+        if reached is None:
+            found = self._search.solve(target, near)
+            reached, missed = found.q, self._missed(found)
+        close = bool((np.abs(reached - near) <= self._loop.box.velocity_limit * step).all())
         if missed <= self._tolerance and (close or self._stalled is None):
             self._stalled = None
-            return (found.q if close else self._walked(target, near, found.q)), 0.0
+            return (reached if close else self._walked(target, near, reached)), 0.0
         if step == inf:
-            return found.q, missed
+            return reached, missed
         q = self._nearer(target, near, step)
         missed = self._off(target, q)
         if self._stalled is None or time < self._stalled[0] or missed < PROGRESS * self._stalled[1]:

@@ -23,8 +23,14 @@ from invariantqp.paths.time_law import JointLimits
 SPLICE_SHARE, STOP_SHARE = 0.9, 0.97
 # A splice is checked at so many places, for so many durations, up to the longest [s]; what needs longer is caught up.
 PLACES, DURATIONS, LONGEST = 21, 6, 0.6
-# Stops looked at: the shortest in ticks, for a jerk that lasts less than three is none; the longest [s].
-SHORTEST_STOP, LONGEST_STOP, STOPS = 4.0, 12.0, 64
+# Gain [1/s] towards where joints were sent, where time is kept.
+JOINT_GAIN = 5.0
+# Joints farther from where they were sent than this [rad, length] have been pushed: the motion goes on from there.
+# Those of a path whose shape is kept are waited for where they are farther than the second, until they are half as far.
+DISPLACED, STRAYED = 0.2, 0.02
+# Stops looked at: the shortest in ticks, for a jerk that lasts less than three is none; the longest [s]; how many at
+# once. Of changes of a clock's rate.
+SHORTEST_STOP, LONGEST_STOP, STOPS, TURNS = 4.0, 12.0, 10, 64
 # Changes of a clock's rate take at most this [s], are checked at so many places, and keep this share of the limits.
 LONGEST_TURN, PLACES_TURN, TURN_SHARE = 4.0, 41, 0.999
 # The window over a hand's samples reaches this far to each side, times one over the cutoff: 65 ms at 4 Hz.
@@ -88,18 +94,20 @@ def stopping(state: Array, start: float, limits: JointLimits) -> Stop:
     x, v, a = state
     if not (v.any() or a.any()):
         return Stop(state, start, 0.0)
-    D = np.geomspace(SHORTEST_STOP * limits.dt, LONGEST_STOP, STOPS)[:, None, None]
-    u = np.linspace(0.0, 1.0, PLACES)[None, :, None] * D
-    b, c = -3.0 * v / D**2 - 2.0 * a / D, 2.0 * v / D**3 + a / D**2
-    velocity = v + u * (a + u * (b + u * c))
-    acceleration = a + u * (2.0 * b + 3.0 * u * c)
-    jerk = 2.0 * b + 6.0 * u * c
-    position = x + u * (v + u * (0.5 * a + u * (b / 3.0 + 0.25 * u * c)))
-    worst = limits.ratio(position, velocity, acceleration, jerk).max(axis=1)
-    # Where the state is at a limit already, the stop is not to make it worse.
-    allowed = max(STOP_SHARE, 1.0001 * float(worst[:, None].min()))
-    fits = np.flatnonzero(worst <= allowed)
-    return Stop(state, start, float(D[fits[0], 0, 0]))
+    first, last = SHORTEST_STOP * limits.dt, LONGEST_STOP
+    for _ in range(2):  # a few over the whole range, then a few between two of them
+        D = np.geomspace(first, last, STOPS)[:, None, None]
+        u = np.linspace(0.0, 1.0, PLACES)[None, :, None] * D
+        b, c = -3.0 * v / D**2 - 2.0 * a / D, 2.0 * v / D**3 + a / D**2
+        velocity = v + u * (a + u * (b + u * c))
+        acceleration = a + u * (2.0 * b + 3.0 * u * c)
+        jerk = 2.0 * b + 6.0 * u * c
+        position = x + u * (v + u * (0.5 * a + u * (b / 3.0 + 0.25 * u * c)))
+        worst = limits.ratio(position, velocity, acceleration, jerk).max(axis=1)
+        # Where the state is at a limit already, the stop is not to make it worse.
+        i = int((worst <= max(STOP_SHARE, 1.0001 * float(worst.min()))).argmax())
+        first, last = float(D[max(i - 1, 0), 0, 0]), float(D[i, 0, 0])
+    return Stop(state, start, last)
 
 
 def through(stamps: Array, positions: Array, limits: JointLimits) -> Motion:
@@ -280,7 +288,7 @@ class Clocked(NamedTuple):
     def turned(self, time: float, final: float, limits: JointLimits) -> Clocked:
         """The same with a clock that goes over to another rate as soon as limits of all columns allow."""
         here = self.clock.now(time)
-        D = np.geomspace(SHORTEST_STOP * limits.dt, LONGEST_TURN, STOPS)[:, None]
+        D = np.geomspace(SHORTEST_STOP * limits.dt, LONGEST_TURN, TURNS)[:, None]
         times = time + np.linspace(0.0, 1.0, PLACES_TURN) * D
         whole = self._replace(clock=Clock(time, *here, final, D))
         place, rate, slope, bend = (x.ravel()[:, None] for x in whole.clock.at(times))
@@ -332,6 +340,32 @@ class Reference:
         if time < self.joined:
             there = there + (time - self._start) ** np.arange(6) @ self._residual
         return there
+
+    def course(self, dt: float, gain: float | None, limits: JointLimits) -> Array | None:
+        """What is followed as the compiled core takes it; None for what it does not have.
+
+        `gain` is that towards a path whose shape is kept; None keeps time.
+        """
+        m = len(limits.lower)
+        source, clock = self.source, Clock(0.0, 0.0, 1.0, 0.0, 1.0)
+        if isinstance(source, Clocked):
+            source, clock, _ = source
+        window = (source.half, source.late) if isinstance(source, Window) else (0.0, 0.0)
+        if isinstance(source, Window):
+            sizes, values = (m, m, 0, len(source.stamps)), (source.stamps, source.positions.ravel())
+        elif isinstance(source, Motion):
+            n, k, columns = source.coefficients.shape
+            sizes, values = (m, columns, n, k), (source.knots, source.coefficients.ravel())
+        else:
+            return None
+        settings = (
+            dt,
+            JOINT_GAIN if gain is None else gain,
+            gain is not None,
+            DISPLACED if gain is None else 0.5 * STRAYED,
+        )
+        head = *sizes, *settings, *clock, self._start, self._duration, *window
+        return np.concatenate((head, self._residual.ravel(), *limits[:5], *values))
 
     def ease(self, source: Source, time: float, state: Array, shortest: float) -> None:
         """Go over to a source that differs little: as `splice`, but no earlier than the splice before is over."""

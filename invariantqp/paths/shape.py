@@ -8,6 +8,7 @@ The clock goes backward only where it is told to, so a path ends. It waits for j
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable
 from math import inf
 from typing import Any, Literal, NamedTuple
@@ -39,8 +40,6 @@ AT_REST = 1e-3
 # The end is reached within this share of the path; what blocks it within a larger one: at the edge of its reach an arm
 # moves much for little. In contact the tool is there within AT_END along S, relative to the measure's length.
 ARRIVED, STOPPED, AT_END = 1e-6, 2e-5, 1e-4
-# Joints farther from where they were sent [rad, length] are waited for, until they are half as far.
-STRAYED = 0.02
 # A tool farther off its path than this, relative to the measure's length, has been pushed.
 PUSHED = 0.02
 # What rules a tick where limits do not.
@@ -114,6 +113,7 @@ class Shape:
         self._few = len(loop.robot.names) < 6 and not loop.exact
         self._off = self._stood = 0.0  # on the way to the path: how far off it is, and for how long it gets no nearer
         self._ticks = 0  # since it set out
+        self._plain, self._middles = False, [0.0]  # whether no place is left, and where the next knot is nearer
 
     # Setting out
 
@@ -162,7 +162,10 @@ class Shape:
         """The plan of what was found."""
         rate = inf if self._rate is None else self._share * self._rate
         along = (rate, self._along[0], self._along[1])
-        return plan_of(self._loop, self.given.curve, search.knots, search.blocked, along=along, jerk=self._jerk)
+        plan = plan_of(self._loop, self.given.curve, search.knots, search.blocked, along=along, jerk=self._jerk)
+        self._middles = (0.5 * (plan.at[1:] + plan.at[:-1])).tolist()
+        self._plain = bool((plan.off <= OFF_PATH * self._length).all())
+        return plan
 
     # Driving
 
@@ -286,6 +289,37 @@ class Shape:
         else:
             status, reason, ruling = Status.DONE, "", ENDED
         return Told(status, reason, place, late, off, speed, ruling)
+
+    @property
+    def until(self) -> float:
+        """Until when the clock need not be looked at: till the motion is over."""
+        if self.motion is None:
+            return -inf
+        clock, end = self.motion.clock, self.driven.motion.end
+        last = clock.start + clock.duration
+        place, rate, _ = clock.now(last)
+        if not 0.0 <= place <= end:  # over before the clock is at its rate
+            left = end - clock.first if place > end else clock.first
+            return float(clock.start + left / max(abs(clock.rate), abs(clock.final)))
+        left = end - place if rate > 0.0 else place
+        return float(last + left / abs(rate)) if rate else float(last)
+
+    def told_by_core(self, q: Array, before: float, after: float, override: float) -> Told | None:
+        """As `told`, of a tick on the way from a place to another; None for one that is to be told otherwise."""
+        plan, motion = self.driven, self.motion
+        if motion is None or motion.clock.final <= 0.0 or self.back or not self._plain:
+            return None
+        near = (STOPPED if plan.blocked else ARRIVED) * self.given.curve.end
+        if plan.end - after <= near or motion.clock.rate < 0.0:
+            return None
+        self._ticks += 1
+        ruling = plan.ruling[bisect_left(self._middles, before)]
+        if ruling != ON_TIME and override < 1.0:
+            ruling = OVERRIDDEN
+        status = Status.MOVING if ruling == ON_TIME else Status.SLOWED
+        place, last = self.given.place(after), self.given.place(before)
+        late = 0.0 if self._rate is None else self._ticks * self._loop.dt - place / self._rate
+        return Told(status, "", place, late, lambda: self.across(q, before), (place - last) / self._loop.dt, ruling)
 
     def _on_the_way(self, at: float, now: float, rate: float, why: str, override: float) -> tuple[Status, str, str]:
         """Status, reason and what rules at a place and a time of the motion, its clock at a rate."""

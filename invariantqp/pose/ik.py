@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.analysis.survey import spread
 from invariantqp.control.demands import Exact, demands_of
+from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -114,6 +115,7 @@ class PoseSearch:
         self._time_limit = arrays.number(time_limit, "time_limit", "seconds or inf", positive=True, infinite=True)
         self._restarts = arrays.count(restarts, "restarts", MOST_RESTARTS)
         self._seed = arrays.count(seed, "seed")
+        self._plain: PoseError | None = None  # of some pose: the core needs no more than its measure
 
     def solve(self, target: Any, q0: ArrayLike | None = None) -> PoseSolution:
         """Joint positions for one target, from q0 first."""
@@ -149,6 +151,17 @@ class PoseSearch:
                 # From q0, and not to what is exact: only a try that met that is nearer.
                 best = self._closest(finished + [one for one in ended if not finished or one.unmet <= self._tolerance])
         return self._answer(error, best, start, steps, len(tried), late=late)
+
+    def met(self, target: Array, q0: Array) -> Array | None:
+        """Joint positions (m,) on a pose (4, 4), both checked, by one try of the core from q0; None for none."""
+        if self._plain is None:
+            self._plain = pose_error(self._arm, target, self._form, self._exact)
+        error = self._plain
+        if core is None or error.compiled is None:
+            return None
+        turning, goal = len(q0) <= 6 and not self._exact, GOAL_SHARE * self._tolerance * error.least
+        found = core.descend(error.compiled, target, q0, goal, turning, False, None)
+        return self._space.near(found[0], q0) if found is not None and found[5] else None
 
     def _tries(self, error: PoseError, first: Try, goal: float, deadline: float) -> list[Try]:
         """The first try, and others from states spread over the joint range until one is good or the time is over."""

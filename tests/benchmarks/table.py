@@ -172,28 +172,29 @@ def along_path(name, rate, **options):
     follower = iq.PathFollower(iq.Controller(robot, dt=dt, **options), lambda u: robot.pose(joints(u)), rate=rate)
     ordinary, q, found, status = iq.Controller(robot, dt=dt, **options), joints(0.0), [], ""
     follower.prepare(q)
-    alone = copy(follower)
-    alone.controller = follower.controller.by_engine("python")
+    alone = iq.PathFollower(
+        iq.Controller(robot, dt=dt, engine="python", **options), lambda u: robot.pose(joints(u)), rate=rate
+    )
+    alone.prepare(q)
     python = ordinary.by_engine("python")
     while status != "done":
-        state, curve = follower._state, follower._path.curve
-        target, ahead = pin.SE3(curve.pose(state.place)), state.speed * curve.tangent(state.place)
-        found.append((follower._kept.copy(), q, target, ahead, state.velocity))
-        solution = follower.step(q)
+        state = copy(follower), copy(alone)
+        solution, _ = follower.step(q), alone.step(q)
+        T, then = follower.pose(solution.place), follower.pose(solution.place + dt * solution.speed)
+        found.append((state, q, pin.SE3(T), iq.log(then @ iq.inverse(T)) / dt, solution.velocity))
         q, status = q + dt * solution.velocity, solution.status
+    found = found[:: max(1, len(found) // TICKS)]
 
-    def on_path(follower, state, q, *_):
-        follower._kept[:] = state
-        follower.step(q)
+    def on_path(which, state, q, *_):
+        state[which].step(q)
 
     def off_path(ordinary, state, q, target, ahead, velocity):
         ordinary.step(q, target, ahead, velocity)
 
-    pairs = zip(ALONG, ((follower, ordinary), (alone, python)), strict=True)
     calls = {}
-    for (on, off), (one, other) in pairs:
-        calls |= {on: partial(on_path, one), off: partial(off_path, other)}
-    return calls, found[:: max(1, len(found) // TICKS)]
+    for (on, off), which, other in zip(ALONG, (0, 1), (ordinary, python), strict=True):
+        calls |= {on: partial(on_path, which), off: partial(off_path, other)}
+    return calls, found
 
 
 def poses(name):

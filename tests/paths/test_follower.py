@@ -122,7 +122,7 @@ def test_chunks_in_the_wrong_order_change_nothing():
     events = [(0.4, lambda f: f.follow(*new))]
     Q, _ = driven(arm, arm.follower(), events, 2.0)
     again, _ = driven(arm, arm.follower(), [*events, (0.5, lambda f: f.follow(*old))], 2.0)
-    assert (again == Q).all()
+    assert np.abs(again - Q).max() < 1e-12
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -213,9 +213,9 @@ def test_the_work_of_a_tick_is_bounded_whatever_comes(monkeypatch):
     arm = Arm("ur5")
     truth = arm.motion(np.random.default_rng(8))
     solved = []
-    monkeypatch.setattr(
-        fit.PoseSearch, "solve", lambda self, *a, _=fit.PoseSearch.solve, **k: (solved.append(1), _(self, *a, **k))[1]
-    )
+    for name in ("solve", "met"):
+        real = getattr(fit.PoseSearch, name)
+        monkeypatch.setattr(fit.PoseSearch, name, lambda *a, _=real, **k: (solved.append(1), _(*a, **k))[1])
     follower, q = arm.follower(), arm.start
     stamps = np.arange(5000) * 0.01
     poses = np.array([arm.robot.pose(truth(t)) for t in stamps])
