@@ -132,6 +132,7 @@ class Viewer:
         before, push = self._before, np.array(force)
         ends = np.unique(np.linspace(0, n, min(n + 1, COARSE)).round().astype(int))
         time = self._dt * ends
+        then = [before.frame(t) for t in time.tolist()]
         places = np.vstack((before.tool[0, :3, 3], place))[ends]
         size = extremes(np.linalg.norm(push, axis=1)[:, None], ends).T
         pressing = [CurveChart("contact force [N]", ("size",), size, (FORCE,))] if push.any() else []
@@ -140,7 +141,8 @@ class Viewer:
             time=time,
             q=np.vstack((before.q[0], q))[ends],
             speed=extremes(np.array(speed), ends),
-            wanted=before.wanted[[before.frame(t) for t in time.tolist()]],
+            wanted=before.wanted[then],
+            solids=tuple(s if s.poses is None else s._replace(poses=s.poses[then]) for s in before.solids),
             travel=np.gradient(places, time, axis=0),
             force=push[np.maximum(ends - 1, 0)] if push.any() else None,
             **states(status, limited, ends),

@@ -369,6 +369,27 @@ def test_a_run_is_served_while_it_is_running_and_after(task, trace, timeline):
         viewer.close()
 
 
+def test_obstacles_are_where_they_are_while_a_run_is_running():
+    moves = {"kind": "sphere", "at": [1.0, 1.0, 1.0], "radius": 0.1, "moves": [0.0, 0.4, 0.0], "period": 2.0}
+    body = [{"link": "tool", "a": [0.0, 0.0, 0.0], "b": [0.0, 0.0, -0.1], "radius": 0.05}]
+    task = task_from({**TASK, "obstacle": [moves], "clearance": {"body": body}}, "moving")
+    viewer, during = iq.view.Viewer(task, port=0), []
+
+    def watch(tick, state, solution):
+        viewer.watch(tick, state, solution)
+        if tick == 49:
+            during.append(json.loads(viewer.news("")[1]))
+
+    try:
+        iq.run_task(task, observer=watch)
+    finally:
+        viewer.close()
+    poses = [unpacked(solid["poses"]).reshape(-1, 3, 4) for solid in during[0]["solids"] if solid["poses"]]
+    time = unpacked(during[0]["arrays"]["time"])
+    assert [len(T) for T in poses] == [len(time)] == [51]
+    np.testing.assert_allclose(poses[0][:, 1, 3], 1.0 + 0.2 * (1.0 - np.cos(np.pi * time)), atol=2e-3)
+
+
 def test_a_port_that_is_taken_is_left_alone(task):
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
