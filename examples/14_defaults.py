@@ -208,7 +208,7 @@ def random_problem(number: int) -> Problem:
     content["robot"] = {**spec(name), "start": start.tolist()}
     setup = with_rest(prepare(task_from(content, name)))
     if kind == "singular, no feedforward":
-        setup = replace(setup, brief=replace(setup.brief, feedforward=np.zeros_like(setup.brief.feedforward)))
+        setup = replace(setup, problem=replace(setup.problem, feedforward=np.zeros_like(setup.problem.feedforward)))
     return Problem(setup, random=True, stays=kind == "stay")
 
 
@@ -269,7 +269,7 @@ def judged(problem: Problem, choice: Choice) -> np.ndarray:
             return np.full(5, np.nan)
     mm, deg = overshoot(trace, setup.robot) * (1e3, np.degrees(1.0))
     found = figures(watched, trace)
-    settled = min(found["settling_s"], float(setup.brief.time[-1]))
+    settled = min(found["settling_s"], float(setup.problem.time[-1]))
     moved = np.degrees(np.abs(trace.q - trace.q[0]).max())
     return np.array((mm, deg, found["acceleration"], settled, moved))
 

@@ -32,7 +32,7 @@ from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController, Pilot, pilot_of
 from invariantqp.runs.plants.plant import Measurement, Plant, PlantState
-from invariantqp.runs.prepare import Brief, Goal, Setup, prepare
+from invariantqp.runs.prepare import ControlProblem, Goal, Setup, prepare
 from invariantqp.runs.run import run
 from invariantqp.runs.taskfile import Task
 from invariantqp.velocity.limits import JointBox
@@ -62,30 +62,30 @@ def displaced(
     Raises:
         BadInput: not finite (4, 4) rigid motions.
     """
-    brief, plant = setup.brief, setup.plant
+    problem, plant = setup.problem, setup.plant
     if tool is not None:
-        brief = _with_tool(brief, arrays.pose(tool, "tool"))
+        problem = _with_tool(problem, arrays.pose(tool, "tool"))
     if sensor is not None:
         Y = arrays.pose(sensor, "sensor")
         plant = DisplacedSensor(plant, Y)
-        brief = replace(brief, sensor=None if brief.sensor is None else brief.sensor.relabelled(Y))
-    if contact is not None and brief.contact_task is not None:
-        brief = replace(brief, contact_task=brief.contact_task.relabelled(arrays.pose(contact, "contact")))
-    return replace(setup, plant=plant, brief=brief)
+        problem = replace(problem, sensor=None if problem.sensor is None else problem.sensor.relabelled(Y))
+    if contact is not None and problem.contact_task is not None:
+        problem = replace(problem, contact_task=problem.contact_task.relabelled(arrays.pose(contact, "contact")))
+    return replace(setup, plant=plant, problem=problem)
 
 
-def _with_tool(brief: Brief, X: Array) -> Brief:
-    """The brief for a tool frame displaced by X in itself: points, poses, sensor and contact are expressed in it."""
+def _with_tool(problem: ControlProblem, X: Array) -> ControlProblem:
+    """The problem for a tool frame displaced by X in itself: points, poses, sensor and contact are expressed in it."""
     back = se3.inverse(X)
-    law = brief.law
+    law = problem.law
     points = {key: back.dot([*getattr(law, key), 1.0])[:3] for key in ("point", "tool_speed_point")}
     return replace(
-        brief,
-        robot=brief.robot.with_tool(X),
+        problem,
+        robot=problem.robot.with_tool(X),
         law=law.model_copy(update={key: tuple(p.tolist()) for key, p in points.items()}),
-        poses=brief.poses.dot(X),
-        contact_task=None if brief.contact_task is None else brief.contact_task.relabelled(None, X),
-        sensor=None if brief.sensor is None else brief.sensor.relabelled(None, X),
+        poses=problem.poses.dot(X),
+        contact_task=None if problem.contact_task is None else problem.contact_task.relabelled(None, X),
+        sensor=None if problem.sensor is None else problem.sensor.relabelled(None, X),
     )
 
 
@@ -138,9 +138,9 @@ def moved_start(task: Task, setup: Setup) -> Setup:
     """The same motion of the tool from a start that is moved by rounding."""
     start = [x + NUDGE for x in task.robot.start]
     other = prepare(task.model_copy(update={"robot": task.robot.model_copy(update={"start": start})}))
-    told = setup.brief
-    brief = replace(other.brief, time=told.time, poses=told.poses, feedforward=told.feedforward)
-    return replace(other, brief=brief, wanted=setup.wanted, noise=setup.noise)
+    told = setup.problem
+    problem = replace(other.problem, time=told.time, poses=told.poses, feedforward=told.feedforward)
+    return replace(other, problem=problem, wanted=setup.wanted, noise=setup.noise)
 
 
 def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> list[FrameCheck]:
@@ -173,7 +173,7 @@ def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> 
     for name, make in laws.items():
         as_told, moved = prepare(task), displaced(prepare(task), tool)
         plain, other, nudged = (
-            run(setup, pilot_of(setup.brief, make), count) for setup in (as_told, moved, moved_start(task, as_told))
+            run(setup, pilot_of(setup.problem, make), count) for setup in (as_told, moved, moved_start(task, as_told))
         )
         change, control = (largest_change(plain.q, trace.q) for trace in (other, nudged))
         checks.append(FrameCheck(name, change, control, 1e3 * float(plain.position_error.max())))
@@ -212,15 +212,15 @@ class Textbook(Pilot):
 
     def __init__(self, setup: Setup, tool: Array | None = None) -> None:
         """For a run in displaced frames, of which it knows the sensor's, and the tool's by its (4, 4) displacement."""
-        brief, scene = setup.brief, setup.scene
-        if scene is None or brief.sensor is None:
+        problem, scene = setup.problem, setup.scene
+        if scene is None or problem.sensor is None:
             raise BadInput("setup", "a task without contact", "one with [contact] and [force]")
-        law = brief.law
+        law = problem.law
         self._back = np.eye(4) if tool is None else se3.inverse(tool)
         self._contact_at = scene.task.contact_at
-        self._sensor = brief.sensor
+        self._sensor = problem.sensor
         self._loop = RaibertCraig(
-            brief.robot,
+            problem.robot,
             np.array(SELECTIONS[scene.springs.shape]),
             np.eye(3),
             scene.wanted,
@@ -259,7 +259,7 @@ def contact_frame_check(
         BadInput: no such plant, or one without a force sensor.
     """
     laws: dict[str, Callable[[Setup, Array | None], Pilot]] = {
-        OURS: lambda setup, _: pilot_of(setup.brief),  # it needs to be told of no displacement
+        OURS: lambda setup, _: pilot_of(setup.problem),  # it needs to be told of no displacement
         "Raibert-Craig": Textbook,
     }
     tool, sensor, contact = (random_displacement(seed + i) for i in range(3))

@@ -159,12 +159,12 @@ def miscalibrated(robot: Robot, seed: int) -> Chain:
 def calibration(cell: Cell) -> dict[str, Result]:
     """Largest true error of the run, and the variation of the joint velocities."""
     setup = prepare(cell.load())
-    model, law, start = setup.robot, setup.brief.law, np.asarray(setup.task.start())
+    model, law, start = setup.robot, setup.problem.law, np.asarray(setup.task.start())
     true = miscalibrated(model, cell.seed)
     moved = true.pose(start).dot(se3.inverse(model.pose(start)))  # the path begins where the tool is
-    poses, ahead = moved @ setup.wanted, setup.brief.feedforward.dot(se3.adjoint(moved).T)
-    brief = replace(setup.brief, robot=true, poses=poses, feedforward=ahead)
-    other = replace(setup, robot=true, plant=IdealPlant(true, start, law.dt), wanted=poses, brief=brief)
+    poses, ahead = moved @ setup.wanted, setup.problem.feedforward.dot(se3.adjoint(moved).T)
+    problem = replace(setup.problem, robot=true, poses=poses, feedforward=ahead)
+    other = replace(setup, robot=true, plant=IdealPlant(true, start, law.dt), wanted=poses, problem=problem)
     found = figures(
         *watched_run(other, lambda *_: CameraFeedback(controller_named(cell.method)(model, law), model, true))
     )

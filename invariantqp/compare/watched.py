@@ -91,23 +91,23 @@ def _stopped(still: Array, reason: str) -> VelocitySolution:
 def watched_run(setup: Setup, make: MakeController, broken: str = "") -> tuple[Watched, Trace]:
     """A run under a law that is watched, in which an input is sometimes NaN if one is named."""
     with quietly():
-        law = Watched(make(setup.brief.robot, setup.brief.law), broken, len(setup.noise))
-        return law, run(setup, pilot_of(setup.brief, lambda *_: law))
+        law = Watched(make(setup.problem.robot, setup.problem.law), broken, len(setup.noise))
+        return law, run(setup, pilot_of(setup.problem, lambda *_: law))
 
 
 def with_rest(setup: Setup) -> Setup:
     """The setup with a second more, in which the target is at rest; a path that may be late and contact as they are."""
-    brief, more = setup.brief, round(REST / setup.task.law.dt)
-    if setup.scene is not None or brief.elastic is not None:
+    problem, more = setup.problem, round(REST / setup.task.law.dt)
+    if setup.scene is not None or problem.elastic is not None:
         return setup
-    time = setup.task.law.dt * np.arange(len(brief.time) + more, dtype=np.float64)
+    time = setup.task.law.dt * np.arange(len(problem.time) + more, dtype=np.float64)
     still = np.zeros((more, 6))
     return replace(
         setup,
         wanted=_held(setup.wanted, more),
         noise=np.resize(setup.noise, (len(setup.noise) + more, setup.noise.shape[1])),
-        brief=replace(
-            brief, time=time, poses=_held(brief.poses, more), feedforward=np.vstack((brief.feedforward, still))
+        problem=replace(
+            problem, time=time, poses=_held(problem.poses, more), feedforward=np.vstack((problem.feedforward, still))
         ),
     )
 

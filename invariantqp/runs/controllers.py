@@ -31,7 +31,7 @@ from invariantqp.paths.solution import FollowerSolution
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.contactspec import OperatorSpec
 from invariantqp.runs.plants.plant import Measurement
-from invariantqp.runs.prepare import Brief, Goal
+from invariantqp.runs.prepare import ControlProblem, Goal
 from invariantqp.runs.taskfile import LawSpec
 from invariantqp.systems.contacts import face_contact
 from invariantqp.velocity.forms import Form
@@ -94,11 +94,11 @@ class PathPilot(Pilot):
 class ElasticPilot(Pilot):
     """A path follower: it stays on the path, and is late where limits bind."""
 
-    def __init__(self, loop: Controller, brief: Brief, q: Array) -> None:
-        """Along the path of a brief, from joint positions q (m,)."""
-        n = len(brief.poses)
+    def __init__(self, loop: Controller, problem: ControlProblem, q: Array) -> None:
+        """Along the path of a problem, from joint positions q (m,)."""
+        n = len(problem.poses)
         kept = np.unique(np.linspace(0, n - 1, min(n, PATH_SAMPLES)).round().astype(int))
-        self.follower: PathFollower = PathFollower(loop, brief.poses[kept], times=brief.time[kept], rate=1.0)
+        self.follower: PathFollower = PathFollower(loop, problem.poses[kept], times=problem.time[kept], rate=1.0)
         self.follower.prepare(q)
         self.form = loop.law.form
         self.followed: list[FollowerSolution] = []
@@ -153,27 +153,27 @@ class OperatorPilot(Pilot):
         return self._loop.follow(measured.q, s)
 
 
-def pilot_of(brief: Brief, controller: MakeController | None = None) -> Pilot:
-    """What steers a plant by a brief; `controller` makes its velocity controller, None is ours.
+def pilot_of(problem: ControlProblem, controller: MakeController | None = None) -> Pilot:
+    """What steers a plant by a problem; `controller` makes its velocity controller, None is ours.
 
     Raises:
         BadInput: a controller for a task in contact, which needs a hybrid one.
     """
-    robot, law = brief.robot, brief.law
-    limits = [] if brief.around is None else [brief.around.clearance]
-    if brief.contact_task is not None:
+    robot, law = problem.robot, problem.law
+    limits = [] if problem.around is None else [problem.around.clearance]
+    if problem.contact_task is not None:
         if controller is not None:
             found = "a velocity controller for a task in contact"
             raise BadInput("controller", found, "a task without [contact]", "A contact needs a hybrid controller.")
-        return ContactPilot(our_hybrid(robot, law, brief.contact_task, brief.sensor, limits))
+        return ContactPilot(our_hybrid(robot, law, problem.contact_task, problem.sensor, limits))
     loop = our_controller(robot, law, limits) if controller is None else controller(robot, law)
-    if brief.elastic is not None:
+    if problem.elastic is not None:
         if not isinstance(loop, Controller):
             expected = "ours, or none"
             raise BadInput(
                 "controller", f"{type(loop).__name__} on an elastic path", expected, "Others keep its timing."
             )
-        return ElasticPilot(loop, brief, brief.elastic)
-    if brief.operator is not None and isinstance(loop, Controller):
-        return OperatorPilot(loop, brief.operator, np.array(law.point))
+        return ElasticPilot(loop, problem, problem.elastic)
+    if problem.operator is not None and isinstance(loop, Controller):
+        return OperatorPilot(loop, problem.operator, np.array(law.point))
     return PathPilot(loop)

@@ -20,7 +20,7 @@ from invariantqp.runs.clearancespec import Around
 from invariantqp.runs.contactspec import OperatorSpec
 from invariantqp.runs.plants.plant import IdealPlant, Plant
 from invariantqp.runs.scene import ContactScene, scene_of
-from invariantqp.runs.section import said
+from invariantqp.runs.section import message
 from invariantqp.runs.taskfile import LawSpec, Task
 
 
@@ -33,8 +33,12 @@ class Goal(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Brief:
-    """What a controller is told."""
+class ControlProblem:
+    """What a controller is told before a run.
+
+    It may be expressed in other frames than the task file: a tool frame elsewhere on the tool, say. What it asks of the
+    arm stays the same, so a controller that is right answers with the same joint velocities.
+    """
 
     robot: Robot  # the arm, with the tool frame that targets are for
     law: LawSpec  # the [law] table; its points are in that tool frame
@@ -65,7 +69,7 @@ class Setup:
     wanted: Array  # (n + 1, 4, 4) tool poses that are asked for
     noise: Array  # (n, m) what the controller's joint positions are off by [rad, m]
     counted_from: int  # the first tick whose errors count; 0 without contact
-    brief: Brief  # what the controller is told
+    problem: ControlProblem  # what the controller is told
 
 
 def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
@@ -89,7 +93,7 @@ def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
         wanted=wanted,
         noise=np.random.default_rng(0).normal(0.0, task.encoder_noise or 0.0, (n, len(start))),
         counted_from=round(task.settle / law.dt),
-        brief=Brief(
+        problem=ControlProblem(
             robot=robot,
             law=law,
             time=time,
@@ -120,7 +124,7 @@ def overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
     except ValidationError as error:
         wrong = error.errors()[0]
         key = str(wrong["loc"][0])
-        raise BadInput(key, repr(overrides[key]), said(wrong)) from error
+        raise BadInput(key, repr(overrides[key]), message(wrong)) from error
 
 
 def _plant(task: Task, robot: Robot, scene: ContactScene | None, physics: str) -> Plant:

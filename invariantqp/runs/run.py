@@ -36,18 +36,18 @@ LONGEST = 10
 Observer = Callable[[int, PlantState, VelocitySolution], None]
 
 
-def notes(robot: Robot, form: Form | None, q: Array, solutions: Sequence[VelocitySolution]) -> list[str]:
+def warnings_of(robot: Robot, form: Form | None, q: Array, solutions: Sequence[VelocitySolution]) -> list[str]:
     """Sentences about a run with joint positions q (n + 1, m), under a law with this form."""
     n = len(solutions)
     damped = sum(getattr(s, "damping", 0.0) > 0.0 for s in solutions)  # laws compared with ours need not say
-    said = [f"{damped} of {n} ticks were damped, near a singularity or a principal pitch"] if damped else []
+    found = [f"{damped} of {n} ticks were damped, near a singularity or a principal pitch"] if damped else []
     for status in ("limited", "guarded", "scaled", "degraded", "held"):
         hits = [s for s in solutions if s.status == status]
         if hits:
-            said.append(f"{len(hits)} of {n} ticks were {status}; the first: {hits[0].reason}")
+            found.append(f"{len(hits)} of {n} ticks were {status}; the first: {hits[0].reason}")
     if isinstance(form, PitchForm) and len(robot.names) < 6:
-        said += _about_pitches(robot, form.h, q)
-    return said
+        found += _about_pitches(robot, form.h, q)
+    return found
 
 
 def _about_pitches(robot: Robot, h: float, q: Array) -> list[str]:
@@ -101,7 +101,7 @@ def run_task(
         RobotModelError, UnknownName, MissingExtra: the robot cannot be had.
     """
     setup = prepare(task, physics, **overrides)
-    return run(setup, pilot_of(setup.brief, controller), progress, observer)
+    return run(setup, pilot_of(setup.problem, controller), progress, observer)
 
 
 def run(setup: Setup, pilot: Pilot, progress: Progress | None = None, observer: Observer | None = None) -> Trace:
@@ -111,13 +111,13 @@ def run(setup: Setup, pilot: Pilot, progress: Progress | None = None, observer: 
 
 def _loop(setup: Setup, pilot: Pilot, progress: Progress | None, observer: Observer | None) -> _Record:
     """All ticks of a setup, as `run` is asked for them; an elastic path ends when the pilot is done."""
-    plant, goals = setup.plant, setup.brief.goals()
+    plant, goals = setup.plant, setup.problem.goals()
     states, solutions = [plant.state()], []
     n = len(goals)
     tick_ns, read = [], []
-    for k in range(n if setup.brief.elastic is None else LONGEST * n):
-        if setup.brief.around is not None:
-            setup.brief.around.move(k * setup.task.law.dt)
+    for k in range(n if setup.problem.elastic is None else LONGEST * n):
+        if setup.problem.around is not None:
+            setup.problem.around.move(k * setup.task.law.dt)
         measured = plant.measure()
         measured = measured._replace(q=measured.q + setup.noise[k % n])
         before = perf_counter_ns()
@@ -140,7 +140,7 @@ def _trace(setup: Setup, pilot: Pilot, record: _Record) -> Trace:
     """What happened in a run, with its errors."""
     robot, solutions, after = setup.robot, record.solutions, record.states[1:]
     along = path_trace(pilot.follower, pilot.followed) if isinstance(pilot, ElasticPilot) else None
-    wanted, time = setup.wanted, setup.brief.time
+    wanted, time = setup.wanted, setup.problem.time
     if along is not None:
         wanted, time = along.poses, np.asarray(setup.task.law.dt * np.arange(len(record.states)), np.float64)
     q = np.array([state.q for state in record.states])
@@ -163,12 +163,12 @@ def _trace(setup: Setup, pilot: Pilot, record: _Record) -> Trace:
         tick_ns=record.tick_ns,
         wanted=wanted,
         form="" if pilot.form is None else pilot.form.describe(),
-        warnings=notes(robot, pilot.form, q, solutions),
+        warnings=warnings_of(robot, pilot.form, q, solutions),
         physics=setup.physics,
         counted_from=setup.counted_from,
         contact=None if scene is None else contact_trace(scene, contacts, after, record.read, setup.wanted[1:]),
         along=along,
-        clearance=None if setup.brief.around is None else _clearance(setup.brief.around, q, setup.task.law.dt),
+        clearance=None if setup.problem.around is None else _clearance(setup.problem.around, q, setup.task.law.dt),
     )
 
 

@@ -87,12 +87,12 @@ def problems(error: ValidationError, root: type[BaseModel]) -> list[str]:
         unknown = one["type"] == "extra_forbidden"
         place = _place(one["loc"], root, unknown)
         now = _renamed(place) if unknown else ""
-        found.setdefault(place.path, []).append(now or said(one))
+        found.setdefault(place.path, []).append(now or message(one))
         advice[place.path] = "" if now else _advice(place, unknown)
     return [f"{path}: {' or '.join(texts)}{advice[path]}" for path, texts in found.items()]
 
 
-def said(found: Any) -> str:
+def message(found: Any) -> str:
     """One of pydantic's errors in its own words, as part of a sentence."""
     words = str(found["msg"]).removeprefix("Value error, ")
     return words if words[1:2].isupper() else words[:1].lower() + words[1:]

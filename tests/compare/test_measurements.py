@@ -52,7 +52,7 @@ def test_a_moved_start_is_the_same_motion_of_the_tool():
     task = load_task("compare/panda")
     setup = prepare(task)
     moved = moved_start(task, setup)
-    assert (moved.brief.poses == setup.brief.poses).all()
+    assert (moved.problem.poses == setup.problem.poses).all()
     assert np.abs(moved.plant.measure().q - setup.plant.measure().q).max() == pytest.approx(1e-12, rel=1e-3)
 
 
@@ -150,10 +150,10 @@ def test_errors_grow_from_what_a_jump_makes(jumped):
 def test_after_a_path_the_target_rests_for_a_second():
     before, after = prepare(load_task("compare/too_fast")), coarse("compare/too_fast")
     more = round(REST / 0.005)
-    assert len(after.brief.goals()) == len(before.brief.goals()) + more == len(after.noise)
+    assert len(after.problem.goals()) == len(before.problem.goals()) + more == len(after.noise)
     np.testing.assert_array_equal(after.wanted[: len(before.wanted)], before.wanted)
     assert (after.wanted[-more:] == before.wanted[-1]).all()
-    assert not after.brief.feedforward[-more:].any()
+    assert not after.problem.feedforward[-more:].any()
     for name in ("pen_on_paper", "ur5_elastic"):  # contact, and a path that may be late
         task = load_task(name)
         task = task.model_copy(update={"law": task.law.model_copy(update={"dt": 0.01})})

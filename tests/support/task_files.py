@@ -38,4 +38,4 @@ def pen(**changes):
 def run_displaced(task, tool, **overrides):
     """A run of the same physical motion, asked of a tool frame displaced in itself by a (4, 4) motion."""
     setup = displaced(prepare(task, **overrides), tool)
-    return run(setup, pilot_of(setup.brief))
+    return run(setup, pilot_of(setup.problem))
