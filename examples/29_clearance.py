@@ -1,14 +1,17 @@
 """What an arm must not touch: a table, a ball that comes, another arm; each named in the reason that it holds.
 
-The same loops without a clearance say where the arm would have gone.
+The same loops without a clearance say where the arm would have gone. Where Pink and mink are installed, they follow the
+same path along a box with the same shapes, pairs, limits and gain; the guide's page on clearance has the whole table.
 """
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import numpy as np
 
 import invariantqp as iq
-from invariantqp.limits import Capsule, Clearance, HalfSpace, OtherArm, Sphere
+from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, OtherArm, Sphere
 
 DT = 0.002
 READY = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
@@ -37,6 +40,34 @@ def drive(loop: iq.Controller, watched: Clearance, target: np.ndarray, ticks: in
             each((i + 1) * DT)
         least = min(least, watched.at(q).distance)
     return least, reason
+
+
+def beside_peers(robot: iq.robots.Chain) -> None:
+    """Fingers parallel to the face of a box, led 40 mm too low: how near they come, and how they tremble."""
+    if any(find_spec(name) is None for name in ("coal", "mink", "mujoco", "pink")):
+        print("not compared: pip install -e '.[pink,mink]' brings Pink and mink")
+        return
+    from shared.clearance_peers import GAINS, Peer
+
+    box = Box(iq.transform(translation=[0.5, 0.0, 0.1]), [0.3, 0.5, 0.2], name="box")
+    limit = Clearance(robot, BODIES, [box], distance=0.02, exclude=[("panda_link5", "panda_link7")])
+    down = iq.transform(np.diag([1.0, -1.0, -1.0]), [0.5, 0.0, 0.3])
+    start = iq.solve_pose(robot, down, q0=[0, -0.1, 0, -2.2, 0, 2.1, 0.785]).q
+    loop = iq.Controller(robot, dt=DT, limits=[limit])
+    steps = {"ours": lambda q, target: loop.step(q, target).velocity}
+    steps |= {name: Peer(name, limit, DT, start, gain) for name, gain in GAINS.items()}
+    print("along a box:     least distance [mm]   median change of a joint's velocity in a tick [rad/s]")
+    for name, step in steps.items():
+        q, near, velocities = start, [], []
+        for i in range(700):
+            t = i * DT
+            target = down.copy()
+            target[:3, 3] = 0.5 + 0.08 * np.sin(4.2 * t), 0.05 * np.sin(5.7 * t), 0.15
+            velocities.append(step(q, target))
+            q = q + DT * velocities[-1]
+            near.append(limit.at(q).distance)
+        change = np.abs(np.diff(velocities[300:], axis=0)).max(axis=1)
+        print(f"  {name:14s} {1e3 * min(near):10.2f} {np.median(change):20.4f}")
 
 
 def main() -> None:
@@ -79,6 +110,7 @@ def main() -> None:
 
     found = iq.solve_pose(robot, below, q0=READY, clearance=limit)
     print("a pose under the table:", found.success, "-", found.reason.partition(",")[0])
+    beside_peers(robot)
 
 
 if __name__ == "__main__":

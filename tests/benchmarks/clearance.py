@@ -3,29 +3,30 @@
     PYTHONPATH=tests python tests/benchmarks/clearance.py run panda --ticks 100000 [--dt 0.001] [--delay 0.02] [--acceleration 10]
     PYTHONPATH=tests python tests/benchmarks/clearance.py peers          ours, Pink and mink: runs, starts inside, faces
     PYTHONPATH=tests python tests/benchmarks/clearance.py reach ur5      around a box: how many arrive
+    PYTHONPATH=tests python tests/benchmarks/clearance.py stream         an SO-101 over a desk, led by a hand's poses
     PYTHONPATH=tests python tests/benchmarks/clearance.py time           a tick with and without, and of the rows alone
 
 Scenes: "panda" over a table, "ur5" beside a box, "two" UR5s, of which one sweeps, "so101" over a desk. Every figure of a
 distance is coal's, of the same shapes in a Pinocchio model; none is the library's own.
 """
 
-# ruff: noqa: E501, BLE001, B008, C901 (figures are printed in long lines, each run is a script of its own)
+# ruff: noqa: E501, B008, C901 (figures are printed in long lines, each run is a script of its own)
 from __future__ import annotations
 
 import argparse
+import sys
+from pathlib import Path
 from time import perf_counter_ns
 from typing import NamedTuple
 
-import coal
-import mink
-import mujoco
 import numpy as np
-import pink
 import pinocchio as pin
-from pink.barriers import SelfCollisionBarrier
+
+sys.path.append(str(Path(__file__).parents[2] / "examples"))
+
+from shared.clearance_peers import Peer, pinocchio_model
 
 import invariantqp as iq
-from invariantqp.geometry.shapes import Core
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, OtherArm
 
 HOLD = 0.4  # how long a target stays [s]
@@ -87,35 +88,12 @@ def so101():
 SCENES = {"panda": panda, "ur5": ur5, "two": two, "so101": so101}
 
 
-def model_of(scene, clearance):
-    """The same pairs in a Pinocchio model, for coal."""
-    model = scene.robot.model
-    data = model.createData()
-    pin.forwardKinematics(model, data, np.zeros(model.nq))
-    geometry = pin.GeometryModel()
-    made = {}
-    for k, part in enumerate(clearance._parts):
-        body = part.body
-        T = (part.shape.pose if part.frame is None else part.frame) @ part.shape.place
-        if part.shape.core is Core.SEGMENT:
-            shape = coal.Capsule(part.shape.radius, 2.0 * float(part.shape.half[2]))
-        elif part.shape.core is Core.BOX:
-            shape = coal.Box(*(2.0 * part.shape.half))
-        else:  # Pinocchio's pairs of coal take a half-space; MuJoCo has planes
-            shape = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-        at = data.oMi[body].inverse() * pin.SE3(T[:3, :3], T[:3, 3])
-        made[k] = geometry.addGeometryObject(pin.GeometryObject(f"{part.name} {k}", body, at, shape))
-    for i, j in clearance._of_pair:
-        geometry.addCollisionPair(pin.CollisionPair(made[i], made[j]))
-    return model, geometry
-
-
 class Judge:
     """The least distance in a state, by coal."""
 
     def __init__(self, scene, clearance):
         self.clearance = clearance
-        self.model, self.geometry = model_of(scene, clearance)
+        self.model, self.geometry = pinocchio_model(clearance)
         self.data, self.seen = self.model.createData(), pin.GeometryData(self.geometry)
         self.moving = [k for k, part in enumerate(clearance._parts) if part.frame is None]
         self.skipped = [k for k, d in enumerate(clearance._distances(scene.start)) if not np.isfinite(d)]
@@ -193,87 +171,6 @@ def run(name, ticks, dt, delay, acceleration, seed=0, *, clear=True):
         print(f"    {count} x {reason}")
 
 
-class Peer:
-    """Pink or mink with the same shapes, pairs, limits, gain and posture as our loop."""
-
-    def __init__(self, kind, scene, clearance, dt, q, gain):
-        self.kind, self.dt, robot = kind, dt, scene.robot
-        middle = 0.5 * (np.maximum(robot.position_lower, -np.pi) + np.minimum(robot.position_upper, np.pi))
-        if kind == "Pink":
-            model, geometry = model_of(scene, clearance)
-            self.configuration = pink.Configuration(model, model.createData(), q, collision_model=geometry)
-            self.task = pink.tasks.FrameTask(
-                robot.tool, position_cost=1.0, orientation_cost=1.0, lm_damping=1e-6, gain=0.1
-            )
-            self.posture = pink.tasks.PostureTask(cost=1e-3, gain=0.001)
-            barrier = SelfCollisionBarrier(len(geometry.collisionPairs), gain=gain, safe_displacement_gain=0.0,
-                                           d_min=scene.distance)  # fmt: skip
-            self.more = {"barriers": [barrier]}
-        else:
-            model, groups = mjcf_of(scene, clearance)
-            self.configuration = mink.Configuration(model)
-            self.task = mink.FrameTask(
-                "tool", "site", position_cost=1.0, orientation_cost=1.0, gain=0.1, lm_damping=1e-6
-            )
-            self.posture = mink.PostureTask(model, cost=1e-3, gain=0.001)
-            speeds = {f"j{i + 1}": v for i, v in enumerate(robot.velocity_limit)}
-            self.more = {"limits": [mink.ConfigurationLimit(model), mink.VelocityLimit(model, speeds),
-                         mink.CollisionAvoidanceLimit(model, groups, gain=gain, collision_detection_distance=0.05,
-                                                      minimum_distance_from_collisions=scene.distance)]}  # fmt: skip
-        self.posture.set_target(middle)
-
-    def __call__(self, q, target):
-        self.configuration.update(q)
-        wanted = pin.SE3(target) if self.kind == "Pink" else mink.SE3.from_matrix(target)
-        self.task.set_target(wanted)
-        library = pink if self.kind == "Pink" else mink
-        try:
-            x = library.solve_ik(self.configuration, [self.task, self.posture], self.dt, solver="daqp",
-                                 safety_break=False, **self.more)  # fmt: skip
-        except Exception:  # whatever a solver raises where limits contradict each other: the arm stops
-            return np.zeros(len(q))
-        return x if np.isfinite(x).all() else np.zeros(len(q))
-
-
-def mjcf_of(scene, clearance):
-    """The same shapes and pairs as a MuJoCo model; bodies are at the base frame at q = 0."""
-    robot, m = scene.robot, len(scene.robot.names)
-
-    def words(numbers):
-        return " ".join(repr(float(x)) for x in numbers)
-
-    def geoms(body):
-        text = ""
-        for k, part in enumerate(clearance._parts):
-            if part.body != body:
-                continue
-            T = (part.shape.pose if part.frame is None else part.frame) @ part.shape.place
-            quaternion = np.empty(4)
-            mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T[:3, :3]).ravel())
-            if part.shape.core is Core.HALF_SPACE:
-                kind, size = "plane", (3.0, 3.0, 0.1)
-            elif part.shape.core is Core.BOX:
-                kind, size = "box", part.shape.half
-            else:
-                kind, size = "capsule", (part.shape.radius, max(float(part.shape.half[2]), 1e-6))
-            text += f'<geom name="g{k}" type="{kind}" size="{words(size)}" pos="{words(T[:3, 3])}" quat="{words(quaternion)}" mass="1"/>'
-        return text
-
-    text = '<mujoco><compiler angle="radian" autolimits="true"/><option gravity="0 0 0"/><worldbody>' + geoms(0)
-    for i, (screw, low, high) in enumerate(
-        zip(robot.screws.T, robot.position_lower, robot.position_upper, strict=True)
-    ):
-        place = np.cross(screw[:3], screw[3:])
-        text += (f'<body name="b{i + 1}"><joint name="j{i + 1}" type="hinge" axis="{words(screw[:3])}" pos="{words(place)}" '
-                 f'range="{max(low, -1e3)} {min(high, 1e3)}"/>')  # fmt: skip
-        text += geoms(i + 1) or '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(robot.home[:3, :3]).ravel())
-    text += f'<site name="tool" pos="{words(robot.home[:3, 3])}" quat="{words(quaternion)}"/>' + "</body>" * m
-    model = mujoco.MjModel.from_xml_string(text + "</worldbody></mujoco>")
-    return model, [([f"g{i}"], [f"g{j}"]) for i, j in clearance._of_pair]
-
-
 # Each at the gain of its own examples, and Pink at a stiffer one.
 LAWS = {"ours": None, "mink": ("mink", 0.85), "Pink": ("Pink", 20.0), "Pink, gain 50": ("Pink", 50.0)}
 
@@ -283,7 +180,7 @@ def law(name, scene, clearance, dt, q):
         loop = iq.Controller(scene.robot, dt=dt, limits=[clearance])
         return lambda q, target: loop.step(q, target).velocity
     kind, gain = LAWS[name]
-    return Peer(kind, scene, clearance, dt, q, gain)
+    return Peer(kind, clearance, dt, q, gain)
 
 
 def follow(step, q, target, dt, ticks, judge):
@@ -347,7 +244,7 @@ def peers(ticks):
         )
 
 
-def reach(name, count):
+def reach(name, count, seed):
     """Goals that an arm reaches only through something without a clearance: how many with one."""
     dt, scene = 0.005, SCENES[name]()
     if name == "panda":
@@ -355,7 +252,7 @@ def reach(name, count):
         scene = scene._replace(obstacles=[*scene.obstacles, block])
     centre = np.array([0.5 if name == "panda" else 0.45, 0.0])
     robot, clearance = scene.robot, scene.clearance()
-    judge, rng = Judge(scene, clearance), np.random.default_rng(11)
+    judge, rng = Judge(scene, clearance), np.random.default_rng(11 + seed)
     low, high = np.maximum(robot.position_lower, -np.pi), np.minimum(robot.position_upper, np.pi)
 
     def free():
@@ -388,6 +285,35 @@ def reach(name, count):
               f"{sum(f[1] < 0.0 for f in found)} went through something, least {min(f[1] for f in found) * 1e3:.2f} mm", flush=True)  # fmt: skip
 
 
+def stream(seconds, seed):
+    """An SO-101 led over a desk by a hand's poses, 30 a second, late and noisy, that dip below the desk again and again."""
+    scene, dt = so101(), 0.005
+    for kept in (False, True):
+        clearance = scene.clearance()
+        judge, robot, rng = Judge(scene, clearance), scene.robot, np.random.default_rng(seed)
+        loop = iq.Controller(
+            robot, dt=dt, exact="position", acceleration_limit=20.0, limits=[clearance] if kept else []
+        )
+        follower = iq.Follower(loop)
+        q, d, statuses, due, waves = scene.start.copy(), [], {}, 0.0, rng.uniform(0.1, 0.5, 3)
+        home, phases = robot.pose(q), rng.uniform(0.0, 6.3, 3)
+        for i in range(round(seconds / dt)):
+            t = i * dt
+            if t >= due:
+                due = t + rng.uniform(0.5, 1.5) / 30.0
+                away = np.array([0.06, 0.12, 0.12]) * np.sin(2.0 * np.pi * waves * t + phases) - [0.0, 0.0, 0.06]
+                hand = home.copy()
+                hand[:3, 3] += (away + 1e-3 * rng.normal(size=3)) * min(1.0, t)
+                follower.add(hand)
+            solution = follower.step(q)
+            statuses[str(solution.status)] = statuses.get(str(solution.status), 0) + 1
+            q = q + dt * solution.velocity
+            d.append(judge(q))
+        d = np.array(d)
+        print(f"SO-101 by a hand, {'with' if kept else 'without'} a clearance of {scene.distance * 1e3:g} mm: {len(d)} ticks, "
+              f"least distance {d.min() * 1e3:.2f} mm, below it {np.mean(d < scene.distance - 1e-4) * 100:.1f} % of ticks; {statuses}", flush=True)  # fmt: skip
+
+
 def time():
     """The rows alone and a tick, with about 20 pairs near; the same loop without, turn by turn."""
     scene = panda()
@@ -418,7 +344,7 @@ def time():
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["run", "peers", "reach", "time"])
+    parser.add_argument("what", choices=["run", "peers", "reach", "stream", "time"])
     parser.add_argument("scene", nargs="?", choices=list(SCENES), default="panda")
     parser.add_argument("--ticks", type=int, default=20_000)
     parser.add_argument("--dt", type=float, default=0.001)
@@ -432,7 +358,9 @@ def main():
     elif given.what == "peers":
         peers(given.ticks)
     elif given.what == "reach":
-        reach(given.scene, 24)
+        reach(given.scene, 24, given.seed)
+    elif given.what == "stream":
+        stream(given.ticks * given.dt, given.seed)
     else:
         time()
 
