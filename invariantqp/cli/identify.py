@@ -120,8 +120,8 @@ def print_identification(found: Identification, name: str, time: Array) -> None:
     """Which contact a recording shows, where it is, and what it leaves open."""
     console = Console(highlight=False, soft_wrap=True)
     for part in found.segments:
-        told = f"[bold]{part.kind}[/bold]" if part.kind else "[bold]not told[/bold]"
-        console.print(f"{escape(name)}, {time[part.start]:.2f} to {time[part.stop - 1]:.2f} s: {told}")
+        kind = f"[bold]{part.kind}[/bold]" if part.kind else "[bold]undecided[/bold]"
+        console.print(f"{escape(name)}, {time[part.start]:.2f} to {time[part.stop - 1]:.2f} s: {kind}")
         if part.reason:
             console.print(fill(f"{part.reason}.", PLAIN_WIDTH), markup=False)
         table = Table("kind", "surface on", "type", "misfit", "where", box=None)
@@ -132,8 +132,8 @@ def print_identification(found: Identification, name: str, time: Array) -> None:
             console.print(table)
         for twist in part.unexcited.T:
             console.print(f"never tried: {_motion(twist)}", markup=False)
-        for kind, why in part.refuted.items():
-            console.print(f"no {kind}: {why}", markup=False, style="dim")
+        for other, why in part.refuted.items():
+            console.print(f"no {other}: {why}", markup=False, style="dim")
 
 
 def _places(c: Candidate) -> Iterator[str]:
@@ -149,7 +149,7 @@ def _places(c: Candidate) -> Iterator[str]:
         if value is not None and key in deviations:
             angle = key != "point"
             off = deviations[key]
-            known = "not told" if off == float("inf") else f"{degrees(off):.2g} deg" if angle else f"{off:.2g}"
+            known = "unknown accuracy" if off == float("inf") else f"{degrees(off):.2g} deg" if angle else f"{off:.2g}"
             numbers = ", ".join(f"{x:.4f}" for x in value)
             yield f"{'edge' if edge and key == 'axis' else key} ({numbers}) in the {frame} frame, to {known}"
     if c.kind == "screw":

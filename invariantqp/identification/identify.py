@@ -225,7 +225,7 @@ def identify(
         parts = look.merged(parts)
     if len(parts) == 1:
         return parts[0]
-    told = ", ".join(f"{p.kind or 'not told'} in samples {p.start} to {p.stop}" for p in parts)
+    told = ", ".join(f"{p.kind or 'undecided'} in samples {p.start} to {p.stop}" for p in parts)
     reason = f"it has {len(parts)} contacts: {told}; see segments"
     return Identification(None, (), {}, np.zeros((6, 0)), reason, parts[0].start, parts[-1].stop, tuple(parts))
 

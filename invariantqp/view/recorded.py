@@ -53,7 +53,7 @@ def timeline_of_recording(
     nothing = Surroundings(np.empty((0, 4, 3)))
     timeline = Timeline(
         title=title,
-        about=f"A recording: {'; '.join(_told(p) for p in found.segments)}.",
+        about=f"A recording: {'; '.join(_kind_of(p) for p in found.segments)}.",
         time=time[at],
         appearance=_appearance(source, robot),
         wanted=tool,
@@ -104,8 +104,8 @@ def _forces(shown: Candidate | None, poses: Array, force: Array) -> CurveChart:
     return CurveChart(title, ("along z of the contact", "across it"), parts, (ORANGE, SKY))
 
 
-def _told(part: Identification) -> str:
-    return part.kind or f"not told ({', '.join(dict.fromkeys(c.kind for c in part.candidates))})"
+def _kind_of(part: Identification) -> str:
+    return part.kind or f"undecided ({', '.join(dict.fromkeys(c.kind for c in part.candidates))})"
 
 
 def _appearance(source: str | None, robot: Robot | None) -> Appearance:
@@ -119,7 +119,7 @@ def _appearance(source: str | None, robot: Robot | None) -> Appearance:
 
 def _status(found: Identification, k: int) -> str:
     part = next((p for p in found.segments if p.start <= k < p.stop), None)
-    return "in the air, or changing" if part is None else part.kind or "not told"
+    return "in the air, or changing" if part is None else part.kind or "undecided"
 
 
 def _surface(c: Candidate, poses: Array) -> Surroundings:

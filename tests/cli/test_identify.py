@@ -43,7 +43,7 @@ def test_what_is_left_open_is_said(monkeypatch, capsys, recordings):
     status, out, _ = call(monkeypatch, capsys, "identify", recordings / "peg.csv", "--reads", "reaction")
     said = " ".join(out.split())
     assert status == 0
-    assert "not told" in said
+    assert "undecided" in said
     assert "never tried: a turn about" in said
     assert re.search(r"\bslide\b.*\bpeg\b", said)
 
