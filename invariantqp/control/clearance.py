@@ -11,7 +11,7 @@ Joints with acceleration limits a do not stop at once. A velocity is then one th
     q_n(x) = q + dt (x + x' + x'' + ...)      n ticks of braking x at 0.7 a, each joint by itself, inside its range
     d(q_n(x), n dt) - d_min >= (1 - alpha dt) (d(q_n(y), n dt) - d_min),    y the last velocity braked for a tick
 
-to first order in x - y, for n = 0 and the ticks that it takes to stop, a half, a quarter, ... of them. In the next tick
+to first order in x - y, for n = 0 and the ticks that it takes to stop, 0.7, 0.49, ... of them. In the next tick
 braking on goes through the same states: where all of them kept the distance, x = y keeps every row, every acceleration
 and every joint limit. So rows contradict nothing that a start did not contradict already.
 
@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
-from math import ceil, e, inf
+from math import e, floor, inf
 from os import PathLike
 from typing import Any, NamedTuple
 
@@ -58,6 +58,9 @@ SHARE_OF_ROOM = 0.1
 # Of the accelerations, rows take this share to brake by; the rest is for how their directions turn within a tick, and
 # between the states that are looked at.
 BRAKING = 0.7
+# Of the ticks until one state those until the next nearer one: with a half, an arm that passes a corner at full speed
+# sees it late in one of 2000 ticks.
+NEARER = 0.7
 # States that are ticks away keep this times the distance: what is linear in x - y is off by less.
 AHEAD = 1.01
 # Inside the distance, bodies are led apart at the first share of the joints' velocity limits, and no joint is faster
@@ -129,7 +132,7 @@ class States(NamedTuple):
         y = np.sign(before) * np.maximum(np.abs(before) - b * dt, 0.0)
         y = np.clip(y, -braking_speed(q - low, a, dt), braking_speed(high - q, a, dt))
         ticks = np.floor(np.abs(y) / (b * dt))  # that y takes to stop, but for a rest
-        n = [0.0, *halves(float(ticks.max()))]
+        n = [0.0, *moments(float(ticks.max()))]
         own = np.minimum(np.array(n)[:, None], ticks)
         with np.errstate(invalid="ignore"):  # infinitely strong brakes stop in no tick
             lost = np.where(own > 0.0, 0.5 * b * dt * own * (own + 1.0), 0.0)
@@ -141,12 +144,12 @@ class States(NamedTuple):
         return cls(np.vstack((q, states)), np.vstack((np.ones(m), weights)), times, y, reach, sure)
 
 
-def halves(ticks: float) -> list[float]:
-    """A number of ticks, a half, a quarter, ... down to one, whole ones."""
+def moments(ticks: float) -> list[float]:
+    """A number of ticks, NEARER of it, of that, ... down to one, whole ones."""
     found = []
     while ticks > 0.0:
         found.append(ticks)
-        ticks = ceil(0.5 * ticks) if ticks > 1.0 else 0.0
+        ticks = floor(NEARER * ticks) if ticks > 1.0 else 0.0
     return found
 
 

@@ -8,9 +8,9 @@
 
 enum { BODY, KIND, RADIUS, HALF, TURN = HALF + 3, PLACE = TURN + 9, OF_SHAPE = PLACE + 3 }; /* numbers of a shape */
 enum { ROUND, BLOCK, FREE_SIDE };                                                            /* kinds of core */
-/* control/clearance.py: rows at most, how near equal ones are, and what does not move a place. */
+/* control/clearance.py: rows at most, and its constants. */
 #define KEPT_ROWS 16
-static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, AHEAD = 1.01;
+static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, AHEAD = 1.01, NEARER = 0.7;
 /* geometry/distance.py: below these shares, lines are parallel, and a normal has no direction. */
 static const double PARALLEL_LINES = 1e-14, NO_DIRECTION = 1e-12;
 #define MOST_SHAPES 256
@@ -505,7 +505,7 @@ static void braked_states(int m, const double *q, const double *before, const do
         states->sure[j] = (1.0 - share) * a * dt;
     }
     double n = 0.0;
-    for (int s = 1; s < MOST_STATES; s++, n = s == 2 ? most : ceil(0.5 * n)) {
+    for (int s = 1; s < MOST_STATES; s++, n = s == 2 ? most : floor(NEARER * n)) {
         states->time[s] = n * dt;
         for (int j = 0; j < m; j++) {
             double own = fmin(n, ticks[j]), y = states->braked[j];
