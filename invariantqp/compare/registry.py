@@ -42,7 +42,7 @@ def chosen(names: str | Iterable[str] | None = None) -> dict[str, Method]:
         UnknownName: one name stands for no method.
         BadInput: several names stand for no method, a method given by its full name is not installed, or no name.
     """
-    meant, given = _meant(names), {word.lower() for word in _words(names)}
+    meant, given = _selected(names), {word.lower() for word in _words(names)}
     for method in meant.values():
         if method.name.lower() in given and not method.installed:
             raise BadInput(
@@ -56,7 +56,7 @@ def chosen(names: str | Iterable[str] | None = None) -> dict[str, Method]:
 
 def left_out(names: str | Iterable[str] | None = None) -> list[Method]:
     """The methods that the same names stand for and that `chosen` leaves out, since they are not installed."""
-    return [method for method in _meant(names).values() if not method.installed]
+    return [method for method in _selected(names).values() if not method.installed]
 
 
 def absent(methods: Iterable[Method], tasks: Iterable[str]) -> dict[str, list[str]]:
@@ -107,7 +107,7 @@ def _words(names: str | Iterable[str] | None) -> list[str]:
     return [word.strip() for word in ([names] if isinstance(names, str) else names) if word.strip()]
 
 
-def _meant(names: str | Iterable[str] | None) -> dict[str, Method]:
+def _selected(names: str | Iterable[str] | None) -> dict[str, Method]:
     """The methods that the names stand for, in the order of the table."""
     if names is None:
         return methods()

@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -271,8 +272,9 @@ def test_everyday_tasks_alone_are_a_table_and_a_page(tmp_path):
 
 def test_two_runs_are_told_apart_by_rank(small_run, tmp_path):
     out, _, words, chosen = small_run
-    against = [*chosen, "--against", str(out / "results.json")]
-    done = CliRunner().invoke(app, [*words, *against])
+    shutil.copytree(out / "cells", tmp_path / "cells")  # the same times once more
+    only = [word.replace("loop,tick", "tick").replace(str(out), str(tmp_path)) for word in words]
+    done = CliRunner().invoke(app, [*only, *chosen, "--against", str(out / "results.json")])
     assert "ranks by time, so101_line: Spearman 1.000" in done.output
 
 
