@@ -73,21 +73,24 @@ class HandWritten:
         if self.model is None:
             raise RobotModelError("the hand-written loop needs a robot with a Pinocchio model")
         self.data, self.frame = self.model.createData(), self.model.getFrameId(robot.tool)  # type: ignore[attr-defined]
-        self.dt, self.gain = law.dt, tracking_gain(law.gain, law.dt, law.delay)
+        self.rate, self.gain = 1.0 / law.dt, tracking_gain(law.gain, law.dt, law.delay)
         self.low, self.high, self.speed = robot.position_lower, robot.position_upper, robot.velocity_limit
         self.slowest = -self.speed
         self.middle, pull = posture_of(robot, law)
         self.weighted_pull = FIXED_WEIGHT * pull
         m = len(self.middle)
         self.reach = AccelerationReach(law, m)
-        self.damping = FIXED_WEIGHT * np.eye(m)
+        self.H = np.empty((m, m))
+        self.diagonal = self.H.ravel()[:: m + 1]
         self.exact, self.point = law.exact is not None, np.asarray(law.point)
         self.at_point = np.hstack((np.eye(3), -pinocchio.skew(self.point)))  # from a twist to the velocity of the point
         self.rows, self.still = np.zeros((0, m)), np.zeros(6)
         k = 3 if self.exact else 0
         self.sense = np.concatenate((np.zeros(m), np.full(k, EQUATION))).astype(np.int32)
-        # Bounds of the joints, and behind them the exact rows' right-hand side: allocated once.
+        # Bounds of the joints, and behind them the exact rows' right-hand side: allocated once, as H is.
         self.upper, self.lower = np.zeros((2, m + k))
+        self.joint_upper, self.joint_lower = self.upper[:m], self.lower[:m]
+        self.rows_wanted = (self.upper[m:], self.lower[m:])
 
     def target(self, pose: Any) -> Any:
         """A target as such a loop has it."""
@@ -95,25 +98,32 @@ class HandWritten:
 
     def step(self, q: Any, target: Any, feedforward: Any = None) -> VelocitySolution:
         """One tick."""
-        pin, m = self.pin, len(q)
-        pin.forwardKinematics(self.model, self.data, q)
+        pin, H, upper, lower = self.pin, self.H, self.joint_upper, self.joint_lower
+        pin.computeJointJacobians(self.model, self.data, q)
         tool = pin.updateFramePlacement(self.model, self.data, self.frame)
-        J = pin.computeFrameJacobian(self.model, self.data, q, self.frame, pin.LOCAL)
+        J = pin.getFrameJacobian(self.model, self.data, self.frame, pin.LOCAL)
         gap = tool.actInv(target if isinstance(target, pin.SE3) else pin.SE3(target.homogeneous))
         ahead = self.still
         if feedforward is not None:
             ahead = tool.actInv(pin.Motion(feedforward[3:], feedforward[:3])).vector
         s = self.gain * pin.log6(gap).vector + ahead
-        np.maximum(np.minimum((self.high - q) / self.dt, self.speed), self.slowest, out=self.upper[:m])
-        np.minimum(np.maximum((self.low - q) / self.dt, self.slowest), self.speed, out=self.lower[:m])
-        self.lower[:m], self.upper[:m] = self.reach.within(self.lower[:m], self.upper[:m])
+        for side, limit in ((upper, self.high), (lower, self.low)):
+            np.subtract(limit, q, out=side)
+            np.multiply(side, self.rate, out=side)
+            np.minimum(side, self.speed, out=side)
+            np.maximum(side, self.slowest, out=side)
+        lower[:], upper[:] = self.reach.within(lower, upper)
         rows = self.rows
         if self.exact:
             there = gap.act(self.point)
             rows = self.at_point @ J
-            self.upper[m:] = self.lower[m:] = self.gain * (there - self.point) + ahead[:3] - pin.skew(there) @ ahead[3:]
+            wanted = self.gain * (there - self.point) + ahead[:3] - pin.skew(there) @ ahead[3:]
+            for side in self.rows_wanted:
+                side[:] = wanted
+        np.dot(J.T, J, out=H)
+        self.diagonal += FIXED_WEIGHT
         f = self.weighted_pull * (q - self.middle) - s @ J
-        x, _, flag, _ = daqp.solve(J.T @ J + self.damping, f, rows, self.upper, self.lower, self.sense)
+        x, _, flag, _ = daqp.solve(H, f, rows, self.upper, self.lower, self.sense)
         if flag <= 0:
             raise RuntimeError(f"DAQP: exit flag {flag}")
         self.reach.last = x
