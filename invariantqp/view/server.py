@@ -22,6 +22,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.runs.plants.plant import PlantState
 from invariantqp.runs.taskfile import Task
@@ -39,8 +41,8 @@ from invariantqp.view.timeline import (
     timeline_of,
 )
 
-# The port to serve at, or the next one that is free of so many.
-PORT, PORTS = 8080, 100
+# The port to serve at, or the next one of so many that is free; the last that there is.
+PORT, PORTS, LAST_PORT = 8080, 100, 65535
 # Frames of a run that is running.
 COARSE = 200
 # Environment variables that say that nobody looks at this machine's screen, if it has one.
@@ -63,7 +65,7 @@ class Viewer:
         Raises:
             MissingExtra: Jinja is not installed.
             RobotModelError, UnknownName: the robot cannot be loaded.
-            OSError: no port is free.
+            BadInput: a port that there is not, or none is free.
         """
         self._dt = task.law.dt
         self._before = timeline_before(task)
@@ -169,10 +171,11 @@ class _Server(ThreadingHTTPServer):
 
 def _listening(port: int) -> _Server:
     """A server at a port of this machine alone, or at the next one that is free."""
-    for at in range(port, port + PORTS):
+    first = arrays.count(port, "port", LAST_PORT)
+    for at in range(first, min(first + PORTS, LAST_PORT + 1)):
         with suppress(OSError):
             return _Server(("127.0.0.1", at), _Answer)
-    return _Server(("127.0.0.1", port + PORTS), _Answer)
+    raise BadInput("port", f"{first}, which is taken, and all after it", "a port that is free", "0 takes any.")
 
 
 class _Answer(BaseHTTPRequestHandler):

@@ -400,6 +400,12 @@ def test_a_port_that_is_taken_is_left_alone(task):
         assert int(viewer.url.rsplit(":", 1)[1]) > taken
 
 
+@pytest.mark.parametrize("port", [-1, 65536, "8080", 80.5])
+def test_a_port_that_there_is_not_is_refused(task, port):
+    with pytest.raises(iq.BadInput, match="port: found"):
+        iq.view.Viewer(task, port=port)
+
+
 def test_a_server_starts_serves_and_stops(task, trace, timeline, capfd):
     viewer = iq.view.Viewer(task, port=0)
     port = int(viewer.url.rsplit(":", 1)[1])
