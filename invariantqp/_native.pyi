@@ -145,6 +145,24 @@ class Arm:
         exact: tuple[Wanted, ...] | None = None,
     ) -> None: ...
 
+class Task:
+    priority: int  # level, 0 first
+    weight: float  # share in its level's sum
+    J: Array | None  # (6, joints) joint twists; None is a task of the joints
+    s: Array  # (6,) wanted twist
+    root: Array  # (6, 6) of its measure
+    velocity: Array  # (joints,) wanted of the joints
+    def __init__(
+        self,
+        *,
+        priority: int | None = None,
+        weight: float | None = None,
+        J: Array | None = None,
+        s: Array | None = None,
+        root: Array | None = None,
+        velocity: Array | None = None,
+    ) -> None: ...
+
 def cost(
     law: Law,
     /,
@@ -213,17 +231,9 @@ def ticks(
     /,
 ) -> None: ...
 def solution(record: Array, /) -> VelocitySolution: ...
-def optimum(
-    K: Array,
-    T: Array,
-    centre: Array,
-    A: Array | None,
-    lower: Array,
-    upper: Array,
-    cone: tuple[Array, float, Array] | None,
-    inside: Array,
-    /,
-) -> tuple[Array, Array, float] | None: ...
+def tasks(
+    law: Law, unlimited: Law, tasks: tuple[Task, ...], /, *, J: Array, s: Array, **fields: Any
+) -> VelocitySolution | None: ...
 def pseudoinverse(J: Array, h: float, /) -> Array | None: ...
 def step(
     loop: Loop, memory: Array, q: Any, target: Any, feedforward: Any, velocity: Any, /

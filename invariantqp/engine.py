@@ -15,9 +15,10 @@ What stays in Python, and what a tick of a Panda then costs beside a plain one o
     joint positions of a robot that is no `Chain`                                   all of it: 120
     decisions that rounding would make: exact rows that limits move, and leave      150 and more
     next to nothing of; a form on an arm that loses a direction; sizes beyond 1e70
-    `solve_tasks` but for its QPs, `solve_velocity` with a form, a damping, a       40 to 90; 10
-    joint metric or a tool speed of one's own, but for its tick
-    `dual_projectors`; a pseudoinverse near a principal pitch                       30; 20
+    `solve_velocity` with a form, a damping or a joint metric of one's own, but     10
+    for its tick
+    `solve_tasks` with any of these, or of more than 16 tasks                       130 to 500
+    `dual_projectors`; a pseudoinverse near a principal pitch                       35 to 70; 20
     ==============================================================================  ===============
 
 A folder with the sources hides an installed package from a Python that is started in it. Another build's core is not
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from invariantqp._native import Arm as Arm
     from invariantqp._native import Law as Law
     from invariantqp._native import Loop as Loop
+    from invariantqp._native import Task as Task
     from invariantqp._native import Wanted as Wanted
 
 # What computes: the compiled core where there is one, or Python alone.

@@ -29,7 +29,7 @@ static inline bool within(double x, int least, int most) { return x >= least && 
 /* fields.c */
 typedef struct Table Table;
 typedef enum { FITS, UNFIT, WRONG } Fit;
-extern Table TABLE_Law, TABLE_Wanted, TABLE_Loop, TABLE_Arm, TABLE_now, TABLE_cost, TABLE_tick;
+extern Table TABLE_Law, TABLE_Wanted, TABLE_Loop, TABLE_Arm, TABLE_Task, TABLE_now, TABLE_cost, TABLE_tick;
 const void *described(const Table *table, PyObject *object);
 Fit called_by_name(Table *table, PyObject *const *given, PyObject *names, void *into);
 bool types_made(PyObject *module);
@@ -37,7 +37,6 @@ bool types_made(PyObject *module);
 /* module.c */
 const Loop *loop_of(PyObject *object);
 double *memory_of(PyObject *object, const Loop *loop);
-bool cone(PyObject *tuple, Demand *demand);
 int joints_of(PyObject *J);
 
 /* batch.c; numbers of a row's record */

@@ -16,13 +16,7 @@ static const double CLOSE = 10.0;
 /* Rows that give way by less than this share of the velocity are Python's to tell from rows that meet. */
 static const double MEETING = 1e-13, APART = 1e-7;
 
-/* 1/2 |R z - d|^2, R triangular: a sum of squares whose terms are rotated in one by one. */
-typedef struct {
-    int n;
-    Row R[MOST], d;
-} Squares;
-
-static void begun(int n, double weight, const double *centre, Squares *sum)
+void begun(int n, double weight, const double *centre, Squares *sum)
 {
     sum->n = n;
     for (int i = 0; i < n; i++) {
@@ -33,12 +27,15 @@ static void begun(int n, double weight, const double *centre, Squares *sum)
 }
 
 /* Add 1/2 (a'z - b)^2. */
-static void added(Squares *sum, const Row a, double b)
+void add_square(Squares *sum, const Row a, double b)
 {
     Row row;
     memcpy(row, a, (size_t)sum->n * sizeof(double));
     for (int i = 0; i < sum->n; i++) {
-        double size = hypot(sum->R[i][i], row[i]), c = sum->R[i][i] / size, s = row[i] / size, kept = sum->d[i];
+        double size = hypot(sum->R[i][i], row[i]);
+        if (size == 0.0)
+            continue;
+        double c = sum->R[i][i] / size, s = row[i] / size, kept = sum->d[i];
         for (int j = i; j < sum->n; j++) {
             double above = sum->R[i][j];
             sum->R[i][j] = c * above + s * row[j];
@@ -49,7 +46,7 @@ static void added(Squares *sum, const Row a, double b)
     }
 }
 
-static void solved_by(const Squares *sum, Quadratic *problem)
+void solved_by(const Squares *sum, Quadratic *problem)
 {
     int n = problem->n = sum->n;
     for (int i = 0; i < n; i++)
@@ -141,7 +138,7 @@ static Outcome least_violation(const Rows *rows, const Polytope *box, double wei
         begun(m, weight, centre, &sum);
         for (int i = 0; i < rows->k; i++)
             if (t[i] != 0.0)
-                added(&sum, rows->N[i], t[i] > 0.0 ? rows->upper[i] : rows->lower[i]);
+                add_square(&sum, rows->N[i], t[i] > 0.0 ? rows->upper[i] : rows->lower[i]);
         solved_by(&sum, &problem);
         if (minimise(&problem, box, &NONE, y, pass > 0 ? found : NULL, found) == HAND_BACK)
             return HAND_BACK;
@@ -255,7 +252,7 @@ Outcome slowed_point(int m, const Polytope *limits, Cone *cone, Row y, Yielded *
         square += dot(m, cone->J[i], cone->J[i]);
     begun(m, sqrt(LEAST_MOTION) * (square > 0.0 ? sqrt(square) : 1.0), NULL, &sum);
     for (int i = 0; i < 3; i++)
-        added(&sum, cone->J[i], -cone->start[i]);
+        add_square(&sum, cone->J[i], -cone->start[i]);
     solved_by(&sum, &problem);
     if (minimise(&problem, limits, &NONE, y, NULL, &found) == HAND_BACK)
         return HAND_BACK;

@@ -178,6 +178,12 @@ typedef struct {
     double beside[MOST_ROWS]; /* how far limits move each exact row besides, 0 where it is not told */
 } Solution;
 
+/* conflicts.c: 1/2 |R z - d|^2, R triangular: a sum of squares whose terms are rotated in one by one */
+typedef struct {
+    int n;
+    Row R[MOST], d;
+} Squares;
+
 /* A rigid motion. */
 typedef struct {
     double R[3][3], p[3];
@@ -263,6 +269,7 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
               double blended, Solution *solution);
 void clipped(const Demand *demand, const Row x, Solution *solution);
 void at_limits(const Demand *demand, Solution *solution);
+void ranked(const Demand *demand, const bool *holds, const double *multipliers, unsigned char *ranks);
 double steady_share(const Demand *demand, const double wanted[6], const double ahead[6]);
 double posture_share(const Demand *demand, const Row x);
 Outcome over_root(int k, const double (*D)[6], const double root[6][6], double (*M)[6]);
@@ -274,9 +281,13 @@ Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone 
 Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, Share *share);
 void governed(const Law *law, Demand *demand);
 Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution);
+void begun(int n, double weight, const double *centre, Squares *sum);
+void add_square(Squares *sum, const Row a, double b);
+void solved_by(const Squares *sum, Quadratic *problem);
 Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, Row y, Yielded *yielded);
 Outcome slowed_point(int m, const Polytope *limits, Cone *cone, Row y, Yielded *yielded);
 Outcome solve(const Demand *demand, Solution *solution);
+Outcome solve_tasks(const Demand *demand, int count, const Task *const *tasks, Solution *solution);
 Outcome solve_measured(const Demand *demand, const Row A[6], Solution *solution);
 Outcome frame_cost(const Law *law, const FrameError *error, Row *H, Row c);
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool);

@@ -82,6 +82,9 @@ static const Field OF_NOW[] = {NOW_FIELDS END};
 #define OF FrameError
 static const Field OF_COST[] = {COST_FIELDS END};
 #undef OF
+#define OF Task
+static const Field OF_TASK[] = {TASK_FIELDS END};
+#undef OF
 #define OF Demand
 static const Field OF_TICK[] = {TICK_FIELDS END};
 #undef OF
@@ -109,6 +112,7 @@ Table TABLE_Wanted = {.name = "Wanted", .does = "An exact demand of a loop.", .s
 Table TABLE_Loop = {.name = "Loop", .does = "What of a controller does not change from tick to tick.", .size = sizeof(Loop),
                     .fields = OF_LOOP, .settled = loop_settled};
 Table TABLE_Arm = {.name = "Arm", .does = "An arm as pose searches see it.", .size = sizeof(Arm), .fields = OF_ARM};
+Table TABLE_Task = {.name = "Task", .does = "One of several tasks.", .size = sizeof(Task), .fields = OF_TASK};
 Table TABLE_now = {.name = "step", .does = "", .size = sizeof(Now), .fields = OF_NOW};
 Table TABLE_cost = {.name = "cost", .does = "", .size = sizeof(FrameError), .fields = OF_COST};
 Table TABLE_tick = {.name = "tick", .does = "", .size = sizeof(Demand), .fields = OF_TICK};
@@ -277,7 +281,7 @@ Fit called_by_name(Table *table, PyObject *const *given, PyObject *names, void *
 }
 
 
-static Table *const TABLES[] = {&TABLE_Law, &TABLE_Wanted, &TABLE_Loop, &TABLE_Arm};
+static Table *const TABLES[] = {&TABLE_Law, &TABLE_Wanted, &TABLE_Loop, &TABLE_Arm, &TABLE_Task};
 #define TYPES ((int)(sizeof TABLES / sizeof *TABLES))
 
 static Table *table_of(const PyTypeObject *type)

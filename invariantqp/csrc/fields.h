@@ -124,6 +124,16 @@ typedef enum { AT_A_POINT, BY_THE_BASE, BY_THE_TOOL } Carrier;
     VECTOR(whole, joints, NEEDED, "1 where the range of a joint holds a whole turn") \
     OBJECTS(exact, Wanted, wanted, "what is met exactly")
 
+/* velocity/tasks.py: one of several tasks. */
+#define TASK_FIELDS \
+    LENGTH(joints, MOST, "joints") \
+    COUNT(priority, 0, "level, 0 first") \
+    NUMBER(weight, 1.0, "share in its level's sum") \
+    MAYBE_MATRIX(J, 6, joints, of_twist, "joint twists; None is a task of the joints") \
+    VECTOR(s, 6, DEFAULT(0.0), "wanted twist") \
+    MATRIX(root, 6, 6, NOTHING, "of its measure") \
+    VECTOR(velocity, joints, DEFAULT(0.0), "wanted of the joints")
+
 /* control/frame_cost.py: the error of a frame. */
 #define COST_FIELDS \
     LENGTH(m, MOST, "joints") \
@@ -196,6 +206,7 @@ typedef struct { LOOP_FIELDS } Loop;
 typedef struct { NOW_FIELDS } Now;
 typedef struct { COST_FIELDS } FrameError;
 typedef struct { ARM_FIELDS } Arm;
+typedef struct { TASK_FIELDS } Task;
 #undef NUMBER
 #undef COUNT
 #undef FLAG

@@ -13,36 +13,55 @@ int joints_of(PyObject *J)
     return m > MOST ? 0 : (int)m;
 }
 
-/* Read a speed limit: (J, limit, start). */
-bool cone(PyObject *tuple, Demand *demand)
+/* The fields of a tick by name, for a Law or, where some joint has no limit, another one. */
+static Fit tick_read(PyObject *const *laws, int count, PyObject *const *given, PyObject *names, Demand *demand)
 {
-    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != 3)
-        return false;
-    demand->cone.limit = PyFloat_AsDouble(PyTuple_GetItem(tuple, 1));
-    return demand->cone.limit > 0.0 && matrix(PyTuple_GetItem(tuple, 0), 3, demand->m, MOST, demand->cone.J[0]) &&
-           vector(PyTuple_GetItem(tuple, 2), 3, demand->cone.start);
+    const Law *law = described(&TABLE_Law, laws[0]), *unlimited = described(&TABLE_Law, laws[count - 1]);
+    if (law == NULL || unlimited == NULL) {
+        refused("a Law, another one where some joint has no limit, and the fields of a tick by name");
+        return WRONG;
+    }
+    Fit fit = called_by_name(&TABLE_tick, given, names, demand);
+    for (int j = 0; j < demand->m && fit == FITS; j++)
+        law = isfinite(demand->lower[j]) && isfinite(demand->upper[j]) ? law : unlimited;
+    governed(law, demand);
+    bool good = fit == FITS && demand->m > 0 && (demand->has_root || measured(demand) == DONE) &&
+                !(law->has_metric && law->joints != demand->m) && !(law->form == BROUGHT && !demand->has_brought);
+    return fit == FITS && !good ? UNFIT : fit;
 }
 
-/* tick(law, ...) with the fields of a tick by name: a VelocitySolution, or None where Python has to answer. */
+/* tick(law, unlimited, ...) with the fields of a tick by name: a VelocitySolution, or None where Python has to answer. */
 static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names)
 {
     (void)module;
     Demand demand;
     Solution solution;
-    const Law *law = count == 1 || count == 2 ? described(&TABLE_Law, arguments[0]) : NULL;
-    const Law *unlimited = count == 2 ? described(&TABLE_Law, arguments[1]) : law;
-    if (law == NULL || unlimited == NULL)
-        return refused("tick(a Law, another one where some joint has no limit, and the fields of a tick by name)");
-    Fit fit = called_by_name(&TABLE_tick, arguments + count, names, &demand);
+    if (count != 1 && count != 2)
+        return refused("tick(law, unlimited, the fields of a tick by name)");
+    Fit fit = tick_read(arguments, (int)count, arguments + count, names, &demand);
     if (fit == WRONG)
         return NULL;
-    for (int j = 0; j < demand.m && fit == FITS; j++)
-        law = isfinite(demand.lower[j]) && isfinite(demand.upper[j]) ? law : unlimited;
-    governed(law, &demand);
-    if (fit == UNFIT || demand.m == 0 || (!demand.has_root && measured(&demand) == HAND_BACK) || (law->has_metric && law->joints != demand.m) ||
-        (law->form == BROUGHT && !demand.has_brought) || solve(&demand, &solution) == HAND_BACK)
-        Py_RETURN_NONE;
-    return fields(demand.m, &solution);
+    return fit == UNFIT || solve(&demand, &solution) == HAND_BACK ? Py_NewRef(Py_None) : fields(demand.m, &solution);
+}
+
+/* tasks(law, unlimited, (Task, ...), ...) likewise, for several tasks by their priorities; J and s are the first one's. */
+static PyObject *tasks(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names)
+{
+    (void)module;
+    Demand demand;
+    Solution solution;
+    const Task *told[MOST];
+    Py_ssize_t size = count == 3 && PyTuple_Check(arguments[2]) ? PyTuple_Size(arguments[2]) : MOST + 1;
+    for (Py_ssize_t i = 0; i < size && size <= MOST; i++)
+        if ((told[i] = described(&TABLE_Task, PyTuple_GetItem(arguments[2], i))) == NULL)
+            size = MOST + 1;
+    if (size > MOST)
+        return refused("tasks(law, unlimited, up to 16 Task, the fields of a tick by name)");
+    Fit fit = tick_read(arguments, 2, arguments + count, names, &demand);
+    if (fit == WRONG)
+        return NULL;
+    return fit == UNFIT || solve_tasks(&demand, (int)size, told, &solution) == HAND_BACK ? Py_NewRef(Py_None)
+                                                                                         : fields(demand.m, &solution);
 }
 
 /* cost(law, ...) with the fields of a frame's error by name: (H, c), or None where Python has to find them. */
@@ -125,32 +144,6 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
     return named(&PyTuple_Type, 2, found);
 }
 
-/* optimum(K, T, centre, A or None, lower, upper, (J, limit, start) or None, inside): (z, multipliers, nu) of the quadratic
-   1/2 |K (z - centre)|^2, T = K^-1, inside the limits, of which `inside` is one point; or None. */
-static PyObject *optimum(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
-{
-    (void)module;
-    Quadratic problem;
-    Polytope room;
-    Demand slow = {.m = 0};
-    Optimum found;
-    Row inside;
-    npy_intp rows = count == 8 && PyArray_Check(arguments[4]) ? PyArray_SIZE((PyArrayObject *)arguments[4]) : -1;
-    if (rows < 0)
-        return refused("optimum(K, T, centre, A or None, lower, upper, (J, limit, start) or None, inside)");
-    int n = slow.m = problem.n = joints_of(arguments[0]);
-    room.count = (int)rows;
-    room.box = arguments[3] == Py_None;
-    if (n == 0 || rows > LIMITS || !matrix(arguments[0], n, n, MOST, problem.K[0]) ||
-        !matrix(arguments[1], n, n, MOST, problem.T[0]) || !vector(arguments[2], n, problem.centre) ||
-        (room.box ? rows != n : !matrix(arguments[3], (int)rows, n, MOST, room.A[0])) ||
-        !vector(arguments[4], (int)rows, room.lower) || !vector(arguments[5], (int)rows, room.upper) ||
-        (arguments[6] != Py_None && !cone(arguments[6], &slow)) || !vector(arguments[7], n, inside) ||
-        minimise(&problem, &room, &slow.cone, inside, NULL, &found) == HAND_BACK)
-        return left_to_python();
-    return Py_BuildValue("(NNd)", new_vector(n, found.z), new_vector((int)rows, found.multipliers), found.nu);
-}
-
 #define CALLED(name, function, does) {name, (PyCFunction)(void (*)(void))function, METH_FASTCALL, does}
 #define CALLED_BY_NAME(name, function, does) \
     {name, (PyCFunction)(void (*)(void))function, METH_FASTCALL | METH_KEYWORDS, does}
@@ -165,9 +158,9 @@ static PyMethodDef methods[] = {
     CALLED("sight", sight,
            "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."),
     CALLED_BY_NAME("cost", cost, "H and c of a frame task, or None where Python has to find them."),
+    CALLED_BY_NAME("tasks", tasks, "A VelocitySolution of several tasks, or None where Python has to answer."),
     CALLED_BY_NAME("tick", tick, "A VelocitySolution, or None where Python has to answer."),
     CALLED("pseudoinverse", pseudoinverse, "J^{+h}, or None where Python has to find it."),
-    CALLED("optimum", optimum, "The optimum of a quadratic inside limits, its multipliers and the speed limit's; or None."),
     CALLED("descend", search_descend,
            "One try at a pose: (q, f, unmet, merit, steps, met, at_rest), or None where Python has to make it."),
     CALLED("misses", search_misses, "Distance and angle of a tool from its target."),

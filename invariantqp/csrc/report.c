@@ -127,7 +127,7 @@ double posture_share(const Demand *demand, const Row x)
 }
 
 /* Of limits that hold, joints as 1 and rows by their rank, the one that pulls hardest first. */
-static void ranked(const Demand *demand, const bool *holds, const double *multipliers, unsigned char *ranks)
+void ranked(const Demand *demand, const bool *holds, const double *multipliers, unsigned char *ranks)
 {
     int m = demand->m, k = demand->limits;
     double pulls[MOST_LIMITS];

@@ -9,6 +9,10 @@
 #include "core.h"
 #include <string.h>
 
+/* velocity/exact.py, ROW_TOLERANCE: what moves a level's bodies by less than this share of the most is left to the next;
+   nearer to it than this, Python decides. */
+static const double LEVEL_RATIO = 1e-10, CLEAR_LEVEL = 1e-7, CLEAR = 10.0;
+
 /* A tick as a problem in z: y = origin + B z with exact rows, y = z without; x = T y. */
 typedef struct {
     const Demand *demand;
@@ -613,6 +617,147 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
     found.met = found.met || pace < 1.0;
     reported(demand, A, wanted, possible(&problem, done), &cost, x, &share, pace, &found, demand->form == NULL ? 0.0 : blended,
              solution);
+    beside(&problem, &share, solution);
+    return DONE;
+}
+
+/* velocity/tasks.py: what the levels so far leave free, y = origin + B z; basis[i] is column i of B. */
+typedef struct {
+    int n;
+    Row origin, basis[MOST], inside;
+    Polytope limits;
+    Cone cone;
+} Free;
+
+/* tasks.py, _sum and _left: add a task's objective at a share of the speed to a level's, and what moves its body. */
+static Outcome summed(const Demand *demand, const Task *task, double share, const Free *free, Squares *cost, Squares *moves)
+{
+    static const Row STILL = {0.0};
+    int m = demand->m, n = free->n;
+    double weight = sqrt(task->weight), b[6];
+    Row A[6], AB[6], y;
+    Spectrum found;
+    Objective objective;
+    if (!task->of_twist) {
+        memcpy(y, task->velocity, sizeof y);
+        if (demand->metric != NULL)
+            transformed(m, demand->metric->inverse, y, y);
+        for (int j = 0; j < m; j++)
+            y[j] -= free->origin[j];
+        for (int i = 0; i < n; i++) {
+            Row one = {[0] = 0.0};
+            one[i] = weight;
+            add_square(cost, one, weight * dot(m, free->basis[i], y));
+            add_square(moves, one, 0.0);
+        }
+        return DONE;
+    }
+    product_of_rows(6, task->root, m, task->J, A);
+    if (demand->metric != NULL)
+        product_with(6, m, A, demand->metric->T);
+    for (int i = 0; i < 6; i++) {
+        if (!usual(m, A[i]))
+            return HAND_BACK;
+        b[i] = share * dot(6, task->root[i], task->s) - dot(m, A[i], free->origin);
+        for (int k = 0; k < n; k++)
+            AB[i][k] = dot(m, A[i], free->basis[k]);
+        add_square(moves, AB[i], 0.0);
+    }
+    if (spectrum(6, m, (const Row *)A, b, NULL, &found) == HAND_BACK)
+        return HAND_BACK;
+    double largest = found.sigma[0];
+    if (spectrum(6, n, (const Row *)AB, b, NULL, &found) == HAND_BACK ||
+        least_squares(demand, n, &found, STILL, largest, &objective) == HAND_BACK)
+        return HAND_BACK;
+    for (int i = 0; i < n; i++) {
+        double root = weight * sqrt(objective.weights[i]);
+        for (int k = 0; k < n; k++)
+            y[k] = root * objective.V[i][k];
+        add_square(cost, y, root * objective.optimum[i]);
+    }
+    return DONE;
+}
+
+/* tasks.py, _solved: tasks of one priority follow each other, the first first; none has a form. */
+Outcome solve_tasks(const Demand *demand, int count, const Task *const *tasks, Solution *solution)
+{
+    static const double NOTHING[6] = {0.0};
+    Posed problem;
+    Share share = {.value = 1.0};
+    Room room;
+    Free free;
+    Row A[6], x;
+    bool bounded = false;
+    int m = demand->m;
+    memset(solution, 0, sizeof *solution);
+    product_of_rows(6, demand->root, m, demand->J, A);
+    if (posed(demand, (const Row *)A, NOTHING, &problem) == HAND_BACK ||
+        roomy(&problem, &share, &solution->yielded) == HAND_BACK)
+        return HAND_BACK;
+    room_at(&problem, &share, &room);
+    free.n = demand->rows > 0 ? problem.reduction.n : m;
+    free.limits = *room.limits;
+    free.cone = room.cone;
+    memcpy(free.inside, room.inside, sizeof free.inside);
+    memset(free.origin, 0, sizeof free.origin);
+    for (int i = 0; i < free.n; i++)
+        for (int j = 0; j < m; j++)
+            free.basis[i][j] = demand->rows > 0 ? problem.reduction.basis[i][j] : i == j ? 1.0 : 0.0;
+    if (demand->rows > 0)
+        origin(&problem.reduction, m, share.value, free.origin);
+    for (int t = 0; t < count && free.n > 0;) {
+        Squares cost, moves;
+        Quadratic sum;
+        Optimum found;
+        Spectrum of;
+        Free next = {.n = 0};
+        int n = free.n, level = tasks[t]->priority, rank = 0;
+        begun(n, 0.0, NULL, &cost);
+        begun(n, 0.0, NULL, &moves);
+        for (; t < count && tasks[t]->priority == level; t++)
+            if (tasks[t]->joints != m || summed(demand, tasks[t], share.value, &free, &cost, &moves) == HAND_BACK)
+                return HAND_BACK;
+        solved_by(&cost, &sum);
+        if (minimise(&sum, &free.limits, &free.cone, free.inside, NULL, &found) == HAND_BACK ||
+            spectrum(n, n, (const Row *)moves.R, found.z, NULL, &of) == HAND_BACK)
+            return HAND_BACK;
+        bounded = bounded || found.met;
+        for (; rank < n && of.sigma[rank] > LEVEL_RATIO * of.sigma[0]; rank++)
+            ;
+        if ((rank > 0 && of.sigma[rank - 1] < CLEAR_LEVEL * of.sigma[0]) || (rank < n && of.sigma[rank] > LEVEL_RATIO / CLEAR * of.sigma[0]))
+            return HAND_BACK;
+        next.n = n - rank;
+        memcpy(next.origin, free.origin, sizeof next.origin);
+        for (int j = 0; j < m; j++)
+            for (int i = 0; i < n; i++) {
+                next.origin[j] += found.z[i] * free.basis[i][j];
+                for (int k = 0; k < next.n; k++)
+                    next.basis[k][j] += of.V[rank + k][i] * free.basis[i][j];
+            }
+        polytope_on(&free.limits, n, found.z, next.n, (const Row *)of.V + rank, &next.limits);
+        next.cone.limit = 0.0;
+        if (free.cone.limit > 0.0)
+            cone_on(&free.cone, n, found.z, next.n, (const Row *)of.V + rank, &next.cone);
+        free = next;
+    }
+    moved(demand, free.origin, x);
+    if (!all_finite(m, x))
+        return HAND_BACK;
+    clipped(demand, x, solution);
+    solution->m = m;
+    solution->scale = share.value;
+    solution->pace = 1.0;
+    solution->slow = share.value < 1.0;
+    solution->met = bounded;
+    solution->method = bounded || solution->slow ? QP : CLOSED_FORM;
+    solution->unmet = demand->rows > 0 && problem.reduction.unmet > UNMET_TOLERANCE ? problem.reduction.unmet : 0.0;
+    solution->fast = share.fast;
+    bool held[LIMITS];
+    for (int i = 0; i < m + demand->limits; i++)
+        held[i] = share.near.met && share.held_by[i];
+    if (solution->slow)
+        ranked(demand, held, share.near.multipliers, solution->held_by);
+    at_limits(demand, solution);
     beside(&problem, &share, solution);
     return DONE;
 }

@@ -8,20 +8,21 @@ from __future__ import annotations
 import os
 from _thread import LockType, allocate_lock, start_new_thread
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple, SupportsIndex
+from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.engine import core, core_for
+from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.backends import Daqp
 from invariantqp.velocity.damping import damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits import Bounds, LimitRows
-from invariantqp.velocity.qp import Cone, Optimum, Polytope, Quadratic, minimise
+from invariantqp.velocity.limits import Bounds, LimitRows, ToolSpeed
 from invariantqp.velocity.solution import Status, VelocitySolution
+
+if TYPE_CHECKING:
+    from invariantqp.engine import Task
 
 # Rows below which a thread is not worth its start, and those that one takes at a time.
 ROWS_A_THREAD, ROWS_AT_A_TIME = 1024, 16
@@ -118,8 +119,13 @@ TAKEN: dict[str, Callable[[Any], dict[str, Any] | None]] = {
 OPTIONAL = {"form", "damping", "joint_metric", "tool_speed", *TAKEN} - {"engine"}
 
 
-def compiled_problem(J: ArrayLike, twist: ArrayLike, **options: Any) -> VelocitySolution | None:
-    """`solve_velocity`, with its checks, by the core; None where Python has to answer, or to say what is wrong."""
+def compiled_problem(
+    J: ArrayLike, twist: ArrayLike, tasks: tuple[Task, ...] = (), **options: Any
+) -> VelocitySolution | None:
+    """`solve_velocity`, with its checks, by the core; None where Python has to answer, or to say what is wrong.
+
+    With `tasks`, by their priorities, it is `solve_tasks`; J and twist are then the first one's.
+    """
     law, unlimited = LAWS
     if core is None or law is None or type(J) is not np.ndarray or J.ndim != 2 or J.shape[1] > core.MOST_JOINTS:
         return None
@@ -128,11 +134,18 @@ def compiled_problem(J: ArrayLike, twist: ArrayLike, **options: Any) -> Velocity
     for name, value in options.items():
         if value is None and name in OPTIONAL:
             continue
+        if type(value) is ToolSpeed and value.point is not None and J.shape[0] == 6 and J.dtype == np.float64:
+            cone = value.cone(J, value.point)
+            fields |= {"cone_limit": cone.limit, "cone_start": cone.start, "cone_J": cone.J}
+            continue
         taken = TAKEN[name](value) if name in TAKEN else None
         if taken is None:
             return None
         fields |= taken
-    found: VelocitySolution | None = core.tick(law, unlimited, **fields)
+    call = (core.tasks, law, unlimited, tasks) if tasks else (core.tick, law, unlimited)
+    found: VelocitySolution | None = call[0](*call[1:], **fields)
+    if found is not None and tasks:  # of which level would they be?
+        found = found._replace(multipliers=None, row_multipliers=None)
     names = getattr(options.get("rows"), "names", ())
     return found._replace(row_names=names) if found is not None and names else found
 
@@ -250,15 +263,3 @@ def _started(ticks: Callable[..., None], arguments: tuple[Any, ...]) -> LockType
 
     start_new_thread(work, ())
     return done
-
-
-def minimised(law: VelocityLaw, problem: Quadratic, limits: Polytope, cone: Cone | None, inside: Array) -> Optimum:
-    """`minimise` by the core where it can, from a z (n,) inside; it raises the same."""
-    found, core = None, core_for(law.engine)
-    if core is not None and type(law.backend) is Daqp and (cone is None or cone.J.any()):
-        slow = None if cone is None else (cone.J, cone.limit, cone.start)
-        found = core.optimum(*problem, limits.A, limits.lower, limits.upper, slow, inside)
-    if found is None:
-        return minimise(law.backend, problem, limits, cone, inside)
-    z, multipliers, nu = found
-    return Optimum(z, multipliers, "native" if nu > 0.0 or multipliers.any() else "", "", nu)

@@ -13,26 +13,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import groupby
 from math import sqrt
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 from scipy.linalg import lapack
 
+from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.systems.subspaces import rank_of
-from invariantqp.velocity.compiled import minimised
+from invariantqp.velocity.compiled import compiled_problem
 from invariantqp.velocity.damping import Damping, PaperLambda
 from invariantqp.velocity.exact import ROW_TOLERANCE, Reduction, reduce
 from invariantqp.velocity.forms import CarriedMetric, Form, attempted, form_of
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.objective import least_squares, spectrum_of
 from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
-from invariantqp.velocity.qp import Quadratic
+from invariantqp.velocity.qp import Quadratic, minimise
 from invariantqp.velocity.reasons import Code, Reason, worst_first
 from invariantqp.velocity.report import at_limits, row_troubles, slowed_rows
 from invariantqp.velocity.solution import Status, VelocitySolution, clipped
@@ -42,6 +43,7 @@ from invariantqp.velocity.tick import Room, room_within
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+    from invariantqp.engine import Task
     from invariantqp.velocity.problem import VelocityOptions
 
 # Options that belong to each task.
@@ -168,12 +170,35 @@ def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[Veloci
     levels = [list(g) for _, g in groupby(sorted(tasks, key=lambda t: t.priority), key=lambda t: t.priority)]
     first = next((t for level in levels for t in level if isinstance(t, TwistTask)), None)
     J, s = (np.zeros((6, m)), np.zeros(6)) if first is None else (first.J, first.twist)
+    found = _compiled(levels, J, s, options)
+    if found is not None:
+        return found
     problem = VelocityProblem.of(J, s, **options)
     law, demand = problem.law, problem.demand
     if isinstance(law.damping, PaperLambda):
         raise BadInput("damping", "PaperLambda", "a policy with a convex objective, such as Adaptive()")
     damping = law.damping
     return computed(demand, lambda: _solved(levels, law, demand, damping))
+
+
+def _compiled(
+    levels: list[list[TwistTask | JointTask]], J: Array, s: Array, options: VelocityOptions
+) -> VelocitySolution | None:
+    """The answer of the core, which has no forms here, and no more than 16 tasks; None where Python has to answer."""
+    tasks = [(i, task) for i, level in enumerate(levels) for task in level]
+    if core is None or len(tasks) > core.MOST_JOINTS or J.shape[1] > core.MOST_JOINTS:
+        return None
+    told: list[Task] = []
+    for priority, task in tasks:
+        fields: dict[str, Any] = {"priority": priority, "weight": task.weight}
+        if isinstance(task, JointTask):
+            fields |= {"velocity": task.velocity}
+        elif task.measure.form is None:
+            fields |= {"J": task.J, "s": task.twist, "root": task.measure.root}
+        else:
+            return None
+        told.append(core.Task(**fields))
+    return compiled_problem(J, s, tuple(told), **options)
 
 
 def _joints(task: TwistTask | JointTask, i: int) -> int:
@@ -197,9 +222,10 @@ def _solved(
     for level in levels:
         if not room.basis.shape[1]:
             break
-        found = minimised(law, _sum(level, room, T, damping), room.polytope, room.cone, room.inside)
+        found = minimise(law.backend, _sum(level, room, T, damping), room.polytope, room.cone, room.inside)
         room = room.narrowed(found.z, _left(level, T.dot(room.basis)))
-        bounded, backend = bounded or bool(found.multipliers.any()), found.backend or backend
+        bounded = bounded or found.nu > 0.0 or bool(found.multipliers.any())
+        backend = found.backend or backend
         if found.trouble:
             troubles.append(Reason(Code.SOLVER, words=found.trouble))
     x, active = clipped(demand, T.dot(room.origin))
