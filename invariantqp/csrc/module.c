@@ -14,11 +14,11 @@ int joints_of(PyObject *J)
 }
 
 /* The fields of a tick by name, for a Law or, where some joint has no limit, another one. */
-static Fit tick_read(PyObject *const *laws, int count, PyObject *const *given, PyObject *names, Demand *demand)
+static Fit tick_read(const char *use, PyObject *const *laws, int count, PyObject *const *given, PyObject *names, Demand *demand)
 {
-    const Law *law = described(&TABLE_Law, laws[0]), *unlimited = described(&TABLE_Law, laws[count - 1]);
-    if (law == NULL || unlimited == NULL) {
-        refused("a Law, another one where some joint has no limit, and the fields of a tick by name");
+    const Law *law = count > 0 ? described(&TABLE_Law, laws[0]) : NULL, *unlimited = law;
+    if (law == NULL || (unlimited = described(&TABLE_Law, laws[count - 1])) == NULL) {
+        refused(use);
         return WRONG;
     }
     Fit fit = called_by_name(&TABLE_tick, given, names, demand);
@@ -36,9 +36,8 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     (void)module;
     Demand demand;
     Solution solution;
-    if (count != 1 && count != 2)
-        return refused("tick(law, unlimited, the fields of a tick by name)");
-    Fit fit = tick_read(arguments, (int)count, arguments + count, names, &demand);
+    Fit fit = tick_read("tick(a Law, another one where some joint has no limit, and the fields of a tick by name)", arguments,
+                        count <= 2 ? (int)count : 0, arguments + count, names, &demand);
     if (fit == WRONG)
         return NULL;
     return fit == UNFIT || solve(&demand, &solution) == HAND_BACK ? Py_NewRef(Py_None) : fields(demand.m, &solution);
@@ -51,13 +50,14 @@ static PyObject *tasks(PyObject *module, PyObject *const *arguments, Py_ssize_t 
     Demand demand;
     Solution solution;
     const Task *told[MOST];
+    static const char *const USE = "tasks(a Law, another one where some joint has no limit, up to 16 Task, and the fields of a tick by name)";
     Py_ssize_t size = count == 3 && PyTuple_Check(arguments[2]) ? PyTuple_Size(arguments[2]) : MOST + 1;
     for (Py_ssize_t i = 0; i < size && size <= MOST; i++)
         if ((told[i] = described(&TABLE_Task, PyTuple_GetItem(arguments[2], i))) == NULL)
             size = MOST + 1;
     if (size > MOST)
-        return refused("tasks(law, unlimited, up to 16 Task, the fields of a tick by name)");
-    Fit fit = tick_read(arguments, 2, arguments + count, names, &demand);
+        return refused(USE);
+    Fit fit = tick_read(USE, arguments, 2, arguments + count, names, &demand);
     if (fit == WRONG)
         return NULL;
     return fit == UNFIT || solve_tasks(&demand, (int)size, told, &solution) == HAND_BACK ? Py_NewRef(Py_None)
