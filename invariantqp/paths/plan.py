@@ -35,7 +35,7 @@ from invariantqp.velocity.limits import braking_speed
 BOUNDLESS = 1e30
 # Shares of the velocity and acceleration limits that a path is driven at; feedback needs the rest.
 VELOCITY_SHARE = 0.998
-ACCELERATION_SHARE = 0.965
+ACCELERATION_SHARE = 0.98
 # Below this share of its top speed, what rules at a knot is the acceleration needed elsewhere.
 RULED = 1.0 - 1e-6
 ACCELERATION, ON_TIME = "acceleration", "the rate asked for"
@@ -43,7 +43,9 @@ ACCELERATION, ON_TIME = "acceleration", "the rate asked for"
 CREEP = 1e-6
 # With a jerk limit: times looked at on the way, how often places that exceed a limit are slowed down, and by how much
 # more than they exceed it. A speed below this share of the largest is a rest, over which nothing is averaged.
-TIMES, ROUNDS, MORE, REST = 1500, 6, 0.98, 1e-2
+TIMES, ROUNDS, MORE, REST = 1500, 3, 0.98, 1e-2
+# Windows tried, as shares of that in which the largest acceleration turns round.
+WINDOWS = (1.0, 0.6, 0.35)
 
 
 class PathPlan(NamedTuple):
@@ -187,29 +189,29 @@ def _eased(at: Array, q: Array, slopes: Array, top: Array, limits: JointLimits) 
     """The motion whose joints keep jerk limits, too: averaged over a window of time, slowed down where it must be."""
     joints, smooth = CubicHermiteSpline(at, q, slopes), CubicSpline(at, q)
     jerky = np.isfinite(limits.jerk)
-    window = float((2.0 * limits.acceleration[jerky] / limits.jerk[jerky]).max())
-    top = top.copy()
-    for _ in range(ROUNDS):
-        plan = _timed(at, joints, _speeds(at, q, slopes, top, ACCELERATION_SHARE * limits.acceleration))
-        times, places = _averaged(plan, window)
+    longest = float((2.0 * limits.acceleration[jerky] / limits.jerk[jerky]).max())
+    best, least, first = None, inf, top
+    for k in range(len(WINDOWS) * ROUNDS):
+        if k % ROUNDS == 0:
+            top, window = first.copy(), WINDOWS[k // ROUNDS] * longest
+        speeds = _speeds(at, q, slopes, top, ACCELERATION_SHARE * limits.acceleration)
+        times, places = _averaged(_timed(at, joints, speeds), window)
         motion = CubicSpline(times, smooth(places))
         need = np.array([np.abs(motion(times, k)) for k in (1, 2, 3)])
-        with np.errstate(invalid="ignore"):
-            over = [(x / limit).max(axis=1) for x, limit in zip(need, limits[2:5], strict=True)]
+        over = [(x / limit).max(axis=1) for x, limit in zip(need, limits[2:5], strict=True)]
         slower = np.maximum(np.maximum(over[0], np.sqrt(over[1])), np.cbrt(over[2]))
-        if slower.max() <= 1.0:
-            break
-        # What is over a limit within a window is slowed down all along it.
+        slow = max(float(slower.max()), 1.0)
+        if slow * times[-1] < least:  # all of it so much slower keeps the limits
+            least = slow * times[-1]
+            best = Motion(slow * times, np.moveaxis(motion.c[::-1], 0, 1) / slow ** np.arange(4.0)[:, None])
+        # What is over a limit is slowed down there.
         share = np.ones(len(at))
         for i in np.flatnonzero(slower > 1.0).tolist():
-            near = (times > times[i] - window) & (times < times[i] + window)
-            low, high = places[near].min(), places[near].max()
-            inside = (at >= low) & (at <= high)
+            near = (times > times[i] - 0.5 * window) & (times < times[i] + 0.5 * window)
+            inside = (at >= places[near].min()) & (at <= places[near].max())
             share[inside] = np.minimum(share[inside], MORE / slower[i])
-        top = share * np.minimum(top, np.sqrt(_speeds(at, q, slopes, top, limits.acceleration) ** 2))
-    slow = max(float(slower.max()), 1.0)
-    powers = np.moveaxis(motion.c[::-1], 0, 1) / slow ** np.arange(4.0)[:, None]
-    return Motion(slow * times, powers)
+        top = share * np.minimum(top, speeds)
+    return best if best is not None else _timed(at, joints, speeds)
 
 
 def _averaged(plan: Motion, window: float) -> tuple[Array, Array]:

@@ -1,0 +1,78 @@
+"""A path whose shape is kept: joints keep jerk limits beside the others, and a clock never goes back by itself."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+from scipy.spatial.transform import Rotation
+from support.streams import ARMS, Arm
+
+import invariantqp as iq
+
+
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("rise", [0.1, 0.03])
+def test_joints_keep_jerk_limits_and_the_tool_its_path(name, rise):
+    arm = Arm(name)
+    arm.jerk = arm.acceleration / rise
+    rng = np.random.default_rng(3)
+    way = CubicSpline(np.linspace(0.0, 1.0, 4), arm.start + 0.25 * rng.uniform(-1.0, 1.0, (4, len(arm.start))))
+    follower = iq.PathFollower(arm.controller(), lambda u: arm.robot.pose(way(u)), joint_jerk=arm.jerk)
+    follower.prepare(way(0.0))
+    q, Q, told = way(0.0), [way(0.0)], []
+    for _ in range(4000):
+        told.append(follower.step(q))
+        q = q + arm.dt * told[-1].velocity
+        Q.append(q)
+        if told[-1].status == "done":
+            break
+    assert told[-1].status == "done"
+    arm.held(Q, 1.005)  # to rounding of the last tick, whose command is no more than a millionth of a radian
+    for answer, x in zip(told[::40], Q[1::40], strict=False):
+        tip, u = arm.robot.pose(x)[:3, 3], answer.place
+        found = minimize_scalar(
+            lambda s, tip=tip: np.linalg.norm(arm.robot.pose(way(s))[:3, 3] - tip),
+            bounds=(u - 1e-3, u + 1e-3),
+            options={"xatol": 1e-9},
+        )
+        assert found.fun < 1e-5
+    fastest = iq.PathFollower(arm.controller(), lambda u: arm.robot.pose(way(u)))
+    fastest.prepare(way(0.0))
+    print(name, rise, len(told) * arm.dt, fastest.plan.motion.end)
+    assert len(told) * arm.dt < 2.0 * fastest.plan.motion.end + 4.0 * rise
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.005])
+def test_a_path_that_an_arm_leaves_and_rejoins_ends(dt):
+    robot = iq.load_robot("kinova")  # by a tick's law it went to and fro near the end for ever
+    rng = np.random.default_rng(7500461)
+    rng.integers(11)
+    low = np.where(np.isfinite(robot.position_lower), robot.position_lower, -3.0)
+    high = np.where(np.isfinite(robot.position_upper), robot.position_upper, 3.0)
+    q = low + (high - low) * (0.15 + 0.7 * rng.random(len(low)))
+    start = robot.pose(q)
+    rng.choice([0.001, 0.002, 0.005, 0.01])
+    acceleration = float(rng.choice([5, 10, 20]))
+    rng.random()
+    size, n = rng.choice([0.02, 0.05, 0.15]), int(rng.integers(2, 6))
+    places, turns = [np.zeros(3)], [np.zeros(3)]
+    for _ in range(n):
+        places.append(places[-1] + size * rng.standard_normal(3))
+        turns.append(turns[-1] + 0.5 * rng.standard_normal(3))
+    u = np.linspace(0.0, 1.0, n + 1)
+    place, turn = CubicSpline(u, places), CubicSpline(u, turns)
+
+    def path(t):
+        return iq.transform(Rotation.from_rotvec(turn(t)).as_matrix() @ start[:3, :3], start[:3, 3] + place(t))
+
+    loop = iq.Controller(robot, dt=dt, acceleration_limit=acceleration, exact="position")
+    follower, came = iq.PathFollower(loop, path, blocked="leave"), [0.0]
+    follower.prepare(q)
+    for _ in range(round(20.0 / dt)):
+        told = follower.step(q)
+        q = q + dt * told.velocity
+        came.append(told.place)
+        if told.status in ("done", "blocked"):
+            break
+    assert told.status in ("done", "blocked")
+    assert min(np.diff(came)) >= 0.0
