@@ -143,8 +143,8 @@ def test_an_exact_point_that_was_pushed_comes_to_rest_on_its_path():
     solutions, _ = drive(follower, q, 1.05, {200: np.array([0.01, -0.01, 0.01, 0.02, -0.01, 0.02])})
     across = np.array([s.across for s in solutions[200:]])
     assert across[0] > 5e-3
-    assert {s.status for s in solutions} <= {"moving", "slowed"}
-    assert across[1750:].max() < LEAST
+    assert {s.status for s in solutions} <= {"moving", "slowed", "done"}
+    assert across[1500:].max() < LEAST
 
 
 @pytest.mark.parametrize("turn", [1.0, 2.8])
