@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
@@ -158,12 +159,7 @@ def quaternion_poses(values: Array, name: str) -> Array:
     length = np.sqrt((quaternions**2).sum(axis=1))
     for k in np.flatnonzero(~(np.abs(length - 1.0) < UNIT))[:1].tolist():
         raise BadInput(name, f"a quaternion of length {length[k]:.4g} in sample {k}", "qx, qy, qz, qw of length one")
-    x, y, z, w = (quaternions / length[:, None]).T
-    R = np.empty((len(values), 3, 3))
-    R[:, 0] = np.stack((1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)), axis=1)
-    R[:, 1] = np.stack((2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)), axis=1)
-    R[:, 2] = np.stack((2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)), axis=1)
-    return poses(R, values[:, :3])
+    return poses(Rotation.from_quat(quaternions).as_matrix(), values[:, :3])
 
 
 def seconds(file: File) -> Array:

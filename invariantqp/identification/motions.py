@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from invariantqp.geometry.arrays import Array
-
-# Below this angle [rad] sin x / x is 1 - x^2 / 6 and (1 - cos x) / x^2 is 1/2 - x^2 / 24 to rounding.
-SMALL = 1e-4
 
 
 def skew(a: Array) -> Array:
@@ -41,14 +39,8 @@ def inverse(T: Array) -> Array:
 
 
 def rotation_vectors(R: Array) -> Array:
-    """(..., 3) axis times angle, below pi, of rotations."""
-    half = (
-        np.stack((R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]), axis=-1) * 0.5
-    )
-    s = np.linalg.norm(half, axis=-1)
-    angle = np.arctan2(s, 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0))
-    small = s < SMALL
-    return np.asarray(half * np.where(small, 1.0, angle / np.where(small, 1.0, s))[..., None])
+    """(..., 3) axis times angle, up to pi, of rotations."""
+    return np.asarray(Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1]))
 
 
 def moved(twists: Array) -> Array:
