@@ -220,7 +220,9 @@ def identify(
     if max(lengths) < FEWEST:
         raise BadInput("wrenches", f"{max(lengths)} samples in contact", f"{FEWEST} or more")
     look = _Look(record, wanted)
-    parts = [part for a, b in runs if b - a >= FEWEST for part in look.segments(a, b)]
+    parts, refused = look.all_segments([(a, b) for a, b in runs if b - a >= FEWEST])
+    if refused:
+        raise refused
     if len(parts) > 1:
         parts = look.merged(parts)
     if len(parts) == 1:
@@ -250,6 +252,18 @@ class _Look:
         if (start, stop) not in self._explained:
             self._explained[start, stop] = explains(self.record.blocks(start, stop), self.kinds)
         return self._explained[start, stop]
+
+    def all_segments(self, runs: list[tuple[int, int]]) -> tuple[list[Identification], NoContactFound | None]:
+        """The contacts of all stretches; what is said where nothing explains them, but for short ones."""
+        parts, unexplained = [], []
+        for start, stop in runs:
+            try:
+                parts += self.segments(start, stop)
+            except NoContactFound as error:
+                unexplained.append((stop - start, error))
+        lost, whole = sum(length for length, _ in unexplained), sum(b - a for a, b in runs)
+        few = bool(parts) and lost <= (1.0 - MOSTLY) * whole
+        return parts, None if few or not unexplained else max(unexplained, key=lambda found: found[0])[1]
 
     def segments(self, start: int, stop: int) -> list[Identification]:
         """A stretch in contact as one contact, or as several one after the other.
@@ -307,9 +321,8 @@ class _Look:
         apart = [self.record.blocks(part.start, part.stop) for part in parts]
         samples = Samples(*(np.concatenate([getattr(s, name) for s in apart]) for name in Samples._fields))
         together = _identification(samples, judged(samples, self.kinds), parts[0].start, parts[-1].stop)
-        same = together.candidates and all(
-            part.candidates and part.candidates[0].kind == together.candidates[0].kind for part in parts
-        )
+        kind = together.candidates[0].kind if together.candidates else ""
+        same = all(part.kind in (None, kind) and kind in [c.kind for c in part.candidates] for part in parts)
         return [together] if same else parts
 
     def _none(self, start: int, stop: int) -> NoContactFound:

@@ -145,17 +145,7 @@ def _tip(model: Model, R: Array, t: Array, n: Array, found: Array) -> list[Start
     tool = poses(np.eye(3), p)
     if model.kind == "point":
         return [(base, tool, NONE)]
-    return [_bent(base, tool, x), *_ball_under(x, tool)]
-
-
-def _bent(base: Array, tool: Array, x: Array) -> Start:
-    """A sphere of about this normal: z = d + g.(x, y) - k/2 |p|^2, linear in d, g, k."""
-    p = (x - base[:3, 3]) @ base[:3, :3]
-    size = np.sqrt((p * p).mean()) + 1e-300
-    G = np.column_stack((np.ones(len(p)), p[:, 0] / size, p[:, 1] / size, -0.5 * (p * p).sum(axis=1) / size**2))
-    d, a, b, k = np.linalg.lstsq(G, p[:, 2], rcond=1e-3)[0] / np.array([1.0, size, size, size**2])
-    turned = base[:3, :3] @ unit(np.array([-a, -b, 1.0]))
-    return framed(turned, base[:3, 3] + d * base[:3, 2]), tool, np.array([k])
+    return _ball_under(x, tool)
 
 
 def _ball_under(x: Array, tool: Array) -> list[Start]:

@@ -338,3 +338,30 @@ def test_what_wrenches_alone_refute_is_refuted_by_the_best_fit_too(kind, monkeyp
     assert {"point", "line", "sphere"} <= set(fitted)
     assert again.candidates == found.candidates
     assert set(again.refuted) == set(found.refuted)
+
+
+def test_a_touch_that_nothing_explains_hides_no_contact_unless_it_is_long():
+    X, w, truth = record("point", SEED, duration=5.0)
+    air = record("free", SEED, duration=1.0)
+    rng = np.random.default_rng(0)
+    for samples, told in ((45, True), (400, False)):
+        off = X[:samples].copy()
+        off[:, :3, 3] += 0.02 * np.cumsum(rng.normal(size=(samples, 3)), axis=0) / np.sqrt(samples)  # on nothing flat
+        Y, u = np.concatenate((off, air[0], X)), np.concatenate((w[:samples], air[1], w))
+        if not told:
+            with pytest.raises(NoContactFound):
+                identify(Y, u)
+            continue
+        found = identify(Y, u)
+        assert found.kind == truth.kind
+        assert found.start > samples
+
+
+def test_the_same_contact_again_is_one_though_a_part_alone_does_not_tell():
+    X, w, truth = record("point", SEED, duration=6.0)
+    air = record("free", SEED, duration=1.0)
+    few = 60
+    assert identify(X[:few], w[:few]).kind is None
+    found = identify(np.concatenate((X[:few], air[0], X)), np.concatenate((w[:few], air[1], w)))
+    assert found.kind == truth.kind
+    assert len(found.segments) == 1
