@@ -154,11 +154,12 @@ void turn_to(const Pose *target, const Pose *tool, double w[3])
 /* The twist that takes the tool to its target in unit time; of half a turn rounding would choose the direction. */
 Outcome error_twist(const Pose *target, const Pose *tool, double error[6])
 {
-    double worst = 0.0, R[3][3], p[3];
+    double worst = 0.0, R[3][3], p[3], third[3];
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
             worst = fmax(worst, fabs(dot(3, target->R[i], target->R[j]) - (i == j)));
-    if (!(worst <= ROTATION))
+    cross(target->R[0], target->R[1], third); /* a mirror image has R'R = I, too */
+    if (!(worst <= ROTATION && dot(3, third, target->R[2]) > 0.0))
         return HAND_BACK;
     turned_by(target, tool, R);
     rotation_vector((const double(*)[3])R, error);
