@@ -57,6 +57,8 @@ EASE, EASE_SAMPLE = 0.3, 0.1
 SKEW = 0.02
 # Stands for no acceleration limit: a joint may change its speed, or this one [rad/s, length/s], so often in a tick.
 AT_ONCE, FASTEST = 4.0, 1e3
+# Joints that catch up look so often whether they can go over [s].
+RETRY = 0.01
 # A function of time is looked ahead so far [s], at places so far apart [s], and again when half of that is driven.
 AHEAD, SAMPLING = 1.0, 0.02
 # A hand whose joints would be faster than this many times their limits has leapt.
@@ -173,6 +175,7 @@ class Follower:
         self._override = 1.0
         self._closed = False
         self._why = "nothing to follow yet"
+        self._retry = 0.0  # when to look next
         self._late = False  # whether the joints cannot be where they are wanted, and catch up
 
     def __copy__(self) -> Follower:
@@ -359,8 +362,9 @@ class Follower:
             self._reference = None
         reference = self._begin(measured, moving, clock)
         self._take_in(reference, share)
-        if self._late and self._twist is None:
+        if self._late and self._twist is None and not 0.0 < self._retry - self._time <= RETRY:
             self._late = not reference.splice(reference.source, self._time, self._state, EASE)
+            self._retry = self._time + RETRY
         v = self._limited(reference)
         command = self._corrected(measured, v, moving)
         self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
