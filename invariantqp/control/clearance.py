@@ -13,7 +13,7 @@ Joints with acceleration limits a do not stop at once. A velocity is then one th
 
 to first order in x - y, for n = 0 and the ticks that it takes to stop, 0.7, 0.49, ... of them. In the next tick
 braking on goes through the same states: where all of them kept the distance, x = y keeps every row, every acceleration
-and every joint limit. So rows contradict nothing that a start did not contradict already.
+and every joint limit. So rows contradict nothing, but where a start did or something moves otherwise than it was told.
 
 A row that no velocity can reach is left out, so there is no distance of influence; of the others the 16 most urgent are
 kept, each pair's nearest place before all others. Inside d_min all places of a pair ask for the way out of the nearest
