@@ -6,7 +6,8 @@ lost        unilateral contact that is not felt (`touch`) for longer than lost_a
 overload    |f| > max_force or |m about the place of contact or the grip| > max_moment; until `reset`. Where less is
             wanted than before, the limit falls with what is felt
 fault       what the readings say of the sensor (`health`), that they jumped and stay (`level`) or disagree with the
-            motion (`agreement`), or a tool that stops on its way though nothing is felt; until `reset`
+            motion (`agreement`), a press that is still read above where it touched, or a tool that stops on its way
+            though nothing is felt; until `reset`
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ from __future__ import annotations
 from math import exp, inf
 from typing import NamedTuple
 
+import numpy as np
+
 from invariantqp.errors import written
 from invariantqp.force.agreement import Agreement, ways_in
-from invariantqp.force.felt import OVERLOAD, Felt
+from invariantqp.force.felt import ABOVE_NOISE, OVERLOAD, Felt
 from invariantqp.force.health import Health
 from invariantqp.force.hybrid_task import HybridTask
 from invariantqp.force.level import Level
@@ -24,6 +27,7 @@ from invariantqp.force.noise import Noise
 from invariantqp.force.regulation import REACHED
 from invariantqp.force.settling import Settling
 from invariantqp.force.touch import LEAST_NOISE, Touch, loss_limit
+from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.solution import Status
 
 # A larger press that was wanted before is still expected for this long [s], and while it falls.
@@ -34,6 +38,10 @@ LED = 0.5
 JUDGED = 1.0 - exp(-1.0)
 FOLLOWED = 0.2
 MOVED = 0.02
+# How far readings may lead the tool above where it touched, in sizes of the contact (2 mm of 50), beside a slope; below
+# this share of the wanted press it may be in the air.
+ABOVE = 0.04
+PRESSED = 0.25
 
 
 class Watch(NamedTuple):
@@ -55,6 +63,7 @@ class Watch(NamedTuple):
         status: the status then.
         pushed: how far it has gone in since the touch [length].
         left: how far it has retreated from there [length].
+        gone: how far it has come out since the touch by the joints, and across (3,) [length].
     """
 
     touch: Touch = Touch()
@@ -71,6 +80,7 @@ class Watch(NamedTuple):
     status: Status | None = None
     pushed: float = 0.0
     left: float = 0.0
+    gone: tuple[float, Array] = (0.0, np.zeros(3))
 
     @property
     def touching(self) -> bool:
@@ -103,6 +113,8 @@ class Watch(NamedTuple):
         fault = health.fault
         if wanted > 0.0 and limit > 0.0 and not fault:
             watch, fault = _compared(watch, task, felt, (press, wanted), dt)
+            watch, above = _led_out(watch, task, felt, (press, wanted), before=self.touching)
+            fault = fault or above
         if fault:
             return watch.stopping(Status.FAULT, fault, task)
         if touch.touching:
@@ -160,6 +172,30 @@ def _compared(watch: Watch, task: HybridTask, felt: Felt, press: tuple[float, fl
     highest = highest if agreement.touched else press[0]
     fault = level.trouble() or agreement.trouble(press, felt.noise, felt.answer, task.yields, highest)
     return watch._replace(agreement=agreement, level=level), fault
+
+
+def _led_out(
+    watch: Watch, task: HybridTask, felt: Felt, press: tuple[float, float], *, before: bool
+) -> tuple[Watch, str]:
+    """The watch, and why readings are not to be believed that still tell of a press far above where it touched.
+
+    Args:
+        watch: after the reading.
+        task: how far its surface may move.
+        felt: how far the tool came.
+        press: felt and wanted [force].
+        before: whether there was contact in the last tick.
+    """
+    seen = watch.approached > 0.0  # a tool that presses from the first reading on may have been pushed in
+    if not (seen and before):
+        return watch._replace(gone=(0.0, np.zeros(3))), ""
+    out, across = watch.gone[0] - felt.came, watch.gone[1] + felt.way[1:]
+    _, slope = ways_in(np.concatenate(((0.0,), across)), task.normal_within)
+    now, least = watch._replace(gone=(out, across)), max(PRESSED * press[1], ABOVE_NOISE * felt.noise)
+    if out - slope - task.yields <= ABOVE * task.size or press[0] <= least:
+        return now, ""
+    told = f"{written(press[0], 3)} N are read {written(out, 2)} above where it touched"
+    return now, f"{told}: a sensor that is stuck, drifts or is not tared, or a surface that moves (yields=)"
 
 
 def _let_go(

@@ -161,3 +161,28 @@ def test_a_stiffness_told_in_millimetres_is_answered_as_in_metres(unit, stiffnes
     assert statuses[-1] == "ok"
     assert also == statuses
     assert there == pytest.approx(speeds, abs=1e-12)
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 2e4, 1e5])
+@pytest.mark.parametrize("share", [1.1, 1.9])
+def test_a_reading_that_stays_above_the_wanted_press_leads_the_tool_out_by_millimetres(share, stiffness):
+    """It led the arm away without end, "ok": by 190 to 840 mm."""
+    run = stuck(share, stiffness=stiffness, since=2.0, seconds=6.0, dt=0.004)
+    stop = run.stopped()
+    assert run.solutions[stop].status == "fault"
+    assert "above where it touched: a sensor that is stuck, drifts or is not tared" in run.solutions[stop].reason
+    assert 1e-3 < run.height[: stop + 1].max() - run.height[run.touch()] < 4e-3
+
+
+def test_a_bias_that_drifts_upwards_leads_the_tool_out_by_millimetres():
+    """2 N wanted, 1 N/s."""
+    start = 2.0
+    ticks = iter(range(100_000))
+
+    def drifts(reading, normal):
+        return reading + np.r_[0, 0, 0, 0.004 * next(ticks) * normal]
+
+    run = press_on_plane(2.0, noise=0.05, fault=drifts, since=start, seconds=8.0, period=REST, dt=0.004, after_stop=0.1)
+    stop = run.stopped()
+    assert run.solutions[stop].status == "fault"
+    assert run.height[: stop + 1].max() - run.height[run.touch()] < 25e-3
