@@ -242,8 +242,15 @@ def descend(
     arm: Arm, target: Any, start: Array, goal: float, turning: bool, patient: bool, known: Array | None, /
 ) -> tuple[Array, float, float, float, int, bool, bool, Array | None] | None: ...
 def misses(arm: Arm, target: Any, q: Array, /) -> tuple[float, float] | None: ...
+def descents(
+    arm: Arm, targets: Array, start: Array, goal: float, turning: bool, fastest: Array, steps: Array, /
+) -> tuple[Array, int]: ...
 def follow(
     course: Array,
+    loop: Loop | None,
+    memory: Array | None,
+    twist: Array | None,
+    late: bool,
     time: float,
     q: Any,
     sent: Array,
@@ -252,7 +259,15 @@ def follow(
     acceleration: Array,
     command: Array,
     /,
-) -> tuple[Array, Array, Array, Array, Array, float, float] | None: ...
+) -> tuple[Array, Array, Array, Array, Array, float, float, bool] | None: ...
+def motion(course: Array, time: float, /) -> Array: ...
+def splice(
+    course: Array, time: float, state: Array, shortest: float, tool: Array | None, /
+) -> tuple[Array, float] | None: ...
+def stop(limits: Array, dt: float, state: Array, shortest: float, /) -> float: ...
+def through(
+    limits: Array, dt: float, stamps: Array, positions: Array, strength: float, ease: float, /
+) -> tuple[Array, Array]: ...
 def clearance(
     screws: Array,
     q: Array,

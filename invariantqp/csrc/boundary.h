@@ -61,11 +61,7 @@ bool is_plain(const Solution *solution);
 /* search.c */
 PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
-
-/* follow.c: shares as in paths/ */
-#define CATCH_UP_SHARE 0.7
-#define SPREAD 0.1
-PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+PyObject *search_along(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
 /* pseudoinverse.c */
 PyObject *pseudoinverse(PyObject *module, PyObject *const *arguments, Py_ssize_t count);

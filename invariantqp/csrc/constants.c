@@ -1,7 +1,7 @@
 /* The constants of the twins, for the test that compares them with Python's. */
 
 #include "loop.h"
-#include "boundary.h"
+#include "paths.h"
 #include "pose.h"
 
 #define ONE(file, name) {file "." #name, name}
@@ -99,6 +99,17 @@ const Constant CONSTANTS[] = {
     ONE("pose.newton", PENALTY_MARGIN),
     ONE("pose.error", DIFFERENCE),
     ONE("paths.time_law", CATCH_UP_SHARE),
+    ONE("paths.time_law", CATCH_UP_SPEED),
+    ONE("paths.time_law", CALM_SHARE),
+    ONE("paths.time_law", HALVINGS),
+    ONE("paths.time_law", ROUNDING),
     ONE("paths.reference", SPREAD),
+    ONE("paths.reference", SHARE),
+    ONE("paths.reference", PLACES),
+    ONE("paths.reference", DURATIONS),
+    {"paths.reference.LONGEST", LONGEST_SPLICE},
+    ONE("paths.reference", SHORTEST_STOP),
+    ONE("paths.reference", LONGEST_STOP),
+    ONE("paths.reference", STOPS),
     {NULL, 0.0},
 };

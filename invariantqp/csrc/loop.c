@@ -138,7 +138,7 @@ bool is_far(const Loop *loop, const double *q)
 }
 
 /* velocity/limits.py: the velocity v + omega x p of the limited point */
-static void limited_point(const Loop *loop, const Pose *tool, Demand *demand)
+void limited_point(const Loop *loop, const Pose *tool, Demand *demand)
 {
     double p[3], root[6][6];
     place(tool, loop->fast, p);

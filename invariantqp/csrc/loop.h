@@ -28,6 +28,7 @@ double braking_speed(double room, double acceleration, double dt);
 double share_within(const Loop *loop, double gain, const Row distance);
 Outcome braking_share(const Loop *loop, double gain, const Row A[6], const double error[6], double *share);
 Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand);
+void limited_point(const Loop *loop, const Pose *tool, Demand *demand);
 int commands_of(const Loop *loop);
 void predicted(const Loop *loop, const double *kept, const double *q, Row there);
 void remembered(const Loop *loop, const double *q, const double *command, double *kept);

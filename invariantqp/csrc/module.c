@@ -1,7 +1,7 @@
 /* The functions that Python calls. Nothing is computed here. */
 
 #define IMPORTS_NUMPY
-#include "boundary.h"
+#include "paths.h"
 
 static PyObject *HOMOGENEOUS; /* made with the module */
 
@@ -154,6 +154,10 @@ static PyMethodDef methods[] = {
     CALLED_BY_NAME("step", controller_step,
            "A controller's tick: a VelocitySolution, and what is to be said of joints beside it; None where Python has to answer."),
     CALLED("follow", follow, "A tick of a follower in which nothing new comes, or None where Python has to answer."),
+    CALLED("motion", motion, "Position, velocity, acceleration and jerk of what is followed."),
+    CALLED("splice", splice, "The residual of a splice and how long it takes, or None where there is none."),
+    CALLED("stop", stop, "How long the quickest stop takes."),
+    CALLED("through", through, "Knots and powers of a curve through smoothed positions, from rest to rest."),
     CALLED("clearance", clearance, "Rows that keep distances of shapes, and the distances."),
     CALLED("sight", sight,
            "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."),
@@ -163,6 +167,7 @@ static PyMethodDef methods[] = {
     CALLED("pseudoinverse", pseudoinverse, "J^{+h}, or None where Python has to find it."),
     CALLED("descend", search_descend,
            "One try at a pose: (q, f, unmet, merit, steps, met, at_rest), or None where Python has to make it."),
+    CALLED("descents", search_along, "One try at each of several poses, from one to the next."),
     CALLED("misses", search_misses, "Distance and angle of a tool from its target."),
     {NULL, NULL, 0, NULL},
 };

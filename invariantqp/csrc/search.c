@@ -34,6 +34,51 @@ PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_
                          found.going ? new_vector(knows, (const double *)&found.known) : Py_NewRef(Py_None));
 }
 
+/* descents(arm, targets, start, goal, turning, fastest, steps): joint positions (k, m) for the first k of several poses, each
+   from the one before, k the first that is not met, or not near enough to be reached at speeds `fastest` in a step [s]; all
+   where there is none such. */
+PyObject *search_along(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    const Arm *arm = count > 0 ? described(&TABLE_Arm, arguments[0]) : NULL;
+    PyArrayObject *targets = count == 7 ? (PyArrayObject *)arguments[1] : NULL;
+    Row q, fastest;
+    static const char *const USE = "descents(arm, targets, start, goal, turning, fastest, steps)";
+    if (arm == NULL || targets == NULL || !PyArray_Check(arguments[1]) || PyArray_TYPE(targets) != NPY_DOUBLE ||
+        !PyArray_ISCARRAY_RO(targets) || PyArray_NDIM(targets) != 3 || PyArray_DIM(targets, 1) != 4 || PyArray_DIM(targets, 2) != 4)
+        return refused(USE);
+    int m = arm->joints, n = (int)PyArray_DIM(targets, 0), met = 0;
+    double goal = PyFloat_AsDouble(arguments[3]);
+    int turning = PyObject_IsTrue(arguments[4]);
+    npy_intp sizes[2] = {n, m};
+    PyObject *steps = PyArray_SimpleNew(1, sizes, NPY_DOUBLE), *found = PyArray_SimpleNew(2, sizes, NPY_DOUBLE);
+    if (steps == NULL || found == NULL || PyErr_Occurred() || !vector(arguments[2], m, q) || !vector(arguments[5], m, fastest) ||
+        !vector(arguments[6], n, PyArray_DATA((PyArrayObject *)steps))) {
+        Py_XDECREF(steps);
+        Py_XDECREF(found);
+        return refused(USE);
+    }
+    const double *poses = PyArray_DATA(targets), *step = PyArray_DATA((PyArrayObject *)steps);
+    double *rows = PyArray_DATA((PyArrayObject *)found);
+    Py_BEGIN_ALLOW_THREADS
+    for (bool near = true; met < n && near; met += near) {
+        Try one = {.known = {.damping = DAMPING}};
+        Pose target;
+        pose_from(poses + 16 * met, &target);
+        memcpy(one.q, q, sizeof q);
+        near = descend(arm, &target, goal, turning, false, &one) == DONE && one.met;
+        for (int j = 0; j < m && near; j++)
+            near = fabs(one.q[j] - q[j]) <= fastest[j] * step[met];
+        if (near) {
+            memcpy(q, one.q, sizeof q);
+            memcpy(rows + met * m, q, (size_t)m * sizeof *q);
+        }
+    }
+    Py_END_ALLOW_THREADS
+    Py_DECREF(steps);
+    return Py_BuildValue("(Ni)", found, met);
+}
+
 /* misses(arm, target, q): distance and angle of the tool from its target. */
 PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {

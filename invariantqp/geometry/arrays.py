@@ -168,6 +168,19 @@ def pose(value: ArrayLike, argument: str = "pose") -> Array:
     raise BadInput(argument, "an upper-left block that is not a rotation", expected, "Orthonormalise it first.")
 
 
+def poses(value: Array, argument: str) -> Array:
+    """(n, 4, 4) rigid motions, each as `pose`; errors name the first that is none."""
+    R = value[:, :3, :3]
+    with np.errstate(invalid="ignore", over="ignore"):  # what is not a number is no rigid motion
+        off = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max(axis=(1, 2)) <= ROTATION_TOLERANCE
+        good = (
+            off & (np.linalg.det(R) > 0.0) & np.isfinite(value).all(axis=(1, 2)) & (value[:, 3] == LAST_ROW).all(axis=1)
+        )
+    for i in np.flatnonzero(~good).tolist():
+        pose(value[i], f"{argument}[{i}]")
+    return value.copy()
+
+
 def is_rigid(T: Array) -> bool:
     """Whether a (4, 4) matrix is a finite rigid motion: columns orthonormal and right-handed, last row (0, 0, 0, 1).
 

@@ -38,20 +38,20 @@ from invariantqp.paths.reference import (
     Source,
     Stop,
     Window,
-    smoothed,
     stopping,
     through,
 )
 from invariantqp.paths.shape import ASTRAY, PAUSE, Shape
 from invariantqp.paths.solution import FollowerSolution
-from invariantqp.paths.time_law import JointLimits
+from invariantqp.paths.time_law import ROUNDING, JointLimits
 from invariantqp.paths.twist import TwistLaw
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.solution import Status
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s].
 RISE = 0.02
-# A splice takes no less than this [s], where no limit asks for more; one that a single sample makes, no less than that.
+# A splice, and a stop after the last point, take no less than this [s], where no limit asks for more; a splice that a
+# single sample makes, no less than that.
 EASE, EASE_SAMPLE = 0.3, 0.1
 # A clock that differs by more than this from the sum of the ticks [s] has jumped.
 SKEW = 0.02
@@ -69,8 +69,6 @@ ANOTHER_CLOCK = 1.0
 MOST_WAITING, MOST_POINTS = 8, 96
 # Points so far behind the arm, times 1 / cutoff, are kept for smoothing.
 BEHIND = 1.0
-# An acceleration that differs from the wanted one by less than this share of what jerk changes in a tick is the same.
-ROUNDING = 1e-6
 # The largest override of a path whose shape is kept.
 MOST_OVERRIDE = 1.5
 # Joint speeds below this share of their limits are rest.
@@ -259,12 +257,15 @@ class Follower:
         Raises:
             BadInput: NaN, a wrong shape, or a twist beyond any scale.
         """
+        course = self._course
         self._open("v")
         wanted = sizes.not_too_fast(arrays.twist(v, "v")).copy()
-        self._course = None
         if self._pressed is not None:
             raise BadInput("v", "a twist in contact", "a path: follow(poses)")
-        self._forget()
+        if self._twist is None:
+            self._forget()
+        elif course is not None:  # the same course, for longer
+            self._course = *course[:2], self._time + self.timeout
         self._twist, self._heard = wanted, self._time
 
     def prepare(self, q: ArrayLike) -> None:
@@ -340,9 +341,10 @@ class Follower:
         """
         loop, dt = self.controller, self.controller.dt
         if self._course is not None and velocity is None and override == self._override:
-            found = self._by_core(self._course, q, now)
-            if found is not None:
-                return found
+            if self._time < self._course[2] and (now is None or -SKEW <= now - self._time <= SKEW):
+                found = self._by_core(self._course, q)
+                if found is not None:
+                    return found
             self._course = None
         measured = self._measured = arrays.vector(q, self._m, "q")
         moving = None if velocity is None else arrays.vector(velocity, self._m, "velocity")
@@ -365,6 +367,11 @@ class Follower:
         if self._late and self._twist is None and not 0.0 < self._retry - self._time <= RETRY:
             self._late = not reference.splice(reference.source, self._time, self._state, EASE)
             self._retry = self._time + RETRY
+        self._course = self._made_course(reference)
+        if self._course is not None and moving is None:
+            found = self._by_core(self._course, measured, begun=True)
+            if found is not None:
+                return found
         v = self._limited(reference)
         command = self._corrected(measured, v, moving)
         self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
@@ -375,37 +382,56 @@ class Follower:
     def _made_course(self, reference: Reference) -> tuple[Reference, Array, float] | None:
         """What the core follows, and until when nothing new comes; None where Python has to."""
         loop, shape = self.controller, self._shape
-        if core is None or loop.compiled is None or loop.tool_speed is not None or loop.joint_rows is not None:
+        if core is None or loop.compiled is None or (loop.joint_rows is not None and loop.joint_rows.fixed is None):
             return None
-        if self._late or self._twist is not None or self._samples or (shape is None and self._source is None):
+        if self._samples or (shape is None and self._source is None and self._twist is None):
             return None
         if shape is not None and (
-            reference.source is not shape.motion or self._time <= reference.joined or self._astray
+            self._late or reference.source is not shape.motion or self._time <= reference.joined or self._astray
         ):
             return None
-        until = min(
-            reference.end if shape is None else shape.until, self._looked + 0.5 * AHEAD if self._function else inf
-        )
+        until = self._looked + 0.5 * AHEAD if self._function else inf
+        if shape is not None:
+            until = min(until, shape.until)
+        elif self._twist is None:
+            until = min(until, reference.end)
         until = min(until, inf if self._next is None else self._next[2])
-        if isinstance(self._source, Window):
+        if self._twist is not None or isinstance(self._source, Window):
             until = min(until, self._heard + self.timeout)
-        numbers = reference.course(loop.dt, None if shape is None else loop.gain, self._limits)
+        if self._late:
+            until = min(until, self._retry)
+        numbers = reference.course(None if shape is None else loop.gain)
         return None if numbers is None or until <= self._time else (reference, numbers, until)
 
     def _by_core(
-        self, course: tuple[Reference, Array, float], q: ArrayLike, now: float | None
+        self, course: tuple[Reference, Array, float], q: ArrayLike, *, begun: bool = False
     ) -> FollowerSolution | None:
-        """A tick in which nothing new comes, by the core; None where Python has to answer."""
-        reference, numbers, until = course
-        time, sent, shape = self._time, self._sent, self._shape
-        if time >= until or not (now is None or -SKEW <= now - time <= SKEW):
-            return None
-        shown = self._q if sent.maxlen == 1 else sent[1] if len(sent) == sent.maxlen else sent[0]
-        found = core.follow(numbers, time, q, shown, self._q, self._v, self._a, self._command)  # type: ignore[union-attr]
+        """A tick in which nothing new comes, or all of it is taken in, by the core; None where Python has to answer.
+
+        `begun` is whether the positions sent are those of this tick.
+        """
+        reference, numbers, _ = course
+        time, sent, shape, loop = self._time, self._sent, self._shape, self.controller
+        shown = sent[0] if begun or len(sent) < (sent.maxlen or 0) else [*sent, self._q][1]
+        found = core.follow(  # type: ignore[union-attr]
+            numbers,
+            loop.compiled,
+            loop.kept,
+            self._twist,
+            self._late,
+            time,
+            q,
+            shown,
+            self._q,
+            self._v,
+            self._a,
+            self._command,
+        )
         if found is None:
             return None
-        sent.append(self._q)
-        self._q, self._v, self._a, self._command, measured, before, after = found
+        if not begun:
+            sent.append(self._q)
+        self._q, self._v, self._a, self._command, measured, before, after, late = found
         self._time = time = time + self.controller.dt
         command = self._command.copy()
         if shape is not None:
@@ -413,11 +439,13 @@ class Follower:
             if told is None:
                 return self._reported(reference, measured, command)
             return FollowerSolution(command, *told)
-        if self.paused or self._override != 1.0 or self._some_missed:
+        if late and not self._late:
+            self._late, self._course = True, None
+        if late or self.paused or self._twist is not None or self._override != 1.0 or self._some_missed:
             return self._reported(reference, measured, command)
-        late = reference.source.late if isinstance(reference.source, Window) else 0.0
-        place, position = time - late, self._q
-        return FollowerSolution(command, Status.MOVING, "", place, late, lambda: self._across(position, place))
+        lag = reference.source.late if isinstance(reference.source, Window) else 0.0
+        place, position = time - lag, self._q
+        return FollowerSolution(command, Status.MOVING, "", place, lag, lambda: self._across(position, place))
 
     @property
     def _some_missed(self) -> bool:
@@ -655,8 +683,10 @@ class Follower:
 
     def _aim(self, reference: Reference, source: Source, ease: float) -> None:
         """Follow a source from now on."""
-        now = self._time
-        self._late = not reference.splice(source, now, self._motion(reference), ease)
+        robot = self.controller.robot
+        J, point = robot.jacobian(self._q), robot.pose(self._q)[:3, 3]
+        tool = J[3:] + np.cross(J[:3], point, axis=0)
+        self._late = not reference.splice(source, self._time, self._motion(reference), ease, tool)
 
     def _take_points(self, given: Given, stamps: Array, *, smooth: bool) -> None:
         """Points with stamps, from now on."""
@@ -675,10 +705,8 @@ class Follower:
         given, stamps = given.chosen(kept), stamps[kept]
         near = self._q if not isinstance(self._source, Motion) else self._source.at(stamps[:1])[0, 0]
         joints, missed = self._solver.points(given, near, stamps)
-        if smooth:
-            joints = smoothed(stamps, joints, self.cutoff)
         self._given, self._missed, self._newest = (given, stamps), missed, None
-        self._source = through(stamps, self._inside(joints), self._limits)
+        self._source = through(stamps, joints, self._limits, EASE, self.cutoff if smooth else inf)
 
     def _take_samples(self, reference: Reference) -> None:
         """Samples of a stream."""
@@ -715,9 +743,6 @@ class Follower:
             window.add(when, joint, max(now - when, 0.0))
             if not self._late:
                 reference.ease(window, now, state, EASE_SAMPLE)
-
-    def _inside(self, joints: Array) -> Array:
-        return np.clip(joints, self._limits.lower, self._limits.upper)
 
     def _wanted(self, reference: Reference) -> Array:
         """(m,) the joint velocity that is wanted in this tick."""

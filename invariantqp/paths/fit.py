@@ -65,7 +65,7 @@ class Given:
             points = [getattr(p, "homogeneous", p) for p in points]
         found = arrays.array(points, name, f"poses (n, 4, 4), or joint positions (n, {m})")
         if found.ndim == 3 and found.shape[1:] == (4, 4) and len(found):
-            self.poses = np.array([arrays.pose(T, f"{name}[{i}]") for i, T in enumerate(found)])
+            self.poses = arrays.poses(found, name)
         elif found.ndim == 2 and found.shape[1] == m and len(found):
             self.joints = arrays.matrix(found, (None, m), name).copy()
         else:
@@ -143,13 +143,20 @@ class Solver:
             joints = np.asarray(given.joints)
             inside = np.clip(joints, self._lower, self._upper)
             return inside, np.abs(joints - inside).max(axis=1)
-        answer, missed, q = [], [], near
-        for T, t in zip(given.poses, times.tolist(), strict=True):
-            q, off = self.pose(T, q, t, inf if before is None else t - before)
-            before = t
-            answer.append(q)
-            missed.append(off)
-        return np.clip(np.array(answer), self._lower, self._upper), np.array(missed)
+        T, n, fastest = given.poses, len(given), self._loop.box.velocity_limit
+        answer, missed, q, steps = np.zeros((n, len(near))), np.zeros(n), near, np.diff(times)
+        k, plain = 0, True  # the next, and whether the poses before it were reached
+        while k < n:
+            if plain and k > 0 and self._stalled is None:
+                there = self._search.along(T[k:], q, fastest, steps[k - 1 :])
+                if len(there):
+                    answer[k : k + len(there)] = there
+                    k, q = k + len(there), there[-1]
+                    before, plain = float(times[k - 1]), False
+                    continue
+            answer[k], missed[k] = self.pose(T[k], q, float(times[k]), inf if before is None else times[k] - before)
+            q, before, plain, k = answer[k], float(times[k]), missed[k] == 0.0, k + 1
+        return np.clip(answer, self._lower, self._upper), missed
 
     def _walked(self, target: Array, near: Array, found: Array) -> Array:
         """(m,) joint positions for a pose that leaps, found on a straight way there: `found` where that is nearer."""

@@ -16,13 +16,14 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 
+from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.time_law import JointLimits
 
-# Shares of the limits that a splice and a stop are made for: the rest covers what lies between the places checked.
-SPLICE_SHARE, STOP_SHARE = 0.9, 0.97
+# The share of the limits that splices and stops are made for: the rest covers what lies between the places checked.
+SHARE = 0.97
 # A splice is checked at so many places, for so many durations, up to the longest [s]; what needs longer is caught up.
-PLACES, DURATIONS, LONGEST = 21, 6, 0.6
+PLACES, DURATIONS, LONGEST = 21, 10, 0.9
 # Gain [1/s] towards where joints were sent, where time is kept.
 JOINT_GAIN = 5.0
 # Joints farther from where they were sent than this [rad, length] have been pushed: the motion goes on from there.
@@ -89,12 +90,14 @@ class Stop(Motion):
         super().__init__(np.array((start, start + D)), np.stack((x, v, 0.5 * a, b / 3.0, 0.25 * c))[None])
 
 
-def stopping(state: Array, start: float, limits: JointLimits) -> Stop:
-    """The quickest stop from position, velocity and acceleration (3, m) that keeps the limits."""
+def stopping(state: Array, start: float, limits: JointLimits, shortest: float = 0.0) -> Stop:
+    """The quickest stop from position, velocity and acceleration (3, m) inside the limits, at least so long [s]."""
     x, v, a = state
     if not (v.any() or a.any()):
         return Stop(state, start, 0.0)
-    first, last = SHORTEST_STOP * limits.dt, LONGEST_STOP
+    if core is not None and len(x) <= core.MOST_JOINTS:
+        return Stop(state, start, core.stop(limits.rows, limits.dt, state, shortest))
+    first, last = max(SHORTEST_STOP * limits.dt, shortest), LONGEST_STOP
     for _ in range(2):  # a few over the whole range, then a few between two of them
         D = np.geomspace(first, last, STOPS)[:, None, None]
         u = np.linspace(0.0, 1.0, PLACES)[None, :, None] * D
@@ -105,13 +108,21 @@ def stopping(state: Array, start: float, limits: JointLimits) -> Stop:
         position = x + u * (v + u * (0.5 * a + u * (b / 3.0 + 0.25 * u * c)))
         worst = limits.ratio(position, velocity, acceleration, jerk).max(axis=1)
         # Where the state is at a limit already, the stop is not to make it worse.
-        i = int((worst <= max(STOP_SHARE, 1.0001 * float(worst.min()))).argmax())
+        i = int((worst <= max(SHARE, 1.0001 * float(worst.min()))).argmax())
         first, last = float(D[max(i - 1, 0), 0, 0]), float(D[i, 0, 0])
     return Stop(state, start, last)
 
 
-def through(stamps: Array, positions: Array, limits: JointLimits) -> Motion:
-    """A cubic spline through positions (n, m) at increasing stamps (n,), with a way in from rest and out to rest."""
+def through(stamps: Array, positions: Array, limits: JointLimits, ease: float, cutoff: float = inf) -> Motion:
+    """A cubic spline through positions (n, m) at increasing stamps (n,), with a way in from rest and out to rest.
+
+    These take no less than `ease` [s]: that no point follows is no emergency. What is faster than the cutoff [Hz] is
+    smoothed away before.
+    """
+    if core is not None and len(stamps) > 1 and positions.shape[1] <= core.MOST_JOINTS:
+        strength = (2.0 * np.pi * cutoff) ** -4
+        return Motion(*core.through(limits.rows, limits.dt, stamps, positions, strength, ease))
+    positions = np.clip(smoothed(stamps, positions, cutoff), limits.lower, limits.upper)
     n, m = positions.shape
     inside = np.zeros((max(n - 1, 1), 5, m))
     inside[:, 0] = positions[: max(n - 1, 1)]
@@ -122,7 +133,7 @@ def through(stamps: Array, positions: Array, limits: JointLimits) -> Motion:
     first = inside[0, :3] * np.array((1.0, -1.0, 2.0))[:, None]  # run backward
     h = stamps[-1] - stamps[-2] if n > 1 else 0.0
     last = (_powers(np.array((h,)), 5) @ inside[-1])[0, :3]
-    way_in, out = stopping(first, 0.0, limits), stopping(last, float(stamps[-1]), limits)
+    way_in, out = stopping(first, 0.0, limits, ease), stopping(last, float(stamps[-1]), limits, ease)
     pieces, knots = [inside], [stamps] if n > 1 else [stamps, stamps]
     if n == 1 or out.end > out.start:
         pieces.append(out.coefficients)
@@ -240,7 +251,11 @@ class Clock(NamedTuple):
         b, c = (3.0 * d / D - 2.0 * self.slope) / D, (self.slope - 2.0 * d / D) / D / D
         u = np.clip(times - self.start, 0.0, self.duration)
         on = times - self.start < self.duration
-        place = self.first + u * (self.rate + u * (0.5 * self.slope + u * (b / 3.0 + u * 0.25 * c)))
+        place = (
+            self.first
+            + self.rate * np.minimum(times - self.start, 0.0)
+            + u * (self.rate + u * (0.5 * self.slope + u * (b / 3.0 + u * 0.25 * c)))
+        )
         place = place + self.final * np.maximum(times - self.start - self.duration, 0.0)
         rate = np.where(on, self.rate + u * (self.slope + u * (b + u * c)), self.final)
         slope = np.where(on, self.slope + u * (2.0 * b + 3.0 * u * c), 0.0)
@@ -324,6 +339,9 @@ class Reference:
 
     def at(self, times: Array) -> Array:
         """(k, 4, m) position, velocity, acceleration and jerk at times (k,)."""
+        if len(times) == 1 and (numbers := self._numbers(self.source)) is not None and core is not None:
+            motion: Array = core.motion(numbers, float(times[0]))[None, :, : len(self._limits.lower)]
+            return motion
         answer = self.source.at(times)
         if times[0] < self.joined:
             u = times - self._start
@@ -341,16 +359,23 @@ class Reference:
             there = there + (time - self._start) ** np.arange(6) @ self._residual
         return there
 
-    def course(self, dt: float, gain: float | None, limits: JointLimits) -> Array | None:
+    def course(self, gain: float | None) -> Array | None:
         """What is followed as the compiled core takes it; None for what it does not have.
 
         `gain` is that towards a path whose shape is kept; None keeps time.
         """
+        return self._numbers(self.source, gain)
+
+    def _numbers(self, source: Source, gain: float | None = None) -> Array | None:
+        """The same with another source."""
+        limits = self._limits
         m = len(limits.lower)
-        source, clock = self.source, Clock(0.0, 0.0, 1.0, 0.0, 1.0)
+        clock = Clock(0.0, 0.0, 1.0, 0.0, 1.0)
         if isinstance(source, Clocked):
             source, clock, _ = source
         window = (source.half, source.late) if isinstance(source, Window) else (0.0, 0.0)
+        if core is None or m > core.MOST_JOINTS:
+            return None
         if isinstance(source, Window):
             sizes, values = (m, m, 0, len(source.stamps)), (source.stamps, source.positions.ravel())
         elif isinstance(source, Motion):
@@ -358,13 +383,8 @@ class Reference:
             sizes, values = (m, columns, n, k), (source.knots, source.coefficients.ravel())
         else:
             return None
-        settings = (
-            dt,
-            JOINT_GAIN if gain is None else gain,
-            gain is not None,
-            DISPLACED if gain is None else 0.5 * STRAYED,
-        )
-        head = *sizes, *settings, *clock, self._start, self._duration, *window
+        kept = (JOINT_GAIN, False, DISPLACED) if gain is None else (gain, True, 0.5 * STRAYED)
+        head = *sizes, limits.dt, *kept, *clock, self._start, self._duration, *window
         return np.concatenate((head, self._residual.ravel(), *limits[:5], *values))
 
     def ease(self, source: Source, time: float, state: Array, shortest: float) -> None:
@@ -373,14 +393,22 @@ class Reference:
         D = max(shortest, self.joined - time)
         self.source, self._residual, self._start, self._duration = source, _residuals(e, np.array((D,)))[0], time, D
 
-    def splice(self, source: Source, time: float, state: Array, shortest: float) -> bool:
+    def splice(self, source: Source, time: float, state: Array, shortest: float, tool: Array | None = None) -> bool:
         """Go over to a source from position, velocity and acceleration (3, m) at a time.
 
-        The splice is the shortest, not shorter than `shortest` [s], that keeps the limits together with the source.
+        The splice is the shortest, not shorter than `shortest` [s], that keeps the limits together with the source, and
+        on which the tool, whose joint velocities are (3, m), does not turn back, if there is such a one.
 
         Returns:
             Whether there is one; if not, the source is followed without one, which the joints cannot do.
         """
+        numbers = self._numbers(source)
+        if core is not None and numbers is not None:
+            self.source, self._start, self._duration = source, time, 0.0
+            found = core.splice(numbers, time, state, shortest, tool)
+            if found is not None:
+                self._residual, self._duration = found
+            return found is not None
         here = source.at(np.array((time,)))[0, :3]
         e = state - here
         least = max(shortest, SHORTEST_STOP * self._limits.dt)
@@ -392,7 +420,11 @@ class Reference:
         if not isinstance(source, Window):  # a hand is taken to go on as it does
             there = source.at((time + u).ravel()).reshape(there.shape)
         total = there + _powers(u, 6) @ C[:, None]
-        fits = np.flatnonzero(self._limits.ratio(*np.moveaxis(total, 2, 0)).max(axis=1) <= SPLICE_SHARE)
+        inside = self._limits.ratio(*np.moveaxis(total, 2, 0)).max(axis=1) <= SHARE
+        if tool is not None:
+            ahead = ((total[:, :, 1] @ tool.T) * (there[:, :, 1] @ tool.T)).sum(axis=2).min(axis=1) >= 0.0
+            inside = inside & ahead if (inside & ahead).any() else inside
+        fits = np.flatnonzero(inside)
         self.source, self._start = source, time
         if len(fits):
             i = int(fits[0])

@@ -13,6 +13,8 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 
+# An acceleration that differs from the wanted one by less than this share of what jerk changes in a tick is the same.
+ROUNDING = 1e-6
 # Halvings of the interval of accelerations in which the largest is looked for that leaves room to stop.
 HALVINGS = 24
 
@@ -31,6 +33,11 @@ class JointLimits(NamedTuple):
     acceleration: Array  # (m,)
     jerk: Array  # (m,)
     dt: float
+
+    @property
+    def rows(self) -> Array:
+        """(5, m) as the compiled core takes them."""
+        return np.array(self[:5])
 
     def ratio(self, position: Array, velocity: Array, acceleration: Array, jerk: Array) -> Array:
         """(...) the largest share of a limit that motions (..., m) need; 2 and more where they leave the ranges."""

@@ -163,6 +163,21 @@ class PoseSearch:
         found = core.descend(error.compiled, target, q0, goal, turning, False, None)
         return self._space.near(found[0], q0) if found is not None and found[5] else None
 
+    def along(self, targets: Array, q0: Array, fastest: Array, steps: Array) -> Array:
+        """Joint positions (k, m) on the first k of poses (n, 4, 4), checked, by one try of the core each from the last.
+
+        As far as they are met, and joints no faster than their limits (m,) reach each in its step (n,) [s] from the
+        one before; with whole turns they are not.
+        """
+        if self._plain is None and len(targets):
+            self._plain = pose_error(self._arm, targets[0], self._form, self._exact)
+        if core is None or self._plain is None or self._plain.compiled is None:
+            return np.zeros((0, len(q0)))
+        turning, goal = len(q0) <= 6 and not self._exact, GOAL_SHARE * self._tolerance * self._plain.least
+        all_of_them, met = core.descents(self._plain.compiled, targets, q0, goal, turning, fastest, steps)
+        found: Array = all_of_them[:met]
+        return found
+
     def _tries(self, error: PoseError, first: Try, goal: float, deadline: float) -> list[Try]:
         """The first try, and others from states spread over the joint range until one is good or the time is over."""
         tried = [first]

@@ -24,7 +24,7 @@ def differences_agree(source, a, b, tolerance):
 def test_derivatives_are_derivatives(seed):
     rng = np.random.default_rng(seed)
     stamps = np.cumsum(rng.uniform(0.05, 0.15, 12))
-    points = through(stamps, 0.1 * rng.normal(size=(12, 3)), LIMITS)
+    points = through(stamps, 0.1 * rng.normal(size=(12, 3)), LIMITS, 0.3)
     differences_agree(points, points.start + 0.01, points.end - 0.01, 1e-4)
     differences_agree(Clocked(points, Clock(0.3, 0.2, 0.4, 0.1, 0.9, 0.5)), 0.31, 1.0, 1e-4)
     state = np.array([0.1 * rng.normal(size=3), rng.normal(size=3), rng.normal(size=3)])
@@ -45,12 +45,37 @@ def test_a_stop_keeps_the_limits_and_ends_at_rest(seed):
     assert np.abs(stop.at(np.array((stop.end + 1e-9, stop.end + 5.0)))[:, 1:]).max() == 0.0
 
 
+def test_a_splice_does_not_turn_the_tool_back_where_waiting_does():
+    """A new plan that is 30 mm behind a tool of 100 mm/s: at once it would have to go back at 0.19 - 0.1 m/s."""
+    tool, stamps = np.eye(3), np.arange(30) * 0.1
+    old = through(stamps, np.outer(stamps, [0.1, 0.0, 0.0]), LIMITS, 0.3)
+    new = through(stamps, np.outer(stamps, [0.1, 0.0, 0.0]) - [0.03, 0.02, 0.0], LIMITS, 0.3)
+    quick, patient = (Reference(LIMITS, np.zeros(3), 0.0) for _ in range(2))
+    now = old.at(np.array((1.0,)))[0, :3]
+    assert quick.splice(new, 1.0, now, 0.3)
+    assert patient.splice(new, 1.0, now, 0.3, tool)
+    t = np.linspace(1.0, 2.0, 500)
+    assert quick.joined < 1.31
+    assert quick.at(t)[:, 1, 0].min() < -0.05
+    assert patient.at(t)[:, 1, 0].min() > -1e-3
+    assert patient.joined < 1.0 + 0.9
+
+
+def test_a_stop_after_the_last_point_takes_its_time():
+    stamps = np.arange(10) * 0.05
+    moving = through(stamps, np.outer(stamps, [0.2, 0.1, 0.0]), LIMITS, 0.3)
+    assert abs(moving.end - stamps[-1] - 0.3) < 1e-9
+    assert stopping(np.array([np.zeros(3), [0.2, 0.1, 0.0], np.zeros(3)]), 0.0, LIMITS).end < 0.1
+    at_rest = through(stamps, np.zeros((10, 3)), LIMITS, 0.3)
+    assert at_rest.end == stamps[-1]
+
+
 @pytest.mark.parametrize("seed", range(10))
 def test_a_splice_is_continuous_to_the_second_derivative(seed):
     rng = np.random.default_rng(seed)
     stamps = np.arange(10) * 0.1
-    old = through(stamps, 0.05 * rng.normal(size=(10, 3)).cumsum(axis=0), LIMITS)
-    new = through(stamps + 0.35, old.at(stamps + 0.35)[:, 0] + 0.03 * rng.normal(size=3), LIMITS)
+    old = through(stamps, 0.05 * rng.normal(size=(10, 3)).cumsum(axis=0), LIMITS, 0.3)
+    new = through(stamps + 0.35, old.at(stamps + 0.35)[:, 0] + 0.03 * rng.normal(size=3), LIMITS, 0.3)
     reference = Reference(LIMITS, old.at(np.array((0.0,)))[0, 0], 0.0)
     reference.splice(old, 0.0, old.at(np.array((0.0,)))[0, :3], 0.25)
     now = np.array((0.5,))

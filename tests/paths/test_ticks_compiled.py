@@ -1,11 +1,12 @@
-"""Ticks in which nothing new comes: the core follows what Python follows."""
+"""What the core follows is what Python follows: ticks, stops, splices, curves through points."""
 
 import numpy as np
 import pytest
 from support.streams import ARMS, Arm, driven
 
 import invariantqp as iq
-from invariantqp.paths import driver
+from invariantqp.paths import driver, reference
+from invariantqp.paths.time_law import JointLimits
 
 pytestmark = pytest.mark.skipif(not iq.native, reason="there is no compiled core")
 
@@ -27,25 +28,89 @@ def path(arm, truth, **options):
     return follower, [(0.3, lambda f: f.pause()), (0.6, lambda f: f.resume()), (0.9, lambda f: f.reverse())]
 
 
+def leaps(arm, truth):
+    """Points that leap farther than joints can go: they catch up."""
+    stamps = np.arange(0.0, 1.2, 0.05)
+    return arm.follower(), [
+        (t, lambda f, t=t: f.follow([truth(s) + 0.5 * np.sin(40.0 * t) for s in stamps], stamps + t))
+        for t in (0.0, 0.5)
+    ]
+
+
+def twists(arm, truth):
+    """Twists one after the other, the last for as long as it holds."""
+    rng = np.random.default_rng(7)
+    several = [(t, 0.3 * rng.normal(size=6)) for t in (0.0, 0.05, 0.1, 0.3, 0.32, 0.9)]
+    return arm.follower(), [(t, lambda f, v=v: f.twist(v)) for t, v in several]
+
+
+def fast(arm, truth):
+    """Faster than the tool may be, and a row."""
+    row = iq.limits.LimitRows(np.eye(len(arm.start))[:1], [-0.15], [0.15])
+    stamps = np.arange(0.0, 1.2, 0.05)
+    loop = arm.controller(tool_speed=0.1, limits=[row])
+    follower = iq.Follower(loop, jerk=arm.jerk)
+    return follower, [
+        (0.0, lambda f: f.follow([truth(t) for t in stamps], stamps)),
+        (0.8, lambda f: f.twist([0.0, 0.0, 0.5, 0.2, 0.0, 0.0])),
+    ]
+
+
+def by_python(monkeypatch):
+    monkeypatch.setattr(driver.Follower, "_made_course", lambda *_: None)
+    monkeypatch.setattr(reference, "core", None)
+
+
 @pytest.mark.parametrize("name", ARMS)
-@pytest.mark.parametrize("way", [chunks, hand, path])
+@pytest.mark.parametrize("way", [chunks, hand, path, leaps, twists, fast])
 @pytest.mark.parametrize("delay", [0.0, 0.006])
 def test_the_core_follows_what_python_follows(name, way, delay, monkeypatch):
     arm = Arm(name, delay=delay)
     follower, events = way(arm, arm.motion(np.random.default_rng(1), size=0.8))
     asked = []
     real = driver.Follower._by_core
-    monkeypatch.setattr(driver.Follower, "_by_core", lambda *a: (asked.append(real(*a)), asked[-1])[1])
+    monkeypatch.setattr(driver.Follower, "_by_core", lambda *a, **k: (asked.append(real(*a, **k)), asked[-1])[1])
     Q, answers = driven(arm, follower, events, 1.6)
-    monkeypatch.setattr(driver.Follower, "_made_course", lambda *_: None)
+    by_python(monkeypatch)
     follower, events = way(arm, arm.motion(np.random.default_rng(1), size=0.8))
     P, others = driven(arm, follower, events, 1.6)
     assert sum(a is not None for a in asked) > 200  # of 800 ticks, the core's share
-    assert np.abs(Q - P).max() < 1e-9
+    assert np.abs(Q - P).max() < 1e-8
     for a, b in zip(answers, others, strict=True):
         assert (a.status, a.reason, a.ruling) == (b.status, b.reason, b.ruling)
         np.testing.assert_allclose([a.place, a.late, a.speed], [b.place, b.late, b.speed], rtol=0.0, atol=1e-6)
-    np.testing.assert_allclose([a.across for a in answers[::50]], [b.across for b in others[::50]], atol=1e-8)
+    np.testing.assert_allclose([a.across for a in answers[::50]], [b.across for b in others[::50]], atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_stops_splices_and_curves_are_those_of_python(seed, monkeypatch):
+    """Durations and polynomials by the core, beside those of the arrays' definition."""
+    rng, m = np.random.default_rng(seed), 3
+    limits = JointLimits(*(np.full(m, x) for x in (-3.0, 3.0, 2.0, 10.0, 400.0)), 0.002)
+    state = np.array([rng.normal(size=m), rng.normal(size=m), 3.0 * rng.normal(size=m)])
+    stamps = np.cumsum(rng.uniform(0.02, 0.1, rng.integers(2, 40)))
+    positions, cutoff = 0.1 * rng.normal(size=(len(stamps), m)).cumsum(axis=0), rng.choice([4.0, np.inf])
+    tool, now = rng.normal(size=(3, m)) if seed % 2 else None, float(stamps[len(stamps) // 2])
+    away = 0.03 * rng.normal(size=(3, m)) * np.array([1.0, 0.3, 0.1])[:, None]
+    window = reference.Window(4.0, 0.002, 0.0, positions[0], 0.01)
+    for i, x in enumerate(positions[1:]):
+        window.add(0.016 * (i + 1), x, 0.01)
+
+    def found():
+        curve = reference.through(stamps, positions, limits, 0.3, cutoff)
+        answer = [np.array([reference.stopping(state, 0.0, limits).end]), curve.knots, curve.coefficients]
+        slowed = reference.Clocked(curve, reference.Clock(now, now, 0.5, 0.1, 0.8, 0.3))
+        for source in (curve, slowed, window):
+            followed = reference.Reference(limits, positions[0], 0.0)
+            fits = followed.splice(source, now, curve.at(np.array((now,)))[0, :3] + away, 0.3, tool)
+            answer += [np.array([fits, followed.joined])]
+            answer += [followed.at(np.array((t,)))[0, :3] for t in np.linspace(now - 0.1, now + 1.5, 9)]
+        return answer
+
+    ours = found()
+    by_python(monkeypatch)
+    for a, b in zip(ours, found(), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-7 * (1.0 + np.abs(b).max()))
 
 
 @pytest.mark.parametrize("wrong", [[np.nan] * 6, [0.0] * 5, "joints", None])

@@ -1,0 +1,66 @@
+/* What the files of paths share. */
+
+#ifndef PATHS_H
+#define PATHS_H
+
+#include "boundary.h"
+#include <math.h>
+#include <string.h>
+
+/* paths/reference.py, paths/time_law.py */
+#define CATCH_UP_SHARE 0.7
+#define CATCH_UP_SPEED 0.99
+#define CALM_SHARE 0.1
+#define HALVINGS 24
+#define ROUNDING 1e-6
+#define SPREAD 0.1
+#define SHARE 0.97
+#define PLACES 21
+#define DURATIONS 10
+#define LONGEST_SPLICE 0.9
+#define SHORTEST_STOP 4.0
+#define LONGEST_STOP 12.0
+#define STOPS 10
+
+/* paths/time_law.py: JointLimits */
+typedef struct {
+    int m;
+    double dt;
+    const double *lower, *upper, *fastest, *acceleration, *jerk;
+} JointLimits;
+
+/* paths/reference.py: what is followed, as `Reference.course` lays it out; arrays row by row. */
+enum { JOINT_COUNT, COLUMNS, PIECES, POWERS, TICK, GAIN, KEEPS_SHAPE, STRAY, CLOCK, SPLICE = CLOCK + 6, WINDOW = SPLICE + 2, HEAD = WINDOW + 2 };
+typedef struct {
+    JointLimits limits;
+    int columns, pieces, powers; /* no pieces: a window over `powers` samples, or nothing where there are none */
+    double gain;
+    bool shape;
+    const double *head, *residual, *knots, *values;
+} Course;
+
+/* Position, velocity, acceleration and jerk of joints and, last, of a place. */
+typedef double Path[4][MOST + 1];
+
+/* time_law.c */
+double needed_share(const JointLimits *limits, int j, double x, double v, double a, double jerk);
+double towards(const JointLimits *limits, int j, double velocity, double wanted);
+double homing(const JointLimits *limits, int j, double way, double gain);
+double catching_up(const JointLimits *limits, int j, double position, double velocity, double there, double speed);
+double within_limits(const JointLimits *limits, int j, double q, double velocity, double before, double wanted);
+
+/* reference.c */
+bool course_of(PyObject *object, Course *course);
+void source_at(const Course *course, double time, Path r);
+void source_position(const Course *course, double time, double *r);
+void reference_at(const Course *course, double time, Path r);
+void left_over(const Course *course, double time, Path r);
+PyObject *motion(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+PyObject *splice(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+PyObject *stop(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+PyObject *through(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+
+/* follow.c */
+PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+
+#endif
