@@ -339,12 +339,11 @@ class Follower:
         Raises:
             BadInput: NaN, wrong shapes; the follower is as it was.
         """
-        loop, dt = self.controller, self.controller.dt
+        loop = self.controller
         if self._course is not None and velocity is None and override == self._override:
-            if self._time < self._course[2] and (now is None or -SKEW <= now - self._time <= SKEW):
-                found = self._by_core(self._course, q)
-                if found is not None:
-                    return found
+            found = self._undisturbed(self._course, q, now)
+            if found is not None:
+                return found
             self._course = None
         measured = self._measured = arrays.vector(q, self._m, "q")
         moving = None if velocity is None else arrays.vector(velocity, self._m, "velocity")
@@ -364,14 +363,18 @@ class Follower:
             self._reference = None
         reference = self._begin(measured, moving, clock)
         self._take_in(reference, share)
+        return self._driven(reference, measured, moving)
+
+    def _driven(self, reference: Reference, measured: Array, moving: Array | None) -> FollowerSolution:
+        """A tick along a reference."""
+        dt = self.controller.dt
         if self._late and self._twist is None and not 0.0 < self._retry - self._time <= RETRY:
             self._late = not reference.splice(reference.source, self._time, self._state, EASE)
             self._retry = self._time + RETRY
-        self._course = self._made_course(reference)
-        if self._course is not None and moving is None:
-            found = self._by_core(self._course, measured, begun=True)
-            if found is not None:
-                return found
+        self._course = course = self._made_course(reference)
+        found = None if course is None or moving is not None else self._by_core(course, measured, begun=True)
+        if found is not None:
+            return found
         v = self._limited(reference)
         command = self._corrected(measured, v, moving)
         self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
@@ -402,6 +405,13 @@ class Follower:
             until = min(until, self._retry)
         numbers = reference.course(None if shape is None else loop.gain)
         return None if numbers is None or until <= self._time else (reference, numbers, until)
+
+    def _undisturbed(
+        self, course: tuple[Reference, Array, float], q: ArrayLike, now: float | None
+    ) -> FollowerSolution | None:
+        """A tick in which nothing new comes; None where something does, or Python has to answer."""
+        soon = self._time < course[2] and (now is None or -SKEW <= now - self._time <= SKEW)
+        return self._by_core(course, q) if soon else None
 
     def _by_core(
         self, course: tuple[Reference, Array, float], q: ArrayLike, *, begun: bool = False
