@@ -275,6 +275,7 @@ def clearance(
     shapes: Array,
     twists: Array,
     pairs: Array,
+    levers: Array,
     limits: Array,
     settings: Array,
     /,

@@ -269,6 +269,7 @@ class Clearance(Limit):
         self._rate = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
         self._parts = self._listed()
         self._numbers = np.array([_numbers(part) for part in self._parts]).reshape(-1, OF_SHAPE)
+        self._levers = _levers(self.robot, self._numbers)
         self._twists = np.zeros((len(self._parts), 6))
         self._moving = [i for i, part in enumerate(self._parts) if part.frame is None]
         self._seen: list[Array] = [part.shape.pose for part in self._parts]
@@ -335,9 +336,13 @@ class Clearance(Limit):
         """The rows at joint positions q (m,) after a velocity `before` (m,), None where nothing is near enough."""
         C, lower, of_pair, distances = self._asked(arrays.vector(q, len(self.robot.names), "q"), rate, before)
         self.nearest = self._nearest(distances)
+        inside = self._is_inside(self.nearest)
+        if not (len(lower) or inside):
+            return None
         upper = np.full(len(lower), inf)
-        names = [self._called(i, distances[i]) for i in of_pair.astype(int).tolist()]
-        if self._is_inside(self.nearest) and not self._twists.any():
+        called = {i: self._called(int(i), distances[int(i)]) for i in set(of_pair.tolist())}
+        names = [called[i] for i in of_pair.tolist()]
+        if inside and not self._twists.any():
             speed = self._calm(rate, before)
             limited = np.isfinite(speed)
             C = np.vstack((C, np.eye(len(speed))[limited]))
@@ -436,11 +441,11 @@ class Clearance(Limit):
         """Rows, their lower limits, the pair of each, and the distance of each pair."""
         self._refresh(rate.delay)
         velocity = np.zeros(len(q)) if before is None else before
-        shapes = self._numbers, self._twists, self._pairs
-        given = (np.ascontiguousarray(q), velocity, *shapes, rate.limits, rate.settings)
+        given = np.ascontiguousarray(q), velocity, self._numbers, self._twists, self._pairs
+        told = rate.limits, rate.settings
         found: tuple[Array, Array, Array, Array] | None
-        found = None if core is None else core.clearance(self.robot.screws, *given)
-        return rows_of(self.robot, *given) if found is None else found
+        found = None if core is None else core.clearance(self.robot.screws, *given, self._levers, *told)
+        return rows_of(self.robot, *given, *told) if found is None else found
 
     def _refresh(self, delay: float) -> None:
         """Where obstacles are, when a command of now acts."""
@@ -541,12 +546,7 @@ class Clearance(Limit):
         between = np.arange(a.body, b.body)
         if not self.robot.screws[:3, between].any(axis=0).all():
             return False  # a slide goes as far as it goes
-        where = _placed(self._numbers[[i, j]], [np.eye(4)] * (len(self.robot.names) + 1))
-        far = where[0 if self._parts[i] is b else 1]
-        reach = float(np.linalg.norm(far.half) + far.radius)
-        radius = [float(_off_axis(self.robot.screws[:, k], far.pose[:3, 3])) + reach for k in between]
-        for k in range(len(between) - 1):  # the farther joint swings the shape about its own axis first
-            radius[k] += 2.0 * radius[k + 1]
+        lever = self._levers[i if self._parts[i] is b else j][between]
         limits = np.maximum(self.robot.position_lower, -np.pi), np.minimum(self.robot.position_upper, np.pi)
         cells = [(limits[0][between], limits[1][between])]
         q = np.zeros(len(self.robot.names))
@@ -560,8 +560,8 @@ class Clearance(Limit):
             d = places(one, other)[0].distance
             if d > self.distance:
                 return False
-            if d + float(np.dot(radius, 0.5 * (high - low))) > self.distance:
-                axis = int(np.argmax(np.array(radius) * (high - low)))
+            if d + float(np.dot(lever, 0.5 * (high - low))) > self.distance:
+                axis = int(np.argmax(lever * (high - low)))
                 middle = 0.5 * (low + high)
                 upper, lower = high.copy(), low.copy()
                 upper[axis] = lower[axis] = middle[axis]
@@ -751,10 +751,31 @@ def _copied(shape: Shape, name: str) -> Shape:
     return made
 
 
-def _off_axis(screw: Array, point: Array) -> float:
-    """Distance of a point (3,) from the axis of a hinge (6,)."""
-    rate = se3.norm(screw[:3])
-    return se3.norm(screw[3:] + se3.cross(screw[:3], point)) / rate
+def _levers(robot: Chain, shapes: Array) -> Array:
+    """(n, m) how far any point of a shape (n, 18) ever moves, at most, for a radian or length of each joint before it.
+
+    From the middle of a shape to a point of the axis before it, from there to one of the next, and so on: turning about
+    these axes changes none of these distances, and sliding changes them by how far a joint slides.
+    """
+    levers = np.full((len(shapes), len(robot.names)), inf)
+    for lever, numbers in zip(levers, shapes, strict=True):
+        if int(numbers[1]) == Core.HALF_SPACE:
+            continue
+        x, reach = numbers[15:], se3.norm(numbers[3:6]) + float(numbers[2])
+        for k in reversed(range(int(numbers[0]))):
+            turn, slide = robot.screws[:3, k], robot.screws[3:, k]
+            rate = se3.norm(turn)
+            if rate > 0.0:
+                axis, on_axis = turn / rate, se3.cross(turn, slide) / rate**2
+                foot = on_axis + axis * float(axis.dot(x - on_axis))
+                reach += se3.norm(x - foot)
+                x, slide = foot, axis * float(axis.dot(slide))
+            along = se3.norm(slide)
+            lever[k] = rate * reach + along
+            if along > UNMOVED * lever[k]:
+                low, high = float(robot.position_lower[k]), float(robot.position_upper[k])
+                reach += along * (high - low + max(abs(low), abs(high)))
+    return levers
 
 
 def _chain(robot: Any) -> Chain:

@@ -520,20 +520,6 @@ static void braked_states(int m, const double *q, const double *before, const do
     }
 }
 
-/* How fast joints `from` to `to`, each at `speed` times its weight, can move any point of the outermost of two shapes. */
-static double swept(int from, int to, const Shape *outer, const Row J[6], const double *weight, const double *speed)
-{
-    double most = 0.0, ball = norm(3, outer->half) + outer->radius;
-    for (int j = from; j < to; j++) {
-        double omega[3] = {J[0][j], J[1][j], J[2][j]}, v[3];
-        cross(omega, outer->p, v);
-        for (int i = 0; i < 3; i++)
-            v[i] += J[3 + i][j];
-        most += weight[j] * speed[j] * (norm(3, v) + norm(3, omega) * ball);
-    }
-    return most;
-}
-
 /* Joint twists J and the motions of the bodies at joint positions q. */
 static void moved_by(int m, const Row screws[6], const double *q, Row J[6], Pose *motions)
 {
@@ -555,34 +541,60 @@ static void moved_by(int m, const Row screws[6], const double *q, Row J[6], Pose
     }
 }
 
-/* Two shapes in one of the states, and what their rows need. */
+/* Two shapes, and what joints `from` to `to` do to them. */
 typedef struct {
-    int m, pair, from, to;
-    double sign, share, wanted, rate, escape;
-    const Row *J;
-    const double *weight, *twist_a, *twist_b;
-    const States *joints;
-    bool leaving; /* the arm's own state beside those that it can brake through: rows lead out of what is too near alone */
+    int of[2], index, from, to, outer;
+    double sign, share, far; /* in the first state they are at least so far apart */
+    bool still;              /* neither moves by itself */
+    const double *levers, *twists[2];
 } Pair;
 
-/* Its rows, kept where they are urgent; the least distance, infinite where no joint changes it. */
-static double rows_of_pair(const Pair *pair, const Places *found, Rows *rows)
+static Pair pair_of(int index, int m, const double *pair, const double *numbers, const double *twists, const double *levers)
+{
+    int one = (int)pair[0], other = (int)pair[1];
+    int first = (int)numbers[one * OF_SHAPE + BODY], second = (int)numbers[other * OF_SHAPE + BODY];
+    bool rising = first < second;
+    Pair made = {.of = {one, other},
+                 .index = index,
+                 .from = rising ? first : second,
+                 .to = rising ? second : first,
+                 .outer = rising ? other : one,
+                 .sign = rising ? 1.0 : -1.0,
+                 .share = pair[2],
+                 .twists = {twists + 6 * one, twists + 6 * other}};
+    made.levers = levers + (npy_intp)made.outer * m;
+    made.still = is_still(made.twists[0]) && is_still(made.twists[1]);
+    return made;
+}
+
+/* What rows of a state are made by. */
+typedef struct {
+    int m;
+    double wanted, rate, escape;
+    const Row *J;
+    const double *weight;
+    const States *joints;
+    bool leaving; /* the arm's own state beside those that it can brake through: rows lead out of what is too near alone */
+} Asked;
+
+/* The rows of a pair, kept where they are urgent; the least distance, infinite where no joint changes it. */
+static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *found, Rows *rows)
 {
     double out[3] = {0.0, 0.0, 0.0}, least = INFINITY;
     for (int f = 0; f < found->count; f++) {
         const Near *near = &found->at[f];
-        const States *joints = pair->joints;
+        const States *joints = asked->joints;
         double w[6], C[MOST] = {0.0}, reach = 0.0, weighed = 0.0, square = 0.0, largest = 0.0, braked = 0.0, sure = 0.0;
-        double room = near->d - pair->wanted;
+        double room = near->d - asked->wanted;
         cross(near->x, near->n, w);
         memcpy(w + 3, near->n, 3 * sizeof(double));
         for (int j = pair->from; j < pair->to; j++) {
             double parts = 0.0;
             for (int r = 0; r < 6; r++) {
-                C[j] += pair->sign * w[r] * pair->J[r][j];
-                parts += fabs(w[r] * pair->J[r][j]);
+                C[j] += pair->sign * w[r] * asked->J[r][j];
+                parts += fabs(w[r] * asked->J[r][j]);
             }
-            C[j] = fabs(C[j]) > UNMOVED * parts ? pair->weight[j] * C[j] : 0.0;
+            C[j] = fabs(C[j]) > UNMOVED * parts ? asked->weight[j] * C[j] : 0.0;
             double size = fabs(C[j]), scaled = size * (isfinite(joints->speed[j]) ? joints->speed[j] : USUAL_SPEED);
             if (size > 0.0) {
                 reach += size * joints->reach[j];
@@ -599,16 +611,16 @@ static double rows_of_pair(const Pair *pair, const Places *found, Rows *rows)
         double later = f == 0 ? 0.0 : 1.0, approach;
         if (f == 0 || (out[0] == 0.0 && out[1] == 0.0 && out[2] == 0.0))
             memcpy(out, near->n, sizeof out);
-        double drift = dot(6, w, pair->twist_b) - dot(6, w, pair->twist_a), lower;
-        if (pair->leaving && room >= 0.0)
+        double drift = dot(6, w, pair->twists[1]) - dot(6, w, pair->twists[0]), lower;
+        if (asked->leaving && room >= 0.0)
             continue;
         if (room >= 0.0)
-            approach = -pair->rate * pair->share * room;
+            approach = -asked->rate * pair->share * room;
         else
-            approach = fmax(0.0, dot(3, near->n, out)) * fmin(-pair->rate * room, pair->escape * square / largest);
-        lower = pair->leaving ? fmin(approach - drift, braked + sure) : braked + approach - drift;
+            approach = fmax(0.0, dot(3, near->n, out)) * fmin(-asked->rate * room, asked->escape * square / largest);
+        lower = asked->leaving ? fmin(approach - drift, braked + sure) : braked + approach - drift;
         if (lower > braked - reach)
-            keep(rows, pair->m, C, lower, (lower - braked) / weighed - later, pair->pair);
+            keep(rows, asked->m, C, lower, (lower - braked) / weighed - later, pair->index);
     }
     return least;
 }
@@ -621,29 +633,56 @@ static bool is_table(PyObject *object, npy_intp columns)
            PyArray_NDIM(array) == 2 && PyArray_DIM(array, 1) == columns;
 }
 
-/* clearance(screws, q, before, shapes, twists, pairs, joints, settings): what rows_of in control/clearance.py says.
-   Distances of pairs that are neither the nearest nor near are infinite, unless the rate is 0. None where it has no such
-   problem. */
+/* How much nearer two shapes come at most by what joints turn: levers are how far any point of the outer one ever is from
+   their axes. */
+static double nearer(const Pair *pair, const double *turned)
+{
+    double most = 0.0;
+    for (int j = pair->from; j < pair->to; j++)
+        most += pair->levers[j] * turned[j];
+    return most;
+}
+
+/* How fast they do where the outer one is now, joints being so fast. */
+static double swept(const Pair *pair, const Shape *outer, const Row J[6], const double *fast)
+{
+    double most = 0.0, ball = norm(3, outer->half) + outer->radius;
+    for (int j = pair->from; j < pair->to; j++) {
+        double omega[3] = {J[0][j], J[1][j], J[2][j]}, v[3];
+        cross(omega, outer->p, v);
+        for (int i = 0; i < 3; i++)
+            v[i] += J[3 + i][j];
+        most += fast[j] * (norm(3, v) + norm(3, omega) * ball);
+    }
+    return most;
+}
+
+/* clearance(screws, q, before, shapes, twists, pairs, levers, joints, settings): what rows_of in control/clearance.py
+   says. A pair that is so far that no row of it matters in some state is not looked at there: its distance has changed by
+   at most what joints have turned times their levers. Distances of pairs that are neither the nearest nor near are
+   infinite, unless the rate is 0. None where it has no such problem. */
 PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     static const char *const USE =
-        "clearance(screws, q, velocity before, (n, 18) shapes, (n, 6) twists, (k, 3) pairs and share, (4, m) limits of speed, "
-        "acceleration and position, (distance, rate, escape, tick, share of braking))";
-    if (count != 8 || !is_table(arguments[3], OF_SHAPE) || !is_table(arguments[4], 6) || !is_table(arguments[5], 3))
+        "clearance(screws, q, velocity before, (n, 18) shapes, (n, 6) twists, (k, 3) pairs and share, (n, m) levers, (4, m) "
+        "limits of speed, acceleration and position, (distance, rate, escape, tick, share of braking))";
+    if (count != 9 || !is_table(arguments[3], OF_SHAPE) || !is_table(arguments[4], 6) || !is_table(arguments[5], 3))
         return refused(USE);
+    npy_intp joints = PyArray_Check(arguments[1]) ? PyArray_SIZE((PyArrayObject *)arguments[1]) : 0;
     const double *numbers = PyArray_DATA((PyArrayObject *)arguments[3]), *twists = PyArray_DATA((PyArrayObject *)arguments[4]);
     const double *pairs = PyArray_DATA((PyArrayObject *)arguments[5]);
     npy_intp n = PyArray_DIM((PyArrayObject *)arguments[3], 0), k = PyArray_DIM((PyArrayObject *)arguments[5], 0);
-    npy_intp joints = PyArray_Check(arguments[1]) ? PyArray_SIZE((PyArrayObject *)arguments[1]) : 0;
-    if (PyArray_DIM((PyArrayObject *)arguments[4], 0) != n)
+    if (PyArray_DIM((PyArrayObject *)arguments[4], 0) != n || !is_table(arguments[6], joints) ||
+        PyArray_DIM((PyArrayObject *)arguments[6], 0) != n)
         return refused(USE);
     int m = (int)joints;
+    const double *levers = PyArray_DATA((PyArrayObject *)arguments[6]);
     Row screws[6], limits[4], q, before, J[6];
     double settings[5];
     if (joints < 1 || joints > MOST || n > MOST_SHAPES || !matrix(arguments[0], 6, m, MOST, screws[0]) ||
         !vector(arguments[1], m, q) || !vector(arguments[2], m, before) || !all_finite(m, q) || !all_finite(m, before) ||
-        !matrix(arguments[6], 4, m, MOST, limits[0]) || !vector(arguments[7], 5, settings))
+        !matrix(arguments[7], 4, m, MOST, limits[0]) || !vector(arguments[8], 5, settings))
         return left_to_python();
     for (npy_intp i = 0; i < n; i++)
         if (!within(numbers[i * OF_SHAPE + BODY], 0, m) || !within(numbers[i * OF_SHAPE + KIND], ROUND, FREE_SIDE))
@@ -660,59 +699,81 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
     if (brakes)
         braked_states(m, q, before, limits[1], limits[2], limits[3], settings[3], settings[4], &states);
     Shape shapes[MOST_SHAPES];
+    int seen_in[MOST_SHAPES];
     Rows rows = {.count = 0};
     Places found;
     PyObject *distances = PyArray_SimpleNew(1, &k, NPY_DOUBLE);
-    if (distances == NULL)
-        return NULL;
+    Pair *of_pairs = malloc((k > 0 ? (size_t)k : 1) * sizeof *of_pairs);
+    if (distances == NULL || of_pairs == NULL) {
+        Py_XDECREF(distances);
+        free(of_pairs);
+        return PyErr_NoMemory();
+    }
+    for (npy_intp i = 0; i < k; i++)
+        of_pairs[i] = pair_of((int)i, m, pairs + 3 * i, numbers, twists, levers);
     double *least = PyArray_DATA((PyArrayObject *)distances), smallest = INFINITY, wanted = settings[0], rate = settings[1];
+    double enough = AHEAD * wanted;
+    for (int i = 0; i < n; i++)
+        seen_in[i] = -1;
     for (int s = 0; s < states.count; s++) {
+        bool moved = false, leaving = brakes && s == 0;
         Pose motions[MOST + 1], step, motion;
-        moved_by(m, (const Row *)screws, states.q[s], J, motions);
-        for (npy_intp i = 0; i < n; i++) {
-            const double *own = numbers + i * OF_SHAPE, *twist = twists + 6 * i;
-            motion = motions[(int)own[BODY]];
-            if (states.time[s] > 0.0 && !is_still(twist)) {
-                exponential(twist, twist + 3, states.time[s], &step);
-                product(&step, &motions[(int)own[BODY]], &motion);
-            }
-            shape_from(own, &motion, &shapes[i]);
+        Row approach, since; /* how fast joints can turn, weighed, and by then so much of the room since the first state */
+        for (int j = 0; j < m; j++) {
+            approach[j] = states.weight[s][j] * states.reach[j];
+            since[j] = approach[j] + rate * fabs(states.q[s][j] - q[j]);
         }
         for (npy_intp i = 0; i < k; i++) {
-            int one = (int)pairs[3 * i], other = (int)pairs[3 * i + 1];
-            const Shape *a = &shapes[one], *b = &shapes[other], *outer = a->body < b->body ? b : a;
-            if (s == 0)
-                least[i] = INFINITY;
-            Pair pair = {.m = m,
-                         .pair = (int)i,
-                         .from = a->body < b->body ? a->body : b->body,
-                         .to = outer->body,
-                         .sign = a->body < b->body ? 1.0 : -1.0,
-                         .share = pairs[3 * i + 2],
-                         .wanted = fmin(s > 1 ? AHEAD * wanted : wanted, s > 0 ? least[i] : INFINITY),
-                         .rate = rate,
-                         .escape = settings[2],
-                         .J = (const Row *)J,
-                         .weight = states.weight[s],
-                         .twist_a = twists + 6 * one,
-                         .twist_b = twists + 6 * other,
-                         .joints = &states,
-                         .leaving = brakes && s == 0};
-            /* Too far for any row, and for the least distance: where rows are asked for, a pair is not looked at closer. */
-            double far = at_least(a, b);
-            if (rate > 0.0 && far > AHEAD * wanted && (s > 0 || far > smallest) && outer->kind != FREE_SIDE &&
-                is_still(pair.twist_a) && is_still(pair.twist_b) &&
-                (pair.leaving || rate * pair.share * (far - AHEAD * wanted) >
-                                     swept(pair.from, pair.to, outer, pair.J, pair.weight, states.reach)))
+            Pair *pair = &of_pairs[i];
+            double near_by = rate * pair->share;
+            bool still = pair->still && rate > 0.0;
+            if (s > 0 && still && near_by * (pair->far - enough) > nearer(pair, since))
                 continue;
+            if (!moved)
+                moved_by(m, (const Row *)screws, states.q[s], J, motions);
+            moved = true;
+            for (int e = 0; e < 2; e++) {
+                int of = pair->of[e];
+                if (seen_in[of] == s)
+                    continue;
+                const double *own = numbers + of * OF_SHAPE;
+                motion = motions[(int)own[BODY]];
+                if (states.time[s] > 0.0 && !pair->still) {
+                    exponential(pair->twists[e], pair->twists[e] + 3, states.time[s], &step);
+                    product(&step, &motions[(int)own[BODY]], &motion);
+                }
+                shape_from(own, &motion, &shapes[of]);
+                seen_in[of] = s;
+            }
+            const Shape *a = &shapes[pair->of[0]], *b = &shapes[pair->of[1]];
+            double far = at_least(a, b);
+            if (s == 0) {
+                least[i] = INFINITY;
+                pair->far = far;
+            }
+            /* Too far for any row, and for the least distance: where rows are asked for, a pair is not looked at closer. */
+            double room = near_by * (far - enough);
+            if (still && far > enough && (s > 0 || far > smallest) &&
+                (leaving || room > nearer(pair, approach) || room > swept(pair, &shapes[pair->outer], (const Row *)J, approach)))
+                continue;
+            Asked asked = {.m = m,
+                           .wanted = fmin(s > 1 ? enough : wanted, s > 0 ? least[i] : INFINITY),
+                           .rate = rate,
+                           .escape = settings[2],
+                           .J = (const Row *)J,
+                           .weight = states.weight[s],
+                           .joints = &states,
+                           .leaving = leaving};
             places(a, b, &found);
-            double nearest = rows_of_pair(&pair, &found, &rows);
+            double nearest = rows_of_pair(pair, &asked, &found, &rows);
             if (s == 0) {
                 least[i] = nearest;
+                pair->far = found.count > 0 ? found.at[0].d : far;
                 smallest = fmin(smallest, nearest);
             }
         }
     }
+    free(of_pairs);
     double of_pair[KEPT_ROWS];
     for (int i = 0; i < rows.count; i++)
         of_pair[i] = rows.pair[i];

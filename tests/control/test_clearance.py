@@ -144,6 +144,28 @@ def test_a_row_is_how_fast_the_distance_of_coal_falls(panda):
         checked += 1
 
 
+@pytest.mark.parametrize("base", ["fixed", "rail"])
+def test_no_point_of_a_shape_is_faster_than_its_levers_say(ur5, base):
+    robot = ur5 if base == "fixed" else iq.load_robot("ur5", base=iq.robots.rail([0, 1, 0], -1.0, 1.0, 0.5))
+    limit, rng, h, closest = Clearance(robot, None, [TABLE]), np.random.default_rng(5), 1e-6, 0.0
+    low, high = np.maximum(robot.position_lower, -np.pi), np.minimum(robot.position_upper, np.pi)
+    for _ in range(200):
+        q, k = rng.uniform(low, high), int(rng.integers(len(low)))
+        step = np.zeros(len(q))
+        step[k] = h
+        before, after = (limit.shapes(x) for x in (q - step, q + step))
+        for lever, (_, body, one), (_, _, other) in zip(limit._levers, before, after, strict=True):
+            if body is None or body <= k:
+                continue
+            tip = one.half + one.radius  # a corner beyond the shape's round
+            ends = [np.array(s) * one.half for s in ([0, 0, 1.0], [0, 0, -1.0])] if one.core is Core.SEGMENT else [tip]
+            for end in ends:
+                speed = np.linalg.norm((other.pose - one.pose)[:3, :3] @ end + (other.pose - one.pose)[:3, 3]) / (2 * h)
+                assert speed < lever[k] + 1e-6
+                closest = max(closest, speed / lever[k])
+    assert closest > 0.5
+
+
 @pytest.mark.skipif(engine.core is None, reason="one engine alone")
 def test_the_core_gives_the_rows_of_its_definition(panda):
     ball = Sphere([0.5, 0.2, 0.5], 0.1, name="ball")
@@ -386,7 +408,7 @@ def test_the_unit_of_length_changes_no_velocity(panda, acceleration):
         q, limited = start, 0
         for _ in range(int(seconds / DT)):
             one, other = loops[0].step(q, target), loops[1].step(q, same)
-            np.testing.assert_allclose(other.velocity, one.velocity, atol=1e-9)
+            np.testing.assert_allclose(other.velocity, one.velocity, atol=1e-10)
             limited += "clearance" in one.reason
             q = q + DT * one.velocity
         assert limited > 10

@@ -82,8 +82,9 @@ def by_core(a: Shape, b: Shape) -> float:
     free = np.full(3, np.inf)
     pairs, limits = np.array([[0.0, 1.0, 1.0]]), np.array((free, free, -free, free))
     settings = np.array([1.0, 1.0, 1.0, 0.0, 1.0])
-    given = (np.zeros(3), np.zeros(3), table, np.zeros((2, 6)), pairs, limits, settings)
-    found = rows_of(slides, *given) if core is None else core.clearance(slides.screws, *given)
+    given, told = (np.zeros(3), np.zeros(3), table, np.zeros((2, 6)), pairs), (limits, settings)
+    levers = np.full((2, 3), np.inf)
+    found = rows_of(slides, *given, *told) if core is None else core.clearance(slides.screws, *given, levers, *told)
     return float(found[3][0])
 
 
