@@ -1,4 +1,5 @@
 # The compiled core; its sources are in csrc/.
+from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
@@ -278,6 +279,7 @@ def clearance(
     levers: Array,
     limits: Array,
     settings: Array,
+    places: Callable[[int, int, Array, Array], Array] | None,
     /,
 ) -> tuple[Array, Array, Array, Array] | None: ...
 def sight(

@@ -25,56 +25,41 @@ What it does not do: find a way around. An arm that is led straight into an obst
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import combinations
-from math import e, floor, inf
+from math import e, inf
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.control.clearance_pairs import Pairs, Part, chain_of, frame_of, shapes_of
+from invariantqp.control.clearance_rows import USUAL_SPEED, Found, Rate, placed_at, rows_of
 from invariantqp.control.limits import Limit, Loop, boxes
 from invariantqp.engine import core
-from invariantqp.errors import BadInput, UnknownName, excerpt
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.distance import Place, Placed, places
-from invariantqp.geometry.shapes import Core, Shape
-from invariantqp.robots.bodies import bodies_of
+from invariantqp.geometry.distance import Placed, places
+from invariantqp.geometry.shapes import Shape
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
-from invariantqp.robots.srdf import Exclusions, excluded
-from invariantqp.velocity.limits import LimitRows, braking_speed
+from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.qp import ACTIVE_TOLERANCE
 
-# Rows of a tick, at most: more than an arm has joints several times over.
-MOST_ROWS = 16
-# Rows that differ by less than this share of their length are one row.
-EQUAL = 1e-9
-# A joint whose axis moves a place along its normal by less than this share of what it could does not move it.
-UNMOVED = 1e-12
 # A tick covers this share of the room that is left.
 SHARE_OF_ROOM = 0.1
 # Of the accelerations, rows take this share to brake by; the rest is for how their directions turn within a tick, and
 # between the states that are looked at.
 BRAKING = 0.7
-# Of the ticks until one state those until the next nearer one: with a half, an arm that passes a corner at full speed
-# sees it late in one of 2000 ticks.
-NEARER = 0.7
-# States that are ticks away keep this times the distance: what is linear in x - y is off by less.
-AHEAD = 1.01
 # Inside the distance, bodies are led apart at the first share of the joints' velocity limits, and no joint is faster
 # than the second: an arm that begins inside comes out in a second or three, without a kick. That holds from a depth on
 # of the third, of the distance; less is what curvature takes of it in a tick.
 ESCAPE, CALM, DEEP = 0.06, 0.09, 0.05
-# Joints without a velocity limit count as this fast where pairs are ranked and led apart [rad/s, length/s].
-USUAL_SPEED = 1.0
-# Whether a pair is always near is looked at in so many states, at most; one that is not shown to be is kept.
-STATES = 400
 # Two arms that do not know each other's velocity may each take half of the room between them.
 HALF = 0.5
-# Numbers of a shape for the compiled core: body, core, radius, half sizes, rotation, place.
-OF_SHAPE = 18
+# Where a joint moves nothing in this very state, a state is looked at that is so many seconds at full speed away [s]:
+# what is moved there is, by 1e-14 of its size, as far as it is here.
+ASIDE = 1e-7
 
 
 class Near(NamedTuple):
@@ -86,81 +71,6 @@ class Near(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.first} and {self.second}, {1e3 * self.distance:.1f} mm"
-
-
-class Dropped(NamedTuple):
-    """A pair that is not kept apart, and why."""
-
-    first: str
-    second: str
-    reason: str
-
-
-class Rate(NamedTuple):
-    """What decides how fast bodies may come nearer."""
-
-    limits: Array  # (4, m) of speed, acceleration (inf where joints stop at once) and position, the lower and the upper
-    settings: Array  # d_min [length], alpha [1/s], ESCAPE, a tick [s], BRAKING
-    delay: float  # of the robot [s]
-
-    def braked(self, before: Array, share: float) -> Array:
-        """(m,) how fast joints still are after a tick of braking a velocity (m,), at a share of what rows brake by."""
-        b = self.settings[4] * self.limits[1]
-        slower = np.abs(before) - self.settings[3] * np.where(np.isfinite(b), share * b, b)
-        return np.asarray(np.maximum(slower, 0.0))
-
-
-class States(NamedTuple):
-    """The states in which distances are looked at: the arm's own first, and those that it passes as it brakes."""
-
-    positions: Array  # (s, m) of the joints
-    weights: Array  # (s, m) how they change with the velocity, in ticks
-    times: Array  # (s,) from now [s]
-    y: Array  # (m,) the velocity braked for a tick
-    reach: Array  # (m,) how far another one can be from it
-    sure: Array  # (m,) and certainly
-
-    @classmethod
-    def ahead(cls, q: Array, before: Array, limits: Array, settings: Array) -> States:
-        """From joint positions q (m,), after a velocity `before` (m,); limits and settings are as in `Rate`."""
-        m = len(q)
-        speed, a, low, high = limits
-        if np.isinf(a).all():
-            return cls(q[None], np.ones((1, m)), np.zeros(1), np.zeros(m), speed, np.full(m, inf))
-        dt, share = settings[3:].tolist()
-        b = share * a
-        y = np.sign(before) * np.maximum(np.abs(before) - b * dt, 0.0)
-        y = np.clip(y, -braking_speed(q - low, a, dt), braking_speed(high - q, a, dt))
-        ticks = np.floor(np.abs(y) / (b * dt))  # that y takes to stop, but for a rest
-        n = [0.0, *moments(float(ticks.max()))]
-        own = np.minimum(np.array(n)[:, None], ticks)
-        with np.errstate(invalid="ignore"):  # infinitely strong brakes stop in no tick
-            lost = np.where(own > 0.0, 0.5 * b * dt * own * (own + 1.0), 0.0)
-        free = q + dt * ((own + 1.0) * y - np.sign(y) * lost)
-        states = np.clip(free, np.minimum(low, q), np.maximum(high, q))
-        weights = np.where(states == free, own + 1.0, 1.0)
-        reach, sure = np.minimum(2.0 * a * dt, speed + np.abs(y)), (1.0 - share) * a * dt
-        times = dt * np.array([0.0, *n])
-        return cls(np.vstack((q, states)), np.vstack((np.ones(m), weights)), times, y, reach, sure)
-
-
-def moments(ticks: float) -> list[float]:
-    """A number of ticks, NEARER of it, of that, ... down to one, whole ones."""
-    found = []
-    while ticks > 0.0:
-        found.append(ticks)
-        ticks = floor(NEARER * ticks) if ticks > 1.0 else 0.0
-    return found
-
-
-class _Part(NamedTuple):
-    """A shape as one of the bodies."""
-
-    name: str
-    shape: Shape
-    body: int  # moved by the first so many joints
-    frame: Array | None  # (4, 4) of its link at q = 0; None for an obstacle, which is where it was moved to
-    owner: int = 0  # the arm that it is a link of, where that is another one
 
 
 class OtherArm:
@@ -185,8 +95,8 @@ class OtherArm:
         Raises:
             BadInput: as `Clearance`.
         """
-        self.robot: Chain = _chain(robot)
-        self.bodies = _bodies(self.robot, bodies)
+        self.robot: Chain = chain_of(robot)
+        self.bodies = shapes_of(self.robot, bodies)
         self.name = name if isinstance(name, str) else arrays.strings([name], "name")[0]
         self._at = {link: frame_of(self.robot, link) for link in self.bodies}
         self.parts: dict[str, list[Shape]] = {
@@ -258,22 +168,21 @@ class Clearance(Limit):
             BadInput: something that is no shape, a distance below zero, a robot without collision geometry and bodies.
             UnknownName: a link, or a body in a pair, that is not there.
             RobotModelError: geometry or an SRDF that cannot be read.
-            MissingExtra: meshes without coal (extra `pin`).
+            MissingExtra: a description with meshes, without coal (extra `pin`).
         """
-        self.robot: Chain = _chain(robot)
+        self.robot: Chain = chain_of(robot)
         self.distance: float = arrays.not_negative(distance, "distance", "a distance in lengths")
-        self.bodies = _bodies(self.robot, bodies)
+        self.bodies = shapes_of(self.robot, bodies)
         if not isinstance(obstacles, (list, tuple)):
             raise BadInput("obstacles", excerpt(obstacles), "a list of shapes and OtherArm")
         self.obstacles: tuple[Shape | OtherArm, ...] = tuple(obstacles)
         self._rate = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
-        self._parts = self._listed()
-        self._numbers = np.array([_numbers(part) for part in self._parts]).reshape(-1, OF_SHAPE)
-        self._levers = _levers(self.robot, self._numbers)
+        found = Pairs(self.robot, self._listed(), self.distance, pairs, exclude)
+        self._parts, self._numbers, self._levers, self._solids = found.parts, found.numbers, found.levers, found.solids
         self._twists = np.zeros((len(self._parts), 6))
         self._moving = [i for i, part in enumerate(self._parts) if part.frame is None]
         self._seen: list[Array] = [part.shape.pose for part in self._parts]
-        self._of_pair, self.dropped = self._chosen(pairs, exclude)
+        self._of_pair, self.dropped = found.of_shapes, found.dropped
         self._pairs = np.array([(i, j, 1.0) for i, j in self._of_pair], dtype=np.float64).reshape(-1, 3)
         self._of_arms = [
             (
@@ -416,7 +325,7 @@ class Clearance(Limit):
         """
         positions = arrays.vector(q, len(self.robot.names), "q")
         self._refresh(0.0)
-        placed = _placed(self._numbers, self.robot.motions(positions))
+        placed = placed_at(self._numbers, self.robot.motions(positions), (), self._solids)
         moved = [None if part.frame is None else part.body for part in self._parts]
         return [(part.name, body, at) for part, body, at in zip(self._parts, moved, placed, strict=True)]
 
@@ -435,17 +344,33 @@ class Clearance(Limit):
         return Near(self._parts[one].name, self._parts[other].name, float(distances[i]))
 
     def _distances(self, q: ArrayLike) -> Array:
-        return self._asked(arrays.vector(q, len(self.robot.names), "q"), self._still)[3]
+        """(k,) distances of the pairs, of what some joint moves.
 
-    def _asked(self, q: Array, rate: Rate, before: Array | None = None) -> tuple[Array, Array, Array, Array]:
+        In a singular state a joint may move nothing for an instant: what it does move is told apart a hair beside it.
+        """
+        positions = arrays.vector(q, len(self.robot.names), "q")
+        here = self._asked(positions, self._still).distances
+        speed = self.robot.velocity_limit
+        step = ASIDE * np.where(np.isfinite(speed), speed, USUAL_SPEED) / np.sqrt(np.arange(1.0, len(speed) + 1.0))
+        aside = self._asked(positions + step, self._still).distances
+        moved = self._levers.dot(step)[self._pairs[:, :2].astype(int)].max(axis=1, initial=0.0)
+        return np.asarray(np.where(np.isinf(here) | (aside < here - moved), aside, here))
+
+    def _asked(self, q: Array, rate: Rate, before: Array | None = None) -> Found:
         """Rows, their lower limits, the pair of each, and the distance of each pair."""
         self._refresh(rate.delay)
         velocity = np.zeros(len(q)) if before is None else before
-        given = np.ascontiguousarray(q), velocity, self._numbers, self._twists, self._pairs
-        told = rate.limits, rate.settings
-        found: tuple[Array, Array, Array, Array] | None
-        found = None if core is None else core.clearance(self.robot.screws, *given, self._levers, *told)
-        return rows_of(self.robot, *given, *told) if found is None else found
+        given, told = (np.ascontiguousarray(q), velocity, self._numbers, self._twists), (rate.limits, rate.settings)
+        of_mesh = self._places if self._solids else None
+        shapes = *given, self._pairs
+        found = None if core is None else core.clearance(self.robot.screws, *shapes, self._levers, *told, of_mesh)
+        return rows_of(self.robot, *shapes, *told, self._solids) if found is None else Found(*found)
+
+    def _places(self, i: int, j: int, one: Array, other: Array) -> Array:
+        """(k, 7) distance, normal and point of each place of two shapes, one a mesh, at (4, 4) poses of their cores."""
+        shapes = self._parts[i].shape, self._parts[j].shape
+        placed = [Placed(s.core, s.radius, s.half, T, s.solid) for s, T in zip(shapes, (one, other), strict=True)]
+        return np.array([(place.distance, *place.normal, *place.point) for place in places(*placed)])
 
     def _refresh(self, delay: float) -> None:
         """Where obstacles are, when a command of now acts."""
@@ -461,130 +386,28 @@ class Clearance(Limit):
         for arm, pairs in self._of_arms:
             self._pairs[pairs, 2] = 1.0 if arm.knows_velocity else HALF
 
-    def _listed(self) -> list[_Part]:
+    def _listed(self) -> list[Part]:
         """All shapes, each with what moves it."""
         parts = []
         for link, shapes in self.bodies.items():
             body, frame = frame_of(self.robot, link)
-            parts += [_Part(link, shape, body, frame) for shape in shapes]
+            parts += [Part(link, shape, body, frame) for shape in shapes]
         names: list[str] = list(self.bodies)
         for obstacle in self.obstacles:
             if isinstance(obstacle, OtherArm):
                 for shapes in obstacle.parts.values():
-                    parts += [_Part(shape.name, shape, 0, None, id(obstacle)) for shape in shapes]
+                    parts += [Part(shape.name, shape, 0, None, id(obstacle)) for shape in shapes]
                 continue
             if not isinstance(obstacle, Shape):
-                raise BadInput("obstacles", excerpt(obstacle), "a Sphere, Capsule, Box, HalfSpace or OtherArm")
+                raise BadInput("obstacles", excerpt(obstacle), "a Sphere, Capsule, Box, HalfSpace, Mesh or OtherArm")
             name = obstacle.called
             if not obstacle.name:
                 name = next(
                     n for i in range(len(names) + 1) if (n := name if i == 0 else f"{name} {i + 1}") not in names
                 )
             names.append(name)
-            parts.append(_Part(name, obstacle, 0, None))
+            parts.append(Part(name, obstacle, 0, None))
         return parts
-
-    def _chosen(
-        self, pairs: Iterable[tuple[str, str]] | None, exclude: Iterable[tuple[str, str]] | str | PathLike[str]
-    ) -> tuple[list[tuple[int, int]], tuple[Dropped, ...]]:
-        """The pairs of shapes that are kept apart, and those of bodies that are not."""
-        wanted = None if pairs is None else {frozenset(pair) for pair in self._named(pairs, "pairs")}
-        apart: Exclusions = excluded(self.robot, exclude if isinstance(exclude, (str, PathLike)) else None)
-        if not isinstance(exclude, (str, PathLike)):
-            apart = {**apart, **{frozenset(pair): "excluded" for pair in self._named(exclude, "exclude")}}
-        dropped: dict[tuple[str, str], str] = {}
-        kept = []
-        for i, j in combinations(range(len(self._parts)), 2):
-            a, b = self._parts[i], self._parts[j]
-            if a.frame is None and b.frame is None:
-                continue
-            names = frozenset((a.name, b.name))
-            if len(names) == 1:
-                continue
-            reason = "not among the pairs given" if wanted is not None and names not in wanted else apart.get(names, "")
-            if not reason and not (wanted is not None and names in wanted):
-                reason = self._needless(a, b)
-            if reason:
-                dropped[a.name, b.name] = reason
-            else:
-                kept.append((i, j))
-        if wanted is None:
-            kept, always = self._without_always_near(kept)
-            dropped.update(always)
-        return kept, tuple(Dropped(*names, reason) for names, reason in dropped.items())
-
-    def _needless(self, a: _Part, b: _Part) -> str:
-        """Why two bodies need not be kept apart, "" where they must be."""
-        if a.body == b.body:
-            return "no joint moves it" if b.frame is None else "fixed to one another"
-        floor = Core.HALF_SPACE in (a.shape.core, b.shape.core)  # nobody's neighbour
-        if b.frame is None or floor or abs(a.body - b.body) > 1:
-            return ""
-        return f"neighbours at {self.robot.names[max(a.body, b.body) - 1]}"
-
-    def _without_always_near(
-        self, kept: list[tuple[int, int]]
-    ) -> tuple[list[tuple[int, int]], dict[tuple[str, str], str]]:
-        """Pairs of shapes less those of links that are nearer than the distance wherever the joints are.
-
-        Two links with one or two joints between them: their distance d(q) changes by at most |d q_i| times how far the
-        farther one reaches from axis i, so that a few states show that it is nowhere larger.
-        """
-        always: dict[tuple[str, str], str] = {}
-        by_name: dict[tuple[str, str], list[tuple[int, int]]] = {}
-        for i, j in kept:
-            by_name.setdefault((self._parts[i].name, self._parts[j].name), []).append((i, j))
-        for names, shapes in by_name.items():
-            if any(self._is_always_near(i, j) for i, j in shapes):
-                always[names] = f"always nearer than {1e3 * self.distance:.1f} mm"
-        return [(i, j) for i, j in kept if (self._parts[i].name, self._parts[j].name) not in always], always
-
-    def _is_always_near(self, i: int, j: int) -> bool:
-        a, b = sorted((self._parts[i], self._parts[j]), key=lambda part: part.body)
-        if a.frame is None or b.frame is None or b.body - a.body > 2:
-            return False
-        between = np.arange(a.body, b.body)
-        if not self.robot.screws[:3, between].any(axis=0).all():
-            return False  # a slide goes as far as it goes
-        lever = self._levers[i if self._parts[i] is b else j][between]
-        limits = np.maximum(self.robot.position_lower, -np.pi), np.minimum(self.robot.position_upper, np.pi)
-        cells = [(limits[0][between], limits[1][between])]
-        q = np.zeros(len(self.robot.names))
-        for _ in range(STATES):
-            if not cells:
-                return True
-            low, high = cells.pop()
-            q[between] = 0.5 * (low + high)
-            motions = self.robot.motions(q)
-            one, other = _placed(self._numbers[[i, j]], motions)
-            d = places(one, other)[0].distance
-            if d > self.distance:
-                return False
-            if d + float(np.dot(lever, 0.5 * (high - low))) > self.distance:
-                axis = int(np.argmax(lever * (high - low)))
-                middle = 0.5 * (low + high)
-                upper, lower = high.copy(), low.copy()
-                upper[axis] = lower[axis] = middle[axis]
-                cells += [(low, upper), (lower, high)]
-        return False
-
-    def _named(self, pairs: Iterable[tuple[str, str]], argument: str) -> list[tuple[str, str]]:
-        """Pairs of names, each of a body that is there.
-
-        Raises:
-            BadInput: no pairs of names.
-            UnknownName: no such body.
-        """
-        known = list(dict.fromkeys(part.name for part in self._parts))
-        found = []
-        for pair in arrays.listed(pairs, argument, "pairs of names, [(link, link), (link, obstacle), ...]"):
-            if isinstance(pair, str) or not isinstance(pair, (list, tuple)) or len(pair) != 2:
-                raise BadInput(argument, excerpt(pair), "the names of two bodies")
-            for name in pair:
-                if name not in known:
-                    raise UnknownName("body", str(name), [], known)
-            found.append((pair[0], pair[1]))
-        return found
 
 
 class _InLoop(Limit):
@@ -602,204 +425,13 @@ class _InLoop(Limit):
         return self._clearance.blocked(q)
 
 
-def frame_of(robot: Chain, name: str) -> tuple[int, Array]:
-    """How many joints move a link, and its (4, 4) frame at q = 0; as `Clearance` takes the names of bodies.
-
-    Raises:
-        UnknownName: no such link or joint.
-    """
-    for link in robot.links:
-        if link.name == name:
-            return link.body, link.frame
-    if name in (robot.tool, "tool"):
-        return len(robot.names), np.asarray(robot.home)
-    if name in robot.names:
-        return robot.names.index(name) + 1, np.eye(4)
-    if name == "base":
-        return 0, np.eye(4)
-    raise UnknownName("link", str(name), [], [*(link.name for link in robot.links), "tool", "base", *robot.names])
-
-
-def rows_of(
-    robot: Chain, q: Array, before: Array, shapes: Array, twists: Array, pairs: Array, limits: Array, settings: Array
-) -> tuple[Array, Array, Array, Array]:
-    """The rows of a tick: what `core.clearance` computes, in NumPy.
-
-    Args:
-        robot: whose joints move the bodies.
-        q: (m,) joint positions.
-        before: (m,) joint velocity.
-        shapes: (n, 18) body, core, radius, half sizes (3), rotation (9) and place (3) at q = 0, in the base frame.
-        twists: (n, 6) of shapes by themselves.
-        pairs: (k, 3) two shapes, and the share of the room that this arm may take.
-        limits: as in `Rate`.
-        settings: as in `Rate`.
-
-    Returns:
-        (r, m) C, (r,) lower limits, (r,) the pair of each row, (k,) distances of the pairs at q. The core leaves those
-        infinite that are neither the least nor near enough for a row, unless alpha is 0.
-    """
-    states = States.ahead(q, before, limits, settings)
-    kept: list[tuple[float, float, int, Array]] = []  # urgency, lower limit, pair, row
-    distances = np.full(len(pairs), inf)
-    for s, (at, weight, time) in enumerate(zip(*states[:2], states.times.tolist(), strict=True)):
-        J, motions, leaving = robot.jacobian(at), robot.motions(at), s == 0 and len(states.times) > 1
-        placed = _placed(shapes, motions, [se3.exp(time * twist, check=False) for twist in twists])
-        for k, (i, j, share) in enumerate(pairs.tolist()):
-            one, other = int(i), int(j)
-            bodies = int(shapes[one, 0]), int(shapes[other, 0])
-            between = slice(min(bodies), max(bodies))
-            sides = twists[other] - twists[one], weight[between] * (1.0 if bodies[0] < bodies[1] else -1.0)
-            wanted = min(settings[0] * (AHEAD if s > 1 else 1.0), distances[k] if s > 0 else inf)
-            found = places(placed[one], placed[other])
-            moved = [(place, C) for place in found if (C := _row(place, J, between, sides[1])).any()]
-            if s == 0:
-                distances[k] = min((place.distance for place, _ in moved), default=inf)
-            for place, C in moved:
-                drift = float(_wrench(place).dot(sides[0]))
-                out = float(place.normal.dot(moved[0][0].normal))
-                room = place.distance - wanted
-                approach = min(room, share * room), out, drift
-                lower, urgency = _asked_of(C, approach, states, limits[0], settings, leaving=leaving)
-                if lower > -inf:
-                    _keep(kept, (urgency - (place is not found[0]), lower, k, C))
-    C_kept = np.array([row[3] for row in kept]).reshape(-1, len(q))
-    return C_kept, np.array([row[1] for row in kept]), np.array([float(row[2]) for row in kept]), distances
-
-
-def _wrench(place: Place) -> Array:
-    return np.concatenate((se3.cross(place.point, place.normal), place.normal))
-
-
-def _row(place: Place, J: Array, between: slice, weights: Array) -> Array:
-    """(m,) how fast a distance grows with joint velocities, weighed; zero where it is rounding."""
-    parts = _wrench(place)[:, None] * J[:, between]
-    total, C = parts.sum(axis=0), np.zeros(J.shape[1])
-    C[between] = weights * np.where(np.abs(total) > UNMOVED * np.abs(parts).sum(axis=0), total, 0.0)
-    return C
-
-
-def _asked_of(
-    C: Array, approach: tuple[float, float, float], states: States, speed: Array, settings: Array, *, leaving: bool
-) -> tuple[float, float]:
-    """The lower limit of a row, -inf where every velocity keeps it, and how urgent it is.
-
-    `approach` has the room that the arm may take, the part of the way out that the row's direction is, and how fast
-    the distance grows by itself. In the state that an arm with brakes is `leaving`, rows lead out of what is too near.
-    """
-    (room, out, drift), (_, alpha, escape, _, _) = approach, settings.tolist()
-    scaled = np.abs(C) * np.where(np.isfinite(speed), speed, USUAL_SPEED)
-    moved = C != 0.0
-    braked = float(C[moved].dot(states.y[moved]))
-    if leaving and room >= 0.0:
-        return -inf, 0.0
-    if room >= 0.0:
-        wish = -alpha * room
-    else:
-        wish = max(0.0, out) * min(-alpha * room, escape * float(scaled.dot(scaled)) / float(scaled.max()))
-    lower = braked + wish - drift
-    if leaving:
-        sure = float(np.abs(C[moved]).dot(states.sure[moved]))
-        lower = min(wish - drift, braked + sure)
-    if not lower > braked - float(np.abs(C[moved]).dot(states.reach[moved])):
-        return -inf, 0.0
-    return lower, (lower - braked) / float(scaled.sum())
-
-
 def _depth(depth: float, distance: float) -> float:
     """How far inside a distance bodies are, 1 where all of what leads them out applies."""
     return min(1.0, depth / (DEEP * distance)) if distance > 0.0 else 1.0
-
-
-def _keep(kept: list[tuple[float, float, int, Array]], row: tuple[float, float, int, Array]) -> None:
-    """Keep a row among the most urgent; of equal ones the one that asks for more."""
-    size = se3.norm(row[3])
-    same = next((i for i, old in enumerate(kept) if np.abs(old[3] - row[3]).max() <= EQUAL * size), None)
-    if same is not None:
-        if kept[same][1] < row[1]:
-            kept[same] = row
-    elif len(kept) < MOST_ROWS:
-        kept.append(row)
-    else:
-        last = min(range(len(kept)), key=lambda i: kept[i][0])
-        if kept[last][0] < row[0]:
-            kept[last] = row
-
-
-def _placed(shapes: Array, motions: Sequence[Array], own: Sequence[Array] = ()) -> list[Placed]:
-    """Shapes (n, 18) in the base frame, by the motions of the bodies and those of their own."""
-    made = []
-    for i, numbers in enumerate(shapes):
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = numbers[6:15].reshape(3, 3), numbers[15:]
-        T = motions[int(numbers[0])].dot(T)
-        core, half = Core(int(numbers[1])), numbers[3:6]
-        made.append(Placed(core, float(numbers[2]), half, own[i].dot(T) if own else T))
-    return made
-
-
-def _numbers(part: _Part) -> Array:
-    shape = part.shape
-    T = (shape.pose if part.frame is None else part.frame).dot(shape.place)
-    return np.concatenate(((part.body, shape.core, shape.radius), shape.half, T[:3, :3].ravel(), T[:3, 3]))
 
 
 def _copied(shape: Shape, name: str) -> Shape:
     """The same shape under another name, to be moved by itself."""
     made = Shape.__new__(Shape)
     Shape.__init__(made, shape.core, shape.radius, shape.half, shape.place, name)
-    return made
-
-
-def _levers(robot: Chain, shapes: Array) -> Array:
-    """(n, m) how far any point of a shape (n, 18) ever moves, at most, for a radian or length of each joint before it.
-
-    From the middle of a shape to a point of the axis before it, from there to one of the next, and so on: turning about
-    these axes changes none of these distances, and sliding changes them by how far a joint slides.
-    """
-    levers = np.full((len(shapes), len(robot.names)), inf)
-    for lever, numbers in zip(levers, shapes, strict=True):
-        if int(numbers[1]) == Core.HALF_SPACE:
-            continue
-        x, reach = numbers[15:], se3.norm(numbers[3:6]) + float(numbers[2])
-        for k in reversed(range(int(numbers[0]))):
-            turn, slide = robot.screws[:3, k], robot.screws[3:, k]
-            rate = se3.norm(turn)
-            if rate > 0.0:
-                axis, on_axis = turn / rate, se3.cross(turn, slide) / rate**2
-                foot = on_axis + axis * float(axis.dot(x - on_axis))
-                reach += se3.norm(x - foot)
-                x, slide = foot, axis * float(axis.dot(slide))
-            along = se3.norm(slide)
-            lever[k] = rate * reach + along
-            if along > UNMOVED * lever[k]:
-                low, high = float(robot.position_lower[k]), float(robot.position_upper[k])
-                reach += along * (high - low + max(abs(low), abs(high)))
-    return levers
-
-
-def _chain(robot: Any) -> Chain:
-    if not isinstance(robot, Chain):
-        raise BadInput("robot", excerpt(robot), "a robot that load_robot returned")
-    return robot
-
-
-def _bodies(robot: Chain, bodies: Mapping[str, Sequence[Shape]] | None) -> dict[str, list[Shape]]:
-    """The shapes of each link; those behind joints that this arm does not have are left out."""
-    if bodies is None:
-        unknown = {link.name for link in robot.links if link.unknown}
-        return {name: shapes for name, shapes in bodies_of(robot).items() if name not in unknown}
-    expected = "{link: [shapes in its frame]}"
-    if not isinstance(bodies, Mapping):
-        raise BadInput("bodies", excerpt(bodies), expected)
-    made: dict[str, list[Shape]] = {}
-    for link, shapes in bodies.items():
-        if not isinstance(link, str):
-            raise BadInput("bodies", excerpt(link), f"{expected}, links by name")
-        given: list[Shape] = [shapes] if isinstance(shapes, Shape) else list(arrays.listed(shapes, "bodies", expected))
-        wrong = next((shape for shape in given if not isinstance(shape, Shape)), None)
-        if wrong is not None:
-            raise BadInput("bodies", f"{excerpt(wrong)} of {link!r}", "shapes: Sphere, Capsule, Box, HalfSpace")
-        frame_of(robot, link)
-        made[link] = given
     return made

@@ -1,4 +1,5 @@
-/* Twin of geometry/distance.py and rows_of in control/clearance.py: distances of convex shapes, and the rows that keep them.
+/* Twin of geometry/distance.py and rows_of in control/clearance_rows.py: distances of convex shapes, and the
+   rows that keep them.
 
        C (x - y) >= -alpha (d - d_min) - n'(v_b - v_a),     C = w'J on the joints between two bodies,  w = (p x n; n)
 
@@ -7,8 +8,8 @@
 #include "boundary.h"
 
 enum { BODY, KIND, RADIUS, HALF, TURN = HALF + 3, PLACE = TURN + 9, OF_SHAPE = PLACE + 3 }; /* numbers of a shape */
-enum { ROUND, BLOCK, FREE_SIDE };                                                            /* kinds of core */
-/* control/clearance.py: rows at most, and its constants. */
+enum { ROUND, BLOCK, FREE_SIDE, MESH };                                                      /* kinds of core */
+/* control/clearance_rows.py: rows at most, and its constants. */
 #define KEPT_ROWS 16
 static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, AHEAD = 1.01, NEARER = 0.7;
 /* geometry/distance.py: below these shares, lines are parallel, and a normal has no direction. */
@@ -657,7 +658,39 @@ static double swept(const Pair *pair, const Shape *outer, const Row J[6], const 
     return most;
 }
 
-/* clearance(screws, q, before, shapes, twists, pairs, levers, joints, settings): what rows_of in control/clearance.py
+/* Places of two shapes of which one is a mesh, by a function of Python's: of their numbers and (4, 4) poses. */
+static bool told_places(PyObject *tell, const Pair *pair, const Shape *a, const Shape *b, Places *found)
+{
+    double poses[2][4][4] = {{{0.0}}};
+    for (int e = 0; e < 2; e++) {
+        const Shape *s = e == 0 ? a : b;
+        for (int i = 0; i < 3; i++) {
+            memcpy(poses[e][i], s->R[i], 3 * sizeof(double));
+            poses[e][i][3] = s->p[i];
+        }
+        poses[e][3][3] = 1.0;
+    }
+    PyObject *told = PyObject_CallFunction(tell, "iiNN", pair->of[0], pair->of[1], new_matrix(4, 4, 4, poses[0][0]),
+                                           new_matrix(4, 4, 4, poses[1][0]));
+    if (told == NULL)
+        return false;
+    bool right = is_table(told, 7);
+    if (right) {
+        const double *numbers = PyArray_DATA((PyArrayObject *)told);
+        npy_intp count = PyArray_DIM((PyArrayObject *)told, 0);
+        found->count = count < MOST_PLACES ? (int)count : MOST_PLACES;
+        for (int i = 0; i < found->count; i++, numbers += 7) {
+            found->at[i].d = numbers[0];
+            memcpy(found->at[i].n, numbers + 1, sizeof found->at[i].n);
+            memcpy(found->at[i].x, numbers + 4, sizeof found->at[i].x);
+        }
+    } else
+        PyErr_SetString(PyExc_TypeError, "places of a mesh: (k, 7) distance, normal and point");
+    Py_DECREF(told);
+    return right;
+}
+
+/* clearance(screws, q, before, shapes, twists, pairs, levers, joints, settings, places): what rows_of in control/clearance_rows.py
    says. A pair that is so far that no row of it matters in some state is not looked at there: its distance has changed by
    at most what joints have turned times their levers. Distances of pairs that are neither the nearest nor near are
    infinite, unless the rate is 0. None where it has no such problem. */
@@ -666,8 +699,8 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
     (void)module;
     static const char *const USE =
         "clearance(screws, q, velocity before, (n, 18) shapes, (n, 6) twists, (k, 3) pairs and share, (n, m) levers, (4, m) "
-        "limits of speed, acceleration and position, (distance, rate, escape, tick, share of braking))";
-    if (count != 9 || !is_table(arguments[3], OF_SHAPE) || !is_table(arguments[4], 6) || !is_table(arguments[5], 3))
+        "limits of speed, acceleration and position, (distance, rate, escape, tick, share of braking), places of meshes)";
+    if (count != 10 || !is_table(arguments[3], OF_SHAPE) || !is_table(arguments[4], 6) || !is_table(arguments[5], 3))
         return refused(USE);
     npy_intp joints = PyArray_Check(arguments[1]) ? PyArray_SIZE((PyArrayObject *)arguments[1]) : 0;
     const double *numbers = PyArray_DATA((PyArrayObject *)arguments[3]), *twists = PyArray_DATA((PyArrayObject *)arguments[4]);
@@ -685,7 +718,7 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
         !matrix(arguments[7], 4, m, MOST, limits[0]) || !vector(arguments[8], 5, settings))
         return left_to_python();
     for (npy_intp i = 0; i < n; i++)
-        if (!within(numbers[i * OF_SHAPE + BODY], 0, m) || !within(numbers[i * OF_SHAPE + KIND], ROUND, FREE_SIDE))
+        if (!within(numbers[i * OF_SHAPE + BODY], 0, m) || !within(numbers[i * OF_SHAPE + KIND], ROUND, MESH))
             return refused(USE);
     for (npy_intp i = 0; i < k; i++)
         if (!within(pairs[3 * i], 0, (int)n - 1) || !within(pairs[3 * i + 1], 0, (int)n - 1))
@@ -764,7 +797,13 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
                            .weight = states.weight[s],
                            .joints = &states,
                            .leaving = leaving};
-            places(a, b, &found);
+            if (a->kind != MESH && b->kind != MESH)
+                places(a, b, &found);
+            else if (!told_places(arguments[9], pair, a, b, &found)) {
+                Py_DECREF(distances);
+                free(of_pairs);
+                return NULL;
+            }
             double nearest = rows_of_pair(pair, &asked, &found, &rows);
             if (s == 0) {
                 least[i] = nearest;

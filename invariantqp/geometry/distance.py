@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from itertools import product
 from math import inf, sqrt
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -26,6 +26,26 @@ PARALLEL = 1e-14
 NO_DIRECTION = 1e-12
 
 
+class Place(NamedTuple):
+    """Where two shapes are near."""
+
+    distance: float  # negative inside
+    normal: Array  # (3,) unit vector from the first to the second
+    point: Array  # (3,) of the line through the two nearest points
+
+
+class Solid(Protocol):
+    """What tells distances of a mesh: another library does."""
+
+    def places(self, pose: Array, other: Placed) -> list[Place]:
+        """Where another shape's core is near, from that to the mesh at a (4, 4) pose."""
+        ...
+
+    def drawn(self) -> Array:
+        """(n, 3, 3) corners of triangles to draw, few enough for a page, in the mesh's own frame."""
+        ...
+
+
 class Placed(NamedTuple):
     """A shape in the base frame."""
 
@@ -33,14 +53,7 @@ class Placed(NamedTuple):
     radius: float
     half: Array  # (3,)
     pose: Array  # (4, 4)
-
-
-class Place(NamedTuple):
-    """Where two shapes are near."""
-
-    distance: float  # negative inside
-    normal: Array  # (3,) unit vector from the first to the second
-    point: Array  # (3,) of the line through the two nearest points
+    solid: Solid | None = None  # of a mesh
 
 
 def distance(a: Placed, b: Placed) -> float:
@@ -54,7 +67,11 @@ def places(a: Placed, b: Placed) -> list[Place]:
     cores = a.core, b.core
     if cores == (Core.HALF_SPACE, Core.HALF_SPACE):
         return []
-    if b.core is Core.HALF_SPACE:
+    if b.solid is not None:
+        found = b.solid.places(b.pose, a)
+    elif a.solid is not None:
+        found = _other_way(a.solid.places(a.pose, b))
+    elif b.core is Core.HALF_SPACE:
         found = _plane(a, b)
     elif a.core is Core.HALF_SPACE:
         found = _other_way(_plane(b, a))
@@ -202,7 +219,7 @@ def _segment_and_box(a: Placed, b: Placed) -> list[Place]:
     return [_to_base(b, d, n, c + side * e)]
 
 
-def _corners(half: Array) -> list[Array]:
+def corners(half: Array) -> list[Array]:
     """Of a box or of what is left of one where half sizes are zero."""
     sides = [(-h, h) if h > 0.0 else (0.0,) for h in half.tolist()]
     return [np.array(corner) for corner in product(*sides)]
@@ -250,5 +267,5 @@ def _way_apart(a: Placed, b: Placed) -> Place:
 def _plane(a: Placed, b: Placed) -> list[Place]:
     """Of a core and a half-space: its ends or corners."""
     normal = b.pose[:3, 2]
-    points = [a.pose[:3, :3].dot(corner) + a.pose[:3, 3] for corner in _corners(a.half)]
+    points = [a.pose[:3, :3].dot(corner) + a.pose[:3, 3] for corner in corners(a.half)]
     return [Place(float(normal.dot(x - b.pose[:3, 3])), -normal, x) for x in points]

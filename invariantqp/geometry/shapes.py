@@ -28,6 +28,7 @@ class Core(IntEnum):
     SEGMENT = 0  # along z, a point where it has no length
     BOX = 1
     HALF_SPACE = 2  # its free side is along z
+    MESH = 3  # triangles, inside a box of its half sizes
 
 
 class Shape:
@@ -41,6 +42,7 @@ class Shape:
         place: (4, 4) the core in the frame in which the shape is given.
         pose: (4, 4) that frame now, in the base frame; the identity until it is moved.
         twist: (6,) of that frame now, in the base frame [rad/s; length/s].
+        solid: what tells distances of a mesh; None of other shapes.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Shape:
     place: Array
     pose: Array
     twist: Array
+    solid: Any = None
 
     def __init__(self, core: Core, radius: float, half: ArrayLike, place: Array, name: str) -> None:
         """A shape from its parts; use Sphere, Capsule, Box or HalfSpace."""

@@ -59,6 +59,9 @@ def bodies_picture(clearance: Clearance, q: ArrayLike, path: Path | str) -> Path
 def _outline(placed: Placed, seen: list[int]) -> Array:
     """(n, 2) corners of a shape's shadow."""
     turn = np.linspace(0.0, 2.0 * np.pi, ROUND, endpoint=False)
+    if placed.solid is not None:
+        flat = placed.solid.drawn().reshape(-1, 3).dot(placed.pose[:3, :3].T)[:, seen] + placed.pose[seen, 3]
+        return np.asarray(flat[ConvexHull(flat).vertices])
     signs = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
     corners = (signs * placed.half).dot(placed.pose[:3, :3].T) + placed.pose[:3, 3]
     circle = placed.radius * np.stack((np.cos(turn), np.sin(turn)), axis=1)

@@ -103,9 +103,12 @@ def _surface(part: Geometry) -> tuple[Array, NDArray[np.intp]]:
         return _hull(0.5 * np.array(part.size) * np.array(list(product((-1.0, 1.0), repeat=3))))
     if isinstance(part.mesh, np.ndarray):
         return _hull(part.mesh)
-    from invariantqp.robots.coal import triangles  # coal is loaded where there is a mesh
+    from invariantqp.geometry.coal import triangles  # coal is loaded where there is a mesh
 
-    corners, faces = triangles(part.mesh)
+    try:
+        corners, faces = triangles(part.mesh)
+    except RobotModelError as error:
+        raise RobotModelError(f"{error}; give bodies= for its link") from error
     return corners * np.array(part.size), faces
 
 

@@ -6,9 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
+from invariantqp.geometry.coal import shape_of
 from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.coal import shape_of
 from invariantqp.robots.pinocchio import pin
 from invariantqp.robots.srdf import excluded
 

@@ -23,6 +23,7 @@ NEEDS = {
     "sphere": ("radius",),
     "capsule": ("radius", "to"),
     "box": ("size",),
+    "mesh": ("source",),
     "half-space": (),
     "arm": ("source", "start"),
 }
@@ -38,17 +39,20 @@ class BodySpec(Section):
 
 
 class ObstacleSpec(Section):
-    """One [[obstacle]]: a sphere, capsule, box, half-space, or another arm."""
+    """One [[obstacle]]: a sphere, capsule, box, mesh, half-space, or another arm."""
 
-    kind: Literal["sphere", "capsule", "box", "half-space", "arm"] = Field(description="what it is", examples=["box"])
+    kind: Literal["sphere", "capsule", "box", "mesh", "half-space", "arm"] = Field(
+        description="what it is", examples=["box"]
+    )
     name: str = Field("", description="what reasons call it", examples=["shelf"])
     at: Vector3 = Field(
         (0.0, 0.0, 0.0),
-        description="its middle, one end of a capsule's axis, a point of a half-space's plane, the base of an arm [m]",
+        description="its middle, one end of a capsule's axis, a point of a half-space's plane, the base of an arm, the "
+        "origin of a mesh [m]",
         examples=[[0.5, 0.0, 0.4]],
     )
     turn: Vector3 = Field(
-        (0.0, 0.0, 0.0), description="axis times angle of a box or an arm [rad]", examples=[[0, 0, 1.57]]
+        (0.0, 0.0, 0.0), description="axis times angle of a box, a mesh or an arm [rad]", examples=[[0, 0, 1.57]]
     )
     size: tuple[NotNegative, NotNegative, NotNegative] | None = Field(
         None, description="whole edges of a box [m]", examples=[[0.4, 0.6, 0.02]]
@@ -59,7 +63,11 @@ class ObstacleSpec(Section):
     moves: Vector3 = Field(
         (0.0, 0.0, 0.0), description="how far it goes and comes back, again and again [m]", examples=[[0.0, 0.3, 0.0]]
     )
-    source: str | None = Field(None, description="an arm's name or URDF", examples=["ur5"])
+    source: str | None = Field(
+        None, description="an arm's name or URDF; a mesh's file, beside this one or by its path", examples=["ur5"]
+    )
+    scale: Positive = Field(1.0, description="of a mesh: 0.001 for a file in millimetres", examples=[0.001])
+    hull: bool = Field(False, description="take a mesh for its convex hull, which is solid", examples=[True])
     start: list[Number] | None = Field(None, description="an arm's joint positions [rad, m]", examples=[[0.0, -1.2]])
     end: list[Number] | None = Field(None, description="where its joints go and come back from", examples=[[1.0, -1.2]])
     period: Positive = Field(4.0, description="of what moves [s]", examples=[4.0])
@@ -106,7 +114,7 @@ class Around:
 
         self._specs = obstacles
         self.obstacles: list[Shape | OtherArm] = [
-            _arm(spec, beside, OtherArm) if spec.kind == "arm" else _shape(spec) for spec in obstacles
+            _arm(spec, beside, OtherArm) if spec.kind == "arm" else _shape(spec, beside) for spec in obstacles
         ]
         bodies: dict[str, list[Shape]] | None = None
         if spec.body is not None:
@@ -140,8 +148,13 @@ def _arm(spec: ObstacleSpec, beside: Callable[[str], Any], make: Callable[..., O
     return make(robot, name=spec.name or "other")
 
 
-def _shape(spec: ObstacleSpec) -> Shape:
+def _shape(spec: ObstacleSpec, beside: Callable[[str], Any]) -> Shape:
     at: Array = np.array(spec.at)
+    if spec.kind == "mesh":
+        from invariantqp.geometry.coal import Mesh  # coal is loaded where there is a mesh
+
+        place = se3.transform(se3.rotation(np.array(spec.turn)), at)
+        return Mesh(beside(str(spec.source)), place, scale=spec.scale, hull=spec.hull, name=spec.name)
     if spec.kind == "sphere":
         return Sphere(at, spec.radius or 0.0, name=spec.name)
     if spec.kind == "capsule":

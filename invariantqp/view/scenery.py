@@ -118,6 +118,9 @@ def faces(placed: Placed, reach: float) -> Array:
     if placed.core is Core.HALF_SPACE:
         at = np.linspace(-WIDE * reach, WIDE * reach, TILES + 1)
         return tiles(np.array([[(x, y, 0.0) for y in at] for x in at]))
+    if placed.solid is not None:
+        corners = placed.solid.drawn()
+        return np.concatenate((corners, corners[:, 2:]), axis=1)
     if placed.core is Core.BOX:
         h = placed.half
         sides = []

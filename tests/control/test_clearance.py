@@ -8,7 +8,8 @@ import pytest
 import invariantqp as iq
 from invariantqp import engine
 from invariantqp.control import clearance as module
-from invariantqp.control.clearance import States, rows_of
+from invariantqp.control import clearance_rows
+from invariantqp.control.clearance_rows import States, rows_of
 from invariantqp.control.limits import loop_of
 from invariantqp.geometry.shapes import Core
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, OtherArm, Sphere
@@ -126,6 +127,23 @@ def test_the_distance_is_kept_while_targets_jump(ur5, options, tolerance):
     assert not statuses & {"degraded", "held"}
 
 
+def test_distances_are_told_in_singular_states_too(panda):
+    """A ball on the last axis's far side of a straight arm: to first order, no joint changes its distance."""
+    straight = iq.robots.Chain(
+        np.column_stack([iq.revolute((0, 1, 0), (0, 0, z)) for z in (0.0, 0.5)]), np.eye(4), velocity_limit=1.0
+    )
+    ball, other = Sphere([0, 0, 1.0], 0.05), Sphere([0, 0, 1.3], 0.05, name="above")
+    limit = Clearance(straight, {"joint2": [ball]}, [other])
+    for q, d in (([0.0, 0.0], 0.2), ([1e-9, 0.0], 0.2), ([np.pi, 0.0], 2.2), ([0.0, np.pi], 1.2)):
+        assert limit.at(q).distance == pytest.approx(d, abs=1e-9)
+        assert limit.distances(q)["joint2", "above"] == pytest.approx(d, abs=1e-9)
+    near = Clearance(straight, {"joint2": [ball]}, [Sphere([0, 0, 1.05], 0.05, name="above")])
+    assert near.blocked([0.0, 0.0]) == "joint2 and above are nearer than 20.0 mm"
+    still = Clearance(panda, {"panda_link1": [Capsule([0, 0, -0.3], [0, 0, 0], 0.06)]}, [TABLE])
+    for q in (np.zeros(7), READY):
+        assert still.at(q).distance == np.inf  # turning about its own axis, it comes no nearer
+
+
 def test_a_row_is_how_fast_the_distance_of_coal_falls(panda):
     limit = Clearance(panda, HAND, [TABLE, Sphere([0.5, 0.3, 0.4], 0.05)])
     rng = np.random.default_rng(0)
@@ -189,7 +207,7 @@ def test_the_core_gives_the_rows_of_its_definition(panda):
             np.testing.assert_allclose(fast[3][seen], plain[3][seen], atol=1e-12)
             assert fast[3].min() == pytest.approx(plain[3].min(), abs=1e-12)
             assert len(fast[0]) == len(plain[0])
-            if len(plain[0]) < module.MOST_ROWS:
+            if len(plain[0]) < clearance_rows.MOST_ROWS:
                 orders = [np.lexsort((of[1].round(8), of[2])) for of in (fast, plain)]
                 for a, b in zip(fast[:3], plain[:3], strict=True):
                     np.testing.assert_allclose(a[orders[0]], b[orders[1]], atol=1e-8)
@@ -437,7 +455,7 @@ def test_shapes_without_a_size_and_shapes_in_each_other_give_numbers(panda):
                 rows = limit.rows_at(READY, rate)
             assert np.isfinite(rows.C).all()
             assert np.isfinite(rows.lower).all()
-            assert len(rows.lower) <= module.MOST_ROWS + 7  # and how fast joints may be inside
+            assert len(rows.lower) <= clearance_rows.MOST_ROWS + 7  # and how fast joints may be inside
         solution = iq.Controller(panda, dt=DT, limits=[limit]).step(READY, panda.pose(READY))
         assert np.isfinite(solution.velocity).all()
         assert (np.abs(solution.velocity) <= panda.velocity_limit).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.repeats import repeats
 
-from invariantqp.control.clearance import rows_of
+from invariantqp.control.clearance_rows import rows_of
 from invariantqp.engine import core
 from invariantqp.geometry.distance import Placed, distance
 from invariantqp.geometry.se3 import transform
@@ -84,7 +84,9 @@ def by_core(a: Shape, b: Shape) -> float:
     settings = np.array([1.0, 1.0, 1.0, 0.0, 1.0])
     given, told = (np.zeros(3), np.zeros(3), table, np.zeros((2, 6)), pairs), (limits, settings)
     levers = np.full((2, 3), np.inf)
-    found = rows_of(slides, *given, *told) if core is None else core.clearance(slides.screws, *given, levers, *told)
+    found = (
+        rows_of(slides, *given, *told) if core is None else core.clearance(slides.screws, *given, levers, *told, None)
+    )
     return float(found[3][0])
 
 

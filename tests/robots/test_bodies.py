@@ -58,7 +58,7 @@ def test_several_capsules_contain_every_triangle():
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_what_a_urdf_has_is_inside_its_bodies(name):
     pytest.importorskip("coal")
-    from invariantqp.robots.coal import triangles
+    from invariantqp.geometry.coal import triangles
 
     robot = iq.load_robot(name)
     bodies = bodies_of(robot)

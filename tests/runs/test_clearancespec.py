@@ -91,3 +91,19 @@ def test_what_is_wrong_with_an_obstacle_is_told_with_its_place(obstacle, said):
     with pytest.raises(iq.errors.TaskFileError, match=said) as caught:
         task([obstacle])
     assert "$.obstacle[0]" in str(caught.value)
+
+
+def test_a_mesh_is_read_turned_scaled_and_drawn(tmp_path):
+    pytest.importorskip("coal")
+    file = tmp_path / "ramp.obj"
+    file.write_text("v 0 0 0\nv 400 0 0\nv 0 200 0\nv 0 0 300\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    ramp = {"kind": "mesh", "name": "ramp", "source": str(file), "scale": 0.001, "at": [0.8, 0.5, 0.0], "hull": True}
+    one = task([ramp])
+    made = one.around(one.load_robot()).obstacles[0]
+    np.testing.assert_allclose(2.0 * made.half, [0.4, 0.2, 0.3])
+    np.testing.assert_allclose(made.place[:3, 3], [1.0, 0.6, 0.15])
+    drawn = timeline_of(iq.run_task(one)).solids[-1]
+    assert drawn.faces.shape == (4, 4, 3)
+    with pytest.raises(iq.BadInput, match="no mesh at"):
+        one = task([{**ramp, "source": "nowhere.stl"}])
+        one.around(one.load_robot())

@@ -160,6 +160,11 @@ ALGEBRA = {
     "Sphere": lambda: (iq.limits.Sphere, {"centre": POINT, "radius": 0.1, "name": ""}),
     "Capsule": lambda: (iq.limits.Capsule, {"a": POINT, "b": [0.0, 0.0, 1.0], "radius": 0.1, "name": ""}),
     "Box": lambda: (iq.limits.Box, {"pose": T, "size": [0.1, 0.2, 0.3], "name": ""}),
+    "Mesh": lambda: (
+        iq.limits.Mesh,
+        {"source": np.eye(4, 3).tolist(), "pose": T, "scale": 1.0, "hull": True, "name": ""},
+    ),
+    "Mesh.move": lambda: (iq.limits.Mesh(np.eye(4, 3), hull=True).move, {"pose": T, "twist": None}),
     "HalfSpace": lambda: (iq.limits.HalfSpace, {"point": POINT, "normal": AXIS, "name": ""}),
     "Sphere.move": lambda: (iq.limits.Sphere(POINT, 0.1).move, {"pose": T, "twist": None}),
     "Capsule.move": lambda: (iq.limits.Capsule(POINT, POINT, 0.1).move, {"pose": T, "twist": None}),

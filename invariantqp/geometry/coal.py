@@ -1,0 +1,229 @@
+"""coal, which comes with the extra `pin`: meshes as obstacles and of collision geometry, and shapes as it has them.
+
+This is the only file that imports it.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from invariantqp.errors import BadInput, RobotModelError, excerpt
+from invariantqp.extras import optional
+from invariantqp.geometry import arrays, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.distance import Place, Placed, corners
+from invariantqp.geometry.shapes import Core, Shape
+
+with optional("pin", "coal"):
+    import coal
+
+# Triangles of an obstacle that a page draws, at most.
+MOST_DRAWN = 4000
+SOURCE = "the path of a mesh file, or (points (n, 3), triangles (f, 3) of their indices); points alone with hull=True"
+
+
+class Mesh(Shape):
+    """An obstacle of triangles: their surface or, with `hull`, all that is inside their convex hull.
+
+    Distances are coal's, some ten microseconds for each body that comes near; the other shapes are exact and faster.
+
+    Attributes:
+        points: (n, 3) corners, about the middle of the box that contains them [length].
+        faces: (f, 3) which corners each triangle has.
+        hull: whether it is solid.
+    """
+
+    points: Array
+    faces: NDArray[np.intp]
+    hull: bool
+
+    def __init__(
+        self,
+        source: str | PathLike[str] | ArrayLike | tuple[ArrayLike, ArrayLike],
+        pose: ArrayLike | None = None,
+        *,
+        scale: float = 1.0,
+        hull: bool = False,
+        name: str = "",
+    ) -> None:
+        """A mesh.
+
+        Args:
+            source: the path of an STL, OBJ, DAE or PLY file; or its corners (n, 3) and the triangles (f, 3) of their
+                indices; or, with `hull`, points (n, 3) alone.
+            pose: (4, 4) of the frame in which the corners are given; None is the base frame.
+            scale: by which the corners are multiplied: 0.001 for a file in millimetres.
+            hull: take it for its convex hull, which is solid: what is inside of it is led out. Of a surface, what has
+                gone through it with its axis is not.
+            name: what reasons call it.
+
+        Raises:
+            BadInput: no such file, not a mesh, NaN, a hull without volume.
+        """
+        solid, size = arrays.flag(hull, "hull"), arrays.number(scale, "scale", "a factor", positive=True)
+        points, faces = _read(source, solid)
+        points = size * points
+        if solid:
+            points, faces = _outside(points)
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        frame = np.eye(4) if pose is None else arrays.pose(pose, "pose")
+        half = 0.5 * (points.max(axis=0) - points.min(axis=0))
+        super().__init__(Core.MESH, 0.0, half, frame.dot(se3.transform(translation=middle)), name)
+        vars(self).update(points=points - middle, faces=faces, hull=solid)
+        vars(self).update(solid=Triangles(self.points, faces, solid))
+
+
+class Triangles:
+    """What coal knows of a mesh; it may be copied and pickled."""
+
+    def __init__(self, points: Array, faces: NDArray[np.intp], hull: bool) -> None:
+        """From corners (n, 3) and triangles (f, 3), anticlockwise as seen from outside where it is a hull."""
+        self.points, self.faces, self.hull = points, faces, hull
+        self._model = _hull_of(points, faces) if hull else _surface_of(points, faces)
+        self._here, self._there = coal.Transform3s(), coal.Transform3s()
+        self._wanted = coal.DistanceRequest(True, True)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Triangles, (self.points, self.faces, self.hull)
+
+    def places(self, pose: Array, other: Placed) -> list[Place]:
+        """Where another shape's core is near, from that to the mesh at a (4, 4) pose: nearest, and its ends."""
+        self._there.setTranslation(pose[:3, 3])
+        self._there.setRotation(pose[:3, :3])
+        if other.core is Core.HALF_SPACE:
+            normal = other.pose[:3, 2]
+            points = self.points.dot(pose[:3, :3].T) + pose[:3, 3]
+            heights = (points - other.pose[:3, 3]).dot(normal)
+            i = int(heights.argmin())
+            return [Place(float(heights[i]), normal, points[i])]
+        R, p = other.pose[:3, :3], other.pose[:3, 3]
+        found = [self._place(_of(other.core, other.radius, *other.half.tolist()), other.radius, R, p)]
+        ends = corners(other.half)
+        if len(ends) > 1:
+            ball = _of(Core.SEGMENT, other.radius, 0.0, 0.0, 0.0)
+            found += [self._place(ball, other.radius, R, R.dot(end) + p) for end in ends]
+        return found
+
+    def drawn(self) -> Array:
+        """(n, 3, 3) corners of triangles to draw, in its own frame: of the convex hull where there are very many."""
+        points, faces = self.points, self.faces
+        if len(faces) > MOST_DRAWN:
+            points, faces = _outside(points)
+        return np.asarray(points[faces[:: 1 + len(faces) // MOST_DRAWN]])
+
+    def _place(self, shape: coal.ShapeBase, radius: float, R: Array, p: Array) -> Place:
+        self._here.setTranslation(p)
+        self._here.setRotation(R)
+        result = coal.DistanceResult()
+        d = coal.distance(shape, self._here, self._model, self._there, self._wanted, result)
+        return Place(d + radius, result.normal, result.getNearestPoint1())
+
+
+def _read(source: Any, solid: bool) -> tuple[Array, NDArray[np.intp]]:
+    """Corners (n, 3) and triangles (f, 3) of what a mesh is made from."""
+    if isinstance(source, (str, PathLike)):
+        try:
+            points, faces = triangles(fspath(source))
+        except RobotModelError as error:
+            raise BadInput("source", str(error), "a mesh file that coal reads: STL, OBJ, DAE, PLY") from error
+    elif isinstance(source, tuple) and len(source) == 2:
+        points, faces = _points(source[0]), _indices(source[1])
+    elif solid and not isinstance(source, tuple):
+        points, faces = _points(source), np.zeros((1, 3), np.intp)
+    else:
+        raise BadInput("source", excerpt(source), SOURCE)
+    if not len(faces) or faces.min() < 0 or faces.max() >= len(points):
+        raise BadInput("source", "triangles of corners that are not there", SOURCE)
+    return points, faces
+
+
+def _points(value: Any) -> Array:
+    points = arrays.array(value, "source", SOURCE)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 3:
+        raise BadInput("source", f"shape {points.shape}", SOURCE)
+    if not np.isfinite(points).all():
+        raise BadInput("source", "NaN or infinity", SOURCE)
+    return points
+
+
+def _indices(value: Any) -> NDArray[np.intp]:
+    given = arrays.array(value, "source", SOURCE)
+    if given.ndim != 2 or given.shape[1] != 3 or not (given == np.round(given)).all():
+        raise BadInput("source", excerpt(value), SOURCE)
+    return given.astype(np.intp)
+
+
+def _outside(points: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Corners and triangles of a convex hull, anticlockwise as seen from outside."""
+    try:
+        hull: Any = ConvexHull(points)
+    except QhullError as error:
+        raise BadInput("source", "points without a volume", "points about a solid", "Or hull=False.") from error
+    kept = hull.vertices
+    place = np.zeros(len(points), np.intp)
+    place[kept] = np.arange(len(kept))
+    corner = points[hull.simplices]
+    turn = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    inward = (turn * hull.equations[:, :3]).sum(axis=1) < 0.0
+    faces = place[hull.simplices]
+    faces[inward] = faces[inward][:, [0, 2, 1]]
+    return points[kept], faces
+
+
+def _lists(points: Array, faces: NDArray[np.intp]) -> tuple[Any, Any]:
+    corner, triangle = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for point in points:
+        corner.append(point)
+    for a, b, c in faces.tolist():
+        triangle.append(coal.Triangle(a, b, c))
+    return corner, triangle
+
+
+def _hull_of(points: Array, faces: NDArray[np.intp]) -> Any:
+    return coal.Convex(*_lists(points, faces))
+
+
+def _surface_of(points: Array, faces: NDArray[np.intp]) -> Any:
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(faces), len(points))
+    model.addSubModel(*_lists(points, faces))
+    model.endModel()
+    return model
+
+
+def triangles(file: str) -> tuple[Array, NDArray[np.intp]]:
+    """(n, 3) corners of a mesh and (f, 3) which of them each triangle has.
+
+    Raises:
+        RobotModelError: no such file, or not a mesh.
+    """
+    if not Path(file).is_file():
+        raise RobotModelError(f"no mesh at {file}")
+    try:
+        mesh = coal.MeshLoader().load(file, np.ones(3))
+        found = np.array(mesh.vertices(), dtype=np.float64)
+        faces = np.array([[t[0], t[1], t[2]] for t in map(mesh.tri_indices, range(mesh.num_tris))], dtype=np.intp)
+    except Exception as error:  # whatever its reader raises
+        raise RobotModelError(f"{file}: cannot be read as a mesh ({error})") from error
+    return found, faces
+
+
+def shape_of(shape: Shape) -> coal.ShapeBase:
+    """A shape as coal has it, about its own frame."""
+    if isinstance(shape, Mesh):
+        return shape.solid._model  # noqa: SLF001 (of this file)
+    return _of(shape.core, shape.radius, *shape.half.tolist())
+
+
+@lru_cache(maxsize=1024)
+def _of(core: Core, radius: float, a: float, b: float, c: float) -> coal.ShapeBase:
+    if core is Core.SEGMENT:
+        return coal.Capsule(radius, 2.0 * c) if c > 0.0 else coal.Sphere(radius)
+    return coal.Box(2.0 * a, 2.0 * b, 2.0 * c) if core is Core.BOX else coal.Halfspace(np.array((0.0, 0.0, 1.0)), 0.0)
