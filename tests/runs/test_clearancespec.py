@@ -104,6 +104,7 @@ def test_a_mesh_is_read_turned_scaled_and_drawn(tmp_path):
     np.testing.assert_allclose(made.place[:3, 3], [1.0, 0.6, 0.15])
     drawn = timeline_of(iq.run_task(one)).solids[-1]
     assert drawn.faces.shape == (4, 4, 3)
+    missing = task([{**ramp, "source": "nowhere.stl"}])
+    robot = missing.load_robot()
     with pytest.raises(iq.BadInput, match="no mesh at"):
-        one = task([{**ramp, "source": "nowhere.stl"}])
-        one.around(one.load_robot())
+        missing.around(robot)
