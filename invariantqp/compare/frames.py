@@ -30,7 +30,7 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.controllers import MakeController, Pilot, pilot_of
+from invariantqp.runs.controllers import MakeController, TaskController, controller_for
 from invariantqp.runs.plants.plant import Measurement, Plant, PlantState
 from invariantqp.runs.prepare import ControlProblem, Goal, Setup, prepare
 from invariantqp.runs.run import run
@@ -173,7 +173,8 @@ def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> 
     for name, make in laws.items():
         as_told, moved = prepare(task), displaced(prepare(task), tool)
         plain, other, nudged = (
-            run(setup, pilot_of(setup.problem, make), count) for setup in (as_told, moved, moved_start(task, as_told))
+            run(setup, controller_for(setup.problem, make), count)
+            for setup in (as_told, moved, moved_start(task, as_told))
         )
         change, control = (largest_change(plain.q, trace.q) for trace in (other, nudged))
         checks.append(FrameCheck(name, change, control, 1e3 * float(plain.position_error.max())))
@@ -207,8 +208,8 @@ class ContactFrameCheck:
     displaced_force_error: float | None
 
 
-class Textbook(Pilot):
-    """Raibert and Craig's controller as a pilot, for the contact of a task file."""
+class Textbook(TaskController):
+    """Raibert and Craig's controller, for the contact of a task file."""
 
     def __init__(self, setup: Setup, tool: Array | None = None) -> None:
         """For a run in displaced frames, of which it knows the sensor's, and the tool's by its (4, 4) displacement."""
@@ -258,8 +259,8 @@ def contact_frame_check(
     Raises:
         BadInput: no such plant, or one without a force sensor.
     """
-    laws: dict[str, Callable[[Setup, Array | None], Pilot]] = {
-        OURS: lambda setup, _: pilot_of(setup.problem),  # it needs to be told of no displacement
+    laws: dict[str, Callable[[Setup, Array | None], TaskController]] = {
+        OURS: lambda setup, _: controller_for(setup.problem),  # it needs to be told of no displacement
         "Raibert-Craig": Textbook,
     }
     tool, sensor, contact = (random_displacement(seed + i) for i in range(3))

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.control.controller import Controls
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.controllers import MakeController, pilot_of
+from invariantqp.runs.controllers import MakeController, controller_for
 from invariantqp.runs.prepare import Setup
 from invariantqp.runs.run import run
 from invariantqp.runs.trace import Trace, distance
@@ -92,7 +92,7 @@ def watched_run(setup: Setup, make: MakeController, broken: str = "") -> tuple[W
     """A run under a law that is watched, in which an input is sometimes NaN if one is named."""
     with quietly():
         law = Watched(make(setup.problem.robot, setup.problem.law), broken, len(setup.noise))
-        return law, run(setup, pilot_of(setup.problem, lambda *_: law))
+        return law, run(setup, controller_for(setup.problem, lambda *_: law))
 
 
 def with_rest(setup: Setup) -> Setup:

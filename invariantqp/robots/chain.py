@@ -25,6 +25,9 @@ from invariantqp.geometry.screws import axis
 from invariantqp.robots.kinematics import Sighting, joint_limits
 from invariantqp.robots.links import Link
 
+# What a chain is made from, besides the engine that computes it.
+LIMITS = ("position_lower", "position_upper", "velocity_limit")
+ARGUMENTS = ("screws", "home", "names", *LIMITS, "tool", "places", "links")
 # How far Pinocchio's joint twists and tool pose may be from those of the screws, relative to the largest entry.
 SAME = 1e-13
 
@@ -142,11 +145,7 @@ class Chain(Value):
 
     def with_tool(self, offset: ArrayLike) -> Chain:
         """The same chain with its tool frame moved by a (4, 4) offset in the old tool frame."""
-        home = self.home.dot(arrays.pose(offset, "offset"))
-        limits = (self.position_lower, self.position_upper, self.velocity_limit)
-        tool = f"{self.tool}+offset"
-        moved = Chain(self.screws, home, self.names, *limits, tool=tool, places=self.places, links=self.links)
-        return moved.by_engine(self.engine)
+        return self._changed(home=self.home.dot(arrays.pose(offset, "offset")), tool=f"{self.tool}+offset")
 
     def with_limits(
         self,
@@ -164,18 +163,12 @@ class Chain(Value):
         Raises:
             BadInput: wrong lengths, NaN, lower above upper, a velocity limit that is not positive.
         """
-        lower = self.position_lower if position_lower is None else position_lower
-        upper = self.position_upper if position_upper is None else position_upper
-        speed = self.velocity_limit if velocity_limit is None else velocity_limit
-        limits = (lower, upper, speed, self.tool)
-        limited = Chain(self.screws, self.home, self.names, *limits, places=self.places, links=self.links)
-        return limited.by_engine(self.engine)
+        given = {"position_lower": position_lower, "position_upper": position_upper, "velocity_limit": velocity_limit}
+        return self._changed(**{name: value for name, value in given.items() if value is not None})
 
     def with_links(self, links: tuple[Link, ...]) -> Chain:
         """The same chain made of other links."""
-        limits = (self.position_lower, self.position_upper, self.velocity_limit, self.tool)
-        made = Chain(self.screws, self.home, self.names, *limits, places=self.places, links=links)
-        return made.by_engine(self.engine)
+        return self._changed(links=links)
 
     def by_engine(self, engine: Engine) -> Chain:
         """The same chain, its kinematics, and what is made from it, by another engine.
@@ -187,12 +180,13 @@ class Chain(Value):
             BadInput: neither.
         """
         by = arrays.choice(engine, "engine", ENGINES)
-        if by == self.engine:
-            return self
-        limits = (self.position_lower, self.position_upper, self.velocity_limit, self.tool)
-        other = Chain(self.screws, self.home, self.names, *limits, places=self.places, links=self.links)
-        object.__setattr__(other, "engine", by)
-        return other
+        return self if by == self.engine else self._changed(by)
+
+    def _changed(self, engine: Engine | None = None, /, **changes: Any) -> Chain:
+        """The same chain with other arguments of `Chain`, or by another engine."""
+        made = Chain(**{name: getattr(self, name) for name in ARGUMENTS} | changes)
+        object.__setattr__(made, "engine", engine or self.engine)
+        return made
 
     @cached_property
     def model(self) -> Any:
@@ -206,8 +200,9 @@ class Chain(Value):
         """
         from invariantqp.robots.pinocchio import model_of  # only where it is asked for
 
-        limits = (self.position_lower, self.position_upper, self.velocity_limit)
-        return model_of(self.screws, self.places, self.home, self.names, limits, self.tool)
+        return model_of(
+            self.screws, self.places, self.home, self.names, [getattr(self, name) for name in LIMITS], self.tool
+        )
 
     @cached_property
     def _eyes(self) -> Callable[[Array], tuple[Array, Array]]:

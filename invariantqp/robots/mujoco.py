@@ -1,4 +1,4 @@
-"""Arms of MuJoCo models (MJCF), as chains of joint screws: MuJoCo gives each joint's axis and a point of it.
+"""Arms of MuJoCo models (MJCF), as chains of joint screws: the Jacobian of a body at the origin of the world.
 
 A model is looked at with its moving joints at zero. Velocity limits are not part of such models.
 """
@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from invariantqp.errors import RobotModelError, UnknownName
 from invariantqp.extras import optional
 from invariantqp.geometry import se3
-from invariantqp.geometry.screws import prismatic, revolute
+from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.links import Geometry, Link
 from invariantqp.robots.tree import cannot_move, selected
@@ -62,7 +63,7 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
     if tool not in sites and tool not in bodies:
         known = [name for name in (*sites, *bodies) if name]
         raise UnknownName("frame", tool, difflib.get_close_matches(tool, known), known)
-    body = int(model.site(tool).bodyid[0]) if tool in sites else bodies.index(tool)
+    body = _body_of(model, tool, "site") if tool in sites else bodies.index(tool)
     names = [model.joint(i).name or f"unnamed joint {i}" for i in range(model.njnt)]
     moving = selected(MODEL, tool, [names[i] for i in paths[body]], names, chosen)
     joints = [i for i in paths[body] if names[i] in moving]
@@ -72,7 +73,7 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
     place = data.site(tool) if tool in sites else data.body(body)
     lower, upper = np.where(model.jnt_limited[joints, None], model.jnt_range[joints], (-np.inf, np.inf)).T
     return Chain(
-        np.column_stack([_screw(model, data, i) for i in joints]),
+        _twists(model, data, body)[:, model.jnt_dofadr[joints]],
         se3.transform(place.xmat.reshape(3, 3), place.xpos),
         moving,
         lower,
@@ -81,6 +82,28 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
         places=data.xanchor[joints],
         links=_links(model, data, bodies, paths, joints, paths[body]),
     )
+
+
+def chain_to(model: Any, frame: str | int, kind: str) -> tuple[Chain, NDArray[np.intp]]:
+    """The joints of a `mujoco.MjModel` that move a frame, as screws from q = 0, and their tangent indices.
+
+    The frame is the name or id of a "body", "geom" or "site". A free joint or a ball is as many screws as it has
+    degrees of freedom, without limits. A MuJoCo model has no velocity limits.
+
+    Raises:
+        RobotModelError: no joint moves it.
+    """
+    data = _posed(model, range(model.njnt))
+    place = getattr(data, kind)(frame)
+    J = _twists(model, data, _body_of(model, frame, kind))
+    moving = np.flatnonzero(J.any(axis=0))
+    if not len(moving):
+        raise RobotModelError(f"no joint moves the {kind} {frame!r}; choose one beyond the first joint")
+    joints = model.dof_jntid[moving]
+    limited = np.isin(model.jnt_type[joints], (HINGE, SLIDE)) & (model.jnt_limited[joints] != 0)
+    lower, upper = np.where(limited[:, None], model.jnt_range[joints], (-np.inf, np.inf)).T
+    home = se3.transform(place.xmat.reshape(3, 3), place.xpos)
+    return Chain(J[:, moving], home, position_lower=lower, position_upper=upper), moving
 
 
 def _links(
@@ -153,11 +176,18 @@ def _posed(model: Any, moving: Sequence[int]) -> Any:
             held = i not in moving and model.jnt_limited[i]
             data.qpos[model.jnt_qposadr[i]] = np.clip(0.0, *model.jnt_range[i]) if held else 0.0
     mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)  # the Jacobian needs it
     return data
 
 
-def _screw(model: Any, data: Any, joint: int) -> Any:
-    """The twist of a joint in the world."""
-    if model.jnt_type[joint] == SLIDE:
-        return prismatic(data.xaxis[joint])
-    return revolute(data.xaxis[joint], data.xanchor[joint])
+def _body_of(model: Any, frame: str | int, kind: str) -> int:
+    """The body that carries a "body", "geom" or "site"."""
+    found = getattr(model, kind)(frame)
+    return int(found.id if kind == "body" else found.bodyid[0])
+
+
+def _twists(model: Any, data: Any, body: int) -> Array:
+    """(6, nv) twists of a body in the world, one for each degree of freedom."""
+    linear, angular = np.zeros((2, 3, model.nv))
+    mujoco.mj_jac(model, data, linear, angular, np.zeros(3), body)
+    return np.vstack((angular, linear))

@@ -57,7 +57,7 @@ class Eyes(threading.local):
 
 
 def model_of(
-    screws: Array, places: Array, home: Array, names: Sequence[str], limits: tuple[Array, Array, Array], tool: str
+    screws: Array, places: Array, home: Array, names: Sequence[str], limits: Sequence[Array], tool: str
 ) -> pin.Model:
     """A `pinocchio.Model` without masses whose joints have given screws; at zero their frames are at their places.
 

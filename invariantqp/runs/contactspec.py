@@ -8,7 +8,7 @@ where these defaults are written.
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -93,18 +93,6 @@ class ForceSpec(Section):
     The complement Z along which force errors are corrected comes from the contact's stiffness, which works for every
     contact; from a pitch h; or is given as it is.
     """
-
-    RENAMED: ClassVar[dict[str, str]] = {
-        "form": "h, or complement; without either, the contact's stiffness is used",
-        "pitch": "h",
-        "cutoff": "[sensor] cutoff",
-        "force_deadband": "[sensor] force_deadband",
-        "moment_deadband": "[sensor] moment_deadband",
-        "sensor": "[sensor] mount",
-        "sensor_turn": "[sensor] mount_turn",
-        "tool_mass": "[sensor] mass",
-        "tool_centre": "[sensor] centre",
-    }
 
     press: Number = Field(description="into the surface; on a hinge, away from its axis [N]", examples=[5.0])
     rate: Positive = Field(

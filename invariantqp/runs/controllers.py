@@ -66,7 +66,7 @@ def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
     }
 
 
-class Pilot(ABC):
+class TaskController(ABC):
     """Steers a plant."""
 
     form: Form | None = None  # how its law measures twists; None where it does not say
@@ -79,7 +79,7 @@ class Pilot(ABC):
         """One tick."""
 
 
-class PathPilot(Pilot):
+class PathController(TaskController):
     """A velocity controller that follows the path."""
 
     def __init__(self, loop: Controls) -> None:
@@ -91,7 +91,7 @@ class PathPilot(Pilot):
         return self._loop.step(measured.q, goal.target, goal.feedforward)
 
 
-class ElasticPilot(Pilot):
+class ElasticPathController(TaskController):
     """A path follower: it stays on the path, and is late where limits bind."""
 
     def __init__(self, loop: Controller, problem: ControlProblem, q: Array) -> None:
@@ -112,7 +112,7 @@ class ElasticPilot(Pilot):
         return answer if solution.status != "blocked" else with_trouble(answer, solution.reason)
 
 
-class ContactPilot(Pilot):
+class ContactController(TaskController):
     """The hybrid controller."""
 
     def __init__(self, loop: HybridController) -> None:
@@ -128,7 +128,7 @@ class ContactPilot(Pilot):
         return solution.velocity_solution._replace(status=solution.status, reasons=solution.reason)
 
 
-class OperatorPilot(Pilot):
+class OperatorController(TaskController):
     """An operator who moves the tool on a plane, leaving it now and then, and the robot that keeps it there."""
 
     def __init__(self, loop: Controller, operator: OperatorSpec, point: Array) -> None:
@@ -153,7 +153,7 @@ class OperatorPilot(Pilot):
         return self._loop.follow(measured.q, s)
 
 
-def pilot_of(problem: ControlProblem, controller: MakeController | None = None) -> Pilot:
+def controller_for(problem: ControlProblem, controller: MakeController | None = None) -> TaskController:
     """What steers a plant by a problem; `controller` makes its velocity controller, None is ours.
 
     Raises:
@@ -165,7 +165,7 @@ def pilot_of(problem: ControlProblem, controller: MakeController | None = None) 
         if controller is not None:
             found = "a velocity controller for a task in contact"
             raise BadInput("controller", found, "a task without [contact]", "A contact needs a hybrid controller.")
-        return ContactPilot(our_hybrid(robot, law, problem.contact_task, problem.sensor, limits))
+        return ContactController(our_hybrid(robot, law, problem.contact_task, problem.sensor, limits))
     loop = our_controller(robot, law, limits) if controller is None else controller(robot, law)
     if problem.elastic is not None:
         if not isinstance(loop, Controller):
@@ -173,7 +173,7 @@ def pilot_of(problem: ControlProblem, controller: MakeController | None = None) 
             raise BadInput(
                 "controller", f"{type(loop).__name__} on an elastic path", expected, "Others keep its timing."
             )
-        return ElasticPilot(loop, problem, problem.elastic)
+        return ElasticPathController(loop, problem, problem.elastic)
     if problem.operator is not None and isinstance(loop, Controller):
-        return OperatorPilot(loop, problem.operator, np.array(law.point))
-    return PathPilot(loop)
+        return OperatorController(loop, problem.operator, np.array(law.point))
+    return PathController(loop)

@@ -117,8 +117,7 @@ def overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
     keys = LawSpec.model_fields
     for name in overrides:
         if name not in keys:
-            now = f"{name}, which is now {LawSpec.RENAMED[name]}" if name in LawSpec.RENAMED else name
-            raise BadInput("overrides", now, f"some of {', '.join(keys)}")
+            raise BadInput("overrides", name, f"some of {', '.join(keys)}")
     try:
         return LawSpec.model_validate({**law.model_dump(), **overrides})
     except ValidationError as error:

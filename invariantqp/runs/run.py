@@ -18,7 +18,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.clearancespec import Around
-from invariantqp.runs.controllers import ElasticPilot, MakeController, Pilot, pilot_of
+from invariantqp.runs.controllers import ElasticPathController, MakeController, TaskController, controller_for
 from invariantqp.runs.plants.plant import PlantState
 from invariantqp.runs.prepare import Setup, prepare
 from invariantqp.runs.taskfile import Task
@@ -101,16 +101,18 @@ def run_task(
         RobotModelError, UnknownName, MissingExtra: the robot cannot be had.
     """
     setup = prepare(task, physics, **overrides)
-    return run(setup, pilot_of(setup.problem, controller), progress, observer)
+    return run(setup, controller_for(setup.problem, controller), progress, observer)
 
 
-def run(setup: Setup, pilot: Pilot, progress: Progress | None = None, observer: Observer | None = None) -> Trace:
-    """Run a setup from `prepare`, whose plant moves, under a pilot; the others as in `run_task`."""
-    return _trace(setup, pilot, _loop(setup, pilot, progress, observer))
+def run(
+    setup: Setup, controller: TaskController, progress: Progress | None = None, observer: Observer | None = None
+) -> Trace:
+    """Run a setup from `prepare`, whose plant moves, under a controller; the others as in `run_task`."""
+    return _trace(setup, controller, _loop(setup, controller, progress, observer))
 
 
-def _loop(setup: Setup, pilot: Pilot, progress: Progress | None, observer: Observer | None) -> _Record:
-    """All ticks of a setup, as `run` is asked for them; an elastic path ends when the pilot is done."""
+def _loop(setup: Setup, controller: TaskController, progress: Progress | None, observer: Observer | None) -> _Record:
+    """All ticks of a setup, as `run` is asked for them; an elastic path ends when the controller is done."""
     plant, goals = setup.plant, setup.problem.goals()
     states, solutions = [plant.state()], []
     n = len(goals)
@@ -121,9 +123,9 @@ def _loop(setup: Setup, pilot: Pilot, progress: Progress | None, observer: Obser
         measured = plant.measure()
         measured = measured._replace(q=measured.q + setup.noise[k % n])
         before = perf_counter_ns()
-        solution = pilot.step(measured, goals[min(k, n - 1)])
+        solution = controller.step(measured, goals[min(k, n - 1)])
         tick_ns.append(perf_counter_ns() - before)
-        read.append(pilot.wrench)
+        read.append(controller.wrench)
         plant.command(solution.velocity)
         solutions.append(solution)
         states.append(plant.state())
@@ -131,15 +133,17 @@ def _loop(setup: Setup, pilot: Pilot, progress: Progress | None, observer: Obser
             observer(k, states[-1], solution)
         if progress is not None:
             progress(min(k + 1, n), n)
-        if pilot.done:
+        if controller.done:
             break
     return _Record(states, solutions, np.array(tick_ns), np.array(read))
 
 
-def _trace(setup: Setup, pilot: Pilot, record: _Record) -> Trace:
+def _trace(setup: Setup, controller: TaskController, record: _Record) -> Trace:
     """What happened in a run, with its errors."""
     robot, solutions, after = setup.robot, record.solutions, record.states[1:]
-    along = path_trace(pilot.follower, pilot.followed) if isinstance(pilot, ElasticPilot) else None
+    along = (
+        path_trace(controller.follower, controller.followed) if isinstance(controller, ElasticPathController) else None
+    )
     wanted, time = setup.wanted, setup.problem.time
     if along is not None:
         wanted, time = along.poses, np.asarray(setup.task.law.dt * np.arange(len(record.states)), np.float64)
@@ -162,8 +166,8 @@ def _trace(setup: Setup, pilot: Pilot, record: _Record) -> Trace:
         limit_active=[bool(s.active) for s in solutions],
         tick_ns=record.tick_ns,
         wanted=wanted,
-        form="" if pilot.form is None else pilot.form.describe(),
-        warnings=warnings_of(robot, pilot.form, q, solutions),
+        form="" if controller.form is None else controller.form.describe(),
+        warnings=warnings_of(robot, controller.form, q, solutions),
         physics=setup.physics,
         counted_from=setup.counted_from,
         contact=None if scene is None else contact_trace(scene, contacts, after, record.read, setup.wanted[1:]),

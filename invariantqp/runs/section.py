@@ -4,7 +4,6 @@ A number in a file is a number: no text, no booleans, and nothing so large that 
 and radians. A problem is one line: its path, what was found, and what would be right.
 
     $.law.gian: extra inputs are not permitted (did you mean 'gain'?)
-    $.law.margin: is now position_margin
 """
 
 from __future__ import annotations
@@ -31,14 +30,9 @@ Models = list[type[BaseModel]]
 
 
 class Section(BaseModel):
-    """A table of a task file. Unknown keys are refused.
-
-    Attributes:
-        RENAMED: old keys, each with what replaced it; the error message for an old key says so.
-    """
+    """A table of a task file. Unknown keys are refused."""
 
     model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", frozen=True)
-    RENAMED: ClassVar[dict[str, str]] = {}
 
 
 def checked_number(number: float) -> float:
@@ -86,9 +80,8 @@ def problems(error: ValidationError, root: type[BaseModel]) -> list[str]:
     for one in error.errors():
         unknown = one["type"] == "extra_forbidden"
         place = _place(one["loc"], root, unknown)
-        now = _renamed(place) if unknown else ""
-        found.setdefault(place.path, []).append(now or message(one))
-        advice[place.path] = "" if now else _advice(place, unknown)
+        found.setdefault(place.path, []).append(message(one))
+        advice[place.path] = _advice(place, unknown)
     return [f"{path}: {' or '.join(texts)}{advice[path]}" for path, texts in found.items()]
 
 
@@ -121,12 +114,6 @@ def _tables_at(key: str, tables: Models) -> Models:
     """The tables that may be the value of a key."""
     fields = [table.model_fields[key] for table in tables if key in table.model_fields]
     return [table for field in fields for table in _models_in(field.annotation)]
-
-
-def _renamed(place: _Place) -> str:
-    """What an old key is called now; "" for a key that never was one."""
-    renamed = [table.RENAMED for table in place.tables if issubclass(table, Section)]
-    return next((f"is now {names[place.key]}" for names in renamed if place.key in names), "")
 
 
 def _advice(place: _Place, unknown: bool) -> str:

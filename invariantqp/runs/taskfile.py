@@ -10,7 +10,7 @@ import difflib
 import sys
 from importlib import resources
 from pathlib import Path as FilePath
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PlainValidator, PrivateAttr, StrictBool, ValidationError, model_validator
@@ -40,12 +40,6 @@ from invariantqp.runs.section import (
 MOST_TICKS = 10_000_000
 # Folders of tasks that come with the package.
 GROUPS = ("", "stability", "compare")
-# Old values of `form`, and what to write instead.
-NOW = {
-    "auto": "leave form out",
-    "carried": '"carried" is now "tool"',
-    "pitch": "a pitch is now given as it is, form = 0.3",
-}
 
 
 class Screw(Section):
@@ -124,18 +118,11 @@ def _form(given: Any) -> Any:
         return given
     if isinstance(given, (int, float)) and not isinstance(given, bool) and abs(given) <= LARGEST:
         return float(given)
-    now = f"; {NOW[given]}" if isinstance(given, str) and given in NOW else ""
-    raise ValueError(f'a pitch h in metres per radian or "tool" is expected, not {given!r}{now}')
+    raise ValueError(f'a pitch h in metres per radian or "tool" is expected, not {given!r}')
 
 
 class LawSpec(Section):
     """The [law] table: arguments of `Controller`. What is left out has the controller's own default."""
-
-    RENAMED: ClassVar[dict[str, str]] = {
-        "pitch": "form = h, such as form = 0.3",
-        "margin": "position_margin",
-        "acceleration": "acceleration_limit",
-    }
 
     dt: Positive = Field(0.001, description="tick [s]", examples=[0.001])
     gain: Positive | None = Field(None, description="tracking gain [1/s]", examples=[20.0])

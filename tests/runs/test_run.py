@@ -149,8 +149,6 @@ def test_overrides_are_checked_as_the_file_is(key):
 def test_overrides_and_arguments_that_do_not_exist():
     with pytest.raises(iq.BadInput, match="overrides: found pitches; expected some of dt, gain, form, damping"):
         iq.run_task(panda(), pitches=0.3)
-    with pytest.raises(iq.BadInput, match="overrides: found margin, which is now position_margin; expected some of dt"):
-        iq.run_task(panda(), margin=0.1)
     with pytest.raises(iq.BadInput, match="task: found 'panda_path'; expected a Task, such as load_task returns"):
         iq.run_task("panda_path")
     with pytest.raises(iq.BadInput, match="controller: found a velocity controller for a task in contact"):

@@ -141,37 +141,10 @@ PROBLEMS |= {
 }
 
 
-# Keys of older files, and what they are told
-RENAMED = {
-    "$.law.margin": ({"law__margin": 0.1}, "is now position_margin"),
-    "$.law.acceleration": ({"law__acceleration": 3.0}, "is now acceleration_limit"),
-    "$.law.pitch": ({"law__pitch": 0.3}, "is now form = h, such as form = 0.3"),
-    "$.force.pitch": (pen(force={"pitch": 0.3}), "is now h"),
-    "$.force.form": (
-        pen(force={"form": "stiffness"}),
-        "is now h, or complement; without either, the contact's stiffness",
-    ),
-    "$.force.cutoff": (pen(force={"cutoff": 30.0}), "is now [sensor] cutoff"),
-    "$.force.sensor": (pen(force={"sensor": [0, 0, 0.1]}), "is now [sensor] mount"),
-    "$.force.tool_mass": (pen(force={"tool_mass": 0.2}), "is now [sensor] mass"),
-}
-
-
-@pytest.mark.parametrize("where", RENAMED)
-def test_an_old_key_is_told_its_new_name(where):
-    changes, said = RENAMED[where]
-    with pytest.raises(iq.errors.TaskFileError) as caught:
-        task_from(content(**changes), "t.toml")
-    (problem,) = caught.value.problems
-    assert problem.startswith(f"{where}: {said}")
-
-
 def test_a_laws_keys_are_the_controllers_arguments():
     arguments = set(inspect.signature(iq.Controller).parameters)
     for key in LawSpec.model_fields:
         assert key in arguments | {"point", "tool_speed_point"}, key
-    for new in ("position_margin", "acceleration_limit", "form"):
-        assert any(told.startswith(new) for told in LawSpec.RENAMED.values())
     sensor = set(inspect.signature(iq.WrenchSensor).parameters)
     assert set(SensorSpec.model_fields) - sensor == {"mount_turn"}
 

@@ -1,7 +1,7 @@
 """Decoded task files that tests change key by key, and a run in another tool frame."""
 
 from invariantqp.compare.frames import displaced
-from invariantqp.runs.controllers import pilot_of
+from invariantqp.runs.controllers import controller_for
 from invariantqp.runs.prepare import prepare
 from invariantqp.runs.run import run
 
@@ -38,4 +38,4 @@ def pen(**changes):
 def run_displaced(task, tool, **overrides):
     """A run of the same physical motion, asked of a tool frame displaced in itself by a (4, 4) motion."""
     setup = displaced(prepare(task, **overrides), tool)
-    return run(setup, pilot_of(setup.problem))
+    return run(setup, controller_for(setup.problem))
