@@ -3,6 +3,7 @@
 import inspect
 import warnings
 
+import numpy as np
 import pytest
 from support.calls_algebra import ALGEBRA
 from support.calls_control import CONTROL
@@ -50,6 +51,74 @@ ALSO_CALLED = {
 }
 # Arguments that may be functions; what a function of the user's raises is the user's.
 FUNCTIONS = {"path", "damping", "progress", "normal", "implicit", "extent", "contact", "rows"}
+
+# What takes numbers that are none: rows of which each has its own answer, and what such an argument does not change.
+TAKES_NAN = (
+    "exps.twists logs.poses adjoints.poses velocities.J velocities.twist velocities.point kinematics.q "
+    "DifferentialIK.set_command.command DifferentialIK.compute.ee_pos DifferentialIK.compute.ee_quat "
+    "DifferentialIK.compute.jacobian DifferentialIK.compute.joint_pos ExactJoints.moved.offset "
+    "HybridTask.contact_at.tool"
+).split()
+# What takes an axis more or an entry less: one number for each joint, and rows of any number.
+TAKES_MORE = (
+    "exps.twists logs.poses adjoints.poses velocities.J velocities.twist velocities.point kinematics.q "
+    "DifferentialIK.compute.jacobian ExactJoints.moved.offset HybridTask.contact_at.tool solve_poses.q0"
+).split()
+TAKES_LESS = (
+    "PaperLambda.matrix JointLimits.position_upper AccelerationLimit.limit JointTask.velocity ExactJoints.A "
+    "ExactJoints.moved.offset HybridTask.contact_at.tool DifferentialIK.compute.jacobian solve_poses.targets"
+).split()
+# The argument that is blamed where two of them have to fit each other.
+BESIDE = {
+    "form_adjoint.A": "codomain",
+    "leg_wrenches.base": "platform",
+    "Bounds.lower": "upper",
+    "ExactRows.A": "of_twist",
+    "ExactRows.of.D": "b",
+    "LimitRows.C": "lower",
+    "LimitRows.lower": "upper",
+    "solve_velocities.J": "twist",
+    "Follower.follow.points": "stamps",
+    "identify.poses": "wrenches",
+    "WrenchSensor.check.readings": "poses",
+}
+
+
+def numbers(value):
+    """An argument as an array, None where it is none or has no number."""
+    if value is None or isinstance(value, (bool, int, str)) or callable(value):
+        return None
+    try:
+        found = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        return None
+    return found if found.size else None
+
+
+def refused(name, argument, value):
+    """The arguments that an error may blame."""
+    function, good = CALLS[name]()
+    with pytest.raises(iq.BadInput) as caught:
+        function(**{**good, argument: value})
+    return caught.value.argument.split("[")[0]
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_no_nan_and_no_other_shape_gets_in(name):
+    for argument, value in CALLS[name]()[1].items():
+        given = numbers(value)
+        if given is None:
+            continue
+        where = f"{name}.{argument}"
+        known = ALSO_CALLED.get((name, argument), argument)
+        if where not in TAKES_NAN:
+            wrong = given.copy()
+            wrong.flat[-1] = np.nan
+            assert refused(name, argument, wrong if wrong.ndim else float("nan")) == known, where
+        if given.ndim and where not in TAKES_MORE:
+            assert refused(name, argument, given[None]) == known, where
+        if given.ndim and where not in TAKES_LESS:
+            assert refused(name, argument, given[:-1]) in {known, BESIDE.get(where)}, where
 
 
 def words(table):

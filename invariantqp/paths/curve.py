@@ -212,6 +212,7 @@ def given_path(
         BadInput: not a path, one that stands still, or times of a function.
     """
     J = robot.jacobian(middle(robot))
+    last = arrays.number(end, "end", "the end of the path's parameter", positive=True)
 
     def size(twist: Array, pose: Array) -> float:
         v = measure.root_for(J, pose).dot(twist)
@@ -222,7 +223,6 @@ def given_path(
             raise BadInput(
                 "times", "times for a path that is a function", "none", "end=T and rate=1 time it in seconds."
             )
-        last = arrays.number(end, "end", "the end of the path's parameter", positive=True)
         curve = curve_of(lambda at: arrays.pose(path(at), "path"), last, size, measure.length)
     else:
         poses = _poses(path)

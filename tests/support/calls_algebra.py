@@ -20,7 +20,7 @@ def contact():
 
 def law_options(*left_out):
     names = ["form", "damping", "bounds", "exact", "joint_metric", "backend", "guard", "posture", "rows", "tool_speed"]
-    good = {"form": H, "backend": "daqp", "guard": True}
+    good = {"form": H, "backend": "daqp", "guard": True, "joint_metric": np.ones(6), "posture": Q, "damping": 0.01}
     return {name: good.get(name) for name in names if name not in left_out}
 
 
