@@ -12,6 +12,11 @@ from support.public_names import public_names
 
 import invariantqp as iq
 
+
+def words(table):
+    return {word for words in table.values() for word in words.split()}
+
+
 CALLS = {**ALGEBRA, **CONTROL}
 # Every public name, of the package and of its namespaces.
 PUBLIC = {name: value for names in public_names().values() for name, value in names.items()}
@@ -52,22 +57,28 @@ ALSO_CALLED = {
 # Arguments that may be functions; what a function of the user's raises is the user's.
 FUNCTIONS = {"path", "damping", "progress", "normal", "implicit", "extent", "contact", "rows"}
 
-# What takes numbers that are none: rows of which each has its own answer, and what such an argument does not change.
-TAKES_NAN = (
+# Where NaN, an axis more or an entry less is no mistake, and why.
+ROWS = (
     "exps.twists logs.poses adjoints.poses velocities.J velocities.twist velocities.point kinematics.q "
-    "DifferentialIK.set_command.command DifferentialIK.compute.ee_pos DifferentialIK.compute.ee_quat "
-    "DifferentialIK.compute.jacobian DifferentialIK.compute.joint_pos ExactJoints.moved.offset "
-    "HybridTask.contact_at.tool"
-).split()
-# What takes an axis more or an entry less: one number for each joint, and rows of any number.
-TAKES_MORE = (
-    "exps.twists logs.poses adjoints.poses velocities.J velocities.twist velocities.point kinematics.q "
-    "DifferentialIK.compute.jacobian ExactJoints.moved.offset HybridTask.contact_at.tool solve_poses.q0"
-).split()
-TAKES_LESS = (
-    "PaperLambda.matrix JointLimits.position_upper AccelerationLimit.limit JointTask.velocity ExactJoints.A "
-    "ExactJoints.moved.offset HybridTask.contact_at.tool DifferentialIK.compute.jacobian solve_poses.targets"
-).split()
+    "DifferentialIK.compute.jacobian"
+)
+NOT_USED = "ExactJoints.moved.offset HybridTask.contact_at.tool"
+TAKES_NAN = words(
+    {
+        "NaN stays in its row": f"{ROWS} DifferentialIK.set_command.command DifferentialIK.compute.ee_pos "
+        "DifferentialIK.compute.ee_quat DifferentialIK.compute.joint_pos",
+        "changes nothing there": NOT_USED,
+    }
+)
+TAKES_MORE = words({"rows of rows": ROWS, "changes nothing there": NOT_USED, "one for each target": "solve_poses.q0"})
+TAKES_LESS = words(
+    {
+        "one for each joint of any arm": "PaperLambda.matrix JointLimits.position_upper AccelerationLimit.limit "
+        "JointTask.velocity",
+        "any number of rows": "ExactJoints.A DifferentialIK.compute.jacobian solve_poses.targets",
+        "changes nothing there": NOT_USED,
+    }
+)
 # The argument that is blamed where two of them have to fit each other.
 BESIDE = {
     "form_adjoint.A": "codomain",
@@ -119,10 +130,6 @@ def test_no_nan_and_no_other_shape_gets_in(name):
             assert refused(name, argument, given[None]) == known, where
         if given.ndim and where not in TAKES_LESS:
             assert refused(name, argument, given[:-1]) in {known, BESIDE.get(where)}, where
-
-
-def words(table):
-    return {word for words in table.values() for word in words.split()}
 
 
 def failure(function, arguments, names=()):

@@ -361,7 +361,6 @@ def test_bad_input_is_refused_by_name(arms):
     for options, said in (
         ({"gain": 1.5}, "gain"),
         ({"position_cost": -1.0}, "position_cost"),
-        ({"lm_damping": np.nan}, "lm_damping"),
     ):
         with pytest.raises(iq.BadInput, match=said):
             InvariantFrameTask(robot.tool, **options)
@@ -383,12 +382,10 @@ def test_bad_input_is_refused_by_name(arms):
     assert "least squares" in repr(InvariantFrameTask("tool0"))
     for options, said in (
         ({"point": "tip"}, "point"),
-        ({"point": [0.0, np.nan, 0.0]}, "point"),
         ({"length": 0.0}, "length"),
         ({"length": 0.5, "orientation_cost": 1.0}, "Both say what a radian costs"),
         ({"position_cost": [1.0, 2.0]}, "position_cost"),
         ({"position_cost": [1.0, 2.0, 1.0]}, "Say orientation_cost too"),
-        ({"orientation_cost": np.nan}, "orientation_cost"),
         ({"orientation_cost": 1.0, "form": iq.CarriedMetric(np.ones(6), np.eye(4))}, "it says what a radian costs"),
         ({"damping": iq.velocity.PaperLambda(0.1), "form": 0.3}, "damping: found PaperLambda"),
     ):

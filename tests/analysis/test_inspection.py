@@ -304,10 +304,6 @@ def test_json_has_the_fixed_keys_and_nothing_json_has_not(name):
 
 
 def test_bad_input():
-    with pytest.raises(iq.BadInput, match=r"q: found shape \(2,\); expected"):
-        iq.analysis.inspect(five(), q=[0.0, 1.0])
-    with pytest.raises(iq.BadInput, match="NaN"):
-        iq.analysis.inspect(five(), q=[np.nan] * 5)
     with pytest.raises(iq.BadInput, match="samples"):
         iq.analysis.inspect(five(), samples=0)
     with pytest.raises(iq.errors.UnknownName, match=r"did you mean .*scara"):

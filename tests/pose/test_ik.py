@@ -349,15 +349,10 @@ HURT = pin.SE3.Identity()
 HURT.translation = np.array([0.0, np.nan, 0.0])
 T = PANDA.pose(np.zeros(7))
 WRONG = {
-    "nan target": (lambda: iq.solve_pose(PANDA, T * np.nan), "target"),
     "nan SE3": (lambda: iq.solve_pose(PANDA, HURT), "target"),
-    "short target": (lambda: iq.solve_pose(PANDA, T[:3, :3]), "target"),
     "sheared target": (lambda: iq.solve_pose(PANDA, 1.01 * T), "target"),
-    "nan q0": (lambda: iq.solve_pose(PANDA, T, q0=np.full(7, np.nan)), "q0"),
-    "short q0": (lambda: iq.solve_pose(PANDA, T, q0=np.zeros(6)), "q0"),
     "tolerance": (lambda: iq.solve_pose(PANDA, T, tolerance=0.0), "tolerance"),
     "time": (lambda: iq.solve_pose(PANDA, T, time_limit=-1.0), "time_limit"),
-    "nan time": (lambda: iq.solve_pose(PANDA, T, time_limit=np.nan), "time_limit"),
     "restarts": (lambda: iq.solve_pose(PANDA, T, restarts=-1), "restarts"),
     "half a restart": (lambda: iq.solve_pose(PANDA, T, restarts=0.5), "restarts"),
     "seed": (lambda: iq.solve_pose(PANDA, T, seed="a"), "seed"),

@@ -196,11 +196,9 @@ def test_contacts_of_ones_own():
     ("make", "argument"),
     [
         (lambda: iq.point_contact(P, [0, 0, 0]), "normal"),
-        (lambda: iq.point_contact([0, np.nan, 0], N), "point"),
         (lambda: iq.point_contact(P, N, tangent=N), "tangent"),
         (lambda: iq.contacts.line_contact(P, N, N), "direction"),
         (lambda: iq.contacts.peg_in_hole(P, [0, 0, 0]), "axis"),
-        (lambda: iq.contacts.hinge(P, N, pitch=np.nan), "pitch"),
         (lambda: iq.contacts.surface_contact(P), "normal"),
         (lambda: iq.contacts.surface_contact(P, normal=lambda p: p, implicit=lambda p: 0.0), "normal"),
         (lambda: iq.contacts.surface_contact(P, implicit=lambda p: 0.0), "implicit"),
@@ -208,7 +206,6 @@ def test_contacts_of_ones_own():
         (lambda: iq.contacts.ContactKind("x", np.eye(6)[:, :2], np.eye(6)[:, 1:5]), "constraints"),
         (lambda: iq.contacts.ContactKind("x", np.eye(6)[:, :2], np.eye(6)[:, 2:5]), "constraints"),
         (lambda: iq.contacts.ContactKind("x", np.ones((6, 2))), "freedoms"),
-        (lambda: iq.contacts.Contact(iq.contacts.ContactKind("x", np.eye(6)[:, :2]), np.ones((4, 4))), "pose"),
     ],
 )
 def test_what_is_no_contact(make, argument):

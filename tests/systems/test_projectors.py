@@ -191,15 +191,12 @@ def test_a_principal_pitch_is_named_and_the_others_work():
         ((FACE,), {"h": 1.0, "wrenches": FACE}, "S", "both S and wrenches"),
         ((FACE,), {}, "h", "no rule for the complement"),
         ((FACE,), {"h": 1.0, "metric": np.ones(6)}, "h", "h and metric"),
-        ((FACE,), {"h": np.nan}, "h", "nan"),
         ((FACE,), {"h": np.inf}, "h", "Killing"),
         ((FACE,), {"complement": FACE}, "complement", "shares the twist"),
         ((FACE,), {"complement": np.eye(6)[:, :2]}, "complement", "rank 2"),
         ((FACE,), {"complement": np.eye(6)}, "complement", "rank 6"),
         ((FACE,), {"metric": -np.ones(6)}, "metric", "eigenvalue -1"),
         ((FACE,), {"metric": iq.CarriedMetric(np.ones(6))}, "form", "with a .4, 4. pose"),
-        ((FACE * np.nan,), {"h": 1.0}, "S", "NaN"),
-        ((np.eye(5),), {"h": 1.0}, "S", "shape"),
     ],
 )
 def test_what_makes_no_sense_is_refused_by_name(arguments, rule, argument, said):

@@ -234,24 +234,17 @@ def test_accurate_with_a_joint_metric():
     assert error <= 100 * EPS * np.linalg.cond(J) * np.linalg.cond(M)
 
 
-BAD = {
-    "nan": (lambda: iq.pseudoinverse(np.full((6, 2), np.nan), 0.5), "J"),
-    "infinite pitch": (lambda: iq.pseudoinverse(np.eye(6), np.inf), "h"),
-    "nan pitch": (lambda: iq.pseudoinverse(np.eye(6), np.nan), "h"),
-    "shape": (lambda: iq.pseudoinverse(np.eye(5), 0.5), "J"),
-    "has: pitch": (lambda: iq.has_pseudoinverse(np.eye(6), np.inf), "h"),
-    "has: shape": (lambda: iq.has_pseudoinverse([1.0, 2.0], 0.5), "J"),
-    "metric": (lambda: iq.pseudoinverse(np.eye(6), 0.5, joint_metric=-np.ones(6)), "joint_metric"),
-    "metric shape": (lambda: iq.pseudoinverse(np.eye(6), 0.5, joint_metric=np.eye(5)), "joint_metric"),
-}
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_bad_input(case):
-    call, argument = BAD[case]
-    with pytest.raises(iq.BadInput, match=f"{argument}: found .*; expected ") as caught:
-        call()
-    assert caught.value.argument == argument
+def test_neither_an_infinite_pitch_nor_an_indefinite_metric():
+    for call, argument in (
+        (lambda: iq.pseudoinverse(np.eye(6), np.inf), "h"),
+        (lambda: iq.has_pseudoinverse(np.eye(6), np.inf), "h"),
+        (lambda: penrose_conditions(np.eye(6), np.eye(6), np.inf), "h"),
+        (lambda: iq.pseudoinverse(np.eye(6), 0.5, joint_metric=-np.ones(6)), "joint_metric"),
+        (lambda: penrose_conditions(np.eye(6), np.eye(6), 0.3, joint_metric=-np.ones(6)), "joint_metric"),
+        (lambda: h_adjoint(np.eye(6), 0.3, joint_metric=-np.eye(6)), "joint_metric"),
+    ):
+        with pytest.raises(iq.BadInput, match=f"{argument}: found .*; expected "):
+            call()
 
 
 @pytest.mark.skipif(core is None, reason="no compiled core here")
@@ -527,34 +520,18 @@ def test_transposes_and_wrenches_are_special_cases():
     np.testing.assert_allclose(form_adjoint(P, Q, Q), np.linalg.solve(Q, P.T @ Q), atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("call", "argument"),
-    [
-        (lambda: form_adjoint(np.ones(3), np.eye(3), np.eye(1)), "A"),
-        (lambda: form_adjoint(np.full((2, 2), np.nan), np.eye(2), np.eye(2)), "A"),
-        (lambda: form_adjoint(np.ones((2, 3)), np.eye(2), np.eye(2)), "domain"),
-        (lambda: form_adjoint(np.ones((2, 3)), np.eye(3), np.eye(3)), "codomain"),
-        (lambda: form_adjoint(np.eye(2), [[1, 1], [0, 1]], np.eye(2)), "domain"),
-        (lambda: form_adjoint(np.eye(6), iq.pitch_form(np.inf), np.eye(6)), "domain"),
-        (lambda: h_adjoint(np.eye(5), 0.3), "J"),
-        (lambda: h_adjoint(np.eye(6), np.nan), "h"),
-        (lambda: h_adjoint(np.eye(6), 0.3, joint_metric=-np.eye(6)), "joint_metric"),
-    ],
-)
-def test_what_has_no_adjoint(call, argument):
-    with pytest.raises(iq.BadInput) as caught:
-        call()
-    assert caught.value.argument == argument
+def test_a_form_that_pairs_a_vector_to_zero_has_no_adjoint():
+    for domain in ([[1, 1], [0, 1]], np.zeros((2, 2))):
+        with pytest.raises(iq.BadInput, match="domain"):
+            form_adjoint(np.eye(2), domain, np.eye(2))
+    with pytest.raises(iq.BadInput, match="domain"):
+        form_adjoint(np.eye(6), iq.pitch_form(np.inf), np.eye(6))
 
 
 def regular(rng, m, rank):
     """(6, m) twists of a rank, and a pitch that is no principal one."""
-    J = rng.normal(size=(6, rank)) @ rng.normal(size=(rank, m))
-    pitches = iq.principal_pitches(J)
-    h = rng.uniform(-2.0, 2.0)
-    while len(pitches) and np.abs(pitches - h).min() < 0.05:
-        h = rng.uniform(-2.0, 2.0)
-    return J, h
+    J = generic(rng, m, rank)
+    return J, pitch_away(rng, J)
 
 
 @settings(max_examples=80, deadline=None)
@@ -620,22 +597,6 @@ def test_they_are_values():
     assert "residuals=[0., 0., 0., 0.]" in repr(found)
     with pytest.raises(ValueError, match="read-only"):
         found.residuals[0] = 1.0
-
-
-@pytest.mark.parametrize(
-    ("call", "argument"),
-    [
-        (lambda: penrose_conditions(np.eye(5), np.eye(6), 0.3), "J"),
-        (lambda: penrose_conditions(np.eye(6)[:, :3], np.eye(6), 0.3), "X"),
-        (lambda: penrose_conditions(np.eye(6), np.eye(6), np.inf), "h"),
-        (lambda: penrose_conditions(np.eye(6), np.eye(6), 0.3, joint_metric=-np.ones(6)), "joint_metric"),
-        (lambda: penrose_conditions(np.eye(6), np.eye(6), 0.3, tolerance=0.0), "tolerance"),
-    ],
-)
-def test_bad_input_to_the_conditions(call, argument):
-    with pytest.raises(iq.BadInput) as caught:
-        call()
-    assert caught.value.argument == argument
 
 
 IDS = [f"{k}-{n}" for k, n in CLASSES]
