@@ -72,7 +72,7 @@ print("\nA target 80 mm ahead, a wall 20 mm ahead:")
 for name, solver in {"daqp": "daqp", "my own osqp": MyOsqp("my own osqp", 1e-7)}.items():
     controller = iq.Controller(robot, dt=DT, gain=20.0, exact="position", limits=[wall], backend=solver)
     here = q
-    for _ in range(300):
+    for _ in range(220):
         solution = controller.step(here, beyond)
         here = here + DT * solution.velocity
     went = 1e3 * along @ (robot.pose(here) - robot.pose(q))[:3, 3]

@@ -92,15 +92,15 @@ class RobotKinematics:
             RobotModelError: the URDF cannot be read, or no joint of these moves the frame.
         """
         given = None if joint_names is None else arrays.strings(joint_names, "joint_names")
+        period = arrays.number(frame_time, "frame_time", "seconds", positive=True)
+        self._first = arrays.flag(position_first, "position_first")
         arm = _arm(urdf_path, target_frame_name, given)
         self.robot = arm
         self.target_frame_name = target_frame_name
         self.joint_names: list[str] = list(arm.names if given is None else given)
         self.position_error = 0.0
         self._where = np.array([self.joint_names.index(name) for name in arm.names])
-        period = arrays.number(frame_time, "frame_time", "seconds", positive=True)
         self._step = period * _speeds(velocity_limit, arm.velocity_limit, arm.names)
-        self._first = arrays.flag(position_first, "position_first")
         self._law = VelocityLaw(damping=Adaptive(), dt=period / TICKS)
         self._stride = STRIDE * ToolMeasure(arm).length
         self._turn: Array | None = None

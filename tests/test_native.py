@@ -11,7 +11,10 @@ import pytest
 import invariantqp as iq
 from invariantqp.engine import core, engine
 
-PYTHON = "import invariantqp as iq; print(iq.native, iq.solve_velocity([[1]] + 5 * [[0]], [1, 0, 0, 0, 0, 0]).velocity)"
+PYTHON = (
+    "import invariantqp as iq; from invariantqp.engine import engine; "
+    "print(iq.native, iq.solve_velocity([[1]] + 5 * [[0]], [1, 0, 0, 0, 0, 0]).velocity, engine)"
+)
 
 
 def run(*command, folder=None, **environment):
@@ -30,11 +33,9 @@ def test_native_tells_whether_there_is_a_core():
 
 
 def test_the_environment_switches_it_off():
-    assert told("-c", PYTHON, INVARIANTQP_NATIVE="0") == "False [1.]"
+    assert told("-c", PYTHON, INVARIANTQP_NATIVE="0") == "False [1.] pure Python: INVARIANTQP_NATIVE=0"
     built = any(Path(iq.__file__).parent.glob("_native.*[!i]"))  # _native.pyi is always there
-    assert told("-c", PYTHON, INVARIANTQP_NATIVE="1") == f"{built} [1.]"
-    version = told("-m", "invariantqp", "--version", INVARIANTQP_NATIVE="0")
-    assert version == f"invariantqp {iq.__version__} (pure Python: INVARIANTQP_NATIVE=0)"
+    assert told("-c", PYTHON, INVARIANTQP_NATIVE="1").startswith(f"{built} [1.] ")
 
 
 @pytest.mark.skipif(core is None, reason="no compiled core here")
@@ -44,9 +45,7 @@ def test_the_core_is_part_of_the_package():
 
 def test_without_a_core_everything_is_there():
     code = "import sys; sys.modules['invariantqp._native'] = None; " + PYTHON
-    assert told("-c", code, INVARIANTQP_NATIVE="1") == "False [1.]"
-    code = "import sys; sys.modules['invariantqp._native'] = None; from invariantqp.engine import engine; print(engine)"
-    assert told("-c", code, INVARIANTQP_NATIVE="1") == "pure Python: no compiled core was built"
+    assert told("-c", code, INVARIANTQP_NATIVE="1") == "False [1.] pure Python: no compiled core was built"
 
 
 @pytest.mark.parametrize("wheel", [False, True])
@@ -59,4 +58,5 @@ def test_sources_without_a_core_say_so_once(tmp_path, wheel):
     assert done.stdout == "False\n"
     said = f"invariantqp runs from its sources in {tmp_path}, where no compiled core was built"
     assert (said in done.stderr, done.stderr.count("run there: pip install -e .")) == (not wheel, int(not wheel))
-    assert run("-c", use, folder=tmp_path, INVARIANTQP_NATIVE="0").stderr == ""
+    if not wheel:
+        assert run("-c", use, folder=tmp_path, INVARIANTQP_NATIVE="0").stderr == ""

@@ -198,7 +198,7 @@ def test_the_core_gives_the_rows_of_its_definition(panda):
     loop = loop_of(panda, 0.002, 0.0)._replace(acceleration=np.array([10.0, 10.0, 5.0, 10.0, np.inf, 10.0, 20.0]))
     brakes = limit.in_loop(loop)
     for rate in (*(limit._at_rate(alpha, 0.0) for alpha in (0.0, 10.0, 100.0)), brakes):
-        for _ in range(60):
+        for _ in range(20):
             q, before = READY + rng.uniform(-0.6, 0.6, 7), rng.uniform(-2.0, 2.0, 7)
             assert (len(States.ahead(q, before, *rate[:2]).positions) > 3) == (rate is brakes)
             fast = limit._asked(q, rate, before)
@@ -212,7 +212,7 @@ def test_the_core_gives_the_rows_of_its_definition(panda):
                 for a, b in zip(fast[:3], plain[:3], strict=True):
                     np.testing.assert_allclose(a[orders[0]], b[orders[1]], atol=1e-8)
                 alike += len(plain[0]) > 0
-    assert alike > 30
+    assert alike > 10
 
 
 def test_without_the_core_it_is_the_same(panda):

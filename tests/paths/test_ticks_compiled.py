@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.streams import ARMS, Arm, driven
+from support.streams import Arm, driven
 
 import invariantqp as iq
 from invariantqp.paths import driver, reference
@@ -61,9 +61,8 @@ def by_python(monkeypatch):
     monkeypatch.setattr(reference, "core", None)
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize(("name", "delay"), [("panda", 0.006), ("ur5", 0.0), ("so101", 0.006)])
 @pytest.mark.parametrize("way", [chunks, hand, path, leaps, twists, fast])
-@pytest.mark.parametrize("delay", [0.0, 0.006])
 def test_the_core_follows_what_python_follows(name, way, delay, monkeypatch):
     arm = Arm(name, delay=delay)
     follower, events = way(arm, arm.motion(np.random.default_rng(1), size=0.8))

@@ -286,7 +286,7 @@ def test_limits_without_a_point_are_infeasible(name):
 def test_an_optimum_at_the_speed_limit_meets_its_equations():
     """K'K (z - z*) + A'y + nu J'v = 0 with nu >= 0: sufficient for a convex problem."""
     rng, slow, both = np.random.default_rng(32), 0, 0
-    for _ in range(300):
+    for _ in range(100):
         n = int(rng.integers(2, 6))
         K, J, start = rng.normal(size=(n, n)), rng.normal(size=(3, n)), 0.1 * rng.normal(size=3)
         centre, A, room = 3.0 * rng.normal(size=n), rng.normal(size=(4, n)), rng.uniform(0.1, 2.0, 4)
@@ -302,5 +302,5 @@ def test_an_optimum_at_the_speed_limit_meets_its_equations():
         assert (np.abs(value) <= room + 1e-9).all()
         np.testing.assert_allclose(value[y != 0.0], np.copysign(room, y)[y != 0.0], atol=1e-10)
         slow, both = slow + (nu > 0.0), both + (nu > 0.0 and y.any())
-    assert slow > 30
-    assert both > 10
+    assert slow > 15
+    assert both > 5
