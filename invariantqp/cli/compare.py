@@ -155,7 +155,7 @@ def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict
     """The tables of a comparison, its verdict, and the files that were written."""
     from invariantqp.compare.results import kinds_in
     from invariantqp.compare.tables import EVERYDAY_CELLS, everyday, summary
-    from invariantqp.compare.verdict import short
+    from invariantqp.compare.verdict import verdict
 
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
     parts = [(summary(results), "")] if {"loop", "tick"} & kinds_in(results) else []
@@ -168,7 +168,7 @@ def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict
         console.print(table)
         if cells:
             console.print(cells, markup=False)
-    for sentence in short(results):
+    for sentence in verdict(results):
         console.print(f"- {sentence}", markup=False)
     failed = sum("failed" in cell["result"] for cell in results["cells"])
     if failed:

@@ -13,7 +13,7 @@ from invariantqp.compare import chart, tables
 from invariantqp.compare.method import OURS
 from invariantqp.compare.results import Results, kinds_in
 from invariantqp.compare.tables import Table
-from invariantqp.compare.verdict import short, verdict
+from invariantqp.compare.verdict import verdict
 from invariantqp.template import fill_template
 
 ABOUT = {
@@ -59,7 +59,7 @@ def html(results: Results, svg: str) -> str:
     quick = " --quick" if results["quick"] else ""
     values = {
         "opening": _opening(results),
-        "verdict": short(results),
+        "verdict": verdict(results),
         "chart": svg,
         "light": chart.LIGHT._asdict(),
         "dark": chart.DARK._asdict(),
@@ -76,7 +76,7 @@ def html(results: Results, svg: str) -> str:
 
 def folded(results: Results) -> list[tuple[str, Table]]:
     """Tables that a reader opens, with their titles."""
-    found = [("Task by task", Table(("what the runs say",), [(sentence,) for sentence in verdict(results)]))]
+    found = []
     if (moved := tables.motion(results)).rows:
         found.append((tables.MOTION_CELLS, moved))
     names = [m["name"] for m in results["methods"]]

@@ -1,4 +1,4 @@
-"""What the results say, in sentences: which rows are as accurate, which is the fastest of them, which see the frame.
+"""What the results say, in sentences: where Moore-Penrose and a plain QP are enough, who sees the frame, who is better.
 
 Every figure and every name is computed from the results, one arm at a time.
 """
@@ -10,7 +10,7 @@ from typing import Any
 
 from invariantqp.compare.method import HAND_WRITTEN, OURS, OURS_PYTHON, PENROSE, TOLD_LEAST_SQUARES
 from invariantqp.compare.results import Results, results_of
-from invariantqp.compare.tables import depends, figure, shown, title, worst_frame
+from invariantqp.compare.tables import figure, shown, title, worst_frame
 
 # Errors within this factor of the least, or below a micrometre and a thousandth of a degree, are as good.
 AS_GOOD, NOTHING = 1.1, 1e-3
@@ -18,12 +18,7 @@ Figures = dict[str, dict[str, Any]]
 
 
 def verdict(results: Results) -> list[str]:
-    """The sentences: one for each task, then where frames matter, then where we lose."""
-    return [sentence for make in (accuracy, frames, losses) for sentence in make(results)]
-
-
-def short(results: Results) -> list[str]:
-    """The verdict in short: where Moore-Penrose is enough, where a plain QP is, whose answer is one, where we lose."""
+    """Where Moore-Penrose is enough, where a plain QP is, whose answer is one, where we lose."""
     return [sentence for make in (_penrose, _plain_qp, _one_answer, losses) for sentence in make(results)]
 
 
@@ -46,42 +41,9 @@ def as_good(loops: Figures) -> list[str]:
     return [name for name, mm in have.items() if mm <= max(AS_GOOD * least, NOTHING)]
 
 
-def accuracy(results: Results) -> list[str]:
-    """For each task, who is as near as anyone and who is not, the fastest first."""
-    sentences = []
-    for task, loops, ticks in by_task(results):
-        if len(loops) < 2:
-            continue
-        order = sorted(loops, key=lambda name: ticks.get(name, {}).get("median_us") or 0.0)
-        good = as_good(loops)
-        if not good:
-            continue
-        near = [f"{name}{_time(ticks, name)}" for name in order if name in good]
-        off = [f"{name} {figure(loops[name]['position_mm'])}" for name in order if name not in good]
-        least = min(loops[name]["position_mm"] for name in good)
-        text = f"{title(task)}: at most {figure(least)} mm off, within {100 * (AS_GOOD - 1):.0f} %: {', '.join(near)}"
-        sentences.append(f"{text}. Further off [mm]: {', '.join(off)}." if off else f"{text}.")
-    return sentences
-
-
 def _time(ticks: Figures, name: str) -> str:
     took = ticks.get(name, {}).get("median_us")
     return "" if took is None else f" ({figure(took)} us)"
-
-
-def frames(results: Results) -> list[str]:
-    """Which rows give another answer for another tool frame, by more than the control."""
-    sentences = []
-    beyond = dict.fromkeys(task for task, _ in results_of(results, "beyond"))
-    for task, kind in [*((task, "loop") for task in results["tasks"]), *((task, "beyond") for task in beyond)]:
-        loops = of_task(results, kind, task)
-        changed = {name: r["frame"] for name, r in loops.items() if depends(r) and r["frame"] is not None}
-        if not changed:
-            continue
-        told = ", ".join(f"{name} {figure(changed[name], '{:.0e}')}" for name in changed)
-        same = ", ".join(name for name in loops if name not in changed) or "none"
-        sentences.append(f"{title(task)}: another tool frame moves the joints by [rad]: {told}; not: {same}.")
-    return sentences
 
 
 def losses(results: Results) -> list[str]:

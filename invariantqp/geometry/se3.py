@@ -66,9 +66,7 @@ def transform(rotation: ArrayLike | None = None, translation: ArrayLike | None =
 def facing(z: Array, point: Array) -> Array:
     """A (4, 4) pose at a point (3,) whose z axis is along a vector (3,); neither is checked."""
     z = z / sqrt(z.dot(z))
-    x = cross(np.eye(3)[int(np.abs(z).argmin())], z)
-    x /= sqrt(x.dot(x))
-    return transform(np.column_stack((x, cross(z, x), z)), point)
+    return transform(np.column_stack((*across(z), z)), point)
 
 
 def across(z: Array) -> tuple[Array, Array]:

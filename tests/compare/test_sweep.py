@@ -251,7 +251,7 @@ def test_the_command_writes_everything(small_run):
     assert max(mine["control"], other["control"]) < 1e-10
     assert mine["position_mm"] < 0.1 < 10.0 < other["position_mm"]
     html = (out / "report.html").read_text(encoding="utf-8")
-    assert "another tool frame moves the joints by" in html
+    assert "Another tool frame for the same motion" in html
     assert "no exact, clips" in html
     assert "DLS" in output
 
