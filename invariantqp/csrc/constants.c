@@ -37,6 +37,7 @@ const Constant CONSTANTS[] = {
     ONE("velocity.damping", CALM),
     ONE("velocity.damping", DEVIATION_SHARE),
     ONE("velocity.damping", QUIET_SHARE),
+    ONE("velocity.damping", WORTH_SHARE),
     ONE("velocity.qp", COSINE_ROUNDING),
     ONE("velocity.qp", ACTIVE_TOLERANCE),
     ONE("velocity.solution", SLOWEST),

@@ -253,6 +253,7 @@ void calmed(Objective *objective, double mu);
 bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], Row x);
 double calm(int n, const Row A[6], const double wanted[6], const Row y, const Row slowed, double speed, double dt,
             double factor);
+double worth(const Demand *demand, const Row A[6], const double wanted[6]);
 double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt);
 Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
                  Optimum *found);
@@ -314,6 +315,7 @@ extern const Constant CONSTANTS[];
 #define FREE_WEIGHT 3e-10
 #define CALM 0.25
 #define DEVIATION_SHARE 0.25
+#define WORTH_SHARE 1e-4
 #define QUIET_SHARE 1e-9
 #define FEASIBLE 1e-9
 #define COSINE_ROUNDING 1e-13

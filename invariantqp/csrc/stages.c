@@ -16,6 +16,7 @@ static const double LEVEL_RATIO = 1e-10, CLEAR_LEVEL = 1e-7, CLEAR = 10.0;
 /* A tick as a problem in z: y = origin + B z with exact rows, y = z without; x = T y. */
 typedef struct {
     const Demand *demand;
+    const Row *twists; /* A on x */
     const Row *A; /* on y, as all that follows */
     const double *wanted, *attempt; /* the same array where no form changes anything */
     double ahead[6], unchased[6];   /* of `wanted` and of `attempt`, without the chase */
@@ -118,7 +119,7 @@ static Outcome posed(const Demand *demand, const Row A[6], const double wanted[6
     const Law *metric = demand->metric;
     Row C[MOST_ROWS], still = {0.0};
     problem->demand = demand;
-    problem->A = A;
+    problem->twists = problem->A = A;
     problem->wanted = problem->attempt = wanted;
     problem->largest = 0.0;
     problem->cone = demand->cone;
@@ -463,7 +464,7 @@ static double calming(const Posed *problem, const Share *share, const Objective 
     if (demand->dt == 0.0)
         return 0.0;
     free_part(problem, y, share->value, z);
-    double factor = demand->rows == 0 ? CALM : CALM * problem->reduction.bend;
+    double factor = (demand->rows == 0 ? CALM : CALM * problem->reduction.bend) / worth(demand, problem->twists, problem->wanted);
     return calm(demand->m, problem->A, problem->wanted, y, slowed, speed(objective, z), demand->dt, factor);
 }
 

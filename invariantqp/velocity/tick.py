@@ -34,7 +34,7 @@ from scipy.linalg import lapack
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.backends import Daqp
-from invariantqp.velocity.damping import CALM, Damping, calm
+from invariantqp.velocity.damping import CALM, Damping, calm, worth
 from invariantqp.velocity.exact import Reduction, Share, counted_from_least, reduce, share_of
 from invariantqp.velocity.forms import PitchForm, attempted
 from invariantqp.velocity.law import Demand, Guard, VelocityLaw
@@ -172,7 +172,7 @@ def answered(law: VelocityLaw, problem: Problem) -> Answer:
     if law.dt > 0.0 and problem.spectrum is not None:
         achieved = problem.A.dot(first.y + first.slowed)
         speed = first.objective.speed(room.coordinates(first.y))
-        mu = calm(problem.A, problem.wanted, achieved, speed, law.dt, CALM * reduction.bend)
+        mu = calm(problem.A, problem.wanted, achieved, speed, law.dt, CALM * reduction.bend / _worth(problem))
     answer = _calmed(law, first, mu)
     if law.guard is None or problem.attempt is problem.wanted:
         return answer
@@ -180,6 +180,14 @@ def answered(law: VelocityLaw, problem: Problem) -> Answer:
     plain = problem._replace(attempt=problem.wanted, ahead=ahead)
     best = _calmed(law, _chasing(law, plain, room, plain.objective(room.share.value)), mu)
     return _guarded(law.guard, problem, answer, best, mu)
+
+
+def _worth(problem: Problem) -> float:
+    """Whether it is worth it to move the joints, `damping.worth`; a twist by itself always is."""
+    demand, chase = problem.demand, problem.demand.chase
+    if chase is None or demand.fastest is None:
+        return 1.0
+    return worth(demand.root.dot(demand.J), problem.wanted, chase.lower, chase.upper, demand.fastest)
 
 
 def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Problem:
