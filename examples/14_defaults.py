@@ -138,7 +138,7 @@ def gains(late: int) -> Study:
 STUDIES: dict[str, Study] = {
     "damping: threshold, ceiling": Study(dampings()),
     "SLACK: what limits may take of a twist before they slow its chase down": Study(
-        constants(controller, "SLACK", 1e-3, 3e-3, 1e-2)
+        constants(controller, "SLACK", 1e-3, 2e-3, 5e-3)
     ),
     "POSTURE_PACE: the joint speed at which half of the posture is followed": Study(
         constants(tick, "POSTURE_PACE", 1e-3, 3e-3, 1e-2, 2e-2), joints=7

@@ -114,7 +114,7 @@ class Demand(NamedTuple):
 # and an error of a position or an angle that small may stay. Measured (`examples/14_defaults.py`): a tool that turns in
 # place swings in proportion to it; with 1e-3 and less, some arms no longer leave a singularity or a limit that keeps
 # nearly all of the chase away.
-SLACK = 3e-3
+SLACK = 2e-3
 # Threshold and ceiling of the default damping of a path that is looked at ahead: it slows down before joints are fast.
 PLANNED_DAMPING = 1e-3, 3e-5
 

@@ -13,7 +13,7 @@ ARMS = ("panda", "ur5", "xarm7", "so101", "gen3", "z1")
 # Joint positions are read to this [rad].
 READ = 2e-5
 # What "ok" promises, said here on purpose.
-MISSED, FALLING, SLACK, GROWING = 0.05, 0.5, 3e-3, 0.01
+MISSED, FALLING, SLACK, GROWING = 0.05, 0.5, 2e-3, 0.01
 
 
 def ranges(robot):
@@ -85,6 +85,25 @@ def test_turned_in_place_the_tool_point_stays(name):
             if turns == 5:
                 return
     raise AssertionError(f"{turns} turns of {name} are regular")
+
+
+def test_out_of_reach_joints_rest_that_bring_the_tool_no_nearer():
+    """Joints that turn without an end, outstretched: the valley of the error is flat, and some go on in it for minutes."""
+    robot, dt, resting = iq.load_robot("gen3"), 0.004, 0
+    rng = np.random.default_rng(4)
+    for _ in range(8):
+        q, target, late = somewhere(rng, robot), robot.pose(somewhere(rng, robot)), np.zeros(7)
+        target[:3, 3] *= 1.6
+        loop, aim = iq.Controller(robot, dt=dt, delay=dt, acceleration_limit=10.0), robot.target(target)
+        for _ in range(3750):
+            q, late = q + dt * late, loop.step(q, aim).velocity
+        left = np.linalg.norm(robot.pose(q)[:3, 3] - target[:3, 3])
+        for _ in range(250):
+            q, late = q + dt * late, loop.step(q, aim).velocity
+        nearer = left - np.linalg.norm(robot.pose(q)[:3, 3] - target[:3, 3])
+        assert np.abs(late).max() < 1e-5 or nearer > 1e-5
+        resting += bool(np.abs(late).max() < 1e-5)
+    assert resting >= 7
 
 
 LOOPS = {

@@ -18,11 +18,14 @@ cp = pytest.importorskip("cvxpy")
 pytestmark = pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
 
 THRESHOLD, CEILING = 1e-2, 2e-3  # of damping
-POSTURE_PACE, CALM = 0.01, 0.25
+POSTURE_PACE, CALM, WORTH = 0.01, 0.25, 1e-4
 
 
 def random_case(rng):
-    """Any of: few or many joints, a singularity nearby, exact rows, rows, a tool speed, a chase, a posture, calm."""
+    """Any of: few or many joints, a singularity nearby, exact rows, rows, a tool speed, a chase, a posture, calm.
+
+    Of few joints some are asked for what they hardly do at all.
+    """
     m, reach = int(rng.integers(3, 9)), 0.6
     J = rng.normal(size=(6, m))
     if rng.random() < 0.3:
@@ -51,6 +54,11 @@ def random_case(rng):
         cone = iq.limits.ToolSpeed(rng.uniform(0.1, 0.8) * np.linalg.norm(s[3:]), np.zeros(3)).cone(J, np.zeros(3))
     posture = fast * rng.normal(size=m) if rng.random() < 0.6 else None
     fastest = np.full(m, fast) if rng.random() < 0.7 else None
+    if m < 6 and chase is not None and not k and rng.random() < 0.5:
+        A, b = root @ J, root @ s
+        here = (1.0 - 10.0 ** rng.uniform(-5.0, -2.0)) * A @ np.linalg.lstsq(A, b, rcond=None)[0]
+        s = np.linalg.solve(root, b - here)
+        chase = chase._replace(ahead=part * s)
     demand = Demand(J, s, root, -side[0], side[1], exact, posture, rows, cone, None, chase, fastest)
     return VelocityLaw(dt=dt), demand
 
@@ -185,7 +193,17 @@ class Published:
         moving = np.linalg.svd(self.AB)[2][: min(6, len(z))] @ z
         excess = max(0.0, 0.25 * dt * size * (moving @ moving) - np.linalg.norm(self.b))
         error = np.linalg.norm(self.b - self.A @ x) + excess
-        return max(0.0, 0.5 * CALM * dt * error * size - 1e-9 * size**2)
+        return max(0.0, 0.5 * CALM * dt * error * size / self.worth() - 1e-9 * size**2)
+
+    def worth(self):
+        demand, chase = self.demand, self.demand.chase
+        if chase is None or demand.fastest is None:
+            return 1.0
+        A, b, v = demand.root @ demand.J, self.b, demand.fastest
+        box = np.column_stack((np.maximum(chase.lower, -v), np.minimum(chase.upper, v)))
+        nearer = -linprog(-(b @ A), bounds=box).fun
+        kappa = nearer / (np.linalg.norm(b) * np.linalg.norm(A, axis=0) @ v)
+        return max(1.0 - (WORTH / kappa) ** 2, WORTH) if kappa > WORTH else WORTH
 
 
 def test_the_answer_is_the_published_minimum():
