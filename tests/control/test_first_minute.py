@@ -88,7 +88,7 @@ def test_turned_in_place_the_tool_point_stays(name):
 
 
 def test_out_of_reach_joints_rest_that_bring_the_tool_no_nearer():
-    """Joints that turn without an end, outstretched: the valley of the error is flat, and some go on in it for minutes."""
+    """Joints that turn without an end, outstretched: the error is a flat valley, where some go on for minutes."""
     robot, dt, resting = iq.load_robot("gen3"), 0.004, 0
     rng = np.random.default_rng(4)
     for _ in range(8):
