@@ -248,10 +248,11 @@ def descents(
 ) -> tuple[Array, int]: ...
 def follow(
     course: Array,
-    loop: Loop | None,
-    memory: Array | None,
+    loop: Loop,
+    memory: Array,
     twist: Array | None,
     late: bool,
+    over: float,
     time: float,
     q: Any,
     sent: Array,
@@ -260,8 +261,9 @@ def follow(
     acceleration: Array,
     command: Array,
     /,
-) -> tuple[Array, Array, Array, Array, Array, float, float, bool] | None: ...
+) -> tuple[Array, Array, Array, Array, Array, float, float, bool, tuple[Array, float] | None] | None: ...
 def motion(course: Array, time: float, /) -> Array: ...
+def residual(course: Array, time: float, state: Array, duration: float, /) -> Array: ...
 def splice(
     course: Array, time: float, state: Array, shortest: float, tool: Array | None, /
 ) -> tuple[Array, float] | None: ...

@@ -70,38 +70,48 @@ static bool commanded(const Course *course, int j, double q, double off, double 
     return true;
 }
 
-/* follow(course, loop, memory, twist, late, time, q, sent, position, velocity, acceleration, command before): position,
-   velocity, acceleration and command after the tick, q as an array, the source's last column before and after, and whether
-   the joints are late; or None where Python has to answer, or to say what is wrong with q. `loop` and its `memory` are None
-   where there is no tool speed, no row and no twist. */
+/* follow(course, loop, memory, twist, late, over, time, q, sent, position, velocity, acceleration, command before):
+   position, velocity, acceleration and command after the tick, q as an array, the source's last column before and after,
+   whether the joints are late, and how they stop being it, a residual and how long it takes, or None; or None where Python
+   has to answer, or to say what is wrong with q. Late joints look for a splice that takes `over`, unless that is 0. */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     Course course;
-    Row q, sent, position, velocity, acceleration, command, v;
+    Row q, sent, position, velocity, acceleration, command, v, allowed;
     Path now = {{0.0}}, then = {{0.0}};
-    double twist[6];
+    double twist[6], splices[6 * MOST], taken = 0.0;
     static const char *const USE =
-        "follow(course, loop, memory, twist, late, time, q, sent, position, velocity, acceleration, command)";
-    if (count != 12 || !course_of(arguments[0], &course))
+        "follow(course, loop, memory, twist, late, over, time, q, sent, position, velocity, acceleration, command)";
+    if (count != 13 || !course_of(arguments[0], &course))
         return refused(USE);
-    const Loop *loop = arguments[1] == Py_None ? NULL : loop_of(arguments[1]);
+    const Loop *loop = loop_of(arguments[1]);
     const double *kept = loop == NULL ? NULL : memory_of(arguments[2], loop);
     const JointLimits *limits = &course.limits;
     int m = limits->m, late = PyObject_IsTrue(arguments[4]);
     bool by_twist = arguments[3] != Py_None, shape = course.shape;
-    if ((arguments[1] != Py_None && (kept == NULL || loop->joints != m)) || (by_twist ? loop == NULL : course.powers == 0))
+    if (kept == NULL || loop->joints != m || (!by_twist && course.powers == 0))
         return refused(USE);
-    double time = PyFloat_AsDouble(arguments[5]), dt = limits->dt, after = time + dt;
-    bool good = !PyErr_Occurred() && vector(arguments[6], m, q) && vector(arguments[7], m, sent) &&
-                vector(arguments[8], m, position) && vector(arguments[9], m, velocity) &&
-                vector(arguments[10], m, acceleration) && vector(arguments[11], m, command) &&
+    double over = PyFloat_AsDouble(arguments[5]), time = PyFloat_AsDouble(arguments[6]), dt = limits->dt, after = time + dt;
+    bool good = !PyErr_Occurred() && vector(arguments[7], m, q) && vector(arguments[8], m, sent) &&
+                vector(arguments[9], m, position) && vector(arguments[10], m, velocity) &&
+                vector(arguments[11], m, acceleration) && vector(arguments[12], m, command) &&
                 !(by_twist && !vector(arguments[3], 6, twist));
     PyErr_Clear(); /* Python says what is wrong */
     for (int j = 0; j < m && good; j++)
         good = fabs(sent[j] - q[j]) <= course.head[STRAY];
     if (!good)
         Py_RETURN_NONE;
+    if (late && over > 0.0) {
+        double state[3 * MOST];
+        for (int j = 0; j < m; j++) { /* of the motion through the ends of the last three ticks */
+            state[j] = position[j];
+            state[m + j] = velocity[j] + 0.5 * dt * acceleration[j];
+            state[2 * m + j] = acceleration[j];
+        }
+        taken = shortest_splice(&course, time, state, over, NULL, splices);
+        late = taken == 0.0;
+    }
     if (by_twist) {
         if (towards_twist(limits, loop, kept, twist, position, velocity, v) == HAND_BACK)
             Py_RETURN_NONE;
@@ -114,11 +124,13 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
         if (course.columns > m)
             source_position(&course, time, now[0]);
         memset(then[1], 0, 3 * sizeof then[1]);
-        left_over(&course, after, then);
+        if (taken > 0.0)
+            quintic(m, splices, dt, then);
+        else
+            left_over(&course, after, then);
         for (int j = 0; j < m; j++)
             v[j] = (then[0][j] - position[j]) / dt;
     }
-    Row allowed;
     bool changed = false;
     for (int j = 0; j < m && !shape; j++) {
         double a = (v[j] - velocity[j]) / dt;
@@ -128,7 +140,7 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     for (int j = 0; j < m && changed; j++)
         v[j] = velocity[j] + dt * allowed[j];
     late = late || (changed && !by_twist);
-    double share = loop == NULL ? 1.0 : allowed_share(loop, position, v);
+    double share = allowed_share(loop, position, v);
     if (share < 1.0 && shape)
         Py_RETURN_NONE;
     late = late || (share < 1.0 && !by_twist);
@@ -140,6 +152,7 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
         acceleration[j] = (v[j] - velocity[j]) / dt;
         velocity[j] = v[j];
     }
-    return Py_BuildValue("(NNNNNddN)", new_vector(m, position), new_vector(m, velocity), new_vector(m, acceleration),
-                         new_vector(m, command), new_vector(m, q), now[0][m], then[0][m], PyBool_FromLong(late));
+    PyObject *way = taken > 0.0 ? Py_BuildValue("(Nd)", new_matrix(6, m, m, splices), taken) : Py_NewRef(Py_None);
+    return Py_BuildValue("(NNNNNddNN)", new_vector(m, position), new_vector(m, velocity), new_vector(m, acceleration),
+                         new_vector(m, command), new_vector(m, q), now[0][m], then[0][m], PyBool_FromLong(late), way);
 }

@@ -155,6 +155,7 @@ static PyMethodDef methods[] = {
            "A controller's tick: a VelocitySolution, and what is to be said of joints beside it; None where Python has to answer."),
     CALLED("follow", follow, "A tick of a follower in which nothing new comes, or None where Python has to answer."),
     CALLED("motion", motion, "Position, velocity, acceleration and jerk of what is followed."),
+    CALLED("residual", residual, "The quintic from a state to what is followed, in a time."),
     CALLED("splice", splice, "The residual of a splice and how long it takes, or None where there is none."),
     CALLED("stop", stop, "How long the quickest stop takes."),
     CALLED("through", through, "Knots and powers of a curve through smoothed positions, from rest to rest."),

@@ -150,7 +150,7 @@ void source_position(const Course *course, double time, double *r)
 }
 
 /* A polynomial of five powers more than its constant, (6, m), and its derivatives, added. */
-static void quintic(int m, const double *powers, double u, Path r)
+void quintic(int m, const double *powers, double u, Path r)
 {
     for (int j = 0; j < m; j++) {
         double x = 0.0, v = 0.0, a = 0.0, jerk = 0.0;
@@ -268,37 +268,71 @@ PyObject *motion(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     return new_matrix(4, course.columns, MOST + 1, r[0]);
 }
 
+/* What a splice at a time has to take to zero: a state (3, m), less the source's. */
+static void jump_at(const Course *course, double time, const double *state, Path here, double *e)
+{
+    int m = course->limits.m;
+    source_at(course, time, here);
+    for (int k = 0; k < 3; k++)
+        for (int j = 0; j < m; j++)
+            e[k * m + j] = state[k * m + j] - here[k][j];
+}
+
+/* residual(course, time, state, duration): (6, m) */
+PyObject *residual(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    Course course;
+    Path here;
+    double e[3 * MOST], powers[6 * MOST];
+    static const char *const USE = "residual(course, time, state, duration)";
+    if (count != 4 || !course_of(arguments[0], &course) || course.powers == 0)
+        return refused(USE);
+    double time = PyFloat_AsDouble(arguments[1]), duration = PyFloat_AsDouble(arguments[3]);
+    const double *state = numbers(arguments[2], 3 * course.limits.m);
+    if (PyErr_Occurred() || state == NULL)
+        return refused(USE);
+    jump_at(&course, time, state, here, e);
+    residual_of(course.limits.m, e, duration, powers);
+    return new_matrix(6, course.limits.m, course.limits.m, powers);
+}
+
+/* Reference.splice: how long the splice from a state (3, m) takes, 0 where there is none, and its residual (6, m). */
+double shortest_splice(const Course *course, double time, const double *state, double shortest, const double *tool, double *found)
+{
+    int m = course->limits.m;
+    Path here;
+    double e[3 * MOST], powers[6 * MOST], first = fmax(shortest, SHORTEST_STOP * course->limits.dt), taken = 0.0;
+    jump_at(course, time, state, here, e);
+    for (int i = 0; i < DURATIONS; i++) {
+        double D = spaced(first, fmax(LONGEST_SPLICE, first), i, DURATIONS);
+        bool ahead;
+        residual_of(m, e, D, powers);
+        if (!fits(course, time, (const double(*)[MOST + 1])here, powers, D, tool, &ahead) || (taken > 0.0 && !ahead))
+            continue;
+        taken = D;
+        memcpy(found, powers, sizeof powers);
+        if (ahead)
+            break;
+    }
+    return taken;
+}
+
 /* splice(course, time, state, shortest, tool): the residual (6, m) and how long it takes to the course's source; None
    where there is none inside the limits. */
 PyObject *splice(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     Course course;
-    Path here;
     static const char *const USE = "splice(course, time, state, shortest, tool)";
     if (count != 5 || !course_of(arguments[0], &course) || course.powers == 0)
         return refused(USE);
     int m = course.limits.m;
-    double time = PyFloat_AsDouble(arguments[1]), shortest = PyFloat_AsDouble(arguments[3]);
+    double time = PyFloat_AsDouble(arguments[1]), shortest = PyFloat_AsDouble(arguments[3]), found[6 * MOST];
     const double *state = numbers(arguments[2], 3 * m), *tool = arguments[4] == Py_None ? NULL : numbers(arguments[4], 3 * m);
     if (PyErr_Occurred() || state == NULL || (tool == NULL && arguments[4] != Py_None))
         return refused(USE);
-    double e[3 * MOST], found[6 * MOST], powers[6 * MOST], first = fmax(shortest, SHORTEST_STOP * course.limits.dt), taken = 0.0;
-    source_at(&course, time, here);
-    for (int k = 0; k < 3; k++)
-        for (int j = 0; j < m; j++)
-            e[k * m + j] = state[k * m + j] - here[k][j];
-    for (int i = 0; i < DURATIONS; i++) {
-        double D = spaced(first, fmax(LONGEST_SPLICE, first), i, DURATIONS);
-        bool ahead;
-        residual_of(m, e, D, powers);
-        if (!fits(&course, time, (const double(*)[MOST + 1])here, powers, D, tool, &ahead) || (taken > 0.0 && !ahead))
-            continue;
-        taken = D;
-        memcpy(found, powers, sizeof found);
-        if (ahead)
-            break;
-    }
+    double taken = shortest_splice(&course, time, state, shortest, tool, found);
     if (taken == 0.0)
         Py_RETURN_NONE;
     return Py_BuildValue("(Nd)", new_matrix(6, m, m, found), taken);

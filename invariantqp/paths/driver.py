@@ -71,6 +71,8 @@ MOST_WAITING, MOST_POINTS = 8, 96
 BEHIND = 1.0
 # The largest override of a path whose shape is kept.
 MOST_OVERRIDE = 1.5
+# Why joints catch up.
+LATE = "the joints' limits"
 # Joint speeds below this share of their limits are rest.
 AT_REST = 1e-6
 
@@ -161,7 +163,8 @@ class Follower:
         self._q = self._v = self._a = np.zeros(m)  # of the commanded motion, when the next tick begins
         self._source: Source | None = None  # what is wanted; the reference may be at a stop in its place
         self._given: tuple[Given, Array] | None = None  # the points of the source
-        self._missed = np.zeros(0)
+        self._missed = np.zeros(0)  # by how much points are out of reach, and whether one is
+        self._some_missed = False
         self._next: tuple[Given, Array, float] | None = None
         self._function: Callable[[float], Any] | None = None
         self._looked = 0.0
@@ -170,6 +173,7 @@ class Follower:
         self._shift = 0.0  # of the samples' clock
         self._heard = 0.0
         self._twist: Array | None = None
+        self._turns = False  # whether the twist is one
         self._override = 1.0
         self._closed = False
         self._why = "nothing to follow yet"
@@ -266,7 +270,7 @@ class Follower:
             self._forget()
         elif course is not None:  # the same course, for longer
             self._course = *course[:2], self._time + self.timeout
-        self._twist, self._heard = wanted, self._time
+        self._twist, self._turns, self._heard, self._given = wanted, bool(wanted.any()), self._time, None
 
     def prepare(self, q: ArrayLike) -> None:
         """Find the joint motion along a path whose shape is kept now, from joint positions near its start.
@@ -368,19 +372,24 @@ class Follower:
     def _driven(self, reference: Reference, measured: Array, moving: Array | None) -> FollowerSolution:
         """A tick along a reference."""
         dt = self.controller.dt
-        if self._late and self._twist is None and not 0.0 < self._retry - self._time <= RETRY:
-            self._late = not reference.splice(reference.source, self._time, self._state, EASE)
-            self._retry = self._time + RETRY
         self._course = course = self._made_course(reference)
         found = None if course is None or moving is not None else self._by_core(course, measured, begun=True)
         if found is not None:
             return found
+        if self._looks_over:
+            self._late = not reference.splice(reference.source, self._time, self._state, EASE)
+            self._retry = self._time + RETRY
         v = self._limited(reference)
         command = self._corrected(measured, v, moving)
         self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
         self._time += dt
         self._course = self._made_course(reference)
         return self._reported(reference, measured, command)
+
+    @property
+    def _looks_over(self) -> bool:
+        """Whether joints that catch up look for a splice in this tick."""
+        return self._late and self._twist is None and not 0.0 < self._retry - self._time <= RETRY
 
     def _made_course(self, reference: Reference) -> tuple[Reference, Array, float] | None:
         """What the core follows, and until when nothing new comes; None where Python has to."""
@@ -401,8 +410,6 @@ class Follower:
         until = min(until, inf if self._next is None else self._next[2])
         if self._twist is not None or isinstance(self._source, Window):
             until = min(until, self._heard + self.timeout)
-        if self._late:
-            until = min(until, self._retry)
         numbers = reference.course(None if shape is None else loop.gain)
         return None if numbers is None or until <= self._time else (reference, numbers, until)
 
@@ -423,12 +430,14 @@ class Follower:
         reference, numbers, _ = course
         time, sent, shape, loop = self._time, self._sent, self._shape, self.controller
         shown = sent[0] if begun or len(sent) < (sent.maxlen or 0) else [*sent, self._q][1]
+        over = EASE if self._looks_over else 0.0
         found = core.follow(  # type: ignore[union-attr]
             numbers,
             loop.compiled,
             loop.kept,
             self._twist,
             self._late,
+            over,
             time,
             q,
             shown,
@@ -441,26 +450,31 @@ class Follower:
             return None
         if not begun:
             sent.append(self._q)
-        self._q, self._v, self._a, self._command, measured, before, after, late = found
-        self._time = time = time + self.controller.dt
+        self._q, self._v, self._a, self._command, measured, before, after, late, way = found
+        if over:
+            self._retry = time + RETRY
+        if way is not None:
+            reference.joins(time, *way)
+            self._course = None
+        self._time += loop.dt
         command = self._command.copy()
         if shape is not None:
             told = None if self.paused else shape.told_by_core(measured, before, after, self._override)
-            if told is None:
-                return self._reported(reference, measured, command)
-            return FollowerSolution(command, *told)
-        if late and not self._late:
-            self._late, self._course = True, None
-        if late or self.paused or self._twist is not None or self._override != 1.0 or self._some_missed:
+            return self._reported(reference, measured, command) if told is None else FollowerSolution(command, *told)
+        self._late = late
+        return self._reported_soon(reference, measured, command)
+
+    def _reported_soon(self, reference: Reference, measured: Array, command: Array) -> FollowerSolution:
+        """As `_reported`, without a look at what cannot be so where nothing is new."""
+        time, by_twist = self._time, self._twist is not None
+        if self.paused or self._override != 1.0 or self._some_missed or (by_twist and not self._turns):
             return self._reported(reference, measured, command)
+        if by_twist:
+            return FollowerSolution(command, Status.MOVING, "", time, 0.0, lambda: nan)
         lag = reference.source.late if isinstance(reference.source, Window) else 0.0
         place, position = time - lag, self._q
-        return FollowerSolution(command, Status.MOVING, "", place, lag, lambda: self._across(position, place))
-
-    @property
-    def _some_missed(self) -> bool:
-        """Whether points are out of reach."""
-        return bool((self._missed > self._tolerance).any())
+        status, why = (Status.LATE, LATE) if self._late else (Status.MOVING, "")
+        return FollowerSolution(command, status, why, place, lag, lambda: self._across(position, place))
 
     def _limited(self, reference: Reference) -> Array:
         """(m,) the joint velocity of a tick: the wanted one, inside the limits."""
@@ -672,7 +686,7 @@ class Follower:
             self._source, self._why = None, f"no sample for {quiet:.2g} s"
         if self._twist is not None and (self.paused or quiet > self.timeout):
             self._why = "paused" if self.paused else f"no twist for {quiet:.2g} s"
-            self._twist = np.zeros(6)
+            self._twist, self._turns = np.zeros(6), False
         self._choose(reference, 0.0 if self.paused else override)
 
     def _choose(self, reference: Reference, override: float) -> None:
@@ -715,7 +729,8 @@ class Follower:
         given, stamps = given.chosen(kept), stamps[kept]
         near = self._q if not isinstance(self._source, Motion) else self._source.at(stamps[:1])[0, 0]
         joints, missed = self._solver.points(given, near, stamps)
-        self._given, self._missed, self._newest = (given, stamps), missed, None
+        self._given, self._newest = (given, stamps), None
+        self._missed, self._some_missed = missed, bool((missed > self._tolerance).any())
         self._source = through(stamps, joints, self._limits, EASE, self.cutoff if smooth else inf)
 
     def _take_samples(self, reference: Reference) -> None:
@@ -735,7 +750,7 @@ class Follower:
             last = None if before is None or gap else before[2]
             joints, missed = self._solver.points(given, near, np.array((when,)), last)
             joint = joints[0]
-            self._missed, self._heard = missed, now
+            self._missed, self._some_missed, self._heard = missed, float(missed[0]) > self._tolerance, now
             self._given = given, np.array((when,))
             self._newest = given, joint, when
             window = self._source
@@ -820,8 +835,8 @@ class Follower:
             return (Status.PAUSED if still else Status.MOVING), "paused"
         if self._twist is None and self._source is not None:
             return self._on_the_way(place, still=still)
-        if self._twist is not None and (self._twist.any() or not still):
-            return Status.MOVING, "" if self._twist.any() else self._why
+        if self._twist is not None and (self._turns or not still):
+            return Status.MOVING, "" if self._turns else self._why
         if still and self._closed and not self._samples and self._next is None:
             return Status.DONE, ""
         return Status.WAITING, self._why
@@ -835,7 +850,7 @@ class Follower:
             return Status.DONE, ""
         if missed > self._tolerance:
             return Status.LEFT, f"out of reach, by {missed:.3g}"
-        return (Status.LATE, "the joints' limits") if self._late else (Status.MOVING, "")
+        return (Status.LATE, LATE) if self._late else (Status.MOVING, "")
 
     def _missed_at(self, place: float) -> float:
         """By how much the points at a place are out of reach."""

@@ -389,9 +389,17 @@ class Reference:
 
     def ease(self, source: Source, time: float, state: Array, shortest: float) -> None:
         """Go over to a source that differs little: as `splice`, but no earlier than the splice before is over."""
-        e = state - source.at(np.array((time,)))[0, :3]
         D = max(shortest, self.joined - time)
-        self.source, self._residual, self._start, self._duration = source, _residuals(e, np.array((D,)))[0], time, D
+        numbers = self._numbers(source)
+        if core is not None and numbers is not None:
+            self._residual = core.residual(numbers, time, state, D)
+        else:
+            self._residual = _residuals(state - source.at(np.array((time,)))[0, :3], np.array((D,)))[0]
+        self.source, self._start, self._duration = source, time, D
+
+    def joins(self, time: float, residual: Array, duration: float) -> None:
+        """The splice from a time on: a residual (6, m), zero after a duration."""
+        self._start, self._residual, self._duration = time, residual, duration
 
     def splice(self, source: Source, time: float, state: Array, shortest: float, tool: Array | None = None) -> bool:
         """Go over to a source from position, velocity and acceleration (3, m) at a time.
@@ -407,7 +415,7 @@ class Reference:
             self.source, self._start, self._duration = source, time, 0.0
             found = core.splice(numbers, time, state, shortest, tool)
             if found is not None:
-                self._residual, self._duration = found
+                self.joins(time, *found)
             return found is not None
         here = source.at(np.array((time,)))[0, :3]
         e = state - here
