@@ -322,9 +322,7 @@ def largest_pace(
         return float(u.dot(cost.K.dot(centre - z))) - delta
 
     try:  # DAQP finds no answer, or beside a tool speed a wrong one, where limits leave hardly any room
-        pace = _largest_pace(cost, start, way, delta, limits, cone, inside)
-        if cone is None or pace in {0.0, 1.0} or abs(missed(pace)) <= ACTIVE_TOLERANCE * length:
-            return pace
+        return _largest_pace(cost, start, way, delta, limits, cone, inside)
     except SolverFailure:
         pass
     if missed(1.0) <= 0.0:
@@ -368,4 +366,9 @@ def _largest_pace(
     inverse = np.linalg.pinv(KKT)
     exact = inverse.dot(right)
     exact += inverse.dot(right - KKT.dot(exact))  # what rounding missed
+    z = start + size * columns.dot(exact[: n + 1])
+    if slow is not None and not (
+        limits.allows(z, start) and cone.allows(z, ACTIVE_TOLERANCE) and (exact[n + 1 :] * y[a] >= 0.0).all()
+    ):
+        raise SolverFailure("the limits", "no answer at the tool's speed limit")
     return float(min(max(exact[n] * size / length, 0.0), 1.0))

@@ -179,6 +179,24 @@ def test_ok_is_what_it_promises_and_limited_names_what_limits(name, loop_name):
     assert seen["limited"] > 10
 
 
+@pytest.mark.parametrize("name", ["panda", "ur5", "z1"])
+def test_the_tick_decides_no_status(name):
+    """At one gain loops with a long and a short tick are "ok" for the same time."""
+    robot, share = iq.load_robot(name), []
+    for dt in (0.01, 0.001):
+        rng, ok, ticks = np.random.default_rng(6), 0, round(1.5 / dt)
+        for _ in range(6):
+            q, loop = somewhere(rng, robot), iq.Controller(robot, dt=dt, gain=10.0)
+            low, high = ranges(robot)
+            target = robot.target(robot.pose(np.clip(q + rng.uniform(-1.0, 1.0, len(q)), low, high)))
+            for _ in range(ticks):
+                solution = loop.step(q, target)
+                q, ok = q + dt * solution.velocity, ok + (solution.status == "ok")
+        share.append(ok / (6 * ticks))
+    assert share[0] == pytest.approx(share[1], abs=0.03)
+    assert 0.2 < share[0] < 0.98
+
+
 @pytest.mark.parametrize("name", ARMS)
 def test_scaled_keeps_the_direction_of_an_exact_point(name):
     scaled = 0
