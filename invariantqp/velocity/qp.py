@@ -366,9 +366,9 @@ def _largest_pace(
     inverse = np.linalg.pinv(KKT)
     exact = inverse.dot(right)
     exact += inverse.dot(right - KKT.dot(exact))  # what rounding missed
-    z = start + size * columns.dot(exact[: n + 1])
-    if slow is not None and not (
-        limits.allows(z, start) and cone.allows(z, ACTIVE_TOLERANCE) and (exact[n + 1 :] * y[a] >= 0.0).all()
-    ):
-        raise SolverFailure("the limits", "no answer at the tool's speed limit")
+    x = exact[: n + 1]
+    if slow is not None:
+        inside_limits = limits.allows(start + size * columns.dot(x), start) and slow.allows(x, ACTIVE_TOLERANCE)
+        if not inside_limits or (exact[n + 1 :] * y[a] < 0.0).any():
+            raise SolverFailure("daqp", "no answer at the tool's speed limit")
     return float(min(max(exact[n] * size / length, 0.0), 1.0))
