@@ -30,8 +30,6 @@ from invariantqp.velocity.measure import root_at
 
 # Default number of states: some 50 ms, and enough to distinguish properties of the arm from those of one state.
 DEFAULT_SAMPLES = 64
-# Takes a quarter of an hour.
-MOST_SAMPLES = 1_000_000
 # Axes off from parallel or from a right angle by something between these were written with few digits [rad]: 1.5708 is
 # off by 4e-6, 1.57 by 8e-4; what is more was meant, what is less moves no tool by a micrometre.
 TILTS = (1e-7, 1e-3)
@@ -196,7 +194,7 @@ def inspect(
     state, where = mid, "in the middle of the joint range"
     if q is not None:
         state, where = arrays.vector(q, len(robot.names), "q"), "at the joint positions given"
-    if not arrays.count(samples, "samples", MOST_SAMPLES):
+    if not arrays.count(samples, "samples", arrays.MANY):
         raise BadInput("samples", "0", "one or more")
     if progress is not None:
         arrays.function(progress, "progress", PROGRESS)

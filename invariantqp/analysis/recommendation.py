@@ -43,18 +43,14 @@ MULTIPLES = (1.0, 1.5, 2.0, 3.0, 4.0)
 # States of the range that are enough to tell, and those from which upright ones are looked for.
 MOST_STATES = 1000
 UPRIGHT_STARTS = 32
-# Twists that turn by less than this share of what they move the tool are told as translations.
-TURNING = 1e-3
+# Sines, and shares of the largest, that nobody asks an arm for: finer than a tool is pointed.
+SMALL = 1e-3
 # An eigenvalue of U'MU below this share of |M| is rounding of zero.
 ROUNDING = 1e-12
 # Newton's steps; four to eight are enough from anywhere for arms whose wrist can turn that far.
 STEPS = 20
 # The longest of them in one joint [rad].
 LONGEST = 0.5
-# The sine of the angle between axes that count as parallel, which is finer than anyone points a tool.
-PARALLEL = 1e-3
-# Directions in which turning the axis needs joints a thousand times faster than in others are left alone.
-WEAK = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +185,7 @@ def _unseen_words(q: Array, lost: Array, root: Array) -> str:
         return f"At q = ({at}) each pitch has a direction of its own that it does not see."
     measured = root.dot(lost)
     motions = [f"the twist {_tuple(twist)}" for twist in lost.T]
-    if np.linalg.norm(measured[:3]) <= TURNING * np.linalg.norm(measured[3:]):
+    if np.linalg.norm(measured[:3]) <= SMALL * np.linalg.norm(measured[3:]):
         slides = along_axes(np.vstack((np.zeros((3, lost.shape[1])), measured[3:])))
         # In an order that does not depend on rounding.
         ways = sorted(slides[3:].T, key=lambda v: tuple(np.abs(v).round(6)), reverse=True)
@@ -259,13 +255,13 @@ def _turned(robot: Robot, start: Array) -> Array | None:
             return None
         axes = w[:, turning] / sizes[turning]
         first, last = axes[:, 0], axes[:, -1]
-        if np.linalg.norm(np.cross(first, last)) < PARALLEL:
+        if np.linalg.norm(np.cross(first, last)) < SMALL:
             return q if step else None
         if step == STEPS:
             break
         rates = np.cross(axes.T, last).T  # (3, turning) how each joint turns the last axis
         wanted = np.copysign(1.0, first.dot(last)) * first - last
         change = np.zeros(len(q))
-        change[turning] = np.linalg.pinv(rates, rcond=WEAK).dot(wanted) / sizes[turning]
+        change[turning] = np.linalg.pinv(rates, rcond=SMALL).dot(wanted) / sizes[turning]
         q = np.clip(q + np.clip(change, -LONGEST, LONGEST), robot.position_lower, robot.position_upper)
     return None

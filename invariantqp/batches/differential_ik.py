@@ -25,8 +25,6 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 
 ORDERS = ("wxyz", "xyzw")
-# More rows than any memory holds.
-MOST_ROWS = 10**12
 
 
 class DifferentialIK:
@@ -70,7 +68,7 @@ class DifferentialIK:
         self.cfg = cfg
         self._position = arrays.choice(getattr(cfg, "command_type", cfg), "cfg", ("position", "pose")) == "position"
         self._relative = arrays.flag(getattr(cfg, "use_relative_mode", False), "cfg")
-        self.num_envs = arrays.count(num_envs, "num_envs", MOST_ROWS)
+        self.num_envs = arrays.count(num_envs, "num_envs")
         self._order = arrays.choice(quaternion, "quaternion", ORDERS)
         self._dt = arrays.number(dt, "dt", "a time", positive=True)
         if position_limits is not None and (

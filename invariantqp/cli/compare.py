@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from invariantqp.cli.console import WIDEST, NotAccepted, folder, progress, writable, write
+from invariantqp.cli.console import WIDEST, NotAccepted, Quiet, folder, progress, writable, write
 from invariantqp.errors import BadInput, install_command
 from invariantqp.extras import require
 
@@ -49,7 +49,7 @@ def compare(
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="With --stability: write every figure as JSON.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Compare time and accuracy of our law and other methods on each TASK, in a chart, tables and a page.
 

@@ -9,7 +9,9 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Annotated
 
+import typer
 from rich.console import Console
 
 from invariantqp.errors import BadInput
@@ -30,6 +32,12 @@ HELP = (
     "invariantqp; 130 interrupted."
 )
 
+# Options that several commands have.
+JsonFile = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write everything as JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")]
+ToolFrame = Annotated[
+    str | None, typer.Option("--tool", metavar="FRAME", help="The tool frame; the robot's own if left out.")
+]
 PICTURES = (".png", ".svg", ".pdf")
 PAGES = (".html",)
 # Width of paragraphs and of tables where no terminal says how wide it is.

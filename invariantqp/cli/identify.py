@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from invariantqp.cli.console import PAGES, PLAIN_WIDTH, numbers, say, writable, write
+from invariantqp.cli.console import PAGES, PLAIN_WIDTH, JsonFile, ToolFrame, numbers, say, writable, write
 from invariantqp.errors import BadInput
 from invariantqp.extras import require
 
@@ -47,9 +47,7 @@ def identify(
     robot: Annotated[
         str | None, typer.Option(metavar="NAME", help="Of joint positions: a robot's name or a URDF file.")
     ] = None,
-    tool: Annotated[
-        str | None, typer.Option(metavar="FRAME", help="The tool frame; the robot's own if left out.")
-    ] = None,
+    tool: ToolFrame = None,
     mount: Annotated[
         str, typer.Option(metavar="NUMBERS", help="The sensor's frame in the tool frame: x,y,z, or x,y,z,qx,qy,qz,qw.")
     ] = "0,0,0",
@@ -64,7 +62,7 @@ def identify(
         ),
     ] = None,
     kind: Annotated[list[str] | None, typer.Option(metavar="KIND", help="Only these; may be repeated.")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write everything as JSON.")] = None,
+    json_file: JsonFile = None,
     view: Annotated[
         Path | None,
         typer.Option("--view", metavar="FILE", help="Write a page with the contact on the recorded path (.html)."),

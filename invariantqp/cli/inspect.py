@@ -13,7 +13,17 @@ from rich.console import Console
 from rich.markup import escape
 from typer.core import TyperCommand
 
-from invariantqp.cli.console import PICTURES, PLAIN_WIDTH, numbers, progress, writable, write, writing
+from invariantqp.cli.console import (
+    PICTURES,
+    PLAIN_WIDTH,
+    JsonFile,
+    ToolFrame,
+    numbers,
+    progress,
+    writable,
+    write,
+    writing,
+)
 from invariantqp.errors import BadInput
 from invariantqp.extras import require
 
@@ -48,16 +58,14 @@ def _is_numbers(text: str) -> bool:
 
 def inspect(
     robot: Annotated[str, typer.Argument(help="A robot's name, a URDF file, a task's name or a task file.")],
-    tool: Annotated[
-        str | None, typer.Option(metavar="FRAME", help="The tool frame; the robot's own if left out.")
-    ] = None,
+    tool: ToolFrame = None,
     q: Annotated[
         str | None, typer.Option("--q", metavar="NUMBERS", help="Joint positions; the middle of the range if left out.")
     ] = None,
     samples: Annotated[
         int | None, typer.Option(metavar="N", help="How many states of the joint range to look at.", min=1)
     ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write everything as JSON.")] = None,
+    json_file: JsonFile = None,
     clearance: Annotated[
         bool,
         typer.Option(

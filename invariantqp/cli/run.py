@@ -14,7 +14,19 @@ from rich.markup import escape
 from rich.table import Table
 from typer.core import TyperCommand
 
-from invariantqp.cli.console import PAGES, PICTURES, NotAccepted, percent, progress, say, writable, write, writing
+from invariantqp.cli.console import (
+    PAGES,
+    PICTURES,
+    JsonFile,
+    NotAccepted,
+    Quiet,
+    percent,
+    progress,
+    say,
+    writable,
+    write,
+    writing,
+)
 from invariantqp.errors import BadInput
 from invariantqp.extras import require
 
@@ -44,9 +56,7 @@ class ViewAlone(TyperCommand):
 def run(
     ctx: typer.Context,
     task: Annotated[str, typer.Argument(help="A task file, or the name of one that comes with the package.")],
-    json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write figures and joint trajectory as JSON.")
-    ] = None,
+    json_file: JsonFile = None,
     plot: Annotated[
         Path | None, typer.Option("--plot", metavar="FILE", help="Write a picture (.png, .svg, .pdf) of the run.")
     ] = None,
@@ -69,7 +79,7 @@ def run(
     seed: Annotated[
         int | None, typer.Option(help="Seed of the displacement of --check-frame; 0 if left out.", min=0)
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing unless something is wrong.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run TASK in closed loop, and say whether its acceptance numbers are met."""
     from invariantqp.runs.taskfile import load_task

@@ -36,8 +36,6 @@ from invariantqp.velocity.backends import SolverFailure
 from invariantqp.velocity.limits import accelerations
 from invariantqp.velocity.solution import VelocitySolution
 
-# A joint with a pitch below this is a hinge [m]; URDFs give six digits.
-HINGE = 1e-9
 # Cost of the posture task in Pink's and mink's own examples; the frame task has unit costs.
 POSTURE_COST = 1e-3
 # Of the QP of an arm without a posture task; with one, the default of both libraries.
@@ -78,7 +76,7 @@ def joints_of(robot: Robot) -> list[Joint]:
     for name, screw in zip(robot.names, robot.jacobian(np.zeros(len(robot.names))).T, strict=True):
         if not screw[:3].any():
             found.append(Joint(screw[3:] / np.linalg.norm(screw[3:]), np.zeros(3), slides=True))
-        elif abs(screws.pitch(screw)) < HINGE:
+        elif abs(screws.pitch(screw)) < screws.HINGE:
             found.append(Joint(*screws.axis(screw), slides=False))
         else:
             raise RobotModelError(f"joint {name} is helical; other libraries model hinges and slides only")

@@ -23,12 +23,8 @@ from invariantqp.geometry.arrays import Array
 DLS_DAMPING = 0.05
 # Chiaverini's damping starts when the smallest singular value falls below this.
 NEARLY_SINGULAR = 0.04
-# Singular values below this share of the largest are zero in projected and in saturated Jacobians.
-RANK = 1e-9
-# An entry below this fraction of the largest of its row or column counts as zero in the unit-consistent inverse.
-ZERO = 1e-12
-# A velocity exceeds a limit if it does so by more than this fraction of the largest limit: less is rounding.
-OUTSIDE = 1e-12
+# What is below this share of the largest is rounding: singular values, entries, and the excess over a limit.
+ROUNDING = 1e-9
 IN_NULL_SPACE, CLIPPED = "in the null space", "clipped"
 
 
@@ -53,7 +49,7 @@ def unit_scaling(J: Array) -> tuple[Array, Array]:
     """
     n, m = J.shape
     size = np.abs(J)
-    there = (size > ZERO * size.max(axis=1, keepdims=True)) & (size > ZERO * size.max(axis=0, keepdims=True))
+    there = (size > ROUNDING * size.max(axis=1, keepdims=True)) & (size > ROUNDING * size.max(axis=0, keepdims=True))
     logs = np.log(size, where=there, out=np.zeros_like(size))
     # The normal equations of  min sum (log|J_ij| + u_i + w_j)^2: the graph Laplacian of the nonzero entries.
     laplacian = np.block([[np.diag(there.sum(axis=1)), there], [there.T, np.diag(there.sum(axis=0))]]).astype(float)
@@ -92,10 +88,10 @@ def priority(setting: Setting) -> Solve:
     def velocity(tick: Question) -> Array:
         x, N = np.zeros(setting.m), eye
         if len(tick.C):
-            x, N = chiaverini(tick.C).dot(tick.e), eye - np.linalg.pinv(tick.C, rcond=RANK).dot(tick.C)
+            x, N = chiaverini(tick.C).dot(tick.e), eye - np.linalg.pinv(tick.C, rcond=ROUNDING).dot(tick.C)
         A = tick.J.dot(N)
         x = x + N.dot(chiaverini(A).dot(tick.s - tick.J.dot(x)))
-        return np.asarray(x + (N - np.linalg.pinv(A, rcond=RANK).dot(A)).dot(tick.posture))
+        return np.asarray(x + (N - np.linalg.pinv(A, rcond=ROUNDING).dot(A)).dot(tick.posture))
 
     return velocity
 
@@ -119,11 +115,11 @@ def saturate(tick: Question) -> Saturated:
     size, m = float(np.linalg.norm(J, 2)), J.shape[1]
     free, fixed = np.ones(m, dtype=bool), tick.posture.copy()
     limits = np.abs(np.concatenate((lower, upper)))
-    edge = OUTSIDE * float(limits[np.isfinite(limits)].max(initial=0.0))
+    edge = ROUNDING * float(limits[np.isfinite(limits)].max(initial=0.0))
     best = Saturated(np.minimum(np.maximum(np.zeros(m), lower), upper), 0.0)
     full = _rank(J, size)
     while _rank(J * free, size) == full:
-        inverse = np.linalg.pinv(J * free, rcond=RANK)
+        inverse = np.linalg.pinv(J * free, rcond=ROUNDING)
         along = inverse.dot(s)
         offset = fixed - inverse.dot(J.dot(fixed))
         x = along + offset
@@ -152,7 +148,7 @@ def _largest_share(along: Array, offset: Array, lower: Array, upper: Array) -> t
 
 
 def _rank(A: Array, size: float) -> int:
-    return int(np.count_nonzero(np.linalg.svd(A, compute_uv=False) > RANK * size))
+    return int(np.count_nonzero(np.linalg.svd(A, compute_uv=False) > ROUNDING * size))
 
 
 METHODS = [

@@ -29,10 +29,8 @@ from invariantqp.velocity.solution import Status, VelocitySolution
 Result = dict[str, Any]
 # A broken input is NaN in every third tick of the first half of a run; the second half is time to recover.
 BROKEN_EVERY = 3
-# An excess over a limit up to this is rounding [rad, m] and [rad/s, m/s].
+# An excess over a limit up to this is rounding [rad, m] and [rad/s, m/s], and so is what is left below one.
 INSIDE = 1e-9
-# A joint closer than this to a position limit, or this share of its speed below the largest, is at its limit.
-AT_LIMIT = 1e-9
 # How long the target is at rest after a path, for the tool to settle [s].
 REST = 1.0
 # A tool nearer to its target than this has settled [m], [rad]; a first look at a run says as much.
@@ -134,8 +132,8 @@ def figures(law: Watched, trace: Trace) -> Result:
     """What a run is judged by."""
     low, high = trace.position_limits
     speed, ticks = np.abs(trace.velocity), len(trace.velocity)
-    at_speed = speed >= trace.velocity_limit * (1.0 - AT_LIMIT)
-    at_end = (trace.q[1:] <= low + AT_LIMIT) | (trace.q[1:] >= high - AT_LIMIT)
+    at_speed = speed >= trace.velocity_limit * (1.0 - INSIDE)
+    at_end = (trace.q[1:] <= low + INSIDE) | (trace.q[1:] >= high - INSIDE)
     left = (np.diff(trace.outside, axis=0) > INSIDE) | (speed - trace.velocity_limit > INSIDE)
     jumps = np.abs(np.diff(trace.velocity, axis=0))
     ways: dict[str, Any] = {

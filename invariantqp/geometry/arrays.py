@@ -27,6 +27,8 @@ REAL_KINDS = "iufO"
 LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 # How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
 ROTATION_TOLERANCE = 1e-5
+# More states, tries or processes than anyone waits for: a slip of the keyboard.
+MANY = 1_000_000
 # How far a_ij and a_ji may differ, relative to sqrt(a_ii a_jj): where entries cancel, rounding is all that is left.
 SYMMETRY_TOLERANCE = 1e-9
 

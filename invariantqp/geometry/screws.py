@@ -17,6 +17,9 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
+# A joint whose pitch is below this is a hinge [length/rad]: its description has no more digits.
+HINGE = 1e-9
+
 
 def helical(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: float = 0.0) -> Array:
     """The (6,) unit twist of a screw joint about a line.

@@ -17,6 +17,7 @@ from invariantqp.control.compiled import compiled_demands
 from invariantqp.control.demands import Exact
 from invariantqp.engine import core_for
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.screws import HINGE
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot, middle, remembered
 from invariantqp.systems.points import centre
@@ -25,8 +26,6 @@ from invariantqp.velocity.backends import UNBOUNDED
 if TYPE_CHECKING:
     from invariantqp.engine import Arm
 
-# |omega.v| of a hinge relative to |omega| |v|: below this its pitch is rounding.
-HINGE = 1e-9
 # A joint this near its limit, relative to 1 + |q|, is at it: a step to the limit is rounded.
 ROUNDING = 1e-14
 

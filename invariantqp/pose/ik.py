@@ -51,12 +51,8 @@ ALIKE = 1.0 + 1e-9
 # Tries after the first, unless told otherwise: of 4 000 random targets on each of five arms, half of them with two
 # joints at their limits, 4 were not reached with as many.
 RESTARTS = 100
-# Their starts are made together, and take memory.
-MOST_RESTARTS = 100_000
 # Targets handed to a worker process at a time.
 CHUNK = 50
-# More processes than any machine has cores.
-MOST_JOBS = 10_000
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -113,7 +109,7 @@ class PoseSearch:
         self._exact = demands_of(exact)
         self._tolerance = arrays.number(tolerance, "tolerance", "a tolerance in radians and in lengths", positive=True)
         self._time_limit = arrays.number(time_limit, "time_limit", "seconds or inf", positive=True, infinite=True)
-        self._restarts = arrays.count(restarts, "restarts", MOST_RESTARTS)
+        self._restarts = arrays.count(restarts, "restarts", arrays.MANY)
         self._seed = arrays.count(seed, "seed")
         self._plain: PoseError | None = None  # of some pose: the core needs no more than its measure
 
@@ -371,7 +367,7 @@ def solve_poses(
 
 def _processes(jobs: int, *, along: bool) -> int:
     """The number of processes, -1 for one a core."""
-    processes = -1 if type(jobs) is int and jobs == -1 else arrays.count(jobs, "jobs", MOST_JOBS)
+    processes = -1 if type(jobs) is int and jobs == -1 else arrays.count(jobs, "jobs", arrays.MANY)
     if processes == 0:
         raise BadInput("jobs", "0", "a number of processes, or -1 for all cores")
     if along and processes != 1:

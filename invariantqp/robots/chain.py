@@ -107,11 +107,11 @@ class Chain(Value):
 
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) tool pose in the base frame."""
-        return self._seen(arrays.vector(q, len(self.names), "q"))[1]
+        return self._evaluated(arrays.vector(q, len(self.names), "q"))[1]
 
     def jacobian(self, q: ArrayLike) -> Array:
         """(6, m) joint twists in the base frame."""
-        return self._seen(arrays.vector(q, len(self.names), "q"))[0]
+        return self._evaluated(arrays.vector(q, len(self.names), "q"))[0]
 
     def origins(self, q: ArrayLike) -> Array:
         """(m, 3) a point of each joint's axis, to draw the arm by."""
@@ -133,7 +133,7 @@ class Chain(Value):
             BadInput: a target that is not a rigid motion.
         """
         wanted = self.target(target).pose
-        J, T, error = self._seen(q, wanted)
+        J, T, error = self._evaluated(q, wanted)
         if error is None:
             error = se3.displacement(T, wanted)
         return Sighting(J, error, T)
@@ -205,18 +205,18 @@ class Chain(Value):
         )
 
     @cached_property
-    def _eyes(self) -> Callable[[Array], tuple[Array, Array]]:
+    def _without_core(self) -> Callable[[Array], tuple[Array, Array]]:
         """Joint twists and tool pose without the compiled core: by Pinocchio where it is there and sees the same."""
         try:
-            from invariantqp.robots.pinocchio import Eyes
+            from invariantqp.robots.pinocchio import ModelKinematics
 
-            eyes = Eyes(self.model)
+            known = ModelKinematics(self.model)
         except (MissingExtra, BadInput):
             return self._kinematics
         q = np.arange(1.0, len(self.names) + 1.0)
-        pairs = zip(eyes(q), self._kinematics(q), strict=True)
+        pairs = zip(known(q), self._kinematics(q), strict=True)
         same = all(np.abs(seen - right).max() <= SAME * np.abs(right).max() for seen, right in pairs)
-        return eyes if same else self._kinematics
+        return known if same else self._kinematics
 
     @cached_property
     def powers(self) -> tuple[Array, Array]:
@@ -244,12 +244,12 @@ class Chain(Value):
             motions.append(T)
         return motions
 
-    def _seen(self, q: Array, wanted: Array | None = None) -> tuple[Array, Array, Array | None]:
+    def _evaluated(self, q: Array, wanted: Array | None = None) -> tuple[Array, Array, Array | None]:
         """Joint twists and tool pose at a checked q, and by the compiled core the error, None where it has none."""
         found: tuple[Array, Array, Array | None] | None
         core = core_for(self.engine)
         found = None if core is None else core.sight(self.screws, self.home, q, wanted)
-        return (*self._eyes(q), None) if found is None else found
+        return (*self._without_core(q), None) if found is None else found
 
     def _kinematics(self, q: Array) -> tuple[Array, Array]:
         """Joint twists and tool pose at a checked q."""

@@ -108,7 +108,7 @@ def load_robot(
     if velocity_limit is not None:
         arm = arm.with_limits(velocity_limit=velocity_limit)
     elif not is_screws(source):
-        _tell_unlimited(arm)
+        _warn_of_unlimited(arm)
     arm = arm if offset is None else arm.with_tool(offset)
     return arm if base is None else stand_on(base, arm)
 
@@ -118,7 +118,7 @@ def is_screws(source: object) -> bool:
     return not isinstance(source, (str, PathLike)) and _library(source) is None
 
 
-def _tell_unlimited(arm: Chain) -> None:
+def _warn_of_unlimited(arm: Chain) -> None:
     """Warn of joints whose description gives no speed."""
     unlimited = [name for name, v in zip(arm.names, arm.velocity_limit.tolist(), strict=True) if v == inf]
     if unlimited:

@@ -15,18 +15,16 @@ from invariantqp.errors import BadInput
 from invariantqp.extras import optional
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.screws import pitch
+from invariantqp.geometry.screws import HINGE, pitch
 from invariantqp.robots.kinematics import UNLIMITED
 
 with optional("pin", "Pinocchio"):
     import pinocchio as pin
 
-__all__ = ["ANGULAR_FIRST", "Eyes", "joint_twists", "model_of", "pin", "placement"]
+__all__ = ["ANGULAR_FIRST", "ModelKinematics", "joint_twists", "model_of", "pin", "placement"]
 
 # Rows of Pinocchio's spatial vectors, linear part first, in the order this library uses, angular part first.
 ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
-# A unit screw may differ from length 1, and a hinge's pitch from 0 [length/rad], by this: rounding.
-ROUNDING = 1e-9
 
 
 def placement(pose: ArrayLike | pin.SE3, argument: str) -> pin.SE3:
@@ -44,7 +42,7 @@ def joint_twists(model: pin.Model, data: pin.Data, q: Array) -> Array:
     return J if J.ndim == 2 else J.reshape(6, 1)  # Pinocchio leaves the second dimension out for one joint
 
 
-class Eyes(threading.local):
+class ModelKinematics(threading.local):
     """Joint twists and pose of a model's last frame; each thread that asks has Pinocchio's `data` of its own."""
 
     def __init__(self, model: pin.Model) -> None:
@@ -71,7 +69,7 @@ def model_of(
     joint = 0
     for i, (screw, place) in enumerate(zip(screws.T, places, strict=True)):
         along = screw[:3] if screw[:3].any() else screw[3:]
-        if abs(np.linalg.norm(along) - 1.0) > ROUNDING:
+        if abs(np.linalg.norm(along) - 1.0) > HINGE:
             raise BadInput(
                 "screws", f"a joint {names[i]} that is not a unit screw", "unit screws for a pinocchio.Model"
             )
@@ -91,4 +89,4 @@ def _kind(screw: Array) -> pin.JointModel:
     h = pitch(screw)
     if np.isinf(h):
         return pin.JointModelPZ()
-    return pin.JointModelRZ() if abs(h) < ROUNDING else pin.JointModelHZ(h)
+    return pin.JointModelRZ() if abs(h) < HINGE else pin.JointModelHZ(h)

@@ -1,4 +1,3 @@
-import pickle
 import runpy
 from itertools import pairwise
 from pathlib import Path
@@ -222,14 +221,6 @@ def test_nothing_moves_nothing():
     found = hyperbolic_polar(np.zeros((6, 2)), 0.3)
     assert found.gains.shape == (0,)
     np.testing.assert_array_equal(found.movement, np.zeros((6, 2)))
-
-
-def test_it_is_a_value():
-    J = np.random.default_rng(6).normal(size=(6, 3))
-    found = hyperbolic_polar(J, 0.3)
-    assert pickle.loads(pickle.dumps(found)) == found == hyperbolic_polar(J, 0.3)
-    with pytest.raises(ValueError, match="read-only"):
-        found.stretch[0, 0] = 1.0
 
 
 def test_what_has_no_polar_decomposition_for_its_arguments():

@@ -17,6 +17,7 @@ MAKE = {
     "HyperbolicSpectrum": lambda x: iq.systems.hyperbolic_singular_values(x * J, 0.3),
     "HyperbolicPolar": lambda x: hyperbolic_polar(x * J, 0.3),
     "Involution": lambda x: iq.involution(x * LINES),
+    "NullPlane": lambda x: iq.systems.beta_plane((1, 2, 3), (0, 0, 2), x),
     "PenroseConditions": lambda x: penrose_conditions(x * J, np.linalg.pinv(J), 0.3),
     "PointMotion": lambda x: iq.systems.point_motion(J, (0, 0, x), (1, 0, 0)),
     "DualProjectors": lambda x: iq.dual_projectors(J, h=0.3 * x),

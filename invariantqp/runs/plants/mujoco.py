@@ -57,8 +57,6 @@ TOOL_RADIUS = 0.03
 # Mass of a door [kg], and half its width [m]; at least this, and less where the handle is nearer to the axis: a nut.
 DOOR_MASS = 5.0
 DOOR_HALF = (0.03, 0.3)
-# A pitch below this [m/rad] is rounding, and makes no thread.
-LEAST_PITCH = 1e-9
 # Which of MuJoCo's shapes a solid is.
 GEOMS = {kind: getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}") for kind in get_args(SolidKind)}
 # How fast a nut follows its thread [s] and the damping ratio, and how little it gives: it pushes both ways, so that the
@@ -279,7 +277,7 @@ def _add_door(spec: Any, springs: HingeSprings, sensor: SimulatedSensor, physics
         explicitinertial=True,
     )
     door.add_joint(name="hinge", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, frictionloss=physics.hinge_friction)
-    if abs(pitch) > LEAST_PITCH:
+    if abs(pitch) > screws.HINGE:
         door.add_joint(name="lead", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
         screw = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1="lead", name2="hinge", **THREAD)
         screw.data[:5] = (0.0, pitch, 0.0, 0.0, 0.0)
