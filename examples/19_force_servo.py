@@ -11,7 +11,7 @@ import numpy as np
 import invariantqp as iq
 
 DT, PRESS, RADIUS, TURN = 0.002, 10.0, 0.05, 4.0  # [s], [N], [m], [s] a turn
-STOP, RESUME, END = 3.0, 3.5, 8.0  # [s]
+STOP, RESUME, END = 1.5, 2.0, 5.5  # [s]
 HOME = np.array([0.0, -1.2, 1.8, -2.2, -1.57, 0.0])  # [rad], tool down
 
 

@@ -18,13 +18,14 @@ from invariantqp.control.frame_cost import FrameCost
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.extras import optional
 from invariantqp.geometry import arrays
-from invariantqp.robots.mujoco import chain_to
 from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.forms import CarriedMetric, Form
 from invariantqp.velocity.law import Guard
 
 with optional("mink", "mink"):
     from mink import SE3, Configuration, FrameTask, Objective
+
+    from invariantqp.robots.mujoco import chain_to  # MuJoCo comes with mink
 
 __all__ = ["InvariantFrameTask"]
 

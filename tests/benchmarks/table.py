@@ -7,8 +7,8 @@ one, to that of the compiled core. All take turns at every tick, so that a busy 
 pose, Jacobian, law and limits, of a controller that remembers what it did before. The hand-written loop is damped least
 squares in metres and radians inside the same joint limits, with rows for an exact position, and nothing is allocated
 twice; it has no posture, no status and no tool speed. Pink and mink are called as `invariantqp compare` calls them,
-with DAQP; placo is a row there. A tick of a `PathFollower` is compared with an ordinary tick of the same engine in the same
-states, where limits may be met that the follower keeps away from.
+with DAQP; placo is a row there. A tick of a `PathFollower` is compared with an ordinary tick of the same engine in the
+same states, where limits may be met that the follower keeps away from.
 """
 
 from __future__ import annotations
