@@ -7,7 +7,7 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.engine import core
-from invariantqp.robots.pinocchio import Eyes
+from invariantqp.robots.pinocchio import ModelKinematics
 
 
 def random_chain(rng, m):
@@ -37,9 +37,9 @@ def test_poses_are_products_of_exponentials(m):
 @pytest.mark.parametrize("name", ["panda", "so101", "tiago", "fr3"])
 def test_without_the_core_pinocchio_sees_what_the_screws_say(name):
     arm, rng = iq.load_robot(name), np.random.default_rng(0)
-    assert type(arm._eyes) is Eyes
+    assert type(arm._without_core) is ModelKinematics
     for q in rng.normal(size=(50, len(arm.names))):
-        for one, other in zip(arm._eyes(q), arm._kinematics(q), strict=True):
+        for one, other in zip(arm._without_core(q), arm._kinematics(q), strict=True):
             np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-14)
 
 
@@ -51,12 +51,12 @@ def test_what_pinocchio_would_see_wrongly_or_not_at_all_is_seen_by_numpy(monkeyp
         iq.robots.Chain(2.0 * hinges, np.eye(4)),  # no unit screws
         iq.robots.Chain(screw, np.eye(4)),
     ):
-        assert arm._eyes == arm._kinematics
-    assert type(iq.robots.Chain(hinges, np.eye(4))._eyes) is Eyes
+        assert arm._without_core == arm._kinematics
+    assert type(iq.robots.Chain(hinges, np.eye(4))._without_core) is ModelKinematics
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     monkeypatch.delitem(sys.modules, "invariantqp.robots.pinocchio")
     arm = iq.robots.Chain(hinges, np.eye(4))
-    assert arm._eyes == arm._kinematics
+    assert arm._without_core == arm._kinematics
 
 
 @pytest.mark.skipif(core is None, reason="the compiled core is not built, or switched off")
