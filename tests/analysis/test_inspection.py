@@ -10,7 +10,7 @@ from invariantqp.analysis import survey as surveys
 from invariantqp.analysis.recommendation import (
     LARGEST_NORM,
     NEARLY_ALL,
-    PARALLEL,
+    SMALL,
     achievable,
     projector_norm,
     recommend,
@@ -229,7 +229,7 @@ def test_a_tool_straight_down_leaves_five_joints_no_pitch():
     assert "0 % of those with the last axis parallel to the first" in found.recommended.reason
     q = found.recommended.q
     across = np.cross(*(robot.jacobian(q)[:3, i] for i in (0, -1)))
-    assert np.linalg.norm(across) < PARALLEL
+    assert np.linalg.norm(across) < SMALL
     for multiple in (1.0, 4.0):
         with pytest.raises(iq.errors.NoProjectors):
             projected(robot, q, found.recommended.length, multiple * found.recommended.length)
@@ -244,7 +244,7 @@ def test_upright_states_are_inside_the_range_and_upright():
     assert (q <= robot.position_upper).all()
     for state in q:
         w = robot.jacobian(state)[:3]
-        assert np.linalg.norm(np.cross(w[:, 0], w[:, -1])) < PARALLEL
+        assert np.linalg.norm(np.cross(w[:, 0], w[:, -1])) < SMALL
     assert not len(
         upright(load_arm("scara"), spread(load_arm("scara"), 5))
     )  # always upright: no other states than the rest

@@ -10,7 +10,7 @@ import pytest
 
 from invariantqp.compare import measurements, tables
 from invariantqp.compare.tables import figure
-from invariantqp.compare.verdict import losses, short
+from invariantqp.compare.verdict import losses, verdict
 
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "examples" / "comparison" / "results.json"
@@ -124,7 +124,7 @@ def test_every_figure_of_the_sentences_is_in_the_results():
         for other in ("invariantqp", "invariantqp (Python)"):
             ratio = hand / result("tick", task, other)["median_us"]
             known |= {float(f"{ratio:.2g}"), float(f"{1.0 / ratio:.2g}")}
-    sentences = "\n".join(short(RESULTS))
+    sentences = "\n".join(verdict(RESULTS))
     for name in ("SO-101", "UR5", *(f"in all {k} tasks" for k in (6,)), *(f"in {k} of 6 tasks" for k in range(6))):
         sentences = sentences.replace(name, "")
     told = re.findall(r"\d+(?:\.\d+)?(?:e[-+]\d+)?", sentences)
