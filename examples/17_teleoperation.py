@@ -1,6 +1,10 @@
-"""An SO-101 follows a hand at 30 frames a second, by LeRobot's calls: joint steps and tool errors, placo's beside them.
+"""An SO-101 by LeRobot's calls: action chunks of a policy, and a hand at 30 frames a second, placo's answers beside.
 
-Five streams of targets and measured joints, ten seconds each, with noise (1 mm, 0.5 deg; joints 0.1 deg):
+First, chunks as `predict_action_chunk` returns them: (1, 50, 6) float32 in degrees, the gripper last; twice a second,
+from an observation that is 150 to 350 ms old when they come, disagreeing with one another by a degree, one in eight
+lost. By a queue that commands one action a frame, of the newest chunk, and by `ActionFollower` at 100 Hz.
+
+Then five streams of targets and measured joints, ten seconds each, with noise (1 mm, 0.5 deg; joints 0.1 deg):
 
     inside    the hand turns the tool in ways that five joints cannot
     leaving   it leaves the workspace and comes back, three times
@@ -20,7 +24,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 import invariantqp as iq
-from invariantqp.lerobot import RobotKinematics
+from invariantqp.lerobot import ActionFollower, RobotKinematics
 from invariantqp.robots.load import urdf_of
 
 JOINTS = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
@@ -107,9 +111,75 @@ def follow(solver, start, frames, forward):
     return np.median(steps), steps.max(), int((steps > 1.0 + 1e-9).sum()), refused, np.median(errors), errors.max()
 
 
+ACCELERATION, JERK, PERIOD, END = 1500.0, 60000.0, 0.01, 8.0  # [deg/s^2], [deg/s^3], [s], [s]
+
+
+def wanted(t):
+    """What the policy is about, at a time [deg]."""
+    ease = np.minimum(t, 1.0) ** 2 * (3.0 - 2.0 * np.minimum(t, 1.0))
+    ways = np.sin(np.multiply.outer(t, [0.8, 1.1, 0.9, 1.3, 0.6, 1.0])) * (40.0, 15.0, 15.0, 20.0, 50.0, 20.0)
+    return np.array([0.0, -30.0, 30.0, 35.0, 0.0, 40.0]) + np.multiply.outer(ease, np.ones(6)) * ways
+
+
+def chunks():
+    """(arrival, observed, actions (1, 50, 6)), in order of arrival."""
+    rng, sent, t = np.random.default_rng(0), [], 0.0
+    while t < END:
+        actions = wanted(t + np.arange(50) / RATE) + rng.normal(size=6) + 0.1 * rng.normal(size=(50, 6))
+        if t == 0.0 or rng.random() > 1 / 8:
+            sent.append((t + rng.uniform(0.15, 0.35), t, actions[None].astype(np.float32)))
+        t += 15 / RATE
+    return sent
+
+
+def by_queue(kinematics):
+    """Positions commanded frame by frame: the newest chunk's action of that frame, the last one where it is over."""
+    del kinematics
+    answers, sent = [], chunks()
+    for now in np.arange(0.0, END, 1.0 / RATE):
+        come = [chunk for chunk in sent if chunk[0] <= now]
+        if come:
+            k = min(round((now - come[-1][1]) * RATE), 49)
+            answers.append(come[-1][2][0, k])
+        else:
+            answers.append(wanted(0.0))
+    return np.array(answers), 1.0 / RATE
+
+
+def by_follower(kinematics):
+    """Positions commanded at 100 Hz."""
+    robot = ActionFollower(kinematics, acceleration_limit=ACCELERATION, jerk=JERK, fps=RATE, period=PERIOD)
+    robot.reset(wanted(0.0))
+    answers, sent = [], chunks()
+    for now in np.arange(0.0, END, PERIOD):
+        while sent and sent[0][0] <= now:
+            _, observed, actions = sent.pop(0)
+            robot.follow(actions, observed)
+        answers.append(robot.step(now))
+    return np.array(answers), PERIOD
+
+
+def policy(kinematics):
+    """What joints have to do for the chunks, and how far the tool is off what the policy is about."""
+    print("chunks by               speed   acceleration         jerk   tool off, rms mm")
+    for name, run in (("a queue of actions", by_queue), ("ActionFollower", by_follower)):
+        Q, period = run(kinematics)
+        v = np.diff(Q[:, :5], axis=0) / period
+        a = np.diff(v, axis=0) / period
+        most = [np.abs(x).max() for x in (v, a, np.diff(a, axis=0) / period)]
+        off = [
+            1e3 * np.linalg.norm((kinematics.forward_kinematics(q) - kinematics.forward_kinematics(wanted(t)))[:3, 3])
+            for q, t in zip(Q[1:], np.arange(1, len(Q)) * period, strict=True)
+            if t > 0.6
+        ]
+        print(f"{name:20s}{most[0]:9.0f}{most[1]:15.0f}{most[2]:13.0f}{np.sqrt(np.mean(np.square(off))):19.1f}")
+    print(f"limits              {np.degrees(10.0):9.0f}{ACCELERATION:15.0f}{JERK:13.0f}\n")
+
+
 def main():
     path, frame = sys.argv[1] if len(sys.argv) > 1 else urdf_of("so101"), "gripper_frame_link"
     kinematics = RobotKinematics(path, frame, JOINTS)
+    policy(kinematics)
     solvers = {"ours": lambda: RobotKinematics(path, frame, JOINTS)}
     try:
         PlacoKinematics(path, frame, JOINTS)

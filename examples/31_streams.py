@@ -1,9 +1,7 @@
-"""One driver for what comes in over time: a policy's action chunks, a hand, a conveyor.
+"""One driver for what comes in over time: a hand, a conveyor; 17_teleoperation.py has the action chunks of a policy.
 
-1. An SO-101 by chunks as LeRobot's policies send them: (50, 6) joint positions in degrees at 30 Hz, the last one
-   the gripper, 150 to 350 ms late, disagreeing with one another, one in eight lost.
-2. A UR5 by a hand's poses at 60 Hz, with noise, a gap, and a clutch that closes elsewhere.
-3. A Panda above a conveyor: a pose on a moving frame, as a function of time.
+1. A UR5 by a hand's poses at 60 Hz, with noise, a gap, and a clutch that closes elsewhere.
+2. A Panda above a conveyor: a pose on a moving frame, as a function of time.
 
 What is printed: the largest share of a limit (speed, acceleration, jerk) in any tick, and how far the tool is off.
 
@@ -27,35 +25,6 @@ def shares(robot, acceleration, jerk, Q):
     a = np.diff(v, axis=0, prepend=v[:1]) / DT
     j = np.diff(a, axis=0, prepend=a[:1]) / DT
     return [round(float(np.abs(x).max()), 3) for x in (v / robot.velocity_limit, a / acceleration, j / jerk)]
-
-
-def policy():
-    """Action chunks of an SO-101."""
-    robot, rng = iq.load_robot("so101"), np.random.default_rng(0)
-    start = np.array([0.0, -0.4, 0.5, 0.6, 0.0])
-    loop = iq.Controller(robot, dt=DT, exact="position", acceleration_limit=30.0)
-    follower = iq.Follower(loop, jerk=1500.0)
-
-    def wanted(t):
-        return start + 0.3 * np.sin(0.9 * t) * np.array([1.0, 0.5, -0.5, 0.3, 0.8])
-
-    arrivals, late = [], 0.0
-    while late < 6.0:
-        stamps = late + np.arange(50) / 30
-        actions = np.degrees([np.append(wanted(t), 0.2) for t in stamps])  # (50, 6), the gripper last
-        actions += rng.normal(size=6) + 0.1 * rng.normal(size=(50, 6))  # chunks disagree by a degree
-        if rng.random() > 1 / 8:
-            arrivals.append((late + rng.uniform(0.15, 0.35), actions, stamps))
-        late += 0.5
-    q, Q, off = start, [start], []
-    for now in np.arange(0.0, 6.0, DT):
-        while arrivals and arrivals[0][0] <= now:
-            _, actions, stamps = arrivals.pop(0)
-            follower.follow(np.radians(actions[:, :5]), stamps)
-        q = q + DT * follower.step(q, now=now).velocity
-        Q.append(q)
-        off.append(np.linalg.norm((robot.pose(q) - robot.pose(wanted(now)))[:3, 3]))
-    print(f"policy: {np.median(off[500:]) * 1e3:.1f} mm off in the median, limits", shares(robot, 30.0, 1500.0, Q))
 
 
 def hand():
@@ -239,11 +208,10 @@ def picture(path):
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="Policies, hands, conveyors.")
+    parser = argparse.ArgumentParser(description="Hands, conveyors, chunks.")
     parser.add_argument("--picture", help="draw one chunked run to this file")
     if drawn := parser.parse_args().picture:
         picture(drawn)
     else:
-        policy()
         hand()
         conveyor()

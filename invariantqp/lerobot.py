@@ -1,12 +1,16 @@
-"""LeRobot's kinematics class: degrees in and out, one call a frame of a teleoperation stream. It imports no LeRobot.
+"""LeRobot's kinematics class, and its action chunks on a `Follower`: degrees in and out. It imports no LeRobot.
 
     RobotKinematics(urdf_path, target_frame_name, joint_names)
         .forward_kinematics(joint_pos_deg) -> (4, 4)
         .inverse_kinematics(current_joint_pos, desired_ee_pose, position_weight, orientation_weight) -> degrees
+    ActionFollower(kinematics, acceleration_limit=...)
+        .follow(policy.predict_action_chunk(batch), observed)      .add(action or pose, stamp)
+        .step(now) -> degrees to command
 
-An answer is where the joints can be a frame later: a few ticks of the velocity law, inside what the velocity limits
-allow in a frame. In reach that is Newton's method, so the tool arrives within the frame if the joints are fast enough;
-out of reach it is the way to the nearest pose by the weights. No answer jumps, whatever the target does.
+An answer of `inverse_kinematics` is where the joints can be a frame later: a few ticks of the velocity law, inside what
+the velocity limits allow in a frame. In reach that is Newton's method, so the tool arrives within the frame if the
+joints are fast enough; out of reach it is the way to the nearest pose by the weights. No answer jumps, whatever the
+target does.
 
 Reference: LeRobot, src/lerobot/model/kinematics.py (its own class uses placo).
 """
@@ -15,16 +19,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.control.controller import Controller
+from invariantqp.control.limits import JointLimits
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import same_turn
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import cross
+from invariantqp.paths.driver import Follower
+from invariantqp.paths.solution import FollowerSolution
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.robots.load import read_arm
 from invariantqp.velocity.damping import Adaptive
@@ -33,7 +42,7 @@ from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.solve import solve
 
-__all__ = ["RobotKinematics"]
+__all__ = ["ActionFollower", "RobotKinematics"]
 
 # Ticks of a frame: Newton's method is at rounding after three for targets a few centimetres away, one is to spare.
 TICKS = 4
@@ -60,6 +69,9 @@ class RobotKinematics:
         target_frame_name: the frame whose pose is meant.
         joint_names: the joints that positions are told of, in their order.
         position_error: how far the tool of the last answer is from its target [length].
+        moving: (m,) which of them move the frame, base first.
+        speed: (m,) their velocity limits [rad/s].
+        position_first: as told.
     """
 
     def __init__(
@@ -93,14 +105,15 @@ class RobotKinematics:
         """
         given = None if joint_names is None else arrays.strings(joint_names, "joint_names")
         period = arrays.number(frame_time, "frame_time", "seconds", positive=True)
-        self._first = arrays.flag(position_first, "position_first")
+        self.position_first = arrays.flag(position_first, "position_first")
         arm = _arm(urdf_path, target_frame_name, given)
         self.robot = arm
         self.target_frame_name = target_frame_name
         self.joint_names: list[str] = list(arm.names if given is None else given)
         self.position_error = 0.0
-        self._where = np.array([self.joint_names.index(name) for name in arm.names])
-        self._step = period * _speeds(velocity_limit, arm.velocity_limit, arm.names)
+        self.moving = np.array([self.joint_names.index(name) for name in arm.names])
+        self.speed: Array = _speeds(velocity_limit, arm.velocity_limit, arm.names)
+        self._step = period * self.speed
         self._law = VelocityLaw(damping=Adaptive(), dt=period / TICKS)
         self._stride = STRIDE * ToolMeasure(arm).length
         self._turn: Array | None = None
@@ -115,7 +128,7 @@ class RobotKinematics:
         Raises:
             BadInput: too few positions, NaN.
         """
-        return self.robot.pose(np.radians(self._positions(joint_pos_deg, "joint_pos_deg")[self._where]))
+        return self.robot.pose(np.radians(self._positions(joint_pos_deg, "joint_pos_deg")[self.moving]))
 
     def inverse_kinematics(
         self,
@@ -146,7 +159,7 @@ class RobotKinematics:
             arrays.not_negative(orientation_weight, "orientation_weight", "a weight") ** 0.5,
             arrays.not_negative(position_weight, "position_weight", "a weight") ** 0.5,
         )
-        q = np.radians(positions[self._where])
+        q = np.radians(positions[self.moving])
         lower = np.maximum(q - self._step, np.minimum(self.robot.position_lower, q))
         upper = np.minimum(q + self._step, np.maximum(self.robot.position_upper, q))
         for tick in range(TICKS):
@@ -165,14 +178,14 @@ class RobotKinematics:
             q = np.clip(q + self._law.dt * self._velocity(demand, here, weights, last=tick == TICKS - 1), lower, upper)
         self.position_error = float(np.linalg.norm(self.robot.pose(q)[:3, 3] - pose[:3, 3]))
         answer = positions.copy()
-        answer[self._where] = np.degrees(q)
+        answer[self.moving] = np.degrees(q)
         return answer
 
     def _velocity(self, demand: Demand, here: Array, weights: tuple[float, float], *, last: bool) -> Array:
         """(m,) the joint velocity of a tick: by the weights, or the point first as far as it can be brought."""
         weighed = demand.root * np.repeat(weights, 3)[:, None]
         x: Array = solve(self._law, demand._replace(root=weighed)).velocity
-        if not self._first or not all(weights):
+        if not self.position_first or not all(weights):
             return x
         point = demand.root * POINT_ALONE
         y = solve(self._law, demand._replace(root=point)).velocity
@@ -193,6 +206,149 @@ class RobotKinematics:
         if len(positions) < len(self.joint_names):
             raise BadInput(argument, f"{len(positions)} positions", f"{len(self.joint_names)}, one for each joint")
         return positions
+
+
+class ActionFollower:
+    """Drives a robot along what a LeRobot policy or teleoperator sends, at the rate of its servos; one thread.
+
+    Chunks may be late, overlap, disagree or not come: see `Follower`, whose state machine and limits these are. A robot
+    that takes positions is commanded along the follower's own motion, which it is never asked to leave.
+
+    Attributes:
+        follower: what follows.
+        told: what it told of the last tick, None before the first.
+        action: (n,) commanded last, in the order of `kinematics.joint_names` [deg].
+    """
+
+    def __init__(
+        self,
+        kinematics: RobotKinematics,
+        *,
+        acceleration_limit: ArrayLike,
+        jerk: ArrayLike | None = None,
+        fps: float = 30.0,
+        period: float = 0.01,
+        cutoff: float = 4.0,
+        timeout: float = 0.1,
+    ) -> None:
+        """Nothing to follow yet; `reset` says where the robot is.
+
+        Args:
+            kinematics: the arm, its motors, their speeds; `position_first` says what poses ask of five joints.
+            acceleration_limit: one for all joints that move the frame or one each, base first [deg/s^2].
+            jerk: likewise [deg/s^3]; None lets the acceleration rise to its limit in 20 ms.
+            fps: of the actions of a chunk [1/s].
+            period: of `step` [s].
+            cutoff: what is faster than this is smoothed away [Hz].
+            timeout: after how long without a sample a stream that is not of chunks comes to rest [s].
+
+        Raises:
+            BadInput: what is no RobotKinematics, or a number that is not positive.
+        """
+        if not isinstance(kinematics, RobotKinematics):
+            raise BadInput("kinematics", excerpt(kinematics), "an invariantqp.lerobot.RobotKinematics")
+        arm, few = kinematics.robot, len(kinematics.robot.names) < 6
+        loop = Controller(
+            arm,
+            dt=arrays.number(period, "period", "seconds", positive=True),
+            acceleration_limit=_radians(acceleration_limit, "acceleration_limit"),
+            limits=[JointLimits(velocity_limit=kinematics.speed)],
+            exact="position" if kinematics.position_first and few else None,
+        )
+        self._kinematics = kinematics
+        self._gap = 1.0 / arrays.number(fps, "fps", "a rate in 1/s", positive=True)
+        rise = None if jerk is None else _radians(jerk, "jerk")
+        self.follower = Follower(loop, jerk=rise, cutoff=cutoff, timeout=timeout)
+        self.told: FollowerSolution | None = None
+        self.action: Array | None = None
+        self._chunk: tuple[Array, Array] | None = None  # stamps, and actions of what does not move the frame
+
+    def reset(self, action: ArrayLike) -> None:
+        """Say where the robot is, at the start and after it was moved by hand.
+
+        Args:
+            action: (n,) as measured, in the order of `joint_names` [deg].
+
+        Raises:
+            BadInput: another number of them, NaN, positions that cannot be true.
+        """
+        now = arrays.vector(action, len(self._kinematics.joint_names), "action")
+        self.follower.controller.believed(np.radians(now[self._kinematics.moving]), "action")
+        self.action, self._chunk = now.copy(), None
+
+    def follow(self, chunk: Any, observed: float) -> None:
+        """Follow a chunk in place of what was followed before; what of it is over already is skipped.
+
+        Args:
+            chunk: (n, actions) or (1, n, actions) as `predict_action_chunk` returns it, in degrees, in the order of
+                `joint_names`; a tensor of torch, too. A gripper goes straight from one action to the next.
+            observed: when the observation was made that it answers [s], the time of its first action.
+
+        Raises:
+            BadInput: another shape, NaN; the follower is as it was.
+        """
+        count = len(self._kinematics.joint_names)
+        given = chunk.detach().cpu().numpy() if hasattr(chunk, "detach") else chunk
+        actions = arrays.array(given, "chunk", f"actions (n, {count}) or (1, n, {count}) [deg]")
+        actions = arrays.matrix(
+            actions[0] if actions.ndim == 3 and len(actions) == 1 else actions, (None, count), "chunk"
+        )
+        begins = arrays.number(observed, "observed", "a time in seconds")
+        if begins + self._gap == begins:
+            raise BadInput("observed", f"{begins:g}", "a time in seconds")
+        stamps: Array = begins + self._gap * np.arange(len(actions), dtype=np.float64)
+        self.follower.follow(np.radians(actions[:, self._kinematics.moving]), stamps)
+        self._chunk = stamps, actions
+
+    def add(self, point: Any, stamp: float | None = None) -> None:
+        """Follow a teleoperator: one more sample of a stream.
+
+        Args:
+            point: (n,) an action, of a leader arm [deg], or a (4, 4) pose of the frame in the base frame.
+            stamp: when it was so [s]; None is now.
+
+        Raises:
+            BadInput: neither, NaN; the follower is as it was.
+        """
+        given = arrays.array(getattr(point, "homogeneous", point), "point", "an action [deg], or a pose (4, 4)")
+        if given.ndim == 2:
+            self.follower.add(given, stamp)
+            return
+        action = arrays.vector(given, len(self._kinematics.joint_names), "point")
+        self.follower.add(np.radians(action[self._kinematics.moving]), stamp)
+        self._chunk = np.zeros(1), action[None].copy()
+
+    def step(self, now: float | None = None) -> Array:
+        """(n,) the action for the next period, in the order of `joint_names` [deg]; what it told is in `told`.
+
+        Args:
+            now: the time [s], by the clock of the stamps; None counts periods.
+
+        Raises:
+            BadInput: NaN, or before `reset` has said where the robot is.
+        """
+        if self.action is None:
+            raise BadInput("now", "a tick before it is known where the robot is", "reset(measured) first")
+        moving, follower = self._kinematics.moving, self.follower
+        q = np.radians(self.action[moving])
+        self.told = follower.step(q, now=now)
+        action = self.action.copy()
+        if self._chunk is not None:
+            stamps, actions = self._chunk
+            time = self.told.place + self.told.late
+            for j in set(range(len(action))) - set(moving.tolist()):
+                action[j] = np.interp(time, stamps, actions[:, j])
+        action[moving] = np.degrees(q + follower.controller.dt * self.told.velocity)
+        self.action = action
+        return action.copy()
+
+
+def _radians(value: ArrayLike, argument: str) -> Array:
+    """Limits told in degrees."""
+    given = arrays.array(value, argument, "numbers above zero, in degrees")
+    if not np.isfinite(given).all():
+        raise BadInput(argument, excerpt(value), "finite limits, in degrees")
+    return np.radians(given)
 
 
 def _rigid(value: ArrayLike, argument: str) -> Array:

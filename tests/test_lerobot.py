@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import invariantqp as iq
-from invariantqp.lerobot import RobotKinematics
+from invariantqp.lerobot import ActionFollower, RobotKinematics
 
 JOINTS = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
 Q = np.array([0.0, -35.0, 35.0, 35.0, 0.0, 33.0])
@@ -227,3 +227,87 @@ def test_a_rotation_that_is_off_by_rounding_is_taken_as_the_nearest(so101):
     scaled[:3, :3] *= 1.02
     with pytest.raises(iq.BadInput, match="desired_ee_pose: found an upper-left block that is not a rotation"):
         so101.inverse_kinematics(Q, scaled)
+
+
+def ramp(n=50):
+    """Actions as `predict_action_chunk` returns them: (1, n, 6) float32."""
+    share = np.sin(np.linspace(0.0, np.pi / 2.0, n))[:, None]
+    return (Q + share * [20.0, 15.0, -10.0, 8.0, 30.0, 25.0])[None].astype(np.float32)
+
+
+def driven(follower, T, now=0.0):
+    """Actions, period by period."""
+    return np.array([follower.step(now + t) for t in np.arange(0.0, T, 0.01)])
+
+
+def test_a_chunk_is_done_when_its_stamps_say_inside_the_limits(so101):
+    follower = ActionFollower(so101, acceleration_limit=1500.0, jerk=60000.0)
+    follower.reset(Q)
+    follower.follow(ramp(), 0.0)
+    actions = np.vstack((Q, driven(follower, 2.4)))
+    stamps = np.arange(50) / 30
+    wanted = np.array([np.interp(np.arange(1, 241) * 0.01, stamps, x) for x in ramp()[0].T]).T
+    moving = slice(40, 160)  # after the splice, before the end
+    assert np.abs(actions[1:] - wanted)[moving, :5].max() < 0.3
+    np.testing.assert_allclose(actions[1:, 5], wanted[:, 5], atol=1e-9)  # the gripper, from one action to the next
+    np.testing.assert_allclose(actions[-1], ramp()[0, -1], atol=1e-3)
+    assert follower.told.status == "done"
+    speed = np.diff(actions[:, :5], axis=0) / 0.01
+    acceleration = np.diff(speed, axis=0, prepend=0.0 * speed[:1]) / 0.01
+    jerk = np.diff(acceleration, axis=0, prepend=0.0 * speed[:1]) / 0.01
+    assert np.abs(speed).max() <= np.degrees(10.0)
+    assert np.abs(acceleration).max() <= 1500.0 * 1.001
+    assert np.abs(jerk).max() <= 60000.0 * 1.001
+
+
+def test_a_late_chunk_that_disagrees_is_joined_where_it_is_due(so101):
+    follower = ActionFollower(so101, acceleration_limit=1500.0, jerk=60000.0)
+    follower.reset(Q)
+    follower.follow(ramp(), 0.0)
+    driven(follower, 0.9)
+    other = ramp() + np.array([5.0, -5.0, 5.0, 0.0, 0.0, 0.0], dtype=np.float32)
+    follower.follow(other, 0.2)  # observed 0.7 s ago
+    actions = driven(follower, 0.5, now=0.9)
+    due = [np.interp(1.4, 0.2 + np.arange(50) / 30, x) for x in other[0].T]
+    np.testing.assert_allclose(actions[-1], due, atol=0.3)
+    assert np.abs(np.diff(actions[:, :5], axis=0)).max() < 1.0  # no leap
+
+
+def test_a_teleoperators_poses_and_a_leader_arms_actions_are_followed(so101):
+    for point in (so101.forward_kinematics(Q + 2.0), Q + 2.0):
+        follower = ActionFollower(so101, acceleration_limit=1500.0, fps=30.0)
+        follower.reset(Q)
+        for t in np.arange(0.0, 1.0, 0.03):
+            follower.add(point, t)
+            actions = driven(follower, 0.03, now=t)
+        assert error(so101, actions[-1], so101.forward_kinematics(Q + 2.0))[0] < 1e-5
+
+
+def test_a_tensor_is_taken():
+    class Tensor:
+        """The three calls of a tensor of torch that lie between it and an array."""
+
+        def __init__(self, array):
+            self.detach = self.cpu = lambda: self
+            self.numpy = lambda: array
+
+    follower = ActionFollower(RobotKinematics("so101", joint_names=JOINTS), acceleration_limit=1500.0)
+    follower.reset(Q)
+    follower.follow(Tensor(ramp()), 0.0)
+    assert driven(follower, 1.0)[-1, 5] > Q[5]
+
+
+def test_what_no_robot_can_be_told_is_refused(so101):
+    with pytest.raises(iq.BadInput, match="kinematics"):
+        ActionFollower("so101", acceleration_limit=1500.0)
+    with pytest.raises(iq.BadInput, match="acceleration_limit"):
+        ActionFollower(so101, acceleration_limit=-1.0)
+    follower = ActionFollower(so101, acceleration_limit=1500.0)
+    with pytest.raises(iq.BadInput, match="reset"):
+        follower.step(0.0)
+    with pytest.raises(iq.BadInput, match="action"):
+        follower.reset(np.append(Q[:5] * 100.0, 0.0))
+    follower.reset(Q)
+    for chunk in (ramp()[:, :, :5], np.zeros((2, 50, 6)), np.full((50, 6), np.nan), "chunk"):
+        with pytest.raises(iq.BadInput, match="chunk"):
+            follower.follow(chunk, 0.0)

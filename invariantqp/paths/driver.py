@@ -165,6 +165,7 @@ class Follower:
         self._given: tuple[Given, Array] | None = None  # the points of the source
         self._missed = np.zeros(0)  # by how much points are out of reach, and whether one is
         self._some_missed = False
+        self._last: Array | None = None  # (m,) where the last of them is
         self._next: tuple[Given, Array, float] | None = None
         self._function: Callable[[float], Any] | None = None
         self._looked = 0.0
@@ -270,7 +271,8 @@ class Follower:
             self._forget()
         elif course is not None:  # the same course, for longer
             self._course = *course[:2], self._time + self.timeout
-        self._twist, self._turns, self._heard, self._given = wanted, bool(wanted.any()), self._time, None
+        self._twist, self._turns, self._heard = wanted, bool(wanted.any()), self._time
+        self._given = self._last = None
 
     def prepare(self, q: ArrayLike) -> None:
         """Find the joint motion along a path whose shape is kept now, from joint positions near its start.
@@ -679,6 +681,9 @@ class Follower:
             stamps = np.arange(now - 8.0 * SAMPLING, now + AHEAD, SAMPLING)
             self._looked = now
             self._take_points(sampled(self._function, stamps, self._m), stamps, smooth=False)
+        elif self._last is not None and isinstance(self._source, Motion) and now >= self._source.end:
+            # It came to rest beyond the last point, which was passed in motion.
+            self._source, self._last = Stop(np.vstack((self._last, np.zeros((2, self._m)))), now, 0.0), None
         if self._samples:
             self._take_samples(reference)
         quiet = now - self._heard
@@ -729,7 +734,7 @@ class Follower:
         given, stamps = given.chosen(kept), stamps[kept]
         near = self._q if not isinstance(self._source, Motion) else self._source.at(stamps[:1])[0, 0]
         joints, missed = self._solver.points(given, near, stamps)
-        self._given, self._newest = (given, stamps), None
+        self._given, self._newest, self._last = (given, stamps), None, joints[-1] if smooth else None
         self._missed, self._some_missed = missed, bool((missed > self._tolerance).any())
         self._source = through(stamps, joints, self._limits, EASE, self.cutoff if smooth else inf)
 
@@ -823,6 +828,11 @@ class Follower:
         return FollowerSolution(command.copy(), *self._status(place), place, late, lambda: self._across(q, place))
 
     @property
+    def _joined(self) -> float:
+        """When the last splice is over."""
+        return -inf if self._reference is None else self._reference.joined
+
+    @property
     def _still(self) -> bool:
         """Whether the commanded motion rests."""
         limit = self._limits.velocity
@@ -844,7 +854,7 @@ class Follower:
     def _on_the_way(self, place: float, *, still: bool) -> tuple[Status, str]:
         """The same while points or samples are followed."""
         missed = self._missed_at(place)
-        if self._source is not None and self._time >= self._source.end and still:
+        if self._source is not None and still and self._time >= max(self._source.end, self._joined):
             if missed > self._tolerance:
                 return Status.BLOCKED, f"the end is out of reach, by {missed:.3g}"
             return Status.DONE, ""

@@ -46,6 +46,21 @@ def test_chunks_keep_every_limit_and_end_at_rest(name, poses, seed):
 
 
 @pytest.mark.parametrize("name", ARMS)
+def test_what_is_done_is_at_the_last_point_though_that_was_passed_in_motion(name):
+    arm = Arm(name)
+    stamps = np.arange(30) / 20
+    points = arm.start + np.outer(stamps, 0.2 * np.ones(len(arm.start)))
+    Q, answers = driven(arm, arm.follower(), [(0.0, lambda f: f.follow(points, stamps))], stamps[-1] + 1.0)
+    arm.held(Q)
+    done = [a.status for a in answers].index("done")
+    assert done * arm.dt - stamps[-1] < 0.7
+    assert all(a.status == "done" for a in answers[done:])
+    assert np.abs(Q[done + 1 :] - points[-1]).max() < 1e-6
+    assert answers[-1].across < 1e-6
+    assert np.abs(Q - points[-1]).max(axis=1)[-450] > 0.005  # it did not brake before the end
+
+
+@pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("seed", range(1))
 def test_broken_streams_keep_every_limit(name, seed):
     arm, rng = Arm(name, dt=0.004), np.random.default_rng(seed)

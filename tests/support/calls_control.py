@@ -25,6 +25,13 @@ def so101():
     return iq.lerobot.RobotKinematics("so101", joint_names=SO101)
 
 
+def actions():
+    """A follower of actions, at rest."""
+    follower = iq.lerobot.ActionFollower(so101(), acceleration_limit=1500.0)
+    follower.reset(np.zeros(6))
+    return follower
+
+
 @cache
 def chain():
     return iq.robots.Chain(J, T)
@@ -512,6 +519,22 @@ CONTROL = {
             "orientation_weight": 0.01,
         },
     ),
+    "ActionFollower": lambda: (
+        iq.lerobot.ActionFollower,
+        {
+            "kinematics": so101(),
+            "acceleration_limit": 1500.0,
+            "jerk": 60000.0,
+            "fps": 30.0,
+            "period": 0.01,
+            "cutoff": 4.0,
+            "timeout": 0.1,
+        },
+    ),
+    "ActionFollower.reset": lambda: (actions().reset, {"action": np.zeros(6)}),
+    "ActionFollower.follow": lambda: (actions().follow, {"chunk": np.zeros((1, 50, 6)), "observed": 0.0}),
+    "ActionFollower.add": lambda: (actions().add, {"point": np.zeros(6), "stamp": 0.0}),
+    "ActionFollower.step": lambda: (actions().step, {"now": 0.0}),
     # runs, analysis, pictures
     "load_task": lambda: (iq.load_task, {"path_or_name": "panda_path"}),
     "new_task": lambda: (
