@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.arms import ready
 
 import invariantqp as iq
 from invariantqp.engine import core
@@ -101,7 +102,7 @@ def test_nothing_is_positional(fields):
 
 def test_the_engine_is_an_argument_of_a_loop_of_its_robot_and_of_a_law():
     robot = iq.load_robot("panda")
-    q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    q = ready("panda")
     target = robot.pose(q + 0.3)
     native = iq.Controller(robot, dt=0.002)
     alone = iq.Controller(robot, dt=0.002, engine="python")

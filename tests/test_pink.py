@@ -6,6 +6,7 @@ import pinocchio as pin
 import pytest
 from pink.barriers import PositionBarrier, SelfCollisionBarrier
 from pink.limits import AccelerationLimit, ConfigurationLimit, VelocityLimit
+from support.arms import ready
 
 import invariantqp as iq
 from invariantqp.pink import InvariantFrameTask
@@ -425,7 +426,7 @@ def test_pinks_limits_hold_under_our_controller(arms):
 
 def test_a_barrier_is_kept_by_our_controller(arms):
     robot = arms["panda"]
-    q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    q = ready("panda")
     height = robot.pose(q)[2, 3]
     floor = PositionBarrier(robot.tool, indices=[2], p_min=np.array([height - 0.05]), gain=20.0)
     below = robot.pose(q)
@@ -446,7 +447,7 @@ def test_a_barrier_is_kept_by_our_controller(arms):
 
 def test_a_self_collision_barrier_has_the_shapes_of_the_robots_urdf(arms):
     robot = arms["panda"]
-    q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    q = ready("panda")
     barrier = SelfCollisionBarrier(5, gain=20.0, d_min=0.02)
     solution = iq.Controller(robot, dt=DT, limits=[barrier]).step(q, robot.pose(q))
     assert np.isfinite(solution.velocity).all()

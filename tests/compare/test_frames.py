@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from support.arms import ready
 
 import invariantqp as iq
 from invariantqp.compare.frames import RaibertCraig
 
-READY = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+READY = ready("panda")
 
 
 def test_the_textbook_has_a_tick_and_limits():

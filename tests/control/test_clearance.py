@@ -4,6 +4,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from support.arms import ready
 
 import invariantqp as iq
 from invariantqp import engine
@@ -16,7 +17,7 @@ from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, OtherArm, Sph
 
 coal = pytest.importorskip("coal")
 DT = 0.002
-READY = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+READY = ready("panda")
 TABLE = HalfSpace([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], name="table")
 HAND = {
     "panda_link5": [Capsule([0, 0, -0.31], [0, 0, -0.21], 0.06)],

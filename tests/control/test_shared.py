@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from support.arms import ready
 from support.random_systems import motion
 
 import invariantqp as iq
 
 PLANE = np.eye(6)[:, [3, 4]]  # the operator slides in a plane
 DISTANCE = np.eye(6)[:, [5]]  # the robot keeps the distance to it
-READY = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+READY = ready("panda")
 
 
 @settings(max_examples=80, deadline=None)

@@ -8,13 +8,14 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from support.arms import ready
 from support.workers import steps
 from support.wrist import wrist
 
 import invariantqp as iq
 
 DT = 0.005
-START = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+START = ready("panda")
 UP = iq.transform(np.diag([1.0, -1.0, -1.0]))
 FAR = iq.exp([0.3, 0.2, 0.5, 0.3, -0.2, 0.4])  # joint speeds meet their limits on the way there
 

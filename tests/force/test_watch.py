@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from support.arms import ready
 from support.spring_plane import Bench, gantry, pen
 from support.wrist import wrist
 
 import invariantqp as iq
 
 DT = 0.01
-READY = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+READY = ready("panda")
 TOUCH, AIR, HARD = 5.0, 0.0, 50.0
 
 

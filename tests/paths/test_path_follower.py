@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
+from support.arms import ready
 
 import invariantqp as iq
 from invariantqp.geometry import se3
@@ -152,7 +153,7 @@ def test_the_same_motion_in_another_frame_of_the_tool():
 def test_the_same_motion_in_another_frame_of_the_base():
     base = se3.exp([0.4, 0.1, -0.7, 0.3, -0.5, 0.2])
     robot = iq.load_robot("ur5")
-    q0 = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    q0 = ready("ur5")
     home, screws = robot.pose(q0), robot.jacobian(q0)
     joints = CubicSpline([0.0, 0.5, 1.0], [np.zeros(6), np.full(6, 0.3), [0.5, 0.1, 0.2, 0.4, 0.0, 0.3]])
     runs = []
@@ -192,7 +193,7 @@ def test_it_stops_before_a_position_limit(name):
 
 def test_it_leaves_what_is_out_of_reach_and_comes_back():
     robot = iq.load_robot("ur5")
-    q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    q = ready("ur5")
     T0 = robot.pose(q)
 
     def pose(u):  # half a metre outwards and back: beyond the arm's reach
@@ -215,12 +216,7 @@ def test_it_leaves_what_is_out_of_reach_and_comes_back():
 @pytest.mark.parametrize(("name", "where"), [("so101", "start"), ("ur5", "middle"), ("panda", "end")])
 def test_an_exact_point_leaves_what_is_far_out_of_reach(name, where):
     robot = iq.load_robot(name)
-    q = {
-        "so101": [0, -0.4, 0.5, 0.6, 0],
-        "ur5": [0, -1.4, 1.6, -1.8, -1.57, 0],
-        "panda": [0, -0.4, 0, -2.2, 0, 1.8, 0.8],
-    }
-    start = np.array(q[name], float)
+    start = ready(name)
     home = robot.pose(start)
     length = iq.Controller(robot, dt=DT).measure.length
     far = {"start": lambda u: 1.0 - u, "middle": lambda u: np.sin(np.pi * u), "end": lambda u: u}[where]
@@ -255,14 +251,7 @@ def test_an_exact_point_leaves_what_is_far_out_of_reach(name, where):
 )
 def test_it_leaves_the_path_by_the_least(name, exact, where):
     robot = iq.load_robot(name)
-    start = np.array(
-        {
-            "so101": [0, -0.4, 0.5, 0.6, 0],
-            "ur5": [0, -1.4, 1.6, -1.8, -1.57, 0],
-            "panda": [0, -0.4, 0, -2.2, 0, 1.8, 0.8],
-        }[name],
-        float,
-    )
+    start = ready(name)
     home = robot.pose(start)
     far = {"start": lambda u: 1.0 - u, "middle": lambda u: np.sin(np.pi * u), "end": lambda u: u}[where]
     length = iq.Controller(robot, dt=DT).measure.length
@@ -344,7 +333,7 @@ def test_a_path_that_can_be_had_is_not_left(name, seed, exact):
 
 def test_a_start_out_of_reach_is_left_by_the_least():
     robot = iq.load_robot("ur5")
-    q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    q = ready("ur5")
     home = robot.pose(q)
 
     def pose(u):
@@ -437,7 +426,7 @@ def test_pause_turn_and_override_keep_the_path():
 
 def test_the_speed_has_the_jerk_that_is_asked_for():
     robot = iq.load_robot("ur5")
-    q, acceleration, jerk = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]), 20.0, 150.0
+    q, acceleration, jerk = ready("ur5"), 20.0, 150.0
     turn = np.array([0.3, -0.2, 0.4, 0.2, -0.3, 0.5])
 
     def pose(u):  # bends that take most of the joints' acceleration
@@ -457,7 +446,7 @@ def test_the_speed_has_the_jerk_that_is_asked_for():
 
 def test_an_s_curve_of_long_ticks_reaches_the_end():
     robot = iq.load_robot("ur5")
-    q, dt = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]), 0.005
+    q, dt = ready("ur5"), 0.005
     T0 = robot.pose(q)
     controller = iq.Controller(robot, dt=dt, acceleration_limit=robot.velocity_limit / RISE)
     for length in np.linspace(0.02, 0.03, 6):
@@ -510,7 +499,7 @@ def test_a_turn_that_an_arm_cannot_do_does_not_slow_it_down(exact, turn):
 
     toppra.setup_logging("ERROR")
     arm = iq.load_robot("so101")
-    q = np.array([0.0, -0.4, 0.5, 0.6, 0.0])
+    q = ready("so101")
     home = arm.pose(q)
 
     def pose(u):  # 150 mm to the side, where five joints cannot keep the orientation; turned, a joint meets its limit
@@ -547,7 +536,7 @@ def test_a_turn_that_an_arm_cannot_do_does_not_slow_it_down(exact, turn):
 )
 def test_an_exact_point_is_reached_where_the_rest_has_to_stray(way, turned):
     arm = iq.load_robot("so101")
-    q = np.array([0.0, -0.4, 0.5, 0.6, 0.0])
+    q = ready("so101")
     home = arm.pose(q)
 
     def pose(u):  # on the way the elbow is stretched, and the wrist has to turn the tool
@@ -570,7 +559,7 @@ def test_an_exact_point_is_reached_where_the_rest_has_to_stray(way, turned):
 
 def test_done_means_at_the_end():
     arm = iq.load_robot("so101")  # 10 rad/s, from which it stops within a tick where nothing limits acceleration
-    q = np.array([0.0, -0.4, 0.5, 0.6, 0.0])
+    q = ready("so101")
     home = arm.pose(q)
     end = home[:3, 3] + [0.0, 0.1, 0.0]
     follower = follower_on(

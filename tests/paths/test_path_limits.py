@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from support.arms import ready
 
 import invariantqp as iq
 
@@ -133,7 +134,7 @@ def test_exact_rows_that_a_limit_holds_up_are_left_in_time():
 
 def test_an_exact_point_that_was_pushed_comes_to_rest_on_its_path():
     robot = iq.load_robot("ur5")
-    q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    q = ready("ur5")
     home = robot.pose(q)
     # At a tick of half a millisecond the gain is 200/s: it asks for more than joints can brake.
     follower = follower_of(
@@ -193,7 +194,7 @@ def test_an_exact_height_is_kept_by_a_tool_that_strays_far_from_the_rest():
 def test_no_limit_makes_the_tool_faster_than_was_asked_for(override, turns):
     """Joints that cannot brake as soon as the timing asks for brake before that; the path would have to go faster."""
     robot = iq.load_robot("ur5")
-    q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    q = ready("ur5")
     start = robot.pose(q)
 
     def pose(u):  # a circle of 0.2 m that begins and ends at rest, the tool rocking
@@ -219,7 +220,7 @@ def test_no_limit_makes_the_tool_faster_than_was_asked_for(override, turns):
 
 def test_a_tool_back_at_the_start_rests():
     robot = iq.load_robot("ur5")
-    q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    q = ready("ur5")
     home = robot.pose(q)
     follower = follower_of(robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + [0.0, 0.2 * u, 0.0]), 0.005, 0.2)
     follower.prepare(q)
@@ -235,7 +236,7 @@ def test_a_tool_back_at_the_start_rests():
 
 def test_a_push_at_the_very_start_leaves_numbers():
     robot = iq.load_robot("so101")
-    q = np.array([0.0, -0.4, 0.5, 0.6, 0.0])
+    q = ready("so101")
     home = robot.pose(q)
     follower = follower_of(robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + [0.0, 0.1 * u, 0.0]), 0.002, 0.2)
     follower.prepare(q)
@@ -268,7 +269,7 @@ def test_a_path_shorter_than_the_tool_is_off_it_ends(seed):
 
 def test_it_looks_as_far_in_a_long_tick_as_in_many_short_ones():
     robot = iq.load_robot("ur5")
-    q = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    q = ready("ur5")
     home = robot.pose(q)
     follower = follower_of(robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + [0.0, 0.2 * u, 0.0]), 0.01, 0.2)
     waits = [s for s in drive(follower, q)[0] if s.status == "waiting"]
@@ -278,7 +279,7 @@ def test_it_looks_as_far_in_a_long_tick_as_in_many_short_ones():
 @pytest.mark.filterwarnings("ignore:gain=1 is 1 1/s here")
 @pytest.mark.parametrize("gain", [None, 1.0])
 def test_an_arm_that_cannot_get_to_the_start_is_blocked(gain):
-    robot, q = iq.load_robot("panda"), np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    robot, q = iq.load_robot("panda"), ready("panda")
     home, ends = robot.pose(q), []
     for start in (np.array([-0.1, 0.05, -0.1]), 1.5 * home[:3, 3]):
         loop = iq.Controller(robot, dt=0.004, gain=gain)

@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from support.arms import ready
 
 import invariantqp as iq
 from invariantqp.robots import mobile_base, rail, relative, stand_on
@@ -77,7 +78,7 @@ def test_a_tool_seen_from_another():
 def test_two_arms_follow_each_other_by_one_controller():
     arm, other = two_arms()
     seen = relative(arm, other)
-    p, q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]), np.array([0.3, -0.2, 0.1, -2.0, 0.2, 1.9, 0.5])
+    p, q = ready("panda"), np.array([0.3, -0.2, 0.1, -2.0, 0.2, 1.9, 0.5])
     joints = np.concatenate((p[::-1], q))
     controller = iq.Controller(seen, dt=0.01)
     wanted = seen.pose(joints) @ iq.exp([0.1, 0, 0, 0.05, 0, 0.1])

@@ -8,6 +8,7 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from support.arms import ready
 from support.workers import give
 
 import invariantqp as iq
@@ -57,7 +58,7 @@ def test_six_threads_share_a_robot(kind, impatient):
 def test_six_controllers_share_a_robot(impatient):
     """Each thread runs a loop of its own, from the same start to the same target."""
     robot = iq.load_robot("panda")
-    start = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    start = ready("panda")
     target = iq.exp([0.1, 0.2, 0.3, 0.02, -0.01, 0.03]) @ robot.pose(start)
 
     def run(_):

@@ -1,4 +1,4 @@
-"""Arms of every kind as joint twists, the axes where a designer or an adversary would put them."""
+"""Arms by name where they usually work, and arms of every kind as joint twists, wherever an adversary puts the axes."""
 
 from __future__ import annotations
 
@@ -9,9 +9,20 @@ import numpy as np
 import invariantqp as iq
 from support.random_systems import motion
 
+# Joint positions away from limits and singularities, the tool down [rad].
+READY = {
+    "panda": (0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8),
+    "ur5": (0.0, -1.4, 1.6, -1.8, -1.57, 0.0),
+    "so101": (0.0, -0.4, 0.5, 0.6, 0.0),
+}
 # What each kind is; `arm` makes one with m joints.
 KINDS = ("general", "planar", "scara", "parallel", "concurrent", "nearly concurrent", "gantry", "mixed", "repeated")
 Z = np.array((0.0, 0.0, 1.0))
+
+
+def ready(name):
+    """(m,) where the arm of this name is ready to work."""
+    return np.array(READY[name])
 
 
 class Arm(NamedTuple):

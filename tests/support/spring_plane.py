@@ -8,9 +8,10 @@ import numpy as np
 
 import invariantqp as iq
 from invariantqp.geometry.se3 import cross
+from support.arms import ready
 
 UP = np.array([0.0, 0.0, 1.0])
-PANDA = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+PANDA = ready("panda")
 SO101 = np.array([0.1, -0.4, 0.5, 0.6, 0.2])
 DT = 1e-3
 

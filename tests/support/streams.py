@@ -3,12 +3,13 @@
 import numpy as np
 
 import invariantqp as iq
+from support.arms import READY
 
 # Start, acceleration and jerk limits.
 ARMS = {
-    "panda": ([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8], [15, 7.5, 10, 12.5, 15, 20, 20], 500.0),
+    "panda": (READY["panda"], [15, 7.5, 10, 12.5, 15, 20, 20], 500.0),
     "ur5": ([0.3, -1.4, 1.8, -1.9, -1.5, 0.3], [8.0] * 6, 50.0),
-    "so101": ([0.0, -0.4, 0.5, 0.6, 0.0], [30.0] * 5, 50.0),
+    "so101": (READY["so101"], [30.0] * 5, 50.0),
 }
 DT = 0.002
 
