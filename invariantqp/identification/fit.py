@@ -30,6 +30,8 @@ STEPS = 40
 # A step that would lower the sum of squares by less than this changes no parameter by more than 1e-4 of its
 # standard deviation.
 CONVERGED = 1e-8
+# Steps with more samples, from a fit by fewer: three or four are enough.
+REFINING = 8
 # Noise of a row relative to what is left of it: beyond this many standard deviations, the model is not near, and to
 # linearise about corrected poses would lead away.
 NEAR = 4.0
@@ -104,6 +106,7 @@ class Fit(NamedTuple):
     wrench: float  # likewise of wrenches; 0 where no row says anything
     friction: float  # likewise of side forces across the slide, in ACROSS of the force; 0 where nothing slides
     off: Array  # (n,) root mean square over the rows of each sample, poses alone
+    alike: float  # for how many samples one that is independent stands: 1 of white noise, more of smooth errors
 
     @property
     def worst(self) -> float:
@@ -129,9 +132,7 @@ def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps
     state = _state(model, samples, friction, *start, zero, zero)
     damping, count, cost = DAMPING, sum(e.size for e, *_ in state.rows), inf
     kept, held = None, LEAST_DAMPING
-    alike: Array = np.linalg.qr(gauge(model.kind, start[2]))[
-        0
-    ]  # frames that stand for the same contact: none is moved to another
+    alike = gauge(model.kind, start[2])
     for step in range(steps):
         H, g, now = _normal_equations(state)
         before, cost = cost, now
@@ -139,7 +140,7 @@ def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps
             kept is not None or now < NEAR**2 * count
         ):  # nearly linear: poses are corrected, and what is worse is taken back
             if kept is None or now < kept[-1] * (1.0 + RELINEARISED):
-                kept = state, H, g, now
+                kept, held = (state, H, g, now), max(0.1 * held, LEAST_DAMPING)
             else:
                 held = max(100.0 * held, DAMPING)
                 state, H, g, now = kept
@@ -149,6 +150,10 @@ def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps
             corrected = [-applied(K, e + J @ delta) for e, J, _, K in state.rows]
             omega = corrected[1] if model.free_moments else zero
             state = _state(model, samples, friction, *_moved(state, delta), corrected[0], omega)
+            # Poses are corrected once more where the frames are now: the sum of squares is then that of these frames.
+            corrected = [-applied(K, e) for e, _, _, K in state.rows]
+            omega = corrected[1] if model.free_moments else zero
+            state = _state(model, samples, friction, state.base, state.tool, state.extra, corrected[0], omega)
             continue
         while damping < MOST_DAMPING:
             delta = _step(H, g, damping, alike)
@@ -165,6 +170,11 @@ def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps
     return _finished(model, state if kept is None else kept[0])
 
 
+def refined(found: Fit, samples: Samples) -> Fit:
+    """A fit by more samples than it was found by."""
+    return fit(found.model, samples, (found.base, found.tool, found.extra), REFINING)
+
+
 def _normal_equations(state: _State) -> tuple[Array, Array, float]:
     """J'VJ, J'Ve and e'Ve, summed over all rows."""
     parts = []
@@ -175,10 +185,16 @@ def _normal_equations(state: _State) -> tuple[Array, Array, float]:
 
 
 def _step(H: Array, g: Array, damping: float, alike: Array) -> Array:
-    """Marquardt's step; none turns a frame by more than half a radian or so."""
+    """Marquardt's step across what changes nothing; none turns a frame by more than half a radian or so.
+
+    Each parameter counts in the length at which it adds one to the sum of squares, so that no unit enters.
+    """
     D = np.diag(H)
-    delta: Array = np.asarray(-np.linalg.solve(H + np.diag(damping * D + TINY * D.max()), g))
-    delta = delta - alike @ (alike.T @ delta)
+    scale = 1.0 / np.sqrt(D + TINY * D.max())
+    across = np.linalg.qr(alike / scale[:, None], mode="complete")[0][:, alike.shape[1] :]
+    curved = across.T @ (H * np.outer(scale, scale)) @ across
+    damped = curved + np.diag(damping * np.diag(curved) + TINY)
+    delta: Array = np.asarray(-scale * (across @ np.linalg.solve(damped, across.T @ (scale * g))))
     turn = max(float(np.abs(delta[:3]).max()), float(np.abs(delta[6:9]).max()))
     return delta * min(1.0, 0.5 / max(turn, TINY))
 
@@ -278,15 +294,32 @@ def _finished(model: Model, state: _State) -> Fit:
         wrench,
         friction,
         np.sqrt(squares / e.shape[1]),
+        _alike(np.asarray(np.linalg.cholesky(V)).swapaxes(-1, -2), e),
     )
+
+
+def _alike(whitening: Array, e: Array) -> float:
+    """1 + 2 sum of the correlations of misses (n, r) with those k samples later, up to the first that is none."""
+    w = applied(whitening, e)
+    square, total = float((w * w).sum()), 1.0
+    for k in range(1, len(w)):
+        correlation = float((w[k:] * w[:-k]).sum()) / max(square, 1e-300)
+        if correlation <= 0.0:
+            break
+        total += 2.0 * correlation
+    return total
 
 
 def covariance(fit: Fit, size: float) -> Array:
-    """The inverse of the information on what can be told, and a large variance, in the motion's sizes, of the rest."""
+    """The inverse of the information on what can be told, and a large variance, in the motion's sizes, of the rest.
+
+    For independent errors it is the bound of Cramer and Rao, which no estimate is better than; what errors share from
+    sample to sample is counted once.
+    """
     scale = np.array(
         ([1.0] * 3 + [size] * 3) * 2 + [1.0 / size if fit.model.kind == "sphere" else size] * len(fit.extra)
     )
-    H = fit.information * np.outer(scale, scale)
+    H = fit.information / fit.alike * np.outer(scale, scale)
     values, vectors = np.linalg.eigh(H)
     free = np.linalg.qr(gauge(fit.model.kind, fit.extra) / scale[:, None])[0]
     known = np.eye(len(H)) - free @ free.T  # a change that changes nothing about the contact has no variance

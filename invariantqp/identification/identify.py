@@ -25,7 +25,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.identification.candidate import Candidate, candidate
-from invariantqp.identification.fit import Samples
+from invariantqp.identification.fit import Samples, refined
 from invariantqp.identification.judge import MISFIT, Verdict, explains, judged
 from invariantqp.identification.models import MODELS
 from invariantqp.identification.motions import adjoint, applied, carried, coadjoint, inverse, twists
@@ -271,17 +271,20 @@ class _Look:
         Raises:
             NoContactFound: nothing explains it.
         """
-        whole = _identification(*self.verdicts(start, stop), start, stop)
+        whole = self._told(start, stop)
         if whole.candidates:
             return [whole]
         self._explained[start, stop] = False
-        parts = [
-            _identification(*self.verdicts(a, b), a, b) for a, b in self._split(start, stop) if self.explained(a, b)
-        ]
+        parts = [self._told(a, b) for a, b in self._split(start, stop) if self.explained(a, b)]
         told = sum(part.stop - part.start for part in parts if part.kind)
         if told < MOSTLY * (stop - start):
             raise self._none(start, stop)
         return parts
+
+    def _told(self, start: int, stop: int) -> Identification:
+        """What a stretch says of one contact."""
+        samples, verdicts = self.verdicts(start, stop)
+        return _identification(samples, verdicts, start, stop, self.record.every(start, stop))
 
     def _split(self, start: int, stop: int) -> list[tuple[int, int]]:
         """Stretches between changes: each change lies between the longest stretch that ends and the one that begins.
@@ -318,9 +321,13 @@ class _Look:
 
     def merged(self, parts: list[Identification]) -> list[Identification]:
         """The same contact again and again as one: where one kind that explains each explains all together."""
-        apart = [self.record.blocks(part.start, part.stop) for part in parts]
-        samples = Samples(*(np.concatenate([getattr(s, name) for s in apart]) for name in Samples._fields))
-        together = _identification(samples, judged(samples, self.kinds), parts[0].start, parts[-1].stop)
+        samples, every = (
+            Samples(*(np.concatenate([getattr(s, name) for s in apart]) for name in Samples._fields))
+            for apart in (
+                [of(part.start, part.stop) for part in parts] for of in (self.record.blocks, self.record.every)
+            )
+        )
+        together = _identification(samples, judged(samples, self.kinds), parts[0].start, parts[-1].stop, every)
         kind = together.candidates[0].kind if together.candidates else ""
         same = all(part.kind in (None, kind) and kind in [c.kind for c in part.candidates] for part in parts)
         return [together] if same else parts
@@ -345,10 +352,12 @@ class _Look:
         return NoContactFound(f"{what}. {why}.", nearest.key, nearest.misfit)
 
 
-def _identification(samples: Samples, verdicts: list[Verdict], start: int, stop: int) -> Identification:
-    """The answer of a stretch."""
+def _identification(samples: Samples, verdicts: list[Verdict], start: int, stop: int, every: Samples) -> Identification:
+    """The answer of a stretch: kinds by some samples, and where they are by every one."""
     size = float(np.sqrt(samples.pose[:, :3, 3].var(axis=0).sum()))
     left = sorted((v for v in verdicts if not v.why), key=lambda v: (v.model.freedoms, v.fit.motion))
+    sides = every, every.reversed if any(v.reversed for v in left) else every
+    left = [v._replace(fit=refined(v.fit, sides[v.reversed])) for v in left]
     candidates = tuple(candidate(v.fit, v.reversed, v.press, _size(v, size)) for v in left)
     refuted = {v.key: v.why for v in verdicts if v.why}
     if not candidates:

@@ -30,6 +30,8 @@ from invariantqp.identification.motions import applied, coadjoint, inverse, twis
 FEWEST = 30
 # Stretches of a recording that are told apart: a person's motion has a few hertz, a recording ten seconds.
 BLOCKS = 150
+# Kinds are told by these; where a contact is, by so many samples at most: every one of ten seconds at 200 Hz.
+MOST_SAMPLES = 2000
 # Mean square of a wrench, in its noise, above which it is one: three standard deviations.
 FELT = 9.0
 # Variance of the third differences of white noise of unit variance: 1 + 9 + 9 + 1.
@@ -68,6 +70,20 @@ class Recording(Compared):
         return Samples(
             at, self.turned[at], self.pose[at], w, *(np.broadcast_to(N, (m, 6, 6)) for N in (self.pose_noise, noise))
         )
+
+    def every(self, start: int, stop: int) -> Samples:
+        """All samples of a stretch that are in a block that feels something; of a very long one, so many at most."""
+        blocks, n = self.blocks(start, stop), stop - start
+        size = max(1, n // MOST_SAMPLES | 1)
+        half = size // 2
+        at = np.unique(start + np.linspace(half, n - 1 - half, min(MOST_SAMPLES, n // size)).round().astype(int))
+        next_to = np.searchsorted(blocks.at, at).clip(1, len(blocks.at) - 1)
+        away = np.minimum(np.abs(at - blocks.at[next_to - 1]), np.abs(at - blocks.at[next_to]))
+        at = at[away <= max(1, n // BLOCKS)]
+        w = np.mean([self.wrench[at + j] for j in range(-half, half + 1)], axis=0)
+        noise = self.wrench_noise * (self.white / size + 1.0 - self.white)
+        of_all = (np.broadcast_to(N, (len(at), 6, 6)) for N in (self.pose_noise, noise))
+        return Samples(at, self.turned[at], self.pose[at], w, *of_all)
 
     def contacts(self) -> list[tuple[int, int]]:
         """First sample of each stretch in which a wrench is felt, and the one after its last."""
