@@ -82,7 +82,8 @@ def mujoco_model(clearance):
 class Peer:
     """Pink or mink with the same shapes, pairs, limits, gain and posture as our loop."""
 
-    def __init__(self, kind, clearance, dt, q, gain):
+    def __init__(self, kind, clearance, dt, q, gain, *, kept=True):
+        """`kept` False leaves the clearance out."""
         self.kind, self.dt, robot = kind, dt, clearance.robot
         middle = 0.5 * (np.maximum(robot.position_lower, -np.pi) + np.minimum(robot.position_upper, np.pi))
         if kind == "Pink":
@@ -94,7 +95,7 @@ class Peer:
             self.posture = pink.tasks.PostureTask(cost=1e-3, gain=0.001)
             barrier = SelfCollisionBarrier(len(geometry.collisionPairs), gain=gain, safe_displacement_gain=0.0,
                                            d_min=clearance.distance)  # fmt: skip
-            self.more = {"barriers": [barrier]}
+            self.more = {"barriers": [barrier] if kept else []}
         else:
             model, groups = mujoco_model(clearance)
             self.configuration = mink.Configuration(model)
@@ -103,9 +104,9 @@ class Peer:
             )
             self.posture = mink.PostureTask(model, cost=1e-3, gain=0.001)
             speeds = {f"j{i + 1}": v for i, v in enumerate(robot.velocity_limit)}
-            self.more = {"limits": [mink.ConfigurationLimit(model), mink.VelocityLimit(model, speeds),
-                         mink.CollisionAvoidanceLimit(model, groups, gain=gain, collision_detection_distance=0.05,
-                                                      minimum_distance_from_collisions=clearance.distance)]}  # fmt: skip
+            apart = mink.CollisionAvoidanceLimit(model, groups, gain=gain, collision_detection_distance=0.05,
+                                                 minimum_distance_from_collisions=clearance.distance)  # fmt: skip
+            self.more = {"limits": [mink.ConfigurationLimit(model), mink.VelocityLimit(model, speeds), *[apart] * kept]}
         self.posture.set_target(middle)
 
     def __call__(self, q, target):

@@ -72,14 +72,15 @@ class Recording(Compared):
         )
 
     def every(self, start: int, stop: int) -> Samples:
-        """All samples of a stretch that are in a block that feels something; of a very long one, so many at most."""
+        """All samples of a stretch between blocks that feel something; of a very long one, so many at most."""
         blocks, n = self.blocks(start, stop), stop - start
         size = max(1, n // MOST_SAMPLES | 1)
         half = size // 2
         at = np.unique(start + np.linspace(half, n - 1 - half, min(MOST_SAMPLES, n // size)).round().astype(int))
-        next_to = np.searchsorted(blocks.at, at).clip(1, len(blocks.at) - 1)
-        away = np.minimum(np.abs(at - blocks.at[next_to - 1]), np.abs(at - blocks.at[next_to]))
-        at = at[away <= max(1, n // BLOCKS)]
+        at = at[(at >= blocks.at[0]) & (at <= blocks.at[-1])]
+        after = np.searchsorted(blocks.at, at)
+        gap = blocks.at[after] - blocks.at[np.maximum(after - 1, 0)]
+        at = at[gap <= 2 * max(1, n // BLOCKS | 1)]  # between two blocks next to each other
         w = np.mean([self.wrench[at + j] for j in range(-half, half + 1)], axis=0)
         noise = self.wrench_noise * (self.white / size + 1.0 - self.white)
         of_all = (np.broadcast_to(N, (len(at), 6, 6)) for N in (self.pose_noise, noise))

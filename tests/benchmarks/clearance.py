@@ -246,7 +246,11 @@ def peers(ticks):
 
 
 def reach(name, count, seed):
-    """Goals that an arm reaches only through something without a clearance: how many with one, and nearer than told or not."""
+    """Goals that laws reach only through something without a clearance: how many with one, and at which distance.
+
+    Ours and the peers' (Pink and mink solve one problem) each have to go through something: where one of them alone
+    does, the other's own way is free, and that is no contest.
+    """
     dt, scene = 0.005, SCENES[name]()
     if name == "panda":
         block = Box(iq.transform(translation=[0.5, 0.0, 0.2]), [0.16, 0.24, 0.4], name="block")
@@ -277,8 +281,8 @@ def reach(name, count, seed):
     while len(tasks) < count:
         a, T = free(), robot.pose(free())
         loop = iq.Controller(robot, dt=dt)
-        arrived, least = go(lambda q, T, loop=loop: loop.step(q, T).velocity, a, T, 600)
-        if arrived and least < 0.0:
+        free_laws = (lambda q, T, loop=loop: loop.step(q, T).velocity, Peer("mink", clearance, dt, a, 0.85, kept=False))
+        if all(arrived and least < 0.0 for arrived, least in (go(step, a, T, 600) for step in free_laws)):
             tasks.append((a, T))
     for label in LAWS:
         found = [go(law(label, scene, clearance, dt, a), a, T, 1200) for a, T in tasks]
