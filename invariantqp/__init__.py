@@ -38,10 +38,10 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.errors import InvariantQPError as InvariantQPError
     from invariantqp.errors import NoProjectors as NoProjectors
     from invariantqp.errors import NoPseudoinverse as NoPseudoinverse
-    from invariantqp.force.hybrid import HybridController as HybridController
-    from invariantqp.force.hybrid_task import HybridTask as HybridTask
-    from invariantqp.force.reading import Wrench as Wrench
-    from invariantqp.force.wrench import WrenchSensor as WrenchSensor
+    from invariantqp.force.contact import HybridTask as HybridTask
+    from invariantqp.force.control import HybridController as HybridController
+    from invariantqp.force.sensor import Wrench as Wrench
+    from invariantqp.force.sensor import WrenchSensor as WrenchSensor
     from invariantqp.geometry.forms import pitch_form as pitch_form
     from invariantqp.geometry.forms import pitch_form_inverse as pitch_form_inverse
     from invariantqp.geometry.screws import revolute as revolute

@@ -69,7 +69,7 @@ def identify(
     ] = None,
 ) -> None:
     """Say which contact RECORDING shows, where it is, and what the recording leaves open."""
-    from invariantqp.force.wrench import WrenchSensor
+    from invariantqp.force.sensor import WrenchSensor
     from invariantqp.identification import files
     from invariantqp.identification.identify import identify as identify_contact
     from invariantqp.runs.taskfile import load_arm

@@ -11,7 +11,7 @@ from attrs import frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
-from invariantqp.force.hybrid_task import HybridTask
+from invariantqp.force.contact import HybridTask
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared

@@ -19,8 +19,8 @@ from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, NoContactFound
-from invariantqp.force.hybrid_task import HybridTask
-from invariantqp.force.wrench import WrenchSensor
+from invariantqp.force.contact import HybridTask
+from invariantqp.force.sensor import WrenchSensor
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared

@@ -18,8 +18,7 @@ from attrs import frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.force.reading import wrench_of
-from invariantqp.force.wrench import WrenchSensor, load_of
+from invariantqp.force.sensor import WrenchSensor, load_of, wrench_of
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
-from invariantqp.force.hybrid import HybridController
-from invariantqp.force.kept_split import contact_now
-from invariantqp.force.reading import Wrench
-from invariantqp.force.solution import HybridSolution
+from invariantqp.force.contact import contact_now
+from invariantqp.force.control import HybridController, HybridSolution
+from invariantqp.force.sensor import Wrench
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.asked import way_to
 from invariantqp.paths.shape import (

@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike
 from invariantqp.control.controller import Controller
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.force.hybrid import HybridController
-from invariantqp.force.reading import Wrench
+from invariantqp.force.control import HybridController
+from invariantqp.force.sensor import Wrench
 from invariantqp.geometry import arrays, se3, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.contact import Pressed

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from invariantqp.force.solution import HybridSolution
+from invariantqp.force.control import HybridSolution
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.solution import Status
 

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from invariantqp.force.hybrid_task import MOST_TILT
+from invariantqp.force.contact import MOST_TILT
 from invariantqp.runs.section import Direction, NotNegative, Number, OpenNumber, Positive, Section, Vector3, Vector6
 
 # How many lengths say how far each kind of contact extends: an edge has a length, a face two sides.

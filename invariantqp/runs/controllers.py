@@ -21,9 +21,9 @@ from invariantqp.control.shared import SharedTask
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.engine import Engine
 from invariantqp.errors import BadInput
-from invariantqp.force.hybrid import HybridController
-from invariantqp.force.hybrid_task import HybridTask
-from invariantqp.force.wrench import WrenchSensor
+from invariantqp.force.contact import HybridTask
+from invariantqp.force.control import HybridController
+from invariantqp.force.sensor import WrenchSensor
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.driver import PathFollower

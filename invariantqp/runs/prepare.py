@@ -11,8 +11,8 @@ from pydantic import ValidationError
 
 from invariantqp.control.controller import Controller
 from invariantqp.errors import BadInput
-from invariantqp.force.hybrid_task import HybridTask
-from invariantqp.force.wrench import WrenchSensor
+from invariantqp.force.contact import HybridTask
+from invariantqp.force.sensor import WrenchSensor
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot

@@ -20,9 +20,8 @@ import numpy as np
 from scipy.linalg import orth
 
 from invariantqp.errors import BadInput
-from invariantqp.force.hybrid_task import HybridTask
-from invariantqp.force.reading import Wrench
-from invariantqp.force.wrench import WrenchSensor
+from invariantqp.force.contact import HybridTask
+from invariantqp.force.sensor import Wrench, WrenchSensor
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.surfaces import Cylinder, Plane, Surface

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from invariantqp.errors import BadInput, MissingExtra, RobotModelError
-from invariantqp.force.wrench import WrenchSensor
+from invariantqp.force.sensor import WrenchSensor
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.identification.candidate import Candidate

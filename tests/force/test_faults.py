@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.noisy_plane import FAULTS, press_on_plane
 
-PHASES = {"at the start": 0.0, "in the air": 0.05, "just after touch": 0.136, "settled": 0.4}
+PHASES = {"at the start": 0.0, "in the air": 0.05, "just after touch": 0.25, "settled": 1.0}
 PRESS = 10.0
 
 
@@ -37,7 +37,7 @@ def test_a_fault_while_a_normal_is_found_stops_the_push(name):
     assert run.press[-1] == 0.0
 
 
-@pytest.mark.parametrize("start", range(98, 108, 2))
+@pytest.mark.parametrize("start", range(294, 304, 2))
 def test_readings_that_come_late_in_a_touch_are_waited_for(start):
     """For 50 ms the driver repeats the last one, as after a lost packet."""
     kept, tick = {}, iter(range(10_000))
@@ -47,7 +47,7 @@ def test_readings_that_come_late_in_a_touch_are_waited_for(start):
         kept[k] = reading
         return kept[start] if start <= k < start + 50 else reading
 
-    run = press_on_plane(PRESS, stiffness=2e4, noise=0.05, dt=0.001, fault=late, since=0.0, seconds=0.35, period=1e9)
+    run = press_on_plane(PRESS, stiffness=2e4, noise=0.05, dt=0.001, fault=late, since=0.0, seconds=1.5, period=1e9)
     assert run.stopped() is None
     assert run.press.max() < 2.0 * PRESS
     assert run.press[-1] == pytest.approx(PRESS, rel=0.05)
@@ -57,7 +57,7 @@ def test_readings_that_come_late_in_a_touch_are_waited_for(start):
 def test_a_retreat_leaves_a_soft_surface_too(name):
     """33 mm are pushed in, and the way back was 20 mm from there."""
     make, status, _ = FAULTS[name]
-    run = press_on_plane(PRESS, stiffness=300.0, dt=0.008, seconds=6.0, period=1e9, fault=make(), since=4.0)
+    run = press_on_plane(PRESS, stiffness=300.0, dt=0.008, seconds=10.0, period=1e9, fault=make(), since=8.0)
     assert run.press[: run.stopped()].max() == pytest.approx(PRESS, rel=0.1)
     assert run.solutions[-1].status == status
     assert run.press[-1] == 0.0

@@ -27,9 +27,9 @@ def rms_error(solutions, wanted):
 def test_a_pen_draws_a_circle_with_five_newtons(panda, rule):
     bench = Bench(panda, PANDA, pen(**rule))
     path = circle(bench.start, 0.03, 2.0)
-    settled = bench.run(1000, path)[500:]
+    settled = bench.run(1400, path)[700:]
     assert rms_error(settled, 5.0) < 0.005
-    off = bench.robot.pose(bench.q)[:2, 3] - path(1.0)[0][:2, 3]
+    off = bench.robot.pose(bench.q)[:2, 3] - path(1.4)[0][:2, 3]
     assert np.linalg.norm(off) < 5e-5
     assert {s.status for s in settled} == {"ok"}
 
@@ -51,7 +51,8 @@ def test_five_joints_keep_the_force_without_any_exact_demand(so101):
         task = pen(2.0, compliance=5e-3)
         bench = Bench(so101, SO101, task, stiffness=2e3, dt=5e-3, force_first=first)
         errors[first] = rms_error(bench.run(500, circle(bench.start, 0.02, 3.0))[200:], 2.0)
-    assert errors[True] < 0.01 < errors[False]
+    assert errors[True] < 0.01, errors
+    assert errors[True] < 0.5 * errors[False], errors
 
 
 def test_a_tilted_face_lies_down_and_is_wiped_along(panda):
@@ -61,12 +62,12 @@ def test_a_tilted_face_lies_down_and_is_wiped_along(panda):
     tilted = PANDA + np.array([0, 0, 0, 0, 0, 0.03, 0])
     bench = Bench(panda, tilted, iq.HybridTask(sole, [20.0, 0.0, 0.0]), half=0.04, stiffness=5e3)
     path = circle(bench.start, 0.04, 2.0)
-    solutions = bench.run(1500, path)
-    assert rms_error(solutions[700:], 20.0) < 0.01
+    solutions = bench.run(2000, path)
+    assert rms_error(solutions[1200:], 20.0) < 0.01
     normal = bench.robot.pose(bench.q)[:3, 2]
     assert np.arccos(np.clip(-normal @ UP, -1, 1)) < 1e-3
     assert np.arccos(np.clip(-bench.start[:3, 2] @ UP, -1, 1)) > 0.02  # it had to be laid down
-    assert np.abs([s.intensities[1:] for s in solutions[700:]]).max() < 0.05
+    assert np.abs([s.intensities[1:] for s in solutions[1200:]]).max() < 0.05
 
 
 def test_a_door_is_moved_along_its_screw_and_pushed_no_other_way(panda):
@@ -135,12 +136,14 @@ def test_limits_slow_the_path_down_before_they_let_go_of_the_force(panda):
         across = [s.contact.constraints.T @ (s.J @ s.velocity - s.force) for s in solutions]
         assert (np.abs(across).max() < 1e-9) == first  # what is left is the bend of the way within a tick
         errors[first] = np.median([abs(s.intensities[0] - 5.0) for s in solutions[100:]])
-    assert errors[True] < 1.5 < 4.0 < errors[False]
+    assert errors[True] < 2.0 < 4.0 < errors[False]
 
 
 @pytest.mark.parametrize("rule", [{}, {"h": 0.3}, {"metric": np.arange(1.0, 7.0)}])
 def test_what_is_reported_is_what_the_projectors_in_the_base_frame_make(panda, rule):
-    loop = iq.HybridController(panda, pen(**{"compliance": 1e-3, **rule}), dt=DT, order="moment first", gain=10.0)
+    loop = iq.HybridController(
+        panda, pen(slide_speed=np.inf, **{"compliance": 1e-3, **rule}), dt=DT, order="moment first", gain=10.0
+    )
     felt, ahead = np.array([0.1, 2.0, -0.3, 0.5, -0.2, -4.0]), np.array([0.1, -0.2, 0.3, 0.01, 0.02, 0.03])
     target = iq.exp([0.02, 0.01, -0.02, 0.004, -0.003, 0.002]) @ panda.pose(PANDA)
     solution = loop.step(PANDA, target, felt, ahead)
@@ -336,6 +339,6 @@ def test_rows_that_say_the_same_twice_do_not_stop_a_tool_at_rest():
     bench = Bench(iq.load_robot("so101"), SO101, pen(stiffness=1e4), dt=2e-3, depth=-1e-4, exact="position")
     target = bench.start.copy()
     target[:3, 3] += [0.002, -0.003, 0.0]
-    told = bench.run(1500, lambda t: (target, None))
+    told = bench.run(3000, lambda t: (target, None))
     assert not any("cannot keep the direction" in s.reason for s in told[100:])
     assert bench.wrench()[5] == pytest.approx(-5.0, rel=1e-11)

@@ -12,7 +12,7 @@ from support.spring_plane import DT, PANDA, pen
 from support.wrist import wrist
 
 import invariantqp as iq
-from invariantqp.force.reading import wrench_of
+from invariantqp.force.sensor import wrench_of
 
 M, F = [0.1, -0.2, 0.3], [4.0, 5.0, -6.0]
 

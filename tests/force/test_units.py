@@ -12,7 +12,7 @@ from support.repeats import repeats
 import invariantqp as iq
 
 ARMS = repeats(300, 20)
-LENGTHS = {"size": 0.05, "approach_speed": 0.02, "approach_distance": 0.1, "edge_margin": 0.01}
+LENGTHS = {"size": 0.05, "approach_speed": 0.02, "approach_distance": 0.1, "edge_margin": 0.01, "slide_speed": 0.1}
 LENGTHS |= {"retreat_speed": 0.02, "retreat_distance": 0.02}
 EXACT = {
     "nothing": lambda u, m: None,

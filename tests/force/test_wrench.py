@@ -9,7 +9,7 @@ from support.random_systems import motion
 from support.wrist import wrist
 
 import invariantqp as iq
-from invariantqp.force.smoothing import Smoothing, soft
+from invariantqp.force.sensor import Smoothing, soft
 
 G = np.array([0.0, 0.0, -9.80665])
 

@@ -9,7 +9,7 @@ import pytest
 import invariantqp as iq
 from invariantqp.control.controller import Controller
 from invariantqp.control.memory import Memory
-from invariantqp.force.hybrid import HybridController
+from invariantqp.force.control import HybridController
 
 ROOT = Path(__file__).parents[2]
 OURS = str(Path(iq.__file__).parent)

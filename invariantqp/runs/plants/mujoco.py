@@ -18,7 +18,7 @@ import numpy as np
 
 from invariantqp.errors import BadInput, RobotModelError
 from invariantqp.extras import optional
-from invariantqp.force.wrench import GRAVITY
+from invariantqp.force.sensor import GRAVITY
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.surfaces import Plane, Surface

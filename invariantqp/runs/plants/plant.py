@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from invariantqp.force.wrench import GRAVITY
+from invariantqp.force.sensor import GRAVITY
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.surfaces import Plane, Surface

@@ -6,28 +6,156 @@
     deadband  soft thresholds, f max(0, 1 - d/|f|): continuous, forces and moments apart
     smooth    first-order low-pass, y += (1 - exp(-2 pi f_c dt)) (x - y)
 
-A reading comes with its order, its sign and its frame said: `order`, `reads`, `mount`. `WrenchSensor.check` finds all
-three from readings in free air. The coadjoint changes moments with the point they are about: a wrist sensor 100 mm
-off the tip reads moments that the tip does not feel. Everything but the last step happens in the sensor's frame,
-where the wrench of a steady press does not change while the tool travels.
+A reading comes with its order, its sign and its frame said: `order`, `reads`, `mount`. Six plain numbers do not tell
+them: read the wrong way round, a press of 5 N is one of 0.1 N. `WrenchSensor.check` finds all three from readings in
+free air,
+
+    forces    f_k = b_f + a g_k,         a = m for reactions, -m for actions,   g_k gravity in the sensor's frame
+    moments   m_k = b_m + d x g_k,       d = a c
+
+which are linear in their unknowns. The coadjoint changes moments with the point they are about: a wrist sensor 100 mm
+off the tip reads moments that the tip does not feel. Everything but the last step happens in the sensor's frame, where
+the wrench of a steady press does not change while the tool travels.
 """
 
 from __future__ import annotations
 
-from math import inf
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from math import exp, inf, pi
+from numbers import Real
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from attrs import evolve, field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, written
-from invariantqp.force.free_air import SPREAD, TURNED, explained, spread
-from invariantqp.force.reading import Order, by_name, order_of, ordered, wrench_of
-from invariantqp.force.smoothing import Smoothing, soft
+from invariantqp.errors import BadInput, excerpt, written
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, Value, own
+
+Order = Literal["moment first", "force first"]
+ORDERS: tuple[str, ...] = get_args(Order)
+
+# What the parts are called: here, in ROS (geometry_msgs/Wrench), in Pinocchio.
+MOMENT_NAMES = ("moment", "torque", "angular")
+FORCE_NAMES = ("force", "linear")
+
+
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Wrench(Value):
+    """A moment about the origin of a frame and a force.
+
+    Attributes:
+        moment: (3,) [N length].
+        force: (3,) [N].
+    """
+
+    moment: Array = field(converter=own)
+    force: Array = field(converter=own)
+
+    def __init__(self, *, moment: ArrayLike, force: ArrayLike) -> None:
+        """A wrench.
+
+        Args:
+            moment: (3,) about the frame's origin [N length].
+            force: (3,) [N].
+
+        Raises:
+            BadInput: NaN, shapes.
+        """
+        self.__attrs_init__(arrays.vector(moment, 3, "moment"), arrays.vector(force, 3, "force"))
+
+
+def wrench_of(reading: Any, order: str | None, argument: str) -> Array:
+    """(6,) moment first, from a reading whose order is said by names or by a word.
+
+    Args:
+        reading: a `Wrench`, a `pinocchio.Force`, a `geometry_msgs/Wrench` or what carries one in `.wrench`, a mapping
+            with the same names, or (6,) numbers in `order`.
+        order: of plain numbers; None refuses them.
+        argument: how the caller calls it.
+
+    Raises:
+        BadInput: numbers without an order, NaN, shapes.
+    """
+    if _are_numbers(reading):
+        numbers = arrays.vector(reading, 6, argument)
+        if order is None:
+            raise BadInput(
+                argument,
+                "six numbers whose order is not said",
+                'a sensor with order="moment first" or order="force first", or iq.Wrench(moment=..., force=...)',
+                "ROS, Pinocchio's arrays and most sensors have forces first.",
+            )
+        return ordered(numbers, order)
+    if isinstance(reading, Wrench):
+        return np.concatenate((reading.moment, reading.force))
+    whole = _part(reading, ("wrench",))
+    named = reading if whole is None else whole
+    moment, force = _part(named, MOMENT_NAMES), _part(named, FORCE_NAMES)
+    if moment is None or force is None:
+        expected = (
+            "iq.Wrench(moment=..., force=...), pinocchio.Force, a geometry_msgs/Wrench, or six numbers in an order"
+        )
+        raise BadInput(argument, excerpt(reading), expected)
+    return np.concatenate((_vector(moment, argument), _vector(force, argument)))
+
+
+def ordered(wrench: Array, order: str | None) -> Array:
+    """(6,) moment first from numbers in an order, or the other way round; None is moment first."""
+    return np.concatenate((wrench[3:], wrench[:3])) if order == "force first" else wrench
+
+
+def by_name(wrench: Array) -> Wrench:
+    """A `Wrench` from (6,) moment first."""
+    return Wrench(moment=wrench[:3], force=wrench[3:])
+
+
+def wanted_of(wrench: Any, argument: str = "wrench") -> Array:
+    """(6,) (m; f) of a `Wrench` or what `wrench_of` takes by name, or (n,) parts in a contact's constraints.
+
+    Raises:
+        BadInput: NaN, shapes; whether six numbers are parts or a wrench, and in which order, is not said.
+    """
+    if isinstance(wrench, Real):
+        raise BadInput(argument, excerpt(wrench), "a list, one number a constraint of the contact, such as [5.0]")
+    if _are_numbers(wrench):
+        parts = arrays.vector(wrench, None, argument)
+        if len(parts) == 6:
+            wrench_of(parts, None, argument)
+        return parts
+    return wrench_of(wrench, None, argument)
+
+
+def order_of(order: str | None, argument: str = "order") -> str | None:
+    """A checked order: one of ORDERS, or None where wrenches come by name.
+
+    Raises:
+        BadInput: another word.
+    """
+    return None if order is None else arrays.choice(order, argument, ORDERS)
+
+
+def _are_numbers(value: Any) -> bool:
+    """Whether a value is numbers in a row: a NumPy array, a list, an `array.array` as fields of ROS 2 messages are."""
+    return isinstance(value, (np.ndarray, Sequence)) and not isinstance(value, str)
+
+
+def _part(value: Any, names: tuple[str, ...]) -> Any:
+    """The part of one of these names, of a mapping or an object; None where it has none."""
+    for name in names:
+        part = value.get(name) if isinstance(value, Mapping) else getattr(value, name, None)
+        if part is not None:
+            return part
+    return None
+
+
+def _vector(part: Any, argument: str) -> Array:
+    """(3,) from numbers, or from x, y, z by name."""
+    by_name = [_part(part, (axis,)) for axis in "xyz"]
+    return arrays.vector(part if None in by_name else by_name, 3, argument)
+
 
 # Standard gravity in a base frame whose z points up [m/s^2].
 GRAVITY = (0.0, 0.0, -9.80665)
@@ -270,3 +398,136 @@ def _unloaded(sensor: WrenchSensor, pose: Array) -> Array:
     weight = np.concatenate((se3.cross(sensor.centre, f), f))
     reading: Array = sensor.bias + (weight if sensor.reads == "reaction" else -weight)
     return reading
+
+
+class Smoothing(NamedTuple):
+    """The state of a low-pass: its owner replaces it by what `after` returns, once in every tick.
+
+    Attributes:
+        share: of a step that one tick passes on, 1 - exp(-2 pi f_c dt).
+        value: the smoothed wrench; None before the first, which is taken as it is.
+    """
+
+    share: float
+    value: Array | None = None
+
+    @classmethod
+    def of(cls, cutoff: float, dt: float) -> Smoothing:
+        """The low-pass with a cut-off in Hz for ticks of dt seconds."""
+        return cls(1.0 - exp(-2.0 * pi * cutoff * dt))
+
+    def after(self, wrench: Array) -> tuple[Array, Smoothing]:
+        """The smoothed wrench after one more reading, and the state then."""
+        smooth = wrench if self.value is None else self.value + self.share * (wrench - self.value)
+        return smooth, self._replace(value=smooth)
+
+
+def soft(vector: Array, width: float) -> Array:
+    """The vector shortened by `width`, zero where it is shorter: continuous, and the same for axes of any direction."""
+    length = float(np.sqrt(vector.dot(vector)))
+    share = 1.0 - width / length if length > width else 0.0
+    shortened: Array = vector * share
+    return shortened
+
+
+# Directions of gravity count as different where their spread in two directions is at least this share of it.
+SPREAD = 0.1
+# A fit that leaves less than this share of the readings' variation explains them.
+EXPLAINED = 0.1
+# Found and said may differ by this: an angle of the mount [rad], a share of the mass.
+TURNED = 0.1
+MASS_SHARE = 0.2
+# Variations of a force below this are noise [N].
+NOTHING = 1e-6
+
+
+class FreeAir(NamedTuple):
+    """What readings in free air are explained by.
+
+    Attributes:
+        order: "moment first" or "force first".
+        reads: "reaction" or "action".
+        mass: of what hangs on the sensor [kg].
+        centre: (3,) of it in the sensor's frame [length].
+        bias: (6,) (m; f) of the unloaded sensor.
+        turn: by how much the sensor's frame is turned from where it was said to be [rad].
+        left: share of the readings' variation that stays unexplained, forces and moments.
+    """
+
+    order: Order
+    reads: Literal["reaction", "action"]
+    mass: float
+    centre: Array
+    bias: Array
+    turn: float
+    left: tuple[float, float]
+
+    def differences(self, order: str | None, reads: str, mass: float) -> list[str]:
+        """What differs from what the sensor is said to be, in words."""
+        wrong = []
+        if order is not None and self.order != order:
+            wrong.append(f"its order is {self.order!r}, not {order!r}")
+        if self.reads != reads:
+            wrong.append(f"it reads the {self.reads}, not the {reads}")
+        if self.turn > TURNED:
+            wrong.append(f"its frame is turned by {written(np.degrees(self.turn), 3)} deg from mount")
+        if abs(self.mass - mass) > MASS_SHARE * self.mass:
+            wrong.append(f"{written(self.mass)} kg hang on it, not {written(mass)}")
+        if self.left[1] > EXPLAINED and not wrong:
+            wrong.append("its moments fit no centre of mass")
+        return wrong
+
+
+def spread(gravity: Array) -> float:
+    """How much directions of gravity (n, 3) in the sensor's frame differ: the second largest spread, relative."""
+    sizes = np.linalg.svd(gravity - gravity.mean(axis=0), compute_uv=False)
+    return float(sizes[1] / np.sqrt(len(gravity)) / np.linalg.norm(gravity[0])) if len(sizes) > 1 else 0.0
+
+
+def explained(readings: Array, gravity: Array) -> FreeAir | None:
+    """The better of both orders; None where neither explains the readings.
+
+    Args:
+        readings: (n, 6) as the sensor gives them.
+        gravity: (n, 3) in the sensor's frame [length/s^2].
+    """
+    first, last = readings[:, :3], readings[:, 3:]
+    found = [_fit("moment first", first, last, gravity), _fit("force first", last, first, gravity)]
+    best = min(found, key=lambda fit: fit.left[0])
+    return best if best.left[0] < EXPLAINED else None
+
+
+def _fit(order: Order, moments: Array, forces: Array, gravity: Array) -> FreeAir:
+    n = len(gravity)
+    f, g = forces - forces.mean(axis=0), gravity - gravity.mean(axis=0)
+    scale = float(np.vdot(f, f))
+    a = float(np.vdot(f, g) / np.vdot(g, g))
+    left = float(np.vdot(f - a * g, f - a * g)) / scale if scale > n * NOTHING**2 else np.inf
+    turn, mean = 0.0, gravity.mean(axis=0)
+    if left >= EXPLAINED and np.isfinite(left):  # perhaps the sensor is not mounted as it was said
+        from scipy.spatial.transform import Rotation  # a tenth of a second to import, for this alone
+
+        for sign in (1.0, -1.0):
+            R, _ = Rotation.align_vectors(f, sign * (gravity - gravity.mean(axis=0)))
+            turned = (gravity - gravity.mean(axis=0)).dot(R.as_matrix().T)
+            b = float(np.vdot(f, turned) / np.vdot(g, g))
+            rest = float(np.vdot(f - b * turned, f - b * turned)) / scale
+            if rest < min(left, EXPLAINED):
+                left, turn, a, g, mean = rest, float(R.magnitude()), b, turned, R.apply(gravity.mean(axis=0))
+    # m_k - mean = d x g_k: linear in d.
+    m = moments - moments.mean(axis=0)
+    A = -np.concatenate([se3.cross_matrix(row) for row in g])
+    d = np.linalg.lstsq(A, m.ravel(), rcond=None)[0]
+    missed = m.ravel() - A.dot(d)
+    size = float(np.vdot(m, m))
+    bias_f = forces.mean(axis=0) - a * mean
+    bias_m = moments.mean(axis=0) - se3.cross(d, mean)
+    return FreeAir(
+        order=order,
+        reads="reaction" if a > 0.0 else "action",
+        mass=abs(a),
+        centre=d / a if a != 0.0 else np.zeros(3),
+        bias=np.concatenate((bias_m, bias_f)),
+        turn=turn,
+        left=(left, float(missed.dot(missed)) / size if size > 0.0 else 0.0),
+    )

@@ -1,0 +1,617 @@
+"""What a contact leaves free and what it lets press: the task as a value, and its split by dual projectors.
+
+    s = P s_motion + (I - P) C (I - P)' (W_d - W)            P* = (I - P)'
+
+Motion keeps to the freedoms S and force to the constraints S*: a wrench error never moves the tool along S, and motion
+never changes the force. The compliance C, twist per wrench, is a tensor fixed to the contact (it changes frames as
+Ad C Ad'), so that no frame is preferred. With W the constraints and W'C W = L L', a wrench W w has the *unit parts*
+L'w and a twist the *unit rates* L^-1 W' twist: both in the units of the first constraint: for each
+the force law is one and the same scalar law (`law`).
+
+Reference: [DS] Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import acos, degrees, hypot, inf, pi, sqrt, tan
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+from attrs import evolve, field, frozen
+from attrs.converters import optional
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput, excerpt, written
+from invariantqp.force.sensor import Wrench, by_name, wanted_of
+from invariantqp.geometry import arrays, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Compared, Value, own
+from invariantqp.geometry.forms import finite_pitch
+from invariantqp.geometry.se3 import velocity_at
+from invariantqp.systems.contacts import Contact, ContactKind
+from invariantqp.systems.projectors import DualProjectors, dual_projectors
+from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.measure import root_at
+
+OnLoss = Literal["approach", "hold", "retreat", "continue"]
+OnOverload = Literal["hold", "retreat"]
+# Checks of a run that are not needed to press, each by its name; the core ones cannot be switched off.
+Optional = Literal["noise", "settling", "jump"]
+
+# How far a normal may be corrected [rad]: beyond it the told one says nothing.
+MOST_TILT = pi / 4.0
+# The slope of a surface beside the declared one, where `normal_within` does not say it: 6 deg.
+SLOPE = 0.1
+# What holds a thing, fingers and arm, yields to moments as over this many sizes of the contact: one gain is for both,
+# and for what is stiffest. With one size a stiff hinge's moments slow down what yields to its forces.
+HELD = 2.0
+# A press below zero by less than this share of a wrench is none: a wrench may come from another frame.
+ROUNDING = 1e-9
+# How far a grip may be from where the compliance was taken, as a share of the contact's size.
+NEAR = 0.2
+# Few joints are told that they cannot follow a contact where more than this share of the motion presses on it, and the
+# motion is faster than this share of the approach speed: slower ones are corrections.
+PRESSED = 1e-3
+SLOW_SHARE = 0.1
+TINY = float(np.finfo(float).tiny)
+
+
+@frozen(init=False, eq=False, repr=False, slots=False)
+class HybridTask(Value):
+    """Move along the freedoms of a contact, press against its constraints.
+
+    Attributes:
+        contact: the contact, or a function that gives it for the tool's (4, 4) pose in the base frame.
+        wrench: what the tool is to exert: (6-k,) parts in the contact's constraints, or a (6,) wrench.
+        h: pitch whose reciprocal system is the complement Z, or None.
+        complement: Z itself, (6, 6-k) in the contact's own frame, or None.
+        metric: (6, 6) in the contact's own frame, or None.
+        compliance: (6, 6) C, twist per wrench, in the contact's own frame; None lets the law follow its estimates.
+        stiffness: of the contact along the press [force/length], or None where nobody knows it.
+        size: over what length the contact spreads [length].
+        normal_within: how far off the told normal the found one may be [rad]; None trusts the told one.
+        lost_below, lost_after, on_loss: when a contact is lost, and what is done then.
+        yields: how far the surface may give way.
+        edge_margin: how near to the surface's edge that is told.
+        approach_speed, approach_distance, approach_time: how it is looked for.
+        max_force, max_moment, on_overload: what is too much, and what is done then.
+        grip: (3,) where the tool holds what it moves, in the tool frame.
+        slide_speed: how fast an error of the target moves the tool along it.
+        retreat_speed, retreat_distance: how a contact is left.
+        checks: which optional checks are on.
+    """
+
+    contact: Contact | Callable[[Array], Contact]
+    wrench: Array = field(converter=own)
+    h: float | None
+    complement: Array | None = field(converter=optional(own))
+    metric: Array | None = field(converter=optional(own))
+    compliance: Array | None = field(converter=optional(own), repr=False)
+    stiffness: float | None
+    size: float = field(repr=False)
+    normal_within: float | None = field(repr=False)
+    lost_below: float | None = field(repr=False)
+    lost_after: float = field(repr=False)
+    on_loss: str = field(repr=False)
+    yields: float = field(repr=False)
+    edge_margin: float = field(repr=False)
+    approach_speed: float = field(repr=False)
+    approach_distance: float = field(repr=False)
+    approach_time: float = field(repr=False)
+    slide_speed: float = field(repr=False)
+    max_force: float | None = field(repr=False)
+    max_moment: float | None = field(repr=False)
+    on_overload: str | None = field(repr=False)
+    grip: Array = field(converter=own, repr=False)
+    retreat_speed: float = field(repr=False)
+    retreat_distance: float = field(repr=False)
+    checks: tuple[str, ...] = field(repr=False)
+
+    def __init__(
+        self,
+        contact: Contact | Callable[[Array], Contact],
+        wrench: ArrayLike | Wrench,
+        *,
+        h: float | None = None,
+        complement: ArrayLike | None = None,
+        metric: ArrayLike | None = None,
+        compliance: ArrayLike | None = None,
+        stiffness: float | None = None,
+        size: float = 0.05,
+        normal_within: float | None = None,
+        lost_below: float | None = None,
+        lost_after: float = 0.1,
+        on_loss: OnLoss = "approach",
+        yields: float = 0.0,
+        edge_margin: float = 0.01,
+        approach_speed: float = 0.02,
+        approach_distance: float = 0.1,
+        approach_time: float = 20.0,
+        slide_speed: float = 0.1,
+        max_force: float | None = None,
+        max_moment: float | None = None,
+        on_overload: OnOverload | None = None,
+        grip: ArrayLike = (0.0, 0.0, 0.0),
+        retreat_speed: float = 0.02,
+        retreat_distance: float = 0.02,
+        checks: Sequence[Optional] = ("noise", "settling"),
+    ) -> None:
+        """The task for one contact. Defaults of lengths and speeds are metres and m/s; in another unit give them all.
+
+        Args:
+            contact: the contact, or a function that gives it for the tool's (4, 4) pose in the base frame.
+            wrench: what the tool is to exert: (6-k,) parts in the contact's constraints, in their order (the first is
+                the press [N]), or a `Wrench` in the contact's own frame, of which the part in S* counts.
+            h: pitch whose reciprocal system is the complement Z; see `dual_projectors` for what it cannot do.
+            complement: Z itself, (6, 6-k) in the contact's own frame.
+            metric: (6, 6) or (6,) positive definite, in the contact's own frame, a contact stiffness for instance. With
+                none of the three, Z = C W follows from the compliance; it exists for every contact.
+            compliance: C, twist per wrench: one number c [length/s per N] for diag(c/size^2 I, c I), or (6,), or (6, 6)
+                in the contact's own frame. It is then the force loop's fixed gain: c k on a contact of stiffness k,
+                stable with dt c k < 2, without overshoot below 1, and with a low-pass of time constant T for
+                c k T < 1/4. None lets the law follow what is estimated of stiffness, damping and delay, and takes C
+                in the same way in all directions about the place of contact, or over twice the size about the grip of
+                one that cannot be lost.
+            stiffness: of the contact along the press [force/length], arm in series included: where the estimate
+                begins. It is estimated in any case, so that one declared wrong costs time, not the force. A fixed
+                compliance has integral action where it is declared.
+            size: over what length the contact spreads, which weighs moments against forces [length].
+            normal_within: corrects the told normal by how the tool moves along the surface, by this angle at most
+                [rad], up to pi/4; None trusts the told one. Friction does not disturb it. One press only.
+            lost_below: press [N] below which contact is lost; None is a tenth of the wanted one, 0 is never once felt.
+            lost_after: for how long [s].
+            on_loss: "approach" goes on, no faster than `approach_speed` towards the contact; "hold" stands still until
+                it is felt again; "retreat" leaves; "continue" only reports it. Before the first touch it is "approach".
+            yields: how far the surface may move, give way, or step down, under the tool [length]; inf is any way.
+                Readings that lead the tool further than this and what a slope explains are a "fault".
+            edge_margin: a contact nearer to the edge of its surface than this is told [length]; beyond the edge nothing
+                is pushed. Only for contacts that say where their edge is.
+            approach_speed: the most that the force law moves the place of contact in the air and into the contact
+                [length/s], beside what a slope asks for. Without a fixed compliance a touch is slower than this where
+                tick, delay and low-pass ask for it.
+            approach_distance: after this way towards the contact without feeling it, stand still [length]; inf: never.
+            approach_time: likewise [s].
+            slide_speed: the most that an error of the target moves the tool along the contact [length/s], its turning
+                counted over `size`; inf is any. A feedforward is not limited: a path that comes with one is followed.
+            max_force: force [N] above which the status is "overload"; None is twice the wanted one, the task's or the
+                tick's, whichever is larger, 20 N where none is wanted; inf is never. Where a press is lowered, the
+                limit falls with what is felt.
+            max_moment: moment likewise, about the place of contact or the grip, where it is less [N length]; None is
+                twice the wanted one, or `size` times the force where that is more.
+            on_overload: "hold" or "retreat", until `HybridController.reset`, at an overload or a sensor's fault; None
+                is "retreat" from a contact that can be left.
+            grip: (3,) where the tool holds a handle, which may be far from its hinge, in the tool frame [length].
+            retreat_speed: along the contact's way out [length/s].
+            retreat_distance: so far from the touch, after a fault from where the approach began, stand still [length].
+            checks: names of the optional checks: "noise" (more of it than the sensor is said to have), "settling" (the
+                press swings, chatters or is not reached), "jump" (the press jumps within a tick by half of the wanted
+                one: a bias that jumped, or a surface with steps, and then a "fault").
+
+        Raises:
+            BadInput: more than one of h, complement and metric, NaN, shapes, "retreat" from a contact that cannot be
+                left.
+            NoProjectors: h does not do for this contact; names its type.
+        """
+        rules = {"h": h, "complement": complement, "metric": metric}
+        given = [name for name, rule in rules.items() if rule is not None]
+        if len(given) > 1:
+            raise BadInput(given[0], " and ".join(given), "one of h, complement, metric, or none")
+        if not isinstance(contact, Contact) and not callable(contact):
+            raise BadInput("contact", excerpt(contact), "a Contact, or a function of the tool's pose that gives one")
+        length = arrays.number(size, "size", "a length", positive=True)
+        self.__attrs_init__(
+            contact=contact,
+            wrench=wanted_of(wrench),
+            h=None if h is None else finite_pitch(h),
+            complement=None if complement is None else arrays.system(complement, "complement"),
+            metric=None if metric is None else arrays.positive_definite(metric, 6, "metric"),
+            compliance=None if compliance is None else compliance_of(compliance, length),
+            stiffness=None if stiffness is None else arrays.number(stiffness, "stiffness", "N/m", positive=True),
+            size=length,
+            normal_within=None if normal_within is None else _angle(normal_within),
+            lost_below=None if lost_below is None else arrays.not_negative(lost_below, "lost_below", "a force"),
+            lost_after=arrays.not_negative(lost_after, "lost_after", "a time in seconds"),
+            on_loss=arrays.choice(on_loss, "on_loss", get_args(OnLoss)),
+            yields=arrays.not_negative(yields, "yields", "a length", infinite=True),
+            edge_margin=arrays.not_negative(edge_margin, "edge_margin", "a length"),
+            approach_speed=arrays.number(approach_speed, "approach_speed", "a speed", positive=True),
+            approach_distance=_limit(approach_distance, "approach_distance"),
+            approach_time=_limit(approach_time, "approach_time"),
+            slide_speed=_limit(slide_speed, "slide_speed"),
+            max_force=None if max_force is None else _limit(max_force, "max_force"),
+            max_moment=None if max_moment is None else _limit(max_moment, "max_moment"),
+            on_overload=None
+            if on_overload is None
+            else arrays.choice(on_overload, "on_overload", get_args(OnOverload)),
+            grip=arrays.vector(grip, 3, "grip"),
+            retreat_speed=arrays.number(retreat_speed, "retreat_speed", "a speed", positive=True),
+            retreat_distance=arrays.number(retreat_distance, "retreat_distance", "a length", positive=True),
+            checks=_checks(checks),
+        )
+        if isinstance(contact, Contact):
+            self.split(contact.kind)
+
+    @property
+    def slope(self) -> float:
+        """How steep the surface may be beside the declared one, the tangent of its angle."""
+        return max(SLOPE, tan(self.normal_within or 0.0))
+
+    def contact_at(self, tool: Array) -> Contact:
+        """The contact with the tool at a (4, 4) pose.
+
+        Raises:
+            BadInput: the function gave something else.
+        """
+        if isinstance(self.contact, Contact):
+            return self.contact
+        contact = self.contact(tool)
+        if not isinstance(contact, Contact):
+            raise BadInput("contact", f"a function that gave {excerpt(contact)}", "one that gives a Contact")
+        return contact
+
+    def split(self, kind: ContactKind, grip: ArrayLike | None = None) -> Split:
+        """P, P* and the admittance for a kind of contact, in its own frame.
+
+        Args:
+            kind: of contact.
+            grip: (3,) the place of the grip in that frame; None is the place of contact.
+
+        Raises:
+            BadInput, NoProjectors: the task does not fit this contact.
+        """
+        if not isinstance(kind, ContactKind):
+            raise BadInput("kind", excerpt(kind), "a ContactKind, such as contact.kind")
+        if kind.out is None and "retreat" in (self.on_loss, self.on_overload):
+            raise BadInput("contact", f"a {kind.name} and a retreat", "a contact that can be left", "Hold instead.")
+        if self.normal_within is not None and kind.presses != 1:
+            raise BadInput(
+                "normal_within",
+                f"{self.normal_within!r}, and a {kind.name} with {kind.presses} presses",
+                "None for a contact without a press or with more than one",
+            )
+        at = kind.origin if grip is None else arrays.vector(grip, 3, "grip")
+        return split_of(kind, self.wrench, self.compliance, at, self.size, (self.h, self.complement, self.metric))
+
+    def relabelled(self, offset: ArrayLike | None = None, tool_offset: ArrayLike | None = None) -> HybridTask:
+        """The same task in other frames: the contact's displaced by `offset` in itself, the tool's by `tool_offset`.
+
+        Raises:
+            BadInput: not finite (4, 4) rigid motions.
+        """
+        X = np.eye(4) if offset is None else arrays.pose(offset, "offset")
+        Y = np.eye(4) if tool_offset is None else arrays.pose(tool_offset, "tool_offset")
+        back = se3.inverse(X, check=False)
+        A, B = se3.adjoint(back, check=False), se3.coadjoint(back, check=False)
+        contact, C, M, Z, w = self.contact, self.compliance, self.metric, self.complement, self.wrench
+        return evolve(
+            self,
+            contact=contact.relabelled(X) if isinstance(contact, Contact) else _Relabelled(contact, X, Y),
+            wrench=by_name(B.dot(w)) if len(w) == 6 else w,
+            complement=None if Z is None else A.dot(Z),
+            metric=None if M is None else B.dot(M).dot(B.T),
+            compliance=None if C is None else A.dot(C).dot(A.T),
+            grip=Y[:3, :3].T.dot(self.grip - Y[:3, 3]),
+        )
+
+
+@frozen(eq=False, slots=False)
+class _Relabelled(Compared):
+    """A function that gives a contact, for other frames of contact and tool."""
+
+    function: Callable[[Array], Contact]
+    offset: Array
+    tool_offset: Array
+
+    def __call__(self, tool: Array) -> Contact:
+        """The contact for a tool's pose in the new tool frame."""
+        return self.function(tool.dot(se3.inverse(self.tool_offset, check=False))).relabelled(self.offset)
+
+
+def _checks(names: Any) -> tuple[str, ...]:
+    if isinstance(names, str) or not isinstance(names, Sequence):
+        raise BadInput("checks", excerpt(names), f"a list of names out of {', '.join(get_args(Optional))}")
+    return tuple(arrays.choice(name, "checks", get_args(Optional)) for name in names)
+
+
+def _angle(value: float) -> float:
+    angle = arrays.number(value, "normal_within", "an angle in radians", positive=True)
+    if angle > MOST_TILT:
+        raise BadInput("normal_within", f"{angle:g} rad", f"at most {MOST_TILT:g} rad")
+    return angle
+
+
+def _limit(value: float, argument: str) -> float:
+    return arrays.number(value, argument, "a number or inf", positive=True, infinite=True)
+
+
+class Split(NamedTuple):
+    """What a task needs of one kind of contact, in the contact's own frame; n = 6-k constraints.
+
+    Attributes:
+        kind: of contact.
+        projectors: P and P*.
+        intensities: (n, 6), from a wrench to its parts in the constraints.
+        unit_parts: (n, 6), from a wrench to its unit parts.
+        unit_rates: (n, 6), from a twist to its unit rates.
+        twist: (6, n) from unit rates to the twist along Z that has them.
+        gain: of a compliance that is given, from unit parts to unit rates [length/s/force].
+        exert: (6,) the task's own W_d.
+        load: force and moment of that about the place of contact [force, force length].
+    """
+
+    kind: ContactKind
+    projectors: DualProjectors
+    intensities: Array
+    unit_parts: Array
+    unit_rates: Array
+    twist: Array
+    gain: float
+    exert: Array = np.zeros(6)
+    load: tuple[float, float] = (0.0, 0.0)
+
+    def wanted(self, wrench: Array, argument: str = "wrench") -> Array:
+        """(6,) W_d in S*, from parts in the constraints or from a wrench.
+
+        Raises:
+            BadInput: neither as many numbers as constraints, nor six; a pull, where a contact only presses.
+        """
+        W = np.asarray(self.kind.constraints)
+        n, found = W.shape[1], len(wrench)
+        if found not in (n, 6):
+            expected = f"{n}, one a constraint of a {self.kind.name}, or a (6,) wrench"
+            raise BadInput(argument, f"{found} number{'s' if found != 1 else ''}", expected)
+        parts = self.intensities.dot(wrench) if found == 6 else wrench
+        press = min(parts[: self.kind.presses].tolist(), default=0.0)
+        if press < -ROUNDING * sqrt(wrench.dot(wrench)):
+            expected = "zero or more: the contact's z is the way the tool presses"
+            raise BadInput(argument, f"a press of {press:g}", expected, "A contact that pulls is not unilateral.")
+        exert: Array = W.dot(parts)
+        return exert
+
+
+def split_of(
+    kind: ContactKind,
+    wrench: Array,
+    compliance: Array | None,
+    grip: Array,
+    size: float,
+    rule: tuple[float | None, Array | None, Array | None],
+) -> Split:
+    """The split of a kind of contact, all in its own frame.
+
+    Args:
+        kind: of contact.
+        wrench: what to exert, as `HybridTask` has it.
+        compliance: (6, 6) C; None is one, the same in all directions about the grip, over HELD sizes without a press.
+        grip: (3,) [length].
+        size: over what length the contact spreads [length].
+        rule: h, complement (6, 6-k) and metric (6, 6), one of them or none: Z = C W then.
+
+    Raises:
+        BadInput, NoProjectors: they do not fit this contact.
+    """
+    W, C = np.asarray(kind.constraints), compliance
+    if C is None:
+        place = se3.adjoint(se3.transform(None, grip), check=False)
+        C = place.dot(compliance_of(1.0, size if kind.presses else HELD * size)).dot(place.T)
+    h, complement, metric = rule
+    if h is None and metric is None and complement is None:
+        complement = C.dot(W)
+    projectors = dual_projectors(np.asarray(kind.freedoms), h=h, complement=complement, metric=metric)
+    Z = projectors.complement
+    parts = np.linalg.solve(Z.T.dot(W), Z.T) if W.shape[1] else np.zeros((0, 6))
+    L: Array = np.linalg.cholesky(W.T.dot(C).dot(W))
+    one = float(L[0, 0]) if compliance is not None and len(L) else 1.0
+    split = Split(
+        kind,
+        projectors,
+        parts,
+        L.T.dot(parts) / one,
+        one * np.asarray(np.linalg.solve(L, W.T)),
+        Z.dot(np.linalg.solve(W.T.dot(Z), L)) / one if W.shape[1] else np.zeros((6, 0)),
+        one * one,
+    )
+    exert = split.wanted(wrench)
+    return split._replace(exert=exert, load=load_at(exert, np.asarray(kind.origin)))
+
+
+def compliance_of(value: ArrayLike, size: float) -> Array:
+    """(6, 6) C from one number, six or a matrix.
+
+    Raises:
+        BadInput: something else.
+    """
+    c = arrays.array(value, "compliance", "a number, 6 numbers or a (6, 6) matrix")
+    if c.ndim == 0:
+        one = arrays.number(float(c), "compliance", "a speed per newton", positive=True)
+        c = np.repeat((one / size**2, one), 3)
+    return arrays.positive_definite(c, 6, "compliance")
+
+
+def contact_now(task: HybridTask, tool: Array, given: Any) -> Contact:
+    """The contact given for this tick, or where that is None the task's for the tool's (4, 4) pose.
+
+    Raises:
+        BadInput: it is no contact.
+    """
+    if given is None:
+        return task.contact_at(tool)
+    if not isinstance(given, Contact):
+        raise BadInput("contact", excerpt(given), "a Contact")
+    return given
+
+
+class KeptSplit:
+    """The last split of one task."""
+
+    def __init__(self, task: HybridTask, kind: ContactKind) -> None:
+        """Of a task and the kind of its first contact.
+
+        Raises:
+            BadInput, NoProjectors: the task does not fit this contact.
+        """
+        self.task = task
+        self._split: Split = task.split(kind)
+        self._grip: Array | None = None  # for which that is
+
+    def at(self, contact: Contact, tool: Array) -> Split:
+        """The split for a contact with the tool at a (4, 4) pose.
+
+        Raises:
+            BadInput, NoProjectors: the task does not fit this contact.
+        """
+        task, kind, split = self.task, contact.kind, self._split
+        if task.compliance is None and kind.presses == 0:
+            grip = se3.inverse(contact.pose, check=False).dot(tool.dot([*task.grip, 1.0]))[:3]
+            if self._grip is None or kind != split.kind or hypot(*(grip - self._grip)) > NEAR * task.size:
+                split, self._grip = task.split(kind, grip), grip
+        elif kind is not split.kind:
+            split = task.split(kind)
+        self._split = split
+        return split
+
+
+def load_at(wrench: Array, *places: Array) -> tuple[float, float]:
+    """|f|, and |m| about that of the places where it is least: a handle is held far from its hinge."""
+    a, b, c, u, v, w = wrench.tolist()
+    least = inf
+    for place in places:
+        x, y, z = place.tolist()
+        i, j, k = a - y * w + z * v, b - z * u + x * w, c - x * v + y * u
+        least = min(least, i * i + j * j + k * k)
+    return sqrt(u * u + v * v + w * w), sqrt(least)
+
+
+def weakest(parts: Array, felt: Array, exert: Array) -> tuple[float, float] | None:
+    """The press that is felt and wanted, of several the one of which least is felt, in the unit of the smallest.
+
+    Args:
+        parts: (n, 6) from a wrench to its n presses; n = 0 for a contact that cannot be lost.
+        felt: (6,) wrench.
+        exert: (6,) wrench that is wanted.
+    """
+    if not len(parts):
+        return None
+    if len(parts) == 1:
+        return float(parts[0].dot(felt)), float(parts[0].dot(exert))
+    here, wanted = parts.dot(felt), parts.dot(exert)
+    pressed = wanted > 0.0
+    if not pressed.any():
+        return float(here.min()), 0.0
+    least = float(wanted[pressed].min())
+    return least * float((here[pressed] / wanted[pressed]).min()), least
+
+
+def way_out(contact: Contact) -> Array:
+    """(3,) the direction in which the place of contact is left, base frame; zero where it cannot be."""
+    if contact.kind.out is None:
+        return np.zeros(3)
+    out = velocity_at(contact.adjoint.dot(np.asarray(contact.kind.out)), contact.point)
+    return out / max(sqrt(out.dot(out)), TINY)
+
+
+def require_same_side(before: Array | None, out: Array) -> None:
+    """Refuse a way out (3,) that has turned by more than a right angle since the last tick, None in the air.
+
+    Such a normal presses where it should let go, and a retreat along it goes on pressing.
+
+    Raises:
+        BadInput: it has.
+    """
+    if before is not None and out.dot(before) < 0.0:
+        turned = f"a normal that turned by {degrees(acos(max(-1.0, out.dot(before)))):.0f} degrees within a tick"
+        remedy = "Check the function that gives it; to press on another surface, `reset` first."
+        raise BadInput("contact", turned, "the outward normal of the surface that is pressed", remedy)
+
+
+def speed_at(contact: Contact, twist: Array, size: float) -> float:
+    """How fast a twist moves the place of contact, turning counted by the contact's size [length/s]."""
+    v, w = velocity_at(twist, contact.point), size * twist[:3]
+    return max(sqrt(max(v.dot(v), w.dot(w))), TINY)
+
+
+def moved_between(before: Array | None, now: Array, point: Array) -> Array:
+    """(3,) how far the tool's point that is now at `point` (3,) has come, for its (4, 4) poses; None is no motion."""
+    if before is None:
+        return np.zeros(3)
+    back: Array = before[:3, :3].dot(now[:3, :3].T.dot(point - now[:3, 3])) + before[:3, 3]
+    return point - back
+
+
+def can_yield(contact: Contact, joints: int) -> bool:
+    """Whether so many joints can move against every constraint, and still in two ways more if they are under six."""
+    return bool(joints >= 6 or len(contact.constraints.T) <= joints - 2)
+
+
+def force_rows(contact: Contact, J: Array, twist: Array) -> ExactRows | None:
+    """W'J x = W'twist where that leaves the arm at least two degrees of freedom, else None."""
+    D = contact.constraints.T
+    if not (len(D) and can_yield(contact, J.shape[1])):
+        return None
+    return ExactRows.of(J, D, D.dot(twist), check=False)
+
+
+def pressed_by(task: HybridTask, split: Split, contact: Contact, tool: Array, J: Array, motion: Array) -> str:
+    """What fewer than six joints make of a motion along the contact, in words, "" where they can do it.
+
+    Args:
+        task: its grip and size.
+        split: of the contact.
+        contact: in the base frame.
+        tool: (4, 4) pose.
+        J: (6, m) joint twists.
+        motion: (6,) twist along S.
+    """
+    if can_yield(contact, J.shape[1]):
+        return ""
+    root = root_at(tool[:3, :3].dot(task.grip) + tool[:3, 3], task.size)
+    asked = root.dot(motion)
+    speed = sqrt(asked.dot(asked))
+    if speed < SLOW_SHARE * task.approach_speed:
+        return ""
+    R = root.dot(J)
+    off = J.dot(np.linalg.lstsq(R, asked, rcond=None)[0]) - motion
+    A, B = contact.adjoint, contact.coadjoint
+    rest = root.dot(off - A.dot(split.projectors.motion.dot(B.T.dot(off))))
+    share = sqrt(rest.dot(rest)) / speed
+    if share < PRESSED:
+        return ""
+    part = f"{written(100.0 * share, 2)} % of the motion presses"
+    return f"{J.shape[1]} joints cannot move the tool along this contact ({contact.name}): {part}"
+
+
+class Beyond(NamedTuple):
+    """Beyond the edge of a surface the tool rises, so that it comes back above the surface, wherever that is.
+
+        lift = slope |p - p0|       p0 the place where the surface was left
+
+    Back at p0 the tool is as low as it was; elsewhere the contact is looked for again, as after any loss.
+
+    Attributes:
+        left: (3,) p0, base frame; None on the surface.
+        lift: how far the tool has been moved outwards since then [length].
+    """
+
+    left: Array | None = None
+    lift: float = 0.0
+
+    def twist(self, task: HybridTask, contact: Contact, dt: float) -> Array:
+        """(6,) of the tool beyond the edge, base frame; down no faster than contact is looked for.
+
+        Args:
+            task: its approach speed and size, and how wrong its normal may be.
+            contact: in the base frame.
+            dt: tick [s].
+        """
+        if self.left is None or contact.kind.out is None:
+            return np.zeros(6)
+        out, way = contact.adjoint.dot(np.asarray(contact.kind.out)), contact.point - self.left
+        speed = max((task.slope * sqrt(way.dot(way)) - self.lift) / dt, -task.approach_speed)
+        return np.asarray(speed / speed_at(contact, out, task.size) * out)
+
+    def after(self, place: Array, out: float, *, beyond: bool) -> Beyond:
+        """The same after a tick at a place (3,), in which the tool was moved outwards by a distance [length]."""
+        if not beyond:
+            return Beyond()
+        return Beyond(place, 0.0) if self.left is None else self._replace(lift=self.lift + out)

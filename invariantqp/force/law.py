@@ -1,0 +1,250 @@
+"""The force law: from what is missing of a force to a speed, for each constraint of a contact by itself.
+
+    M v' + D v = e,     D = k T / G,     M = b T / G,     rate = v + slope,     slope' = e G r / (4 T D)
+
+e is what is missing of the wanted force, T all that is late in the loop (tick, low-pass, delay, and what nobody knows
+of it), k and b upper bounds of stiffness and damping (`estimate`), G = 1/4. With the true k and b its poles on a
+contact f = k x + b x' are G/T and k/b, both real: it does not swing, whatever the damper. `slope` is the speed of a
+surface that comes or goes while the tool slides along it, and is bounded by what a surface can do: the declared slope
+times the speed along it; r is how much of k is known to be there. A tool at rest on a surface at rest has no integral
+that could lead it away.
+
+    approach    1.2 f_d / (k_a T + b_a)       so that a touch presses by less than that, whatever it meets
+    fixed       rate = c (e + integral)       where a compliance c is given
+
+All of it is for unit parts and unit rates (`contact.Split`).
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from invariantqp.control.controller import Controller
+from invariantqp.errors import written
+from invariantqp.force.contact import SLOW_SHARE, HybridTask, speed_at
+from invariantqp.force.estimate import STIFF, Setting, Stiffness, Touch
+from invariantqp.geometry.arrays import Array
+from invariantqp.systems.contacts import Contact
+from invariantqp.velocity.measure import root_at
+
+# G: the law's pole times all that is late. From 1/4 on overshoot would be visible.
+GAIN = 0.25
+# What is late and nobody says: in the sensor's electronics, in a bus, in a driver [s].
+UNKNOWN = 0.003
+# The integral's time constant, in those of the law: four is critical damping.
+INTEGRAL = 4.0
+# Where less than this share of the bound is known to be there the integral is slower, so that a softer contact does not
+# swing.
+UNSURE = 0.25
+# Share by share: the damping ratio of law and integral is then above 1 / sqrt(2).
+SURE = 2.0
+# What an approach reckons with: as stiff as half of where an estimate begins, of a damping of so many seconds of that.
+APPROACHED = 0.5
+STRUCK = 0.01
+# A touch presses by less than this multiple of the wanted force: below an overload.
+TOUCH = 1.2
+# Of what is left to an overload a table behind something soft may take this share.
+LEFT_FREE = 0.7
+# The share of its speed at which an approach goes on while it is not decided whether there is contact.
+IN_DOUBT = 0.3
+# How much faster than an approach the law may let go; and by how much of the way that was let go already each second,
+# where the tool lets go to see whether readings fall [1/s].
+LET_GO = 2.5
+LETS_GO = 5.0
+# After a touch, while the filters still hold the air, nothing is pushed in: for so many T.
+SETTLES = 1.0
+# With a fixed compliance on a declared stiffness k: c k times the time constant of the integral.
+OVERDAMPED = 5.0
+# An error above this share of the wanted press counts as this much in an integral.
+INTEGRATED = 0.2
+
+# Changes of a noisy force are reckoned with up to so many standard deviations; the most of the joints' acceleration
+# that they may take; a gain lowered for that below this share of itself is told; joints without a limit have this
+# multiple of the largest; below this ratio of singular values joints are not asked for a motion.
+ABOVE, MOST, LOWERED, FREE, SINGULAR = 1.5, 0.5, 0.5, 10.0, 1e-2
+
+# A path stands where less than this share of a motion that was asked for has been done for longer than this [s].
+DONE = 0.1
+STANDING = 1.0
+
+
+class Drive(NamedTuple):
+    """What the law of one constraint remembers: speed and slope, unit rates [length/s]."""
+
+    speed: float = 0.0
+    slope: float = 0.0
+
+    @property
+    def rate(self) -> float:
+        """The unit rate to ask for."""
+        return self.speed + self.slope
+
+
+def pressed(
+    drive: Drive,
+    error: float,
+    wanted: float,
+    known: Stiffness,
+    setting: Setting,
+    most: tuple[float, float],
+    eased: float,
+    *,
+    grows: bool,
+) -> Drive:
+    """The law's speed and slope in a tick.
+
+    Args:
+        drive: of the last tick.
+        error: e, of a unit part [force].
+        wanted: unit part of the press [force]; 0 where it is not one.
+        known: of this constraint.
+        setting: of this tick.
+        most: speed inwards and outwards at most [length/s].
+        eased: share of the gain that noise and chatter leave.
+        grows: whether the slope may change: limits and a touch hold it.
+    """
+    late = setting.late / (GAIN * eased)
+    D, M = late * known.bound, late * known.damping / setting.dt
+    before = min(drive.speed, 0.0) if known.rose else drive.speed
+    speed = min(max((M * before + error) / (M + D), -most[1]), most[0])
+    slope = drive.slope
+    if grows:
+        sure = min(max(SURE * known.sure, UNSURE), 1.0) if wanted > 0.0 else 1.0
+        slope += setting.dt * sure * _integrated(error, wanted) / (D * INTEGRAL * late)
+    bound = setting.slope_speed
+    return Drive(speed, min(max(slope, -bound), bound))
+
+
+def sought(drive: Drive, gentle: float, setting: Setting, most: float, touch: Touch, task: HybridTask) -> Drive:
+    """The law in the air: as fast as is gentle, and as fast as a surface that was lost may leave.
+
+    Where a contact is lost for moments only, the surface leaves at the mean speed of the tool: the slope learns it.
+    """
+    if touch.airborne == inf:
+        return Drive(min(gentle, most))
+    rate, bound = min(gentle + setting.slope_speed, most), setting.slope_speed
+    slope = 0.0
+    if touch.airborne < task.lost_after:
+        grown = drive.slope + setting.dt * UNSURE * GAIN / (INTEGRAL * setting.late) * (rate - drive.slope)
+        slope = min(max(grown, -bound), bound)
+    return Drive(rate - slope, slope)
+
+
+def fixed(
+    drive: Drive, error: float, gain: float, stiffness: float, wanted: float, dt: float, most: float, *, grows: bool
+) -> Drive:
+    """The same with a given compliance, `gain` c; the `stiffness` k is 0 where none is declared."""
+    slope = drive.slope if stiffness > 0.0 else 0.0
+    if grows and stiffness > 0.0:
+        slope += dt * gain * gain * stiffness / OVERDAMPED * _integrated(error, wanted)
+    return Drive(min(gain * error, max(most - slope, 0.0)), slope)
+
+
+def _integrated(error: float, wanted: float) -> float:
+    """What the integral counts of an error: little of a touch's rise, or of a step of the wanted press."""
+    most = INTEGRATED * wanted if wanted > 0.0 else inf
+    return min(max(error, -most), most)
+
+
+def approach_speed(task: HybridTask, wanted: float, late: float) -> float:
+    """The speed at which contact is looked for [length/s], for a wanted press [force] and what is late [s]."""
+    stiff = APPROACHED * STIFF if task.stiffness is None else task.stiffness
+    return min(task.approach_speed, TOUCH * wanted / (stiff * (max(late - UNKNOWN, 0.0) + STRUCK)))
+
+
+def inward_speed(task: HybridTask, room: float, late: float) -> float:
+    """The speed at which a tool that touches goes on inwards at most [length/s].
+
+    A table behind foam then presses by less than `room` [force], what is left to an overload, after `late` [s].
+    """
+    stiff = APPROACHED * STIFF if task.stiffness is None else task.stiffness
+    return min(task.approach_speed, LEFT_FREE * max(room, 0.0) / (stiff * max(late - UNKNOWN, 0.0)))
+
+
+def slid(task: HybridTask, contact: Contact, motion: Array, error: Array, ahead: Array) -> Array:
+    """(6,) the motion along S, its part for the target's error no faster than `slide_speed`.
+
+    Args:
+        task: says it.
+        contact: in the base frame.
+        motion: (6,) of both.
+        error: (6,) part for the target's error.
+        ahead: (6,) part of the feedforward.
+    """
+    if task.slide_speed == inf:
+        return motion
+    speed = speed_at(contact, error, task.size)
+    return motion if speed <= task.slide_speed else ahead + task.slide_speed / speed * error
+
+
+def retreat(task: HybridTask, contact: Contact, left: float, dt: float) -> Array:
+    """(6,) the way out, base frame, after `left` [length] of it."""
+    speed = min(task.retreat_speed, (task.retreat_distance - left) / dt)
+    return np.asarray(speed * contact.adjoint.dot(np.asarray(contact.kind.out)))
+
+
+class Stand(NamedTuple):
+    """For how long the motion along the contact has stood still, though it was asked for [s]."""
+
+    long: float = 0.0
+
+    def after(
+        self, task: HybridTask, contact: Contact, motion: Array, twist: Array, dt: float, *, joints: int
+    ) -> Stand:
+        """The same after a tick of dt [s]: a motion (6,) was asked for, and the tool moved with a twist (6,).
+
+        Fewer than six joints may have to leave out a turn: the place of contact alone is looked at.
+        """
+        root = root_at(contact.point, task.size)[3 if joints < 6 else 0 :]
+        asked, moved = root.dot(motion), root.dot(twist)
+        least = SLOW_SHARE * task.approach_speed
+        stands = asked.dot(asked) > least * least and moved.dot(asked) < DONE * asked.dot(asked)
+        return Stand(self.long + dt if stands else 0.0)
+
+    def trouble(self) -> str:
+        """What is wrong, in words, "" for nothing."""
+        return f"the motion along the contact has stood for {written(self.long, 2)} s" if self.long > STANDING else ""
+
+
+def trembling(
+    loop: Controller, J: Array, admittance: Array, place: Array, size: float, noise: float, passed: float
+) -> float:
+    """The share of the joints' acceleration that noise takes through the force law, for each unit of its gain.
+
+        share = max over joints j of   ABOVE factor sigma |x_j| / (a_j dt)        J x = A (I - P) C (I - P)' for a force
+
+    sigma is that of the change of a smoothed force component from tick to tick. The motion along the contact, a path's
+    above all, has what is left: where both ask for more than there is, the force is exact and the tool leaves its path.
+
+    Args:
+        loop: whose acceleration limits hold.
+        J: (6, m) joint twists.
+        admittance: (6, 6) from a wrench in the contact's frame to a twist in the base frame.
+        place: (3,) of contact, base frame.
+        size: of the contact [length].
+        noise: standard deviation of a force component [force].
+        passed: share of a step that the low-pass passes on in a tick.
+    """
+    if loop.braking is None or noise == 0.0 or not (finite := np.isfinite(loop.braking.acceleration)).any():
+        return 0.0
+    a, root = loop.braking.acceleration, root_at(place, size)
+    most = np.where(finite, a, FREE * a[finite].max())
+    shares = np.linalg.lstsq(root.dot(J) * most, root.dot(admittance[:, 3:]), rcond=SINGULAR)[0]
+    change = noise * passed * sqrt(2.0 / (2.0 - passed))
+    return ABOVE * change / loop.dt * sqrt(float((shares * shares).sum(axis=1).max()))
+
+
+def kept_of(gain: float, share: float) -> float:
+    """The share of a gain at which noise takes MOST of the joints' acceleration, at most 1."""
+    return MOST / (gain * share) if gain * share > MOST else 1.0
+
+
+def lowered(kept: float, noise: float) -> str:
+    """What is wrong where a gain is lowered to this share of itself for noise [force], in words, "" for nothing."""
+    if kept >= LOWERED:
+        return ""
+    said = f"{written(noise, 2)} N of noise would take the joints' acceleration: {written(kept, 2)} of the force gain"
+    return f"{said} is left; give the sensor a lower cutoff="

@@ -1,0 +1,686 @@
+"""What stops a press: checks, each a value whose `update` gives the next one and what it found.
+
+Always on:
+overload    |f| > max_force or |m about the place of contact or the grip| > max_moment; until `reset`. Where less is
+            wanted than before, the limit falls with what is felt
+dead        a sensor that has noise reads exactly the same for a tenth of a second
+pulls       a contact that can only push is read to pull by half of the wanted press
+approach    an approach that meets nothing within approach_distance or approach_time, or in which the tool never comes
+            nearer as commanded, stands still until `reset`
+answers     readings have to answer the motion, `Answers`: they lead the tool no further out than a surface can be,
+            and no further in than two presses are worth without showing that they follow the way
+By name (`HybridTask(checks=...)`):
+settling    the press swings, chatters or is not reached
+jump        the press jumps within a tick, and no way explains it
+"""
+
+from __future__ import annotations
+
+from math import exp, inf, sqrt
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from invariantqp.errors import written
+from invariantqp.force.contact import HybridTask
+from invariantqp.force.estimate import CERTAIN, SOFTEST, STIFF, STIFFER, Stiffness, Touch, weighed
+from invariantqp.geometry.arrays import Array
+from invariantqp.systems.contacts import Contact
+from invariantqp.velocity.solution import Status
+
+# What the controller is to do in a tick.
+FOLLOW, SLOW, HOLD, RETREAT = "follow", "slow", "hold", "retreat"
+
+# Overload without another word: a multiple of the wanted force, or this force where none is wanted [N]. Readings of a
+# force stay within so many standard deviations of a component. A larger press that was wanted before is still expected
+# for this long [s], and while it falls.
+OVERLOAD = 2.0
+NO_FORCE = 20.0
+ABOVE_NOISE = 8.0
+LET_GO = 1.0
+
+# For how long a reading with noise may stay the same to the last bit [s], and after which time already the force law
+# waits for the next one.
+DEAD_AFTER = 0.1
+STALE_AFTER = 0.012
+
+# Share of the wanted press by which a reading may pull, and by which it may change within a tick; a change by less than
+# so many standard deviations is noise. For how long after a jump a pull is looked at more closely [s].
+PULL_SHARE = 0.5
+JUMP = 8.0
+JUMP_MEMORY = 0.3
+
+# Over which share of retreat_distance a tool has to follow commands, from which share of that on it is judged, of which
+# share it has to come at least, and of which it has moved at all: something holds it.
+LED = 0.5
+JUDGED = 1.0 - exp(-1.0)
+FOLLOWED = 0.2
+MOVED = 0.02
+# A retreat is over at this share of its distance: the rest is rounding.
+ALL_THE_WAY = 1.0 - 1e-9
+
+# Readings that answer. Unanswered way inwards may be worth so many presses, and so many a second for ever: a surface
+# that creeps.
+PRESSES = 2.0
+CREEP = 0.05
+# A contact that was there from the first reading on is taken for this share of where an estimate begins.
+PRESENT = 0.1
+# Out of place, in sizes of the contact: how far readings may lead the tool above the touch (2 mm of 50), how far above
+# it and how far at most it lets go to see whether they fall, how far it retreats where they did not.
+ABOVE, LEAST_ASKED, MOST_ASKED, AWAY = 0.04, 0.02, 0.4, 0.06
+# A press has to be felt for that: below this share of the wanted one the tool may be in the air.
+FELT = 0.25
+# Falling by this share of the press, and so many standard deviations, a reading answers.
+FELL = 0.3
+FELL_NOISE = 6.0
+# ... as well as where the way explains it so much better than nothing does (chi squared), and this share of it, by a
+# spring or by a damper of one of these times its stiffness [s]. What is longer ago than this [s] counts no more.
+CHI = 16.0
+EXPLAINED = 0.5
+# An answer shows a contact no softer than this share of what was shown before: a sensor that sticks looks soft, too.
+SOFTER = 0.5
+DAMPERS = (0.0, 0.01, 0.06)
+SINCE = 2.0
+# Time constant of the high-pass [s]: slower motion may be the surface's.
+PASSES = 0.3
+
+# Losses within this time [s] that count as chatter, each after a press above this multiple of the wanted one.
+CHATTER = 4
+MEMORY = 1.0
+OVERSHOT = 1.3
+# More turns than these within so long [s] are swings, each by this share of the wanted press and so many standard
+# deviations of noise at least.
+TURNS = 5
+SWUNG = 4.0
+SWING = 0.3
+SWING_NOISE = 10.0
+# A press this far off, relative to the wanted one, for this long [s] is not reached; the time constant of its average.
+MISSED = 0.2
+PATIENCE = 1.0
+AVERAGED = 0.2
+
+
+class Tick(NamedTuple):
+    """What a tick tells the checks.
+
+    Attributes:
+        dt: tick [s].
+        reading: (6,) as it came.
+        press: felt, raw, and wanted [force]; None where the contact cannot be lost. Of several the weakest.
+        force, moment: about the place of contact.
+        most: force and moment that are an overload of what is wanted now.
+        missing: from the wanted wrench, smoothed, its force or its moment, as a share of an overload.
+        noise: standard deviation of a force component [force].
+        limit: between air and contact [force].
+        touch: whether there is contact, after this reading.
+        commanded: how far it was commanded nearer, of commands that can have acted [length].
+        came: how far the place of contact has come nearer since the last tick, by the joints [length].
+        across: (3,) way across since the last tick, by the joints [length].
+    """
+
+    dt: float
+    reading: Array
+    press: tuple[float, float] | None
+    force: float
+    moment: float
+    most: tuple[float, float]
+    missing: float
+    noise: float
+    limit: float
+    touch: Touch
+    commanded: float
+    came: float
+    across: Array
+
+    @property
+    def wanted(self) -> float | None:
+        """The press that is wanted [force]; None where the contact cannot be lost."""
+        return None if self.press is None else self.press[1]
+
+
+class Finding(NamedTuple):
+    """What a check found: the status until `reset`, why, and how far from the touch the tool retreats.
+
+    `away` None is the task's own retreat; "back" counts the way of the approach, too: where readings are not believed.
+    """
+
+    status: Status
+    reason: str
+    away: float | None = None
+    back: bool = False
+
+
+class Check(Protocol):
+    """A check: a value, whose `update` gives the next one and what it found."""
+
+    def update(self, task: HybridTask, tick: Tick) -> tuple[Check, Finding | None]:
+        """The check after a tick."""
+        ...
+
+
+class Overload(NamedTuple):
+    """Force and moment above which it is too much."""
+
+    most: tuple[float, float] = (0.0, 0.0)
+
+    def update(self, task: HybridTask, tick: Tick) -> tuple[Overload, Finding | None]:  # noqa: ARG002 (all checks are alike)
+        """The check after a tick."""
+        share = exp(-tick.dt / LET_GO)
+        felt = (tick.force, tick.moment)
+        force, moment = (
+            max(n, min(share * b, OVERLOAD * f)) for b, f, n in zip(self.most, felt, tick.most, strict=True)
+        )
+        what = f"{written(tick.force)} N of {written(force)}" if tick.force > force else ""
+        turn = f"{written(tick.moment)} N m of {written(moment)}" if tick.moment > moment else ""
+        found = " and ".join(w for w in (what, turn) if w)
+        return Overload((force, moment)), Finding(Status.OVERLOAD, found) if found else None
+
+
+class Dead(NamedTuple):
+    """For how long the reading has been the same, although the sensor has noise."""
+
+    reading: Array | None = None
+    unchanged: float = 0.0
+    alive: bool = False
+
+    @property
+    def stale(self) -> bool:
+        """Whether the reading is too old to press by."""
+        return not self.alive or self.unchanged > STALE_AFTER
+
+    def update(self, task: HybridTask, tick: Tick) -> tuple[Dead, Finding | None]:  # noqa: ARG002
+        """The check after a tick."""
+        same = self.reading is not None and tick.noise > 0.0 and bool((tick.reading == self.reading).all())
+        unchanged = self.unchanged + tick.dt if same else 0.0
+        first = self.reading is None
+        alive = self.alive or tick.noise == 0.0 or tick.press is None or not (first or same)
+        now = Dead(tick.reading, unchanged, alive)
+        if unchanged <= DEAD_AFTER:
+            return now, None
+        said = f"the reading has not changed for {written(unchanged)} s: a dead sensor (one without noise: noise=0)"
+        return now, Finding(Status.FAULT, said, back=True)
+
+
+class Pulls(NamedTuple):
+    """Evidence that a contact is read to pull which can only push, and how long ago the press jumped [s]."""
+
+    press: float | None = None
+    pull: float = -CERTAIN
+    jumped: float = JUMP_MEMORY
+
+    def update(self, task: HybridTask, tick: Tick) -> tuple[Pulls, Finding | None]:  # noqa: ARG002
+        """The check after a tick."""
+        if tick.press is None or tick.press[1] == 0.0:
+            return self._replace(press=None), None
+        felt, wanted = tick.press
+        change = 0.0 if self.press is None else abs(felt - self.press)
+        jumped = 0.0 if change > max(PULL_SHARE * wanted, JUMP * tick.noise) else self.jumped + tick.dt
+        close = tick.limit if jumped < JUMP_MEMORY and tick.limit > 0.0 else max(tick.limit, PULL_SHARE * wanted)
+        pull = weighed(self.pull, -felt, close, tick.noise)
+        now = Pulls(felt, pull, jumped)
+        if pull < CERTAIN:
+            return now, None
+        what = "the reading jumped, or has more noise than told, and" if jumped < JUMP_MEMORY else "the reading"
+        said = f"{what} says that the contact pulls with {written(-felt)} N: sign, order, weight or bias is wrong"
+        return now, Finding(Status.FAULT, said, back=True)
+
+
+class Approach(NamedTuple):
+    """How far and how long contact has been looked for, since the start or the last loss.
+
+    Attributes:
+        waited: for how long it has not been felt [s].
+        led: how far it was commanded nearer since then and how far it came, both with what was longer ago than LED
+            forgotten [length].
+        way: towards the contact [length].
+    """
+
+    waited: float = 0.0
+    led: tuple[float, float] = (0.0, 0.0)
+    way: float = 0.0
+
+    def update(self, task: HybridTask, tick: Tick) -> tuple[Approach, Finding | None]:  # noqa: PLR0911 (one for each end)
+        """The check after a tick."""
+        if tick.press is None or tick.touch.touching:
+            return Approach(), None
+        over = LED * task.retreat_distance
+        kept = exp(-abs(tick.commanded) / over)
+        led, came = kept * self.led[0] + tick.commanded, kept * self.led[1] + tick.came
+        now = Approach(self.waited + tick.dt, (led, came), self.way + max(0.0, tick.commanded))
+        airborne = tick.touch.airborne
+        before = airborne == inf
+        if task.on_loss == "retreat" and not before and airborne > task.lost_after:
+            return now, Finding(Status.LOST, f"no contact for {written(airborne)} s")
+        if task.on_loss == "continue" and not before:
+            return now, None
+        if led > JUDGED * over and came < FOLLOWED * led:
+            what = f"told to come {written(led, 2)} nearer, the tool came {written(came, 2)}"
+            if came > MOVED * led:
+                held = f"{what}, and nothing is felt: something holds it, or the sensor is stuck"
+                return now, Finding(Status.FAULT, held, back=True)
+            return now, Finding(Status.LOST, f"{what}: the robot does not follow commands", 0.0)
+        if now.way > task.approach_distance:
+            said = f"no contact within {written(task.approach_distance)} of approach"
+            return now, Finding(Status.LOST, said, 0.0)
+        if now.waited > task.approach_time:
+            return now, Finding(Status.LOST, f"no contact within {written(task.approach_time)} s of approach", 0.0)
+        return now, None
+
+
+class Evidence(NamedTuple):
+    """Whether readings follow the way, from the last answer on: what was before counts for nothing.
+
+        f = k (x + d x') + an offset,     all high-passed from zero on
+
+    Attributes:
+        last: way, speed and force of the last tick; None before the first.
+        high: the same, high-passed, and a step.
+        sums: (4, 4) products of way, speed, force and the step.
+    """
+
+    last: tuple[float, float, float] | None = None
+    high: Array = np.zeros(4)
+    sums: Array = np.zeros((4, 4))
+
+    def after(self, known: Stiffness, noise: float, wanted: float, shared: float, dt: float) -> Evidence:
+        """The same after one more reading; the arguments as in `Answers.update`."""
+        way, force = known.way, known.force
+        if self.last is None:
+            return Evidence((way, 0.0, force), np.array((0.0, 0.0, 0.0, 1.0)))
+        speed = (way - self.last[0]) / dt
+        first = not self.sums.any()
+        steps = np.array((way - self.last[0], 0.0 if first else speed - self.last[1], force - self.last[2], 0.0))
+        high = (1.0 - min(0.5, dt / PASSES)) * (self.high + steps)
+        weight = shared / (4.0 * noise * noise + (0.01 * wanted) ** 2)
+        sums = exp(-dt / SINCE) * self.sums + weight * np.outer(high, high)
+        return Evidence((way, speed, force), high, sums)
+
+    @property
+    def answers(self) -> bool:
+        """Whether a spring, or a damper of one of DAMPERS, explains the force by the way."""
+        s = self.sums
+        if s[3, 3] == 0.0:
+            return False
+        s = s[:3, :3] - np.outer(s[:3, 3], s[3, :3]) / s[3, 3]
+        for damper in DAMPERS:
+            a = s[0, 0] + damper * (2.0 * s[0, 1] + damper * s[1, 1])
+            b = s[0, 2] + damper * s[1, 2]
+            if b > 0.0 and b * b > max(CHI, EXPLAINED * s[2, 2]) * a:
+                return True
+        return False
+
+
+class Answers(NamedTuple):
+    """Whether readings answer the motion: one account of the way that they have not answered.
+
+        unanswered = way in since the last answer - slope (how far it has been from there) - what creeps
+        above      = way out since the touch - slope |way across since then|                 both by the joints
+
+    On a contact readings follow f = k x + b x'. Way in that they have not answered is worth at most two presses of the
+    stiffest contact that the touch can have shown. Then the tool asks: it lets go. On a contact the readings fall, and
+    have answered; a sensor that is stuck, drifts or is not tared does not, and that is a fault. On the way out nothing
+    is pressed, and a bound on the place is enough: readings that still tell of a press 2 mm above the touch are wrong.
+
+    Attributes:
+        stiff: bound of the stiffness as the touch or the last answer showed it [force/length].
+        since: depth at the last answer, and what crept since then [length].
+        depth: way in since the touch [length].
+        across: (3,) since the touch, and since the last answer [length].
+        far: how far it has been from where it answered [length].
+        evidence: of an answer.
+        asked: press and depth where the tool began to let go; None where it does not.
+        shown: bound of the stiffness where letting go has lost the contact [force/length].
+    """
+
+    stiff: float = 0.0
+    since: float = 0.0
+    depth: float = 0.0
+    across: tuple[Array, Array] = (np.zeros(3), np.zeros(3))
+    far: float = 0.0
+    evidence: Evidence = Evidence()
+    asked: tuple[float, float] | None = None
+    shown: float = inf
+
+    def update(  # noqa: PLR0911 (one for each end)
+        self, task: HybridTask, tick: Tick, known: Stiffness, press: float, wanted: float, noise: float, shared: float
+    ) -> tuple[Answers, Finding | None]:
+        """The check of one press after a tick.
+
+        Args:
+            task: slope, size, and how far its surface may move.
+            tick: of all checks.
+            known: stiffness of this press, with its smoothed force and the commanded way.
+            press: felt, smoothed [force].
+            wanted: [force].
+            noise: of the smoothed press [force].
+            shared: how independent one reading is of the last.
+        """
+        if not tick.touch.touching or wanted <= 0.0:
+            shown = self.shown
+            if self.asked is not None:  # by letting go it was lost: the readings fell
+                shown = STIFFER * self.asked[0] / max(self.asked[1] - self.depth, LEAST_ASKED * task.size)
+            return Answers(shown=shown), None
+        if self.stiff == 0.0:
+            stiff = PRESENT * (task.stiffness or STIFF) if known.stiff is None else min(known.stiff, self.shown)
+            return Answers(stiff), None
+        dt, slope, size = tick.dt, task.slope, task.size
+        depth = self.depth + tick.came
+        since_touch, since = self.across[0] + tick.across, self.across[1] + tick.across
+        above = -depth - slope * _length(since_touch) - task.yields
+        if above > ABOVE * size and press > max(FELT * wanted, FELL_NOISE * noise):
+            said = f"{written(press, 3)} N are read {written(-depth, 2)} above where it touched"
+            return self, Finding(Status.FAULT, f"{said}: {NO_ANSWER}", 0.0)
+        evidence = self.evidence.after(known, noise, wanted, shared, dt)
+        answered = evidence.answers
+        if self.asked is not None and press < self.asked[0] - max(FELL * self.asked[0], FELL_NOISE * noise):
+            answered = True
+        far = max(self.far, _length(since))
+        now = self._replace(depth=depth, across=(since_touch, since), far=far, evidence=evidence)
+        if answered or known.rose:
+            k = known.known
+            stiff = now.stiff if k is None else max(2.0 * max(k, SOFTEST * STIFF), SOFTER * now.stiff)
+            return Answers(stiff, depth, depth, (since_touch, np.zeros(3))), None
+        if now.asked is not None:
+            let_go = now.asked[1] - depth
+            if let_go > min(max(now.asked[1], 0.0) + LEAST_ASKED * size, MOST_ASKED * size):
+                said = f"let go by {written(let_go, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
+                return now, Finding(Status.FAULT, f"{said}: {NO_ANSWER}", max(0.0, depth + AWAY * size))
+            return now, None
+        unanswered = depth - now.since
+        creep = CREEP * wanted / now.stiff * dt
+        now = now._replace(since=now.since + min(max(unanswered, -creep), creep))
+        unanswered -= slope * now.far + task.yields
+        if now.stiff * unanswered > PRESSES * wanted:
+            now = now._replace(asked=(press, depth))
+        return now, None
+
+
+# What a reading without an answer may be.
+NO_ANSWER = (
+    "the readings do not answer the motion: a sensor that is stuck, drifts or is not tared, or a surface that moves "
+    "(yields=)"
+)
+
+
+def _length(way: Array) -> float:
+    return sqrt(float(way.dot(way)))
+
+
+class Jump(NamedTuple):
+    """Whether the press has jumped within a tick by half of the wanted one, and stays."""
+
+    press: float | None = None
+    jumped: tuple[float, float] | None = None
+
+    def update(self, task: HybridTask, tick: Tick) -> tuple[Jump, Finding | None]:  # noqa: ARG002
+        """The check after a tick."""
+        if tick.press is None or not tick.touch.touching or tick.touch.evidence < CERTAIN:
+            return Jump(), None
+        felt, wanted = tick.press
+        least = max(PULL_SHARE * wanted, JUMP * tick.noise)
+        if self.press is None or abs(felt - self.press) < least:
+            return Jump(felt), None
+        said = (
+            f"the press jumped by {written(felt - self.press, 2)} N within a tick: the sensor's bias jumped, or a step"
+        )
+        return Jump(felt), Finding(Status.FAULT, said, back=True)
+
+
+class Settling(NamedTuple):
+    """What is remembered of the press.
+
+    Attributes:
+        losses: how long ago each recent loss was [s].
+        highest: the largest press since the touch [force]; None in the air.
+        press: averaged [force], or what is missing as a share of an overload; None where contact is lost.
+        missed: for how long it has been off [s].
+        turns: how long ago the press turned [s], the last time first.
+        rises: whether it has risen since then.
+        extreme: the last it reached that way [force].
+        wanted: the press that these are about [force].
+        swung: how long ago it swung too often [s].
+    """
+
+    losses: tuple[float, ...] = ()
+    highest: float | None = None
+    press: float | None = None
+    missed: float = 0.0
+    turns: tuple[float, ...] = ()
+    rises: bool = True
+    extreme: float = 0.0
+    wanted: float = 0.0
+    swung: float = SWUNG
+
+    def after(
+        self, press: tuple[float, float], dt: float, *, touching: bool, lost: bool, noise: float = 0.0
+    ) -> Settling:
+        """What is remembered after one more tick.
+
+        Args:
+            press: felt and wanted [force].
+            dt: tick [s].
+            touching: whether there is contact.
+            lost: whether that is told as lost; a shorter time in the air is a press that is not reached.
+            noise: standard deviation of the press [force].
+        """
+        felt, wanted = press
+        losses, highest = tuple(age + dt for age in self.losses if age + dt < MEMORY), None
+        if touching:
+            highest = felt if self.highest is None else max(self.highest, felt)
+        elif self.highest is not None and self.highest > OVERSHOT * wanted:
+            losses = (0.0, *losses)
+        now = self._turned(felt, wanted, noise, dt)._replace(losses=losses, highest=highest, press=None, missed=0.0)
+        if lost:
+            return now._replace(highest=None)
+        mean = felt if self.press is None else self.press + min(1.0, dt / AVERAGED) * (felt - self.press)
+        off = abs(mean - wanted) > MISSED * wanted > 0.0
+        return now._replace(press=mean, missed=self.missed + dt if off else 0.0)
+
+    def _turned(self, felt: float, wanted: float, noise: float, dt: float) -> Settling:
+        """The same with a turn of the press, where it is one, from its extreme since the last."""
+        now = self._replace(swung=self.swung + dt, wanted=wanted, turns=(), rises=True, extreme=felt)
+        if wanted != self.wanted or wanted == 0.0:
+            return now
+        turns, rises = tuple(age + dt for age in self.turns if age + dt < SWUNG), self.rises
+        back = self.extreme - felt if rises else felt - self.extreme
+        if back <= max(SWING * wanted, SWING_NOISE * noise):
+            return now._replace(turns=turns, rises=rises, extreme=felt if back < 0.0 else self.extreme)
+        if len(turns) < TURNS:
+            return now._replace(turns=(0.0, *turns), rises=not rises)
+        return now._replace(swung=0.0, rises=not rises)
+
+    def after_missing(self, missing: float, dt: float) -> Settling:
+        """The same where contact cannot be lost: what is missing of force or moment, as a share of an overload."""
+        error = missing if self.press is None else self.press + min(1.0, dt / AVERAGED) * (missing - self.press)
+        return Settling(press=error, missed=self.missed + dt if error > MISSED else 0.0)
+
+    def unstable(self, *, rests: bool) -> bool:
+        """Whether a loss too many has just happened, or a swing of a tool that does not slide on what may be rough."""
+        return (len(self.losses) >= CHATTER and self.losses[0] == 0.0) or (rests and self.swung == 0.0)
+
+    def trouble(self, wanted: float | None, late: float) -> str:
+        """What is wrong, in words, "" for nothing.
+
+        Args:
+            wanted: press [force]; None where contact cannot be lost.
+            late: sum of tick, delay and low-pass, as the loop was told [s].
+        """
+        if len(self.losses) >= CHATTER:
+            return (
+                f"contact lost {len(self.losses)} times in {written(MEMORY)} s: the force gain is too high for "
+                f"{written(1e3 * late, 2)} ms of tick, filter and delay; give delay=, or less compliance"
+            )
+        said = []
+        if self.swung < SWUNG:
+            said.append(
+                f"the press swings about {written(self.wanted, 3)} N: readings or commands are later than "
+                f"{written(1e3 * late, 2)} ms of tick, filter and delay, or what the tool slides on is rough"
+            )
+        if self.missed > PATIENCE and self.press is not None:
+            long = f"for {written(self.missed, 2)} s"
+            if wanted is None:
+                off = f"{written(100.0 * self.press, 2)} % of an overload off {long}"
+                said.append(f"force or moment is not reached: {off}")
+            else:
+                said.append(f"the force is not reached: {written(self.press, 3)} of {written(wanted, 3)} N {long}")
+        return "; ".join(said)
+
+
+class Monitor(NamedTuple):
+    """All checks of a controller, and what they have found.
+
+    Attributes:
+        overload, dead, pulls, approach, answers, settling, jump: the checks.
+        found: what stops the tool until `reset`; None for nothing.
+        pushed: how far it has gone in since the touch [length].
+        approached: way towards the contact in the air [length].
+        left: how far it has retreated, and how far it is to [length].
+    """
+
+    overload: Overload = Overload()
+    dead: Dead = Dead()
+    pulls: Pulls = Pulls()
+    approach: Approach = Approach()
+    answers: tuple[Answers, ...] = ()
+    settling: Settling = Settling()
+    jump: Jump = Jump()
+    found: Finding | None = None
+    pushed: float = 0.0
+    approached: float = 0.0
+    left: tuple[float, float] = (0.0, 0.0)
+
+    def after(
+        self, task: HybridTask, tick: Tick, presses: tuple[tuple[Stiffness, float, float, float], ...], shared: float
+    ) -> Monitor:
+        """The monitor after a tick.
+
+        Args:
+            task: says what is too much, and which optional checks are on.
+            tick: of all checks.
+            presses: of each press what is known of its stiffness, what is felt (smoothed) and wanted, and the noise
+                of that [force].
+            shared: how independent one reading is of the last.
+        """
+        if self.found is not None and self.found.status is not Status.LOST:
+            return self
+        overload, found = self.overload.update(task, tick)
+        now = self._replace(overload=overload)
+        if found is not None or self.found is not None:
+            return now.stopping(task, found) if found is not None else now
+        dead, found = self.dead.update(task, tick)
+        pulls, pulled = self.pulls.update(task, tick)
+        approach, lost = self.approach.update(task, tick)
+        found = found or pulled
+        answers: list[Answers] = []
+        if tick.limit > 0.0 and (tick.press is None or tick.press[1] > 0.0):
+            before = self.answers if len(self.answers) == len(presses) else (Answers(),) * len(presses)
+            for check, (known, felt, wanted, noise) in zip(before, presses, strict=True):
+                if dead.unchanged:  # a late reading cannot have answered yet
+                    answers.append(check)
+                    continue
+                after, wrong = check.update(task, tick, known, felt, wanted, noise, shared)
+                answers.append(after)
+                found = found or wrong
+        jump, settling = self.jump, self.settling
+        if "jump" in task.checks:
+            jump, jumped = self.jump.update(task, tick)
+            found = found or jumped
+        if "settling" in task.checks:
+            settling = self._settled(task, tick)
+        now = now._replace(
+            dead=dead, pulls=pulls, approach=approach, answers=tuple(answers), settling=settling, jump=jump
+        )
+        return now if found is None and lost is None else now.stopping(task, found or lost)
+
+    def _settled(self, task: HybridTask, tick: Tick) -> Settling:
+        if tick.press is None:
+            return self.settling.after_missing(tick.missing, tick.dt)
+        if tick.limit == 0.0:
+            return self.settling
+        lost = not tick.touch.touching and tick.touch.airborne > task.lost_after
+        return self.settling.after(tick.press, tick.dt, touching=tick.touch.touching, lost=lost, noise=tick.noise)
+
+    def stopping(self, task: HybridTask, found: Finding | None) -> Monitor:
+        """The monitor that leaves: from where it touched; from where it approached if readings are not believed."""
+        if found is None:
+            return self
+        if found.away is not None:
+            return self._replace(found=found, left=(0.0, found.away))
+        back = self.pushed + (self.approached if found.back else 0.0)
+        return self._replace(found=found, left=(-min(back, task.approach_distance), task.retreat_distance))
+
+    def let_go(self, press: int) -> float | None:
+        """How far the tool has let go of a press to see whether readings fall [length]; None where it does not."""
+        check = self.answers[press] if press < len(self.answers) else Answers()
+        return None if check.asked is None else max(0.0, check.asked[1] - check.depth)
+
+    @property
+    def asks(self) -> bool:
+        """Whether the tool lets go to see whether readings fall."""
+        return any(check.asked is not None for check in self.answers)
+
+    def after_motion(self, touch: Touch, out: float, *, beyond: bool) -> Monitor:
+        """The monitor after a tick that moved the place of contact outwards by a distance [length], or off an edge."""
+        if self.found is not None:
+            return self._replace(left=(self.left[0] + max(0.0, out), self.left[1]))
+        if beyond:  # where the surface is, is to be found again
+            return self._replace(answers=())
+        if touch.touching:
+            return self._replace(pushed=max(0.0, self.pushed - out))
+        approached = (0.0 if self.pushed else self.approached) + max(0.0, -out)
+        return self._replace(approached=approached, pushed=0.0)
+
+
+class Verdict(NamedTuple):
+    """What to do in this tick, with which status, and why; None is the velocity law's own status.
+
+    `edge` says that the surface's edge is near, "" that it is not; `beyond` is whether nothing is to be pushed there.
+    """
+
+    action: str
+    status: Status | None
+    reason: str
+    edge: str = ""
+    beyond: bool = False
+
+    def with_others(self, doubts: tuple[str, ...], status: Status, reason: str) -> tuple[Status, str]:
+        """The status and the reason of the tick, with what troubles the force law and what the velocity law says."""
+        trouble = [words for words in (self.edge, *doubts) if words]
+        law = Status.DEGRADED if trouble and status is not Status.HELD else status
+        return self.status or law, "; ".join(words for words in (self.reason, *trouble, reason) if words)
+
+
+def verdict(monitor: Monitor, touch: Touch, task: HybridTask, contact: Contact) -> Verdict:
+    """What to do now, about loss, overload and faults first, and then about the edge of the surface."""
+    answer, edge = _without_edge(monitor, touch, task, can_leave=contact.kind.out is not None), contact.edge
+    if edge is None or edge >= task.edge_margin or answer.action in (HOLD, RETREAT):
+        return answer
+    if edge > 0.0:
+        return answer._replace(edge=f"{written(edge)} before the edge of the surface")
+    return Verdict(FOLLOW, Status.LOST, f"{written(-edge)} beyond the edge of the surface: not pushing", beyond=True)
+
+
+# What a task does about a loss, where it is not to approach.
+LOSS = {"hold": (HOLD, ": standing still"), "continue": (FOLLOW, "")}
+
+
+def _without_edge(monitor: Monitor, touch: Touch, task: HybridTask, *, can_leave: bool) -> Verdict:
+    found = monitor.found
+    if found is not None:
+        answer = task.on_loss if found.status is Status.LOST else task.on_overload or (RETREAT if can_leave else HOLD)
+        left, away = monitor.left
+        action = RETREAT if answer == "retreat" and left < ALL_THE_WAY * away else HOLD
+        what = {RETREAT: "retreating", HOLD: "standing still until reset"}[action]
+        return Verdict(action, found.status, f"{found.reason}: {what}")
+    if touch.touching or touch.airborne <= task.lost_after:
+        if monitor.asks:
+            return Verdict(FOLLOW, Status.DEGRADED, ASKS)
+        return Verdict(FOLLOW if touch.touching else SLOW, None, "")
+    if touch.airborne == inf:
+        return Verdict(SLOW, Status.LOST, "no contact yet: approaching")
+    action, what = LOSS.get(task.on_loss, (SLOW, ": approaching"))
+    return Verdict(action, Status.LOST, f"no contact for {written(touch.airborne)} s{what}")
+
+
+# What is said while the tool lets go.
+ASKS = "pushed in by two presses without an answer: letting go to see whether the readings fall"

@@ -1,0 +1,98 @@
+"""Damped contacts are held; readings that do not answer lead the tool nowhere, and are never "ok" at the end."""
+
+import numpy as np
+import pytest
+from support.damped_plane import press_on_damper
+
+PRESS = 10.0
+
+
+@pytest.mark.parametrize("arm", ["gantry", "panda", "ur5"])
+@pytest.mark.parametrize(("stiffness", "damping"), [(2e4, 200.0), (2e4, 800.0), (5e4, 2000.0), (1e3, 60.0)])
+@pytest.mark.parametrize("told", [0.0, 0.01])
+def test_a_contact_with_a_damper_is_held(arm, stiffness, damping, told):
+    """b/k from 10 to 60 ms: with the first of these the press "jumped", with the others it was an overload."""
+    run = press_on_damper(arm, stiffness=stiffness, damping=damping, lag=0.01, told=told, seconds=6.0)
+    assert run.stopped is None
+    assert run.said[-1][0] == "ok"
+    assert np.sqrt(np.mean((run.press[-200:] - PRESS) ** 2)) < 0.03 * PRESS
+    assert run.press.max() < 1.5 * PRESS
+
+
+class Held:
+    """A reading that stays as it was when it was read first, or at a share of the press."""
+
+    def __init__(self, share=None):
+        self.value = None if share is None else share * PRESS
+
+    def __call__(self, press, t):
+        if self.value is None:
+            self.value = press
+        return self.value
+
+
+class InTheTouch:
+    """A reading that sticks once it is above a share of the press."""
+
+    def __init__(self, share):
+        self.share, self.value = share, None
+
+    def __call__(self, press, t):
+        if self.value is None and press > self.share * PRESS:
+            self.value = press
+        return press if self.value is None else self.value
+
+
+# Readings, from when on, and how many presses the tool may press with meanwhile.
+FAULTS = {
+    "stuck above": (lambda: Held(1.4), 2.5, 1.1),
+    "stuck far above": (lambda: Held(1.9), 2.5, 1.1),
+    "stuck below": (lambda: Held(0.3), 2.5, 2.6),
+    "stuck just below": (lambda: Held(0.9), 2.5, 2.6),
+    "stuck in the touch": (lambda: InTheTouch(0.3), 0.0, 2.6),
+    "not tared, half a press": (lambda: lambda press, t: press + 0.5 * PRESS, 0.0, 1.1),
+    "not tared, more than a press": (lambda: lambda press, t: press + 1.2 * PRESS, 0.0, 1.1),
+    "wrong sign": (lambda: lambda press, t: -press, 0.0, 2.6),
+    "wrong sign, half a press of weight": (lambda: lambda press, t: 0.5 * PRESS - press, 0.0, 2.6),
+    "a bias that jumps up by more than the press": (lambda: lambda press, t: press + 1.5 * PRESS, 2.5, 1.1),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize(
+    ("arm", "stiffness", "dt"), [("gantry", 7e3, 0.002), ("panda", 3e4, 0.004), ("ur5", 8e4, 0.01)]
+)
+def test_readings_that_do_not_answer_end_within_millimetres(name, arm, stiffness, dt):
+    make, since, presses = FAULTS[name]
+    run = press_on_damper(
+        arm, stiffness=stiffness, damping=0.005 * stiffness, dt=dt, reads=make(), since=since, seconds=8.0, seed=3
+    )
+    stop = run.stopped
+    assert stop is not None
+    assert run.said[-1][0] in ("fault", "overload")
+    first = int(since / dt)
+    assert "overload" in run.said[stop][0] or run.press[first : stop + 1].max(initial=0.0) < presses * PRESS
+    assert run.height[first : stop + 1].max() < 8e-3
+
+
+def test_a_bias_that_drifts_upwards_leads_the_tool_out_by_millimetres():
+    """2 N wanted, 0.5 N/s: the tool went up by 850 mm, "ok"."""
+    drift = press_on_damper(press=2.0, reads=lambda press, t: press + 0.5 * (t - 2.0), since=2.0, seconds=20.0, dt=0.01)
+    assert drift.said[-1][0] == "fault"
+    assert drift.height[: drift.stopped].max() < 25e-3
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.06])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_reading_stuck_in_its_noise_while_the_tool_slides_presses_a_few_times_more_at_most(speed, seed):
+    run = press_on_damper(stiffness=2e4, speed=speed, reads=Held(), since=3.0, seconds=6.0, seed=seed)
+    assert run.press.max() < 6.0 * PRESS
+
+
+@pytest.mark.parametrize("slope", [-0.08, 0.08])
+@pytest.mark.parametrize("stiffness", [2e3, 2e4])
+def test_a_slope_is_answered_and_followed(slope, stiffness):
+    run = press_on_damper(stiffness=stiffness, slope=slope, speed=0.03, seconds=6.0)
+    assert run.stopped is None
+    assert run.said[-1][0] == "ok"
+    assert np.abs(run.press[-250:] - PRESS).max() < 0.15 * PRESS

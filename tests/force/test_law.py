@@ -1,0 +1,66 @@
+"""The force law: what it promises for the true stiffness, damping and delay, and below bounds of them."""
+
+from collections import deque
+from math import exp
+
+import numpy as np
+import pytest
+
+from invariantqp.force.estimate import Setting, Stiffness
+from invariantqp.force.law import GAIN, UNKNOWN, Drive, pressed
+
+
+def setting_of(dt, late, slope_speed=0.0):
+    return Setting(dt, 1.0, 0.0, late, 0.0, slope_speed, 0.0, 2e5, 0.0)
+
+
+def held(k, b, dt, lag, known, *, wanted=10.0, moves=0.0, seconds=None):
+    """Presses of a contact f = k x + b x' behind an arm that lags, from 1 N on; the surface comes with a speed."""
+    late = dt + lag + UNKNOWN
+    setting = setting_of(dt, late, 2.0 * abs(moves))
+    drive, x, v, h = Drive(), 1.0 / k, 0.0, dt / 20
+    share = 1.0 - exp(-h / lag) if lag > 0.0 else 1.0
+    presses = deque()
+    for _ in range(round((seconds or 40.0 * max(late, b / k)) / dt)):
+        f = max(0.0, k * x + b * (v + moves))
+        drive = pressed(drive, wanted - f, wanted, known, setting, (1e9, 1e9), 1.0, grows=True)
+        for _ in range(20):
+            v += share * (drive.rate - v)
+            x += h * (v + moves)
+        presses.append(max(0.0, k * x + b * (v + moves)))
+    return np.array(presses)
+
+
+def knows(k, b):
+    """All is known: no prior."""
+    return Stiffness.of(k)._replace(found=np.array((k, b, 0.0)), errors=np.zeros(3), bound=k)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_with_the_true_stiffness_and_damping_it_is_never_under_damped(seed):
+    """Its poles are G/T and k/b, whatever k, b and T are: 30 of each, without the integral."""
+    random = np.random.default_rng(seed)
+    for _ in range(30):
+        k, dt, lag = 10 ** random.uniform(2.7, 6.0), 10 ** random.uniform(-3.0, -1.3), random.uniform(0.0, 0.03)
+        b = k * random.choice([0.0, 10 ** random.uniform(-3.5, -1.0)])
+        presses = held(k, b, dt, lag, knows(k, b))
+        assert presses.max() < 10.0 * 1.03, (k, b / k, dt, lag)
+        assert presses[-1] == pytest.approx(10.0, rel=0.02)
+
+
+@pytest.mark.parametrize("above", [1.0, 3.0, 10.0, 100.0])
+def test_bounds_that_are_too_large_make_it_slower_and_never_swing(above):
+    k, b, dt, lag = 1e4, 50.0, 0.002, 0.005
+    true, bound = held(k, b, dt, lag, knows(k, b)), held(k, b, dt, lag, knows(above * k, above * b), seconds=20.0)
+    assert bound.max() < 10.2
+    assert np.argmax(bound > 9.0) >= np.argmax(true > 9.0)
+
+
+def test_a_surface_that_comes_is_followed_without_an_error_by_the_slope_alone():
+    k, dt, lag = 1e4, 0.002, 0.005
+    late = dt + lag + UNKNOWN
+    presses = held(k, 0.0, dt, lag, knows(k, 0.0), moves=2e-3, seconds=60.0 * late)
+    assert presses.max() < 10.0 + 1.6 * 2e-3 * k * late / GAIN
+    assert presses[-1] == pytest.approx(10.0, rel=1e-3)
+    still = pressed(Drive(0.0, 1e-3), 0.0, 10.0, knows(k, 0.0), setting_of(dt, late, 0.0), (1.0, 1.0), 1.0, grows=True)
+    assert still.slope == 0.0  # of a surface that stands still nothing is left that could lead away

@@ -1,0 +1,88 @@
+"""An arm that lags and presses on a plane with a spring and a damper, and a sensor that can fail: f = k x + b x'."""
+
+from math import exp
+from typing import NamedTuple
+
+import numpy as np
+
+import invariantqp as iq
+from support.spring_plane import PANDA, UP, gantry
+
+ARMS = {"gantry": np.zeros(6), "panda": PANDA, "ur5": np.array([0.0, -1.2, 1.8, -2.2, -1.57, 0.0])}
+SUBSTEP = 5e-4  # [s]
+
+
+class Pressed(NamedTuple):
+    """Of each tick the true press [N], height above the plane [m], status and reason."""
+
+    press: np.ndarray
+    height: np.ndarray
+    said: list
+    dt: float
+
+    @property
+    def stopped(self):
+        """The tick of the first overload or fault; None for none."""
+        return next((k for k, (status, _) in enumerate(self.said) if status in ("overload", "fault")), None)
+
+
+def robot_of(arm):
+    return gantry() if arm == "gantry" else iq.load_robot(arm)
+
+
+def press_on_damper(
+    arm="gantry",
+    *,
+    stiffness=2e4,
+    damping=0.0,
+    press=10.0,
+    noise=0.1,
+    dt=0.004,
+    lag=0.005,
+    told=0.005,
+    gap=0.002,
+    seconds=4.0,
+    speed=0.0,
+    slope=0.0,
+    slides_from=2.0,
+    reads=None,
+    since=np.inf,
+    seed=0,
+    **task,
+):
+    """Press, and slide with a speed from a time on; `reads` makes a reading from the true press, after `since`.
+
+    The run ends 0.05 s after it has stopped.
+    """
+    random, robot, q = np.random.default_rng(seed), robot_of(arm), ARMS[arm].copy()
+    start = robot.pose(q)
+    plane = start[2, 3] - gap
+    made = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], UP), [press], **task)
+    sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=noise)
+    loop = iq.HybridController(robot, made, dt=dt, sensor=sensor, delay=told)
+    steps = max(1, round(dt / SUBSTEP))
+    h, share = dt / steps, 1.0 if lag == 0.0 else 1.0 - exp(-dt / steps / lag)
+    velocity, depth, force = np.zeros(len(q)), -gap, 0.0
+    presses, heights, said, left = [], [], [], round(0.05 / dt)
+    for k in range(round(seconds / dt)):
+        t, tool = k * dt, robot.pose(q)
+        value = force if reads is None or t < since else reads(force, t)
+        push = tool[:3, :3].T @ (value * UP) + random.normal(0.0, noise, 3)
+        target, ahead = start.copy(), np.zeros(6)
+        target[0, 3] += speed * max(0.0, t - slides_from)
+        ahead[3] = speed * (t >= slides_from)
+        solution = loop.step(q, target, np.concatenate((random.normal(0.0, 0.03 * noise, 3), push)), ahead)
+        said.append((str(solution.status), solution.reason))
+        for _ in range(steps):
+            velocity = velocity + share * (solution.velocity - velocity)
+            q = q + h * velocity
+            p = robot.pose(q)[:3, 3]
+            now = plane + slope * (p[0] - start[0, 3]) - p[2]
+            force = max(0.0, stiffness * now + damping * (now - depth) / h) if now > 0.0 else 0.0
+            depth = now
+        presses.append(force)
+        heights.append(-depth)
+        left -= said[-1][0] in ("overload", "fault")
+        if left < 0:
+            break
+    return Pressed(np.array(presses), np.array(heights), said, dt)
