@@ -70,10 +70,12 @@ from invariantqp.force.law import (
     inward_speed,
     kept_of,
     lowered,
+    mass_and_damper,
     pressed,
     retreat,
     slid,
     sought,
+    struck,
     trembling,
 )
 from invariantqp.force.monitor import (
@@ -112,6 +114,8 @@ HELD_STIFF = 2e4
 QUICKER = 2.0
 # The share of how fast a surface may come or go that it may do so where it did not until now.
 MAY_BE_STEEP = 0.1
+# The share of an arm's lateness that can be taken back at a touch: its lag, not its dead time.
+TAKEN_BACK = 0.5
 # A surface that is said to move may do so within this time [s].
 MOVES_IN = 0.3
 # After the contact was lost again and again the gain is reduced by this factor, each time, to this share of it.
@@ -174,6 +178,7 @@ class Pressing(NamedTuple):
         known: stiffness of each constraint.
         drives: of each constraint.
         ways: unit way commanded until now as it shows, and what of it does not show yet [length].
+        lag: of the arm, with which it shows [s].
         along: speed along the contact, the highest of the last time [length/s].
         steep: the fastest slope of its laws of the last time [length/s].
         eased: share of the gain, less than 1 after chatter.
@@ -184,6 +189,7 @@ class Pressing(NamedTuple):
     known: tuple[Stiffness, ...] = ()
     drives: tuple[Drive, ...] = ()
     ways: tuple[tuple[float, float], ...] = ()
+    lag: float = 0.0
     along: float = 0.0
     steep: float = 0.0
     eased: float = 1.0
@@ -387,8 +393,11 @@ class HybridController:
         done = split.unit_rates.dot(Bt.dot(twist))
         free = acts and inner.scale == 1.0 and answer.action == FOLLOW and not waits
         touching = overall.touching
-        shows = 1.0 - exp(-dt / max(delay.arm, 1e-9))
-        led = self._coming + way
+        lag = delay.arm
+        shows = 1.0 - exp(-dt / max(lag, 1e-9))
+        # Where another lag is found, what does not show yet is what would not with it: no way jumps.
+        still = lag / before.lag if before.lag > 0.0 else 1.0
+        led = still * self._coming + way
         self._coming = (1.0 - shows) * led
         self._normal = self._normal.found(
             task,
@@ -405,11 +414,12 @@ class HybridController:
         along = along if along > TINY_SPEED else 0.0
         ways = []
         for (shown, coming), rate in zip(_ways_of(before, len(felt)), done.tolist(), strict=True):
-            along_it = coming + dt * rate
+            along_it = still * coming + dt * rate
             ways.append((shown + shows * along_it, along_it - shows * along_it))
         self._pressing = pressing._replace(
             drives=tuple(d._replace(speed=float(r) - d.slope) for d, r in zip(drives, done, strict=True)),
             ways=tuple(ways),
+            lag=lag,
             along=along,
             steep=max(max((abs(d.slope) for d in drives), default=0.0), before.steep * exp(-dt / ALONG)),
             free=free,
@@ -523,6 +533,7 @@ class HybridController:
             share,
             self._filter_time,
             late,
+            UNKNOWN,
             sigma,
             speed,
             steep,
@@ -545,7 +556,11 @@ class HybridController:
         for i, (one, force, wish, (way, _)) in enumerate(parts):
             there = now.touches[i].touching if i < presses else touching
             short = int(wish - force > SHORT * most) - int(force - wish > SHORT * most)
-            made.append(one.after(force, way, setting, short) if there else one.in_air(force, way, limit, setting))
+            felt_at_all = i >= presses or force > limit
+            if there:
+                made.append(one.after(force, way, setting, short, felt=felt_at_all))
+            else:
+                made.append(one.in_air(force, way, limit, setting))
         return tuple(made)
 
     def _kept(
@@ -566,9 +581,8 @@ class HybridController:
         share = trembling(self.loop, J, admittance, contact.point, self.task.size, noise, self._smoothing.share)
         gain = split.gain
         if self.task.compliance is None:
-            gain = max(
-                GAIN * eased / (setting.late * one.bound + one.damping * setting.late / setting.dt) for one in known
-            )
+            laws = (mass_and_damper(one, setting, eased) for one in known)
+            gain = max(1.0 / (M / setting.dt + D) for M, D in laws)
         kept = kept_of(gain, share) if self.task.compliance is None else 1.0
         return kept * eased, gain * kept * share
 
@@ -594,12 +608,14 @@ class HybridController:
         yields = can_yield(contact, len(self.loop.robot.names))
         made, acts = [], touching and yields
         fastest = task.approach_speed
+        # What a lagging arm has not done yet can be taken back at a touch, what is sent and read late cannot.
+        striking = 2.0 * setting.dt + setting.filter_time + (1.0 - TAKEN_BACK) * self._delay.arm
         for i, drive in enumerate(drives):
             error = float(asked[i] - felt[i])
             known = now.known[i]
             let_go, gentle = None, 0.0
             if i < presses:
-                let_go, gentle = monitor.let_go(i), approach_speed(task, float(asked[i]), setting.late)
+                let_go, gentle = monitor.let_go(i), approach_speed(task, float(asked[i]), striking)
             if let_go is not None:
                 made.append(Drive(-gentle - LETS_GO * let_go))
                 acts = False
@@ -622,10 +638,13 @@ class HybridController:
                 if not touch.touching:
                     made.append(sought(drive, gentle * max(IN_DOUBT, touch.clear), setting, fastest, touch, task))
                     continue
-                settled = known.time > SETTLES * setting.late
-                free = max(gentle, inward_speed(task, most_force - float(felt[i]), setting.late))
-                most = (free if settled else 0.0, LET_GO * fastest)
-                grows, wished = now.free and yields and settled, float(asked[i])
+                wished = float(asked[i])
+                if known.time <= SETTLES * setting.late:
+                    coming = 0.0 if self._delay.lag is None else _ways_of(now, n)[i][1]
+                    made.append(struck(drive, coming, error, known, setting, LET_GO * fastest, eased))
+                    continue
+                free = max(gentle, inward_speed(task, most_force - float(felt[i]), striking - setting.dt))
+                most, grows = (free, LET_GO * fastest), now.free and yields
             else:
                 most, wished = (fastest, fastest), 0.0
                 grows = now.free and yields

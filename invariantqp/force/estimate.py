@@ -47,7 +47,7 @@ HARDER = 2.0
 QUIET = 0.25
 LEAST_WAY = 5.0
 # Damping over stiffness that goes with that [s], and the softest contact, as a share of the stiffness it begins with.
-DAMPED = 0.02
+DAMPED = 0.01
 SOFTEST = 1e-3
 # Ways below this share of the contact's size are noise of the joints: a micrometre of 50 mm.
 RESOLVED = 2e-5
@@ -172,6 +172,7 @@ class Setting(NamedTuple):
         share: of a step that the low-pass passes on in a tick.
         filter_time: time constant of the low-pass [s].
         late: T, sum of tick, low-pass, delay and what nobody knows of it [s].
+        unknown: the last of these [s].
         noise: standard deviation of the smoothed part [force].
         slope_speed: how fast the surface may come or go along the press [length/s].
         steep: how fast it did, and a share of how fast it may [length/s].
@@ -183,6 +184,7 @@ class Setting(NamedTuple):
     share: float
     filter_time: float
     late: float
+    unknown: float
     noise: float
     slope_speed: float
     steep: float
@@ -261,9 +263,15 @@ class Stiffness(NamedTuple):
         return max(float(self.found[0] - self.errors[0]), 0.0) / self.bound
 
     @property
-    def damping(self) -> float:
-        """An upper bound of b."""
-        return max(float(self.found[1]), 0.0) + float(self.errors[1])
+    def damping(self) -> tuple[float, float]:
+        """Bounds of b, the upper and the lower one."""
+        b, error = max(float(self.found[1]), 0.0), float(self.errors[1])
+        return b + error, max(b - error, 0.0)
+
+    @property
+    def behind(self) -> float:
+        """What is late in the readings, times k: a force that comes late is as one damped by less than zero."""
+        return max(-float(self.found[1]) - float(self.errors[1]), 0.0)
 
     def in_air(self, force: float, way: float, limit: float, setting: Setting) -> Stiffness:
         """The filters go on, and what was known is forgotten; `limit` is between air and contact [force]."""
@@ -289,7 +297,7 @@ class Stiffness(NamedTuple):
             stiff=min(STIFFER * stiff, HARDER * setting.begins),
         )
 
-    def after(self, force: float, way: float, setting: Setting, short: int = 0) -> Stiffness:
+    def after(self, force: float, way: float, setting: Setting, short: int = 0, *, felt: bool = True) -> Stiffness:
         """The estimate after one more reading in contact.
 
         Args:
@@ -298,11 +306,12 @@ class Stiffness(NamedTuple):
             setting: of this tick.
             short: 1 where a good share of the force is missing, -1 where it is too much, else 0: where that lasts the
                 contact is softer than it is taken to be where nothing is known of it, or the law would have changed it.
+            felt: whether the contact is: a way through the air shows no stiffness.
         """
         dt = setting.dt
         x = self.way + setting.share * (way - self.way)
         v, time = (x - self.way) / dt, self.time + dt
-        if time <= 3.0 * setting.filter_time + 2.0 * dt:  # the filters still hold the air
+        if time <= 3.0 * setting.filter_time + 2.0 * dt or not felt:  # the filters still hold the air
             mean = np.array((x, v, self.gone, force))
             now = self._replace(way=x, force=force, mean=mean, means=np.zeros(4), time=time)
             return now.landed(setting) if self.time == 0.0 else now
@@ -318,10 +327,14 @@ class Stiffness(NamedTuple):
         bent = setting.steep * CURVED * over * over
         rounding = self.bound * setting.resolved
         noise = setting.noise
+        softest = SOFTEST * self.begins  # a softer contact is not looked for
         spread = max(4.0 * noise * noise + 0.0025 * af * af, 2.0 * self.residual) + rounding * rounding
-        # Errors of k, b and c are taken as independent here: what they share makes a surprise rarer still.
+        spread += softest * softest * float(z[0] * z[0] + DAMPED * DAMPED * z[1] * z[1])
+        # Errors of k, b and c are taken as independent here: what they share makes a surprise rarer still. A way that
+        # shows a little later or sooner than thought is as a damper of so much of k, which no reading tells apart.
         rest = af - float(z.dot(self.found))
-        variance = spread + (self.bound * bent) ** 2 + float(((self.errors * z) ** 2).sum())
+        late = setting.unknown * self.bound * float(z[1])
+        variance = spread + (self.bound * bent) ** 2 + late * late + float(((self.errors * z) ** 2).sum())
         square = rest * rest
         surprised = square > SURPRISE * SURPRISE * variance
         most = SURPRISE * SURPRISE * variance
@@ -334,7 +347,7 @@ class Stiffness(NamedTuple):
         else:
             soft = short != 0 and (not self.reached or abs(lacked) > PERSISTS * setting.late)
             begins = max(begins * exp(-dt / (SOFTENS * setting.late)), SOFTEST * setting.begins) if soft else begins
-        if not surprised and abs(float(z[0])) >= max(bent, 3.0 * setting.resolved):
+        if not surprised and spread > 0.0 and abs(float(z[0])) >= max(bent, 3.0 * setting.resolved):
             w = (min(1.0, dt / (2.0 * setting.filter_time)) if setting.filter_time > 0.0 else 1.0) / spread
             left = 1.0 - FORGOTTEN * (1.0 - spread / variance)
             seen, sums = left * seen + w * np.outer(z, z), left * sums + w * af * z
@@ -385,7 +398,7 @@ def _posterior(begins: float, seen: Array, sums: Array) -> tuple[Array, Array]:
     # In units of the prior's spread, in which it is 1 +- 1 and 0 +- 1.
     inverse = np.linalg.inv(np.eye(3) + seen * np.outer(spread, spread))
     found = inverse.dot(np.array((1.0, 1.0, 0.0)) + spread * sums)
-    return spread * found, spread * np.sqrt(np.diagonal(inverse))
+    return spread * found, spread * np.sqrt(np.maximum(np.diagonal(inverse), 0.0))
 
 
 class Delay:
@@ -410,6 +423,7 @@ class Delay:
         self.late: float | None = None
         self.lag: float | None = None
         self._first: Array | None = None
+        self._touched = False
         self._way = self._moving = 0.0
         self._sums = 0.0, 0.0, 0.0
 
@@ -428,9 +442,11 @@ class Delay:
             J: (6, m) joint twists.
             place: (3,) of contact, base frame [length].
             size: of the contact [length]: a turn by an angle counts as so much times the angle.
-            touching: whether there is contact: what is known of the lag stays, since a force bends the arm, too.
+            touching: whether there is contact: what is known of the lag then stays, since a force bends the arm, too,
+                and its joints are behind by that after it is let go.
         """
-        if self.late is not None and touching and self.lag is not None:
+        self._touched = self._touched or touching
+        if self.late is not None and self._touched and self.lag is not None:
             return
         if self._first is None:
             moved = root_at(place, size).dot(J)
@@ -438,7 +454,7 @@ class Delay:
             self._led, self._echo = np.zeros(len(q)), DelayEstimate(self._dt, self.declared, len(q))
             self._last = self._came = np.zeros(len(q))
         step, came = self._weights * way, self._weights * (q - self._first)
-        if not (touching and self.lag is not None):
+        if not (self._touched and self.lag is not None):
             self._moved(self._led - came, came - self._came, self._last, STILL * size)
         self._last, self._came = step, came
         self._led += step

@@ -9,7 +9,8 @@ surface that comes or goes while the tool slides along it, and is bounded by wha
 times the speed along it; r is how much of k is known to be there. A tool at rest on a surface at rest has no integral
 that could lead it away.
 
-    approach    1.2 f_d / (k_a T + b_a)       so that a touch presses by less than that, whatever it meets
+    approach    1.2 f_d / (k_a T_a + b_a)     so that a touch presses by less than that, whatever it meets; T_a is what
+                                              is late and cannot be taken back
     fixed       rate = c (e + integral)       where a compliance c is given
 
 All of it is for unit parts and unit rates (`contact.Split`).
@@ -58,8 +59,9 @@ LETS_GO = 5.0
 SETTLES = 1.0
 # With a fixed compliance on a declared stiffness k: c k times the time constant of the integral.
 OVERDAMPED = 5.0
-# An error above this share of the wanted press counts as this much in an integral.
-INTEGRATED = 0.2
+# An error above this share of the wanted press counts as this much in an integral: until the press was reached once,
+# and later.
+INTEGRATED = (0.1, 0.5)
 
 # Changes of a noisy force are reckoned with up to so many standard deviations; the most of the joints' acceleration
 # that they may take; a gain lowered for that below this share of itself is told; joints without a limit have this
@@ -81,6 +83,19 @@ class Drive(NamedTuple):
     def rate(self) -> float:
         """The unit rate to ask for."""
         return self.speed + self.slope
+
+
+def mass_and_damper(known: Stiffness, setting: Setting, eased: float) -> tuple[float, float]:
+    """M and D of the law: M s^2 + (D + b) s + k has a damping ratio of 1/sqrt(2) at least for any b in its bounds.
+
+    Args:
+        known: bounds of k and b.
+        setting: of this tick.
+        eased: share of the gain that noise and chatter leave.
+    """
+    late, (most, least) = setting.late / (GAIN * eased), known.damping
+    M = late * most
+    return M, max(late * known.bound + known.behind / (GAIN * eased), sqrt(2.0 * known.bound * M) - least)
 
 
 def pressed(
@@ -106,16 +121,36 @@ def pressed(
         eased: share of the gain that noise and chatter leave.
         grows: whether the slope may change: limits and a touch hold it.
     """
-    late = setting.late / (GAIN * eased)
-    D, M = late * known.bound, late * known.damping / setting.dt
+    M, D = mass_and_damper(known, setting, eased)
     before = min(drive.speed, 0.0) if known.rose else drive.speed
-    speed = min(max((M * before + error) / (M + D), -most[1]), most[0])
+    per_tick = M / setting.dt
+    speed = min(max((per_tick * before + error) / (per_tick + D), -most[1]), most[0])
     slope = drive.slope
     if grows:
         sure = min(max(SURE * known.sure, UNSURE), 1.0) if wanted > 0.0 else 1.0
-        slope += setting.dt * sure * _integrated(error, wanted) / (D * INTEGRAL * late)
+        slope += (
+            setting.dt * sure * _integrated(error, wanted, reached=known.reached) * known.bound / (INTEGRAL * D * D)
+        )
     bound = setting.slope_speed
     return Drive(speed, min(max(slope, -bound), bound))
+
+
+def struck(
+    drive: Drive, coming: float, error: float, known: Stiffness, setting: Setting, most: float, eased: float
+) -> Drive:
+    """The law in a touch, outwards alone: what was commanded inwards and a lagging arm has not done is taken back.
+
+    Args:
+        drive: of the last tick.
+        coming: unit way that was commanded and does not show yet [length].
+        error: e, of a unit part [force].
+        known: of this constraint.
+        setting: of this tick.
+        most: speed outwards at most [length/s].
+        eased: share of the gain that noise and chatter leave.
+    """
+    law = pressed(Drive(0.0, drive.slope), error, 0.0, known, setting, (0.0, most), eased, grows=False)
+    return law._replace(speed=max(min(law.speed, -coming / setting.dt), -most))
 
 
 def sought(drive: Drive, gentle: float, setting: Setting, most: float, touch: Touch, task: HybridTask) -> Drive:
@@ -139,20 +174,20 @@ def fixed(
     """The same with a given compliance, `gain` c; the `stiffness` k is 0 where none is declared."""
     slope = drive.slope if stiffness > 0.0 else 0.0
     if grows and stiffness > 0.0:
-        slope += dt * gain * gain * stiffness / OVERDAMPED * _integrated(error, wanted)
+        slope += dt * gain * gain * stiffness / OVERDAMPED * _integrated(error, wanted, reached=True)
     return Drive(min(gain * error, max(most - slope, 0.0)), slope)
 
 
-def _integrated(error: float, wanted: float) -> float:
+def _integrated(error: float, wanted: float, *, reached: bool) -> float:
     """What the integral counts of an error: little of a touch's rise, or of a step of the wanted press."""
-    most = INTEGRATED * wanted if wanted > 0.0 else inf
+    most = INTEGRATED[reached] * wanted if wanted > 0.0 else inf
     return min(max(error, -most), most)
 
 
 def approach_speed(task: HybridTask, wanted: float, late: float) -> float:
     """The speed at which contact is looked for [length/s], for a wanted press [force] and what is late [s]."""
     stiff = APPROACHED * STIFF if task.stiffness is None else task.stiffness
-    return min(task.approach_speed, TOUCH * wanted / (stiff * (max(late - UNKNOWN, 0.0) + STRUCK)))
+    return min(task.approach_speed, TOUCH * wanted / (stiff * (late + STRUCK)))
 
 
 def inward_speed(task: HybridTask, room: float, late: float) -> float:
@@ -161,7 +196,7 @@ def inward_speed(task: HybridTask, room: float, late: float) -> float:
     A table behind foam then presses by less than `room` [force], what is left to an overload, after `late` [s].
     """
     stiff = APPROACHED * STIFF if task.stiffness is None else task.stiffness
-    return min(task.approach_speed, LEFT_FREE * max(room, 0.0) / (stiff * max(late - UNKNOWN, 0.0)))
+    return min(task.approach_speed, LEFT_FREE * max(room, 0.0) / (stiff * late))
 
 
 def slid(task: HybridTask, contact: Contact, motion: Array, error: Array, ahead: Array) -> Array:

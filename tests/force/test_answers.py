@@ -96,3 +96,17 @@ def test_a_slope_is_answered_and_followed(slope, stiffness):
     assert run.stopped is None
     assert run.said[-1][0] == "ok"
     assert np.abs(run.press[-250:] - PRESS).max() < 0.15 * PRESS
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 2e4, 1e5])
+@pytest.mark.parametrize("share", [1.1, 1.9])
+def test_a_reading_that_stays_above_the_wanted_press_leads_the_tool_out_by_millimetres(share, stiffness):
+    """It led the arm away without end, "ok": by 190 to 840 mm."""
+    run = press_on_damper("panda", stiffness=stiffness, reads=Held(share), since=4.0, seconds=30.0)
+    stop = run.stopped
+    assert run.said[stop][0] == "fault"
+    assert (
+        "above where it touched: the readings do not answer the motion: a sensor that is stuck, drifts"
+        in run.said[stop][1]
+    )
+    assert 1e-3 < run.height[: stop + 1].max() < 4e-3

@@ -11,7 +11,7 @@ from invariantqp.force.law import GAIN, UNKNOWN, Drive, pressed
 
 
 def setting_of(dt, late, slope_speed=0.0):
-    return Setting(dt, 1.0, 0.0, late, 0.0, slope_speed, 0.0, 2e5, 0.0)
+    return Setting(dt, 1.0, 0.0, late, 0.003, 0.0, slope_speed, 0.0, 2e5, 0.0)
 
 
 def held(k, b, dt, lag, known, *, wanted=10.0, moves=0.0, seconds=None):
@@ -59,7 +59,7 @@ def test_bounds_that_are_too_large_make_it_slower_and_never_swing(above):
 def test_a_surface_that_comes_is_followed_without_an_error_by_the_slope_alone():
     k, dt, lag = 1e4, 0.002, 0.005
     late = dt + lag + UNKNOWN
-    presses = held(k, 0.0, dt, lag, knows(k, 0.0), moves=2e-3, seconds=60.0 * late)
+    presses = held(k, 0.0, dt, lag, knows(k, 0.0), moves=2e-3, seconds=100.0 * late)
     assert presses.max() < 10.0 + 1.6 * 2e-3 * k * late / GAIN
     assert presses[-1] == pytest.approx(10.0, rel=1e-3)
     still = pressed(Drive(0.0, 1e-3), 0.0, 10.0, knows(k, 0.0), setting_of(dt, late, 0.0), (1.0, 1.0), 1.0, grows=True)

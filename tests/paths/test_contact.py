@@ -23,8 +23,7 @@ def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
     assert told[-1].status == "done"
     assert told[-1].late > PERIOD
     assert max(off[settled:]) < 5e-5
-    assert max(abs(s.hybrid.intensities[0] / 5.0 - 1.0) for s in told[settled:]) < 0.15  # it slides from the touch on
-    assert max(abs(s.hybrid.intensities[0] / 5.0 - 1.0) for s in told[len(told) // 2 :]) < 0.02
+    assert max(abs(s.hybrid.intensities[0] / 5.0 - 1.0) for s in told[settled:]) < 0.01
     assert np.linalg.norm(bench.robot.pose(bench.q)[:2, 3] - path(PERIOD / 2)[0][:2, 3]) < 1e-4
     velocity = np.array([s.velocity for s in told])
     assert (np.abs(velocity) <= bench.robot.velocity_limit + 1e-9).all()
@@ -136,7 +135,7 @@ def blocked(seed, dt):
 def test_what_blocks_the_path_is_told_once_the_joints_have_braked(seed):
     told = blocked(seed, DT)  # where reach ends: joints went on for 1 s towards where they cannot be
     assert "it is out of reach" in told[-1].reason
-    assert sum(s.ruling == "settling" for s in told) < 80
+    assert sum(s.ruling == "settling" for s in told) < 75
     assert (np.abs(told[-1].velocity) < 1e-3).all()
 
 
