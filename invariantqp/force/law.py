@@ -187,7 +187,8 @@ def _integrated(error: float, wanted: float, *, reached: bool) -> float:
 def approach_speed(task: HybridTask, wanted: float, late: float) -> float:
     """The speed at which contact is looked for [length/s], for a wanted press [force] and what is late [s]."""
     stiff = APPROACHED * STIFF if task.stiffness is None else task.stiffness
-    return min(task.approach_speed, TOUCH * wanted / (stiff * (late + STRUCK)))
+    damping = min(stiff, APPROACHED * STIFF) * STRUCK
+    return min(task.approach_speed, TOUCH * wanted / (stiff * late + damping))
 
 
 def inward_speed(task: HybridTask, room: float, late: float) -> float:
