@@ -641,8 +641,7 @@ class HybridController:
                 wished = float(asked[i])
                 if known.time <= SETTLES * setting.late:
                     # Of several presses one may read another's friction, which turns round where the tool does.
-                    alone = presses == 1 and self._delay.lag is not None
-                    coming = _ways_of(now, n)[i][1] if alone else 0.0
+                    coming = _ways_of(now, n)[i][1] if presses == 1 and self._delay.lag is not None else 0.0
                     made.append(struck(drive, coming, error, known, setting, LET_GO * fastest, eased))
                     continue
                 free = max(gentle, inward_speed(task, most_force - float(felt[i]), striking - setting.dt))
