@@ -82,37 +82,40 @@ class Inspection:
                 f'{rank} of 6 directions: exact="position" and point= at the tip put the position first, where these '
                 "joints can have it; the turn is then as near as they come"
             )
-        said = [f"{joints}, {use}."]
+        sentences = [f"{joints}, {use}."]
         if m > rank:
             more = "one is" if m - rank == 1 else f"{m - rank} are"
-            said.append(f"Of the joints {more} left over: posture= says where to.")
+            sentences.append(f"Of the joints {more} left over: posture= says where to.")
         if self.unlimited:
-            said.append(f"No velocity limit is known for {', '.join(self.unlimited)}: say velocity_limit=.")
+            sentences.append(f"No velocity limit is known for {', '.join(self.unlimited)}: say velocity_limit=.")
         if self.tilt is not None:
             one, two, by = self.tilt
-            said.append(
+            sentences.append(
                 f"The axes of {one} and {two} are not parallel or at a right angle by {by:.1e} rad: too few digits in "
                 "its description, such as 1.5708?"
             )
-        return tuple(said)
+        return tuple(sentences)
 
     def state_words(self) -> tuple[str, ...]:
         """The state, one fact a sentence."""
-        said = self.report.sentences()
+        sentences = self.report.sentences()
         most = self.survey.attainable_rank
         if self.report.rank < most:
             regular = _percent(self.survey.regular)
             note = f"That is this state, not the arm: its rank is {most} in {regular} of the range."
-            said = (said[0], note, *said[1:])
+            sentences = (sentences[0], note, *sentences[1:])
         elif self.report.singular:
-            said = (*said, "No state does better: the joints are redundant, this is no singularity.")
-        said = (*said, f"Manipulability {self.manipulability:.3g}, a radian counted as {self.recommended.length:.3g}.")
+            sentences = (*sentences, "No state does better: the joints are redundant, this is no singularity.")
+        sentences = (
+            *sentences,
+            f"Manipulability {self.manipulability:.3g}, a radian counted as {self.recommended.length:.3g}.",
+        )
         if self.norm > LARGEST_NORM and not self.report.blind_directions.shape[1]:
-            said = (
-                *said,
+            sentences = (
+                *sentences,
                 f"But no pitch tried is useful here: its error is up to {self.norm:.2g} times the least-squares one.",
             )
-        return said
+        return sentences
 
     def range_words(self) -> tuple[str, ...]:
         """The range, one fact a sentence."""
@@ -120,21 +123,21 @@ class Inspection:
         ranks = Counter(seen.rank.tolist()).most_common()
         shares = ", ".join(f"{k} in {_percent(seen.rank == k)}" for k, _ in ranks)
         median, least = float(np.median(seen.distance)), float(seen.distance.min())
-        said = [f"Rank {shares}; {median:.2g} away from a singularity at the median, {least:.2g} at least."]
+        sentences = [f"Rank {shares}; {median:.2g} away from a singularity at the median, {least:.2g} at least."]
         pitches = seen.all_pitches
         if seen.attainable_rank < 6 and len(pitches):
             low, middle_low, middle_high, high = np.quantile(pitches, (0.0, 0.25, 0.75, 1.0)).tolist()
             if written(high - low, 1) == "0":
-                said.append(f"The principal pitch is {written(low)} in every state: stay away from it.")
+                sentences.append(f"The principal pitch is {written(low)} in every state: stay away from it.")
             else:
-                said.append(
+                sentences.append(
                     f"Principal pitches from {written(low, 3)} to {written(high, 3)}, half of them between "
                     f"{written(middle_low, 3)} and {written(middle_high, 3)}: pitches to stay away from."
                 )
         if seen.attainable_rank < 6 and seen.blind_share > 0.0:
             share = f"{100.0 * seen.blind_share:.3g} % of its regular states"
-            said.append(f"No pitch works in {'any state' if seen.blind_share == 1.0 else share}.")
-        return tuple(said)
+            sentences.append(f"No pitch works in {'any state' if seen.blind_share == 1.0 else share}.")
+        return tuple(sentences)
 
     def as_json(self) -> dict[str, Any]:
         """Everything in numbers; SI units, screws as (omega; v)."""

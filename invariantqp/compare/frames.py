@@ -138,8 +138,8 @@ def moved_start(task: Task, setup: Setup) -> Setup:
     """The same motion of the tool from a start that is moved by rounding."""
     start = [x + NUDGE for x in task.robot.start]
     other = prepare(task.model_copy(update={"robot": task.robot.model_copy(update={"start": start})}))
-    told = setup.problem
-    problem = replace(other.problem, time=told.time, poses=told.poses, feedforward=told.feedforward)
+    same = {name: getattr(setup.problem, name) for name in ("time", "poses", "feedforward")}
+    problem = replace(other.problem, **same)
     return replace(other, problem=problem, wanted=setup.wanted, noise=setup.noise)
 
 
@@ -171,10 +171,10 @@ def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> 
             progress(min(done, total), total)
 
     for name, make in laws.items():
-        as_told, moved = prepare(task), displaced(prepare(task), tool)
+        plain_setup, moved = prepare(task), displaced(prepare(task), tool)
         plain, other, nudged = (
             run(setup, controller_for(setup.problem, make), count)
-            for setup in (as_told, moved, moved_start(task, as_told))
+            for setup in (plain_setup, moved, moved_start(task, plain_setup))
         )
         change, control = (largest_change(plain.q, trace.q) for trace in (other, nudged))
         checks.append(FrameCheck(name, change, control, 1e3 * float(plain.position_error.max())))
@@ -272,8 +272,8 @@ def contact_frame_check(
             progress(runs * total + done, 2 * len(laws) * total)
 
     for name, make in laws.items():
-        as_told, moved = prepare(task, physics), displaced(prepare(task, physics), tool, sensor, contact)
-        plain = run(as_told, make(as_told, None), count)
+        plain_setup, moved = prepare(task, physics), displaced(prepare(task, physics), tool, sensor, contact)
+        plain = run(plain_setup, make(plain_setup, None), count)
         runs += 1
         other = run(moved, make(moved, tool), count)
         runs += 1

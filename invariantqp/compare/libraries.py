@@ -2,12 +2,12 @@
 
 Pink has the robot's own Pinocchio model. mink and placo get robots rebuilt joint by joint from the same screws, in
 MuJoCo and as a URDF: at q = 0 the axes of every link are those of the base. Drake needs no model: it is given J and s
-in the tool frame and the told bounds. Their limits on joint positions and velocities are on, and none stops when a
+in the tool frame and the given bounds. Their limits on joint positions and velocities are on, and none stops when a
 limit is exceeded.
 
 Pink, mink and placo take no feedforward twist. Instead they get a target that lies ahead on the path, as far as it
 takes for their own gain to ask for the velocity of the path. Their frame task has unit costs, the posture task the cost
-of Pink's own examples and the gain per tick that makes the told gain per second.
+of Pink's own examples and the gain per tick that makes the given gain per second.
 
 Reference: Caron et al., Pink (pin-pink); Zakka, mink; Duclusaud et al., placo; Tedrake et al., Drake.
 """
@@ -44,8 +44,8 @@ QP_DAMPING, QP_DAMPING_BESIDE_POSTURE = 1e-6, 1e-12
 LM_DAMPING = 1.0
 # placo counts six coordinates of the base, and seven positions, before those of the joints.
 BASE, BASE_POSITIONS = 6, 7
-# What the frame at the told point is called.
-POINT = "told point"
+# What the frame at the given point is called.
+POINT = "given point"
 # placo reads masses, and MuJoCo requires them of every moving link; kinematics does not depend on them [kg], [kg m^2].
 MASS, INERTIA = 1.0, (1.0, 1.0, 1.0)
 LINK = (
@@ -100,7 +100,7 @@ def lead_target(pose: Array, feedforward: ArrayLike | None, lead: float) -> Arra
 
 
 def at_point(law: LawSpec) -> Array:
-    """(4, 4) frame in the tool frame whose origin is the told point."""
+    """(4, 4) frame in the tool frame whose origin is the given point."""
     return se3.transform(np.eye(3), np.asarray(law.point))
 
 
@@ -133,8 +133,8 @@ class TaskLaw:
         """Set up a library's tasks with its `Configuration` of the robot; of the law, dt, gain, delay,
         acceleration_limit, posture, exact and point are used.
 
-        `pose` makes the library's poses from (4, 4); `tool` and `point` are the tool frame and one at the told point as
-        its `FrameTask` takes them, `posture` what its `PostureTask` takes before the cost, `options` go to its
+        `pose` makes the library's poses from (4, 4); `tool` and `point` are the tool frame and one at the given point
+        as its `FrameTask` takes them, `posture` what its `PostureTask` takes before the cost, `options` go to its
         `solve_ik`.
         """
         self._name, self._solve, self._options, self._pose = library.__name__, library.solve_ik, options, pose
@@ -286,7 +286,7 @@ class PlacoLaw:
     """placo's KinematicsSolver on a URDF of the robot's joints.
 
     Weights and regularisation are the squares of the costs that Pink has. placo steps the whole way to a target. So its
-    target is the told share of the way, moved on by a tick of the path.
+    target is the given share of the way, moved on by a tick of the path.
     """
 
     def __init__(self, robot: Robot, law: LawSpec) -> None:
@@ -343,7 +343,7 @@ class PlacoLaw:
 
 
 def urdf(robot: Robot, point: Array) -> str:
-    """The joints as a URDF, base first, and frames at the tool and at the told point on the last link."""
+    """The joints as a URDF, base first, and frames at the tool and at the given point on the last link."""
     from scipy.spatial.transform import Rotation
 
     parts, parent, origin = [LINK.format("base")], "base", np.zeros(3)
@@ -390,54 +390,45 @@ def drake_velocity(setting: Setting) -> Solve:
 AHEAD = "a target ahead on the path"
 IN_A_QP = Takes("posture task, cost 1e-3", "equality constraint", "inside the QP", "1e-6 without a posture task", AHEAD)
 
+row = partial(Method, family="library")
 METHODS = [
-    Method(
+    row(
         name="Pink",
-        family="library",
         why="frame task and posture task of Pink's solve_ik with DAQP, and its limits",
         takes=IN_A_QP,
         system=PinkLaw,
         needs=("pink", "pinocchio"),
-        extra="peers",
     ),
-    Method(
+    row(
         name="Pink with lm_damping",
-        family="library",
         why="the same with lm_damping = 1, as in Pink's examples",
         takes=replace(IN_A_QP, damping="lm_damping = 1"),
         system=partial(PinkLaw, lm_damping=LM_DAMPING),
         needs=("pink", "pinocchio"),
-        extra="peers",
         shown=False,
     ),
-    Method(
+    row(
         name="mink",
-        family="library",
         why="frame task and posture task of mink's solve_ik with DAQP on a MuJoCo model, and its limits",
         takes=IN_A_QP,
         system=MinkLaw,
         needs=("mink", "mujoco"),
-        extra="peers",
         shown=False,
     ),
-    Method(
+    row(
         name="placo",
-        family="library",
         why="frame task and joints task of placo's KinematicsSolver (C++), and its limits",
         takes=Takes("joints task, weight 1e-6", "hard task", "inside the QP", "1e-6 without a posture task", AHEAD),
         system=PlacoLaw,
         needs=("placo",),
-        extra="placo",
         shown=False,
     ),
-    Method(
+    row(
         name="Drake",
-        family="library",
         why="Drake's DoDifferentialInverseKinematics, which keeps the direction of the twist",
         takes=Takes("in what is left", "a part of the twist, with it", "inside; slows the twist down", "none"),
         make=drake_velocity,
         needs=("pydrake",),
-        extra="drake",
         shown=False,
     ),
 ]

@@ -21,9 +21,11 @@ from invariantqp.velocity.solution import Status, VelocitySolution
 
 Family = Literal["invariant", "QP", "Moore-Penrose", "damped", "library"]
 FAMILIES: tuple[Family, ...] = ("invariant", "QP", "Moore-Penrose", "damped", "library")
+# Which extra of this package installs a module.
+EXTRAS = {"pinocchio": "pin", "pink": "peers", "mink": "peers", "placo": "placo", "pydrake": "drake"}
 # Names of the rows that charts, tables and sentences refer to.
 OURS, OURS_PYTHON, HAND_WRITTEN = "invariantqp", "invariantqp (Python)", "hand-written loop"
-LEAST_SQUARES, TOLD_LEAST_SQUARES = "least-squares QP", "QP with length and LM"
+LEAST_SQUARES, SCALED_LEAST_SQUARES = "least-squares QP", "QP with length and LM"
 PENROSE, DLS = "Moore-Penrose", "DLS"
 # What a row says where its method has no place for something that it is told.
 CANNOT = "cannot take it"
@@ -77,8 +79,12 @@ class Method:
     make: Callable[[Setting], Solve] | None = None  # makes the function of a tick
     system: MakeController | None = None  # or a whole control loop, (robot, law) to controller
     needs: tuple[str, ...] = ()  # Python modules that have to be installed; imported where the loop is made
-    extra: Literal["", "drake", "peers", "pin", "placo"] = ""  # the extra of this package that installs them
     shown: bool = True  # whether the first table and the chart have it
+
+    @property
+    def extra(self) -> str:
+        """The extra of this package that installs what it needs."""
+        return EXTRAS[self.needs[0]] if self.needs else ""
 
     @property
     def installed(self) -> bool:

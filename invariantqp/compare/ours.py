@@ -55,32 +55,29 @@ OUR_TAKES = Takes(
     "where singular values are small, and with what is missed",
 )
 
+row = partial(Method, family="invariant")
 METHODS = [
-    Method(
+    row(
         name=OURS,
-        family="invariant",
         why="this library's law as it is shipped" + (", by the compiled core" if native else ""),
         takes=OUR_TAKES,
         system=our_controller,
     ),
-    Method(
+    row(
         name=OURS_PYTHON,
-        family="invariant",
         why="the same law in Python alone",
         takes=OUR_TAKES,
         system=partial(our_controller, engine="python"),
     ),
-    Method(
+    row(
         name="invariantqp with h",
-        family="invariant",
         why="the same with a pitch form, which says what is attempted of a twist beyond the joints",
         takes=OUR_TAKES,
         system=pitch_law,
         shown=False,
     ),
-    Method(
+    row(
         name="[DS] Lambda",
-        family="invariant",
         why="(J'Q_h J + lambda I)^-1 J'Q_h s with lambda = 0.05 m as in [DS] (6.4), which is not always a damping",
         takes=Takes("through its damping", CANNOT, "clipped", "Lambda = 0.05 m"),
         system=paper_law,

@@ -1,7 +1,7 @@
 """One quadratic program a tick: a loop written by hand, least squares in its usual variants, levels, and scaling.
 
     minimise |A x - b|^2 + eps |x - x_p|^2 + mu |x|^2    inside the limits, with the exact rows C x = e
-    A = J, b = s with metres and radians alike;  or root J, root s at the told point with the told length
+    A = J, b = s with metres and radians alike;  or root J, root s at the given point with the given length
     eps = 1e-6, mu = 0;  or eps = 1e-9 |A|^2, mu = 1/8 dt |b - A x_0| |A|, x_0 that for mu = 0        (Sugihara)
 
 The posture x_p is zero for arms with up to six joints: eps is then the usual damping. Limits that forbid exact rows
@@ -14,6 +14,7 @@ Bemporad & Axehill 2022 (DAQP); Sugihara 2011.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import daqp
@@ -23,7 +24,7 @@ from invariantqp.compare.loop import AccelerationReach
 from invariantqp.compare.method import (
     HAND_WRITTEN,
     LEAST_SQUARES,
-    TOLD_LEAST_SQUARES,
+    SCALED_LEAST_SQUARES,
     Method,
     Question,
     Setting,
@@ -130,13 +131,13 @@ class HandWritten:
         return answer(x, "hand-written", "daqp")
 
 
-def least_squares(*, told_length: bool = False, calm: bool = False) -> Callable[[Setting], Solve]:
-    """A maker of least squares inside the limits: measured at the told point with the told length; with a mu that grows
-    with what is missed.
+def least_squares(*, given_length: bool = False, calm: bool = False) -> Callable[[Setting], Solve]:
+    """A maker of least squares inside the limits, measured at the given point with the given length; `calm` adds a mu
+    that grows with what is missed.
     """
 
     def make(setting: Setting) -> Solve:
-        root = root_at(setting.point, setting.length) if told_length else None
+        root = root_at(setting.point, setting.length) if given_length else None
         solver, eye = Daqp(), np.eye(setting.m)
 
         def velocity(tick: Question) -> Array:
@@ -217,50 +218,44 @@ def levels(setting: Setting) -> Solve:
 PLAIN = Takes("in the objective", "equality rows", "inside the QP", "weight 1e-6")
 DAMPED = Takes("in the objective", "equality rows", "inside the QP", "grows with what is missed (Sugihara 2011)")
 
+row = partial(Method, family="QP")
 METHODS = [
-    Method(
+    row(
         name=HAND_WRITTEN,
-        family="QP",
         why="Pinocchio and DAQP called one after the other in forty lines, least squares with metres and radians alike",
         takes=PLAIN,
         system=HandWritten,
         needs=("pinocchio",),
-        extra="pin",
     ),
-    Method(
+    row(
         name=LEAST_SQUARES,
-        family="QP",
         why="least squares inside the limits, metres and radians alike, as scripts write it",
         takes=PLAIN,
         make=least_squares(),
         shown=False,
     ),
-    Method(
+    row(
         name="QP with LM",
-        family="QP",
         why="the same with Levenberg and Marquardt's damping (Sugihara 2011)",
         takes=DAMPED,
         make=least_squares(calm=True),
         shown=False,
     ),
-    Method(
-        name=TOLD_LEAST_SQUARES,
-        family="QP",
+    row(
+        name=SCALED_LEAST_SQUARES,
         why="with LM, at the told point, and a radian counting as the arm's reach: the nearest to this library's law",
         takes=DAMPED,
-        make=least_squares(told_length=True, calm=True),
+        make=least_squares(given_length=True, calm=True),
     ),
-    Method(
+    row(
         name="hierarchical QP",
-        family="QP",
         why="DAQP's own strict hierarchy: limits, exact rows, twist, posture (Escande, Mansard & Wieber 2014)",
         takes=Takes("lowest level", "second level", "first level", "none"),
         make=levels,
         shown=False,
     ),
-    Method(
+    row(
         name="scaling",
-        family="QP",
         why="the largest share of the twist in its own direction inside the limits, as Drake's function does",
         takes=Takes("in what is left", "a part of the twist, with it", "inside; slows the twist down", "none"),
         make=scaling,

@@ -95,11 +95,11 @@ def _opening(results: Results) -> str:
     """What was measured."""
     rough = " This was a quick run: few states, and ticks ten times as long, but in what users meet first."
     quick = rough if results["quick"] else ""
-    told = "Every method is told the same posture, exact rows, limits, gain and feedforward."
+    equal = "Every method is told the same posture, exact rows, limits, gain and feedforward."
     counts = f"{len(results['methods'])} methods on {len(results['tasks'])} tasks; seed {results['seed']}."
     own = results.get("kinematics") == OURS
     seen = f" Pinocchio was not installed: the loops of other methods read the arm from {OURS}." if own else ""
-    return f"{counts} {told}{seen}{quick}"
+    return f"{counts} {equal}{seen}{quick}"
 
 
 def machine(results: Results) -> str:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from invariantqp.compare.method import TOLD_LEAST_SQUARES, Method
+from invariantqp.compare.method import SCALED_LEAST_SQUARES, Method
 from invariantqp.compare.registry import absent, chosen, controller_named, left_out, with_robot
 from invariantqp.compare.watched import INSIDE, Watched, figures, watched_run
 from invariantqp.errors import RobotModelError
@@ -21,7 +21,7 @@ from invariantqp.runs.taskfile import load_task, shipped_tasks
 from invariantqp.runs.trace import Trace
 
 # Chatter is measured relative to least squares that is told the same and calm, in the same run.
-YARDSTICK = TOLD_LEAST_SQUARES
+YARDSTICK = SCALED_LEAST_SQUARES
 # The last part of a run in which the arm should be at rest, as a share of it.
 TAIL = 0.1
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from invariantqp.compare.method import HAND_WRITTEN, OURS, OURS_PYTHON, PENROSE, TOLD_LEAST_SQUARES
+from invariantqp.compare.method import HAND_WRITTEN, OURS, OURS_PYTHON, PENROSE, SCALED_LEAST_SQUARES
 from invariantqp.compare.results import Results, results_of
 from invariantqp.compare.tables import figure, shown, title, worst_frame
 
@@ -55,16 +55,18 @@ def losses(results: Results) -> list[str]:
         mine, took = loops[OURS], ticks[OURS]["median_us"]
         faster = [f"{n}{_time(ticks, n)}" for n in as_good(loops) if n in ticks and ticks[n]["median_us"] < took]
         nearer = [n for n, r in loops.items() if _nearer(r["position_mm"], mine["position_mm"])]
-        told = [f"{what}: {', '.join(names)}" for what, names in (("faster", faster), ("nearer", nearer)) if names]
+        parts = [f"{what}: {', '.join(names)}" for what, names in (("faster", faster), ("nearer", nearer)) if names]
         turned = {
             n: r
             for n, r in loops.items()
             if (r["orientation_deg"] or 0.0) * AS_GOOD < (mine["orientation_deg"] or 0.0) > NOTHING
         }
         if turned:
-            told.append(f"it tilts by {_missed([mine])}; less tilted: {', '.join(turned)} ({_missed(turned.values())})")
-        if told:
-            sentences.append(f"{title(task)}, where {OURS} loses: {'; '.join(told)}.")
+            parts.append(
+                f"it tilts by {_missed([mine])}; less tilted: {', '.join(turned)} ({_missed(turned.values())})"
+            )
+        if parts:
+            sentences.append(f"{title(task)}, where {OURS} loses: {'; '.join(parts)}.")
     return sentences
 
 
@@ -132,10 +134,10 @@ def _span(values: list[float]) -> str:
 
 
 def _one_answer(results: Results) -> list[str]:
-    told = []
-    for name in (OURS, TOLD_LEAST_SQUARES, HAND_WRITTEN, PENROSE):
+    parts = []
+    for name in (OURS, SCALED_LEAST_SQUARES, HAND_WRITTEN, PENROSE):
         worst = [worst_frame(results, name, kind) for kind in ("loop", "beyond")]
         if any(change is not None for change in worst):
-            told.append(f"{name} {' · '.join(figure(change, '{:.0e}') for change in worst)}")
+            parts.append(f"{name} {' · '.join(figure(change, '{:.0e}') for change in worst)}")
     what = "Another tool frame for the same motion moves joints at most [rad], in these tasks · out of reach"
-    return [f"{what}: {', '.join(told)}."] if told else []
+    return [f"{what}: {', '.join(parts)}."] if parts else []

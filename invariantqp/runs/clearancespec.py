@@ -103,9 +103,9 @@ class Around:
     """What is around an arm in a run, and the clearance from it."""
 
     def __init__(
-        self, robot: Any, spec: ClearanceSpec, obstacles: list[ObstacleSpec], beside: Callable[[str], Any]
+        self, robot: Any, spec: ClearanceSpec, obstacles: list[ObstacleSpec], looked_up: Callable[[str], Any]
     ) -> None:
-        """Around a robot, by a task's tables; `beside` looks a robot's source up.
+        """Around a robot, by a task's tables; `looked_up` looks a robot's source up.
 
         Raises:
             BadInput, UnknownName, RobotModelError, MissingExtra: as `limits.Clearance` and `load_robot`.
@@ -114,7 +114,7 @@ class Around:
 
         self._specs = obstacles
         self.obstacles: list[Shape | OtherArm] = [
-            _arm(spec, beside, OtherArm) if spec.kind == "arm" else _shape(spec, beside) for spec in obstacles
+            _arm(spec, looked_up, OtherArm) if spec.kind == "arm" else _shape(spec, looked_up) for spec in obstacles
         ]
         bodies: dict[str, list[Shape]] | None = None
         if spec.body is not None:
@@ -142,19 +142,19 @@ class Around:
         return any(spec.end is not None or any(spec.moves) for spec in self._specs)
 
 
-def _arm(spec: ObstacleSpec, beside: Callable[[str], Any], make: Callable[..., OtherArm]) -> OtherArm:
+def _arm(spec: ObstacleSpec, looked_up: Callable[[str], Any], make: Callable[..., OtherArm]) -> OtherArm:
     place = se3.transform(se3.rotation(np.array(spec.turn)), spec.at)
-    robot = load_robot(beside(str(spec.source)), base=place)
+    robot = load_robot(looked_up(str(spec.source)), base=place)
     return make(robot, name=spec.name or "other")
 
 
-def _shape(spec: ObstacleSpec, beside: Callable[[str], Any]) -> Shape:
+def _shape(spec: ObstacleSpec, looked_up: Callable[[str], Any]) -> Shape:
     at: Array = np.array(spec.at)
     if spec.kind == "mesh":
         from invariantqp.geometry.coal import Mesh  # coal is loaded where there is a mesh
 
         place = se3.transform(se3.rotation(np.array(spec.turn)), at)
-        return Mesh(beside(str(spec.source)), place, scale=spec.scale, hull=spec.hull, name=spec.name)
+        return Mesh(looked_up(str(spec.source)), place, scale=spec.scale, hull=spec.hull, name=spec.name)
     if spec.kind == "sphere":
         return Sphere(at, spec.radius or 0.0, name=spec.name)
     if spec.kind == "capsule":

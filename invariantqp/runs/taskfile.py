@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import sys
+from functools import partial
 from importlib import resources
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal
@@ -84,7 +85,7 @@ class RobotSpec(Section):
             RobotModelError, UnknownName, MissingExtra: as `invariantqp.load_robot`.
         """
         if self.screws is None:
-            return load_robot(self.beside(folder), self.tool, self.joints)
+            return load_robot(_looked_up(self.source, folder), self.tool, self.joints)
         if self.tool is not None:
             raise BadInput("tool", repr(self.tool), "none with joint screws", "Their tool is at tool_point.")
         return Chain(
@@ -96,10 +97,11 @@ class RobotSpec(Section):
             tool="tool_point",
         )
 
-    def beside(self, folder: FilePath | None) -> str | FilePath:
-        """The source: the file of that name beside the task file if there is one."""
-        beside = None if folder is None else folder / str(self.source)
-        return beside if beside is not None and beside.is_file() else str(self.source)
+
+def _looked_up(source: str | None, folder: FilePath | None) -> str | FilePath:
+    """A source: the file of that name beside the task file, if there is one; else as it is."""
+    file = None if folder is None else folder / str(source)
+    return file if file is not None and file.is_file() else str(source)
 
 
 if sys.version_info >= (3, 11):
@@ -248,7 +250,7 @@ class Task(Section):
         """
         if self.robot.source is None:
             raise BadInput("physics", "a robot from joint screws", "one from a URDF", "Screws have no masses.")
-        return urdf_of(self.robot.beside(self._folder))
+        return urdf_of(_looked_up(self.robot.source, self._folder))
 
     def load_robot(self, tool: str | None = None) -> Robot:
         """The task's robot, to another tool frame where one is named.
@@ -274,12 +276,8 @@ class Task(Section):
         """
         if self.clearance is None and not self.obstacle:
             return None
-
-        def beside(source: str) -> FilePath | str:
-            file = None if self._folder is None else self._folder / source
-            return file if file is not None and file.is_file() else source
-
-        return Around(robot, self.clearance or ClearanceSpec(), self.obstacle, beside)
+        looked_up = partial(_looked_up, folder=self._folder)
+        return Around(robot, self.clearance or ClearanceSpec(), self.obstacle, looked_up)
 
     def start(self) -> Array:
         """(m,) joint positions at the start."""
