@@ -252,7 +252,7 @@ def follow(
     memory: Array,
     twist: Array | None,
     late: bool,
-    over: float,
+    ease: float,
     time: float,
     q: Any,
     sent: Array,

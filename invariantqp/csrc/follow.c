@@ -70,10 +70,10 @@ static bool commanded(const Course *course, int j, double q, double off, double 
     return true;
 }
 
-/* follow(course, loop, memory, twist, late, over, time, q, sent, position, velocity, acceleration, command before):
+/* follow(course, loop, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command before):
    position, velocity, acceleration and command after the tick, q as an array, the source's last column before and after,
    whether the joints are late, and how they stop being it, a residual and how long it takes, or None; or None where Python
-   has to answer, or to say what is wrong with q. Late joints look for a splice that takes `over`, unless that is 0. */
+   has to answer, or to say what is wrong with q. Late joints look for a splice that takes `ease` or more, unless that is 0. */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -82,7 +82,7 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     Path now = {{0.0}}, then = {{0.0}};
     double twist[6], splices[6 * MOST], taken = 0.0;
     static const char *const USE =
-        "follow(course, loop, memory, twist, late, over, time, q, sent, position, velocity, acceleration, command)";
+        "follow(course, loop, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command)";
     if (count != 13 || !course_of(arguments[0], &course))
         return refused(USE);
     const Loop *loop = loop_of(arguments[1]);
@@ -92,7 +92,7 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     bool by_twist = arguments[3] != Py_None, shape = course.shape;
     if (kept == NULL || loop->joints != m || (!by_twist && course.powers == 0))
         return refused(USE);
-    double over = PyFloat_AsDouble(arguments[5]), time = PyFloat_AsDouble(arguments[6]), dt = limits->dt, after = time + dt;
+    double ease = PyFloat_AsDouble(arguments[5]), time = PyFloat_AsDouble(arguments[6]), dt = limits->dt, after = time + dt;
     bool good = !PyErr_Occurred() && vector(arguments[7], m, q) && vector(arguments[8], m, sent) &&
                 vector(arguments[9], m, position) && vector(arguments[10], m, velocity) &&
                 vector(arguments[11], m, acceleration) && vector(arguments[12], m, command) &&
@@ -102,14 +102,14 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
         good = fabs(sent[j] - q[j]) <= course.head[STRAY];
     if (!good)
         Py_RETURN_NONE;
-    if (late && over > 0.0) {
+    if (late && ease > 0.0) {
         double state[3 * MOST];
         for (int j = 0; j < m; j++) { /* of the motion through the ends of the last three ticks */
             state[j] = position[j];
             state[m + j] = velocity[j] + 0.5 * dt * acceleration[j];
             state[2 * m + j] = acceleration[j];
         }
-        taken = shortest_splice(&course, time, state, over, NULL, splices);
+        taken = shortest_splice(&course, time, state, ease, NULL, splices);
         late = taken == 0.0;
     }
     if (by_twist) {

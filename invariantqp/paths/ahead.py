@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from invariantqp.control.controller import Controller
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.asked import Way, way_to
 from invariantqp.paths.curve import Curve
+from invariantqp.paths.task_error import TaskError, task_error
 from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.law import Demand
@@ -144,11 +144,11 @@ class KnotFinder:
             slope = self._bent(curve, at, q, slope, self._answer(q, seen, error, 1.0, None))
         return Knot(at, q, slope, size, _ratio(seen))
 
-    def _corrected(self, q: Array, target: Any, close: float) -> tuple[Array, Way, float]:
+    def _corrected(self, q: Array, target: Any, close: float) -> tuple[Array, TaskError, float]:
         """Joint positions with the tool on its target, or near it; the arm there, and how far off it is."""
         box = self._controller.box
         at_limit = (q <= box.position_lower) | (q >= box.position_upper)
-        seen = way_to(self._controller, q, target)
+        seen = task_error(self._controller, q, target)
         size = seen.off
         given = q, seen, size
         if not self._stops and (size > close * self._length or _ratio(seen) < PASSING.threshold):
@@ -163,7 +163,7 @@ class KnotFinder:
                 back = seen.part.dot(back)
                 still = at_limit if k < CORRECTIONS // 2 else None
             q = q + solve(self._back, self._demand(q, seen, back, 1.0, None, still)).velocity
-            seen = way_to(self._controller, q, target)
+            seen = task_error(self._controller, q, target)
             size = seen.off
         return (q, seen, size) if self._stops or size <= ON_PATH * self._length else given
 
@@ -179,7 +179,7 @@ class KnotFinder:
         target = self._controller.robot.target(curve.pose(at + ahead))
         for _ in range(CORRECTIONS):
             there = q + ahead * slope
-            seen = way_to(self._controller, there, target)
+            seen = task_error(self._controller, there, target)
             change = (self._answer(there, seen, seen.error, 1.0, None) - here) / ahead
             slope = slope + change
             if float(np.abs(change).max()) <= PROBED * float(np.abs(slope).max()):
@@ -195,7 +195,7 @@ class KnotFinder:
             self._pace = float((np.abs(before) / self._speed).max())
         return pull * self._pace
 
-    def _answer(self, q: Array, seen: Way, twist: Array, h: float, posture: Array | None) -> Array:
+    def _answer(self, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None) -> Array:
         """The law's answer (m,) for a twist, such that q + h x is inside the position limits."""
         demand = self._demand(q, seen, twist, h, posture)
         if demand.exact is None or self._stops:
@@ -205,7 +205,7 @@ class KnotFinder:
     def _demand(
         self,
         q: Array,
-        seen: Way,
+        seen: TaskError,
         twist: Array,
         h: float,
         posture: Array | None,
@@ -237,7 +237,7 @@ class KnotFinder:
         return x + t * solve(self._law, alone._replace(root=weighted)).velocity if t > 0.0 else x
 
 
-def _ratio(seen: Way) -> float:
+def _ratio(seen: TaskError) -> float:
     """The smallest singular value of the measured joint twists over the largest."""
     sigma = np.linalg.svd(seen.root.dot(seen.sighting.J), compute_uv=False)
     return float(sigma[-1] / sigma[0]) if sigma[0] > 0.0 else 0.0

@@ -12,12 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput
 from invariantqp.force.contact import contact_now
 from invariantqp.force.control import HybridController, HybridSolution
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.asked import way_to
 from invariantqp.paths.shape import (
     ASTRAY,
     AT_END,
@@ -30,6 +28,7 @@ from invariantqp.paths.shape import (
     Shape,
     Told,
 )
+from invariantqp.paths.task_error import task_error
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.solution import Status
 
@@ -83,25 +82,6 @@ class Pressed:
         paused: bool,
     ) -> tuple[HybridSolution, Told]:
         """A tick from a time on, from q (m,) and the velocity (m,) before; `given` are wrench, contact and wanted."""
-        kept = shape.motion, shape.plan
-        try:
-            return self._tick(shape, q, before, time, override, given, paused=paused)
-        except BadInput:  # the follower is as it was
-            shape.motion, shape.plan = kept
-            raise
-
-    def _tick(
-        self,
-        shape: Shape,
-        q: Array,
-        before: Array,
-        time: float,
-        override: float,
-        given: tuple[Any, Contact | None, ArrayLike | Wrench | None],
-        *,
-        paused: bool,
-    ) -> tuple[HybridSolution, Told]:
-        """The same."""
         hybrid, loop, curve = self.hybrid, self.hybrid.loop, shape.given.curve
         wrench, contact, wanted = given
         here = contact_now(hybrid.task, hybrid.robot.pose(q), contact)
@@ -179,7 +159,7 @@ class Pressed:
     def _beside(self, shape: Shape, q: Array, contact: Contact) -> Beside:
         """Where the tool of q (m,) is, seen along S."""
         hybrid, loop, curve, plan = self.hybrid, self.hybrid.loop, shape.given.curve, shape.plan
-        way = way_to(loop, q, loop.robot.target(curve.pose(self._place)))
+        way = task_error(loop, q, loop.robot.target(curve.pose(self._place)))
         P = hybrid.splits.at(contact, hybrid.robot.pose(q)).projectors.motion
         R = way.rows.dot(contact.adjoint).dot(P).dot(contact.coadjoint.T)
         error = R.dot(way.error)

@@ -55,20 +55,17 @@ RISE = 0.02
 EASE, EASE_SAMPLE = 0.3, 0.1
 # A clock that differs by more than this from the sum of the ticks [s] has jumped.
 SKEW = 0.02
-# Stands for no acceleration limit: a joint may change its speed, or this one [rad/s, length/s], so often in a tick.
-AT_ONCE, FASTEST = 4.0, 1e3
-# Joints that catch up look so often whether they can go over [s].
+# Where there is no acceleration limit a joint may turn round in a tick, one without a speed limit from this speed
+# [rad/s, length/s].
+FASTEST = 1e3
+# Joints that catch up look so often whether they can go over [s]; in every tick, one under a tool speed costs three.
 RETRY = 0.01
 # A function of time is looked ahead so far [s], at places so far apart [s], and again when half of that is driven.
 AHEAD, SAMPLING = 1.0, 0.02
-# A hand whose joints would be faster than this many times their limits has leapt.
-LEAP = 1.01
 # Stamps this far [s] from the follower's clock are of another clock.
 ANOTHER_CLOCK = 1.0
 # Samples that are taken in a tick at most: the newest. Points that are planned through at once.
 MOST_WAITING, MOST_POINTS = 8, 96
-# Points so far behind the arm, times 1 / cutoff, are kept for smoothing.
-BEHIND = 1.0
 # The largest override of a path whose shape is kept.
 MOST_OVERRIDE = 1.5
 # Why joints catch up.
@@ -131,7 +128,7 @@ class Follower:
             raise BadInput("loop", "one without an acceleration limit", "Controller(acceleration_limit=...)")
         self.controller = loop
         self._m = m = len(loop.robot.names)
-        self._limits = _limits_of(loop, jerk, rise=RISE if keep == "time" else loop.dt / AT_ONCE)
+        self._limits = _limits_of(loop, jerk, rise=RISE if keep == "time" else 0.5 * loop.dt)
         self.jerk: Array = self._limits.jerk
         self._options: dict[str, Any] = {
             "joint_jerk": np.full(m, inf) if jerk is None else self.jerk,
@@ -432,14 +429,14 @@ class Follower:
         reference, numbers, _ = course
         time, sent, shape, loop = self._time, self._sent, self._shape, self.controller
         shown = sent[0] if begun or len(sent) < (sent.maxlen or 0) else [*sent, self._q][1]
-        over = EASE if self._looks_over else 0.0
+        ease = EASE if self._looks_over else 0.0
         found = core.follow(  # type: ignore[union-attr]
             numbers,
             loop.compiled,
             loop.kept,
             self._twist,
             self._late,
-            over,
+            ease,
             time,
             q,
             shown,
@@ -453,7 +450,7 @@ class Follower:
         if not begun:
             sent.append(self._q)
         self._q, self._v, self._a, self._command, measured, before, after, late, way = found
-        if over:
+        if ease:
             self._retry = time + RETRY
         if way is not None:
             reference.joins(time, *way)
@@ -542,7 +539,12 @@ class Follower:
         """A tick along a path in contact."""
         shape, before = self._kept_shape("step"), self._command if moving is None else moving
         time = self._time if clock is None else clock
-        answer, told = pressed.step(shape, measured, before, time, override, given, paused=self.paused)
+        kept = shape.motion, shape.plan
+        try:
+            answer, told = pressed.step(shape, measured, before, time, override, given, paused=self.paused)
+        except BadInput:  # the follower is as it was
+            shape.motion, shape.plan = kept
+            raise
         self._time, self._command = time + self.controller.dt, answer.velocity
         return FollowerSolution(answer.velocity, *told, hybrid=answer)
 
@@ -725,7 +727,7 @@ class Follower:
             return
         if self._given is not None and stamps[0] < self._given[1][0] and stamps[-1] <= self._given[1][-1]:
             return  # newer points came before these
-        kept = stamps > now - (BEHIND / self.cutoff if smooth else AHEAD)
+        kept = stamps > now - (1.0 / self.cutoff if smooth else AHEAD)
         kept[-min(3, len(kept)) :] = True
         if kept.sum() > MOST_POINTS:  # the rest when half of these are driven
             first = int(kept.argmax())
@@ -760,7 +762,7 @@ class Follower:
             self._newest = given, joint, when
             window = self._source
             leap = before is not None and bool(
-                (np.abs(joint - before[1]) > LEAP * self._limits.velocity * (when - before[2])).any()
+                (np.abs(joint - before[1]) > self._limits.velocity * (when - before[2])).any()
             )
             if not isinstance(window, Window) or gap or leap:
                 late = window.transport if isinstance(window, Window) else max(now - when, 0.0)
@@ -963,7 +965,7 @@ def _limits_of(loop: Controller, jerk: ArrayLike | None, rise: float) -> JointLi
         BadInput: no jerk limits.
     """
     m, speed = len(loop.robot.names), loop.box.velocity_limit
-    acceleration = AT_ONCE * np.minimum(speed, FASTEST) / loop.dt
+    acceleration = 2.0 * np.minimum(speed, FASTEST) / loop.dt
     if loop.braking is not None:
         acceleration = np.minimum(loop.braking.acceleration, acceleration)
     limits = acceleration / rise

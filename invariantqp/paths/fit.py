@@ -22,7 +22,7 @@ from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.asked import way_to
+from invariantqp.paths.task_error import task_error
 from invariantqp.pose.ik import PoseSearch
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.law import Demand
@@ -196,7 +196,7 @@ class Solver:
 
     def _off(self, target: Array, q: Array) -> float:
         """How far the tool at q (m,) is off what is asked of a pose, in the measure."""
-        return way_to(self._loop, q, self._loop.robot.target(target)).off
+        return task_error(self._loop, q, self._loop.robot.target(target)).off
 
     def _missed(self, found: Any) -> float:
         """How far a solution is from what is asked of the pose [length]; a turn counts as in the loop's measure."""

@@ -35,7 +35,7 @@ from invariantqp.velocity.limits import braking_speed
 BOUNDLESS = 1e30
 # Shares of the velocity and acceleration limits that a path is driven at; feedback needs the rest.
 VELOCITY_SHARE = 0.998
-ACCELERATION_SHARE = 0.97
+ACCELERATION_SHARE = 0.98
 # Below this share of its top speed, what rules at a knot is the acceleration needed elsewhere.
 RULED = 1.0 - 1e-6
 ACCELERATION, ON_TIME = "acceleration", "the rate asked for"

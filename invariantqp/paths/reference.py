@@ -34,6 +34,8 @@ DISPLACED, STRAYED = 0.2, 0.02
 SHORTEST_STOP, LONGEST_STOP, STOPS, TURNS = 4.0, 12.0, 10, 64
 # Changes of a clock's rate take at most this [s], are checked at so many places, and keep this share of the limits.
 LONGEST_TURN, PLACES_TURN, TURN_SHARE = 4.0, 41, 0.999
+# How long such a change may wait for joints that brake [s].
+WAITS = (0.0, 0.02, 0.05, 0.1, 0.2)
 # The window over a hand's samples reaches this far to each side, times one over the cutoff: 65 ms at 4 Hz.
 WINDOW = 0.26
 # Samples that a window keeps at most, and the share of its width nearer than which two are one.
@@ -301,19 +303,34 @@ class Clocked(NamedTuple):
         )
 
     def turned(self, time: float, final: float, limits: JointLimits) -> Clocked:
-        """The same with a clock that goes over to another rate as soon as limits of all columns allow."""
-        here = self.clock.now(time)
+        """The same with a clock that goes over to another rate, and has it as soon as limits of all columns allow.
+
+        Joints that brake at their limit already cannot stop sooner: a steady clock then goes on till there is room.
+        """
+        place, rate, slope = self.clock.now(time)
+        best, soonest = None, inf
+        for wait in WAITS if slope == 0.0 else WAITS[:1]:
+            if wait >= soonest:
+                break
+            clock = Clock(time + wait, place + rate * wait, rate, slope, final)
+            D, worst = self._turn(clock, limits)
+            if best is None or (worst <= TURN_SHARE and wait + D < soonest):
+                best = clock._replace(duration=D)
+                soonest = wait + D if worst <= TURN_SHARE else inf
+        return self._replace(clock=best or self.clock)
+
+    def _turn(self, clock: Clock, limits: JointLimits) -> tuple[float, float]:
+        """The shortest change of rate that keeps the limits, or else that with the least excess; its share of them."""
         D = np.geomspace(SHORTEST_STOP * limits.dt, LONGEST_TURN, TURNS)[:, None]
-        times = time + np.linspace(0.0, 1.0, PLACES_TURN) * D
-        whole = self._replace(clock=Clock(time, *here, final, D))
-        place, rate, slope, bend = (x.ravel()[:, None] for x in whole.clock.at(times))
+        times = clock.start + np.linspace(0.0, 1.0, PLACES_TURN) * D
+        place, rate, slope, bend = (x.ravel()[:, None] for x in clock._replace(duration=D).at(times))
         r = self.source.at(place[:, 0])
         v, a, j = r[:, 1], r[:, 2], r[:, 3]
         jerk = rate**3 * j + 3.0 * rate * slope * a + bend * v
         worst = limits.ratio(r[:, 0], rate * v, rate**2 * a + slope * v, jerk).reshape(times.shape).max(axis=1)
         # What it was going to do anyway is not to be made worse.
-        fits = np.flatnonzero(worst <= max(TURN_SHARE, 1.0001 * float(worst.min())))
-        return self._replace(clock=Clock(time, *here, final, float(D[fits[0], 0])))
+        i = int((worst <= max(TURN_SHARE, 1.0001 * float(worst.min()))).argmax())
+        return float(D[i, 0]), float(worst[i])
 
 
 class Reference:

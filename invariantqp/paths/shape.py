@@ -21,10 +21,10 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.ahead import OFF_PATH, JointPath
-from invariantqp.paths.asked import Way, way_to
 from invariantqp.paths.curve import GivenPath, given_path
 from invariantqp.paths.plan import ON_TIME, PathPlan, plan_of
 from invariantqp.paths.reference import Clock, Clocked
+from invariantqp.paths.task_error import TaskError, task_error
 from invariantqp.paths.time_law import JointLimits
 from invariantqp.velocity.solution import Status
 
@@ -127,7 +127,7 @@ class Shape:
     def set_out(self, q: Array, before: Array) -> tuple[Array, Told]:
         """A tick of the way to the path's start, and of looking along it: the joint velocity (m,), and what is told."""
         loop, dt = self._loop, self._loop.dt
-        off = way_to(loop, q, self._goal).off
+        off = task_error(loop, q, self._goal).off
         if self._search is None and off > AT_PLACE * self._length:
             answer = loop.step(q, self._goal, velocity=before)
             still = self._stands(answer.velocity)
@@ -348,9 +348,9 @@ class Shape:
         moved = way.rows.dot(way.sighting.J.dot(command))
         return way.off + self._loop.dt * float(np.linalg.norm(moved)) <= self._tolerance
 
-    def way(self, q: Array, at: float) -> Way:
+    def way(self, q: Array, at: float) -> TaskError:
         """The way from joint positions (m,) to the path at a place of its curve."""
-        return way_to(self._loop, q, self._loop.robot.target(self.given.curve.pose(at)))
+        return task_error(self._loop, q, self._loop.robot.target(self.given.curve.pose(at)))
 
     def across(self, q: Array, at: float) -> float:
         """How far the tool at q (m,) is off the path near a place: in what is asked; all of it where joints are few."""

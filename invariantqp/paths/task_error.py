@@ -1,4 +1,4 @@
-"""What of a twist is asked of an arm: its exact rows, or what its joints can do, or all of it.
+"""How far an arm is from a target in what is asked of it: its exact rows, or what its joints can do, or all of it.
 
 |R s|     the size, in the measure, of the part of a twist s that the arm is to do
 
@@ -26,13 +26,13 @@ ROW_RATIO = 1e-10
 AT_REST = np.zeros(6)
 
 
-class Way(NamedTuple):
+class TaskError(NamedTuple):
     """The arm before a target, and the way there."""
 
     sighting: Sighting  # of the arm
     root: Array  # (6, 6) of the measure
     demands: ExactRows | None  # the exact rows, which ask for their own error; None where there are none
-    rows: Array  # (k, 6) what is asked, in the measure
+    rows: Array  # (k, 6) R, what is asked, orthonormal in the measure
     part: Array  # (6, 6) the projector on what exact rows ask for
     error: Array  # (6,) the twist that leads to the target
 
@@ -43,40 +43,25 @@ class Way(NamedTuple):
         return sqrt(float(off.dot(off)))
 
 
-def way_to(controller: Controller, q: Array, target: Any) -> Way:
-    """The way to a target from joint positions q (m,)."""
+def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
+    """Before a target, at joint positions q (m,).
+
+    With exact demands their part of the twist is asked; the rest is least squares, and may stray. Fewer than six joints
+    are asked for the twists that they can do.
+    """
     robot = controller.robot
     sighting = robot.sight(q, target)
     root, error = controller.measure.root_for(sighting.J, sighting.pose), sighting.error
-    if not controller.exact:
-        return Way(sighting, root, None, asked(controller, sighting, root), np.eye(6), error)
-    demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, AT_REST))
-    rows, back, weights = measured_rows(demands, root)
-    if demands.of_twist is not None:
-        error = error + back.dot((demands.b - demands.of_twist.dot(error)).dot(weights))
-    return Way(sighting, root, demands, rows, back.dot(rows), error)
-
-
-def asked(controller: Controller, sighting: Sighting, root: Array) -> Array:
-    """(k, 6) R, orthonormal rows in the measure, whose root (6, 6) is given.
-
-    With exact demands it is their part of the twist; the rest is least squares, and may stray. Fewer than six joints
-    are asked for the twists that they can do.
-    """
     if controller.exact:
-        view = View(controller.robot, sighting, sighting.pose, 0.0, AT_REST)
-        return measured_rows(rows_of(controller.exact, view), root).rows
-    if sighting.J.shape[1] >= 6:
-        return root
-    # All of them, however weak: at the edge of its reach an arm is still asked to go on.
-    R: Array = np.linalg.svd(root.dot(sighting.J), full_matrices=False)[0].T.dot(root)
-    return R
-
-
-def asked_part(rows: Array, root: Array) -> Array:
-    """(6, 6) the projector on the part of a twist that rows of `asked` (k, 6) ask for; the rest is orthogonal to it."""
-    part: Array = np.linalg.solve(root, np.linalg.solve(root.T, rows.T)).dot(rows)
-    return part
+        demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, AT_REST))
+        rows, back, weights = measured_rows(demands, root)
+        if demands.of_twist is not None:
+            error = error + back.dot((demands.b - demands.of_twist.dot(error)).dot(weights))
+        return TaskError(sighting, root, demands, rows, back.dot(rows), error)
+    asked = root
+    if sighting.J.shape[1] < 6:  # all of them, however weak: at the edge of its reach an arm is still asked to go on
+        asked = np.linalg.svd(root.dot(sighting.J), full_matrices=False)[0].T.dot(root)
+    return TaskError(sighting, root, None, asked, np.eye(6), error)
 
 
 class MeasuredRows(NamedTuple):
