@@ -16,9 +16,9 @@ from invariantqp.batches.namespace import Namespace, Rows, constant_of, joined, 
 from invariantqp.batches.objective import Least, damped_least_squares
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
-from invariantqp.velocity.damping import Adaptive, Damping, Fixed, damping_of
+from invariantqp.velocity.damping import PROGRESS_SHARE, Adaptive, Damping, Fixed, damping_of
 from invariantqp.velocity.qp import ROUNDING
-from invariantqp.velocity.report import MISSED, PRODUCT_ROUNDING, PROGRESS_SHARE
+from invariantqp.velocity.report import MISSED, PRODUCT_ROUNDING
 
 # What the numbers in `Velocities.status` mean.
 STATUSES = ("ok", "limited", "held")

@@ -41,7 +41,6 @@ from invariantqp.velocity.damping import (
     DEVIATION_SHARE,
     QUIET_SHARE,
     UNLIMITED_CEILING,
-    UNLIMITED_THRESHOLD,
     Adaptive,
     Fixed,
 )
@@ -186,7 +185,6 @@ def _damped(
         one = xp.ones_like(top)
         threshold, ceiling = one * policy.threshold, one * policy.ceiling
         if damping is None:
-            threshold = xp.where(limited, threshold, one * UNLIMITED_THRESHOLD)
             ceiling = xp.where(limited, ceiling, one * UNLIMITED_CEILING)
         ceiling = xp.maximum(ceiling, one * SINGLE_CEILING) if single else ceiling
         c, t = ceiling * ceiling, threshold * threshold

@@ -28,10 +28,10 @@ double worth(const Demand *demand, const Row A[6], const double wanted[6])
         nearer += fmax(pull * fmax(demand->chase.lower[j], -fastest), pull * fmin(demand->chase.upper[j], fastest));
         sum += sqrt(square) * fastest;
     }
-    double least = WORTH_SHARE * norm(6, wanted) * sum;
+    double least = PROGRESS_SHARE * norm(6, wanted) * sum;
     if (nearer > least)
-        return fmax(1.0 - least / nearer * (least / nearer), WORTH_SHARE);
-    return least == 0.0 ? 1.0 : WORTH_SHARE;
+        return fmax(1.0 - least / nearer * (least / nearer), PROGRESS_SHARE);
+    return least == 0.0 ? 1.0 : PROGRESS_SHARE;
 }
 
 double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt)

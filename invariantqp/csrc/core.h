@@ -315,7 +315,6 @@ extern const Constant CONSTANTS[];
 #define FREE_WEIGHT 3e-10
 #define CALM 0.25
 #define DEVIATION_SHARE 0.25
-#define WORTH_SHARE 1e-4
 #define QUIET_SHARE 1e-9
 #define FEASIBLE 1e-9
 #define COSINE_ROUNDING 1e-13

@@ -19,7 +19,7 @@ speeds, so such ticks are unchanged.
 Where joints at full speed hardly bring the tool nearer to its target, mu is ten thousand times that, and they rest:
 
     kappa = max b'A x / (|b| sum of |A_i| v_i),  |x_i| <= v_i and inside the position limits
-    mu / max(1 - (share / kappa)^2, share),   share = WORTH_SHARE
+    mu / max(1 - (share / kappa)^2, share),   share = PROGRESS_SHARE
 
 Reference: Sugihara 2011 (Levenberg-Marquardt, damping by the residual).
 """
@@ -47,7 +47,6 @@ from invariantqp.geometry.se3 import norm
 DEFAULT_THRESHOLD = 1e-2
 DEFAULT_CEILING = 2e-3
 # Where some joint has no velocity limit, damping alone bounds its speed: 50 times that of the strongest direction.
-UNLIMITED_THRESHOLD = 1e-2
 UNLIMITED_CEILING = 1e-2
 # Measured on the stability problems and random tasks (`examples/14_defaults.py`): with 1 loops come to rest but slowly;
 # with 0.25 they come to rest too, and arrive as fast as without this damping.
@@ -55,9 +54,10 @@ CALM = 0.25
 # Share of dt |A| |x|^2 that is compared with the twist. 0.5 is the largest possible deviation; measured: 0.25 loses no
 # accuracy with long ticks, and loops come to rest as well.
 DEVIATION_SHARE = 0.25
-# Joints that bring the tool nearer by less than this share of what they move it rest: out of reach some would turn for
-# minutes, for a tenth of a millimetre. Measured: with 1e-3 some arms no longer leave a singularity, with 1e-4 all do.
-WORTH_SHARE = 1e-4
+# A velocity that achieves less than this share of the twist makes no progress; and joints rest that bring the tool
+# nearer by less than this share of what they move it: out of reach some would turn for minutes, for a tenth of a
+# millimetre. Measured: with 1e-3 some arms no longer leave a singularity, with 1e-4 all do.
+PROGRESS_SHARE = 1e-4
 # mu below this share of |A|^2 changes no digit that matters; it is subtracted, so that mu sets in without a jump.
 QUIET_SHARE = 1e-9
 
@@ -243,7 +243,7 @@ def damping_of(damping: Damping | PaperLambda | float | None, *, limited: bool) 
         BadInput: neither a number nor a policy.
     """
     if damping is None:
-        return Adaptive() if limited else Adaptive(UNLIMITED_THRESHOLD, UNLIMITED_CEILING)
+        return Adaptive() if limited else Adaptive(ceiling=UNLIMITED_CEILING)
     if isinstance(damping, (Damping, PaperLambda)):
         return damping
     if isinstance(damping, bool) or not isinstance(damping, Real):
@@ -276,5 +276,7 @@ def worth(A: Array, wanted: Array, lower: Array, upper: Array, fastest: Array) -
     """
     pull, sizes = wanted.dot(A), np.sqrt((A * A).sum(axis=0))
     nearer = float(np.maximum(pull * np.maximum(lower, -fastest), pull * np.minimum(upper, fastest)).sum())
-    least = WORTH_SHARE * norm(wanted) * float(sizes.dot(fastest))
-    return max(1.0 - (least / nearer) ** 2, WORTH_SHARE) if nearer > least else 1.0 if least == 0.0 else WORTH_SHARE
+    least = PROGRESS_SHARE * norm(wanted) * float(sizes.dot(fastest))
+    if nearer <= least:
+        return PROGRESS_SHARE if least > 0.0 else 1.0
+    return max(1.0 - (least / nearer) ** 2, PROGRESS_SHARE)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
+from invariantqp.velocity.damping import PROGRESS_SHARE
 from invariantqp.velocity.exact import Reduction
 from invariantqp.velocity.law import Demand
 from invariantqp.velocity.limits import LimitRows
@@ -38,8 +39,6 @@ GROWING = 0.01
 WHOLE_SPEED = 1.0 - 1e-6
 # A motion of an exact row below this share of the joints' is none: regularising leaves 1e-9 of it.
 BESIDE_TOLERANCE = 1e-6
-# A velocity that achieves less than this share of the twist makes no progress.
-PROGRESS_SHARE = 1e-4
 
 
 def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array | None) -> VelocitySolution:
