@@ -12,7 +12,7 @@ QUIET = 1e-4  # rad/s
 # Simulated time after which the last of the creep to the optimum is below that [s]: seven joints have a slow direction.
 ARMS = {
     "panda": ([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8], 40.0),
-    "ur5": ([0.0, -1.2, 1.6, -0.6, -1.2, 0.3], 30.0),  # limits slow a chase of 15 m/s down, near the end too
+    "ur5": ([0.0, -1.2, 1.6, -0.6, -1.2, 0.3], 40.0),  # limits slow a chase of 15 m/s down, near the end too
     "so101": ([0.0, -0.4, 0.5, 0.6, 0.0], 15.0),
 }
 
