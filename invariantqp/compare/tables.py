@@ -151,20 +151,9 @@ def information(results: Results) -> Table:
 def listed(results: Results, kind: str) -> Table:
     """Every number that a measurement found, one row for each task and method."""
     found = results_of(results, kind)
-    keys = list(dict.fromkeys(key for result in found.values() for key, _ in _numbers(result)))
-    rows = []
-    for (task, method), result in found.items():
-        have = dict(_numbers(result))
-        rows.append([method, title(task), *(figure(have.get(key), "{:.3g}") for key in keys)])
+    keys = list(dict.fromkeys(key for result in found.values() for key in result))
+    rows = [
+        [method, title(task), *(figure(result.get(key), "{:.3g}") for key in keys)]
+        for (task, method), result in found.items()
+    ]
     return Table(("method", "task", *keys), rows)
-
-
-def _numbers(result: dict[str, Any], before: str = "") -> list[tuple[str, float | None]]:
-    """(name, number) of every figure of a result; names of inner results come first in the name."""
-    found: list[tuple[str, float | None]] = []
-    for key, value in result.items():
-        if isinstance(value, dict):
-            found += _numbers(value, f"{before}{key} ")
-        elif value is None or (isinstance(value, (int, float)) and not isinstance(value, bool)):
-            found.append((before + key, value))
-    return found

@@ -268,3 +268,14 @@ def test_a_method_that_is_not_installed_says_what_it_needs(monkeypatch):
     assert left_out("damped") == []
     with pytest.raises(BadInput, match=r"mink, which needs mink and mujoco; .* Run: pip install 'mink>="):
         chosen(["mink"])
+
+
+def test_exact_rows_that_limits_forbid_are_slowed_down_by_halves():
+    J, s = problem(5, 6)
+    row = np.zeros((1, 6))
+    row[0, 0] = 1.0
+    make = ROWS["least-squares QP"].make(Setting(6, 0.01, np.zeros(3), 0.5))
+    for wanted, share in ((0.9, 1.0), (1.5, 0.5), (3.9, 0.25), (7.9, 0.125), (9.0, 0.0)):
+        x = make(Question(J, s, -np.ones(6), np.ones(6), np.zeros(6), row, np.array([wanted]), np.zeros(6)))
+        assert x[0] == pytest.approx(share * wanted, abs=1e-9)
+        assert (np.abs(x) <= 1.0 + 1e-9).all()

@@ -119,3 +119,21 @@ def test_geometry_that_cannot_be_read_is_told_when_it_is_asked_for(tmp_path):
     wrong.write_text("<mujoco/>")
     with pytest.raises(iq.errors.RobotModelError, match="<robot> of an SRDF"):
         disabled(wrong)
+
+
+def test_meshes_and_balls_of_an_mjcf():
+    corners = np.array([(x, y, z) for x in (0.0, 0.3) for y in (-0.04, 0.04) for z in (-0.04, 0.04)])
+    vertices = " ".join(map(str, corners.ravel()))
+    found = bodies_of(
+        iq.load_robot(
+            f"""<mujoco><asset><mesh name="bar" vertex="{vertices}"/></asset><worldbody>
+            <body name="a"><joint name="j1" axis="0 0 1"/><geom type="mesh" mesh="bar"/>
+            <body name="b" pos=".3 0 0"><joint name="j2" axis="0 1 0"/><geom type="sphere" size=".05" pos=".1 0 0"/>
+            </body></body></worldbody></mujoco>""",
+            velocity_limit=1.0,
+        )
+    )
+    (bar,), (ball,) = found["a"], found["b"]
+    assert off(bar, corners).max() < 1e-6
+    assert bar.radius < 0.06
+    assert (ball.radius, ball.place[:3, 3].tolist()) == (0.05, [0.1, 0.0, 0.0])
