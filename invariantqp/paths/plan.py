@@ -222,10 +222,10 @@ def _averaged(plan: Motion, window: float) -> tuple[Array, Array]:
     places, speed = r[:, 0, -1], r[:, 1, -1]
     wait = max(round(window / step), 1)
     rests = speed <= REST * speed.max()
-    begins = np.flatnonzero(rests & ~np.append(False, rests[:-1]))
+    at_rest = np.flatnonzero(rests)
     counts = np.ones(len(times), dtype=np.intp)
-    counts[begins] += wait
-    counts[-1] += wait
+    for run in np.split(at_rest, np.flatnonzero(np.diff(at_rest) > 1) + 1):
+        counts[run[speed[run].argmin()]] += wait  # once in each rest, where it is slowest
     places = np.repeat(places, counts)
     total = np.concatenate(((0.0,), np.cumsum(0.5 * (places[1:] + places[:-1]))))
     averaged: Array = (total[wait:] - total[:-wait]) / wait

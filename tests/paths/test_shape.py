@@ -76,3 +76,29 @@ def test_a_path_that_an_arm_leaves_and_rejoins_ends(dt):
             break
     assert told.status in ("done", "blocked")
     assert min(np.diff(came)) >= 0.0
+
+
+def quickest(way, V, A, J):
+    """The least time from rest to rest along a line, inside limits of speed, acceleration and jerk: an S-curve."""
+    A, V = min(A, np.sqrt(J * V)), min(V, np.cbrt(0.25 * J * way * way))  # neither is reached
+    A = min(A, np.sqrt(J * V))
+    if way >= V * (V / A + A / J):
+        return way / V + V / A + A / J
+    b = A * A / J  # full acceleration, no full speed: way = v (v / A + A / J)
+    v = 0.5 * (-b + np.sqrt(b * b + 4.0 * A * way))
+    return 2.0 * (v / A + A / J)
+
+
+@pytest.mark.parametrize("rise", [0.02, 0.05, 0.2])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_straight_way_of_the_joints_takes_little_more_than_the_least_time(rise, seed):
+    """From rest to rest, beside the S-curve of the joint that goes farthest: all joints go in proportion."""
+    robot, rng = iq.load_robot("ur5"), np.random.default_rng(seed)
+    q0 = np.array([0.3, -1.4, 1.8, -1.9, -1.5, 0.3]) + 0.2 * rng.normal(size=6)
+    d = rng.uniform(-0.8, 0.8, 6) * (0.3 if seed == 0 else 1.0)
+    loop = iq.Controller(robot, dt=0.002, acceleration_limit=8.0)
+    follower = iq.PathFollower(loop, lambda u: robot.pose(q0 + u * d), joint_jerk=8.0 / rise)
+    follower.prepare(q0)
+    share = np.abs(d).max()
+    speed = (robot.velocity_limit / np.abs(d)).min() * share
+    assert follower.plan.motion.end < 1.25 * quickest(share, speed, 8.0, 8.0 / rise)
