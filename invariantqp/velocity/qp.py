@@ -321,7 +321,7 @@ def largest_pace(
         z = minimise(Daqp(), cost._replace(centre=centre), limits, cone, inside).z
         return float(u.dot(cost.K.dot(centre - z))) - delta
 
-    try:  # DAQP finds no answer, or beside a tool speed a wrong one, where limits leave hardly any room
+    try:  # it has no answer where limits leave hardly any room
         return _largest_pace(cost, start, way, delta, limits, cone, inside)
     except SolverFailure:
         pass
@@ -333,6 +333,11 @@ def largest_pace(
 def _largest_pace(
     cost: Quadratic, start: Array, way: Array, delta: float, limits: Polytope, cone: Cone | None, inside: Array
 ) -> float:
+    """The same by one QP.
+
+    Raises:
+        SolverFailure: there is no answer, or beside a tool speed one that is not the optimum.
+    """
     n, length = len(start), norm(cost.K.dot(way))
     columns = np.column_stack((cost.T, way / length))  # z = start + columns (r, g)
     N, value = product(limits.A, columns), limits.A.dot(start)
