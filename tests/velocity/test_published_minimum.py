@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import null_space
 from scipy.optimize import linprog
 from support.repeats import repeats
+from support.velocity_reference import CALM, DEVIATION, LIMITED, QUIET, adaptive
 
 import invariantqp as iq
 from invariantqp.engine import core
@@ -17,8 +18,7 @@ cp = pytest.importorskip("cvxpy")
 # Tighter than it gets in every case, and then it says so; the comparison decides.
 pytestmark = pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
 
-THRESHOLD, CEILING = 1e-2, 2e-3  # of damping
-POSTURE_PACE, CALM, WORTH = 0.01, 0.25, 1e-4
+POSTURE_PACE, WORTH = 0.01, 1e-4
 
 
 def random_case(rng):
@@ -88,7 +88,7 @@ class Published:
         largest = np.linalg.svd(self.A, compute_uv=False)[0]
         sigma, Vt = np.linalg.svd(self.AB)[1:]
         sigma = np.append(sigma, np.zeros(len(Vt) - len(sigma)))
-        damping = CEILING * largest * np.maximum(0.0, 1.0 - (sigma / (THRESHOLD * largest)) ** 2)
+        damping = np.sqrt([adaptive(value, largest, *LIMITED) for value in sigma])
         self.damping = damping[:, None] * Vt
         self.root = np.vstack((self.AB, self.damping))
         self.follow = 1.0
@@ -191,9 +191,9 @@ class Published:
             return 0.0
         size = np.linalg.norm(self.A)
         moving = np.linalg.svd(self.AB)[2][: min(6, len(z))] @ z
-        excess = max(0.0, 0.25 * dt * size * (moving @ moving) - np.linalg.norm(self.b))
+        excess = max(0.0, DEVIATION * dt * size * (moving @ moving) - np.linalg.norm(self.b))
         error = np.linalg.norm(self.b - self.A @ x) + excess
-        return max(0.0, 0.5 * CALM * dt * error * size / self.worth() - 1e-9 * size**2)
+        return max(0.0, 0.5 * CALM * dt * error * size / self.worth() - QUIET * size**2)
 
     def worth(self):
         demand, chase = self.demand, self.demand.chase
