@@ -77,23 +77,6 @@ def test_a_joint_outside_its_range_is_named_under_any_limits():
         q[2] = 2.1
 
 
-def test_a_refused_call_leaves_the_controller_as_it_was():
-    robot = arm(seed=1)
-    target = iq.transform(translation=(1.0, 0.0, 0.3))
-    once, twice = (iq.Controller(robot, dt=DT, acceleration_limit=4.0) for _ in range(2))
-    q = np.full(6, 0.3)
-    for k in range(20):
-        expected = once.step(q, target)
-        if k % 3 == 1:
-            for bad in ({"velocity": [np.nan] * 6}, {"velocity": [0.0]}, {"feedforward": [np.inf] * 6}):
-                with pytest.raises(iq.BadInput):
-                    twice.step(q, target, **bad)
-            with pytest.raises(iq.BadInput):
-                twice.step(np.full(6, np.nan), target)
-        np.testing.assert_array_equal(twice.step(q, target).velocity, expected.velocity)
-        q = q + DT * expected.velocity
-
-
 def test_a_measured_velocity_replaces_the_remembered_one():
     robot = arm()
     controller = iq.Controller(robot, dt=DT, acceleration_limit=1.0)

@@ -14,7 +14,6 @@ from invariantqp.compare.ours import paper_law
 from invariantqp.compare.stability import Case, run_case
 from invariantqp.robots.kinematics import middle
 from invariantqp.runs.controllers import our_controller
-from invariantqp.runs.taskfile import LawSpec
 
 READY = [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]
 FULL = 0.99  # of the velocity limit
@@ -124,7 +123,9 @@ def test_a_refused_call_leaves_the_controller_as_it_was(panda, backend):
     target = panda.target(iq.exp([0.4, 0.0, 0.3, 0.3, 0.2, 0.1]) @ panda.pose(READY))
     nowhere = pin.SE3(panda.pose(READY))
     nowhere.translation = np.full(3, np.inf)
-    plain, disturbed = (our_controller(panda, LawSpec(dt=0.01, gain=50.0, backend=backend)) for _ in range(2))
+    plain, disturbed = (
+        iq.Controller(panda, dt=0.01, gain=50.0, backend=backend, acceleration_limit=20.0) for _ in range(2)
+    )
     bad = [
         (np.full(7, np.nan), target, None),
         (READY[:6], target, None),
@@ -133,6 +134,8 @@ def test_a_refused_call_leaves_the_controller_as_it_was(panda, backend):
         (READY, np.eye(3), None),
         (READY, target, np.full(6, -np.inf)),
         (READY, target, np.zeros(5)),
+        (READY, target, None, np.full(7, np.nan)),
+        (READY, target, None, np.zeros(1)),
     ]
     q = np.array(READY)
     for k in range(60):
