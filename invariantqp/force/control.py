@@ -526,7 +526,7 @@ class HybridController:
         rough = ROUGH * float(np.abs(asked).max(initial=0.0))
         speed = task.slope * before.along + min(task.yields / MOVES_IN, task.approach_speed)
         sigma = noise * sqrt(share / (2.0 - share)) + rough
-        steep = before.steep + MAY_BE_STEEP * speed if before.touches else 0.0  # what is held does not bend away
+        steep = before.steep + MAY_BE_STEEP * speed if before.touches else 0.0
         begins = task.stiffness or STIFF
         return Setting(
             dt,
@@ -539,6 +539,7 @@ class HybridController:
             steep,
             begins,
             RESOLVED * task.size if before.touches else 0.0,
+            not before.touches,
         )
 
     def _known(

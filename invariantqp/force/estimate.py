@@ -178,6 +178,7 @@ class Setting(NamedTuple):
         steep: how fast it did, and a share of how fast it may [length/s].
         begins: the stiffness that the estimate begins with [force/length].
         resolved: ways below this are noise [length].
+        held: whether it is held from both sides: what is told wrong of it goes evenly, and c tells it apart.
     """
 
     dt: float
@@ -190,6 +191,7 @@ class Setting(NamedTuple):
     steep: float
     begins: float
     resolved: float
+    held: bool = False
 
 
 class Stiffness(NamedTuple):
@@ -324,8 +326,9 @@ class Stiffness(NamedTuple):
         above = above - self.means
         means = self.means + r * above
         z, af = above[:3], float(above[3])
-        bent = setting.steep * CURVED * over * over
-        rounding = self.bound * setting.resolved
+        # What the surface may have gone beside the tool is told apart by c as long as it goes evenly, and not surely.
+        bent = 0.0 if setting.held else abs(float(z[2])) + setting.steep * CURVED * over * over
+        rounding = self.bound * (setting.resolved + bent)
         noise = setting.noise
         softest = SOFTEST * self.begins  # a softer contact is not looked for
         spread = max(4.0 * noise * noise + 0.0025 * af * af, 2.0 * self.residual) + rounding * rounding
@@ -334,7 +337,7 @@ class Stiffness(NamedTuple):
         # shows a little later or sooner than thought is as a damper of so much of k, which no reading tells apart.
         rest = af - float(z.dot(self.found))
         late = setting.unknown * self.bound * float(z[1])
-        variance = spread + (self.bound * bent) ** 2 + late * late + float(((self.errors * z) ** 2).sum())
+        variance = spread + late * late + float(((self.errors * z) ** 2).sum())
         square = rest * rest
         surprised = square > SURPRISE * SURPRISE * variance
         most = SURPRISE * SURPRISE * variance
@@ -347,7 +350,7 @@ class Stiffness(NamedTuple):
         else:
             soft = short != 0 and (not self.reached or abs(lacked) > PERSISTS * setting.late)
             begins = max(begins * exp(-dt / (SOFTENS * setting.late)), SOFTEST * setting.begins) if soft else begins
-        if not surprised and spread > 0.0 and abs(float(z[0])) >= max(bent, 3.0 * setting.resolved):
+        if not surprised and spread > 0.0 and abs(float(z[0])) >= 3.0 * setting.resolved:
             w = (min(1.0, dt / (2.0 * setting.filter_time)) if setting.filter_time > 0.0 else 1.0) / spread
             left = 1.0 - FORGOTTEN * (1.0 - spread / variance)
             seen, sums = left * seen + w * np.outer(z, z), left * sums + w * af * z
