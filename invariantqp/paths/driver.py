@@ -41,7 +41,7 @@ from invariantqp.paths.reference import (
     stopping,
     through,
 )
-from invariantqp.paths.shape import ASTRAY, PAUSE, Shape
+from invariantqp.paths.shape import ASTRAY, PAUSE, Shape, Told
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.time_law import ROUNDING, JointLimits
 from invariantqp.paths.twist import TwistLaw
@@ -70,8 +70,8 @@ MOST_WAITING, MOST_POINTS = 8, 96
 MOST_OVERRIDE = 1.5
 # Why joints catch up.
 LATE = "the joints' limits"
-# Joint speeds below this share of their limits are rest.
-AT_REST = 1e-6
+# Joint speeds below this share of their limits are rest; joints this near [rad, length] are there.
+AT_REST, ARRIVED = 1e-6, 1e-8
 
 
 class Follower:
@@ -150,6 +150,7 @@ class Follower:
         """Nothing has come yet, and the arm stands still."""
         loop, m = self.controller, self._m
         self._shape: Shape | None = None  # a path whose shape is kept
+        self._start: Array | None = None  # (m,) of its joints
         self._astray = False  # whether its joints are not where they were sent
         self._command = np.zeros(m)  # in the last tick
         self._course: tuple[Reference, Array, float] | None = None  # what the core follows
@@ -214,7 +215,7 @@ class Follower:
             shape = Shape(self.controller, given.poses, times=times, rate=rate, **self._options)
             self._forget()
             self._halt()
-            self._shape = shape
+            self._shape, self._start = shape, None
             return
         if callable(points):
             if stamps is not None:
@@ -520,12 +521,36 @@ class Follower:
         self, shape: Shape, measured: Array, moving: Array | None, clock: float | None
     ) -> FollowerSolution:
         """A tick on the way to a path whose shape is kept."""
-        dt = self.controller.dt
-        velocity, told = shape.set_out(measured, self._command if moving is None else moving)
+        dt, before = self.controller.dt, self._command if moving is None else moving
+        found = self._approaching(shape, measured, before) if np.isfinite(self._options["joint_jerk"]).all() else None
+        velocity, told = shape.set_out(measured, before) if found is None else found
         self._time = (self._time if clock is None else clock) + dt
         self._command = velocity.copy()
         self._reference = None
         return FollowerSolution(velocity, *told)
+
+    def _approaching(self, shape: Shape, measured: Array, before: Array) -> tuple[Array, Told] | None:
+        """As `Shape.set_out`, inside limits of jerk, by the joints; None at the path's start, or where that fails."""
+        limits, dt = self._limits, self.controller.dt
+        if self._start is None or np.abs(self._sent[0] - measured).max() > DISPLACED:
+            there, missed = self._solver.pose(shape.given.curve.pose(0.0), measured, self._time, inf)
+            if missed > REACHED * self.controller.measure.length:
+                return None
+            if self._start is not None:  # pushed
+                self._a = np.zeros(self._m)
+            self._start, self._q, self._v = there, measured, before
+            self._sent.clear()
+        self._sent.append(self._q)
+        way = self._start - self._q
+        if np.abs(way).max() <= ARRIVED and (np.abs(self._v) <= AT_REST * self.controller.box.velocity_limit).all():
+            return None
+        wanted = limits.catching_up(self._q + dt * self._v, self._v, np.array((self._start, 0.0 * way)))
+        self._a = limits.within(self._q, self._v, self._a, wanted)
+        self._v = self._v + dt * self._a
+        lower, upper = self.controller.box.at(measured)
+        velocity = np.clip(self._v + JOINT_GAIN * (self._sent[0] - measured), lower, upper)
+        self._q = self._q + dt * self._v
+        return velocity, shape.on_the_way(measured)
 
     def _in_contact(
         self,

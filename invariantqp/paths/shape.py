@@ -155,6 +155,10 @@ class Shape:
     def _searching(self, q: Array) -> JointPath:
         return JointPath(self._loop, self.given.curve, q, rate=self._rate, stops=self._stops)
 
+    def on_the_way(self, q: Array) -> Told:
+        """What is told on the way to the path's start, at q (m,)."""
+        return self._waiting(Status.WAITING, ON_THE_WAY, task_error(self._loop, q, self._goal).off)
+
     def _waiting(self, status: Status, reason: str, off: float) -> Told:
         return Told(status, reason, self.given.place(0.0), 0.0, lambda: off, 0.0, START)
 

@@ -102,3 +102,27 @@ def test_a_straight_way_of_the_joints_takes_little_more_than_the_least_time(rise
     share = np.abs(d).max()
     speed = (robot.velocity_limit / np.abs(d)).min() * share
     assert follower.plan.motion.end < 1.25 * quickest(share, speed, 8.0, 8.0 / rise)
+
+
+@pytest.mark.parametrize("name", ["ur5", "so101"])
+@pytest.mark.parametrize("delay", [0.0, 0.006])
+def test_on_the_way_to_a_path_joints_keep_jerk_limits_too(name, delay):
+    """From rest, and from a path that is driven: every limit, and then the path is driven to its end."""
+    arm = Arm(name, delay=delay)
+    truth = arm.motion(np.random.default_rng(4))
+    follower = iq.Follower(arm.controller(), keep="shape", jerk=arm.jerk)
+    paths = [[arm.robot.pose(truth(t)) for t in np.linspace(a, b, 20)] for a, b in ((1.0, 2.0), (2.5, 4.0))]
+    follower.follow(paths[0])
+    q, Q, states, sent = arm.start, [arm.start], [], []
+    for i in range(3000):
+        if i == 900:
+            follower.follow(paths[1])
+        answer = follower.step(q if not sent or delay == 0.0 else Q[max(len(Q) - 1 - round(delay / arm.dt), 0)])
+        sent.append(answer.velocity)
+        q = Q[-1] + arm.dt * answer.velocity
+        Q.append(q)
+        states.append(answer.status)
+    arm.held(Q)
+    assert states[-1] == "done"
+    assert "waiting" in states
+    assert np.linalg.norm((arm.robot.pose(q) - paths[1][-1])[:3, 3]) < 1e-4
