@@ -43,7 +43,7 @@ from invariantqp.geometry.distance import Placed, places
 from invariantqp.geometry.shapes import Shape
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
-from invariantqp.velocity.limits import LimitRows
+from invariantqp.velocity.limits import LimitRows, accelerations
 from invariantqp.velocity.qp import ACTIVE_TOLERANCE
 
 # A tick covers this share of the room that is left.
@@ -83,7 +83,12 @@ class OtherArm:
     """
 
     def __init__(
-        self, robot: Robot, bodies: Mapping[str, Sequence[Shape]] | None = None, *, name: str = "other"
+        self,
+        robot: Robot,
+        bodies: Mapping[str, Sequence[Shape]] | None = None,
+        *,
+        name: str = "other",
+        acceleration_limit: ArrayLike | None = None,
     ) -> None:
         """Another arm.
 
@@ -91,9 +96,12 @@ class OtherArm:
             robot: that arm, its base frame the same as this one's.
             bodies: as in `Clearance`.
             name: what its links' names begin with.
+            acceleration_limit: (m,) or one for all [rad/s^2, length/s^2], of an arm that has a clearance from this one
+                in its own loop: it brakes for it as this one does, and each takes half of the room. None is an arm that
+                goes where its velocity says, whatever is in its way.
 
         Raises:
-            BadInput: as `Clearance`.
+            BadInput: as `Clearance`; accelerations that are not above zero.
         """
         self.robot: Chain = chain_of(robot)
         self.bodies = shapes_of(self.robot, bodies)
@@ -102,14 +110,22 @@ class OtherArm:
         self.parts: dict[str, list[Shape]] = {
             link: [_copied(shape, f"{self.name}/{link}") for shape in shapes] for link, shapes in self.bodies.items()
         }
-        self.knows_velocity = False
+        m = len(self.robot.names)
+        self._brakes = None if acceleration_limit is None else accelerations(acceleration_limit, m)
+        self.knows_velocity, self.stops = False, inf
+
+    @property
+    def yields(self) -> bool:
+        """Whether it makes way too, and each takes half of the room: it is said to, or its velocity is not known."""
+        return self._brakes is not None or not self.knows_velocity
 
     def move(self, q: ArrayLike, velocity: ArrayLike | None = None) -> None:
         """Say where its joints are from now on, between ticks.
 
         Args:
             q: (m,) its joint positions.
-            velocity: (m,) its joint velocity; None is not known: each arm may then take half of the room between them.
+            velocity: (m,) its joint velocity; None is not known: each arm may then take half of the room between them,
+                which keeps apart two arms that stop at once.
 
         Raises:
             BadInput: NaN or wrong lengths.
@@ -124,6 +140,8 @@ class OtherArm:
             for shape in shapes:
                 shape.move(motions[body].dot(frame), twist)
         self.knows_velocity = x is not None
+        if x is not None and self._brakes is not None:
+            self.stops = float((np.abs(x) / (BRAKING * self._brakes)).max())
 
 
 class Clearance(Limit):
@@ -179,7 +197,8 @@ class Clearance(Limit):
         self._rate = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
         found = Pairs(self.robot, self._listed(), self.distance, pairs, exclude)
         self._parts, self._numbers, self._levers, self._solids = found.parts, found.numbers, found.levers, found.solids
-        self._twists = np.zeros((len(self._parts), 6))
+        self._twists = np.zeros((len(self._parts), 7))
+        self._twists[:, 6] = inf
         self._moving = [i for i, part in enumerate(self._parts) if part.frame is None]
         self._seen: list[Array] = [part.shape.pose for part in self._parts]
         self._of_pair, self.dropped = found.of_shapes, found.dropped
@@ -251,7 +270,7 @@ class Clearance(Limit):
         upper = np.full(len(lower), inf)
         called = {i: self._called(int(i), distances[int(i)]) for i in set(of_pair.tolist())}
         names = [called[i] for i in of_pair.tolist()]
-        if inside and not self._twists.any():
+        if inside and not self._twists[:, :6].any():
             speed = self._calm(rate, before)
             limited = np.isfinite(speed)
             C = np.vstack((C, np.eye(len(speed))[limited]))
@@ -334,7 +353,7 @@ class Clearance(Limit):
         robot = self.robot
         free = np.full(len(robot.names), inf)
         limits = np.array((robot.velocity_limit, free, robot.position_lower, robot.position_upper))
-        return Rate(limits, np.array((self.distance, alpha, ESCAPE, dt, BRAKING)), delay)
+        return Rate(limits, np.array((self.distance, alpha, ESCAPE, dt, BRAKING, 0.0)), delay)
 
     def _nearest(self, distances: Array) -> Near:
         if not len(distances):
@@ -360,7 +379,7 @@ class Clearance(Limit):
         """Rows, their lower limits, the pair of each, and the distance of each pair."""
         self._refresh(rate.delay)
         velocity = np.zeros(len(q)) if before is None else before
-        given, told = (np.ascontiguousarray(q), velocity, self._numbers, self._twists), (rate.limits, rate.settings)
+        given, told = (np.ascontiguousarray(q), velocity, self._numbers, self._twists), rate.for_others(self._stops())
         of_mesh = self._places if self._solids else None
         shapes = *given, self._pairs
         found = None if core is None else core.clearance(self.robot.screws, *shapes, self._levers, *told, of_mesh)
@@ -372,6 +391,10 @@ class Clearance(Limit):
         placed = [Placed(s.core, s.radius, s.half, T, s.solid) for s, T in zip(shapes, (one, other), strict=True)]
         return np.array([(place.distance, *place.normal, *place.point) for place in places(*placed)])
 
+    def _stops(self) -> float:
+        """After how long the last of the other arms that brake has stopped [s]."""
+        return max((arm.stops for arm, _ in self._of_arms if arm.stops < inf), default=0.0)
+
     def _refresh(self, delay: float) -> None:
         """Where obstacles are, when a command of now acts."""
         for i in self._moving:
@@ -382,9 +405,10 @@ class Clearance(Limit):
             pose = se3.exp(delay * shape.twist, check=False).dot(shape.pose) if delay else shape.pose
             place = pose.dot(shape.place)
             self._numbers[i, 6:15], self._numbers[i, 15:] = place[:3, :3].ravel(), place[:3, 3]
-            self._twists[i] = shape.twist
+            self._twists[i, :6] = shape.twist
         for arm, pairs in self._of_arms:
-            self._pairs[pairs, 2] = 1.0 if arm.knows_velocity else HALF
+            self._pairs[pairs, 2] = HALF if arm.yields else 1.0
+            self._twists[[part.owner == id(arm) for part in self._parts], 6] = arm.stops
 
     def _listed(self) -> list[Part]:
         """All shapes, each with what moves it."""

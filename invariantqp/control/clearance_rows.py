@@ -42,8 +42,14 @@ class Rate(NamedTuple):
     """What decides how fast bodies may come nearer."""
 
     limits: Array  # (4, m) of speed, acceleration (inf where joints stop at once) and position, the lower and the upper
-    settings: Array  # d_min [length], alpha [1/s], ESCAPE, a tick [s], BRAKING
+    settings: Array  # d_min [length], alpha [1/s], ESCAPE, a tick [s], BRAKING, ticks to look ahead at least
     delay: float  # of the robot [s]
+
+    def for_others(self, stops: float) -> tuple[Array, Array]:
+        """Limits and settings that look ahead until others have stopped, too [s]."""
+        if not stops > 0.0 or not self.settings[3] > 0.0:
+            return self.limits, self.settings
+        return self.limits, np.append(self.settings[:5], np.ceil(stops / self.settings[3]))
 
     def braked(self, before: Array, share: float) -> Array:
         """(m,) how fast joints still are after a tick of braking a velocity (m,), at a share of what rows brake by."""
@@ -78,12 +84,12 @@ class States(NamedTuple):
         speed, a, low, high = limits
         if np.isinf(a).all():
             return cls(q[None], np.ones((1, m)), np.zeros(1), np.zeros(m), speed, np.full(m, inf))
-        dt, share = settings[3:].tolist()
+        dt, share, horizon = settings[3:].tolist()
         b = share * a
         y = np.sign(before) * np.maximum(np.abs(before) - b * dt, 0.0)
         y = np.clip(y, -braking_speed(q - low, a, dt), braking_speed(high - q, a, dt))
         ticks = np.floor(np.abs(y) / (b * dt))  # that y takes to stop, but for a rest
-        n = [0.0, *moments(float(ticks.max()))]
+        n = [0.0, *moments(max(float(ticks.max()), horizon))]
         own = np.minimum(np.array(n)[:, None], ticks)
         with np.errstate(invalid="ignore"):  # infinitely strong brakes stop in no tick
             lost = np.where(own > 0.0, 0.5 * b * dt * own * (own + 1.0), 0.0)
@@ -122,7 +128,7 @@ def rows_of(
         q: (m,) joint positions.
         before: (m,) joint velocity.
         shapes: (n, 18) body, core, radius, half sizes (3), rotation (9) and place (3) at q = 0, in the base frame.
-        twists: (n, 6) of shapes by themselves.
+        twists: (n, 7) of shapes by themselves, and after how long each has stopped [s], inf where it goes on.
         pairs: (k, 3) two shapes, and the share of the room that this arm may take.
         limits: as in `Rate`.
         settings: as in `Rate`.
@@ -137,12 +143,15 @@ def rows_of(
     distances = np.full(len(pairs), inf)
     for s, (at, weight, time) in enumerate(zip(*states[:2], states.times.tolist(), strict=True)):
         J, motions, leaving = robot.jacobian(at), robot.motions(at), s == 0 and len(states.times) > 1
-        placed = placed_at(shapes, motions, [se3.exp(time * twist, check=False) for twist in twists], solids)
+        going = [_going(time, float(stops)) for stops in twists[:, 6]]
+        own = [se3.exp(t * twist[:6], check=False) for (t, _), twist in zip(going, twists, strict=True)]
+        placed = placed_at(shapes, motions, own, solids)
+        by_itself = np.array([left for _, left in going])[:, None] * twists[:, :6]
         for k, (i, j, share) in enumerate(pairs.tolist()):
             one, other = int(i), int(j)
             bodies = int(shapes[one, 0]), int(shapes[other, 0])
             between = slice(min(bodies), max(bodies))
-            sides = twists[other] - twists[one], weight[between] * (1.0 if bodies[0] < bodies[1] else -1.0)
+            sides = by_itself[other] - by_itself[one], weight[between] * (1.0 if bodies[0] < bodies[1] else -1.0)
             wanted = min(settings[0] * (AHEAD if s > 1 else 1.0), distances[k] if s > 0 else inf)
             found = places(placed[one], placed[other])
             moved = [(place, C) for place in found if (C := _row(place, J, between, sides[1])).any()]
@@ -158,6 +167,13 @@ def rows_of(
                     _keep(kept, (urgency - (place is not found[0]), lower, k, C))
     C_kept = np.array([row[3] for row in kept]).reshape(-1, len(q))
     return Found(C_kept, np.array([row[1] for row in kept]), np.array([float(row[2]) for row in kept]), distances)
+
+
+def _going(time: float, stops: float) -> tuple[float, float]:
+    """How long a body that slows down until it stops would go at its speed of now, and at which share of it goes on."""
+    if stops == inf:
+        return time, 1.0
+    return (time - 0.5 * time * time / stops, 1.0 - time / stops) if time < stops else (0.5 * stops, 0.0)
 
 
 def _wrench(place: Place) -> Array:
@@ -180,7 +196,7 @@ def _asked_of(
     `approach` has the room that the arm may take, the part of the way out that the row's direction is, and how fast
     the distance grows by itself. In the state that an arm with brakes is `leaving`, rows lead out of what is too near.
     """
-    (room, out, drift), (_, alpha, escape, _, _) = approach, settings.tolist()
+    (room, out, drift), (alpha, escape) = approach, settings[1:3].tolist()
     scaled = np.abs(C) * np.where(np.isfinite(speed), speed, USUAL_SPEED)
     moved = C != 0.0
     braked = float(C[moved].dot(states.y[moved]))

@@ -492,7 +492,7 @@ static void own_state(int m, const double *q, States *states)
 }
 
 static void braked_states(int m, const double *q, const double *before, const double *acceleration, const double *low,
-                          const double *high, double dt, double share, States *states)
+                          const double *high, double dt, double share, double horizon, States *states)
 {
     double ticks[MOST], most = 0.0;
     for (int j = 0; j < m; j++) {
@@ -505,6 +505,7 @@ static void braked_states(int m, const double *q, const double *before, const do
         states->reach[j] = fmin(2.0 * a * dt, states->speed[j] + y);
         states->sure[j] = (1.0 - share) * a * dt;
     }
+    most = fmax(most, horizon);
     double n = 0.0;
     for (int s = 1; s < MOST_STATES; s++, n = s == 2 ? most : floor(NEARER * n)) {
         states->time[s] = n * dt;
@@ -550,6 +551,15 @@ typedef struct {
     const double *levers, *twists[2];
 } Pair;
 
+/* _going in control/clearance_rows.py: how long a body that slows down until it stops would go at its speed of now,
+   and at which share of it goes on. */
+static double going(double time, double stops, double *share)
+{
+    bool slows = isfinite(stops);
+    *share = !slows ? 1.0 : time < stops ? 1.0 - time / stops : 0.0;
+    return !slows ? time : time < stops ? time - 0.5 * time * time / stops : 0.5 * stops;
+}
+
 static Pair pair_of(int index, int m, const double *pair, const double *numbers, const double *twists, const double *levers)
 {
     int one = (int)pair[0], other = (int)pair[1];
@@ -562,7 +572,7 @@ static Pair pair_of(int index, int m, const double *pair, const double *numbers,
                  .outer = rising ? other : one,
                  .sign = rising ? 1.0 : -1.0,
                  .share = pair[2],
-                 .twists = {twists + 6 * one, twists + 6 * other}};
+                 .twists = {twists + 7 * one, twists + 7 * other}};
     made.levers = levers + (npy_intp)made.outer * m;
     made.still = is_still(made.twists[0]) && is_still(made.twists[1]);
     return made;
@@ -575,6 +585,7 @@ typedef struct {
     const Row *J;
     const double *weight;
     const States *joints;
+    double time;
     bool leaving; /* the arm's own state beside those that it can brake through: rows lead out of what is too near alone */
 } Asked;
 
@@ -612,7 +623,10 @@ static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *f
         double later = f == 0 ? 0.0 : 1.0, approach;
         if (f == 0 || (out[0] == 0.0 && out[1] == 0.0 && out[2] == 0.0))
             memcpy(out, near->n, sizeof out);
-        double drift = dot(6, w, pair->twists[1]) - dot(6, w, pair->twists[0]), lower;
+        double still[2], lower;
+        for (int e = 0; e < 2; e++)
+            going(asked->time, pair->twists[e][6], &still[e]);
+        double drift = still[1] * dot(6, w, pair->twists[1]) - still[0] * dot(6, w, pair->twists[0]);
         if (asked->leaving && room >= 0.0)
             continue;
         if (room >= 0.0)
@@ -698,9 +712,9 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
 {
     (void)module;
     static const char *const USE =
-        "clearance(screws, q, velocity before, (n, 18) shapes, (n, 6) twists, (k, 3) pairs and share, (n, m) levers, (4, m) "
-        "limits of speed, acceleration and position, (distance, rate, escape, tick, share of braking), places of meshes)";
-    if (count != 10 || !is_table(arguments[3], OF_SHAPE) || !is_table(arguments[4], 6) || !is_table(arguments[5], 3))
+        "clearance(screws, q, velocity before, (n, 18) shapes, (n, 7) twists, (k, 3) pairs and share, (n, m) levers, (4, m) "
+        "limits of speed, acceleration and position, (distance, rate, escape, tick, share of braking, ticks ahead), places of meshes)";
+    if (count != 10 || !is_table(arguments[3], OF_SHAPE) || !is_table(arguments[4], 7) || !is_table(arguments[5], 3))
         return refused(USE);
     npy_intp joints = PyArray_Check(arguments[1]) ? PyArray_SIZE((PyArrayObject *)arguments[1]) : 0;
     const double *numbers = PyArray_DATA((PyArrayObject *)arguments[3]), *twists = PyArray_DATA((PyArrayObject *)arguments[4]);
@@ -712,10 +726,10 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
     int m = (int)joints;
     const double *levers = PyArray_DATA((PyArrayObject *)arguments[6]);
     Row screws[6], limits[4], q, before, J[6];
-    double settings[5];
+    double settings[6];
     if (joints < 1 || joints > MOST || n > MOST_SHAPES || !matrix(arguments[0], 6, m, MOST, screws[0]) ||
         !vector(arguments[1], m, q) || !vector(arguments[2], m, before) || !all_finite(m, q) || !all_finite(m, before) ||
-        !matrix(arguments[7], 4, m, MOST, limits[0]) || !vector(arguments[8], 5, settings))
+        !matrix(arguments[7], 4, m, MOST, limits[0]) || !vector(arguments[8], 6, settings))
         return left_to_python();
     for (npy_intp i = 0; i < n; i++)
         if (!within(numbers[i * OF_SHAPE + BODY], 0, m) || !within(numbers[i * OF_SHAPE + KIND], ROUND, MESH))
@@ -730,7 +744,7 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
     for (int j = 0; j < m; j++)
         brakes = brakes || isfinite(limits[1][j]);
     if (brakes)
-        braked_states(m, q, before, limits[1], limits[2], limits[3], settings[3], settings[4], &states);
+        braked_states(m, q, before, limits[1], limits[2], limits[3], settings[3], settings[4], settings[5], &states);
     Shape shapes[MOST_SHAPES];
     int seen_in[MOST_SHAPES];
     Rows rows = {.count = 0};
@@ -772,7 +786,8 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
                 const double *own = numbers + of * OF_SHAPE;
                 motion = motions[(int)own[BODY]];
                 if (states.time[s] > 0.0 && !pair->still) {
-                    exponential(pair->twists[e], pair->twists[e] + 3, states.time[s], &step);
+                    double share, time = going(states.time[s], pair->twists[e][6], &share);
+                    exponential(pair->twists[e], pair->twists[e] + 3, time, &step);
                     product(&step, &motions[(int)own[BODY]], &motion);
                 }
                 shape_from(own, &motion, &shapes[of]);
@@ -796,6 +811,7 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
                            .J = (const Row *)J,
                            .weight = states.weight[s],
                            .joints = &states,
+                           .time = states.time[s],
                            .leaving = leaving};
             if (a->kind != MESH && b->kind != MESH)
                 places(a, b, &found);

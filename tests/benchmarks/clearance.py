@@ -1,6 +1,7 @@
 """Clearance in long runs: targets that jump, distances seen by coal, Pink and mink told the same.
 
     PYTHONPATH=tests python tests/benchmarks/clearance.py run panda --ticks 100000 [--dt 0.001] [--delay 0.02] [--acceleration 10]
+    PYTHONPATH=tests python tests/benchmarks/clearance.py meet           two UR5s, each led by a loop with a clearance of the other
     PYTHONPATH=tests python tests/benchmarks/clearance.py peers          ours, Pink and mink: runs, starts inside, faces
     PYTHONPATH=tests python tests/benchmarks/clearance.py reach ur5      around a box: how many arrive
     PYTHONPATH=tests python tests/benchmarks/clearance.py stream         an SO-101 over a desk, led by a hand's poses
@@ -170,6 +171,44 @@ def run(name, ticks, dt, delay, acceleration, seed=0, *, clear=True):
           f"{np.median(micro):.0f} p99.9 {np.percentile(micro, 99.9):.0f} us; outside limits {max(outside, 0.0):.1e}; {statuses}")  # fmt: skip
     for reason, count in sorted(reasons.items(), key=lambda item: -item[1])[:4]:
         print(f"    {count} x {reason}")
+
+
+def meet(ticks, dt, acceleration, seed=0):
+    """Two UR5s, each with the other one as an obstacle, each told the other's joints and velocity a tick late."""
+    places = np.eye(4), iq.transform(np.diag([-1.0, -1.0, 1.0]), [0.9, 0.0, 0.0])
+    arms = [iq.load_robot("ur5", base=T) for T in places]
+    brakes = {} if acceleration is None else {"acceleration_limit": acceleration}
+    others = [OtherArm(arm, iq.robots.bodies_of(arm), **brakes) for arm in arms[::-1]]
+    limits = [Clearance(arm, iq.robots.bodies_of(arm), [other]) for arm, other in zip(arms, others, strict=True)]
+    loops = [iq.Controller(arm, dt=dt, acceleration_limit=acceleration, limits=[limit])
+             for arm, limit in zip(arms, limits, strict=True)]  # fmt: skip
+    start = np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0])
+    q, x, rng = [start.copy(), start.copy()], [np.zeros(6), np.zeros(6)], np.random.default_rng(seed)
+    told = bool(brakes)  # arms that stop at once share the room without it
+    others[0].move(q[1], x[1])
+    judge = Judge(Scene(arms[0], {}, [], start), limits[0])
+    statuses, d, far = {}, [], 0.0
+    for i in range(ticks):
+        if i % round(HOLD / dt) == 0:  # in front of both, where they meet
+            wanted = []
+            for arm in arms:
+                T = arm.pose(rng.uniform(-np.pi, np.pi, 6))
+                T[:3, 3] = rng.uniform([0.1, -0.35, 0.05], [0.8, 0.35, 0.75])
+                wanted.append(arm.target(T))
+        for k in (0, 1):
+            others[k].move(q[1 - k], x[1 - k] if told else None)
+        found = [loops[k].step(q[k], wanted[k]) for k in (0, 1)]
+        x = [solution.velocity for solution in found]
+        q = [a + dt * b for a, b in zip(q, x, strict=True)]
+        for solution in found:
+            statuses[str(solution.status)] = statuses.get(str(solution.status), 0) + 1
+        far -= dt * REACH * float(np.abs(x).sum())
+        if far < 0.025:
+            others[0].move(q[1], x[1])
+            far = judge(q[0])
+            d.append(far)
+    print(f"two UR5s that know each other: {ticks} ticks of {dt * 1e3:g} ms, acceleration {acceleration}; least distance "
+          f"{min(d) * 1e3:.3f} of 20 mm, seen by coal in {len(d)} ticks; {statuses}", flush=True)  # fmt: skip
 
 
 # Each at the gain of its own examples, and Pink at a stiffer one.
@@ -364,7 +403,7 @@ def time():
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["run", "peers", "reach", "stream", "time"])
+    parser.add_argument("what", choices=["run", "meet", "peers", "reach", "stream", "time"])
     parser.add_argument("scene", nargs="?", choices=list(SCENES), default="panda")
     parser.add_argument("--ticks", type=int, default=20_000)
     parser.add_argument("--dt", type=float, default=0.001)
@@ -375,6 +414,8 @@ def main():
     given = parser.parse_args()
     if given.what == "run":
         run(given.scene, given.ticks, given.dt, given.delay, given.acceleration, given.seed, clear=not given.without)
+    elif given.what == "meet":
+        meet(given.ticks, given.dt, given.acceleration, given.seed)
     elif given.what == "peers":
         peers(given.ticks)
     elif given.what == "reach":

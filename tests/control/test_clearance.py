@@ -329,6 +329,9 @@ def test_another_arm_is_an_obstacle_and_takes_half_the_room_unless_its_velocity_
         mine = [limit._parts[limit._of_pair[int(k)][1]].name.startswith("left/") for k in of_pair]
         lower[known] = low[mine].min()
     assert lower[True] == pytest.approx(2.0 * lower[False])
+    assert other.yields is False
+    other.move(q)
+    assert other.yields is True
     assert any(name.startswith("left/") for pair in limit.pairs for name in pair)
     twist = np.linspace(0.1, 0.6, 6)
     other.move(q, twist)
@@ -337,6 +340,54 @@ def test_another_arm_is_an_obstacle_and_takes_half_the_room_unless_its_velocity_
     before, after = (other.robot.motions(q + s * h * twist)[6] for s in (-1, 1))
     rate_of = (after - before) / (2 * h) @ np.linalg.inv(other.robot.motions(q)[6])
     np.testing.assert_allclose(shape.twist[3:], rate_of[:3, 3], atol=1e-6)
+
+
+@pytest.mark.parametrize(("acceleration", "tolerance", "seed"), [(None, 1e-4, 1), (10.0, 1.5e-3, 2)])
+def test_two_arms_that_make_way_for_each_other_keep_apart(ur5, acceleration, tolerance, seed):
+    """Each is told where the other one was and how fast, and that it brakes; both are led to the same place."""
+    left = iq.load_robot("ur5", base=iq.transform(np.diag([-1.0, -1.0, 1.0]), [0.9, 0, 0]))
+    arms, brakes = (ur5, left), {} if acceleration is None else {"acceleration_limit": acceleration}
+    others = [OtherArm(arm, **brakes) for arm in arms[::-1]]
+    limits = [Clearance(arm, None, [other]) for arm, other in zip(arms, others, strict=True)]
+    loops = [iq.Controller(a, dt=DT, limits=[c], **brakes) for a, c in zip(arms, limits, strict=True)]
+    q, x, rng = [np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0])] * 2, [np.zeros(6)] * 2, np.random.default_rng(seed)
+    least, places = 9.0, ([0.1, -0.35, 0.05], [0.8, 0.35, 0.75])
+    for i in range(1500):
+        if i % 300 == 0:
+            targets = [iq.transform(arm.pose(rng.uniform(-3, 3, 6))[:3, :3], rng.uniform(*places)) for arm in arms]
+        for k in (0, 1):
+            others[k].move(q[1 - k], x[1 - k] if brakes else None)
+        x = [loops[k].step(q[k], targets[k]).velocity for k in (0, 1)]
+        q = [a + DT * b for a, b in zip(q, x, strict=True)]
+        others[0].move(q[1])
+        least = min(least, limits[0].at(q[0]).distance)
+        if i % 50 == 0:
+            assert limits[0].at(q[0]).distance == pytest.approx(by_coal(limits[0], q[0]), abs=2e-6)
+    assert 0.02 - tolerance < least < 0.021
+
+
+@pytest.mark.skipif(engine.core is None, reason="one engine alone")
+def test_the_core_looks_ahead_as_its_definition_does_until_another_arm_has_stopped(ur5):
+    other = OtherArm(
+        iq.load_robot("ur5", base=iq.transform(np.diag([-1.0, -1.0, 1.0]), [0.9, 0, 0])), acceleration_limit=5.0
+    )
+    limit, rng, alike = Clearance(ur5, None, [other]), np.random.default_rng(1), 0
+    rate = limit.in_loop(loop_of(ur5, 0.002, 0.0)._replace(acceleration=np.full(6, 10.0)))
+    for _ in range(40):
+        q, p = (np.array([0.3, -1.3, 1.9, -2.17, -1.57, 0.0]) + rng.uniform(-0.5, 0.5, 6) for _ in range(2))
+        before, speed = rng.uniform(-2.0, 2.0, (2, 6))
+        other.move(p, speed)
+        assert other.stops == pytest.approx(np.abs(speed).max() / 3.5)
+        fast, told = limit._asked(q, rate, before), rate.for_others(other.stops)
+        assert len(States.ahead(q, before, *told).positions) >= len(States.ahead(q, before, *rate[:2]).positions)
+        plain = rows_of(ur5, q, before, limit._numbers, limit._twists, limit._pairs, *told)
+        assert len(fast.C) == len(plain.C)
+        if 0 < len(plain.C) < clearance_rows.MOST_ROWS:
+            orders = [np.lexsort((of.lower.round(8), of.pair)) for of in (fast, plain)]
+            for a, b in zip(fast[:3], plain[:3], strict=True):
+                np.testing.assert_allclose(a[orders[0]], b[orders[1]], atol=1e-8)
+            alike += 1
+    assert alike > 1
 
 
 def test_two_arms_in_one_chain_and_an_arm_on_a_rail(ur5):

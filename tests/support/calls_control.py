@@ -254,7 +254,12 @@ CONTROL = {
     "Clearance.shapes": lambda: (clearance().shapes, {"q": Q}),
     "OtherArm": lambda: (
         iq.limits.OtherArm,
-        {"robot": ur5(), "bodies": {"tool": [iq.limits.Sphere([0, 0, 0], 0.05)]}, "name": "left"},
+        {
+            "robot": ur5(),
+            "bodies": {"tool": [iq.limits.Sphere([0, 0, 0], 0.05)]},
+            "name": "left",
+            "acceleration_limit": 5.0,
+        },
     ),
     "OtherArm.move": lambda: (other_arm().move, {"q": Q, "velocity": None}),
     "bodies_of": lambda: (iq.robots.bodies_of, {"robot": ur5()}),

@@ -52,8 +52,11 @@ def truth(kind):
     return Truth(kind, side, base, tool, radius=0.152)
 
 
-def drag(kind, seed, duration=6.0):
-    """(n, 4, 4) poses, (n, 6) wrenches at 100 Hz, and the truth."""
+def drag(kind, seed, duration=6.0, tilted=None):
+    """(n, 4, 4) poses, (n, 6) wrenches at 100 Hz, and the truth.
+
+    With `tilted`, a share of the time, a face is turned about one of its edges there, and stays on it.
+    """
     rng = np.random.default_rng([seed, KINDS.index(kind), 3])
     m = mujoco.MjModel.from_xml_string(model(kind))
     d = mujoco.MjData(m)
@@ -75,6 +78,11 @@ def drag(kind, seed, duration=6.0):
         rot[:, 0] *= 0.02
     if kind == "sphere":
         pos[:, 2] -= (pos[:, 0] ** 2 + pos[:, 1] ** 2) / 0.3
+    if tilted is not None:
+        lean = 0.3 * np.clip((t - tilted * duration) / 0.5, 0.0, 1.0)
+        rot[:, 0] = np.where(t > tilted * duration, lean + 0.05 * np.sin(5.0 * t) * (lean > 0.29), rot[:, 0])
+        rot[:, 2] *= np.where(t > tilted * duration, 0.3, 1.0)
+        pos[:, 2] += HEIGHT["face"] * (np.cos(rot[:, 0]) - 1.0) + 0.06 * np.sin(lean)
     goal = R0 @ turned(rot * [0, 0, 1]) @ turned(rot * [1, 1, 0])  # about the normal first: an edge stays on its plane
     X, w, v = [], [], np.zeros(6)
     for k in range(len(t)):
