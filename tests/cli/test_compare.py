@@ -8,6 +8,7 @@ REFUSED = [
     (["nobody"], "unknown task 'nobody'"),
     (["arm_3r", "--methods", "zzz"], "unknown method 'zzz'"),
     (["arm_3r", "--only", "zzz"], "unknown measurement 'zzz'; known: loop, beyond,"),
+    (["--jobs", "-3"], "--jobs: found -3"),
     (["--jobs", "0"], "--jobs: found 0; expected a number of processes, or -1 for all cores"),
     (["--out", "{file}"], "--out: found {file}: File exists; expected a folder"),
     (["--against", "nowhere.json"], "expected a results.json of invariantqp compare"),

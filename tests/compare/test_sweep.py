@@ -278,24 +278,6 @@ def test_two_runs_are_told_apart_by_rank(small_run, tmp_path):
     assert "ranks by time, so101_line: Spearman 1.000" in done.output
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--jobs", "0"], "--jobs: found 0"),
-        (["--jobs", "-3"], "--jobs: found -3"),
-        (["--json", "x.json"], "--json"),
-        (["nope"], "unknown task 'nope'"),
-        (["--methods", "pinf"], "unknown method 'pinf'"),
-        (["--only", "loops"], "unknown measurement 'loops'; did you mean loop"),
-        (["--against", "nowhere.json"], "nowhere.json: found No such file or directory"),
-    ],
-)
-def test_wrong_words_are_told(words, said, tmp_path):
-    done = CliRunner().invoke(app, ["compare", "--out", str(tmp_path / "out"), *words])
-    assert said in str(done.exception)
-    assert not list(tmp_path.rglob("*.json"))
-
-
 def test_what_is_not_installed_is_left_out_by_name(toys, tmp_path, monkeypatch):
     without = {"pinocchio", "mink"}
     monkeypatch.setattr(extras, "find_spec", lambda name: None if name in without else object())

@@ -333,32 +333,6 @@ def test_a_model_with_joints_of_other_kinds():
     np.testing.assert_allclose(turned.pose([0.1, 2.0]), ours.pose([0.1, 2.0]), atol=1e-15)
 
 
-NOT_RIGID = {
-    "scaled": lambda pin: pin.SE3(2.0 * np.eye(3), np.zeros(3)),
-    "mirrored": lambda pin: pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3)),
-    "sheared": lambda pin: pin.SE3(np.eye(3) + 1e-3 * np.eye(3)[[1, 2, 0]], np.zeros(3)),
-    "nan": lambda pin: pin.SE3(np.eye(3), np.full(3, np.nan)),
-    "nan turn": lambda pin: pin.SE3(np.full((3, 3), np.nan), np.zeros(3)),
-    "scaled matrix": lambda _: 2.0 * np.eye(4),
-}
-
-
-@pytest.mark.parametrize("source", ["ur5", "chain"])
-@pytest.mark.parametrize("case", NOT_RIGID)
-def test_a_target_that_is_no_rigid_motion(source, case):
-    arm = iq.load_robot(source) if source == "ur5" else iq.load_robot(np.eye(6), np.eye(4))
-    target, q = NOT_RIGID[case](pinocchio), np.full(6, 0.1)
-    for refused in (
-        lambda: arm.target(target),
-        lambda: arm.sight(q, target),
-        lambda: iq.Controller(arm, dt=0.01, joint_metric=np.ones(6)).step(q, target),
-        lambda: iq.solve_pose(arm, target),
-    ):
-        with pytest.raises(iq.BadInput) as caught:
-            refused()
-        assert caught.value.argument == "target"
-
-
 def test_a_checked_target_is_taken_as_it_is():
     for arm in (iq.load_robot("ur5"), iq.load_robot(np.eye(6), np.eye(4))):
         pose, q = iq.exp(0.1 * np.arange(6.0)), np.full(6, 0.1)
