@@ -364,12 +364,6 @@ class MujocoPlant:
         pose = se3.transform(data.xmat[self._tool].reshape(3, 3), data.xpos[self._tool])
         return PlantState(self._q(), pose, np.concatenate((moment + se3.cross(centre, force), force)))
 
-    def jacobian(self) -> Array:
-        """(6, m) joint twists in the base frame, by MuJoCo's kinematics."""
-        linear, angular = np.zeros((2, 3, self.model.nv))
-        mujoco.mj_jac(self.model, self.data, linear, angular, np.zeros(3), self._tool)
-        return np.vstack((angular, linear))[:, self._dofs]
-
     def _q(self) -> Array:
         q: Array = self.data.qpos[self._joints].copy()
         return q
