@@ -43,6 +43,13 @@ SAYS = {
     "28_batches": "tight batches.velocities, numpy",
     "31_streams": "conveyor: on the part after",
     "32_from_mink": "Controller, 40 rad/s^2",
+    "33_hand_guiding": "ur5    on a level alone",
+    "34_move_until_contact": "ur5    along an arc",
+    "35_insertion": "panda  1 of 1 in",
+    "36_tare_and_weigh": "force first, reaction, 0.4",
+    "37_force_profile": "['ok']",
+    "38_force_ros": "no contact yet: approaching",
+    "39_look_at": "looking exactly",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")
@@ -54,6 +61,7 @@ SHORTER = {
     "25_pink_scripts": ("--short",),
     "22_contact_scenes": ("so101", "--physics", "mujoco", "--seconds", "0.3", "--scene", "bar"),
     "24_gallery": ("gallery", "23_conventions"),
+    "35_insertion": ("1", "panda"),
     "28_batches": ("--rows", "50", "--repeats", "2", "--libraries", "numpy"),
     "16_out_of_reach": ("film.gif", "3"),
 }

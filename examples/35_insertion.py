@@ -1,0 +1,92 @@
+"""A peg of 10 mm goes into a hole of 10.1 mm that is 1 mm and 2 deg away from where it is said to be.
+
+1. It presses on the plate with 5 N, and its place is led along a spiral whose turns are nearer than the clearance.
+2. Where the press is gone it waits; where it falls, or something holds it from the side, that may be the hole's mouth.
+3. Then it is taken for a peg in a hole: no force across and no moment is wanted, so it turns into the hole's direction,
+   and it is pushed in along its own axis, the more slowly the harder that is. If that leads nowhere the search goes on.
+
+Run: python examples/35_insertion.py [attempts, 2] [arm ...]
+"""
+
+import sys
+
+import numpy as np
+from shared.cells import ARMS, DELAY, DT
+from shared.peg_cell import PegCell
+
+import invariantqp as iq
+
+PEG, CLEARANCE, DEPTH = 0.010, 1e-4, 0.02  # diameters [m], how deep it has to go [m]
+OFF, TILT = 1e-3, np.radians(2.0)
+PITCH, SEARCH, WIDEST = 0.07e-3, 0.004, 1.5e-3  # of the spiral [m], along it [m/s], its last radius [m]
+PRESS, PUSH, SPEED = 4.0, 8.0, 0.01  # of the search [N], at most along the peg [N], how fast it goes in [m/s]
+LETS, LATE = 0.3, 0.02  # with less than this share of the press it waits, so far back [s]
+DENT, CAUGHT = 0.25e-3, 1.6  # so deep [m], or held from the side by so many presses, it may be in the hole
+PATIENCE, WITHIN = 0.6, 0.5e-3  # after so long [s] it is so deep [m], or was not
+LONGEST = 60.0  # [s]
+
+
+def spiral(t):
+    """Where the search is after t seconds, and how fast it moves (3,), (3,): at one speed along its way."""
+    angle = 2.0 * np.sqrt(np.pi * SEARCH * max(t, 1e-3) / PITCH)
+    radius = PITCH * angle / (2.0 * np.pi)
+    way = np.array([-np.sin(angle), np.cos(angle), 0.0])
+    return radius * np.array([np.cos(angle), np.sin(angle), 0.0]), SEARCH * way
+
+
+def inserted(arm, seed):
+    """How deep it went [m], the largest force [N], the seconds it took, and what stopped it."""
+    random = np.random.default_rng(seed)
+    home, (a, b) = iq.load_robot(arm).pose(ARMS[arm]), random.uniform(0.0, 2.0 * np.pi, 2)
+    mouth = home[:3, 3] + [OFF * np.cos(a), OFF * np.sin(a), -3e-3]
+    hole = iq.transform(translation=mouth) @ iq.exp([TILT * np.cos(b), TILT * np.sin(b), 0.0, 0.0, 0.0, 0.0])
+    cell = PegCell(arm, hole, 0.5 * PEG, CLEARANCE, mass=0.3, seed=seed)
+    told = {"dt": DT, "sensor": cell.sensor, "delay": DELAY}
+    flat = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], [0, 0, 1]), [PRESS], max_force=30.0)
+    peg = iq.HybridTask(lambda tool: iq.contacts.peg_in_hole(tool[:3, 3], tool[:3, 2]), np.zeros(4), max_force=30.0)
+    search, push = iq.HybridController(cell.robot, flat, **told), iq.HybridController(cell.robot, peg, **told)
+    since, pushed, fell, most, height, deep, seconds, reason = None, None, False, 0.0, 0.0, 0.0, 0.0, "time"
+    while seconds < LONGEST:
+        seconds += DT
+        q, reading = cell.read()
+        tool = cell.robot.pose(q)
+        force = cell.sensor.wrench(reading, tool)[3:]
+        if pushed is None:  # the search
+            at, along = (np.zeros(3), np.zeros(3)) if since is None else spiral(since)
+            solution = search.step(q, iq.transform(translation=at) @ cell.home, reading, [0, 0, 0, *along])
+            if since is None and solution.status == "ok":
+                since, height = 0.0, tool[2, 3]
+            elif since is not None:
+                falls = force[2] > -LETS * PRESS  # less than a part of the press is felt: a dent, or the hole
+                since += (DT if not falls else 0.0) - (LATE if falls and not fell else 0.0)
+                fell = falls
+                if tool[2, 3] < height - DENT or np.hypot(*force[:2]) > CAUGHT * PRESS:
+                    pushed = 0.0
+                    push.reset()
+            if np.linalg.norm(at) > WIDEST:
+                reason = "no hole found"
+                break
+        else:  # in its mouth, as far as is known
+            pushed += DT
+            speed = SPEED * min(1.0, max(0.0, 1.0 - force @ tool[:3, 2] / PUSH))
+            solution = push.step(q, tool, reading, [0, 0, 0, *(speed * tool[:3, 2])])
+            if pushed > PATIENCE and tool[2, 3] > height - WITHIN:
+                pushed, since = None, since + 2.0 * LATE
+        cell.drive(solution.velocity)
+        most = max(most, np.linalg.norm(cell.pressed()))
+        deep = (mouth - tool[:3, 3]) @ hole[:3, 2]
+        if deep > DEPTH:
+            reason = "in"
+            break
+        if solution.status in ("overload", "fault"):
+            reason = solution.reason
+            break
+    return deep, most, seconds, reason
+
+
+attempts = int(sys.argv[1]) if len(sys.argv) > 1 else 2
+for arm in sys.argv[2:] or ARMS:
+    found = [inserted(arm, seed) for seed in range(attempts)]
+    deep, most, time, said = zip(*found, strict=True)
+    print(f"{arm:6s} {said.count('in')} of {attempts} in, {max(most):.1f} N at most", end=", ")
+    print(f"{min(time):.1f} to {max(time):.1f} s; {', '.join(sorted(set(said)))}")

@@ -1,0 +1,64 @@
+"""An arm in MuJoCo with a round peg at its tool, over a plate with a round hole: penalty contact, damping and friction.
+
+MuJoCo's own shapes make no round hole. Here the rim of the peg's tip is tried against the plate and the wall of the
+hole, and the mouth of the hole against the peg's side and its face, each at points on a circle; every half millisecond
+their forces act on the arm in MuJoCo.
+"""
+
+import numpy as np
+from shared.cells import DT, Cell
+
+import invariantqp as iq
+
+POINTS, STIFFNESS, DAMPING, FRICTION, CREEP = 32, 2e4, 0.002, 0.3, 2e-3  # each: [N/m], [s], and slower sticks [m/s]
+STEP = 5e-4  # [s]
+CIRCLE = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.arange(POINTS) * 2.0 * np.pi / POINTS])
+
+
+class PegCell(Cell):
+    """A peg of a radius along the tool's z, its tip at the tool's origin; a hole whose mouth is at a pose, z up."""
+
+    def __init__(self, arm, hole, peg, clearance, **options):
+        super().__init__(arm, tick=STEP, **options)
+        self.hole, self.peg, self.wide, self.before = hole, peg, peg + 0.5 * clearance, None
+        self.felt = np.zeros(3)
+
+    def drive(self, velocity):
+        for _ in range(round(DT / STEP)):
+            self.touch()
+            super().drive(velocity)
+
+    def pressed(self):
+        return self.felt
+
+    def touch(self):
+        """The forces of a moment, on the body of the tool in MuJoCo."""
+        tool, hole = self.plant.state().pose, self.hole
+        rim = (tool[:3, :3] @ (self.peg * CIRCLE).T).T + tool[:3, 3]
+        mouth = (hole[:3, :3] @ (self.wide * CIRCLE).T).T + hole[:3, 3]
+        in_hole = (rim - hole[:3, 3]) @ hole[:3, :3]
+        across = np.hypot(in_hole[:, 0], in_hole[:, 1])
+        ways = np.column_stack((-in_hole[:, 2], across - self.wide))  # out of the plate: up, or into the hole
+        up, walls = np.tile(hole[:3, 2], (POINTS, 1)), -(in_hole * [1.0, 1.0, 0.0] / across[:, None]) @ hole[:3, :3].T
+        on_peg = (mouth - tool[:3, 3]) @ tool[:3, :3] * [1.0, 1.0, -1.0]  # heights above the tip
+        beside = np.hypot(on_peg[:, 0], on_peg[:, 1])
+        more = np.column_stack((on_peg[:, 2], self.peg - beside))  # out of the peg: below its face, or aside
+        face = np.tile(-tool[:3, 2], (POINTS, 1))
+        sides = -(on_peg * [1.0, 1.0, 0.0] / np.maximum(beside, 1e-9)[:, None]) @ tool[:3, :3].T
+        points, depths = np.vstack((rim, mouth)), np.vstack((ways, more))
+        normals = np.where((depths[:, 0] < depths[:, 1])[:, None], np.vstack((up, face)), np.vstack((walls, sides)))
+        depth = np.maximum(depths.min(axis=1), 0.0)
+        back = iq.inverse(tool)
+        body = points @ back[:3, :3].T + back[:3, 3]
+        moved = (body @ self.before[:3, :3].T + self.before[:3, 3]) if self.before is not None else points
+        speed = (points - moved) / STEP
+        self.before = tool
+        into = -(speed * normals).sum(axis=1)
+        push = np.where(depth > 0.0, np.maximum(STIFFNESS * (depth + DAMPING * into), 0.0), 0.0)
+        slip = speed + into[:, None] * normals
+        drag = slip / np.maximum(np.linalg.norm(slip, axis=1), CREEP)[:, None]
+        forces = push[:, None] * (normals - FRICTION * drag)
+        body = self.plant.model.body("sensor").id
+        centre = self.plant.data.xipos[body]
+        self.felt = forces.sum(axis=0)
+        self.plant.data.xfrc_applied[body] = [*self.felt, *np.cross(points - centre, forces).sum(axis=0)]

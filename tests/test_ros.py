@@ -1,0 +1,120 @@
+"""The ROS nodes of the examples, driven by a stand-in for rclpy."""
+
+import runpy
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from support import ros
+
+import invariantqp as iq
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+UR5 = iq.load_robot("ur5")
+START = np.array([0.0, -1.2, 1.8, -2.2, -1.57, 0.0])
+STIFFNESS, NOISE = 2e4, 0.2  # [N/m], [N]
+
+
+def spun(name, monkeypatch, arguments=("ur5",)):
+    node = ros.installed(monkeypatch)
+    monkeypatch.setattr("sys.argv", [name, *arguments])
+    runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    return node[0]
+
+
+def state_of(q):
+    return ros.message("JointState", name=[*UR5.names, "gripper"], position=[*q, 0.1])
+
+
+@pytest.fixture
+def press(monkeypatch):
+    return spun("38_force_ros", monkeypatch)
+
+
+def feel(node, q, table, random):
+    """The wrench topic, of a table and half a kilogram."""
+    tool = UR5.pose(q)
+    depth = max(0.0, table - tool[2, 3])
+    at = tool[:3, :3].T @ np.array([0.0, 0.0, STIFFNESS * depth - 0.5 * 9.80665])
+    moment = np.cross([0.0, 0.0, -0.03], tool[:3, :3].T @ [0.0, 0.0, -0.5 * 9.80665])
+    force = at + random.normal(0.0, NOISE, 3)
+    vectors = (SimpleNamespace(x=v[0], y=v[1], z=v[2]) for v in (force, moment))
+    wrench = SimpleNamespace(**dict(zip(("force", "torque"), vectors, strict=True)))
+    node.subscribed["wrench"](ros.message("WrenchStamped", wrench=wrench))
+    return STIFFNESS * depth
+
+
+def test_a_wrench_topic_is_pressed_by(press):
+    q, random = START.copy(), np.random.default_rng(0)
+    table, forces = UR5.pose(q)[2, 3] - 0.003, []
+    press.subscribed["press"](ros.message("Float64", data=8.0))
+    for _ in range(4000):
+        forces.append(feel(press, q, table, random))
+        press.subscribed["joint_states"](state_of(q))
+        q = q + 0.002 * np.array(press.published[-1].data)
+    assert np.abs(np.array(forces[-500:]) - 8.0).max() < 0.5
+    assert len(press.published) == 4000
+
+
+def test_silence_stops_the_arm(press):
+    press.subscribed["joint_states"](state_of(START))
+    assert press.published == []  # no reading yet
+    feel(press, START, 0.0, np.random.default_rng(0))
+    press.subscribed["joint_states"](state_of(START))
+    assert np.abs(press.published[-1].data).max() > 0.0  # it approaches
+    (period, watch), *_ = press.timers
+    watch()
+    assert len(press.published) == 1
+    watch()
+    assert press.published[-1].data == [0.0] * 6
+    assert period == 0.05
+
+
+def test_trouble_is_logged_and_a_reset_begins_anew(press):
+    for _ in range(3):
+        wrench = SimpleNamespace(
+            force=SimpleNamespace(x=0.0, y=0.0, z=90.0), torque=SimpleNamespace(x=0.0, y=0.0, z=0.0)
+        )
+        press.subscribed["wrench"](ros.message("WrenchStamped", wrench=wrench))
+        press.subscribed["joint_states"](state_of(START))
+    assert "overload: " in press.logged[-1]
+    assert press.served["reset"](None, SimpleNamespace(success=False)).success
+    feel(press, START, 0.0, np.random.default_rng(0))
+    press.subscribed["joint_states"](state_of(START))
+    assert "lost: " in press.logged[-1]
+
+
+def test_a_servo_node_follows_twists_and_stops_without_joint_states(monkeypatch):
+    node = spun("18_servo_ros", monkeypatch)
+    q, (_, tick) = START.copy(), node.timers[0]
+    along = SimpleNamespace(linear=SimpleNamespace(x=0.0, y=0.05, z=0.0), angular=SimpleNamespace(x=0.0, y=0.0, z=0.0))
+    for k in range(250):
+        if k % 10 == 0:
+            node.subscribed["servo/twist"](ros.message("TwistStamped", twist=along))
+        node.subscribed["joint_states"](state_of(q))
+        tick()
+        q = q + 0.002 * np.array(node.published[-1].data)
+    assert 0.015 < UR5.pose(q)[1, 3] - UR5.pose(START)[1, 3] < 0.03
+    for _ in range(12):
+        tick()
+    assert node.published[-1].data == [0.0] * 6
+
+
+def test_a_servo_node_goes_to_a_pose(monkeypatch):
+    node = spun("18_servo_ros", monkeypatch)
+    q, (_, tick) = START.copy(), node.timers[0]
+    target = iq.transform(translation=[0.0, 0.0, 0.05]) @ UR5.pose(q)
+    R = target[:3, :3]
+    w = 0.5 * np.sqrt(max(0.0, 1.0 + np.trace(R)))
+    x, y, z = (np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / (4.0 * w)).tolist()
+    pose = SimpleNamespace(
+        position=SimpleNamespace(x=target[0, 3], y=target[1, 3], z=target[2, 3]),
+        orientation=SimpleNamespace(x=x, y=y, z=z, w=w),
+    )
+    for _ in range(1000):
+        node.subscribed["servo/pose"](ros.message("PoseStamped", pose=pose))
+        node.subscribed["joint_states"](state_of(q))
+        tick()
+        q = q + 0.002 * np.array(node.published[-1].data)
+    assert np.abs(UR5.pose(q) - target).max() < 1e-3
