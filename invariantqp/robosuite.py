@@ -45,7 +45,7 @@ VELOCITY_LIMIT = 2.0
 # In Wipe 10 ms press with 65 N at the touch, 20 and 50 ms with 22 to 29.
 SERVO = 0.03
 # Time in which they bring it to its commanded position [s].
-HOLD = 0.1
+HOLD = 0.2
 # The gain of the pose [1/s], well below what that time leaves.
 GAIN = 10.0
 # How far the pose of the arm as loaded may be from the simulator's.
@@ -182,7 +182,8 @@ class InvariantPose(PartController):  # type: ignore[misc]
         self._pose = self._pose.copy()
         self._pose[:3, 3] += self.free.dt * self._speed
         velocity = self.solution.velocity
-        commanded = self._commanded + self.free.dt * velocity
+        # In the air joints keep to their commanded positions; in a contact the press decides where they are.
+        commanded = q if load.any() else self._commanded + self.free.dt * velocity
         missing = velocity - self.joint_vel + (commanded - q) / HOLD
         torque = self.mass_matrix.dot(missing) / SERVO + load + self.torque_compensation
         self.torques = self.clip_torques(torque)

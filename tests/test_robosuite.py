@@ -39,7 +39,7 @@ def test_an_arm_goes_to_a_pose_inside_its_limits(robot):
         fastest = max(fastest, np.abs(env.sim.data.qvel[part.qvel_index]).max())
     part.update(force=True)
     assert np.abs(part._tool() - target).max() < 1e-3
-    assert 0.5 < fastest < 0.75  # commanded at most 0.7
+    assert 0.5 < fastest < 0.8  # commanded at most 0.7
     assert part.solution.status == "ok"
 
 
@@ -69,7 +69,7 @@ def test_it_presses_what_is_asked_for_on_robosuites_own_table():
     env, part = made("Wipe", "Panda", press={"max_force": 60.0}, position_margin=0.12)
     down = np.diag([1.0, -1.0, -1.0])
     table = env.model.mujoco_arena.table_offset[2]
-    above = iq.transform(down @ iq.exp([0, 0, np.pi / 2, 0, 0, 0])[:3, :3], [*part._tool()[:2, 3], table + 0.03])
+    above = iq.transform(down @ iq.exp([0, 0, np.pi / 2, 0, 0, 0])[:3, :3], [*part._tool()[:2, 3], table + 0.01])
     for _ in range(40):
         env.step(action_of(env, above))
     pressed = []
