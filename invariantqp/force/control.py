@@ -419,6 +419,7 @@ class HybridController:
         self._pressing = pressing._replace(
             drives=tuple(d._replace(speed=float(r) - d.slope) for d, r in zip(drives, done, strict=True)),
             ways=tuple(ways),
+            known=tuple(one.shown(before.lag - lag) for one in pressing.known) if before.lag > 0.0 else pressing.known,
             lag=lag,
             along=along,
             steep=max(max((abs(d.slope) for d in drives), default=0.0), before.steep * exp(-dt / ALONG)),
