@@ -28,12 +28,13 @@ typedef struct {
     Row M[3];
 } Slow;
 
-/* velocity/qp.py: lower <= A z <= upper, A the identity for a box; joints first, then rows */
+/* velocity/qp.py: lower <= A z <= upper, A the identity for a box; joints first, then rows. A value may be outside by
+   `rounding` of what exact rows fix of it. */
 typedef struct {
     int count;
     bool box;
     Row A[LIMITS];
-    double lower[LIMITS], upper[LIMITS];
+    double lower[LIMITS], upper[LIMITS], rounding[LIMITS];
 } Polytope;
 
 /* law.py: which part of a twist closes an error, and what may be slowed down for it. */
@@ -257,6 +258,7 @@ double worth(const Demand *demand, const Row A[6], const double wanted[6]);
 double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt);
 Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
                  Optimum *found);
+bool within_limits(const Polytope *limits, int n, const Row z);
 bool slow_enough(const Slow *slow, int n, const Row e, double tolerance);
 void along(int n, int k, const Row *Q, Row row);
 Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu);
@@ -264,7 +266,7 @@ double tool_speed(const Cone *cone, int n, const Row x);
 void cone_on(const Cone *cone, int m, const Row origin, int n, const Row *basis, Cone *result);
 void polytope_on(const Polytope *limits, int m, const Row origin, int n, const Row *basis, Polytope *result);
 bool allows(const Demand *demand, const Row x);
-bool is_met(int n, const Row A[6], const double b[6], const Row x);
+bool is_met(int n, const Row A[6], const double b[6], const Row x, double tolerance);
 void reported(const Demand *demand, const Row A[6], const double wanted[6], const double *possible,
               const Objective *objective, const Row y, const Share *share, double pace, const Optimum *found,
               double blended, Solution *solution);
@@ -344,7 +346,7 @@ extern const Constant CONSTANTS[];
 #define INTERIOR 1e-6
 #define ROW_ROUNDING 1e-14
 #define BESIDE_TOLERANCE 1e-6
-#define NEWTON_STEPS 20
+#define NEWTON_STEPS 100
 #define CONE_TOLERANCE 1e-9
 #define FIXED_TOLERANCE 1e-13
 #define MOST_SHARE 1e8

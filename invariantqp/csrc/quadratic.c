@@ -113,7 +113,7 @@ static double multiplier(const double gains[4], const double squares[4], double 
 Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu)
 {
     Row M[3];
-    double v[3], gains[4] = {0.0}, squares[4] = {0.0}, left;
+    double v[3], left[3], along_u[3], gains[4] = {0.0}, squares[4] = {0.0};
     int rank = 0;
     Spectrum found;
     for (int i = 0; i < 3; i++) {
@@ -121,19 +121,21 @@ Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull,
             M[i][j] = slow->M[i][j];
         along(n, k, Q, M[i]);
     }
-    left = velocity(slow, n, e, v);
-    if (spectrum(3, n, (const Row *)M, v, NULL, &found) == HAND_BACK)
+    velocity(slow, n, e, v);
+    if (spectrum(3, n, (const Row *)M, NULL, NULL, &found) == HAND_BACK)
         return HAND_BACK;
-    left *= left;
+    memcpy(left, v, sizeof left); /* by U: what no direction changes is small beside |v|, and the difference of squares rounding */
     for (; rank < 3 && rank < n && found.sigma[rank] > NULL_RATIO * found.sigma[0]; rank++) {
+        along_u[rank] = dot(3, found.U[rank], v);
         gains[rank] = found.sigma[rank] * found.sigma[rank];
-        squares[rank] = found.wanted[rank] * found.wanted[rank];
-        left -= squares[rank];
+        squares[rank] = along_u[rank] * along_u[rank];
+        for (int i = 0; i < 3; i++)
+            left[i] -= along_u[rank] * found.U[rank][i];
     }
-    squares[rank] = rank < 3 ? fmax(left, 0.0) : 0.0; /* what no direction changes */
+    squares[rank] = rank < 3 ? dot(3, left, left) : 0.0;
     *nu = multiplier(gains, squares, slow->limit, slow->most);
     for (int i = 0; i < rank; i++) {
-        double step = *nu * found.sigma[i] * found.wanted[i] / (1.0 + *nu * gains[i]);
+        double step = *nu * found.sigma[i] * along_u[i] / (1.0 + *nu * gains[i]);
         for (int j = 0; j < n; j++)
             e[j] -= step * found.V[i][j];
     }
@@ -152,6 +154,8 @@ Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull,
 
 /* A multiplier of the wrong sign by less than this share of |pull| / |N_i| is rounding. */
 static const double WRONG_SIGN = 1e-13;
+/* A limit exceeded by less than this share of |e| |N_i| and of itself is rounding. */
+static const double EXCEEDED = 1e-13;
 
 /* The shortest e with N_a e = b. */
 void shortest(const Face *face, int n, const double *b, Row e)
@@ -345,7 +349,7 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
                 continue;
             double value = dot(room->n, room->N[i], face->e), lower = room->lower[i], upper = room->upper[i];
             double by = value > upper ? value - upper : lower - value;
-            by -= FEASIBLE * (room->length[i] * size + fmin(fabs(lower), fabs(upper)));
+            by -= EXCEEDED * (room->length[i] * size + fmin(fabs(lower), fabs(upper)));
             if (by > outside) {
                 outside = by;
                 worst = value > upper ? i + 1 : -i - 1;
@@ -390,8 +394,7 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
         double value = limits->box ? problem->centre[i] : dot(n, limits->A[i], problem->centre);
         double lower = limits->lower[i] - value, upper = limits->upper[i] - value;
         if (!(length[i] > ROW_TOLERANCE * longest)) {
-            double size = (isfinite(lower) ? fabs(lower) : 0.0) + (isfinite(upper) ? fabs(upper) : 0.0);
-            if (fmax(lower, -upper) > FEASIBLE * (1.0 + size))
+            if (fmax(lower, -upper) > limits->rounding[i])
                 return HAND_BACK;
             continue;
         }
@@ -414,6 +417,7 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
 /* Polytope.on of velocity/qp.py: the same limits on z, x = origin + basis z; basis[i] is column i of n. */
 void polytope_on(const Polytope *limits, int m, const Row origin, int n, const Row *basis, Polytope *result)
 {
+    double size = FEASIBLE * norm(m, origin);
     result->count = limits->count;
     result->box = false;
     for (int i = 0; i < limits->count; i++) {
@@ -422,6 +426,7 @@ void polytope_on(const Polytope *limits, int m, const Row origin, int n, const R
             result->A[i][l] = limits->box ? basis[l][i] : dot(m, limits->A[i], basis[l]);
         result->lower[i] = limits->lower[i] - start;
         result->upper[i] = limits->upper[i] - start;
+        result->rounding[i] = limits->rounding[i] + size * (limits->box ? 1.0 : norm(m, limits->A[i]));
     }
 }
 
@@ -443,16 +448,14 @@ static void precise(const Quadratic *problem, const Polytope *limits, const int 
         z[j] += dot(n, problem->T[j], e);
 }
 
-/* Whether z is inside all limits but for rounding beside itself and them: far from z* rounding beside z* may be more. */
-static bool kept(const Polytope *limits, int n, const Row z)
+/* Whether z is inside all limits but for rounding of it and of what exact rows fix. */
+bool within_limits(const Polytope *limits, int n, const Row z)
 {
     double size = norm(n, z);
     for (int i = 0; i < limits->count; i++) {
         double value = limits->box ? z[i] : dot(n, limits->A[i], z), length = limits->box ? 1.0 : norm(n, limits->A[i]);
-        double lower = limits->lower[i], upper = limits->upper[i];
-        double most = fmax(isfinite(lower) ? fabs(lower) : 0.0, isfinite(upper) ? fabs(upper) : 0.0);
-        double margin = FEASIBLE * (length * size + most);
-        if (!(value >= lower - margin && value <= upper + margin))
+        double margin = FEASIBLE * length * size + limits->rounding[i];
+        if (!(value >= limits->lower[i] - margin && value <= limits->upper[i] + margin))
             return false;
     }
     return true;
@@ -532,7 +535,7 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
         found->met = found->met || y[k] != 0.0;
     }
     precise(problem, limits, of, side, &face, found->z);
-    return kept(limits, n, found->z) ? DONE : HAND_BACK;
+    return within_limits(limits, n, found->z) ? DONE : HAND_BACK;
 }
 
 /* The same without a speed limit and without multipliers. */
@@ -548,7 +551,7 @@ Outcome minimise_from(const Quadratic *problem, const Polytope *limits, const Ro
         searched(problem, inside, &room, NULL, side, &face, y, &nu) == HAND_BACK)
         return HAND_BACK;
     precise(problem, limits, of, side, &face, z);
-    return kept(limits, problem->n, z) ? DONE : HAND_BACK;
+    return within_limits(limits, problem->n, z) ? DONE : HAND_BACK;
 }
 
 /* The same in a box, which zero is in. */

@@ -17,14 +17,15 @@ bool allows(const Demand *demand, const Row x)
     return true;
 }
 
-bool is_met(int n, const Row A[6], const double b[6], const Row x)
+/* Whether A x = b but for rounding, or a tolerance. */
+bool is_met(int n, const Row A[6], const double b[6], const Row x, double tolerance)
 {
     double square = 0.0, size = norm_of_rows(6, n, A);
     for (int i = 0; i < 6; i++) {
         double left = b[i] - dot(n, A[i], x);
         square += left * left;
     }
-    return square <= MET_TOLERANCE * MET_TOLERANCE * dot(6, b, b) ||
+    return square <= tolerance * tolerance * dot(6, b, b) ||
            square <= PRODUCT_ROUNDING * PRODUCT_ROUNDING * size * size * dot(n, x, x);
 }
 
@@ -36,24 +37,26 @@ static bool is_stuck(const Demand *demand, const Row A[6], const double wanted[6
     double along = 0.0, square = dot(6, wanted, wanted);
     for (int i = 0; i < 6; i++)
         along += wanted[i] * dot(demand->m, A[i], x);
-    return along < PROGRESS_SHARE * square && !is_met(demand->m, A, wanted, x);
+    return along < PROGRESS_SHARE * square && !is_met(demand->m, A, wanted, x, MET_TOLERANCE);
+}
+
+/* The share of a velocity that a limit above zero allows where only rounding exceeds it; 1 where more does: it gave way. */
+static double rounded(double value, double limit)
+{
+    double share = limit > 0.0 && value > limit ? limit / value : 1.0;
+    return share > 1.0 - ACTIVE_TOLERANCE ? share : 1.0;
 }
 
 /* The velocity shortened until rows and tool speed hold exactly, where only rounding exceeds them. */
 static void shortened(const Demand *demand, const Row y, Row x)
 {
-    double limit = demand->cone.limit, share = 1.0;
-    for (int i = 0; i < demand->limits; i++) { /* rows that zero violates are ignored */
+    double limit = demand->cone.limit, share = limit > 0.0 ? rounded(tool_speed(&demand->cone, demand->m, y), limit) : 1.0;
+    for (int i = 0; i < demand->limits; i++) {
         double value = dot(demand->m, demand->G[i], y);
-        if (demand->most[i] > 0.0)
-            share = fmin(share, 1.0 / fmax(1.0, value / demand->most[i]));
-        if (demand->least[i] < 0.0)
-            share = fmin(share, 1.0 / fmax(1.0, value / demand->least[i]));
+        share = fmin(share, fmin(rounded(value, demand->most[i]), rounded(-value, -demand->least[i])));
     }
-    if (limit > 0.0)
-        share = fmin(share, limit / fmax(limit, tool_speed(&demand->cone, demand->m, y)));
     for (int j = 0; j < demand->m; j++)
-        x[j] = share < 1.0 && share > 1.0 - ACTIVE_TOLERANCE ? share * y[j] : y[j];
+        x[j] = share * y[j];
 }
 
 /* The velocity without rounding past its bounds, the joints at them, and the residual. */
@@ -98,7 +101,7 @@ static bool falls(const Demand *demand, const Row x)
 static double missed_share(int m, const Row A[6], const double wanted[6], const double *possible, const Row x)
 {
     double left[6], size = norm(6, possible);
-    if (is_met(m, A, wanted, x) || (possible != wanted && is_met(m, A, possible, x)))
+    if (is_met(m, A, wanted, x, MET_TOLERANCE) || (possible != wanted && is_met(m, A, possible, x, MET_TOLERANCE)))
         return 0.0;
     for (int i = 0; i < 6; i++)
         left[i] = possible[i] - dot(m, A[i], x);

@@ -95,7 +95,7 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     room.count = last + 1;
     for (int i = 0; i < n; i++)
         room.A[last][i] = i == 0 ? 1.0 : 0.0;
-    room.lower[last] = 0.0;
+    room.lower[last] = room.rounding[last] = 0.0;
     /* From standing still a > 1 is never the optimum: a share 1 / a of it costs less, and is inside. */
     room.upper[last] = norm(m, reduction->start) > 0.0 ? length : INFINITY;
     if (best(&room, &slow, first, n, length, 0.0, &found) == HAND_BACK)

@@ -30,11 +30,15 @@ static bool agrees(const Demand *demand)
     return true;
 }
 
+/* A twist missed by less is met by joints far from singular: a hundred times this share of their velocity. A posture that is
+   far larger than what the twist needs leaves more. */
+static const double REGULAR = 1e-11;
+
 static bool quick(const Demand *demand, const Row A[6], const double b[6], Solution *solution)
 {
     Row x;
     int m = demand->m;
-    if (demand->metric != NULL || !agrees(demand) || !regular_velocity(demand, A, b, x) || !allows(demand, x) || !achieves(demand, x) || !is_met(m, A, b, x) ||
+    if (demand->metric != NULL || !agrees(demand) || !regular_velocity(demand, A, b, x) || !allows(demand, x) || !achieves(demand, x) || !is_met(m, A, b, x, REGULAR) ||
         excess_deviation(m, A, b, norm(m, x), demand->dt) > 0.0)
         return false;
     clipped(demand, x, solution);

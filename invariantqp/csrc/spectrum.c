@@ -126,7 +126,7 @@ void want(Spectrum *found, const double b[6], const double *ahead)
     }
 }
 
-/* Without a b (NULL), k is 6; `ahead` is another b, or NULL. */
+/* Without a b (NULL) it finds U instead; `ahead` is another b, or NULL. */
 Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahead, Spectrum *found)
 {
     bool wide = n >= k;

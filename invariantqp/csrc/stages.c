@@ -46,6 +46,7 @@ static void limits_of(const Demand *demand, const Row lower, const Row upper, Po
     const Law *metric = demand->metric;
     limits->count = m + demand->limits;
     limits->box = metric == NULL && demand->limits == 0;
+    memset(limits->rounding, 0, (size_t)limits->count * sizeof(double));
     memcpy(limits->lower, lower, (size_t)m * sizeof(double));
     memcpy(limits->upper, upper, (size_t)m * sizeof(double));
     for (int j = 0; j < m && !limits->box; j++)
@@ -261,14 +262,8 @@ static void room_at(const Posed *problem, const Share *share, Room *room)
 /* Whether z is inside all limits, but for rounding. */
 static bool is_allowed(const Room *room, int n, const Row z)
 {
-    const Polytope *limits = room->limits;
-    for (int i = 0; i < limits->count; i++) {
-        double value = limits->box ? z[i] : dot(n, limits->A[i], z), lower = limits->lower[i], upper = limits->upper[i];
-        double size = FEASIBLE * (1.0 + fmin(fabs(lower), fabs(upper)));
-        if (!(value <= upper + size && value >= lower - size))
-            return false;
-    }
-    return room->cone.limit == 0.0 || tool_speed(&room->cone, n, z) <= room->cone.limit * (1.0 + CONE_TOLERANCE);
+    return within_limits(room->limits, n, z) &&
+           (room->cone.limit == 0.0 || tool_speed(&room->cone, n, z) <= room->cone.limit * (1.0 + CONE_TOLERANCE));
 }
 
 /* The chase from z0 by `way`, whose direction is u in the objective, and what limits take away of it. */

@@ -352,11 +352,10 @@ class LimitRows(Value):
         over, under = y - self.upper, y - self.lower
         return np.asarray(np.maximum(over, 0.0) + np.minimum(under, 0.0), dtype=np.float64)
 
-    def share(self, x: Array) -> float:
-        """The largest share of x in [0, 1] that the rows allow; rows that zero violates are ignored."""
+    def used(self, x: Array) -> Array:
+        """(2 k,) the share of each upper and each lower limit that x takes; 0 for a limit that zero violates."""
         y, lower, upper = self.C.dot(x), self.lower, self.upper
-        over = np.maximum(y / np.where(upper > 0.0, upper, np.inf), y / np.where(lower < 0.0, lower, -np.inf))
-        return 1.0 / max(1.0, float(over.max()))
+        return np.append(y / np.where(upper > 0.0, upper, np.inf), y / np.where(lower < 0.0, lower, -np.inf))
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)

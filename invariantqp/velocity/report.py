@@ -196,11 +196,10 @@ def _is_stuck(demand: Demand, wanted: Array, x: Array, share: float) -> bool:
 
 def _shortened(demand: Demand, x: Array) -> Array:
     """The velocity shortened until rows and tool speed hold exactly, where only rounding exceeds them."""
-    rows, cone = demand.rows, demand.cone
-    share = 1.0 if rows is None else rows.share(x)
-    if cone is not None:
-        share = min(share, cone.limit / max(cone.limit, cone.speed(x)))
-    return share * x if 1.0 > share > 1.0 - ACTIVE_TOLERANCE else x
+    used = np.empty(0) if demand.rows is None else demand.rows.used(x)
+    if demand.cone is not None:
+        used = np.append(used, demand.cone.speed(x) / demand.cone.limit)
+    return x / used[used < 1.0 / (1.0 - ACTIVE_TOLERANCE)].max(initial=1.0)  # what is exceeded by more gave way
 
 
 def _multipliers(demand: Demand, answer: Answer) -> tuple[Array | None, Array | None]:

@@ -418,7 +418,7 @@ def _rows_given_way(
         z = found.z.copy()
     t, size = z[m:], np.abs(z[m:]).max()
     moved: NDArray[np.bool_] = np.abs(t) > ROUNDING * np.linalg.norm(z)
-    t = lengths * np.where(moved, t + np.sign(t) * WIDENING * size, 0.0 if moved.any() else t)
+    t = lengths * np.where(moved, t + np.sign(t) * WIDENING * size, 0.0)
     wider = LimitRows(rows.C, rows.lower + np.minimum(t, 0.0), rows.upper + np.maximum(t, 0.0))
     least = minimise(
         Daqp(),
