@@ -258,7 +258,7 @@ double worth(const Demand *demand, const Row A[6], const double wanted[6]);
 double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt);
 Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
                  Optimum *found);
-bool within_limits(const Polytope *limits, int n, const Row z);
+bool inside_limits(const Polytope *limits, int n, const Row z);
 bool slow_enough(const Slow *slow, int n, const Row e, double tolerance);
 void along(int n, int k, const Row *Q, Row row);
 Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu);

@@ -449,7 +449,7 @@ static void precise(const Quadratic *problem, const Polytope *limits, const int 
 }
 
 /* Whether z is inside all limits but for rounding of it and of what exact rows fix. */
-bool within_limits(const Polytope *limits, int n, const Row z)
+bool inside_limits(const Polytope *limits, int n, const Row z)
 {
     double size = norm(n, z);
     for (int i = 0; i < limits->count; i++) {
@@ -535,7 +535,7 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
         found->met = found->met || y[k] != 0.0;
     }
     precise(problem, limits, of, side, &face, found->z);
-    return within_limits(limits, n, found->z) ? DONE : HAND_BACK;
+    return inside_limits(limits, n, found->z) ? DONE : HAND_BACK;
 }
 
 /* The same without a speed limit and without multipliers. */
@@ -551,7 +551,7 @@ Outcome minimise_from(const Quadratic *problem, const Polytope *limits, const Ro
         searched(problem, inside, &room, NULL, side, &face, y, &nu) == HAND_BACK)
         return HAND_BACK;
     precise(problem, limits, of, side, &face, z);
-    return within_limits(limits, problem->n, z) ? DONE : HAND_BACK;
+    return inside_limits(limits, problem->n, z) ? DONE : HAND_BACK;
 }
 
 /* The same in a box, which zero is in. */

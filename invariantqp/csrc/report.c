@@ -47,7 +47,8 @@ static double rounded(double value, double limit)
     return share > 1.0 - ACTIVE_TOLERANCE ? share : 1.0;
 }
 
-/* The velocity shortened until rows and tool speed hold exactly, where only rounding exceeds them. */
+/* The velocity shortened until rows and tool speed hold exactly, where only rounding exceeds them; not where standing still
+   is outside a row, which a shorter one would be too. */
 static void shortened(const Demand *demand, const Row y, Row x)
 {
     double limit = demand->cone.limit, share = limit > 0.0 ? rounded(tool_speed(&demand->cone, demand->m, y), limit) : 1.0;
@@ -55,6 +56,8 @@ static void shortened(const Demand *demand, const Row y, Row x)
         double value = dot(demand->m, demand->G[i], y);
         share = fmin(share, fmin(rounded(value, demand->most[i]), rounded(-value, -demand->least[i])));
     }
+    for (int i = 0; i < demand->limits; i++)
+        share = demand->least[i] > 0.0 || demand->most[i] < 0.0 ? 1.0 : share;
     for (int j = 0; j < demand->m; j++)
         x[j] = share * y[j];
 }

@@ -262,7 +262,7 @@ static void room_at(const Posed *problem, const Share *share, Room *room)
 /* Whether z is inside all limits, but for rounding. */
 static bool is_allowed(const Room *room, int n, const Row z)
 {
-    return within_limits(room->limits, n, z) &&
+    return inside_limits(room->limits, n, z) &&
            (room->cone.limit == 0.0 || tool_speed(&room->cone, n, z) <= room->cone.limit * (1.0 + CONE_TOLERANCE));
 }
 

@@ -353,7 +353,7 @@ class LimitRows(Value):
         return np.asarray(np.maximum(over, 0.0) + np.minimum(under, 0.0), dtype=np.float64)
 
     def used(self, x: Array) -> Array:
-        """(2 k,) the share of each upper and each lower limit that x takes; 0 for a limit that zero violates."""
+        """(2 k,) the share that x takes of each upper limit above zero and each lower one below; 0 for the others."""
         y, lower, upper = self.C.dot(x), self.lower, self.upper
         return np.append(y / np.where(upper > 0.0, upper, np.inf), y / np.where(lower < 0.0, lower, -np.inf))
 

@@ -195,10 +195,16 @@ def _is_stuck(demand: Demand, wanted: Array, x: Array, share: float) -> bool:
 
 
 def _shortened(demand: Demand, x: Array) -> Array:
-    """The velocity shortened until rows and tool speed hold exactly, where only rounding exceeds them."""
-    used = np.empty(0) if demand.rows is None else demand.rows.used(x)
-    if demand.cone is not None:
-        used = np.append(used, demand.cone.speed(x) / demand.cone.limit)
+    """The velocity shortened until rows and tool speed hold exactly, where only rounding exceeds them.
+
+    Not where standing still is outside a row, which a shorter one would be too.
+    """
+    rows, cone = demand.rows, demand.cone
+    if rows is not None and not rows.allow(np.zeros_like(x)):
+        return x
+    used = np.empty(0) if rows is None else rows.used(x)
+    if cone is not None:
+        used = np.append(used, cone.speed(x) / cone.limit)
     return x / used[used < 1.0 / (1.0 - ACTIVE_TOLERANCE)].max(initial=1.0)  # what is exceeded by more gave way
 
 
