@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.fuzz_ticks import random_chain
 from support.random_systems import motion
-from support.two_laws import ROUNDING, Brought, same_reasons
+from support.two_laws import Brought, same_reasons
 
 import invariantqp as iq
 from invariantqp.control.compiled import compiled_tick
@@ -19,6 +19,8 @@ from invariantqp.velocity.objective import least_squares, spectrum_of
 pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
 # Rounding of a tool pose and of its logarithm, in units of rounding of the pose.
 POSE = 32 * np.finfo(float).eps
+# Rounding of an optimum inside limits, times the condition of the Hessian, relative to its distance from the free one.
+ROUNDING = 64 * np.finfo(float).eps
 POINT, AXIS = iq.control.ExactPoint([0.0, 0.0, 0.1]), iq.control.ExactAxis([0.2, 0.0, 1.0])
 PLANE = iq.control.ExactPlane([0.0, 0.3, 1.0], [0.0, 0.0, 0.1])
 ASIDE = iq.exp([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])

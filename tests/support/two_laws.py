@@ -1,4 +1,4 @@
-"""The same tick by the compiled core and by Python, and how far rounding may part the two.
+"""The same tick by the compiled core and by Python, and how far rounding of its data may part the two.
 
 `PYTHONPATH=tests python -m support.two_laws 1000000` compares them on that many random ticks, and says which differ.
 """
@@ -10,21 +10,14 @@ import numpy as np
 
 import invariantqp as iq
 from invariantqp.velocity.compiled import compiled
-from invariantqp.velocity.damping import CALM
 from invariantqp.velocity.law import Chase, Demand, VelocityLaw
-from invariantqp.velocity.reasons import Code
 from invariantqp.velocity.solve import solve
 from invariantqp.velocity.tick import posed
 
-# The answers agree to this, relative, wherever they are well determined.
-AGREE = 1e-10
-# An optimum inside limits is determined to rounding times the condition of the Hessian, relative to its distance from
-# z*; near a singularity every direction that is damped is, relative to the velocity.
-ROUNDING = 64 * np.finfo(float).eps
-# Likewise the share of exact rows, alone and beside a speed limit.
-SHARE, LOOSE = 1e-8, 1e-6
-# A share of exact rows that is rounding of none.
-NOTHING_LEFT = 1e-9
+# Velocity, the share of exact rows and what limits pull agree to this, relative to the largest.
+AGREE = 1e-8
+# The data of a tick are told to this, in each of so many versions.
+ROUNDED, TIMES = 4 * np.finfo(float).eps, 16
 SIZES = (1e-60, 1e-6, 1e-3, 1.0, 1.0, 1.0, 1e3, 1e60)
 DAMPINGS = (
     iq.velocity.Adaptive(),
@@ -178,68 +171,87 @@ def native_answer(law, demand):
 
 
 def disagreements(law, demand, native, answer):
-    """What differs beyond rounding, in words."""
-    problem = posed(law, demand, law.damping)
-    spread, gradient = spreads(law, problem, demand, native, answer)
-    # Far from singular the core does not look whether a closed form touches a bound, nor what exact rows leave free.
-    regular = (native.method, native.status, native.reasons) == ("closed-form", "ok", ())
-    least = 1e-12
-    share, reasons, velocities = SHARE, [native.reasons, answer.reasons], [native.velocity, answer.velocity]
-    still = np.clip(np.zeros(len(demand.lower)), demand.lower, demand.upper)
-    if answer.scale < 1.0 and (still.any() or answer.status == "degraded"):
-        # Counted from the velocity that moves the rows least, which weights 1e-9 apart tell.
-        reasons = [[loosely(reason) for reason in found] for found in reasons]
-        share, least = LOOSE, LOOSE
-        reach = problem.reduction.full + problem.reduction.basis.dot(problem.objective(1.0).centre())
-        spread += LOOSE * float(np.abs(reach).max())
-    if answer.scale < NOTHING_LEFT:  # more limits meet there than it takes to hold the rows
-        reasons = [[without_holders(reason) for reason in found] for found in reasons]
-    if demand.cone is not None and answer.scale < 1.0:
-        # Weights 1e-9 apart, twice: which limits hold the rows, and how the arm moves within itself, is loosely told.
-        share, reasons = LOOSE, [[without_holders(reason) for reason in found] for found in reasons]
-        A = demand.root @ demand.J
-        velocities, spread = [A @ x for x in velocities], 100.0 * LOOSE * np.linalg.norm(problem.wanted)
-        pulls = [y for y in (answer.multipliers, answer.row_multipliers) if y is not None]
-        gradient += 1e3 * LOOSE * max((float(np.abs(y).max()) for y in pulls), default=0.0)
-    return [
-        *([] if near(*velocities, spread) else [f"velocity {native.velocity} {answer.velocity}"]),
-        *([] if np.isclose(native.scale, answer.scale, rtol=share, atol=least) else [f"{native.scale} {answer.scale}"]),
-        *([] if regular or np.isclose(native.damping, answer.damping, rtol=1e-6, atol=0.0) else ["damping"]),
-        *([] if same_pull(law, problem, demand, native, answer, gradient) else ["multipliers"]),
-        *([] if native.status == answer.status else ["status"]),
-        *([] if same_method(native, answer, gradient) else ["method"]),
-        *([] if regular or native.active == answer.active else ["active"]),
-        *([] if regular or same_reasons(*reasons) else [f"reason {native.reason!r} {answer.reason!r}"]),
-    ]
+    """What differs, in words: by more than `AGREE`, and by more than the definition's answers to data that are rounded.
 
-
-def same_pull(law, problem, demand, native, answer, gradient):
-    """Whether limits pull alike on what exact rows leave free; where more of them meet than there are directions there,
-    how it is shared is open.
+    An answer that its data do not tell to `AGREE`, near a singularity or where more limits meet than it takes to hold
+    the joints, has to be as near to the definition as that is to itself.
     """
-    if near(native.multipliers, answer.multipliers, gradient) and near(
-        native.row_multipliers, answer.row_multipliers, gradient
-    ):
-        return True
-    T = np.eye(len(demand.lower)) if law.to_joint is None else law.to_joint
-    pulls = []
-    for found in (native, answer):  # without a limit that is met, there are none
-        rows = 0.0 if demand.rows is None or found.multipliers is None else demand.rows.C.T @ found.row_multipliers
-        pull = T.T @ ((np.zeros(len(T)) if found.multipliers is None else found.multipliers) + rows)
-        pulls.append(problem.reduction.basis.T @ pull)
-    return near(*pulls, gradient * (1.0 + (0.0 if demand.rows is None else np.abs(demand.rows.C).sum(axis=0).max())))
+    problem = posed(law, demand, law.damping)
+    if not different(law, problem, demand, native, [answer]):
+        return []
+    rng = np.random.default_rng(0)
+    return different(
+        law, problem, demand, native, [answer, *(python_answer(law, rounded(rng, demand)) for _ in range(TIMES))]
+    )
 
 
-def same_method(native, answer, gradient):
-    """Of a limit that is touched without a pull, rounding tells whether it is met."""
-    if {native.method, answer.method} == {"closed-form", "damped"}:
-        return native.method == "closed-form" and native.status == "ok"
-    pull = max((np.abs(x.multipliers).max() for x in (native, answer) if x.multipliers is not None), default=np.inf)
-    return native.method == answer.method or pull <= gradient
+def different(law, problem, demand, native, answers):
+    """What of an answer differs from the first of some, and is not as near to it as the others are."""
+    first = answers[0]
+    size = float(max(np.abs(native.velocity).max(), np.abs(first.velocity).max()))
+    pulls = [pull(law, problem, demand, x) for x in (native, *answers)]
+    weight = max(problem.objective(first.scale).weights.max(initial=0.0), problem.spectrum.largest**2)
+    hardest = max(float(np.abs(x).max(initial=0.0)) for x in pulls[:2]) + weight * size
+    found = [
+        f"{name} {one} {others[0]}"
+        for name, (one, *others), scale in (
+            ("velocity", [x.velocity for x in (native, *answers)], size),
+            ("scale", [x.scale for x in (native, *answers)], 1.0),
+            ("pull", pulls, hardest),
+        )
+        if not apart(one, others[0]) <= max(AGREE * scale, *(apart(x, others[0]) for x in others))
+    ]
+    # Far from singular the core does not look whether what exact rows leave free is damped, nor what a limit is called.
+    regular = (native.method, native.status, native.reasons) == ("closed-form", "ok", ())
+    found += [
+        f"{name} {getattr(native, name)} {getattr(first, name)}"
+        for name in (["status"] if regular else ["status", "active"])
+        if all(getattr(native, name) != getattr(x, name) for x in answers)
+    ]
+    if not regular and not any(same_reasons(native.reasons, x.reasons) for x in answers):
+        found.append(f"reason {native.reason!r} {first.reason!r}")
+    return found
 
 
-def near(one, other, spread):
-    return one is other or (one is not None and other is not None and np.abs(one - other).max() <= spread)
+def apart(one, other):
+    """The largest difference."""
+    return float(np.abs(np.subtract(one, other)).max(initial=0.0))
+
+
+def pull(law, problem, demand, found):
+    """How hard limits pull on what exact rows leave free; how they share it is open where more of them meet."""
+    all_of_them = np.zeros(len(found.velocity)) if found.multipliers is None else found.multipliers
+    if found.row_multipliers is not None:
+        all_of_them = all_of_them + demand.rows.C.T @ found.row_multipliers
+    T = np.eye(len(all_of_them)) if law.to_joint is None else law.to_joint
+    return problem.reduction.basis.T @ T.T @ all_of_them
+
+
+def rounded(rng, demand):
+    """The demand with each number changed by up to four roundings; zeros, and what joints leave no room, stay."""
+
+    def change(a):
+        return None if a is None else np.asarray(a) * (1.0 + ROUNDED * rng.uniform(-1.0, 1.0, np.shape(a)))
+
+    joints, exact, rows, cone, chase = np.ones(len(demand.lower)), demand.exact, demand.rows, demand.cone, demand.chase
+    joints, J = change(joints), change(demand.J)
+    if exact is not None:
+        D = np.zeros((len(exact.b), 6)) if exact.of_twist is None else exact.of_twist
+        A = np.where(D.any(axis=1, keepdims=True), D @ J, change(exact.A))
+        exact = iq.ExactRows(A, change(exact.b), exact.of_twist)
+    if rows is not None:
+        size = change(np.ones(len(rows.C)))
+        rows = iq.limits.LimitRows(change(rows.C), size * rows.lower, size * rows.upper)
+    if cone is not None:
+        cone = cone._replace(J=change(cone.J), limit=float(change(cone.limit)))
+    if chase is not None:
+        ahead, rows_ahead, slack = change(chase.ahead), change(chase.rows_ahead), float(change(chase.slack))
+        chase = chase._replace(ahead=ahead, rows_ahead=rows_ahead, slack=slack)
+        chase = chase._replace(lower=joints * chase.lower, upper=joints * chase.upper)
+    return demand._replace(
+        J=J, s=change(demand.s), posture=change(demand.posture), lower=joints * demand.lower,
+        upper=joints * demand.upper, exact=exact, rows=rows, cone=cone, chase=chase,
+    )  # fmt: skip
 
 
 def same_reasons(one, other):
@@ -249,61 +261,6 @@ def same_reasons(one, other):
         [[n for r in found for n in sorted(r.numbers)] for found in (one, other)],
     )
     return data[0] == data[1] and np.allclose(*numbers, rtol=0.06, atol=1e-9)
-
-
-def without_holders(reason):
-    """A reason without the limits that hold exact rows."""
-    return reason._replace(joints=(), rows=()) if reason.code is Code.ROWS_SLOWED else reason
-
-
-def loosely(reason):
-    """A reason whose share of the exact rows' speed is rounded: it is told to that."""
-    return (
-        reason._replace(numbers=tuple(round(n, 5) for n in reason.numbers))
-        if reason.code is Code.ROWS_SLOWED
-        else reason
-    )
-
-
-def spreads(law, problem, demand, native, answer):
-    """How far rounding may part two velocities, and two sets of multipliers."""
-    objective = problem.objective(answer.scale)
-    largest = max(objective.weights.max(initial=0.0), problem.spectrum.largest**2)
-    sizes = [native.velocity, answer.velocity, np.zeros(1) if demand.posture is None else demand.posture]
-    size = max(float(np.abs(x).max()) for x in sizes)
-    T = np.eye(len(demand.lower)) if law.to_joint is None else law.to_joint
-    reduction = problem.reduction
-    centre = reduction.origin(answer.scale) + reduction.basis.dot(objective.centre())
-    far = np.linalg.norm(answer.velocity - T.dot(centre))
-    condition = 1.0 if answer.method == "closed-form" else largest / objective.weights.min(initial=largest)
-    if demand.exact is not None:
-        size += problem.reduction.bend * float(np.abs(problem.reduction.full).max())
-    condition *= np.linalg.cond(T) ** 2
-    spread = AGREE * size + ROUNDING * condition * (far + size)
-    if answer.method == "closed-form" and far > AGREE * size:  # calmed by a residual that is known to rounding
-        A = np.linalg.norm(problem.A)
-        residual = ROUNDING * (
-            np.linalg.norm(problem.wanted) + A * np.linalg.norm(problem.objective(answer.scale).centre())
-        )
-        bend = problem.reduction.bend
-        spread += (
-            0.5
-            * CALM
-            * bend
-            * law.dt
-            * A
-            * residual
-            / objective.weights.min(initial=largest)
-            * float(np.abs(answer.velocity).max())
-        )
-    if law.form is not None:  # what it attempts is known to rounding of the twist
-        spread += ROUNDING * np.linalg.norm(problem.wanted) / np.sqrt(objective.weights.min(initial=largest))
-    gradient = AGREE * largest * far + largest * spread
-    if demand.cone is not None and answer.multipliers is not None:  # beside a root that is known to rounding
-        gradient += 1e-8 * np.abs(answer.multipliers).max()
-    if demand.exact is not None and answer.multipliers is not None:  # of rows that may nearly depend on each other
-        gradient += 1e-6 * np.abs(answer.multipliers).max()
-    return spread, gradient
 
 
 def main():

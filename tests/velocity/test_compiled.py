@@ -39,6 +39,11 @@ def tick():
 @settings(max_examples=repeats(5000, 300), deadline=None, derandomize=True)  # for other ticks there is two_laws.main
 @given(st.integers(0, 2**63))
 @example(77015359)  # a form's velocity and least squares, apart by rounding of terms that are far larger than |A x|
+@example(8002185)  # a posture a hundred thousand times as fast as what the twist needs
+@example(8000173)  # a tool speed that leaves a millionth of itself beside exact rows
+@example(1074648)  # position limits that leave a chase a room of 1e-8 beside exact rows
+@example(1008561)  # likewise beside rows that gave way, in joints of 1e-3 rad/s
+@example(2014428)  # rows that do not contradict, told so by rounding of velocities of 200 rad/s
 @example([424242, 5574])  # the weakest of the limits that hold the rows moves what they leave free by rounding
 def test_both_answer_the_same(seed):
     law, demand = random_tick(np.random.default_rng(seed))
@@ -47,6 +52,28 @@ def test_both_answer_the_same(seed):
         assert disagreements(law, demand, native, python_answer(law, demand)) == []
         assert (native.velocity >= demand.lower).all()
         assert (native.velocity <= demand.upper).all()
+
+
+def test_rows_hold_to_rounding_beside_a_tool_speed_that_gives_way(tick):
+    """Rows that the velocity without them exceeds by less than the tolerance of a solver."""
+    law, demand = tick
+    rng, answered = np.random.default_rng(7), 0
+    for _ in range(100):
+        lower = rng.uniform(-0.5, 0.7, 7)
+        cone = iq.limits.ToolSpeed(1e-3, np.ones(3)).cone(demand.J, np.ones(3))
+        told = demand._replace(s=rng.normal(size=6), lower=lower, upper=lower + rng.uniform(0.1, 1.0, 7), cone=cone)
+        alone, C = native_answer(law, told), rng.normal(size=(4, 7))
+        if alone is None or "the tool's speed is" not in alone.reason:
+            continue
+        most = np.abs(C @ alone.velocity) * (1.0 - 5e-10)
+        rows = iq.limits.LimitRows(C, -most, most)
+        solution = native_answer(law, told._replace(rows=rows))
+        if solution is None or "rows contradict" in solution.reason:
+            continue
+        answered += 1
+        size = np.linalg.norm(C, axis=1) * np.linalg.norm(solution.velocity)
+        assert (np.abs(rows.excess(solution.velocity)) <= 1e-14 * size).all()
+    assert answered > 10
 
 
 def test_the_core_answers_most_of_them():

@@ -4,12 +4,20 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 from support.repeats import repeats
-from support.two_laws import LOOSE, SHARE, random_limits, random_rows, same_reasons, without_holders
+from support.two_laws import AGREE, random_limits, random_rows, same_reasons
 from support.velocity_reference import reach_of, root_of
 
 import invariantqp as iq
+from invariantqp.velocity.reasons import Code
 
 WIDE = 50.0
+# The free part of joints beside a tool speed and exact rows, which weights 1e-9 apart tell, twice.
+LOOSE = 1e-6
+
+
+def without_holders(reason):
+    """A reason without the limits that hold exact rows."""
+    return reason._replace(joints=(), rows=()) if reason.code is Code.ROWS_SLOWED else reason
 
 
 @pytest.fixture
@@ -202,10 +210,10 @@ def test_the_core_and_python_find_the_same(seed):
     asked = {name: value for name, value in options.items() if rng.random() < 0.5}
     one = iq.velocity.solve_tasks(tasks, **asked)
     other = iq.velocity.solve_tasks(tasks, **asked, engine="python")
-    near = LOOSE if {"exact", "tool_speed"} <= asked.keys() else 1e-8  # weights 1e-9 apart, twice
+    near = LOOSE if {"exact", "tool_speed"} <= asked.keys() else AGREE
     np.testing.assert_allclose(one.velocity, other.velocity, rtol=0.0, atol=near * np.abs(other.velocity).max())
     assert (one.method, one.status, one.active) == (other.method, other.status, other.active)
-    assert one.scale == pytest.approx(other.scale, rel=SHARE, abs=near)
+    assert one.scale == pytest.approx(other.scale, rel=AGREE, abs=near)
     assert same_reasons(*([without_holders(reason) for reason in found.reasons] for found in (one, other)))
     np.testing.assert_allclose(one.residual, other.residual, rtol=0.0, atol=1e-6 * (1.0 + np.abs(other.residual).max()))
 
