@@ -205,7 +205,8 @@ def _shortened(demand: Demand, x: Array) -> Array:
     used = np.empty(0) if rows is None else rows.used(x)
     if cone is not None:
         used = np.append(used, cone.speed(x) / cone.limit)
-    return x / used[used < 1.0 / (1.0 - ACTIVE_TOLERANCE)].max(initial=1.0)  # what is exceeded by more gave way
+    most = float(used[used < 1.0 / (1.0 - ACTIVE_TOLERANCE)].max(initial=1.0))  # what is exceeded by more gave way
+    return x / most
 
 
 def _multipliers(demand: Demand, answer: Answer) -> tuple[Array | None, Array | None]:
