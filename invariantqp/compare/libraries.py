@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.compare.loop import AccelerationReach, pose_of
-from invariantqp.compare.method import Method, Question, Setting, Solve, Takes, answer, posture_of
+from invariantqp.compare.method import LoopSetting, Method, Question, Solve, Takes, answer, posture_of
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import RobotModelError
 from invariantqp.geometry import arrays, screws, se3
@@ -367,7 +367,7 @@ def _words(numbers: Array) -> str:
     return " ".join(repr(float(number)) for number in numbers)
 
 
-def drake_velocity(setting: Setting) -> Solve:
+def drake_velocity(setting: LoopSetting) -> Solve:
     """maximise alpha with J x = alpha s inside the limits, and bring x near the posture in the null space of J."""
     from pydrake.multibody import inverse_kinematics as drake
 

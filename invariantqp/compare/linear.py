@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from invariantqp.compare.method import CANNOT, DLS, PENROSE, Method, Question, Setting, Solve, Takes
+from invariantqp.compare.method import CANNOT, DLS, PENROSE, LoopSetting, Method, Question, Solve, Takes
 from invariantqp.geometry.arrays import Array
 
 # lambda as scripts choose it, in mixed units of J; also the largest of Chiaverini's damping.
@@ -71,7 +71,7 @@ def unit_consistent_inverse(J: Array) -> Array:
     return np.asarray(e[:, None] * np.linalg.pinv(d[:, None] * J * e) * d)
 
 
-def projected(inverse: Callable[[Array], Array]) -> Callable[[Setting], Solve]:
+def projected(inverse: Callable[[Array], Array]) -> Callable[[LoopSetting], Solve]:
     """Gradient projection with some inverse of J."""
 
     def velocity(tick: Question) -> Array:
@@ -81,7 +81,7 @@ def projected(inverse: Callable[[Array], Array]) -> Callable[[Setting], Solve]:
     return lambda _: velocity
 
 
-def priority(setting: Setting) -> Solve:
+def priority(setting: LoopSetting) -> Solve:
     """Exact rows, the twist in their null space, the posture in what both leave."""
     eye = np.eye(setting.m)
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.method import OURS, Method, Question, Setting, Solve, answer, posture_of
+from invariantqp.compare.method import OURS, LoopSetting, Method, Question, Solve, answer, posture_of
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
@@ -32,16 +32,16 @@ from invariantqp.velocity.solution import VelocitySolution
 ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
 
 
-def setting_of(robot: Robot, law: LawSpec) -> Setting:
+def setting_of(robot: Robot, law: LawSpec) -> LoopSetting:
     """What methods are told of an arm; the point is in its tool frame."""
     point = np.asarray(law.point, np.float64)
-    return Setting(len(robot.names), law.dt, point, ToolMeasure(robot, point, law.length).length)
+    return LoopSetting(len(robot.names), law.dt, point, ToolMeasure(robot, point, law.length).length)
 
 
 class MethodLaw:
     """The loop of one method."""
 
-    def __init__(self, robot: Robot, law: LawSpec, name: str, make: Callable[[Setting], Solve]) -> None:
+    def __init__(self, robot: Robot, law: LawSpec, name: str, make: Callable[[LoopSetting], Solve]) -> None:
         """Of `law`, dt, gain, delay, acceleration_limit, point, length, posture, exact and position_margin count."""
         self._name, self._robot, self._read = name, robot, state_reader(robot)
         self._gain = tracking_gain(law.gain, law.dt, law.delay)

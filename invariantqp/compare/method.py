@@ -42,7 +42,7 @@ class Takes:
     feedforward: str = "added to the twist"  # the target's own twist
 
 
-class Setting(NamedTuple):
+class LoopSetting(NamedTuple):
     """What every method is told of the arm and the loop before the first tick."""
 
     m: int  # number of joints
@@ -76,7 +76,7 @@ class Method:
     family: Family
     why: str  # what it is and where it comes from, in one line
     takes: Takes
-    make: Callable[[Setting], Solve] | None = None  # makes the function of a tick
+    make: Callable[[LoopSetting], Solve] | None = None  # makes the function of a tick
     system: MakeController | None = None  # or a whole control loop, (robot, law) to controller
     needs: tuple[str, ...] = ()  # Python modules that have to be installed; imported where the loop is made
     shown: bool = True  # whether the first table and the chart have it

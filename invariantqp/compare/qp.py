@@ -25,9 +25,9 @@ from invariantqp.compare.method import (
     HAND_WRITTEN,
     LEAST_SQUARES,
     SCALED_LEAST_SQUARES,
+    LoopSetting,
     Method,
     Question,
-    Setting,
     Solve,
     Takes,
     answer,
@@ -131,12 +131,12 @@ class HandWritten:
         return answer(x, "hand-written", "daqp")
 
 
-def least_squares(*, given_length: bool = False, calm: bool = False) -> Callable[[Setting], Solve]:
+def least_squares(*, given_length: bool = False, calm: bool = False) -> Callable[[LoopSetting], Solve]:
     """A maker of least squares inside the limits, measured at the given point with the given length; `calm` adds a mu
     that grows with what is missed.
     """
 
-    def make(setting: Setting) -> Solve:
+    def make(setting: LoopSetting) -> Solve:
         root = root_at(setting.point, setting.length) if given_length else None
         solver, eye = Daqp(), np.eye(setting.m)
 
@@ -173,7 +173,7 @@ def slowed(solver: Daqp, H: Array, c: Array, tick: Question) -> Array:
     return np.zeros(len(c))
 
 
-def scaling(setting: Setting) -> Solve:
+def scaling(setting: LoopSetting) -> Solve:
     """maximise alpha with J x = alpha s inside the limits, alpha <= 1; the posture in what is left.
 
     Where limits exclude every share, as those of accelerations may, it stops.
@@ -193,7 +193,7 @@ def scaling(setting: Setting) -> Solve:
     return velocity
 
 
-def levels(setting: Setting) -> Solve:
+def levels(setting: LoopSetting) -> Solve:
     """Limits > exact rows > J x = s > x = x_p, each level as far as those above allow, by DAQP's own hierarchies.
 
     Within a level DAQP weighs every row by one over its norm: what it misses of a twist is least in these units.

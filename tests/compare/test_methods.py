@@ -12,7 +12,7 @@ from invariantqp.compare.linear import (
     unit_consistent_inverse,
     unit_scaling,
 )
-from invariantqp.compare.method import CANNOT, FAMILIES, OURS, OURS_PYTHON, Question, Setting
+from invariantqp.compare.method import CANNOT, FAMILIES, OURS, OURS_PYTHON, LoopSetting, Question
 from invariantqp.compare.qp import levels
 from invariantqp.compare.registry import chosen, controller_named, left_out, methods
 from invariantqp.errors import BadInput, UnknownName
@@ -24,7 +24,7 @@ READY = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
 
 
 def setting(m):
-    return Setting(m, 0.001, np.zeros(3), 1.0)
+    return LoopSetting(m, 0.001, np.zeros(3), 1.0)
 
 
 def plain(J, s, lower, upper):
@@ -274,7 +274,7 @@ def test_exact_rows_that_limits_forbid_are_slowed_down_by_halves():
     J, s = problem(5, 6)
     row = np.zeros((1, 6))
     row[0, 0] = 1.0
-    make = ROWS["least-squares QP"].make(Setting(6, 0.01, np.zeros(3), 0.5))
+    make = ROWS["least-squares QP"].make(LoopSetting(6, 0.01, np.zeros(3), 0.5))
     for wanted, share in ((0.9, 1.0), (1.5, 0.5), (3.9, 0.25), (7.9, 0.125), (9.0, 0.0)):
         x = make(Question(J, s, -np.ones(6), np.ones(6), np.zeros(6), row, np.array([wanted]), np.zeros(6)))
         assert x[0] == pytest.approx(share * wanted, abs=1e-9)
