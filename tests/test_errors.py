@@ -1,5 +1,6 @@
 """Errors travel: each class of the package pickles, copies and crosses process pools, message and attributes intact."""
 
+import contextlib
 import copy
 import multiprocessing
 import pickle
@@ -14,7 +15,7 @@ from joblib.externals.loky import get_reusable_executor
 from support.workers import fail
 
 import invariantqp
-from invariantqp.errors import LONGEST_EXCERPT, BadInput, InvariantQPError, excerpt
+from invariantqp.errors import LONGEST_EXCERPT, BadInput, InvariantQPError, MissingExtra, excerpt
 
 # What a worker that dies while it sends its answer makes the other side wait for: without a limit, for ever.
 PATIENCE_S = 60.0
@@ -41,10 +42,11 @@ TRAVELS = {
 
 
 def all_classes():
-    """Every error class of the package, in any of its files."""
+    """Every error class of the package, in any of its files that can be loaded here."""
     for module in walk_packages(invariantqp.__path__, "invariantqp."):
         if not module.name.endswith("__main__"):
-            import_module(module.name)
+            with contextlib.suppress(MissingExtra):
+                import_module(module.name)
     found, new = {}, {InvariantQPError}
     while new:
         found.update((kind.__name__, kind) for kind in new)

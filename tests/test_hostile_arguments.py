@@ -41,7 +41,7 @@ NOT_CALLED = {
 # Public methods that are not called here, and why.
 INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
-    "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.share PaperLambda.of_size "
+    "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.used PaperLambda.of_size "
     "Controller.posture_pull Controller.told Controller.wrong "
     "Clearance.in_loop Clearance.rows_at BoxQP.of "
     "Chain.motions Chain.with_links LimitRows.trusted Candidate.frame ExactPoint.rows "
