@@ -33,6 +33,18 @@ ORDER = (
 )
 # Aliases that a signature would spell out, as signatures spell them out, and what they are called.
 ALIASES = {inspect.formatannotation(alias): name for alias, name in ((ArrayLike, "ArrayLike"), (Array, "Array"))}
+# robosuite needs NumPy below 2, and so an environment of its own: here its names are enough.
+ROBOSUITE = ("composite.composite_controller", "composite.composite_controller_factory", "parts.controller")
+
+
+class Named(ModuleType):
+    """A module of which only names are needed: each is a class that returns what it is called with."""
+
+    def __getattr__(self, name: str) -> type:
+        """The class of that name."""
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return type(name, (), {"__new__": lambda _, value: value})
 
 
 def resolve(module: ModuleType) -> None:
@@ -64,6 +76,8 @@ def main(folder: Path) -> None:
     imports = [node for node in ast.walk(source) if isinstance(node, ast.ImportFrom)]
     homes = {alias.name: str(node.module) for node in imports for alias in node.names}
     iq.__all__.sort(key=lambda name: ORDER.index(homes[name].split(".")[1]))
+    for name in ROBOSUITE:
+        sys.modules[f"robosuite.controllers.{name}"] = Named(name)
     for found in walk_packages(iq.__path__, "invariantqp."):
         resolve(import_module(found.name))
     inspect.formatannotation = pdoc.doc.formatannotation = called_by_name(inspect.formatannotation)
