@@ -91,7 +91,7 @@ def test_out_of_reach_joints_rest_that_bring_the_tool_no_nearer():
     """Joints that turn without an end, outstretched: the error is a flat valley, where some go on for minutes."""
     robot, dt, resting = iq.load_robot("gen3"), 0.004, 0
     rng = np.random.default_rng(4)
-    for _ in range(8):
+    for _ in range(4):
         q, target, late = somewhere(rng, robot), robot.pose(somewhere(rng, robot)), np.zeros(7)
         target[:3, 3] *= 1.6
         loop, aim = iq.Controller(robot, dt=dt, delay=dt, acceleration_limit=10.0), robot.target(target)
@@ -103,7 +103,7 @@ def test_out_of_reach_joints_rest_that_bring_the_tool_no_nearer():
         nearer = left - np.linalg.norm(robot.pose(q)[:3, 3] - target[:3, 3])
         assert np.abs(late).max() < 1e-5 or nearer > 1e-5
         resting += bool(np.abs(late).max() < 1e-5)
-    assert resting >= 7
+    assert resting >= 3
 
 
 LOOPS = {
@@ -183,7 +183,7 @@ def test_ok_is_what_it_promises_and_limited_names_what_limits(name, loop_name):
 def test_the_tick_decides_no_status(name):
     """At one gain loops with a long and a short tick are "ok" for the same time."""
     robot, share = iq.load_robot(name), []
-    for dt in (0.01, 0.001):
+    for dt in (0.01, 0.002):
         rng, ok, ticks = np.random.default_rng(6), 0, round(1.5 / dt)
         for _ in range(6):
             q, loop = somewhere(rng, robot), iq.Controller(robot, dt=dt, gain=10.0)
