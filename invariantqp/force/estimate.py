@@ -124,11 +124,6 @@ class Touch(NamedTuple):
     airborne: float = inf
 
     @property
-    def aloft(self) -> bool:
-        """Whether it is certain that nothing is touched."""
-        return self.evidence == -CERTAIN
-
-    @property
     def clear(self) -> float:
         """How clearly nothing is touched, from 0 to 1; it falls soon, so that an approach slows down soon."""
         return (min(0.0, self.evidence) / -CERTAIN) ** SOON
