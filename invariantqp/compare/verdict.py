@@ -19,7 +19,8 @@ Figures = dict[str, dict[str, Any]]
 
 def verdict(results: Results) -> list[str]:
     """Where Moore-Penrose is enough, where a plain QP is, whose answer is one, where we lose."""
-    return [sentence for make in (_penrose, _plain_qp, _one_answer, losses) for sentence in make(results)]
+    lost = [f"Where {OURS} loses: {sentence}" for sentence in losses(results)]
+    return [sentence for make in (_penrose, _plain_qp, _one_answer) for sentence in make(results)] + lost
 
 
 def of_task(results: Results, kind: str, task: str) -> Figures:
@@ -55,18 +56,16 @@ def losses(results: Results) -> list[str]:
         mine, took = loops[OURS], ticks[OURS]["median_us"]
         faster = [f"{n}{_time(ticks, n)}" for n in as_good(loops) if n in ticks and ticks[n]["median_us"] < took]
         nearer = [n for n, r in loops.items() if _nearer(r["position_mm"], mine["position_mm"])]
-        parts = [f"{what}: {', '.join(names)}" for what, names in (("faster", faster), ("nearer", nearer)) if names]
+        parts = [f"{what} are {', '.join(names)}" for what, names in (("faster", faster), ("nearer", nearer)) if names]
         turned = {
             n: r
             for n, r in loops.items()
             if (r["orientation_deg"] or 0.0) * AS_GOOD < (mine["orientation_deg"] or 0.0) > NOTHING
         }
         if turned:
-            parts.append(
-                f"it tilts by {_missed([mine])}; less tilted: {', '.join(turned)} ({_missed(turned.values())})"
-            )
+            parts.append(f"it tilts by {_missed([mine])}; {', '.join(turned)} by {_missed(turned.values())}")
         if parts:
-            sentences.append(f"{title(task)}, where {OURS} loses: {'; '.join(parts)}.")
+            sentences.append(f"{title(task)}: {'; '.join(parts)}.")
     return sentences
 
 

@@ -38,10 +38,10 @@ def test_where_we_lose_it_is_said():
         invariantqp=(10.0, 0.5, 20.0, 1e-14, 1e-12), fast=(5.0, 0.5, 20.0, 0.1, 0.0), near=(50.0, 0.1, 3.0, 0.1, 0.0)
     )
     (told,) = verdict.losses(found)
-    assert "nearer: near" in told
-    assert "it tilts by 20 deg, at 0.5 mm; less tilted: near (3 deg, at 0.1 mm)" in told
+    assert "nearer are near" in told
+    assert "it tilts by 20 deg, at 0.5 mm; near by 3 deg, at 0.1 mm" in told
     found = results(invariantqp=(10.0, 0.5, 20.0, 1e-14, 1e-12), fast=(5.0, 0.5, 20.0, 0.1, 0.0))
-    assert "faster: fast (5 us)" in verdict.losses(found)[0]
+    assert "faster are fast (5 us)" in verdict.losses(found)[0]
     assert verdict.losses(results(invariantqp=(10.0, 0.5, 20.0, 1e-14, 1e-12), slow=(20.0, 0.5, 20.0, 0.1, 0.0))) == []
 
 
