@@ -44,8 +44,9 @@ def main(word):
     if word in {"--measure", "--readme", "--everyday"}:
         write_section(HERE / "guide" / "comparison.md", guide(results, first))
     if word in {"--measure", "--readme"}:
-        chart.draw(results, PICTURES / "speed_and_accuracy.png")
-        chart.draw(results, PICTURES / "speed_and_accuracy_dark.png", chart.DARK)
+        for columns, width in ((2, ""), (1, "_phone")):
+            chart.draw(results, PICTURES / f"speed_and_accuracy{width}.png", columns=columns)
+            chart.draw(results, PICTURES / f"speed_and_accuracy{width}_dark.png", chart.DARK, columns)
         write_section(HERE.parent / "README.md", listed(losses(results)))
         print("\nREADME.md has where ours loses, examples/guide/comparison.md the tables, examples/pictures the charts")
     elif word != "--everyday":
