@@ -55,18 +55,21 @@ def read(path: Path | str, robot: Robot | None = None) -> File:
     """
     file = Path(path)
     name = str(file)
+    expected = "a .csv or .npz file of numbers"
+    if file.suffix.lower() not in (".csv", ".npz"):
+        raise BadInput(name, f"the ending {file.suffix!r}", expected)
     try:
         if file.suffix.lower() == ".csv":
             columns = _csv(file, name)
-        elif file.suffix.lower() == ".npz":
+        else:
             with np.load(file, allow_pickle=False) as held:
                 columns = _flat({key: np.asarray(held[key], dtype=float) for key in held.files})
-        else:
-            raise BadInput(name, f"the ending {file.suffix!r}", "a .csv or .npz file")
-    except (OSError, ValueError, EOFError) as error:
+    except OSError as error:
+        raise BadInput(name, (error.strerror or str(error)).lower(), expected) from error
+    except (ValueError, EOFError) as error:
         if isinstance(error, BadInput):
             raise
-        raise BadInput(name, f"{error}", "a .csv or .npz file of numbers") from error
+        raise BadInput(name, str(error), expected) from error
     return _recording(columns, name, robot)
 
 

@@ -25,13 +25,11 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.identification.models import Model, gauge
 from invariantqp.identification.motions import adjoint, applied, carried, coadjoint, cross, inverse, moved, skew
 
-# Steps until a fit is given up: those that converge take five to fifteen.
-STEPS = 40
+# Steps until a fit is given up: those that converge take three to ten.
+STEPS = 15
 # A step that would lower the sum of squares by less than this changes no parameter by more than 1e-4 of its
 # standard deviation.
 CONVERGED = 1e-8
-# Steps with more samples, from a fit by fewer: three or four are enough.
-REFINING = 8
 # Noise of a row relative to what is left of it: beyond this many standard deviations, the model is not near, and to
 # linearise about corrected poses would lead away.
 NEAR = 4.0
@@ -49,6 +47,9 @@ SLIDING = 10.0
 OPEN = 10.0
 # A fit that misses by so many times the noise after some steps, and no longer improves, is not that kind.
 HOPELESS, SLOW = 8.0, 0.1
+
+
+Start = tuple[Array, Array, Array]  # A, B, and curvature or pitch
 
 
 class Samples(NamedTuple):
@@ -109,6 +110,11 @@ class Fit(NamedTuple):
     alike: float  # for how many samples one that is independent stands: 1 of white noise, more of smooth errors
 
     @property
+    def start(self) -> Start:
+        """Where another fit begins."""
+        return self.base, self.tool, self.extra
+
+    @property
     def worst(self) -> float:
         """The largest of the misses."""
         return max(self.motion, self.wrench, self.friction)
@@ -125,8 +131,8 @@ def _squares(e: Array, V: Array) -> Array:
     return np.asarray((e * applied(V, e)).sum(axis=1))
 
 
-def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps: int = STEPS) -> Fit:
-    """The best fit near a start A, B, extra, after so many steps at most."""
+def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED, steps: int = STEPS) -> Fit:
+    """The best fit near a start, until a step would lower the sum of squares by less than enough."""
     zero = np.zeros_like(samples.wrench)
     friction = across_the_slide(samples, start[1][:3, 3]) if model.pressed else None
     state = _state(model, samples, friction, *start, zero, zero)
@@ -145,15 +151,11 @@ def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps
                 held = max(100.0 * held, DAMPING)
                 state, H, g, now = kept
             delta = _step(H, g, held, alike)
-            if -float(delta.dot(g)) < CONVERGED + 1e-9 * now or held > 1.0:
+            if -float(delta.dot(g)) < enough + 1e-9 * now or held > 1.0:
                 break
             corrected = [-applied(K, e + J @ delta) for e, J, _, K in state.rows]
             omega = corrected[1] if model.free_moments else zero
             state = _state(model, samples, friction, *_moved(state, delta), corrected[0], omega)
-            # Poses are corrected once more where the frames are now: the sum of squares is then that of these frames.
-            corrected = [-applied(K, e) for e, _, _, K in state.rows]
-            omega = corrected[1] if model.free_moments else zero
-            state = _state(model, samples, friction, state.base, state.tool, state.extra, corrected[0], omega)
             continue
         while damping < MOST_DAMPING:
             delta = _step(H, g, damping, alike)
@@ -168,11 +170,6 @@ def fit(model: Model, samples: Samples, start: tuple[Array, Array, Array], steps
         if cost > HOPELESS**2 * count and step > 2 and before - cost < SLOW * cost:
             break
     return _finished(model, state if kept is None else kept[0])
-
-
-def refined(found: Fit, samples: Samples) -> Fit:
-    """A fit by more samples than it was found by."""
-    return fit(found.model, samples, (found.base, found.tool, found.extra), REFINING)
 
 
 def _normal_equations(state: _State) -> tuple[Array, Array, float]:

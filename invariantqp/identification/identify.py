@@ -25,7 +25,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.identification.candidate import Candidate, candidate
-from invariantqp.identification.fit import Samples, refined
+from invariantqp.identification.fit import Samples, fit
 from invariantqp.identification.judge import MISFIT, Verdict, explains, judged
 from invariantqp.identification.models import MODELS
 from invariantqp.identification.motions import adjoint, applied, carried, coadjoint, inverse, twists
@@ -357,7 +357,7 @@ def _identification(samples: Samples, verdicts: list[Verdict], start: int, stop:
     size = float(np.sqrt(samples.pose[:, :3, 3].var(axis=0).sum()))
     left = sorted((v for v in verdicts if not v.why), key=lambda v: (v.model.freedoms, v.fit.motion))
     sides = every, every.reversed if any(v.reversed for v in left) else every
-    left = [v._replace(fit=refined(v.fit, sides[v.reversed])) for v in left]
+    left = [v._replace(fit=fit(v.model, sides[v.reversed], v.fit.start)) for v in left]
     candidates = tuple(candidate(v.fit, v.reversed, v.press, _size(v, size)) for v in left)
     refuted = {v.key: v.why for v in verdicts if v.why}
     if not candidates:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.identification.fit import Fit, Samples, covariance, fit
+from invariantqp.identification.fit import Fit, Samples, Start, covariance, fit
 from invariantqp.identification.models import MODELS, Model, angles
 from invariantqp.identification.motions import applied, coadjoint, cross, inverse, skew
 from invariantqp.identification.starts import starts
@@ -24,9 +24,9 @@ from invariantqp.identification.starts import starts
 MISFIT = 2.0
 # A first look at a third of the samples that finds a kind this much worse is enough.
 FAR = 2.5
-COARSE, COARSE_STEPS = 3, 14
-# How a tip slides depends on where it is: fits are repeated from the tip found, which changes by a hundredth each time.
-PASSES = 3
+COARSE = 3
+# A step that would lower the sum of squares by less than this moves no parameter by a third of its standard deviation.
+ENOUGH = 0.1
 # Beyond so many standard deviations a pitch or a curvature is not zero.
 SURE = 5.0
 # Beyond so many standard deviations of noise something moved, or was pushed.
@@ -83,8 +83,7 @@ def judged(samples: Samples, kinds: tuple[str, ...]) -> list[Verdict]:
                 best = _best(model, side, _inside(model, reversed_, found))
                 found.append(_verdict(model, reversed_, best, side))
             else:
-                anywhere = fit(model, side, (np.eye(4), np.eye(4), np.zeros(model.extra)), 1)
-                found.append(Verdict(model, reversed_, anywhere, _moments(least)))
+                found.append(Verdict(model, reversed_, _anywhere(model, side), _moments(least)))
     return _told_apart(found, samples)
 
 
@@ -105,7 +104,7 @@ def _moments(times: float) -> str:
     return f"moments about what turns freely are {times:.3g} times their noise"
 
 
-def _inside(model: Model, reversed_: bool, found: list[Verdict]) -> list[tuple[Array, Array, Array]]:
+def _inside(model: Model, reversed_: bool, found: list[Verdict]) -> list[Start]:
     """Where a kind may begin: at kinds that fit and move in fewer ways, all of which are its own too."""
     at = []
     for v in found:
@@ -129,21 +128,24 @@ def explains(samples: Samples, kinds: tuple[str, ...]) -> bool:
     return False
 
 
-def _best(model: Model, samples: Samples, inside: Sequence[tuple[Array, Array, Array]] = ()) -> Fit:
+def _best(model: Model, samples: Samples, inside: Sequence[Start] = ()) -> Fit:
     """The best fit from any start; only those that are near are worth all samples."""
     few = samples.thinned(max(1, min(COARSE, len(samples.pose) // 40)))
     best: Fit | None = None
     for start in (*inside, *starts(model, samples)):
-        found = fit(model, few, start, COARSE_STEPS)
+        found = _seated(fit(model, few, start, ENOUGH), few)
         if best is None or best.worst > found.worst:
             best = found
         if best.worst < 0.75 * MISFIT:
             break
     if best is None or best.worst > FAR * MISFIT:
-        return best or fit(model, samples, (np.eye(4), np.eye(4), np.zeros(model.extra)), 1)
-    for _ in range(PASSES):
-        best = _seated(fit(model, samples, (best.base, best.tool, best.extra)), samples)
-    return best
+        return best or _anywhere(model, samples)
+    return _seated(fit(model, samples, best.start, ENOUGH), samples)
+
+
+def _anywhere(model: Model, samples: Samples) -> Fit:
+    """A fit of a kind that has no start."""
+    return fit(model, samples, (np.eye(4), np.eye(4), np.zeros(model.extra)), steps=1)
 
 
 def _seated(found: Fit, samples: Samples) -> Fit:

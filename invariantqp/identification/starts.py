@@ -9,11 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.identification.fit import Samples, across_the_slide
+from invariantqp.identification.fit import Samples, Start, across_the_slide
 from invariantqp.identification.models import Model, angles
 from invariantqp.identification.motions import applied, framed, inverse, nearest_rotation, poses, skew, unit
-
-Start = tuple[Array, Array, Array]
 
 # Normals tried over the half sphere: 16 degrees apart.
 NORMALS = 80
@@ -143,29 +141,14 @@ def _tip(model: Model, R: Array, t: Array, n: Array, found: Array) -> list[Start
             return [(base, framed(z - edge * (edge @ z), p, edge), NONE)]
         return [(base, framed(z, p, c * edge + s * np.cross(z, edge)), NONE) for c, s in _DIRECTIONS]
     tool = poses(np.eye(3), p)
-    if model.kind == "point":
-        return [(base, tool, NONE)]
-    return _ball_under(x, tool)
+    return [(base, tool, NONE if model.kind == "point" else np.array([_ball_under(x, base)]))]
 
 
-def _ball_under(x: Array, tool: Array) -> list[Start]:
-    """A sphere k/2 |x|^2 + g.x + d = 0 through points."""
-    middle = x.mean(axis=0)
-    y = x - middle
-    G = np.concatenate((y, np.ones((len(y), 1)), 0.5 * (y * y).sum(axis=1)[:, None]), axis=1)
-    sizes = np.linalg.norm(G, axis=0) + 1e-300
-    v = np.linalg.svd(G / sizes, full_matrices=False)[2][-1] / sizes
-    size = v[:3] @ v[:3] - 2.0 * v[3] * v[4]
-    if size <= 0.0:
-        return []
-    g, k = v[:3] / np.sqrt(size), v[4] / np.sqrt(size)
-    if abs(k) * np.sqrt((y * y).sum(axis=1).mean()) < 1e-6 or np.linalg.norm(g) == 0.0:
-        return []
-    # The point of the sphere nearest to the middle, with the normal there.
-    centre = -g / k
-    n = g / np.linalg.norm(g)
-    foot = centre + n / k
-    return [(framed(n, middle + foot), tool, np.array([k]))]
+def _ball_under(x: Array, base: Array) -> float:
+    """The curvature k of z + k |p|^2 / 2 = 0 through points x in the base frame."""
+    y = (x - base[:3, 3]) @ base[:3, :3]
+    A = np.stack((0.5 * (y * y).sum(axis=1), np.ones(len(y))), axis=1)
+    return float(np.linalg.lstsq(A, -y[:, 2], rcond=None)[0][0])
 
 
 def _half_sphere() -> Array:

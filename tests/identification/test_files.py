@@ -66,7 +66,11 @@ def test_what_is_no_recording_is_refused(tmp_path, text):
 
 def test_other_files_are_refused(tmp_path):
     (tmp_path / "a.npz").write_bytes(b"no archive")
-    for name, said in (("none.csv", "No such file"), ("a.txt", "the ending '.txt'"), ("a.npz", "a .csv or .npz file")):
+    for name, said in (
+        ("none.csv", "none.csv: found no such file"),
+        ("a.txt", "the ending '.txt'"),
+        ("a.npz", "a .csv or .npz file"),
+    ):
         with pytest.raises(iq.BadInput, match=said):
             read(tmp_path / name)
     np.savez(tmp_path / "b.npz", poses=X, force=W[:5, 3:], moment=W[:5, :3])
