@@ -4,9 +4,12 @@
     with      c(A^-1 X_i exp(xi_i) B) = 0  and  the free moments of w_i + omega_i zero
 
 and, of little weight, side forces across the slide of a pressed contact, which friction has none of: they find a normal
-that the motion leaves open. Solved by Gauss-Newton steps with the corrections xi, omega kept (the Gauss-Helmert model,
-or total least squares). Every distance is one in a noise tensor, which changes frames as Ad N Ad': no frame and no unit
-enters.
+that the motion leaves open. Where a contact may be off beside noise, poses give way to the wrench, xi_i + E K u_i: what
+bends is off alike where the load is alike. The compliance K (6, 6) is unknown, of unit variance; u are the wrenches in
+their root mean square over sqrt(6), E is what is allowed.
+
+Solved by Gauss-Newton steps with the corrections xi, omega kept (the Gauss-Helmert model, or total least squares).
+Every distance is one in a noise tensor, which changes frames as Ad N Ad': no frame and no unit enters.
 
 Reference: E. M. Mikhail, Observations and Least Squares, 1976; R. Subramani et al., arXiv 2010.15916, fit kinds of
 constraint to poses and wrenches too.
@@ -61,6 +64,7 @@ class Samples(NamedTuple):
     wrench: Array  # (n, 6) that the tool exerts, about the tool frame's origin
     pose_noise: Array  # (n, 6, 6) covariance of the twist by which a pose is off, in the tool frame
     wrench_noise: Array  # (n, 6, 6)
+    bending: Array  # (n, 6, c) twists by which a pose gives way, with each of the entries of a compliance; or c = 0
 
     def thinned(self, step: int) -> Samples:
         """Every so many-th."""
@@ -74,9 +78,8 @@ class Samples(NamedTuple):
         noise = carried(A, self.pose_noise)
         m, f = skew(w[:, :3]), skew(w[:, 3:])
         by_pose = -np.concatenate((np.concatenate((m, f), -1), np.concatenate((f, np.zeros_like(f)), -1)), -2)
-        return Samples(
-            self.at, self.turned, inverse(self.pose), w, noise, carried(B, self.wrench_noise) + carried(by_pose, noise)
-        )
+        wrench_noise = carried(B, self.wrench_noise) + carried(by_pose, noise)
+        return Samples(self.at, self.turned, inverse(self.pose), w, noise, wrench_noise, -A @ self.bending)
 
     def slides(self, tip: Array) -> tuple[NDArray[np.intp], Array, Array]:
         """How a (3,) point of the tool slides: (k,) samples, (k, 3) directions in the base frame, (k,) how surely.
@@ -124,7 +127,8 @@ class _State(NamedTuple):
     base: Array
     tool: Array
     extra: Array
-    rows: list[tuple[Array, Array, Array, Array]]  # of poses, and of wrenches: misses, by parameters, weights, gains
+    compliance: Array  # (c,)
+    rows: dict[str, tuple[Array, Array, Array, Array]]  # misses, by parameters, weights, gains
 
 
 def _squares(e: Array, V: Array) -> Array:
@@ -135,10 +139,10 @@ def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED,
     """The best fit near a start, until a step would lower the sum of squares by less than enough."""
     zero = np.zeros_like(samples.wrench)
     friction = across_the_slide(samples, start[1][:3, 3]) if model.pressed else None
-    state = _state(model, samples, friction, *start, zero, zero)
-    damping, count, cost = DAMPING, sum(e.size for e, *_ in state.rows), inf
+    state = _state(model, samples, friction, *start, np.zeros(samples.bending.shape[-1]), zero, zero)
+    damping, count, cost = DAMPING, sum(e.size for e, *_ in state.rows.values()), inf
     kept, held = None, LEAST_DAMPING
-    alike = gauge(model.kind, start[2])
+    alike = np.pad(gauge(model.kind, start[2]), ((0, samples.bending.shape[-1]), (0, 0)))
     for step in range(steps):
         H, g, now = _normal_equations(state)
         before, cost = cost, now
@@ -153,14 +157,17 @@ def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED,
             delta = _step(H, g, held, alike)
             if -float(delta.dot(g)) < enough + 1e-9 * now or held > 1.0:
                 break
-            corrected = [-applied(K, e + J @ delta) for e, J, _, K in state.rows]
-            omega = corrected[1] if model.free_moments else zero
-            state = _state(model, samples, friction, *_moved(state, delta), corrected[0], omega)
+            corrected = {name: -applied(K, e + J @ delta) for name, (e, J, _, K) in state.rows.items()}
+            xi, omega = corrected["poses"], corrected.get("moments", zero)
+            state = _state(model, samples, friction, *_moved(state, delta), xi, omega)
             continue
         while damping < MOST_DAMPING:
             delta = _step(H, g, damping, alike)
             trial = _state(model, samples, friction, *_moved(state, delta), zero, zero)
-            found = sum(_squares(e, V).sum() for (e, *_), (*_, V, _) in zip(trial.rows, state.rows, strict=True))
+            found = sum(
+                _squares(e, V).sum()
+                for (e, *_), (*_, V, _) in zip(trial.rows.values(), state.rows.values(), strict=True)
+            )
             if found < cost:
                 break
             damping *= 10.0
@@ -175,7 +182,7 @@ def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED,
 def _normal_equations(state: _State) -> tuple[Array, Array, float]:
     """J'VJ, J'Ve and e'Ve, summed over all rows."""
     parts = []
-    for e, J, V, _ in state.rows:
+    for e, J, V, _ in state.rows.values():
         flat, weighed = J.reshape(-1, J.shape[-1]), (V @ J).reshape(-1, J.shape[-1])
         parts.append((flat.T @ weighed, weighed.T @ e.ravel(), _squares(e, V).sum()))
     return tuple(sum(part) for part in zip(*parts, strict=True))
@@ -196,9 +203,10 @@ def _step(H: Array, g: Array, damping: float, alike: Array) -> Array:
     return delta * min(1.0, 0.5 / max(turn, TINY))
 
 
-def _moved(state: _State, delta: Array) -> tuple[Array, Array, Array]:
+def _moved(state: _State, delta: Array) -> tuple[Array, Array, Array, Array]:
     base, tool = (T @ se3.exp(d, check=False) for T, d in ((state.base, delta[:6]), (state.tool, delta[6:12])))
-    return base, tool, state.extra + delta[12:]
+    n = 12 + len(state.extra)
+    return base, tool, state.extra + delta[12:n], state.compliance + delta[n:]
 
 
 def across_the_slide(samples: Samples, tip: Array) -> tuple[NDArray[np.intp], Array] | None:
@@ -219,33 +227,39 @@ def _state(
     base: Array,
     tool: Array,
     extra: Array,
+    compliance: Array,
     xi: Array,
     omega: Array,
 ) -> _State:
     """Rows at frames A and B, linearised at corrected poses and wrenches."""
-    X = inverse(base) @ (samples.pose @ moved(xi))
+    X = inverse(base) @ (samples.pose @ moved(xi + samples.bending @ compliance))
     C = X @ tool
     values, L, by_extra = model.rows(C, extra, samples.turned @ tool[:3, 2])
     by_pose = L @ adjoint(X)
     e = values - applied(by_pose, xi)
-    J = np.concatenate((-L, L @ adjoint(C), by_extra), axis=-1)
-    rows = [_weighed(e, J, by_pose, samples.pose_noise)]
+    J = np.concatenate((-L, L @ adjoint(C), by_extra, by_pose @ samples.bending), axis=-1)
+    count, c = J.shape[-1], len(compliance)
+    of_compliance = np.eye(count)[count - c :, None]
+    rows = {
+        "poses": _weighed(e, J, by_pose, samples.pose_noise),
+        "compliance": (compliance[:, None], of_compliance, np.ones((c, 1, 1)), np.zeros((c, 6, 1))),
+    }
     if model.free_moments:
         to_tool = coadjoint(inverse(tool))
         w = (samples.wrench + omega) @ to_tool.T
         n, taken = len(w), list(model.free_moments)
         by_wrench = np.broadcast_to(to_tool[taken], (n, len(taken), 6))
         e = w[:, taken] - applied(by_wrench, omega)
-        J = np.zeros((n, len(taken), 12 + len(extra)))
+        J = np.zeros((n, len(taken), count))
         J[:, :, 6:9], J[:, :, 9:12] = skew(w[:, :3])[:, taken], skew(w[:, 3:])[:, taken]
-        rows.append(_weighed(e, J, by_wrench, samples.wrench_noise))
+        rows["moments"] = _weighed(e, J, by_wrench, samples.wrench_noise)
     if friction is not None:
-        rows.append(_across(friction, C, base, extra))
-    return _State(base, tool, extra, rows)
+        rows["friction"] = _across(friction, C, base, extra, count)
+    return _State(base, tool, extra, compliance, rows)
 
 
 def _across(
-    friction: tuple[NDArray[np.intp], Array], C: Array, base: Array, extra: Array
+    friction: tuple[NDArray[np.intp], Array], C: Array, base: Array, extra: Array, count: int
 ) -> tuple[Array, Array, Array, Array]:
     """(n.g), n = z + k p the normal in the base frame of the contact, and how it changes with A, B and k."""
     which, across = friction
@@ -254,7 +268,7 @@ def _across(
     n = k * p
     n[:, 2] += 1.0
     e = (n * u).sum(axis=1)
-    J = np.zeros((len(e), 1, 12 + len(extra)))
+    J = np.zeros((len(e), 1, count))
     J[:, 0, :3], J[:, 0, 3:6] = -k * cross(p, u) - cross(u, n), -k * u
     J[:, 0, 9:12] = k * (u[:, None, :] @ R)[:, 0]
     if len(extra):
@@ -270,27 +284,25 @@ def _weighed(e: Array, J: Array, by_noise: Array, noise: Array) -> tuple[Array, 
 
 
 def _finished(model: Model, state: _State) -> Fit:
-    e, _, V, _ = state.rows[0]
-    squares = _squares(e, V)
-    H = _normal_equations(state)[0]
-    told = len(H) - gauge(model.kind, state.extra).shape[1]
-    wrench = 0.0
-    if model.free_moments:
-        e2, _, V2, _ = state.rows[1]
-        wrench = sqrt(float(_squares(e2, V2).sum()) / e2.size)
-    friction = 0.0
-    if len(state.rows) > 1 + bool(model.free_moments):
-        friction = sqrt(float(np.mean(state.rows[-1][0] ** 2)))
+    e, _, V, _ = state.rows["poses"]
+    squares = {name: _squares(e, V) for name, (e, _, V, _) in state.rows.items()}
+    H, n = _normal_equations(state)[0], 12 + len(state.extra)
+    H = H[:n, :n] - H[:n, n:] @ np.linalg.solve(H[n:, n:], H[n:, :n])  # whatever the compliance is
+    told = n - gauge(model.kind, state.extra).shape[1]
+    wrench, friction = (
+        sqrt(float(squares[name].sum()) / state.rows[name][0].size) if name in squares else 0.0
+        for name in ("moments", "friction")
+    )
     return Fit(
         model,
         state.base,
         state.tool,
         state.extra,
         np.asarray(H),
-        sqrt(float(squares.sum()) / max(1, e.size - told)),
+        sqrt(float(squares["poses"].sum()) / max(1, e.size - told)),
         wrench,
         friction,
-        np.sqrt(squares / e.shape[1]),
+        np.sqrt(squares["poses"] / e.shape[1]),
         _alike(np.asarray(np.linalg.cholesky(V)).swapaxes(-1, -2), e),
     )
 

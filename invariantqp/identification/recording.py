@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -51,39 +52,44 @@ class Recording(Compared):
     pose_noise: Array  # (6, 6)
     wrench_noise: Array  # (6, 6)
     white: float  # share of the wrenches' noise that is white, and so falls where they are averaged
-    estimated: bool  # whether the noise of poses is an estimate, which smooth noise escapes
+    allowed: Array | None  # (6,) how far a contact may be off beside noise
 
     def blocks(self, start: int, stop: int) -> Samples:
         """Samples of a stretch, wrenches averaged; those that feel nothing left out."""
+        samples = self._samples(start, stop, BLOCKS)
+        w = samples.wrench
+        felt = (w * np.linalg.solve(samples.wrench_noise[0], w.T).T).sum(axis=1) > FELT * 6.0
+        return Samples(*(part[felt] for part in samples)) if felt.sum() >= FEWEST else samples
+
+    def every(self, start: int, stop: int) -> Samples:
+        """All samples of a stretch between blocks that feel something; of a very long one, so many at most.
+
+        They give way to the wrench where a contact may be off.
+        """
+        blocks, samples = self.blocks(start, stop), self._samples(start, stop, MOST_SAMPLES)
+        after = np.searchsorted(blocks.at, samples.at).clip(1, len(blocks.at) - 1)
+        near = (samples.at >= blocks.at[after - 1]) & (samples.at <= blocks.at[after])
+        near &= blocks.at[after] - blocks.at[after - 1] <= 2 * max(
+            1, (stop - start) // BLOCKS | 1
+        )  # next to each other
+        samples = Samples(*(part[near] for part in samples))
+        if self.allowed is None:
+            return samples
+        w, n = samples.wrench, len(samples.wrench)
+        root = np.linalg.cholesky(w.T @ w / n + self.wrench_noise)
+        u = np.linalg.solve(root, w.T).T / sqrt(6.0)
+        return samples._replace(bending=np.einsum("ij,nk->nijk", np.diag(self.allowed), u).reshape(n, 6, 36))
+
+    def _samples(self, start: int, stop: int, most: int) -> Samples:
+        """So many samples of a stretch at most, wrenches averaged over what is between them."""
         n = stop - start
-        size = max(1, n // BLOCKS | 1)
-        count = min(BLOCKS, n // size)
-        half = size // 2
+        size = max(1, n // most | 1)
+        half, count = size // 2, min(most, n // size)
         at = start + np.linspace(half, n - 1 - half, count).round().astype(int)
         w = np.mean([self.wrench[at + j] for j in range(-half, half + 1)], axis=0)
         noise = self.wrench_noise * (self.white / size + 1.0 - self.white)
-        felt = (w * np.linalg.solve(noise, w.T).T).sum(axis=1) > FELT * 6.0
-        if felt.sum() >= FEWEST:
-            at, w = at[felt], w[felt]
-        m = len(at)
-        return Samples(
-            at, self.turned[at], self.pose[at], w, *(np.broadcast_to(N, (m, 6, 6)) for N in (self.pose_noise, noise))
-        )
-
-    def every(self, start: int, stop: int) -> Samples:
-        """All samples of a stretch between blocks that feel something; of a very long one, so many at most."""
-        blocks, n = self.blocks(start, stop), stop - start
-        size = max(1, n // MOST_SAMPLES | 1)
-        half = size // 2
-        at = np.unique(start + np.linspace(half, n - 1 - half, min(MOST_SAMPLES, n // size)).round().astype(int))
-        at = at[(at >= blocks.at[0]) & (at <= blocks.at[-1])]
-        after = np.searchsorted(blocks.at, at)
-        gap = blocks.at[after] - blocks.at[np.maximum(after - 1, 0)]
-        at = at[gap <= 2 * max(1, n // BLOCKS | 1)]  # between two blocks next to each other
-        w = np.mean([self.wrench[at + j] for j in range(-half, half + 1)], axis=0)
-        noise = self.wrench_noise * (self.white / size + 1.0 - self.white)
-        of_all = (np.broadcast_to(N, (len(at), 6, 6)) for N in (self.pose_noise, noise))
-        return Samples(at, self.turned[at], self.pose[at], w, *of_all)
+        pose_noise, wrench_noise = (np.broadcast_to(N, (count, 6, 6)) for N in (self.pose_noise, noise))
+        return Samples(at, self.turned[at], self.pose[at], w, pose_noise, wrench_noise, np.zeros((count, 6, 0)))
 
     def contacts(self) -> list[tuple[int, int]]:
         """First sample of each stretch in which a wrench is felt, and the one after its last."""
@@ -122,7 +128,7 @@ def recording(
     else:
         pose_noise, wrench_noise = _told(noise)
         white = float(np.clip(np.trace(np.linalg.solve(wrench_noise, white_wrench)) / 6.0, 0.0, 1.0))
-    pose_noise, wrench_noise = _allowed(accuracy, pose_noise, wrench_noise)
+    pose_noise, wrench_noise, allowed = _allowed(accuracy, pose_noise, wrench_noise)
     size = float(np.abs(X[:, :3, 3]).max()) or 1.0
     for name, N, scale in (
         ("poses", pose_noise, np.array([1.0] * 3 + [size] * 3)),
@@ -139,7 +145,7 @@ def recording(
                 "noise that can be told from the recording",
                 "Say it: noise=(pose, wrench), or accuracy=(angle, length, moment, force).",
             )
-    return Recording(X, turned, w, pose_noise, wrench_noise, white, noise is None)
+    return Recording(X, turned, w, pose_noise, wrench_noise, white, allowed)
 
 
 def _poses(poses: Any) -> Array:
@@ -209,15 +215,16 @@ def _told(noise: Any) -> tuple[Array, Array]:
     return told[0], told[1]
 
 
-def _allowed(accuracy: ArrayLike | None, pose: Array, wrench: Array) -> tuple[Array, Array]:
-    """Noise with what a real contact, or a sensor, may be off beside it."""
+def _allowed(accuracy: ArrayLike | None, pose: Array, wrench: Array) -> tuple[Array, Array, Array | None]:
+    """Noise with what a real contact, or a sensor, may be off beside it, and what that is of a contact."""
     if accuracy is None:
-        return pose, wrench
+        return pose, wrench, None
     expected = (
         "(angle [rad], length), or (angle, length, moment, force): how far a real contact may be from an ideal one"
     )
     a = arrays.vector(accuracy, None, "accuracy")
     if len(a) not in (2, 4) or (a <= 0.0).any():
         raise BadInput("accuracy", excerpt(accuracy), f"{expected}, all above zero")
-    pose = pose + np.diag(np.repeat(a[:2] ** 2, 3))
-    return pose, wrench if len(a) == 2 else wrench + np.diag(np.repeat(a[2:] ** 2, 3))
+    allowed = np.repeat(a, 3)
+    pose = pose + np.diag(allowed[:6] ** 2)
+    return pose, wrench if len(a) == 2 else wrench + np.diag(allowed[6:] ** 2), allowed[:6]

@@ -177,6 +177,15 @@ def test_accuracy_stands_for_what_a_contact_is_off():
     assert identify(X, w, accuracy=(2e-3, 3e-3)).kind == "hinge"
 
 
+@pytest.mark.parametrize("kind", ["hinge", "ball"])
+def test_what_bends_with_the_wrench_moves_nothing(kind):
+    """A millimetre of bending under 8 N: without a compliance a hinge is 0.4 mm off, a ball joint 1.7 mm."""
+    X, w, truth = record(kind, SEED, duration=5.0)
+    bent = np.array([T @ iq.exp(g) for T, g in zip(X, w * np.repeat([2e-3, 1e-4], 3), strict=True)])
+    found = identify(bent, w, kinds=[kind], accuracy=(2e-3, 1e-3))
+    assert errors(found, truth)["place" if kind == "hinge" else "centre"] < 0.1
+
+
 def test_a_contact_after_another_is_one_of_its_own():
     (X, w, one), (Y, u, two) = record("hinge", SEED, duration=4.0), record("point", SEED, duration=4.0)
     air, nothing, _ = record("free", SEED, duration=1.0)
