@@ -30,6 +30,7 @@ from invariantqp.paths.plan import PathPlan
 from invariantqp.paths.reference import (
     DISPLACED,
     JOINT_GAIN,
+    LONGEST,
     STRAYED,
     Clock,
     Clocked,
@@ -164,7 +165,8 @@ class Follower:
         self._given: tuple[Given, Array] | None = None  # the points of the source
         self._missed = np.zeros(0)  # by how much points are out of reach, and whether one is
         self._some_missed = False
-        self._last: Array | None = None  # (m,) where the last of them is
+        self._last: tuple[Array, float] | None = None  # (m,) where the last of them is, and when to go there
+        self._ease = EASE  # how long it takes to go over to them, at least
         self._next: tuple[Given, Array, float] | None = None
         self._function: Callable[[float], Any] | None = None
         self._looked = 0.0
@@ -407,12 +409,16 @@ class Follower:
         if shape is not None:
             until = min(until, shape.until)
         elif self._twist is None:
-            until = min(until, reference.end)
+            until = min(until, self._settled(reference.end))
         until = min(until, inf if self._next is None else self._next[2])
         if self._twist is not None or isinstance(self._source, Window):
             until = min(until, self._heard + self.timeout)
         numbers = reference.course(None if shape is None else loop.gain)
         return None if numbers is None or until <= self._time else (reference, numbers, until)
+
+    def _settled(self, end: float) -> float:
+        """Until when nothing is to be done about the end of points that rest from a time on."""
+        return end if self._last is None or self._closed else max(end, self._last[1])
 
     def _undisturbed(
         self, course: tuple[Reference, Array, float], q: ArrayLike, now: float | None
@@ -468,7 +474,8 @@ class Follower:
     def _reported_soon(self, reference: Reference, measured: Array, command: Array) -> FollowerSolution:
         """As `_reported`, without a look at what cannot be so where nothing is new."""
         time, by_twist = self._time, self._twist is not None
-        if self.paused or self._override != 1.0 or self._some_missed or (by_twist and not self._turns):
+        rests = self.paused or (by_twist and not self._turns) or time >= reference.end
+        if rests or self._override != 1.0 or self._some_missed:
             return self._reported(reference, measured, command)
         if by_twist:
             return FollowerSolution(command, Status.MOVING, "", time, 0.0, lambda: nan)
@@ -709,9 +716,10 @@ class Follower:
             stamps = np.arange(now - 8.0 * SAMPLING, now + AHEAD, SAMPLING)
             self._looked = now
             self._take_points(sampled(self._function, stamps, self._m), stamps, smooth=False)
-        elif self._last is not None and isinstance(self._source, Motion) and now >= self._source.end:
-            # It came to rest beyond the last point, which was passed in motion.
-            self._source, self._last = Stop(np.vstack((self._last, np.zeros((2, self._m)))), now, 0.0), None
+        elif self._last is not None and isinstance(self._source, Motion) and now >= self._settled(self._source.end):
+            # It came to rest beyond the last point, which was passed in motion, and no newer ones came.
+            rest = np.vstack((self._last[0], np.zeros((2, self._m))))
+            self._source, self._last, self._ease = Stop(rest, now, 0.0), None, EASE
         if self._samples:
             self._take_samples(reference)
         quiet = now - self._heard
@@ -732,7 +740,7 @@ class Follower:
                 self._late = not reference.splice(stopping(state, now, self._limits), now, state, 0.0)
         elif override == 1.0:
             if reference.source is not source:
-                self._aim(reference, source, EASE)
+                self._aim(reference, source, self._ease)
         elif stands or override != self._override:
             place = reference.source.place(now) if isinstance(reference.source, Clocked) else now
             self._aim(reference, Clocked(source, Clock(now, place, override, 0.0, override)), EASE)
@@ -753,6 +761,8 @@ class Follower:
             return
         if self._given is not None and stamps[0] < self._given[1][0] and stamps[-1] <= self._given[1][-1]:
             return  # newer points came before these
+        # The next may come as late as these: until then the arm does not turn back to the last of them.
+        due = float(stamps[-1]) + max(now - float(stamps[0]), 0.0)
         kept = stamps > now - (1.0 / self.cutoff if smooth else AHEAD)
         kept[-min(3, len(kept)) :] = True
         if kept.sum() > MOST_POINTS:  # the rest when half of these are driven
@@ -762,7 +772,10 @@ class Follower:
         given, stamps = given.chosen(kept), stamps[kept]
         near = self._q if not isinstance(self._source, Motion) else self._source.at(stamps[:1])[0, 0]
         joints, missed = self._solver.points(given, near, stamps)
-        self._given, self._newest, self._last = (given, stamps), None, joints[-1] if smooth else None
+        # Where both chunks say where to be, they are two opinions of the same worth.
+        both = 0.0 if self._given is None else float(self._given[1][-1]) - now
+        self._ease = min(max(EASE, both), 0.5 * LONGEST)
+        self._given, self._newest, self._last = (given, stamps), None, (joints[-1], due) if smooth else None
         self._missed, self._some_missed = missed, bool((missed > self._tolerance).any())
         self._source = through(stamps, joints, self._limits, EASE, self.cutoff if smooth else inf)
 
@@ -883,6 +896,8 @@ class Follower:
         """The same while points or samples are followed."""
         missed = self._missed_at(place)
         if self._source is not None and still and self._time >= max(self._source.end, self._joined):
+            if self._last is not None:
+                return Status.WAITING, "for newer points"
             if missed > self._tolerance:
                 return Status.BLOCKED, f"the end is out of reach, by {missed:.3g}"
             return Status.DONE, ""
