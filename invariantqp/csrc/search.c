@@ -35,8 +35,8 @@ PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_
 }
 
 /* descents(arm, targets, start, goal, turning, fastest, steps): joint positions (k, m) for the first k of several poses, each
-   from the one before, k the first that is not met, or not near enough to be reached at speeds `fastest` in a step [s]; all
-   where there is none such. */
+   from the one before, k the first that is not met (beside exact demands: they are not), or not near enough to be reached at
+   speeds `fastest` in a step [s]; all where there is none such. */
 PyObject *search_along(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -66,7 +66,8 @@ PyObject *search_along(PyObject *module, PyObject *const *arguments, Py_ssize_t 
         Pose target;
         pose_from(poses + 16 * met, &target);
         memcpy(one.q, q, sizeof q);
-        near = descend(arm, &target, goal, turning, false, &one) == DONE && one.met;
+        near = descend(arm, &target, goal, turning, false, &one) == DONE &&
+               (one.met || (arm->wanted > 0.0 && !one.going && one.unmet <= goal));
         for (int j = 0; j < m && near; j++)
             near = fabs(one.q[j] - q[j]) <= fastest[j] * step[met];
         if (near) {

@@ -408,7 +408,7 @@ class Follower:
         until = self._looked + 0.5 * AHEAD if self._function else inf
         if shape is not None:
             until = min(until, shape.until)
-        elif self._twist is None:
+        elif self._twist is None and not self._late:
             until = min(until, self._settled(reference.end))
         until = min(until, inf if self._next is None else self._next[2])
         if self._twist is not None or isinstance(self._source, Window):
@@ -460,21 +460,21 @@ class Follower:
         self._q, self._v, self._a, self._command, measured, before, after, late, way = found
         if ease:
             self._retry = time + RETRY
+        self._time += loop.dt
+        self._late = late
         if way is not None:
             reference.joins(time, *way)
-            self._course = None
-        self._time += loop.dt
+            self._course = self._made_course(reference)
         command = self._command.copy()
         if shape is not None:
             told = None if self.paused else shape.told_by_core(measured, before, after, self._override)
             return self._reported(reference, measured, command) if told is None else FollowerSolution(command, *told)
-        self._late = late
         return self._reported_soon(reference, measured, command)
 
     def _reported_soon(self, reference: Reference, measured: Array, command: Array) -> FollowerSolution:
         """As `_reported`, without a look at what cannot be so where nothing is new."""
         time, by_twist = self._time, self._twist is not None
-        rests = self.paused or (by_twist and not self._turns) or time >= reference.end
+        rests = self.paused or (by_twist and not self._turns) or (time >= reference.end and not self._late)
         if rests or self._override != 1.0 or self._some_missed:
             return self._reported(reference, measured, command)
         if by_twist:

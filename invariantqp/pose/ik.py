@@ -149,7 +149,10 @@ class PoseSearch:
         return self._answer(error, best, start, steps, len(tried), late=late)
 
     def met(self, target: Array, q0: Array) -> Array | None:
-        """Joint positions (m,) on a pose (4, 4), both checked, by one try of the core from q0; None for none."""
+        """Joint positions (m,) on a pose (4, 4), both checked, by one try of the core from q0; None for none.
+
+        With exact demands these are met, and the rest as well as it is downhill from q0.
+        """
         if self._plain is None:
             self._plain = pose_error(self._arm, target, self._form, self._exact)
         error = self._plain
@@ -157,12 +160,14 @@ class PoseSearch:
             return None
         turning, goal = len(q0) <= 6 and not self._exact, GOAL_SHARE * self._tolerance * error.least
         found = core.descend(error.compiled, target, q0, goal, turning, False, None)
-        return self._space.near(found[0], q0) if found is not None and found[5] else None
+        if found is None or not (found[5] or (self._exact and found[7] is None and found[2] <= goal)):
+            return None
+        return self._space.near(found[0], q0)
 
     def along(self, targets: Array, q0: Array, fastest: Array, steps: Array) -> Array:
         """Joint positions (k, m) on the first k of poses (n, 4, 4), checked, by one try of the core each from the last.
 
-        As far as they are met, and joints no faster than their limits (m,) reach each in its step (n,) [s] from the
+        As far as they are met as in `met`, and joints no faster than their limits (m,) reach each in its step (n,) [s] from the
         one before; with whole turns they are not.
         """
         if self._plain is None and len(targets):
