@@ -167,8 +167,8 @@ class PoseSearch:
     def along(self, targets: Array, q0: Array, fastest: Array, steps: Array) -> Array:
         """Joint positions (k, m) on the first k of poses (n, 4, 4), checked, by one try of the core each from the last.
 
-        As far as they are met as in `met`, and joints no faster than their limits (m,) reach each in its step (n,) [s] from the
-        one before; with whole turns they are not.
+        As far as they are met as in `met`, and joints no faster than their limits (m,) reach each in its step (n,) [s]
+        from the one before; with whole turns they are not.
         """
         if self._plain is None and len(targets):
             self._plain = pose_error(self._arm, targets[0], self._form, self._exact)
