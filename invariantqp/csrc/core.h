@@ -321,7 +321,7 @@ extern const Constant CONSTANTS[];
 #define FEASIBLE 1e-9
 #define COSINE_ROUNDING 1e-13
 #define PARALLEL 1e-9
-#define ROW_TOLERANCE 1e-12
+#define TINY 2.2250738585072014e-308
 #define DEPENDENT 1e-12
 #define STEPS 10
 #define ACTIVE_TOLERANCE 1e-6
@@ -343,12 +343,10 @@ extern const Constant CONSTANTS[];
 #define FASTER 1e-4
 #define EXACT_CALM 1.0
 #define WHOLE (1.0 - 1e-8)
-#define INTERIOR 1e-6
+#define INTERIOR (0.5 * ACTIVE_TOLERANCE)
 #define ROW_ROUNDING 1e-14
 #define BESIDE_TOLERANCE 1e-6
 #define NEWTON_STEPS 100
-#define CONE_TOLERANCE 1e-9
-#define FIXED_TOLERANCE 1e-13
 #define MOST_SHARE 1e8
 #define LARGEST_SPEED 1e12
 #define SLIDING 1e-9

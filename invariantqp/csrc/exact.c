@@ -104,7 +104,7 @@ static Outcome whitened(const Demand *demand, const Row *given, Row *C, double *
         ++*rows;
     }
     if (rank < parts)
-        *contrary = sqrt(lost) / fmax(fmax(sqrt(whole), TERMS * sqrt(terms)), 1e-300);
+        *contrary = sqrt(lost) / fmax(fmax(sqrt(whole), TERMS * sqrt(terms)), TINY);
     for (int i = 0; i < k; i++) {
         if (demand->of_twist && dot(6, demand->D[i], demand->D[i]) > 0.0)
             continue;

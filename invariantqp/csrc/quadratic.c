@@ -45,25 +45,44 @@ double tool_speed(const Cone *cone, int n, const Row x)
     return norm(3, v);
 }
 
+/* Twin of `product` in velocity/qp.py: what is only rounding of a row of T = (columns of these lengths) becomes zero. */
+static void without_rounding(int n, double length, const Row columns, Row row)
+{
+    Row cosine;
+    bool large = true;
+    for (int j = 0; j < n; j++) {
+        cosine[j] = row[j] / (length * columns[j] + TINY);
+        large = large && fabs(cosine[j]) >= 2.0 * COSINE_ROUNDING;
+    }
+    for (int j = 0; j < n && !large; j++) {
+        double square = 0.0;
+        for (int l = 0; l < n; l++)
+            if (fabs(columns[l] - columns[j]) <= FEASIBLE * columns[j])
+                square += cosine[l] * cosine[l];
+        row[j] *= between(sqrt(square) / COSINE_ROUNDING - 1.0, 0.0, 1.0);
+    }
+}
+
+static void lengths_of(int m, int n, const Row *basis, Row lengths)
+{
+    for (int l = 0; l < n; l++)
+        lengths[l] = norm(m, basis[l]);
+}
+
 /* The same on z, x = origin + basis z; basis[i] is column i of n. */
 void cone_on(const Cone *cone, int m, const Row origin, int n, const Row *basis, Cone *result)
 {
-    double most = 0.0, widest = 0.0;
+    Row lengths;
+    lengths_of(m, n, basis, lengths);
     result->limit = cone->limit;
     for (int i = 0; i < 3; i++) {
+        Row row;
+        for (int l = 0; l < n; l++)
+            row[l] = dot(m, cone->J[i], basis[l]);
+        without_rounding(n, norm(m, cone->J[i]), lengths, row);
         result->start[i] = cone->start[i] + dot(m, cone->J[i], origin);
-        for (int j = 0; j < m; j++)
-            most = fmax(most, fabs(cone->J[i][j]));
+        memcpy(result->J[i], row, (size_t)n * sizeof(double));
     }
-    for (int l = 0; l < n; l++)
-        for (int j = 0; j < m; j++)
-            widest = fmax(widest, fabs(basis[l][j]));
-    /* Where exact rows fix the point's velocity, J is zero; rounding must not make it look otherwise. */
-    for (int i = 0; i < 3; i++)
-        for (int l = 0; l < n; l++) {
-            double entry = dot(m, cone->J[i], basis[l]);
-            result->J[i][l] = fabs(entry) <= FIXED_TOLERANCE * most * widest ? 0.0 : entry;
-        }
 }
 
 /* Beside the search for nu in Python: a speed limit on a face, |start + M e| <= limit, by its one multiplier.
@@ -373,27 +392,29 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
     return HAND_BACK;
 }
 
+static void columns_of(const Quadratic *problem, Row lengths)
+{
+    Row column;
+    for (int j = 0; j < problem->n; j++) {
+        for (int i = 0; i < problem->n; i++)
+            column[i] = problem->T[i][j];
+        lengths[j] = norm(problem->n, column);
+    }
+}
+
 /* The limits on e; rows that no e moves are left out, HAND_BACK where one of those is exceeded. */
 static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *room, int *of)
 {
     int n = problem->n;
-    double longest = 0.0, length[LIMITS];
-    Row column = {0.0};
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++)
-            column[j] += problem->T[i][j] * problem->T[i][j];
-    for (int j = 0; j < n; j++)
-        column[j] = COSINE_ROUNDING * sqrt(column[j]);
-    for (int i = 0; i < limits->count; i++) {
-        length[i] = limits->box ? 1.0 : norm(n, limits->A[i]);
-        longest = fmax(longest, length[i]);
-    }
+    Row columns;
+    columns_of(problem, columns);
     room->n = n;
     room->count = 0;
     for (int i = 0; i < limits->count; i++) {
         double value = limits->box ? problem->centre[i] : dot(n, limits->A[i], problem->centre);
         double lower = limits->lower[i] - value, upper = limits->upper[i] - value;
-        if (!(length[i] > ROW_TOLERANCE * longest)) {
+        double length = limits->box ? 1.0 : norm(n, limits->A[i]);
+        if (!(length > 0.0)) {
             if (fmax(lower, -upper) > limits->rounding[i])
                 return HAND_BACK;
             continue;
@@ -406,9 +427,9 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
             double sum = limits->box ? problem->T[i][j] : 0.0;
             for (int l = 0; l < n && !limits->box; l++)
                 sum += limits->A[i][l] * problem->T[l][j];
-            double rounding = length[i] * column[j], over = fabs(sum) - rounding;
-            room->N[k][j] = over >= rounding ? sum : over > 0.0 ? over / rounding * sum : 0.0;
+            room->N[k][j] = sum;
         }
+        without_rounding(n, length, columns, room->N[k]);
         room->length[k] = norm(n, room->N[k]);
     }
     return DONE;
@@ -418,21 +439,24 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
 void polytope_on(const Polytope *limits, int m, const Row origin, int n, const Row *basis, Polytope *result)
 {
     double size = FEASIBLE * norm(m, origin);
+    Row lengths;
+    lengths_of(m, n, basis, lengths);
     result->count = limits->count;
     result->box = false;
     for (int i = 0; i < limits->count; i++) {
         double start = limits->box ? origin[i] : dot(m, limits->A[i], origin);
         for (int l = 0; l < n; l++)
             result->A[i][l] = limits->box ? basis[l][i] : dot(m, limits->A[i], basis[l]);
+        double length = limits->box ? 1.0 : norm(m, limits->A[i]);
+        without_rounding(n, length, lengths, result->A[i]);
         result->lower[i] = limits->lower[i] - start;
         result->upper[i] = limits->upper[i] - start;
-        result->rounding[i] = limits->rounding[i] + size * (limits->box ? 1.0 : norm(m, limits->A[i]));
+        result->rounding[i] = limits->rounding[i] + size * length;
     }
 }
 
 /* z of the e on a face, on its active limits to rounding in z, whatever the condition of T. */
-static void precise(const Quadratic *problem, const Polytope *limits, const int *of, const int *side,
-                    const Face *face, Row z)
+static void precise(const Quadratic *problem, const Polytope *limits, const int *of, const int *side, const Face *face, Row z)
 {
     int n = problem->n;
     Row missing = {0.0}, e;
@@ -446,6 +470,22 @@ static void precise(const Quadratic *problem, const Polytope *limits, const int 
     shortest(face, n, missing, e);
     for (int j = 0; j < n; j++)
         z[j] += dot(n, problem->T[j], e);
+}
+
+/* The same at an active speed limit: v of z has digits that v of e has lost. */
+static void precise_speed(const Quadratic *problem, const Cone *cone, const Slow *slow, const Face *face, Row z)
+{
+    int n = problem->n;
+    Row free;
+    double v[3];
+    for (int i = 0; i < 3; i++)
+        v[i] = cone->start[i] + dot(n, cone->J[i], z);
+    for (int j = 0; j < n; j++)
+        free[j] = v[0] * slow->M[0][j] + v[1] * slow->M[1][j] + v[2] * slow->M[2][j];
+    along(n, face->k, (const Row *)face->Q, free);
+    double speed = norm(3, v), over = speed * (speed - cone->limit), square = dot(n, free, free);
+    for (int j = 0; j < n && fabs(over) <= FEASIBLE * sqrt(square) * norm(n, face->e); j++)
+        z[j] -= over / square * dot(n, problem->T[j], free);
 }
 
 /* Whether z is inside all limits but for rounding of it and of what exact rows fix. */
@@ -466,6 +506,8 @@ static void slow_on(const Quadratic *problem, const Cone *cone, Slow *slow)
 {
     int n = problem->n;
     double size = 0.0;
+    Row columns;
+    columns_of(problem, columns);
     slow->limit = cone->limit;
     for (int i = 0; i < 3; i++) {
         slow->start[i] = cone->start[i] + dot(n, cone->J[i], problem->centre);
@@ -475,6 +517,7 @@ static void slow_on(const Quadratic *problem, const Cone *cone, Slow *slow)
             for (int l = 0; l < n; l++)
                 slow->M[i][j] += cone->J[i][l] * problem->T[l][j];
         }
+        without_rounding(n, norm(n, cone->J[i]), columns, slow->M[i]);
     }
     double whole = norm_of_rows(n, n, problem->K);
     slow->most = size > 0.0 ? MOST_SHARE * whole * whole / size : 0.0;
@@ -501,7 +544,7 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
     Room room;
     Face face;
     double y[LIMITS], guess[LIMITS];
-    bool limited = cone->limit > 0.0, within = !limited || tool_speed(cone, n, problem->centre) <= cone->limit * (1.0 + CONE_TOLERANCE);
+    bool limited = cone->limit > 0.0, within = !limited || tool_speed(cone, n, problem->centre) <= cone->limit * (1.0 + FEASIBLE);
     for (int i = 0; i < limits->count; i++) {
         double value = limits->box ? problem->centre[i] : dot(n, limits->A[i], problem->centre);
         within = within && value >= limits->lower[i] && value <= limits->upper[i];
@@ -524,17 +567,19 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
     if (corrected(&room, NULL, side, &face, y, &nu) == HAND_BACK &&
         searched(problem, inside, &room, NULL, side, &face, y, &nu) == HAND_BACK)
         return HAND_BACK;
-    if (limited && !slow_enough(&slow, n, face.e, CONE_TOLERANCE) &&
+    if (limited && !slow_enough(&slow, n, face.e, FEASIBLE) &&
         corrected(&room, &slow, side, &face, y, &nu) == HAND_BACK &&
         searched(problem, inside, &room, &slow, side, &face, y, &nu) == HAND_BACK)
         return HAND_BACK;
+    precise(problem, limits, of, side, &face, found->z);
+    if (nu > 0.0)
+        precise_speed(problem, cone, &slow, &face, found->z);
     found->nu = nu;
     found->met = nu > 0.0;
     for (int k = 0; k < room.count; k++) {
         found->multipliers[of[k]] = y[k];
         found->met = found->met || y[k] != 0.0;
     }
-    precise(problem, limits, of, side, &face, found->z);
     return inside_limits(limits, n, found->z) ? DONE : HAND_BACK;
 }
 

@@ -263,7 +263,7 @@ static void room_at(const Posed *problem, const Share *share, Room *room)
 static bool is_allowed(const Room *room, int n, const Row z)
 {
     return inside_limits(room->limits, n, z) &&
-           (room->cone.limit == 0.0 || tool_speed(&room->cone, n, z) <= room->cone.limit * (1.0 + CONE_TOLERANCE));
+           (room->cone.limit == 0.0 || tool_speed(&room->cone, n, z) <= room->cone.limit * (1.0 + FEASIBLE));
 }
 
 /* The chase from z0 by `way`, whose direction is u in the objective, and what limits take away of it. */

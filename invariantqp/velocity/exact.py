@@ -48,8 +48,9 @@ REGULARISATION = 1e-9
 EXACT_CALM = 1.0
 # A share above this counts as 1.
 WHOLE = 1.0 - 1e-8
-# Where limits bind, the share is reduced by this part of 1 - share, so that the next problem has an interior.
-INTERIOR = 1e-6
+# Where limits bind, the share is reduced by this part of 1 - share, so that the next problem has an interior, and what
+# holds it still counts as a limit that is met.
+INTERIOR = 0.5 * ACTIVE_TOLERANCE
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -228,8 +229,12 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | No
         s: (6,) the twist of which the demands are parts, if they are: contradictions within its rounding are none.
     """
     whitened, wanted, contrary = _whitened(exact, root, s)
-    svd = lapack.dgesdd if len(whitened) else np.linalg.svd  # LAPACK's own takes no empty matrix
-    U, sigma, Vt = svd(whitened)[:3]
+    moves = whitened.any(axis=0)  # joints that no row moves stay free as they are, and rounding mixes none of them
+    svd = lapack.dgesdd if moves.any() else np.linalg.svd  # LAPACK's own takes no empty matrix
+    U, sigma, some = svd(whitened[:, moves])[:3]
+    Vt = np.zeros((len(moves), len(moves)))
+    Vt[: len(some), moves] = some
+    Vt[len(some) :, ~moves] = np.eye(len(moves) - len(some))
     r = rank_of(sigma, ROW_TOLERANCE)
     r = r if rank is None else min(r, rank)
     met = wanted.dot(U[:, :r])

@@ -33,8 +33,8 @@ from invariantqp.velocity.backends import Backend, BoxQP, Daqp, SolverFailure, s
 ROUNDING = 1e-9
 # A limit this close, relative to its value (or 1), is at it.
 ACTIVE_TOLERANCE = 1e-6
-# A row and a column whose cosine is below this are orthogonal, and what there is is rounding; it fades in, so that the
-# law has no jump.
+# A row and directions whose cosine is below this are orthogonal, and what there is is rounding; it fades in, so that
+# the law has no jump.
 COSINE_ROUNDING = 1e-13
 # A limit this close to the solver's answer, on the scaled problem, is near.
 CLOSE = 1e-7
@@ -100,10 +100,15 @@ class Cone(NamedTuple):
 
 
 def product(A: Array, B: Array) -> Array:
-    """(k, n) A B, zero where it is only rounding."""
-    rounding = COSINE_ROUNDING * np.outer(np.linalg.norm(A, axis=1), np.linalg.norm(B, axis=0)) + TINY
-    C: Array = A.dot(B)
-    return np.clip(np.abs(C) / rounding - 1.0, 0.0, 1.0) * C
+    """(k, n) A B, zero where it is only rounding.
+
+    Columns of one length are one space, in which rounding chooses the axes: a row has a part in all of it, or none.
+    """
+    lengths, C = np.linalg.norm(B, axis=0), np.asarray(A.dot(B))
+    cosines = C / (np.outer(np.linalg.norm(A, axis=1), lengths) + TINY)
+    alike = np.abs(lengths[:, None] - lengths) <= ROUNDING * lengths
+    parts = np.sqrt((cosines * cosines).dot(alike))
+    return np.clip(parts / COSINE_ROUNDING - 1.0, 0.0, 1.0) * C
 
 
 class Quadratic(NamedTuple):
@@ -128,7 +133,7 @@ class Quadratic(NamedTuple):
     def plus(self, root: Array, wanted: Array) -> Quadratic:
         """The same with 1/2 |root z - wanted|^2 added; however large root (k, n) is, with the digits of both."""
         n = len(self.centre)
-        U, sizes, Wt = np.linalg.svd(root.dot(self.T))
+        U, sizes, Wt = np.linalg.svd(product(root, self.T))
         size, pull = np.zeros(n), np.zeros(n)
         size[: len(sizes)] = sizes
         pull[: len(sizes)] = (wanted - root.dot(self.centre)).dot(U[:, : len(sizes)])

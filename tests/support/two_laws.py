@@ -11,13 +11,15 @@ import numpy as np
 import invariantqp as iq
 from invariantqp.velocity.compiled import compiled
 from invariantqp.velocity.law import Chase, Demand, VelocityLaw
+from invariantqp.velocity.qp import ACTIVE_TOLERANCE
+from invariantqp.velocity.solution import SLOWEST
 from invariantqp.velocity.solve import solve
 from invariantqp.velocity.tick import posed
 
 # Velocity, the share of exact rows and what limits pull agree to this, relative to the largest.
 AGREE = 1e-8
-# The data of a tick are told to this, in each of so many versions.
-ROUNDED, TIMES = 4 * np.finfo(float).eps, 16
+# The data of a tick are told to this, in each of so many versions: of 65 answers that are as near, one is the farthest.
+ROUNDED, TIMES = 4 * np.finfo(float).eps, 64
 SIZES = (1e-60, 1e-6, 1e-3, 1.0, 1.0, 1.0, 1e3, 1e60)
 DAMPINGS = (
     iq.velocity.Adaptive(),
@@ -189,13 +191,13 @@ def different(law, problem, demand, native, answers):
     """What of an answer differs from the first of some, and is not as near to it as the others are."""
     first = answers[0]
     size = float(max(np.abs(native.velocity).max(), np.abs(first.velocity).max()))
-    pulls = [pull(law, problem, demand, x) for x in (native, *answers)]
+    (pulls, hard) = zip(*(pull(law, problem, demand, x) for x in (native, *answers)), strict=True)
     weight = max(problem.objective(first.scale).weights.max(initial=0.0), problem.spectrum.largest**2)
-    hardest = max(float(np.abs(x).max(initial=0.0)) for x in pulls[:2]) + weight * size
+    hardest = max(hard[:2]) + weight * size
     found = [
         f"{name} {one} {others[0]}"
         for name, (one, *others), scale in (
-            ("velocity", [x.velocity for x in (native, *answers)], size),
+            ("velocity", [x.velocity for x in (native, *answers)], max(size, SLOWEST)),
             ("scale", [x.scale for x in (native, *answers)], 1.0),
             ("pull", pulls, hardest),
         )
@@ -219,12 +221,22 @@ def apart(one, other):
 
 
 def pull(law, problem, demand, found):
-    """How hard limits pull on what exact rows leave free; how they share it is open where more of them meet."""
+    """How limits pull on what exact rows leave free, but for what pulls as the tool's speed does; and how hard in all.
+
+    How they share it is open where more of them meet, and the share of the tool's speed is not told.
+    """
     all_of_them = np.zeros(len(found.velocity)) if found.multipliers is None else found.multipliers
     if found.row_multipliers is not None:
         all_of_them = all_of_them + demand.rows.C.T @ found.row_multipliers
     T = np.eye(len(all_of_them)) if law.to_joint is None else law.to_joint
-    return problem.reduction.basis.T @ T.T @ all_of_them
+    basis = T @ problem.reduction.basis
+    along, cone = basis.T @ all_of_them, demand.cone
+    hard = float(np.abs(along).max(initial=0.0))
+    if cone is None or cone.speed(found.velocity) < cone.limit * (1.0 - ACTIVE_TOLERANCE):
+        return along, hard
+    slowed = basis.T @ cone.J.T @ cone.velocity(found.velocity)
+    slowed = slowed / (np.linalg.norm(slowed) or 1.0)
+    return along - slowed * (slowed @ along), hard
 
 
 def rounded(rng, demand):
