@@ -229,12 +229,13 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | No
         s: (6,) the twist of which the demands are parts, if they are: contradictions within its rounding are none.
     """
     whitened, wanted, contrary = _whitened(exact, root, s)
-    moves = whitened.any(axis=0)  # joints that no row moves stay free as they are, and rounding mixes none of them
+    m = whitened.shape[1]
+    moves = np.asarray(whitened.any(axis=0))  # other joints stay free as they are, and rounding mixes none of them
     svd = lapack.dgesdd if moves.any() else np.linalg.svd  # LAPACK's own takes no empty matrix
     U, sigma, some = svd(whitened[:, moves])[:3]
-    Vt = np.zeros((len(moves), len(moves)))
+    Vt = np.zeros((m, m))
     Vt[: len(some), moves] = some
-    Vt[len(some) :, ~moves] = np.eye(len(moves) - len(some))
+    Vt[len(some) :, ~moves] = np.eye(m - len(some))
     r = rank_of(sigma, ROW_TOLERANCE)
     r = r if rank is None else min(r, rank)
     met = wanted.dot(U[:, :r])

@@ -108,7 +108,7 @@ def product(A: Array, B: Array) -> Array:
     cosines = C / (np.outer(np.linalg.norm(A, axis=1), lengths) + TINY)
     alike = np.abs(lengths[:, None] - lengths) <= ROUNDING * lengths
     parts = np.sqrt((cosines * cosines).dot(alike))
-    return np.clip(parts / COSINE_ROUNDING - 1.0, 0.0, 1.0) * C
+    return np.asarray(np.clip(parts / COSINE_ROUNDING - 1.0, 0.0, 1.0) * C)
 
 
 class Quadratic(NamedTuple):

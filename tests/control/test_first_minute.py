@@ -89,21 +89,27 @@ def test_turned_in_place_the_tool_point_stays(name):
 
 def test_out_of_reach_joints_rest_that_bring_the_tool_no_nearer():
     """Joints that turn without an end, outstretched: the error is a flat valley, where some go on for minutes."""
-    robot, dt, resting = iq.load_robot("gen3"), 0.004, 0
+    robot, dt, resting = iq.load_robot("gen3"), 0.01, 0
     rng = np.random.default_rng(4)
     for _ in range(4):
         q, target, late = somewhere(rng, robot), robot.pose(somewhere(rng, robot)), np.zeros(7)
         target[:3, 3] *= 1.6
         loop, aim = iq.Controller(robot, dt=dt, delay=dt, acceleration_limit=10.0), robot.target(target)
-        for _ in range(3750):
+        for _ in range(1500):
             q, late = q + dt * late, loop.step(q, aim).velocity
-        left = np.linalg.norm(robot.pose(q)[:3, 3] - target[:3, 3])
-        for _ in range(250):
+        left = missed(robot, q, target)
+        for _ in range(100):
             q, late = q + dt * late, loop.step(q, aim).velocity
-        nearer = left - np.linalg.norm(robot.pose(q)[:3, 3] - target[:3, 3])
-        assert np.abs(late).max() < 1e-5 or nearer > 1e-5
+        assert np.abs(late).max() < 1e-5 or left - missed(robot, q, target) > 1e-5
         resting += bool(np.abs(late).max() < 1e-5)
     assert resting >= 3
+
+
+def missed(robot, q, target):
+    """How far the tool is from a target, a radian counting as much as a metre: nearly as this arm's reach has it."""
+    pose = robot.pose(q)
+    turn = iq.log(iq.transform(target[:3, :3] @ pose[:3, :3].T))[:3]
+    return np.hypot(np.linalg.norm(pose[:3, 3] - target[:3, 3]), np.linalg.norm(turn))
 
 
 LOOPS = {
