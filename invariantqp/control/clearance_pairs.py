@@ -24,7 +24,7 @@ from invariantqp.robots.chain import Chain
 from invariantqp.robots.srdf import Exclusions, excluded
 
 # Whether a pair is always near is looked at in so many states, at most; one that is not shown to be is kept.
-STATES = 400
+STATES = 2000
 
 
 class Dropped(NamedTuple):
@@ -122,8 +122,8 @@ class Pairs:
     ) -> tuple[list[tuple[int, int]], dict[tuple[str, str], str]]:
         """Pairs of shapes less those of links that are nearer than the distance wherever the joints are.
 
-        Two links with one or two joints between them: their distance d(q) changes by at most |d q_i| times how far the
-        farther one reaches from axis i, so that a few states show that it is nowhere larger.
+        Two links with one or two joints between them: in other states they are at most as far apart as those points are
+        that are nearest in one, and a joint moves these by how far they are from its axis. So some states show it.
         """
         always: dict[tuple[str, str], str] = {}
         by_name: dict[tuple[str, str], list[tuple[int, int]]] = {}
@@ -141,7 +141,6 @@ class Pairs:
         between = np.arange(a.body, b.body)
         if not self._robot.screws[:3, between].any(axis=0).all():
             return False  # a slide goes as far as it goes
-        lever = self.levers[i if self.parts[i] is b else j][between]
         limits = np.maximum(self._robot.position_lower, -np.pi), np.minimum(self._robot.position_upper, np.pi)
         cells = [(limits[0][between], limits[1][between])]
         q = np.zeros(len(self._robot.names))
@@ -152,11 +151,21 @@ class Pairs:
             q[between] = 0.5 * (low + high)
             motions = self._robot.motions(q)
             one, other = placed_at(self.numbers[[i, j]], motions)
-            d = places(one, other)[0].distance
-            if d > self._distance:
+            nearest = places(one, other)[0]
+            if nearest.distance > self._distance:
                 return False
-            if d + float(np.dot(lever, 0.5 * (high - low))) > self._distance:
-                axis = int(np.argmax(lever * (high - low)))
+            # The outer one's nearest point, by a point of the one core or of the other.
+            d, (near, far) = nearest.distance, (one.radius, other.radius)
+            beside = (d + near, -far) if self.parts[j] is b else (near, -d - far)
+            J = self._robot.jacobian(q)[:, between]
+            points = [nearest.point + by * nearest.normal for by in beside]
+            speed = np.max([np.linalg.norm(J[3:] + np.cross(J[:3], p, axis=0), axis=0) for p in points], axis=0)
+            turn = np.linalg.norm(J[:3], axis=0)
+            ways: list[float] = []
+            for k in reversed(range(len(between))):  # the inner joint moves it from where the outer joint has
+                ways.insert(0, float(0.5 * (high - low)[k] * (speed[k] + turn[k] * sum(ways))))
+            if max(nearest.distance, 0.0) + sum(ways) > self._distance:
+                axis = int(np.argmax(ways))
                 middle = 0.5 * (low + high)
                 upper, lower = high.copy(), low.copy()
                 upper[axis] = lower[axis] = middle[axis]

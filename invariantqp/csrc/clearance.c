@@ -11,7 +11,7 @@ enum { BODY, KIND, RADIUS, HALF, TURN = HALF + 3, PLACE = TURN + 9, OF_SHAPE = P
 enum { ROUND, BLOCK, FREE_SIDE, MESH };                                                      /* kinds of core */
 /* control/clearance_rows.py: rows at most, and its constants. */
 #define KEPT_ROWS 16
-static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, AHEAD = 1.01, NEARER = 0.7;
+static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, ASKEW = 1e-5, USUAL_SPEED = 1.0, AHEAD = 1.01, NEARER = 0.7;
 /* geometry/distance.py: below these shares, lines are parallel, and a normal has no direction. */
 static const double PARALLEL_LINES = 1e-14, NO_DIRECTION = 1e-12;
 #define MOST_SHAPES 256
@@ -606,7 +606,14 @@ static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *f
                 C[j] += pair->sign * w[r] * asked->J[r][j];
                 parts += fabs(w[r] * asked->J[r][j]);
             }
-            C[j] = fabs(C[j]) > UNMOVED * parts ? asked->weight[j] * C[j] : 0.0;
+            double turn[3] = {asked->J[0][j], asked->J[1][j], asked->J[2][j]}, across[3], v[3];
+            cross(turn, near->n, across);
+            cross(turn, near->x, v);
+            for (int r = 0; r < 3; r++) {
+                v[r] += asked->J[3 + r][j];
+            }
+            bool about = norm(3, across) <= ASKEW * norm(3, turn) && fabs(C[j]) <= ASKEW * norm(3, v);
+            C[j] = fabs(C[j]) > UNMOVED * parts && !about ? asked->weight[j] * C[j] : 0.0;
             double size = fabs(C[j]), scaled = size * (isfinite(joints->speed[j]) ? joints->speed[j] : USUAL_SPEED);
             if (size > 0.0) {
                 reach += size * joints->reach[j];

@@ -186,6 +186,39 @@ def test_no_point_of_a_shape_is_faster_than_its_levers_say(ur5, base):
 
 
 @pytest.mark.skipif(engine.core is None, reason="one engine alone")
+def test_of_two_links_that_are_always_near_those_points_count_that_are():
+    """A rod begins 10 mm beside the axes of two hinges and ends half a metre from them; its end takes no part in it."""
+    wrist = iq.robots.Chain(
+        np.column_stack([iq.revolute((0, 0, 1)), iq.revolute((0, 1, 0))]), np.eye(4), velocity_limit=1.0
+    )
+    rod, pin = [Capsule([0.012, 0, 0], [0.5, 0, 0], 0.002)], [Sphere([0, 0, 0], 0.005)]
+    for distance, always in ((0.02, True), (0.0049, False)):
+        for bodies in ({"base": pin, "joint2": rod}, {"joint2": rod, "base": pin}):
+            limit = Clearance(wrist, bodies, distance=distance)
+            assert [d.reason.startswith("always") for d in limit.dropped] == [True] * always
+
+
+def test_a_desk_is_no_nearer_for_what_turns_about_its_normal_as_far_as_a_description_has_digits():
+    """pi/2 written as 1.5708 tilts an axis by 4e-6: what stands on the desk does not begin inside for it."""
+    desk = HalfSpace([0, 0, 0], normal=[0, 0, 1], name="desk")
+    for tilt, counts in ((0.0, False), (1.5708 - np.pi / 2, False), (1e-3, True)):
+        upright = iq.revolute((np.sin(tilt), 0, np.cos(tilt)))
+        arm = iq.robots.Chain(
+            np.column_stack([upright, iq.revolute((0, 1, 0), point=(0, 0, 0.3))]),
+            iq.transform(translation=[0.4, 0, 0.3]), velocity_limit=1.0,
+        )  # fmt: skip
+        limit = Clearance(arm, {"joint1": [Box(iq.transform(translation=[0, 0, 0.051]), [0.1, 0.1, 0.1])]}, [desk])
+        q = np.array([0.3, 0.1])
+        assert np.isfinite(limit.at(q).distance) == counts
+        rate = limit._at_rate(10.0, 0.0)
+        assert (limit.rows_at(q, rate) is not None) == counts
+        with patch.object(module, "core", None):
+            assert (limit.rows_at(q, rate) is not None) == counts
+        loop = iq.Controller(arm, dt=0.002, limits=[limit])
+        fast = np.abs(loop.follow(q, iq.adjoint(np.eye(4)) @ arm.jacobian(q)[:, 1]).velocity).max()
+        assert (fast > 0.5) == (not counts)
+
+
 def test_the_core_gives_the_rows_of_its_definition(panda):
     ball = Sphere([0.5, 0.2, 0.5], 0.1, name="ball")
     ball.move(np.eye(4), [0.1, 0.0, 0.2, 0.3, -0.1, 0.0])
