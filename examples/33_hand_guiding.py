@@ -3,8 +3,10 @@
 A hand pulls at the tool with a spring of 300 N/m and goes 100 mm aside and 50 mm up in two seconds. A contact
 says what stays under control, its freedoms; in its constraints a force of zero is wanted, so the tool yields there.
 
-Run: python examples/33_hand_guiding.py
+Run: python examples/33_hand_guiding.py [arm ...]
 """
+
+import sys
 
 import numpy as np
 from shared.cells import ARMS, DELAY, DT, Cell
@@ -27,7 +29,7 @@ def led(kept):
     return lambda tool: Contact(kind, iq.transform(translation=tool[:3, 3]))
 
 
-for arm in ARMS:
+for arm in sys.argv[1:] or ARMS:
     for name, kept in KEPT.items():
         cell = Cell(arm)
         task = iq.HybridTask(led(kept), np.zeros(6 - kept.shape[1]), compliance=EASE, max_force=60.0)

@@ -5,7 +5,7 @@
 3. Then it is taken for a peg in a hole: no force across and no moment is wanted, so it turns into the hole's direction,
    and it is pushed in along its own axis, the more slowly the harder that is. If that leads nowhere the search goes on.
 
-Run: python examples/35_insertion.py [attempts, 2] [arm ...]
+Run: python examples/35_insertion.py [attempts, 2] [millimetres off, 1] [arm ...]
 """
 
 import sys
@@ -17,7 +17,7 @@ from shared.peg_cell import PegCell
 import invariantqp as iq
 
 PEG, CLEARANCE, DEPTH = 0.010, 1e-4, 0.02  # diameters [m], how deep it has to go [m]
-OFF, TILT = 1e-3, np.radians(2.0)
+OFF, TILT = 1e-3 * float(*sys.argv[2:3] or [1]), np.radians(2.0)
 PITCH, SEARCH, WIDEST = 0.07e-3, 0.004, 1.5e-3  # of the spiral [m], along it [m/s], its last radius [m]
 PRESS, PUSH, SPEED = 4.0, 8.0, 0.01  # of the search [N], at most along the peg [N], how fast it goes in [m/s]
 LETS, LATE = 0.3, 0.02  # with less than this share of the press it waits, so far back [s]
@@ -85,7 +85,7 @@ def inserted(arm, seed):
 
 
 attempts = int(sys.argv[1]) if len(sys.argv) > 1 else 2
-for arm in sys.argv[2:] or ARMS:
+for arm in sys.argv[3:] or ARMS:
     found = [inserted(arm, seed) for seed in range(attempts)]
     deep, most, time, said = zip(*found, strict=True)
     print(f"{arm:6s} {said.count('in')} of {attempts} in, {max(most):.1f} N at most", end=", ")

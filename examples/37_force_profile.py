@@ -3,8 +3,10 @@
 Each tick says what it wants, `step(..., wanted=[newtons])`. For a second in between nothing is commanded, as in a
 protective stop; the loop goes on afterwards as it was, on the same contact. `loop.reset()` would feel for it again.
 
-Run: python examples/37_force_profile.py
+Run: python examples/37_force_profile.py [arm ...]
 """
+
+import sys
 
 import numpy as np
 from shared.cells import ARMS, DELAY, DT, Cell, table
@@ -20,7 +22,7 @@ def press(t):
     return 5.0 + 10.0 * np.clip((t - 2.0) / 2.0, 0.0, 1.0) + 5.0 * np.sin(np.pi * (t - 6.0)) * (6.0 < t < 10.0)
 
 
-for arm in ARMS:
+for arm in sys.argv[1:] or ARMS:
     cell = Cell(arm, table(arm))
     task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], [0, 0, 1]), [5.0], max_force=40.0)
     loop = iq.HybridController(cell.robot, task, dt=DT, sensor=cell.sensor, delay=DELAY)

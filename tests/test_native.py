@@ -34,8 +34,6 @@ def test_native_tells_whether_there_is_a_core():
 
 def test_the_environment_switches_it_off():
     assert told("-c", PYTHON, INVARIANTQP_NATIVE="0") == "False [1.] pure Python: INVARIANTQP_NATIVE=0"
-    built = any(Path(iq.__file__).parent.glob("_native.*[!i]"))  # _native.pyi is always there
-    assert told("-c", PYTHON, INVARIANTQP_NATIVE="1").startswith(f"{built} [1.] ")
 
 
 @pytest.mark.skipif(core is None, reason="no compiled core here")

@@ -90,9 +90,8 @@ def test_json_has_the_fixed_keys(run, task, tmp_path):
     assert f"speed: {speed:.3g}, acceleration: {acceleration:.3g}, counted from rest" in out
 
 
-@pytest.mark.parametrize("suffix", ["png", "svg"])
-def test_a_picture(run, task, tmp_path, suffix):
-    file = tmp_path / f"out.{suffix}"
+def test_a_picture(run, task, tmp_path):
+    file = tmp_path / "out.png"
     assert run("run", task, "--plot", file, "--quiet") == (0, "", "")
     assert file.stat().st_size > 5000
 

@@ -138,20 +138,21 @@ def test_an_arm_that_follows_a_path_into_its_limits(name, exact, limits):
     q = middle + np.linspace(0.07, 0.14, len(middle))  # no two joints alike: no ties for rounding to break
     goal = robot.pose(q)
     methods, answered = set(), 0
-    for k in range(60):
+    for k in range(48):
         goal = iq.exp([0.0, 0.0, 0.003, 0.006 * np.sin(0.05 * k), 0.006, 0.0]) @ goal
         ahead = np.array([0.0, 0.0, 0.3, 0.0, 0.6, 0.0])
         answered += compiled_tick(controller.compiled, controller.kept.copy(), q, goal, ahead, None) is not None
         tick = (controller, q, goal, ahead)
-        solution = assert_same(*tick) if k % 3 == 0 else controller.step(*tick[1:])  # Python takes its time
+        solution = assert_same(*tick) if k % 4 == 0 else controller.step(*tick[1:])  # Python takes its time
         methods.add(solution.method)
         q = q + 0.01 * solution.velocity
     assert methods & {"qp", "damped"}
-    assert answered > 30 or m < 6  # too few joints are left for a tool speed, or none
+    assert answered > 24 or m < 6  # too few joints are left for a tool speed, or none
 
 
-@pytest.mark.parametrize("exact", [None, "position", [PLANE, AXIS]], ids=str)
-@pytest.mark.parametrize("limits", [{}, {"acceleration_limit": 5.0}, SLOW], ids=str)
+@pytest.mark.parametrize(
+    ("exact", "limits"), [(None, SLOW), ("position", {}), ([PLANE, AXIS], {"acceleration_limit": 5.0})], ids=str
+)
 def test_a_twist_is_followed_as_in_python(exact, limits):
     robot = iq.load_robot("panda")
     controller = iq.Controller(robot, dt=0.01, exact=exact, **limits)

@@ -61,7 +61,7 @@ def test_turned_in_place_the_tool_point_stays(name):
     """By 20 to 90 deg, a jump of the target; all the way no direction needs twenty times the strongest one's speed."""
     robot, dt, turns = iq.load_robot(name), 0.01, 0
     rng = np.random.default_rng(1)
-    for _ in range(200):
+    for _ in range(100):
         q = somewhere(rng, robot, 0.5)
         axis, angle = rng.normal(size=3), np.deg2rad(rng.uniform(20.0, 90.0))
         turn = iq.exp([*(angle * axis / np.linalg.norm(axis)), 0.0, 0.0, 0.0])[:3, :3]
@@ -82,7 +82,7 @@ def test_turned_in_place_the_tool_point_stays(name):
         if regular and reached:  # else it is out of reach without another posture
             assert swing < 0.03
             turns += 1
-            if turns == 5:
+            if turns == 3:
                 return
     raise AssertionError(f"{turns} turns of {name} are regular")
 
@@ -120,7 +120,7 @@ LOOPS = {
 }
 
 
-def ticks(name, loop_name, runs=6, dt=0.01):
+def ticks(name, loop_name, runs=3, dt=0.01):
     """Ticks of random runs towards targets near and far, at rest and moving: (loop, q, e, feedforward, solution)."""
     robot = iq.load_robot(name)
     rng = np.random.default_rng([ord(c) for c in name + loop_name])
@@ -181,8 +181,8 @@ def test_ok_is_what_it_promises_and_limited_names_what_limits(name, loop_name):
             named = solution.active or solution.damping > 0.0 or "no velocity reduces" in solution.reason
             # Of five joints, what brings a loop to rest short of its target may take as much.
             assert named or loop_name == "slow tool" or len(q) < 6, solution.reason
-    assert seen["ok"] > 100
-    assert seen["limited"] > 10
+    assert seen["ok"] > 50
+    assert seen["limited"] > 5
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "z1"])
@@ -206,7 +206,7 @@ def test_the_tick_decides_no_status(name):
 @pytest.mark.parametrize("name", ARMS)
 def test_scaled_keeps_the_direction_of_an_exact_point(name):
     scaled = 0
-    for loop, q, e, ahead, solution in ticks(name, "exact point"):
+    for loop, q, e, ahead, solution in ticks(name, "exact point", runs=6):
         if solution.status not in ("scaled", "ok", "limited"):
             continue
         J, T, aim = loop.robot.jacobian(q), loop.robot.pose(q), iq.exp(e) @ loop.robot.pose(q)

@@ -45,7 +45,7 @@ def test_a_mesh_of_a_box_is_as_far_as_the_box(ur5):
     ]  # fmt: skip
     thinnest = min(shape.radius for link in bodies.values() for shape in link if shape.radius)
     near = inside = 0
-    for _ in range(200):
+    for _ in range(120):
         q = rng.uniform(-2.5, 2.5, 6)
         box, hull, shell = (limit.distances(q) for limit in limits)
         assert box.keys() == hull.keys() == shell.keys()
@@ -55,8 +55,8 @@ def test_a_mesh_of_a_box_is_as_far_as_the_box(ur5):
                 assert shell[pair] == pytest.approx(d, abs=2e-6)
             near += 0.0 < d < 0.05
             inside += d < 0.0
-    assert near > 100
-    assert inside > 50
+    assert near > 50
+    assert inside > 25
 
 
 def test_a_hull_is_as_far_as_mujoco_says():
@@ -79,21 +79,21 @@ def test_a_hull_is_as_far_as_mujoco_says():
             assert limit.at(q).distance == pytest.approx(d, abs=2e-6)
 
 
-@pytest.mark.parametrize("acceleration", [None, 10.0])
-@pytest.mark.parametrize("hull", [True, False])
+@pytest.mark.parametrize(("acceleration", "hull"), [(None, True), (10.0, False)])
 def test_an_arm_keeps_off_a_mesh_while_targets_jump(ur5, acceleration, hull):
     place, rng = iq.transform(translation=[0.45, 0.0, 0.15]), np.random.default_rng(3)
     block = Mesh(CORNERS, place, hull=True, name="block") if hull else surface(place, name="block")
     limit, truth = Clearance(ur5, None, [block]), Clearance(ur5, None, [Box(place, SIZE, name="block")])
     loop = iq.Controller(ur5, dt=DT, limits=[limit], acceleration_limit=acceleration)
     q, least, said = START, 9.0, ""
-    for i in range(1500):
+    for i in range(1200):
         if i % 300 == 0:
             target = ur5.pose(rng.uniform(-2.0, 2.0, 6))
         solution = loop.step(q, target)
         q = q + DT * solution.velocity
         least = min(least, truth.at(q).distance)
-        assert limit.nearest.distance == pytest.approx(limit.at(q - DT * solution.velocity).distance, abs=1e-9)
+        if i % 20 == 0:
+            assert limit.nearest.distance == pytest.approx(limit.at(q - DT * solution.velocity).distance, abs=1e-9)
         said += solution.reason
     assert 0.0199 < least < 0.03
     assert "and block, 2" in said

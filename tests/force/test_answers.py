@@ -7,9 +7,16 @@ from support.damped_plane import press_on_damper
 PRESS = 10.0
 
 
-@pytest.mark.parametrize("arm", ["gantry", "panda", "ur5"])
-@pytest.mark.parametrize(("stiffness", "damping"), [(2e4, 200.0), (2e4, 800.0), (5e4, 2000.0), (1e3, 60.0)])
-@pytest.mark.parametrize("told", [0.0, 0.01])
+@pytest.mark.parametrize(
+    ("arm", "stiffness", "damping", "told"),
+    [
+        ("gantry", 2e4, 200.0, 0.01),
+        ("panda", 2e4, 800.0, 0.01),
+        ("ur5", 5e4, 2000.0, 0.0),
+        ("panda", 5e4, 2000.0, 0.01),
+        ("ur5", 1e3, 60.0, 0.0),
+    ],
+)
 def test_a_contact_with_a_damper_is_held(arm, stiffness, damping, told):
     """b/k from 10 to 60 ms: with the first of these the press "jumped", with the others it was an overload."""
     run = press_on_damper(arm, stiffness=stiffness, damping=damping, lag=0.01, told=told, seconds=6.0)
@@ -58,12 +65,13 @@ FAULTS = {
 }
 
 
+ARMS = [("ur5", 8e4, 0.01), ("panda", 3e4, 0.004), ("gantry", 7e3, 0.002)]
+
+
 @pytest.mark.parametrize("name", FAULTS)
-@pytest.mark.parametrize(
-    ("arm", "stiffness", "dt"), [("gantry", 7e3, 0.002), ("panda", 3e4, 0.004), ("ur5", 8e4, 0.01)]
-)
-def test_readings_that_do_not_answer_end_within_millimetres(name, arm, stiffness, dt):
+def test_readings_that_do_not_answer_end_within_millimetres(name):
     make, since, presses = FAULTS[name]
+    arm, stiffness, dt = ARMS[list(FAULTS).index(name) % len(ARMS)]
     run = press_on_damper(
         arm, stiffness=stiffness, damping=0.005 * stiffness, dt=dt, reads=make(), since=since, seconds=8.0, seed=3
     )
@@ -82,15 +90,13 @@ def test_a_bias_that_drifts_upwards_leads_the_tool_out_by_millimetres():
     assert drift.height[: drift.stopped].max() < 25e-3
 
 
-@pytest.mark.parametrize("speed", [0.02, 0.06])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("speed", "seed"), [(0.02, 0), (0.06, 1)])
 def test_a_reading_stuck_in_its_noise_while_the_tool_slides_presses_a_few_times_more_at_most(speed, seed):
     run = press_on_damper(stiffness=2e4, speed=speed, reads=Held(), since=3.0, seconds=6.0, seed=seed)
     assert run.press.max() < 6.0 * PRESS
 
 
-@pytest.mark.parametrize("slope", [-0.08, 0.08])
-@pytest.mark.parametrize("stiffness", [2e3, 2e4])
+@pytest.mark.parametrize(("slope", "stiffness"), [(-0.08, 2e3), (0.08, 2e4)])
 def test_a_slope_is_answered_and_followed(slope, stiffness):
     run = press_on_damper(stiffness=stiffness, slope=slope, speed=0.03, seconds=6.0)
     assert run.stopped is None
@@ -98,8 +104,7 @@ def test_a_slope_is_answered_and_followed(slope, stiffness):
     assert np.abs(run.press[-250:] - PRESS).max() < 0.15 * PRESS
 
 
-@pytest.mark.parametrize("stiffness", [1e3, 2e4, 1e5])
-@pytest.mark.parametrize("share", [1.1, 1.9])
+@pytest.mark.parametrize(("stiffness", "share"), [(1e3, 1.9), (1e5, 1.1)])
 def test_a_reading_that_stays_above_the_wanted_press_leads_the_tool_out_by_millimetres(share, stiffness):
     """It led the arm away without end, "ok": by 190 to 840 mm."""
     run = press_on_damper("panda", stiffness=stiffness, reads=Held(share), since=4.0, seconds=30.0)

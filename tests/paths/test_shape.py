@@ -104,8 +104,7 @@ def test_a_straight_way_of_the_joints_takes_little_more_than_the_least_time(rise
     assert follower.plan.motion.end < 1.25 * quickest(share, speed, 8.0, 8.0 / rise)
 
 
-@pytest.mark.parametrize("name", ["ur5", "so101"])
-@pytest.mark.parametrize("delay", [0.0, 0.006])
+@pytest.mark.parametrize(("name", "delay"), [("ur5", 0.006), ("so101", 0.0)])
 def test_on_the_way_to_a_path_joints_keep_jerk_limits_too(name, delay):
     """From rest, and from a path that is driven: every limit, and then the path is driven to its end."""
     arm = Arm(name, delay=delay)
