@@ -88,7 +88,7 @@ Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6
 {
     int k = n < 6 ? n : 6;
     const Law *form = demand->form;
-    double largest = found->sigma[0], share[6], r[6], done[6] = {0.0}, M[6][6], V[6][6], W[6][6] = {{0.0}}, square = 0.0;
+    double largest = found->largest, share[6], r[6], done[6] = {0.0}, M[6][6], V[6][6], W[6][6] = {{0.0}}, square = 0.0;
     Row MV[6], L[6], C[6], y;
     Spectrum own;
     bool whole = k == 6;

@@ -85,7 +85,7 @@ Outcome braking_share(const Loop *loop, double gain, const Row A[6], const doubl
     Row distance;
     int m = loop->joints;
     if (spectrum(6, m, A, error, NULL, &found) == HAND_BACK ||
-        least_squares(&damped, m, &found, STILL, 0.0, &objective) == HAND_BACK)
+        least_squares(&damped, m, &found, STILL, &objective) == HAND_BACK)
         return HAND_BACK;
     centre(&objective, distance);
     if (loop->law.has_metric)

@@ -84,14 +84,26 @@ typedef struct {
     Row V[MOST]; /* V[i] is direction i */
     Row weights, optimum, still; /* still: the optimum without the chase */
     double damping, ratio;
+    bool regular; /* K = L V in the first six directions */
+    Row L[6];
 } Objective;
 
-/* spectrum.c: A = U diag(sigma) V', wanted = U'b; U[i] is direction i, where it is asked for */
+/* spectrum.c: A = U diag(sigma) V', wanted = U'b; U[i] is direction i, where it is asked for.
+   regular.c: A = L V, wanted = L^-1 b, and no sigma but the largest */
 typedef struct {
     Row V[MOST];
     Row sigma, wanted, ahead; /* U'b, and U' of what is not chased */
+    double largest; /* singular value that all are compared with */
     double U[6][6];
+    bool regular;
+    Row L[6];
 } Spectrum;
+
+/* regular.c: S = AA', its lower triangle, and S = LL' where nothing is damped */
+typedef struct {
+    bool holds;
+    Row S[6], L[6];
+} Regular;
 
 /* Rows are worked on in steps of STEP numbers, those after the last one zero. */
 #define STEP 4
@@ -222,6 +234,7 @@ bool factored(int n, Row *H);
 void forward(int n, const Row *L, double *x);
 void backward(int n, const Row *L, double *x);
 void solved(int n, const Row *L, const double *g, double *x);
+void inverse_column(int n, const Row *L, int j, double *column);
 
 /* chain.c */
 void pose_from(const double *H, Pose *T);
@@ -243,15 +256,16 @@ Outcome sorted_rows(int rows, int n, int with, Rotated *R, double *sigma);
 void completed(int n, int rank, Row *V);
 void want(Spectrum *found, const double b[6], const double *ahead);
 double damped_square(const Demand *demand, double sigma, double wanted, double largest);
-Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, double largest,
-                      Objective *objective);
+Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, Objective *objective);
 Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6], double attempt[6]);
 Outcome blend(int n, const Row A[6], const double b[6], double mu, const Row x_f, const Row x_W, double fraction, double *t);
 void centre(const Objective *objective, Row z);
 void quadratic(const Objective *objective, Quadratic *problem);
 double speed(const Objective *objective, const Row z);
 void calmed(Objective *objective, double mu);
-bool regular_velocity(const Demand *demand, const Row A[6], const double b[6], Row x);
+bool is_regular(const Demand *demand, const Row A[6], Regular *regular);
+bool regular_velocity(const Demand *demand, const Regular *regular, const Row A[6], const double b[6], Row x);
+void regular_spectrum(int n, const Regular *regular, const Row A[6], const double b[6], const double *ahead, Spectrum *found);
 double calm(int n, const Row A[6], const double wanted[6], const Row y, const Row slowed, double speed, double dt,
             double factor);
 double worth(const Demand *demand, const Row A[6], const double wanted[6]);
@@ -283,7 +297,7 @@ void freed(const Reduction *reduction, int m, const Row y, double share, Row z);
 Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Row inside);
 Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, Share *share);
 void governed(const Law *law, Demand *demand);
-Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution);
+Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], const double wanted[6], Solution *solution);
 void begun(int n, double weight, const double *centre, Squares *sum);
 void add_square(Squares *sum, const Row a, double b);
 void solved_by(const Squares *sum, Quadratic *problem);

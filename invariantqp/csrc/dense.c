@@ -112,3 +112,14 @@ void solved(int n, const Row *L, const double *g, double *x)
     forward(n, L, x);
     backward(n, L, x);
 }
+
+/* Column j of L^-1, from its entry j on. */
+void inverse_column(int n, const Row *L, int j, double *column)
+{
+    for (int i = j; i < n; i++) {
+        double sum = i == j ? 1.0 : 0.0;
+        for (int k = j; k < i; k++)
+            sum -= L[i][k] * column[k];
+        column[i] = sum / L[i][i];
+    }
+}

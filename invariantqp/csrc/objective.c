@@ -1,9 +1,12 @@
 /* Twin of velocity/objective.py and damping.py: what a tick minimises, in the coordinates of V.
 
        1/2 |A z - b|^2 + 1/2 sum of lambda_i^2 (v_i'(z - z_p))^2  =  1/2 |K (z - z*)|^2 + constant
-       weights = sigma^2 + lambda^2,   V'z* = (sigma U'b + lambda^2 V'z_p) / weights */
+       weights = sigma^2 + lambda^2,   V'z* = (sigma U'b + lambda^2 V'z_p) / weights
+
+   Where A = L V and nothing is damped, K = L V and V'z* = L^-1 b. */
 
 #include "core.h"
+#include <string.h>
 
 /* Weights further apart than this make the optimum inside limits too sensitive to rounding. */
 static const double LEAST_WEIGHT = 1e-10;
@@ -22,21 +25,28 @@ double damped_square(const Demand *demand, double sigma, double wanted, double l
     return demand->speed > 0.0 ? fmax(left, sigma * (fabs(wanted) / demand->speed - sigma)) : left;
 }
 
-/* By the spectrum of A (6, n); `largest` is the singular value that all are compared with, 0 for the largest of A. */
-Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, double largest,
-                      Objective *objective)
+/* By the spectrum of A (6, n). */
+Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, Objective *objective)
 {
     int k = n < 6 ? n : 6;
-    largest = largest > 0.0 ? largest : found->sigma[0];
-    double most = 0.0, least = INFINITY, damped = 0.0;
+    double largest = found->largest, most = 0.0, least = INFINITY, damped = 0.0;
     if (!(largest > 0.0))
         return HAND_BACK;
     objective->n = n;
     objective->rank = 0;
+    objective->regular = found->regular;
+    if (found->regular)
+        memcpy(objective->L, found->L, sizeof found->L);
     for (int i = 0; i < n; i++) {
         double *v = objective->V[i], sigma = found->sigma[i], wanted = found->wanted[i];
         for (int j = 0; j < n; j++)
             v[j] = found->V[i][j];
+        if (found->regular && i < 6) { /* nothing is damped */
+            objective->rank++;
+            objective->optimum[i] = wanted;
+            objective->still[i] = found->ahead[i];
+            continue;
+        }
         double over = sigma / (NULL_RATIO * largest) - 1.0;
         if (sigma * CLOSE > NULL_RATIO * largest && sigma < CLOSE * NULL_RATIO * largest)
             return HAND_BACK;
@@ -57,7 +67,7 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
         most = fmax(most, weight);
         least = fmin(least, weight);
     }
-    if (!(least >= LEAST_WEIGHT * most))
+    if (!found->regular && !(least >= LEAST_WEIGHT * most))
         return HAND_BACK;
     objective->damping = sqrt(damped);
     objective->ratio = k == 0 ? 1.0 : found->sigma[k - 1] > NULL_RATIO * largest ? found->sigma[k - 1] / largest : 0.0;
@@ -75,13 +85,27 @@ void centre(const Objective *objective, Row z)
 
 void quadratic(const Objective *objective, Quadratic *problem)
 {
-    problem->n = objective->n;
+    int n = problem->n = objective->n, regular = objective->regular ? 6 : 0;
+    const Row *L = objective->L, *V = objective->V;
     centre(objective, problem->centre);
-    for (int i = 0; i < objective->n; i++) {
+    memset(problem->K, 0, (size_t)regular * sizeof(Row));
+    for (int j = 0; j < n; j++)
+        memset(problem->T[j], 0, (size_t)regular * sizeof(double));
+    for (int i = 0; i < regular; i++) {
+        double inverse[6];
+        inverse_column(6, L, i, inverse);
+        for (int k = 0; k <= i; k++)
+            for (int j = 0; j < n; j++)
+                problem->K[i][j] += L[i][k] * V[k][j];
+        for (int j = 0; j < n; j++)
+            for (int k = i; k < 6; k++)
+                problem->T[j][i] += inverse[k] * V[k][j];
+    }
+    for (int i = regular; i < n; i++) {
         double root = sqrt(objective->weights[i]);
-        for (int j = 0; j < objective->n; j++) {
-            problem->K[i][j] = root * objective->V[i][j];
-            problem->T[j][i] = objective->V[i][j] / root;
+        for (int j = 0; j < n; j++) {
+            problem->K[i][j] = root * V[i][j];
+            problem->T[j][i] = V[i][j] / root;
         }
     }
 }
@@ -96,9 +120,35 @@ double speed(const Objective *objective, const Row z)
     return sqrt(sum);
 }
 
+/* Of L'L + mu a factor is found from its last entry to its first: so it is a lower triangle again. */
 void calmed(Objective *objective, double mu)
 {
-    for (int i = 0; i < objective->n; i++) {
+    int regular = objective->regular ? 6 : 0;
+    Row H[6], *L = objective->L;
+    double pull[6];
+    for (int i = 0; i < regular; i++) {
+        pull[i] = 0.0;
+        for (int j = 0; j < 6; j++) {
+            double entry = 0.0;
+            for (int k = i > j ? i : j; k < 6; k++)
+                entry += L[k][i] * L[k][j];
+            pull[i] += entry * objective->optimum[j];
+            H[5 - i][5 - j] = entry + (i == j ? mu : 0.0);
+        }
+    }
+    if (regular > 0) {
+        double turned[6];
+        for (int i = 0; i < 6; i++)
+            turned[i] = pull[5 - i];
+        factored(6, H);
+        solved(6, (const Row *)H, turned, turned);
+        for (int i = 0; i < 6; i++) {
+            objective->optimum[i] = turned[5 - i];
+            for (int k = i; k < 6; k++)
+                L[k][i] = H[5 - i][5 - k];
+        }
+    }
+    for (int i = regular; i < objective->n; i++) {
         double weight = objective->weights[i] + mu;
         objective->optimum[i] *= objective->weights[i] / weight;
         objective->weights[i] = weight;

@@ -107,14 +107,9 @@ void quadratic_of(int n, const Row *L, const Row g, Quadratic *problem)
     problem->n = n;
     solved(n, L, g, problem->centre);
     for (int i = 0; i < n; i++) {
-        double column[MOST] = {0.0};
         for (int k = i; k < n; k++)
             problem->K[i][k] = L[k][i];
-        column[i] = 1.0 / L[i][i]; /* L^-1, of which T = K^-1 is the transpose */
-        for (int k = i + 1; k < n; k++)
-            column[k] = -dot(k, L[k], column) / L[k][k];
-        for (int k = i; k < n; k++)
-            problem->T[i][k] = column[k];
+        inverse_column(n, L, i, problem->T[i]); /* T = K^-1 is the transpose of L^-1 */
     }
 }
 

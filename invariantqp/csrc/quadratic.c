@@ -173,6 +173,8 @@ Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull,
 
 /* A multiplier of the wrong sign by less than this share of |pull| / |N_i| is rounding. */
 static const double WRONG_SIGN = 1e-13;
+/* A row that others leave so much of is orthogonal to them to rounding (Kahan's criterion). */
+static const double NEARLY_WHOLE = 0.7;
 /* A limit exceeded by less than this share of |e| |N_i| and of itself is rounding. */
 static const double EXCEEDED = 1e-13;
 
@@ -231,14 +233,19 @@ static Outcome appended(const Room *room, int i, int side, Face *face)
         q[j] = room->N[i][j];
     for (int l = 0; l < k; l++)
         face->R[l][k] = 0.0;
-    for (int twice = 0; twice < 2; twice++) /* the first time leaves rounding of N */
+    double length = room->length[i];
+    for (int pass = 0; pass < (k > 0 ? 2 : 0); pass++) {
         for (int l = 0; l < k; l++) {
             double share = dot(n, face->Q[l], q);
             face->R[l][k] += share;
             for (int j = 0; j < n; j++)
                 q[j] -= share * face->Q[l][j];
         }
-    double length = face->R[k][k] = norm(n, q);
+        length = norm(n, q);
+        if (length > NEARLY_WHOLE * room->length[i])
+            break;
+    }
+    face->R[k][k] = length;
     face->least = fmin(face->least, length);
     face->most = fmax(face->most, length);
     if (!(face->least > DEPENDENT * face->most))

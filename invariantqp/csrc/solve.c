@@ -34,11 +34,11 @@ static bool agrees(const Demand *demand)
    far larger than what the twist needs leaves more. */
 static const double REGULAR = 1e-11;
 
-static bool quick(const Demand *demand, const Row A[6], const double b[6], Solution *solution)
+static bool quick(const Demand *demand, const Regular *regular, const Row A[6], const double b[6], Solution *solution)
 {
     Row x;
     int m = demand->m;
-    if (demand->metric != NULL || !agrees(demand) || !regular_velocity(demand, A, b, x) || !allows(demand, x) || !achieves(demand, x) || !is_met(m, A, b, x, REGULAR) ||
+    if (demand->metric != NULL || !agrees(demand) || !regular_velocity(demand, regular, A, b, x) || !allows(demand, x) || !achieves(demand, x) || !is_met(m, A, b, x, REGULAR) ||
         excess_deviation(m, A, b, norm(m, x), demand->dt) > 0.0)
         return false;
     clipped(demand, x, solution);
@@ -104,5 +104,7 @@ Outcome solve_measured(const Demand *demand, const Row A[6], Solution *solution)
         plain = plain && usual(m, demand->metric->T[i]) && usual(m, demand->metric->inverse[i]);
     if (!plain)
         return HAND_BACK;
-    return quick(demand, A, b, solution) ? DONE : answered(demand, A, b, solution);
+    Regular regular;
+    is_regular(demand, A, &regular);
+    return quick(demand, &regular, A, b, solution) ? DONE : answered(demand, &regular, A, b, solution);
 }

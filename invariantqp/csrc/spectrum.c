@@ -117,12 +117,17 @@ void completed(int n, int rank, Row *V)
     }
 }
 
-/* wanted = U'b, and the same of what is not chased */
+/* wanted = U'b or L^-1 b, and the same of what is not chased */
 void want(Spectrum *found, const double b[6], const double *ahead)
 {
-    for (int i = 0; i < 6; i++) {
-        found->wanted[i] = dot(6, found->U[i], b);
-        found->ahead[i] = ahead == NULL ? 0.0 : dot(6, found->U[i], ahead);
+    static const double NONE[6] = {0.0};
+    const double *from[] = {b, ahead == NULL ? NONE : ahead};
+    double *into[] = {found->wanted, found->ahead};
+    for (int k = 0; k < 2; k++) {
+        for (int i = 0; i < 6; i++)
+            into[k][i] = found->regular ? from[k][i] : dot(6, found->U[i], from[k]);
+        if (found->regular)
+            forward(6, (const Row *)found->L, into[k]);
     }
 }
 
@@ -145,6 +150,7 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahea
 
     double sigma[MOST];
     int order[MOST];
+    found->regular = false;
     for (int i = 0; i < rows; i++) {
         sigma[i] = norm(length, R[i].row);
         int at = i;
@@ -158,6 +164,7 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahea
     if (b == NULL)
         memset(found->U, 0, sizeof found->U);
     int rank = 0;
+    found->largest = rows > 0 ? sigma[order[0]] : 0.0;
     for (int i = 0; i < rows; i++) {
         const Rotated *r = &R[order[i]];
         double value = found->sigma[i] = sigma[order[i]];

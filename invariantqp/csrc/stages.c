@@ -25,7 +25,6 @@ typedef struct {
     Cone cone;
     Reduction reduction;
     Spectrum spectrum; /* of A, or of A B where there are exact rows */
-    double largest;    /* singular value of A, where there are exact rows */
     double instead[6]; /* of `wanted`: what a form attempts */
     Row product[6];    /* A T */
 } Posed;
@@ -97,7 +96,7 @@ static Outcome pace(Posed *problem, double *share)
     } else
         for (int i = 0; i < 6; i++)
             needed.wanted[i] = found->ahead[i] + steady * (found->wanted[i] - found->ahead[i]);
-    if (least_squares(demand, n, &needed, STILL, problem->largest, &task) == HAND_BACK)
+    if (least_squares(demand, n, &needed, STILL, &task) == HAND_BACK)
         return HAND_BACK;
     centre(&task, z);
     if (demand->rows > 0)
@@ -114,15 +113,15 @@ static Outcome pace(Posed *problem, double *share)
     return DONE;
 }
 
-static Outcome posed(const Demand *demand, const Row A[6], const double wanted[6], Posed *problem)
+static Outcome posed(const Demand *demand, const Regular *regular, const Row A[6], const double wanted[6], Posed *problem)
 {
     int m = demand->m;
     const Law *metric = demand->metric;
     Row C[MOST_ROWS], still = {0.0};
+    Regular own;
     problem->demand = demand;
     problem->twists = problem->A = A;
     problem->wanted = problem->attempt = wanted;
-    problem->largest = 0.0;
     problem->cone = demand->cone;
     memcpy(problem->posture, demand->posture, sizeof(Row));
     memcpy(C, demand->C, (size_t)demand->rows * sizeof(Row));
@@ -145,6 +144,8 @@ static Outcome posed(const Demand *demand, const Row A[6], const double wanted[6
             cone_on(&demand->cone, m, still, m, (const Row *)columns, &problem->cone);
         }
         problem->A = (const Row *)problem->product;
+        is_regular(demand, problem->A, &own);
+        regular = &own;
         for (int i = 0; i < 6; i++)
             if (!usual(m, problem->product[i]))
                 return HAND_BACK;
@@ -154,10 +155,13 @@ static Outcome posed(const Demand *demand, const Row A[6], const double wanted[6
     }
     bool directions = demand->form != NULL || m < 6; /* whether U is needed */
     Spectrum *found = &problem->spectrum;
-    if ((demand->rows > 0 && reduce(demand, (const Row *)C, &problem->reduction) == HAND_BACK) ||
-        spectrum(6, m, problem->A, directions ? NULL : wanted, directions ? NULL : problem->ahead, found) == HAND_BACK)
+    if (demand->rows > 0 && reduce(demand, (const Row *)C, &problem->reduction) == HAND_BACK)
         return HAND_BACK;
-    if (demand->form != NULL) {
+    if (demand->rows == 0 && regular->holds)
+        regular_spectrum(m, regular, problem->A, wanted, problem->ahead, found);
+    else if (spectrum(6, m, problem->A, directions ? NULL : wanted, directions ? NULL : problem->ahead, found) == HAND_BACK)
+        return HAND_BACK;
+    if (demand->form != NULL && !found->regular) { /* far from singular the joints can do all of it */
         if (attempted(demand, m, found, wanted, problem->instead) == HAND_BACK ||
             (demand->chased && attempted(demand, m, found, problem->ahead, problem->unchased) == HAND_BACK))
             return HAND_BACK;
@@ -165,13 +169,14 @@ static Outcome posed(const Demand *demand, const Row A[6], const double wanted[6
             problem->attempt = problem->instead;
     }
     if (demand->rows > 0) {
-        problem->largest = found->sigma[0];
+        double largest = found->largest;
         Row AB[6];
         for (int i = 0; i < 6; i++)
             for (int j = 0; j < problem->reduction.n; j++)
                 AB[i][j] = dot(m, problem->A[i], problem->reduction.basis[j]);
         if (spectrum(6, problem->reduction.n, (const Row *)AB, NULL, NULL, found) == HAND_BACK)
             return HAND_BACK;
+        found->largest = largest;
     }
     double share = 1.0;
     if (demand->has_posture && demand->paced && pace(problem, &share) == HAND_BACK)
@@ -190,7 +195,7 @@ static Outcome objective(Posed *problem, const double *attempt, const double *un
     if (demand->rows == 0) {
         if (demand->form != NULL || m < 6)
             want(&problem->spectrum, attempt, unchased);
-        return least_squares(demand, m, &problem->spectrum, problem->posture, 0.0, result);
+        return least_squares(demand, m, &problem->spectrum, problem->posture, result);
     }
     Row posture = {0.0}, start;
     double left[6], still[6];
@@ -207,7 +212,7 @@ static Outcome objective(Posed *problem, const double *attempt, const double *un
             wanted[j] = share * problem->posture[j];
         freed(reduction, m, wanted, share, posture);
     }
-    return least_squares(demand, reduction->n, &problem->spectrum, posture, problem->largest, result);
+    return least_squares(demand, reduction->n, &problem->spectrum, posture, result);
 }
 
 static void joints(const Posed *problem, const Row z, double share, Row y)
@@ -547,7 +552,7 @@ static const double *possible(const Posed *problem, double done[6])
     const Demand *demand = problem->demand;
     const Spectrum *found = &problem->spectrum;
     int m = demand->m, n = demand->rows > 0 ? problem->reduction.n : m;
-    double largest = demand->rows > 0 ? problem->largest : found->sigma[0], rest[6];
+    double rest[6];
     if (demand->rows == 0 && m >= 6)
         return problem->wanted;
     for (int i = 0; i < 6; i++) {
@@ -555,7 +560,7 @@ static const double *possible(const Posed *problem, double done[6])
         rest[i] = problem->wanted[i] - done[i];
     }
     for (int k = 0; k < (n < 6 ? n : 6); k++) {
-        if (!(found->sigma[k] > NULL_RATIO * largest))
+        if (!(found->sigma[k] > NULL_RATIO * found->largest))
             continue;
         double along = dot(6, found->U[k], rest);
         for (int i = 0; i < 6; i++)
@@ -564,7 +569,7 @@ static const double *possible(const Posed *problem, double done[6])
     return done;
 }
 
-Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], Solution *solution)
+Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], const double wanted[6], Solution *solution)
 {
     Posed problem;
     Objective cost;
@@ -578,7 +583,7 @@ Outcome answered(const Demand *demand, const Row A[6], const double wanted[6], S
     solution->yielded.speed = 0.0;
     share.value = 1.0;
     double blended, pace = 1.0, done[6];
-    if (posed(demand, A, wanted, &problem) == HAND_BACK ||
+    if (posed(demand, regular, A, wanted, &problem) == HAND_BACK ||
         objective(&problem, problem.attempt, problem.unchased, 1.0, &cost) == HAND_BACK)
         return HAND_BACK;
     centre(&cost, found.z);
@@ -661,9 +666,11 @@ static Outcome summed(const Demand *demand, const Task *task, double share, cons
     }
     if (spectrum(6, m, (const Row *)A, b, NULL, &found) == HAND_BACK)
         return HAND_BACK;
-    double largest = found.sigma[0];
-    if (spectrum(6, n, (const Row *)AB, b, NULL, &found) == HAND_BACK ||
-        least_squares(demand, n, &found, STILL, largest, &objective) == HAND_BACK)
+    double largest = found.largest;
+    if (spectrum(6, n, (const Row *)AB, b, NULL, &found) == HAND_BACK)
+        return HAND_BACK;
+    found.largest = largest;
+    if (least_squares(demand, n, &found, STILL, &objective) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < n; i++) {
         double root = weight * sqrt(objective.weights[i]);
@@ -682,12 +689,14 @@ Outcome solve_tasks(const Demand *demand, int count, const Task *const *tasks, S
     Share share = {.value = 1.0};
     Room room;
     Free free;
+    Regular regular;
     Row A[6], x;
     bool bounded = false;
     int m = demand->m;
     memset(solution, 0, sizeof *solution);
     product_of_rows(6, demand->root, m, demand->J, A);
-    if (posed(demand, (const Row *)A, NOTHING, &problem) == HAND_BACK ||
+    is_regular(demand, (const Row *)A, &regular);
+    if (posed(demand, &regular, (const Row *)A, NOTHING, &problem) == HAND_BACK ||
         roomy(&problem, &share, &solution->yielded) == HAND_BACK)
         return HAND_BACK;
     room_at(&problem, &share, &room);
