@@ -234,7 +234,7 @@ bool factored(int n, Row *H);
 void forward(int n, const Row *L, double *x);
 void backward(int n, const Row *L, double *x);
 void solved(int n, const Row *L, const double *g, double *x);
-void inverse_column(int n, const Row *L, int j, double *column);
+void inverse_triangle(int n, const Row *L, Row *X);
 
 /* chain.c */
 void pose_from(const double *H, Pose *T);

@@ -82,8 +82,9 @@ bool factored(int n, Row *H)
         if (!(pivot > 0.0))
             return false;
         H[j][j] = sqrt(pivot);
+        double over = 1.0 / H[j][j];
         for (int i = j + 1; i < n; i++)
-            H[i][j] = (H[i][j] - dot(j, H[i], H[j])) / H[j][j];
+            H[i][j] = (H[i][j] - dot(j, H[i], H[j])) * over;
     }
     return true;
 }
@@ -113,13 +114,17 @@ void solved(int n, const Row *L, const double *g, double *x)
     backward(n, L, x);
 }
 
-/* Column j of L^-1, from its entry j on. */
-void inverse_column(int n, const Row *L, int j, double *column)
+/* X = L^-1, in its lower half; zero above. */
+void inverse_triangle(int n, const Row *L, Row *X)
 {
-    for (int i = j; i < n; i++) {
-        double sum = i == j ? 1.0 : 0.0;
-        for (int k = j; k < i; k++)
-            sum -= L[i][k] * column[k];
-        column[i] = sum / L[i][i];
+    for (int i = 0; i < n; i++) {
+        double over = 1.0 / L[i][i];
+        for (int j = 0; j < n; j++)
+            X[i][j] = i == j ? over : 0.0;
+        for (int k = 0; k < i; k++) {
+            double share = over * L[i][k];
+            for (int j = 0; j <= k; j++)
+                X[i][j] -= share * X[k][j];
+        }
     }
 }

@@ -88,18 +88,18 @@ void quadratic(const Objective *objective, Quadratic *problem)
     int n = problem->n = objective->n, regular = objective->regular ? 6 : 0;
     const Row *L = objective->L, *V = objective->V;
     centre(objective, problem->centre);
-    memset(problem->K, 0, (size_t)regular * sizeof(Row));
-    for (int j = 0; j < n; j++)
-        memset(problem->T[j], 0, (size_t)regular * sizeof(double));
+    Row X[6];
+    inverse_triangle(regular, L, X);
     for (int i = 0; i < regular; i++) {
-        double inverse[6];
-        inverse_column(6, L, i, inverse);
-        for (int k = 0; k <= i; k++)
-            for (int j = 0; j < n; j++)
-                problem->K[i][j] += L[i][k] * V[k][j];
+        Row k_i = {0.0}, t_i = {0.0}; /* a row of K and a column of T */
+        for (int k = 0; k < 6; k++)
+            for (int j = 0; j < n; j++) {
+                k_i[j] += k <= i ? L[i][k] * V[k][j] : 0.0;
+                t_i[j] += k >= i ? X[k][i] * V[k][j] : 0.0;
+            }
+        memcpy(problem->K[i], k_i, sizeof k_i);
         for (int j = 0; j < n; j++)
-            for (int k = i; k < 6; k++)
-                problem->T[j][i] += inverse[k] * V[k][j];
+            problem->T[j][i] = t_i[j];
     }
     for (int i = regular; i < n; i++) {
         double root = sqrt(objective->weights[i]);

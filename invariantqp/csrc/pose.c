@@ -105,12 +105,14 @@ void quadratic_of(int n, const Row *L, const Row g, Quadratic *problem)
 {
     memset(problem, 0, sizeof *problem);
     problem->n = n;
+    Row X[MOST];
     solved(n, L, g, problem->centre);
-    for (int i = 0; i < n; i++) {
-        for (int k = i; k < n; k++)
+    inverse_triangle(n, L, X);
+    for (int i = 0; i < n; i++)
+        for (int k = i; k < n; k++) {
             problem->K[i][k] = L[k][i];
-        inverse_column(n, L, i, problem->T[i]); /* T = K^-1 is the transpose of L^-1 */
-    }
+            problem->T[i][k] = X[k][i];
+        }
 }
 
 /* The minimiser of 1/2 x'Hx - g'x in the box, from the factor of H; a gradient step where there is none. */

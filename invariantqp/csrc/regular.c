@@ -22,45 +22,71 @@ bool is_regular(const Demand *demand, const Row A[6], Regular *regular)
     if (!factored(6, L))
         return false;
     /* trace (AA')^-1 = |L^-1|^2 bounds its norm. */
-    for (int j = 0; j < 6; j++) {
-        double column[6];
-        inverse_column(6, (const Row *)L, j, column);
-        inverse_squares += dot(6 - j, column + j, column + j);
-    }
+    Row inverse[6];
+    inverse_triangle(6, (const Row *)L, inverse);
+    for (int i = 0; i < 6; i++)
+        inverse_squares += dot(i + 1, inverse[i], inverse[i]);
     double smallest = 1.0 / inverse_squares, largest = sqrt(squares);
     double share = demand->threshold > ACCURATE_SHARE ? demand->threshold : ACCURATE_SHARE;
     return regular->holds = smallest >= share * share * largest;
 }
 
-/* After a step of less than this share the next one is smaller than its third power. */
-static const double LAST_STEP = 1e-3;
+/* A step of less than this share is the last one: the next would be as its third power. */
+static const double LAST_STEP = 1e-4;
 
-/* The largest eigenvalue of S by Laguerre's steps from |S|, which is above it:
-
-       x - 6 / (g + sqrt(5 (6 h - g^2))),   g = tr (x - S)^-1,   h = tr (x - S)^-2 */
-static double largest_eigenvalue(const Row S[6])
+/* S becomes tridiagonal by reflections, its diagonal d and the squares e of what is beside that. */
+static void tridiagonal(Row S[6], double d[6], double e[5])
 {
-    double x = 0.0, step = INFINITY;
+    for (int k = 0; k < 5; k++) {
+        double v[6] = {0.0}, p[6] = {0.0}, length, square, along = 0.0;
+        for (int i = k + 1; i < 6; i++)
+            v[i] = S[i][k];
+        d[k] = S[k][k];
+        e[k] = dot(6, v, v);
+        length = copysign(sqrt(e[k]), v[k + 1]);
+        square = e[k] + length * v[k + 1]; /* half of v.v, after the next line */
+        v[k + 1] += length;
+        if (k == 4 || !(square > 0.0))
+            continue;
+        for (int i = k + 1; i < 6; i++) {
+            p[i] = dot(6, S[i], v) / square;
+            along += 0.5 * p[i] * v[i] / square;
+        }
+        for (int i = k + 1; i < 6; i++)
+            p[i] -= along * v[i];
+        for (int i = k + 1; i < 6; i++)
+            for (int j = k + 1; j < 6; j++)
+                S[i][j] -= v[i] * p[j] + p[i] * v[j];
+    }
+    d[5] = S[5][5];
+}
+
+/* The largest eigenvalue of S by Laguerre's steps from |S|, which is above it: with q_i the pivots of x - S,
+
+       x - 6 / (g + sqrt(5 (6 h - g^2))),   g = sum of q_i'/q_i,   h = -g' */
+static double largest_eigenvalue(const Row lower[6])
+{
+    Row S[6];
+    double d[6], e[5], x = 0.0, step = INFINITY;
     for (int i = 0; i < 6; i++)
-        for (int j = 0; j <= i; j++)
-            x += (i == j ? 1.0 : 2.0) * S[i][j] * S[i][j];
+        for (int j = 0; j < 6; j++) {
+            S[i][j] = lower[i > j ? i : j][i > j ? j : i];
+            x += S[i][j] * S[i][j];
+        }
     x = sqrt(x);
+    tridiagonal(S, d, e);
     while (step > LAST_STEP * x) {
-        Row L[6], inverse[6];
-        double g = 0.0, h = 0.0;
-        for (int i = 0; i < 6; i++)
-            for (int j = 0; j <= i; j++)
-                L[i][j] = (i == j ? x : 0.0) - S[i][j];
-        if (!factored(6, L)) /* rounding: it is the eigenvalue */
-            break;
-        for (int j = 0; j < 6; j++)
-            inverse_column(6, (const Row *)L, j, inverse[j]);
-        for (int j = 0; j < 6; j++)
-            for (int k = 0; k <= j; k++) {
-                double entry = dot(6 - j, inverse[j] + j, inverse[k] + j);
-                g += j == k ? entry : 0.0;
-                h += (j == k ? 1.0 : 2.0) * entry * entry;
-            }
+        double over = 0.0, slope = 0.0, bend = 0.0, g = 0.0, h = 0.0;
+        for (int i = 0; i < 6; i++) { /* over: 1 / q, and its pivots' derivatives over q */
+            double t = i > 0 ? e[i - 1] * over : 0.0, q = x - d[i] - t;
+            if (!(q > 0.0)) /* rounding: it is the eigenvalue */
+                return x;
+            over = 1.0 / q;
+            bend = t * (bend - 2.0 * slope * slope) * over;
+            slope = (1.0 + t * slope) * over;
+            g += slope;
+            h += slope * slope - bend;
+        }
         step = 6.0 / (g + sqrt(fmax(5.0 * (6.0 * h - g * g), 0.0)));
         x -= step;
     }
