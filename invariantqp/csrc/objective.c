@@ -92,11 +92,12 @@ void quadratic(const Objective *objective, Quadratic *problem)
     inverse_triangle(regular, L, X);
     for (int i = 0; i < regular; i++) {
         Row k_i = {0.0}, t_i = {0.0}; /* a row of K and a column of T */
-        for (int k = 0; k < 6; k++)
-            for (int j = 0; j < n; j++) {
-                k_i[j] += k <= i ? L[i][k] * V[k][j] : 0.0;
-                t_i[j] += k >= i ? X[k][i] * V[k][j] : 0.0;
-            }
+        for (int k = 0; k <= i; k++)
+            for (int j = 0; j < n; j++)
+                k_i[j] += L[i][k] * V[k][j];
+        for (int k = i; k < 6; k++)
+            for (int j = 0; j < n; j++)
+                t_i[j] += X[k][i] * V[k][j];
         memcpy(problem->K[i], k_i, sizeof k_i);
         for (int j = 0; j < n; j++)
             problem->T[j][i] = t_i[j];

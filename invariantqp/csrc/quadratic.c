@@ -19,18 +19,16 @@ typedef struct {
     double lower[LIMITS], upper[LIMITS], length[LIMITS];
 } Room;
 
-/* The e with N_a e = b_a; at[i] is a limit and bound[i] its b, N_a' = Q R by orthonormal rows Q[i], and the shortest and
-   longest part that a limit added to those before it. */
+/* The e with N_a e = b_a; at[i] is a limit and bound[i] its b, N_a' = Q R by orthonormal rows Q[i]; the shortest e is
+   Q'w. */
 typedef struct {
     int k, at[MOST];
-    Row Q[MOST], R[MOST], bound, e;
-    double least, most;
+    Row Q[MOST], R[MOST], bound, w, shortest, e;
 } Face;
 
 void shortest(const Face *face, int n, const double *b, Row e);
 void multipliers(const Face *face, const Room *room, const Row pull, double *y);
 Outcome face_of(const Room *room, const int *side, Face *face);
-Outcome joined(const Room *room, int i, int side, Face *face);
 int weakest(const Room *room, const Face *face, const Row pull, const int *side, const double *y, bool late);
 Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu);
 Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *face, double *y, double *nu);
@@ -246,13 +244,20 @@ static Outcome appended(const Room *room, int i, int side, Face *face)
             break;
     }
     face->R[k][k] = length;
-    face->least = fmin(face->least, length);
-    face->most = fmax(face->most, length);
-    if (!(face->least > DEPENDENT * face->most))
+    double least = length, most = length, w = side > 0 ? room->upper[i] : room->lower[i];
+    face->bound[k] = w;
+    for (int l = 0; l < k; l++) {
+        least = face->R[l][l] < least ? face->R[l][l] : least;
+        most = face->R[l][l] > most ? face->R[l][l] : most;
+        w -= face->R[l][k] * face->w[l];
+    }
+    if (!(least > DEPENDENT * most))
         return HAND_BACK;
-    for (int j = 0; j < n; j++)
+    w = face->w[k] = w / length;
+    for (int j = 0; j < n; j++) {
         q[j] /= length;
-    face->bound[k] = side > 0 ? room->upper[i] : room->lower[i];
+        face->shortest[j] += w * q[j];
+    }
     face->at[k] = i;
     face->k++;
     return DONE;
@@ -262,21 +267,27 @@ static Outcome appended(const Room *room, int i, int side, Face *face)
 Outcome face_of(const Room *room, const int *side, Face *face)
 {
     face->k = 0;
-    face->least = INFINITY;
-    face->most = 0.0;
+    memset(face->shortest, 0, sizeof face->shortest);
     for (int i = 0; i < room->count; i++)
         if (side[i] != 0 && appended(room, i, side[i], face) == HAND_BACK)
             return HAND_BACK;
-    shortest(face, room->n, face->bound, face->e);
     return DONE;
 }
 
-/* The face with one more limit active. */
-Outcome joined(const Room *room, int i, int side, Face *face)
+/* The face without limit i: those after it are added anew. */
+static Outcome without(const Room *room, int i, const int *side, Face *face)
 {
-    if (appended(room, i, side, face) == HAND_BACK)
-        return HAND_BACK;
-    shortest(face, room->n, face->bound, face->e);
+    int k = face->k, place = 0;
+    for (; face->at[place] != i; place++)
+        ;
+    face->k = place;
+    memset(face->shortest, 0, sizeof face->shortest);
+    for (int l = 0; l < place; l++)
+        for (int j = 0; j < room->n; j++)
+            face->shortest[j] += face->w[l] * face->Q[l][j];
+    for (int l = place + 1; l < k; l++)
+        if (appended(room, face->at[l], side[face->at[l]], face) == HAND_BACK)
+            return HAND_BACK;
     return DONE;
 }
 
@@ -353,7 +364,7 @@ Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu)
 {
     *nu = 0.0;
     for (int j = 0; j < n; j++)
-        pull[j] = face->e[j];
+        pull[j] = face->e[j] = face->shortest[j];
     if (slow == NULL || slow_enough(slow, n, face->e, 0.0))
         return DONE;
     return slowed_on(slow, n, face->k, (const Row *)face->Q, face->e, pull, nu);
@@ -375,7 +386,8 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
                 continue;
             double value = dot(room->n, room->N[i], face->e), lower = room->lower[i], upper = room->upper[i];
             double by = value > upper ? value - upper : lower - value;
-            by -= EXCEEDED * (room->length[i] * size + fmin(fabs(lower), fabs(upper)));
+            if (by > outside)
+                by -= EXCEEDED * (room->length[i] * size + fmin(fabs(lower), fabs(upper)));
             if (by > outside) {
                 outside = by;
                 worst = value > upper ? i + 1 : -i - 1;
@@ -384,7 +396,7 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
         if (worst != 0) {
             int i = abs(worst) - 1;
             side[i] = worst > 0 ? 1 : -1;
-            if (joined(room, i, side[i], face) == HAND_BACK)
+            if (appended(room, i, side[i], face) == HAND_BACK)
                 return HAND_BACK;
             continue;
         }
@@ -393,7 +405,7 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
         if (wrong < 0)
             return slow == NULL || slow_enough(slow, room->n, face->e, FEASIBLE) ? DONE : HAND_BACK;
         side[wrong] = 0;
-        if (face_of(room, side, face) == HAND_BACK)
+        if (without(room, wrong, side, face) == HAND_BACK)
             return HAND_BACK;
     }
     return HAND_BACK;

@@ -100,13 +100,15 @@ void regular_spectrum(int n, const Regular *regular, const Row A[6], const doubl
     memset(found->wanted, 0, sizeof found->wanted);
     memset(found->ahead, 0, sizeof found->ahead);
     memcpy(found->L, regular->L, sizeof found->L);
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j < n; j++) {
-            double left = A[i][j];
-            for (int k = 0; k < i; k++)
-                left -= found->L[i][k] * found->V[k][j];
-            found->V[i][j] = left / found->L[i][i];
-        }
+    for (int i = 0; i < 6; i++) {
+        double *v = found->V[i], over = 1.0 / found->L[i][i];
+        memcpy(v, A[i], (size_t)n * sizeof(double));
+        for (int k = 0; k < i; k++)
+            for (int j = 0; j < n; j++)
+                v[j] -= found->L[i][k] * found->V[k][j];
+        for (int j = 0; j < n; j++)
+            v[j] *= over;
+    }
     completed(n, 6, found->V);
     found->regular = true;
     found->largest = n > 6 ? sqrt(largest_eigenvalue(regular->S)) : 1.0; /* for what moves nothing alone */
