@@ -197,7 +197,7 @@ class Controller:
             form=None if isinstance(chosen, CarriedMetric) else chosen,
             damping=damping_of(damping, limited=bool(np.isfinite(robot.velocity_limit).all())),
             guard=guard_of(guard),
-            metric=metric_of(joint_metric, seen.J, self.measure.length),
+            metric=metric_of(joint_metric, seen.J, robot.pose(mid)[:3, 3], self.measure.length),
             backend=backend_of(backend),
             dt=self.dt + self.delay,
             engine=by,

@@ -102,6 +102,7 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     shared.m = (int)m;
     shared.has_posture = arrays[POSTURE] != NULL;
     governed(law, &shared);
+    static const double ORIGIN[3] = {0.0};
     npy_int32 *taken = (npy_int32 *)PyArray_DATA(counts), *record = (npy_int32 *)PyArray_DATA(arrays[NUMBER]);
     Py_BEGIN_ALLOW_THREADS
     Demand demand = shared;
@@ -117,7 +118,7 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
             if (shared.has_posture)
                 copied(arrays[POSTURE], row, 1, shared.m, MOST, demand.posture);
             record[row] = LEFT;
-            if (!is_sound(&demand) || (shared.metric == NULL && is_sliding(shared.m, (const Row *)demand.J, 1.0)) ||
+            if (!is_sound(&demand) || (shared.metric == NULL && is_sliding(shared.m, (const Row *)demand.J, ORIGIN, 1.0)) ||
                 solve(&demand, &solution) == HAND_BACK)
                 continue;
             memcpy((double *)PyArray_DATA(arrays[VELOCITY]) + row * m, solution.velocity, (size_t)m * sizeof(double));

@@ -53,7 +53,7 @@ bool braking_box(const Loop *loop, const double *q, const double *before, const 
         upper[j] = fmax(fmin(fmax(fmin(most, -least_back), -fastest), fastest), lower[j]);
         demand->chase.lower[j] = fmin(lower[j], -braking_speed(behind, loop->acceleration[j], dt));
         demand->chase.upper[j] = fmax(upper[j], braking_speed(ahead, loop->acceleration[j], dt));
-        double allowance = STRAIN_TOLERANCE * (1.0 + fabs(before[j]) + (isfinite(step) ? step : 0.0));
+        double allowance = QP_ROUNDING * (1.0 + fabs(before[j]) + (isfinite(step) ? step : 0.0));
         double change = fmax(lower[j] - before[j], before[j] - upper[j]), outside = outside_by(loop, q, j);
         tick->acceleration[j] = change - step > allowance ? change / dt : 0.0;
         tick->outside[j] = outside > OUTSIDE ? outside : 0.0;

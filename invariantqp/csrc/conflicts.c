@@ -218,9 +218,9 @@ Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, Row y, Yielded
     memset(yielded->by, 0, sizeof yielded->by);
     for (int i = 0; i < k; i++) {
         double by = fabs(t[i]);
-        if (by * CLOSE > VIOLATION_TOLERANCE * size && by < CLOSE * VIOLATION_TOLERANCE * size)
+        if (by * CLOSE > QP_ROUNDING * size && by < CLOSE * QP_ROUNDING * size)
             return HAND_BACK;
-        if (by <= VIOLATION_TOLERANCE * size)
+        if (by <= QP_ROUNDING * size)
             continue;
         double wider = rows.length[i] * (t[i] + copysign(WIDENING * most, t[i]));
         yielded->by[i] = rows.length[i] * t[i];
@@ -232,9 +232,9 @@ Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, Row y, Yielded
     }
     for (int j = 0; j < m; j++) {
         double pull = fabs(found.multipliers[j]) * norm(m, box.A[j]);
-        if (pull * CLOSE > VIOLATION_TOLERANCE * most && pull < CLOSE * VIOLATION_TOLERANCE * most)
+        if (pull * CLOSE > QP_ROUNDING * most && pull < CLOSE * QP_ROUNDING * most)
             return HAND_BACK;
-        yielded->to[j] = pull > VIOLATION_TOLERANCE * most;
+        yielded->to[j] = pull > QP_ROUNDING * most;
     }
     return shortest_inside(m, limits, y);
 }

@@ -248,7 +248,7 @@ void exponential(const double w[3], const double v[3], double q, Pose *T);
 /* measure.c */
 void root_at(const double p[3], double length, double root[6][6]);
 Outcome measured(Demand *demand);
-bool is_sliding(int m, const Row J[6], double length);
+bool is_sliding(int m, const Row J[6], const double point[3], double length);
 
 /* the files by the names of their functions */
 Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahead, Spectrum *found);
@@ -325,52 +325,44 @@ extern const Constant CONSTANTS[];
 #define FORM_CEILING 0.3
 #define UNSEEN 1e-7
 #define UNTOUCHED 1e-11
-#define GUARD_ROUNDING 1e-13
+#define COSINE_ROUNDING 1e-13
 #define NULL_RATIO 1e-12
 #define NULL_WEIGHT 1e-8
 #define FREE_WEIGHT 3e-10
 #define CALM 0.25
 #define DEVIATION_SHARE 0.25
 #define QUIET_SHARE 1e-9
-#define FEASIBLE 1e-9
-#define COSINE_ROUNDING 1e-13
-#define PARALLEL 1e-9
+#define QP_ROUNDING 1e-9
 #define TINY 2.2250738585072014e-308
 #define DEPENDENT 1e-12
 #define STEPS 10
 #define ACTIVE_TOLERANCE 1e-6
 #define SLOWEST 1e-6
-#define MET_TOLERANCE 1e-9
 #define PRODUCT_ROUNDING 1e-14
 #define MISSED_SHARE 0.05
 #define FALLING 0.5
 #define GROWING 0.01
 #define POSTURE_PACE 0.01
 #define PACE_ROUNDING 1e-14
-#define NO_CHASE 1e-12
 #define PROGRESS_SHARE 1e-4
-#define WHOLE_SPEED (1.0 - 1e-6)
+#define WHOLE_SPEED (1.0 - ACTIVE_TOLERANCE)
 #define REGULARISATION 1e-9
 #define LEAST_MOTION 1e-8
-#define VIOLATION_TOLERANCE 1e-9
 #define WIDENING 1e-7
 #define FASTER 1e-4
 #define EXACT_CALM 1.0
 #define WHOLE (1.0 - 1e-8)
 #define INTERIOR (0.5 * ACTIVE_TOLERANCE)
 #define ROW_ROUNDING 1e-14
-#define BESIDE_TOLERANCE 1e-6
 #define NEWTON_STEPS 100
 #define MOST_SHARE 1e8
 #define LARGEST_SPEED 1e12
-#define SLIDING 1e-9
 #define SMALLEST_SIZE 1e-30
 #define LARGEST_SIZE 1e30
 #define LENGTH_LIMIT 1000000000000.0
 #define WELL_POSED 0.0001
 #define CENTRE_ROUNDING 1e-12
 #define TERMS 1e-5
-#define UNMET_TOLERANCE 1e-9
 #define PI 3.14159265358979323846
 #define HALF_TURN (0.8 * PI)
 

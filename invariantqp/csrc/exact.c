@@ -118,7 +118,7 @@ static Outcome whitened(const Demand *demand, const Row *given, Row *C, double *
     return DONE;
 }
 
-static bool is_close(double unmet) { return unmet > UNMET_TOLERANCE / CLOSE && unmet < UNMET_TOLERANCE * CLOSE; }
+static bool is_close(double unmet) { return unmet > QP_ROUNDING / CLOSE && unmet < QP_ROUNDING * CLOSE; }
 
 /* `given` is C on y: the rows of the demand, or those rows times T. */
 Outcome reduce(const Demand *demand, const Row *given, Reduction *reduction)

@@ -44,7 +44,6 @@ bool is_outside(const Loop *loop, const double *q, const Solution *solution);
 #define MOST_LATE 10000
 #define KEPT_SHARE 0.2
 #define FAST_SHARE 0.02
-#define STRAIN_TOLERANCE 1e-9
 #define OUTSIDE 1e-3
 #define BOUNDLESS 1e30
 #define BRAKING_SHARE 0.5

@@ -113,23 +113,20 @@ Outcome measured(Demand *demand)
         if (!(length > CLOSE * CENTRE_ROUNDING * asked))
             return HAND_BACK;
     }
-    if (!(length >= SMALLEST_SIZE && length <= LARGEST_SIZE) || is_sliding(m, J, length))
+    if (!(length >= SMALLEST_SIZE && length <= LARGEST_SIZE) || is_sliding(m, J, p, length))
         return HAND_BACK;
     root_at(p, length, demand->root);
     return DONE;
 }
 
 /* velocity/problem.py, prismatic: whether a joint only slides. */
-bool is_sliding(int m, const Row J[6], double length)
+bool is_sliding(int m, const Row J[6], const double point[3], double length)
 {
-    Row turning = {0.0}, moving = {0.0};
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < m; j++) {
-            turning[j] += J[i][j] * J[i][j];
-            moving[j] += J[3 + i][j] * J[3 + i][j];
-        }
-    for (int j = 0; j < m; j++)
-        if (sqrt(turning[j]) * length <= SLIDING * sqrt(moving[j]) && moving[j] > 0.0)
+    for (int j = 0; j < m; j++) {
+        const double w[3] = {J[0][j], J[1][j], J[2][j]}, v[3] = {J[3][j], J[4][j], J[5][j]};
+        double moving = speed_at(w, v, point);
+        if (norm(3, w) * length <= QP_ROUNDING * moving && moving > 0.0)
             return true;
+    }
     return false;
 }

@@ -55,7 +55,7 @@ static void without_rounding(int n, double length, const Row columns, Row row)
     for (int j = 0; j < n && !large; j++) {
         double square = 0.0;
         for (int l = 0; l < n; l++)
-            if (fabs(columns[l] - columns[j]) <= FEASIBLE * columns[j])
+            if (fabs(columns[l] - columns[j]) <= QP_ROUNDING * columns[j])
                 square += cosine[l] * cosine[l];
         row[j] *= between(sqrt(square) / COSINE_ROUNDING - 1.0, 0.0, 1.0);
     }
@@ -330,7 +330,7 @@ Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *
         int meets = 0;
         for (int i = 0; i < room->count; i++) {
             double change = dot(n, room->N[i], step), value = dot(n, room->N[i], e);
-            if (side[i] != 0 || fabs(change) <= PARALLEL * room->length[i] * length)
+            if (side[i] != 0 || fabs(change) <= QP_ROUNDING * room->length[i] * length)
                 continue;
             double share = ((change > 0.0 ? room->upper[i] : room->lower[i]) - value) / change;
             if (share < first) {
@@ -347,7 +347,7 @@ Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *
         multipliers(face, room, pull, y);
         int wrong = weakest(room, face, pull, side, y, count > 2 * room->count);
         if (wrong < 0)
-            return slow == NULL || slow_enough(slow, n, face->e, FEASIBLE) ? DONE : HAND_BACK;
+            return slow == NULL || slow_enough(slow, n, face->e, QP_ROUNDING) ? DONE : HAND_BACK;
         for (int j = 0; j < n; j++)
             e[j] = face->e[j];
         side[wrong] = 0;
@@ -403,7 +403,7 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
         multipliers(face, room, pull, y);
         int wrong = weakest(room, face, pull, side, y, false);
         if (wrong < 0)
-            return slow == NULL || slow_enough(slow, room->n, face->e, FEASIBLE) ? DONE : HAND_BACK;
+            return slow == NULL || slow_enough(slow, room->n, face->e, QP_ROUNDING) ? DONE : HAND_BACK;
         side[wrong] = 0;
         if (without(room, wrong, side, face) == HAND_BACK)
             return HAND_BACK;
@@ -457,7 +457,7 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
 /* Polytope.on of velocity/qp.py: the same limits on z, x = origin + basis z; basis[i] is column i of n. */
 void polytope_on(const Polytope *limits, int m, const Row origin, int n, const Row *basis, Polytope *result)
 {
-    double size = FEASIBLE * norm(m, origin);
+    double size = QP_ROUNDING * norm(m, origin);
     Row lengths;
     lengths_of(m, n, basis, lengths);
     result->count = limits->count;
@@ -503,7 +503,7 @@ static void precise_speed(const Quadratic *problem, const Cone *cone, const Slow
         free[j] = v[0] * slow->M[0][j] + v[1] * slow->M[1][j] + v[2] * slow->M[2][j];
     along(n, face->k, (const Row *)face->Q, free);
     double speed = norm(3, v), over = speed * (speed - cone->limit), square = dot(n, free, free);
-    for (int j = 0; j < n && fabs(over) <= FEASIBLE * sqrt(square) * norm(n, face->e); j++)
+    for (int j = 0; j < n && fabs(over) <= QP_ROUNDING * sqrt(square) * norm(n, face->e); j++)
         z[j] -= over / square * dot(n, problem->T[j], free);
 }
 
@@ -513,7 +513,7 @@ bool inside_limits(const Polytope *limits, int n, const Row z)
     double size = norm(n, z);
     for (int i = 0; i < limits->count; i++) {
         double value = limits->box ? z[i] : dot(n, limits->A[i], z), length = limits->box ? 1.0 : norm(n, limits->A[i]);
-        double margin = FEASIBLE * length * size + limits->rounding[i];
+        double margin = QP_ROUNDING * length * size + limits->rounding[i];
         if (!(value >= limits->lower[i] - margin && value <= limits->upper[i] + margin))
             return false;
     }
@@ -563,7 +563,7 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
     Room room;
     Face face;
     double y[LIMITS], guess[LIMITS];
-    bool limited = cone->limit > 0.0, within = !limited || tool_speed(cone, n, problem->centre) <= cone->limit * (1.0 + FEASIBLE);
+    bool limited = cone->limit > 0.0, within = !limited || tool_speed(cone, n, problem->centre) <= cone->limit * (1.0 + QP_ROUNDING);
     for (int i = 0; i < limits->count; i++) {
         double value = limits->box ? problem->centre[i] : dot(n, limits->A[i], problem->centre);
         within = within && value >= limits->lower[i] && value <= limits->upper[i];
@@ -586,7 +586,7 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
     if (corrected(&room, NULL, side, &face, y, &nu) == HAND_BACK &&
         searched(problem, inside, &room, NULL, side, &face, y, &nu) == HAND_BACK)
         return HAND_BACK;
-    if (limited && !slow_enough(&slow, n, face.e, FEASIBLE) &&
+    if (limited && !slow_enough(&slow, n, face.e, QP_ROUNDING) &&
         corrected(&room, &slow, side, &face, y, &nu) == HAND_BACK &&
         searched(problem, inside, &room, &slow, side, &face, y, &nu) == HAND_BACK)
         return HAND_BACK;

@@ -37,7 +37,7 @@ static bool is_stuck(const Demand *demand, const Row A[6], const double wanted[6
     double along = 0.0, square = dot(6, wanted, wanted);
     for (int i = 0; i < 6; i++)
         along += wanted[i] * dot(demand->m, A[i], x);
-    return along < PROGRESS_SHARE * square && !is_met(demand->m, A, wanted, x, MET_TOLERANCE);
+    return along < PROGRESS_SHARE * square && !is_met(demand->m, A, wanted, x, QP_ROUNDING);
 }
 
 /* The share of a velocity that a limit above zero allows where only rounding exceeds it; 1 where more does: it gave way. */
@@ -104,7 +104,7 @@ static bool falls(const Demand *demand, const Row x)
 static double missed_share(int m, const Row A[6], const double wanted[6], const double *possible, const Row x)
 {
     double left[6], size = norm(6, possible);
-    if (is_met(m, A, wanted, x, MET_TOLERANCE) || (possible != wanted && is_met(m, A, possible, x, MET_TOLERANCE)))
+    if (is_met(m, A, wanted, x, QP_ROUNDING) || (possible != wanted && is_met(m, A, possible, x, QP_ROUNDING)))
         return 0.0;
     for (int i = 0; i < 6; i++)
         left[i] = possible[i] - dot(m, A[i], x);

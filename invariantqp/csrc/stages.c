@@ -268,7 +268,7 @@ static void room_at(const Posed *problem, const Share *share, Room *room)
 static bool is_allowed(const Room *room, int n, const Row z)
 {
     return inside_limits(room->limits, n, z) &&
-           (room->cone.limit == 0.0 || tool_speed(&room->cone, n, z) <= room->cone.limit * (1.0 + FEASIBLE));
+           (room->cone.limit == 0.0 || tool_speed(&room->cone, n, z) <= room->cone.limit * (1.0 + QP_ROUNDING));
 }
 
 /* The chase from z0 by `way`, whose direction is u in the objective, and what limits take away of it. */
@@ -360,7 +360,7 @@ static Outcome largest(Slowed *slowed, double length, double *pace)
             return HAND_BACK;
         if (*pace == 0.0) {
             first = false;
-            if (at >= -NO_CHASE * length)
+            if (at >= -NULL_RATIO * length)
                 return DONE;
         } else if (fabs(at) <= PACE_ROUNDING * length)
             break;
@@ -419,7 +419,7 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
         }
         length = norm(n, way.u);
         size = norm(n, part);
-        if (length > NO_CHASE * size) {
+        if (length > NULL_RATIO * size) {
             for (int i = 0; i < n; i++)
                 way.u[i] /= length;
             way.delta += room->share->value * norm(6, problem->ahead);
@@ -521,7 +521,7 @@ static Outcome roomy(Posed *problem, Share *share, Yielded *yielded)
     share->fast = share->near.met = false;
     if (!still && counted(&problem->reduction, m, &problem->limits, &problem->cone, share->inside) == HAND_BACK)
         return HAND_BACK;
-    if (problem->reduction.unmet > UNMET_TOLERANCE) { /* the share tends to zero as the joints lose a direction */
+    if (problem->reduction.unmet > QP_ROUNDING) { /* the share tends to zero as the joints lose a direction */
         share->value = 0.0;
         return DONE;
     }
@@ -541,7 +541,7 @@ static void beside(const Posed *problem, const Share *share, Solution *solution)
     moved(demand, share->inside, x);
     for (int i = 0; i < demand->rows; i++) {
         double off = fabs((1.0 - share->value) * dot(m, demand->C[i], start));
-        bool told = off > BESIDE_TOLERANCE * norm(m, demand->C[i]) * fmax(SLOWEST, norm(m, x));
+        bool told = off > ACTIVE_TOLERANCE * norm(m, demand->C[i]) * fmax(SLOWEST, norm(m, x));
         solution->beside[i] = told ? off : 0.0;
     }
 }
@@ -591,7 +591,7 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
     moved(demand, y, x);
     if (!all_finite(m, x))
         return HAND_BACK;
-    bool blocked = demand->rows > 0 && problem.reduction.unmet > UNMET_TOLERANCE;
+    bool blocked = demand->rows > 0 && problem.reduction.unmet > QP_ROUNDING;
     bool free = !blocked && allows(demand, x);
     if (free)
         memcpy(share.inside, y, (size_t)m * sizeof(double));
@@ -612,7 +612,7 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
     if (demand->form != NULL && guarded(&problem, &room, mu, y, &blended) == HAND_BACK)
         return HAND_BACK;
     solution->unmet = blocked ? problem.reduction.unmet : 0.0;
-    solution->beyond = demand->rows > 0 && problem.reduction.beyond > UNMET_TOLERANCE ? problem.reduction.beyond : 0.0;
+    solution->beyond = demand->rows > 0 && problem.reduction.beyond > QP_ROUNDING ? problem.reduction.beyond : 0.0;
     solution->row_rank = demand->row_rank;
     moved(demand, y, x);
     found.met = found.met || pace < 1.0;
@@ -755,7 +755,7 @@ Outcome solve_tasks(const Demand *demand, int count, const Task *const *tasks, S
     solution->slow = share.value < 1.0;
     solution->met = bounded;
     solution->method = bounded || solution->slow ? QP : CLOSED_FORM;
-    solution->unmet = demand->rows > 0 && problem.reduction.unmet > UNMET_TOLERANCE ? problem.reduction.unmet : 0.0;
+    solution->unmet = demand->rows > 0 && problem.reduction.unmet > QP_ROUNDING ? problem.reduction.unmet : 0.0;
     solution->fast = share.fast;
     bool held[LIMITS];
     for (int i = 0; i < m + demand->limits; i++)

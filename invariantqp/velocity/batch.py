@@ -23,7 +23,7 @@ from invariantqp.velocity.forms import CarriedMetric, form_of
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits import Bounds
 from invariantqp.velocity.measure import measures
-from invariantqp.velocity.problem import guard_of, measure_of, metric_of, prismatic
+from invariantqp.velocity.problem import guard_of, measure_of, metric_of
 from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve
 
@@ -165,9 +165,9 @@ class _Batch(NamedTuple):
     def solution(self, i: int) -> VelocitySolution:
         """Row i by itself."""
         J, s, law = self.twists[i], self.s[i], self.laws[bool(self.limited[i])]
-        if law.metric is None and prismatic(J, 1.0).any():
-            point = "own" if self.points is None else self.points[i]
-            law = replace(law, metric=metric_of(None, J, measure_of(J, s, None, point, self.length).length))
+        if law.metric is None:
+            measure = measure_of(J, s, None, "own" if self.points is None else self.points[i], self.length)
+            law = replace(law, metric=metric_of(None, J, measure.point, measure.length))
         posture = None if self.posture is None else self.posture[i]
         return solve(law, Demand(J, s, self.roots[i], self.lower[i], self.upper[i], posture=posture))
 

@@ -84,11 +84,7 @@ class Damping(Protocol):
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class Fixed(Value):
-    """The same lambda everywhere.
-
-    Attributes:
-        value: lambda >= 0 [length; unit of root J]; 0 is no damping at all.
-    """
+    """The same lambda everywhere."""
 
     value: float
 
@@ -96,7 +92,7 @@ class Fixed(Value):
         """A damping.
 
         Args:
-            value: lambda >= 0 [length; unit of root J].
+            value: lambda >= 0 [length; unit of root J]; 0 is no damping at all.
 
         Raises:
             BadInput: not a number, or below zero.
@@ -118,10 +114,6 @@ class Adaptive(Value):
     """No damping of directions with sigma >= threshold sigma_max; below, it grows smoothly to ceiling sigma_max.
 
     lambda_i = ceiling sigma_max (1 - (r_i / threshold)^2), r_i = sigma_i / sigma_max.
-
-    Attributes:
-        threshold: share of the largest singular value, positive.
-        ceiling: likewise.
     """
 
     threshold: float
@@ -154,10 +146,6 @@ class Selective(Value):
 
     lambda_i^2 = max(adaptive_i^2, sigma_i (|u_i'b| / speed - sigma_i)), hence |v_i'x| <= speed along every v_i. Where
     singular values are equal, rounding chooses the directions, and the answer may jump.
-
-    Attributes:
-        speed: what one direction may contribute [rad/s].
-        adaptive: what is damped at least.
 
     Reference: Buss & Kim 2005 (SDLS).
     """
@@ -198,9 +186,6 @@ class PaperLambda(Value):
     solution's status is "degraded" wherever a gain is negative or above one, and its reason lists them; bounds clip it,
     since G + Lambda is no Hessian. It goes with a pitch form.
 
-    Attributes:
-        matrix: (m, m) Lambda, symmetric; a (m,) vector is its diagonal, a number a multiple of I [unit of G].
-
     Reference: [DS] Sect. 6.3, the damped formula.
     """
 
@@ -210,7 +195,7 @@ class PaperLambda(Value):
         """A damping.
 
         Args:
-            matrix: (m, m) symmetric, (m,) its diagonal, or a number [unit of G].
+            matrix: (m, m) Lambda, symmetric; a (m,) vector is its diagonal, a number a multiple of I [unit of G].
 
         Raises:
             BadInput: NaN, another shape, no symmetry.

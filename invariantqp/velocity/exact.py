@@ -55,14 +55,7 @@ INTERIOR = 0.5 * ACTIVE_TOLERANCE
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class ExactRows(Value):
-    """A x = b, met exactly, or along the same direction more slowly where limits forbid it.
-
-    Attributes:
-        A: (k, m) rows on the joint velocity, for instance the velocity of a point, v + omega x p.
-        b: (k,) demands.
-        of_twist: (k, 6) D where the rows are parts of the twist, A = D J, zero for a row that is not; None for none.
-            Dependence of rows in several units is then decided by the measure, not by how the rows are scaled.
-    """
+    """A x = b, met exactly, or along the same direction more slowly where limits forbid it."""
 
     A: Array = field(converter=own)
     b: Array = field(converter=own)
@@ -72,9 +65,10 @@ class ExactRows(Value):
         """Rows.
 
         Args:
-            A: (k, m) rows on the joint velocity.
+            A: (k, m) rows on the joint velocity, for instance the velocity of a point, v + omega x p.
             b: (k,) demands.
-            of_twist: (k, 6) D where A = D J, zero for a row that is no part of the twist.
+            of_twist: (k, 6) D where rows are parts of the twist, A = D J, zero for a row that is not; None for none.
+                Dependence of rows in several units is then decided by the measure, not by how the rows are scaled.
 
         Raises:
             BadInput: shapes that do not fit, NaN.

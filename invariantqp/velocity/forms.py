@@ -35,9 +35,8 @@ from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.subspaces import rank_of
 from invariantqp.velocity.damping import Damping
+from invariantqp.velocity.exact import ROW_TOLERANCE
 
-# A singular value of Z below this fraction of the largest is a dependent twist.
-COMPLEMENT_TOLERANCE = 1e-10
 # Eigenvalues of U'MU below this share of |MU| are filtered. Their inverses are the gains of P: those above three cost
 # accuracy when the arm passes a principal pitch, smaller ones do not.
 FORM_THRESHOLD = 0.3
@@ -68,12 +67,6 @@ class PitchForm(Value):
     What is attempted is P_h s: the rest of s is h-reciprocal to all twists that the joints can do. Large |h| puts
     orientation first; no h puts position first (use exact rows for that).
 
-    Attributes:
-        h: pitch [length/rad].
-        convexified: True for [DS]'s own problem made convex: limits and singularities are then measured by |J'Q_h J|
-            instead of a metric at a point, in all of `solve_velocity`. Kept to compare with; near singularities and
-            at limits it is far less accurate.
-
     Reference: [DS] (2.6), without its factor 1/2, and Sect. 6.2.
     """
 
@@ -85,7 +78,9 @@ class PitchForm(Value):
 
         Args:
             h: pitch [length/rad], finite.
-            convexified: True for [DS]'s own problem made convex.
+            convexified: True for [DS]'s own problem made convex: limits and singularities are then measured by
+                |J'Q_h J| instead of a metric at a point, in all of `solve_velocity`. Kept to compare with; near
+                singularities and at limits it is far less accurate.
 
         Raises:
             BadInput: an h that is no finite number, a convexified that is neither True nor False.
@@ -110,9 +105,6 @@ class Complement(Value):
 
     Where the arm can do one of those, Jx = P s, P = J(K'J)^-1 K', K'Z = 0.
 
-    Attributes:
-        Z: (6, c) twists in the frame of J, independent; c + rank(J) = 6 makes the projector unique.
-
     Reference: [DS] Sect. 6.2, P = J(K'J)^-1 K'.
     """
 
@@ -122,14 +114,14 @@ class Complement(Value):
         """A form.
 
         Args:
-            Z: (6, c) twists in the frame of J, independent.
+            Z: (6, c) twists in the frame of J, independent; c + rank(J) = 6 makes the projector unique.
 
         Raises:
             BadInput: dependent columns, NaN.
         """
         twists = arrays.columns(Z, "Z")
         sigma = np.linalg.svd(twists, compute_uv=False)
-        rank = rank_of(sigma, COMPLEMENT_TOLERANCE)
+        rank = rank_of(sigma, ROW_TOLERANCE)
         if rank < twists.shape[1]:
             raise BadInput(
                 "Z", f"{twists.shape[1]} columns of rank {rank}", "independent twists", "Drop the dependent ones."
@@ -153,11 +145,6 @@ class CarriedMetric(Value):
     """A positive-definite metric on twists carried by a body: s'Ws, with W given in the body's own frame.
 
     It replaces diag(L^2 I, I) at a point: what the joints cannot do is missed by least squares in this metric.
-
-    Attributes:
-        matrix: (6, 6) symmetric positive definite, in the body's frame.
-        pose: (4, 4) pose of the body's frame in the frame of J, or None where a controller puts it at the tool in every
-            tick.
     """
 
     matrix: Array = field(converter=own)

@@ -34,11 +34,7 @@ DEFAULT_FRACTION = 0.5
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class Guard(Value):
-    """The decrease of the error that a form must at least achieve, measured at the point.
-
-    Attributes:
-        fraction: eta in [0, 1], the share of the least-squares decrease that is asked for.
-    """
+    """The decrease of the error that a form must at least achieve, measured at the point."""
 
     fraction: float
 
@@ -46,7 +42,7 @@ class Guard(Value):
         """A guard.
 
         Args:
-            fraction: eta in [0, 1]; 1 is least squares.
+            fraction: eta in [0, 1], the share of the least-squares decrease that is asked for.
 
         Raises:
             BadInput: a fraction out of range.

@@ -73,12 +73,7 @@ def accelerations(value: ArrayLike, m: int, argument: str = "acceleration_limit"
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class Bounds(Value):
-    """Joint velocity limits, lower <= x <= upper.
-
-    Attributes:
-        lower: (m,) [rad/s, length/s], -inf where there is none.
-        upper: (m,) likewise, +inf where there is none.
-    """
+    """Joint velocity limits, lower <= x <= upper."""
 
     lower: Array = field(converter=own)
     upper: Array = field(converter=own)
@@ -274,12 +269,6 @@ class LimitRows(Value):
 
     Where box and rows leave no velocity, the rows give way by the least sum of squares, each measured by its length (so
     its scale does not count); the box never does.
-
-    Attributes:
-        C: (k, m) rows on the joint velocity.
-        lower: (k,), -inf where there is none.
-        upper: (k,), +inf where there is none.
-        names: (k,) what reasons call the rows, "" for a number; () where no row has a name.
     """
 
     C: Array = field(converter=own)
@@ -363,10 +352,6 @@ class ToolSpeed(Value):
     """The speed limit of a point of the tool.
 
     It gives way, by the least, where joint limits or rows force the tool to move faster; the status says so.
-
-    Attributes:
-        limit: [length/s].
-        point: (3,) in the frame of J for `solve_velocity`; in the tool frame for a controller, None being its own.
     """
 
     limit: float

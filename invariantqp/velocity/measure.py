@@ -16,11 +16,8 @@ from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.systems.points import ROUNDING, centre, reach
+from invariantqp.systems.points import ROUNDING, WELL_POSED, centre, reach
 from invariantqp.systems.subspaces import LENGTH_LIMIT
-
-# det of |w|^2 I - ww' over its trace cubed (at most 1/27): above this a row's own point is found by one linear solve.
-WELL_POSED = 1e-4
 
 
 def root_at(point: Array, length: float) -> Array:

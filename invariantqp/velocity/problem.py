@@ -15,6 +15,7 @@ from invariantqp.engine import ENGINES, Engine
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
 from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.compiled import compiled_problem
 from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
@@ -121,24 +122,7 @@ class VelocityProblem:
         length: float | None = None,
         engine: Engine = "compiled",
     ) -> VelocityProblem:
-        """Check all arguments.
-
-        Args:
-            J: (6, m) joint twists (omega; v) as columns, in any one frame.
-            twist: (6,) wanted twist in the same frame [rad/s; length/s].
-            form: see `VelocityOptions`, as for all the others.
-            damping: likewise.
-            bounds: (m,) lower and upper.
-            exact: on m joints.
-            joint_metric: (m, m) or (m,).
-            backend: a name or a solver.
-            guard: a guard, True or False.
-            posture: (m,) [rad/s, length/s].
-            rows: on m joints.
-            tool_speed: its point in the frame of J.
-            point: (3,) in the frame of J, or "own".
-            length: [length/rad].
-            engine: "compiled" or "python".
+        """Check all arguments: joint twists J (6, m) and a twist (6,), in one frame, and those of `VelocityOptions`.
 
         Raises:
             BadInput: NaN, shapes that do not fit, crossed bounds, a metric that is not positive definite.
@@ -161,7 +145,7 @@ class VelocityProblem:
             form=measure.form,
             damping=damping_of(damping, limited=bool(np.isfinite(lower).all() and np.isfinite(upper).all())),
             guard=guard_of(guard),
-            metric=metric_of(joint_metric, twists, measure.length),
+            metric=metric_of(joint_metric, twists, measure.point, measure.length),
             backend=backend_of(backend),
             engine=arrays.choice(engine, "engine", ENGINES),
         )
@@ -255,7 +239,7 @@ def measure_of(
     return Measure(root_at(p, L), p, L, form)
 
 
-def metric_of(joint_metric: ArrayLike | None, J: Array, length: float) -> Array | None:
+def metric_of(joint_metric: ArrayLike | None, J: Array, point: Array, length: float) -> Array | None:
     """(m, m) the joint metric, None for the identity.
 
     Without a `joint_metric`, L of a prismatic joint counts as one radian of a revolute one. Where no joint turns that
@@ -266,16 +250,15 @@ def metric_of(joint_metric: ArrayLike | None, J: Array, length: float) -> Array 
     """
     if joint_metric is not None:
         return arrays.positive_definite(joint_metric, J.shape[1], "joint_metric")
-    slides = prismatic(J, length)
+    slides = prismatic(J, point, length)
     if not slides.any():
         return None
     return np.diag(np.where(slides, 1.0 / (length * length), 1.0))
 
 
-def prismatic(J: Array, length: float) -> NDArray[np.bool_]:
-    """(..., m) which joints of (..., 6, m) joint twists only slide."""
-    w, v = J[..., :3, :], J[..., 3:, :]
-    turning, moving = np.sqrt((w * w).sum(axis=-2)), np.sqrt((v * v).sum(axis=-2))
+def prismatic(J: Array, point: Array, length: float) -> NDArray[np.bool_]:
+    """(m,) which joints of J (6, m) only slide: beside the velocity of the point (3,), they hardly turn."""
+    turning, moving = (np.sqrt((part * part).sum(axis=0)) for part in (J[:3], velocity_at(J, point)))
     return np.asarray((turning * length <= ROUNDING * moving) & (moving > 0.0))
 
 

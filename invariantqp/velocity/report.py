@@ -36,9 +36,7 @@ FALLING = 0.5
 # An error within slack may grow at this share of the slack: less is rounding, or a loop that comes to rest.
 GROWING = 0.01
 # Exact rows at this share of their speed count as not slowed down: regularising the share takes 1e-7 of it.
-WHOLE_SPEED = 1.0 - 1e-6
-# A motion of an exact row below this share of the joints' is none: regularising leaves 1e-9 of it.
-BESIDE_TOLERANCE = 1e-6
+WHOLE_SPEED = 1.0 - ACTIVE_TOLERANCE
 
 
 def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array | None) -> VelocitySolution:
@@ -178,7 +176,7 @@ def slowed_rows(demand: Demand, room: Room, to_joint: Array | None) -> list[Reas
     T = np.eye(m) if to_joint is None else to_joint
     off = np.abs(demand.exact.A.dot(T.dot((1.0 - share.value) * start)))
     fast = max(SLOWEST, norm(T.dot(share.velocity)))  # slower is rounding of an arm that stands still
-    moved = np.flatnonzero(off > BESIDE_TOLERANCE * np.linalg.norm(demand.exact.A, axis=1) * fast).tolist()
+    moved = np.flatnonzero(off > ACTIVE_TOLERANCE * np.linalg.norm(demand.exact.A, axis=1) * fast).tolist()
     if moved:
         exact = tuple(row_name(FIRST_EXACT_ROW - i) for i in moved)
         reasons.append(Reason(Code.ROWS_MOVED, (), exact, tuple(off[moved].tolist())))

@@ -57,17 +57,7 @@ REFUSED = {
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class TwistTask(Value):
-    """Move one body of the arm with a twist.
-
-    Attributes:
-        J: (6, m) joint twists of that body; zero columns for joints that do not move it.
-        twist: (6,) wanted, in the frame of J.
-        form: what is attempted of a twist that the joints cannot do, or None.
-        weight: share in its level's sum [1], positive.
-        priority: level, 0 first.
-        point: (3,) at which the error is least where the twist cannot be met.
-        measure: how twists are measured there.
-    """
+    """Move one body of the arm with a twist."""
 
     J: Array = field(converter=own)
     twist: Array = field(converter=own)
@@ -89,12 +79,12 @@ class TwistTask(Value):
         """A task.
 
         Args:
-            J: (6, m) joint twists of the body; zero columns for joints that do not move it.
+            J: (6, m) joint twists of that body; zero columns for joints that do not move it.
             twist: (6,) wanted, in the frame of J.
-            form: as in `solve_velocity`.
+            form: what is attempted of a twist that the joints cannot do, as in `solve_velocity`.
             weight: share in its level's sum [1], positive.
             priority: level, 0 first.
-            point: as in `solve_velocity`.
+            point: (3,) at which the error is least where the twist cannot be met, as in `solve_velocity`.
 
         Raises:
             BadInput: NaN, shapes that do not fit, a weight that is not positive, something that is no form or point.
@@ -106,13 +96,7 @@ class TwistTask(Value):
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class JointTask(Value):
-    """Move the joints themselves: towards a posture, gain (q_wanted - q), or zero for little motion.
-
-    Attributes:
-        velocity: (m,) wanted [rad/s, length/s].
-        weight: share in its level's sum, positive [length^2: a radian counts as that length does at the tasks' points].
-        priority: level, 0 first.
-    """
+    """Move the joints themselves: towards a posture, gain (q_wanted - q), or zero for little motion."""
 
     velocity: Array = field(converter=own)
     weight: float
@@ -123,7 +107,7 @@ class JointTask(Value):
 
         Args:
             velocity: (m,) wanted [rad/s, length/s].
-            weight: share in its level's sum, positive.
+            weight: share in its level's sum, positive [length^2: a radian counts as that length at the tasks' points].
             priority: level, 0 first.
 
         Raises:

@@ -159,7 +159,7 @@ def test_the_speed_limit_of_a_point_moves_with_the_frame():
     assert worst < 1e-7
 
 
-@pytest.mark.parametrize("eps", [0.0, 1e-18, 1e-16])
+@pytest.mark.parametrize("eps", [0.0, 1e-18, 1e-16, 1e-12])
 @pytest.mark.parametrize("batch", [False, True])
 def test_axes_that_meet_in_the_frames_origin_but_for_rounding_meet(eps, batch):
     """Without a point the length would be that rounding, and another answer than in a moved frame."""
