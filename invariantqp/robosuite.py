@@ -136,6 +136,7 @@ class InvariantPose(PartController):  # type: ignore[misc]
         chosen = {"gain": GAIN, **(options or {})}
         self.free = Controller(robot, dt=dt, **chosen)
         self._prefix = ref_name.removesuffix("grip_site")
+        self._friction = model.dof_frictionloss[self.qvel_index]
         task = HybridTask(self._contact, [0.0], **(press or {}))
         self.hybrid = HybridController(robot, task, dt=dt, sensor=self._sensor(model), **chosen)
         self.solution: VelocitySolution | HybridSolution | None = None
@@ -173,7 +174,7 @@ class InvariantPose(PartController):  # type: ignore[misc]
         load = np.zeros(self.joint_dim)
         if self._press > 0.0:
             reading = np.concatenate([self._read(name) for name in ("force_ee", "torque_ee")])
-            pressed = self.hybrid.step(q, self._pose, reading, ahead, wanted=[self._press])
+            pressed = self.hybrid.step(q, self._pose, reading, ahead, velocity=self.joint_vel, wanted=[self._press])
             if pressed.intensities[0] > 0.0:
                 load = min(1.0, self._press / pressed.intensities[0]) * pressed.J.T.dot(pressed.wrench)
             self.solution = pressed
@@ -185,7 +186,8 @@ class InvariantPose(PartController):  # type: ignore[misc]
         # In the air joints keep to their commanded positions; in a contact the press decides where they are.
         commanded = q if load.any() else self._commanded + self.free.dt * velocity
         missing = velocity - self.joint_vel + (commanded - q) / HOLD
-        torque = self.mass_matrix.dot(missing) / SERVO + load + self.torque_compensation
+        drag = self._friction * np.sign(velocity) - self.sim.data.qfrc_passive[self.qvel_index]
+        torque = self.mass_matrix.dot(missing) / SERVO + load + drag + self.torque_compensation
         self.torques = self.clip_torques(torque)
         if (self.torques == torque).all():  # else the command waits for the motors
             self._commanded = commanded

@@ -174,11 +174,11 @@ class HybridTask(Value):
             approach_time: likewise [s].
             slide_speed: the most that an error of the target moves the tool along the contact [length/s], its turning
                 counted over `size`; inf is any. A feedforward is not limited: a path that comes with one is followed.
-            max_force: force [N] above which the status is "overload"; None is twice the wanted one, the task's or the
-                tick's, whichever is larger, 20 N where none is wanted; inf is never. Where a press is lowered, the
+            max_force: force [N] above which the status is "overload"; None is 2.5 times the wanted one, the task's or
+                the tick's, whichever is larger, 20 N where none is wanted; inf is never. Where a press is lowered, the
                 limit falls with what is felt.
             max_moment: moment likewise, about the place of contact or the grip, where it is less [N length]; None is
-                twice the wanted one, or `size` times the force where that is more.
+                2.5 times the wanted one, or `size` times the force where that is more.
             on_overload: "hold" or "retreat", until `HybridController.reset`, at an overload or a sensor's fault; None
                 is "retreat" from a contact that can be left.
             grip: (3,) where the tool holds a handle, which may be far from its hinge, in the tool frame [length].

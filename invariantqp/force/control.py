@@ -57,7 +57,6 @@ from invariantqp.force.estimate import (
 )
 from invariantqp.force.law import (
     GAIN,
-    IN_DOUBT,
     LET_GO,
     LETS_GO,
     MOST,
@@ -407,7 +406,7 @@ class HybridController:
             (task.stiffness or known[0].bound) if n else None,
             touching=touching,
         )
-        delay.after(positions, dt * inner.velocity, sighting.J, contact.point, task.size, touching=touching)
+        delay.after(positions, dt * inner.velocity, sighting.J, contact.point, task.size, velocity, touching=touching)
         outwards = float(out.dot(way))
         self._ways.add(dt * inner.velocity, way, delay.late or 0.0)
         along = max(speed_at(contact, motion, task.size), before.along * exp(-dt / ALONG))
@@ -556,9 +555,9 @@ class HybridController:
         parts = zip(known, felt.tolist(), asked.tolist(), _ways_of(before, n), strict=True)
         most = float(np.abs(asked).max(initial=0.0)) or inf
         for i, (one, force, wish, (way, _)) in enumerate(parts):
-            there = now.touches[i].touching if i < presses else touching
+            there = now.touches[i].airborne <= self.task.lost_after if i < presses else touching
             short = int(wish - force > SHORT * most) - int(force - wish > SHORT * most)
-            felt_at_all = i >= presses or force > limit
+            felt_at_all = i >= presses or (now.touches[i].touching and force > limit)
             if there:
                 made.append(one.after(force, way, setting, short, felt=felt_at_all))
             else:
@@ -611,7 +610,7 @@ class HybridController:
         made, acts = [], touching and yields
         fastest = task.approach_speed
         # What a lagging arm has not done yet can be taken back at a touch, what is sent and read late cannot.
-        striking = 2.0 * setting.dt + setting.filter_time + (1.0 - TAKEN_BACK) * self._delay.arm
+        striking = 2.0 * setting.dt + (1.0 - TAKEN_BACK) * self._delay.arm
         for i, drive in enumerate(drives):
             error = float(asked[i] - felt[i])
             known = now.known[i]
@@ -638,7 +637,7 @@ class HybridController:
             if i < presses:
                 touch = now.touches[i]
                 if not touch.touching:
-                    made.append(sought(drive, gentle * max(IN_DOUBT, touch.clear), setting, fastest, touch, task))
+                    made.append(sought(drive, gentle, setting, fastest, touch, task))
                     continue
                 wished = float(asked[i])
                 if known.time <= SETTLES * setting.late:
@@ -646,7 +645,9 @@ class HybridController:
                     coming = _ways_of(now, n)[i][1] if presses == 1 and self._delay.lag is not None else 0.0
                     made.append(struck(drive, coming, error, known, setting, LET_GO * fastest, eased))
                     continue
-                free = max(gentle, inward_speed(task, most_force - float(felt[i]), striking - setting.dt))
+                free = max(
+                    gentle, inward_speed(task, most_force - float(felt[i]) - monitor.unseen(task, i), setting.late)
+                )
                 most, grows = (free, LET_GO * fastest), now.free and yields
             else:
                 most, wished = (fastest, fastest), 0.0

@@ -432,7 +432,7 @@ class Delay:
         self._first: Array | None = None
         self._touched = False
         self._way = self._moving = 0.0
-        self._sums = 0.0, 0.0, 0.0
+        self._sums = 0.0, 0.0, 0.0, 0.0
 
     @property
     def arm(self) -> float:
@@ -440,7 +440,17 @@ class Delay:
         lag = max(LAGS, self.declared) if self.lag is None else self.lag
         return max(self.declared + (self.late or 0.0), lag)
 
-    def after(self, q: Array, way: Array, J: Array, place: Array, size: float, *, touching: bool = False) -> None:
+    def after(
+        self,
+        q: Array,
+        way: Array,
+        J: Array,
+        place: Array,
+        size: float,
+        velocity: Array | None = None,
+        *,
+        touching: bool = False,
+    ) -> None:
         """After a tick with joint positions q (m,) at its beginning and a commanded way (m,).
 
         Args:
@@ -449,6 +459,7 @@ class Delay:
             J: (6, m) joint twists.
             place: (3,) of contact, base frame [length].
             size: of the contact [length]: a turn by an angle counts as so much times the angle.
+            velocity: (m,) of the joints at the first tick, where it is measured; None is at rest.
             touching: whether there is contact: what is known of the lag then stays, since a force bends the arm, too,
                 and its joints are behind by that after it is let go.
         """
@@ -460,6 +471,7 @@ class Delay:
             self._first, self._weights = q.copy(), np.sqrt((moved * moved).sum(axis=0))
             self._led, self._echo = np.zeros(len(q)), DelayEstimate(self._dt, self.declared, len(q))
             self._last = self._came = np.zeros(len(q))
+            self._before = self._last if velocity is None else self._weights * velocity
         step, came = self._weights * way, self._weights * (q - self._first)
         if not (self._touched and self.lag is not None):
             self._moved(self._led - came, came - self._came, self._last, STILL * size)
@@ -472,7 +484,7 @@ class Delay:
             self.late = 0.0
 
     def _moved(self, behind: Array, came: Array, step: Array, still: float) -> None:
-        """How far the joints are behind their commands, over how fast they are told to go, while they follow them.
+        """How far the joints are behind their commands, over how much faster they go than at first, if they follow.
 
         Args:
             behind: (m,) by how much, in ways of the place of contact [length].
@@ -481,13 +493,14 @@ class Delay:
             still: a slower motion is none [length/s].
         """
         dt, square = self._dt, float(step.dot(step))
-        left, (late, moved, followed) = exp(-dt / KNOWN_AFTER), self._sums
+        left, (late, moved, followed, gained) = exp(-dt / KNOWN_AFTER), self._sums
         late, moved = left * late + dt * float(behind.dot(step)), left * moved + square
         followed = left * followed + float(came.dot(step))
-        self._sums = late, moved, followed
+        gained = left * gained + square - dt * float(self._before.dot(step))
+        self._sums = late, moved, followed, gained
         self._moving = self._moving + dt if square > (still * dt) ** 2 else 0.0
-        if self._moving > KNOWN_AFTER and followed > FOLLOWS * moved:
-            self.lag = min(max(late / moved, 0.0), LONGEST)
+        if self._moving > KNOWN_AFTER and min(followed, gained) > FOLLOWS * moved:
+            self.lag = min(max(late / gained, 0.0), LONGEST)
 
     def gain(self, asked: float) -> float:
         """The motion's gain [1/s]: the one asked for, or less where with the delay found the tool goes to and fro."""

@@ -9,8 +9,8 @@ surface that comes or goes while the tool slides along it, and is bounded by wha
 times the speed along it; r is how much of k is known to be there. A tool at rest on a surface at rest has no integral
 that could lead it away.
 
-    approach    1.2 f_d / (k_a T_a + b_a)     so that a touch presses by less than that, whatever it meets; T_a is what
-                                              is late and cannot be taken back
+    approach    f_d / (k_a T_a + b_a)         so that a touch presses by no more than is wanted; T_a is what is late
+                                              and cannot be taken back
     fixed       rate = c (e + integral)       where a compliance c is given
 
 All of it is for unit parts and unit rates (`contact.Split`).
@@ -45,10 +45,6 @@ SURE = 2.0
 # What an approach reckons with: as stiff as half of where an estimate begins, of a damping of so many seconds of that.
 APPROACHED = 0.5
 STRUCK = 0.01
-# A touch presses by less than this multiple of the wanted force: below an overload.
-TOUCH = 1.2
-# Of what is left to an overload a table behind something soft may take this share.
-LEFT_FREE = 0.7
 # The share of its speed at which an approach goes on while it is not decided whether there is contact.
 IN_DOUBT = 0.3
 # How much faster than an approach the law may let go; and by how much of the way that was let go already each second,
@@ -156,11 +152,13 @@ def struck(
 def sought(drive: Drive, gentle: float, setting: Setting, most: float, touch: Touch, task: HybridTask) -> Drive:
     """The law in the air: as fast as is gentle, and as fast as a surface that was lost may leave.
 
-    Where a contact is lost for moments only, the surface leaves at the mean speed of the tool: the slope learns it.
+    Where a contact is lost for moments only, the surface leaves at the mean speed of the tool: the slope learns it; and
+    the approach begins from rest, or a step of its speed, which compliant servos turn into a force, would be the touch.
     """
     if touch.airborne == inf:
-        return Drive(min(gentle, most))
-    rate, bound = min(gentle + setting.slope_speed, most), setting.slope_speed
+        return Drive(min(gentle * max(IN_DOUBT, touch.clear), most))
+    again = gentle * min(1.0, touch.airborne / task.lost_after) if task.lost_after else gentle
+    rate, bound = min(again + setting.slope_speed, most), setting.slope_speed
     slope = 0.0
     if touch.airborne < task.lost_after:
         grown = drive.slope + setting.dt * UNSURE * GAIN / (INTEGRAL * setting.late) * (rate - drive.slope)
@@ -188,7 +186,7 @@ def approach_speed(task: HybridTask, wanted: float, late: float) -> float:
     """The speed at which contact is looked for [length/s], for a wanted press [force] and what is late [s]."""
     stiff = APPROACHED * STIFF if task.stiffness is None else task.stiffness
     damping = min(stiff, APPROACHED * STIFF) * STRUCK
-    return min(task.approach_speed, TOUCH * wanted / (stiff * late + damping))
+    return min(task.approach_speed, wanted / (stiff * late + damping))
 
 
 def inward_speed(task: HybridTask, room: float, late: float) -> float:
@@ -197,7 +195,7 @@ def inward_speed(task: HybridTask, room: float, late: float) -> float:
     A table behind foam then presses by less than `room` [force], what is left to an overload, after `late` [s].
     """
     stiff = APPROACHED * STIFF if task.stiffness is None else task.stiffness
-    return min(task.approach_speed, LEFT_FREE * max(room, 0.0) / (stiff * late))
+    return min(task.approach_speed, max(room, 0.0) / (stiff * late))
 
 
 def slid(task: HybridTask, contact: Contact, motion: Array, error: Array, ahead: Array) -> Array:

@@ -34,7 +34,7 @@ FOLLOW, SLOW, HOLD, RETREAT = "follow", "slow", "hold", "retreat"
 # Overload without another word: a multiple of the wanted force, or this force where none is wanted [N]. Readings of a
 # force stay within so many standard deviations of a component. A larger press that was wanted before is still expected
 # for this long [s], and while it falls.
-OVERLOAD = 2.0
+OVERLOAD = 2.5
 NO_FORCE = 20.0
 ABOVE_NOISE = 8.0
 LET_GO = 1.0
@@ -302,6 +302,8 @@ class Evidence(NamedTuple):
         if s[3, 3] == 0.0:
             return False
         s = s[:3, :3] - np.outer(s[:3, 3], s[3, :3]) / s[3, 3]
+        if s[2, 2] < CHI:  # no more can be explained than there is; what is less is rounding, too
+            return False
         for damper in DAMPERS:
             a = s[0, 0] + damper * (2.0 * s[0, 1] + damper * s[1, 1])
             b = s[0, 2] + damper * s[1, 2]
@@ -386,13 +388,13 @@ class Answers(NamedTuple):
                 said = f"let go by {written(let_go, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
                 return now, Finding(Status.FAULT, f"{said}: {NO_ANSWER}", max(0.0, depth + AWAY * size))
             return now, None
-        unanswered = depth - now.since
         creep = CREEP * wanted / now.stiff * dt
-        now = now._replace(since=now.since + min(max(unanswered, -creep), creep))
-        unanswered -= slope * now.far + task.yields
-        if now.stiff * unanswered > PRESSES * wanted:
-            now = now._replace(asked=(press, depth))
-        return now, None
+        now = now._replace(since=now.since + min(max(depth - now.since, -creep), creep))
+        return now._replace(asked=(press, depth)) if now.unseen(task) > PRESSES * wanted else now, None
+
+    def unseen(self, task: HybridTask) -> float:
+        """What may be pressed beside what is read, by way that was not answered [force]."""
+        return self.stiff * max(0.0, self.depth - self.since - task.slope * self.far - task.yields)
 
 
 # What a reading without an answer may be.
@@ -608,6 +610,10 @@ class Monitor(NamedTuple):
             return self._replace(found=found, left=(0.0, found.away))
         back = self.pushed + (self.approached if found.back else 0.0)
         return self._replace(found=found, left=(-min(back, task.approach_distance), task.retreat_distance))
+
+    def unseen(self, task: HybridTask, press: int) -> float:
+        """What a press may be beside what is read [force]."""
+        return self.answers[press].unseen(task) if press < len(self.answers) else 0.0
 
     def let_go(self, press: int) -> float | None:
         """How far the tool has let go of a press to see whether readings fall [length]; None where it does not."""

@@ -107,7 +107,7 @@ class ForceSpec(Section):
         examples=[[[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]],
     )
     max_force: Positive | None = Field(
-        None, description="a larger force is an overload [N]; left out: twice the press", examples=[40.0]
+        None, description="a larger force is an overload [N]; left out: 2.5 times the press", examples=[40.0]
     )
     max_moment: Positive | None = Field(
         None, description="a larger moment is an overload [N m]; left out: by the force", examples=[4.0]

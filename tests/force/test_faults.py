@@ -86,9 +86,9 @@ def test_an_approach_that_meets_nothing_ends():
 def test_without_another_word_an_overload_is_finite():
     """A spring that is wound up: the tool is pushed from outside."""
     run = press_on_plane(
-        PRESS, fault=lambda reading, normal: reading + np.r_[0, 0, 0, 15 * normal], since=1.0, seconds=1.2
+        PRESS, fault=lambda reading, normal: reading + np.r_[0, 0, 0, 20 * normal], since=1.0, seconds=1.2
     )
-    assert "N of 20" in run.solutions[run.stopped()].reason
+    assert "N of 25" in run.solutions[run.stopped()].reason
     turned = press_on_plane(
         PRESS, fault=lambda reading, normal: reading + np.r_[1.5, 0, 0, 0, 0, 0], since=1.0, seconds=1.2
     )

@@ -229,16 +229,16 @@ def test_a_press_that_is_lowered_is_no_overload_and_one_that_rises_then_is(optio
     low = [bench.tick(wanted=[8.0]) for _ in range(600)]
     assert {s.status for s in low} <= {"ok", "degraded"}  # not reached within a second, a stiffness told wrong
     assert low[-1].intensities[0] == pytest.approx(8.0, rel=0.05)
-    bench.height += 12.0 / bench.stiffness
-    assert "N of 16" in bench.tick(wanted=[8.0]).reason
+    bench.height += 14.0 / bench.stiffness
+    assert "N of 20" in bench.tick(wanted=[8.0]).reason
 
 
-def test_while_a_press_is_let_go_a_rise_to_twice_what_is_felt_is_an_overload():
+def test_while_a_press_is_let_go_a_rise_to_more_than_twice_what_is_felt_is_an_overload():
     bench = Bench(gantry(), np.zeros(6), pen(8.0, stiffness=1e4), depth=1e-4, dt=0.002)
     for wanted in [24.0] * 1000 + [8.0] * 20:
         felt = bench.tick(wanted=[wanted]).intensities[0]
     assert 8.0 < felt < 20.0
-    bench.height += 1.2 * felt / bench.stiffness
+    bench.height += 1.6 * felt / bench.stiffness
     assert bench.tick(wanted=[8.0]).status == "overload"
 
 

@@ -50,7 +50,7 @@ FAULTS = {
     "order": (lambda: lambda reading, normal: np.roll(reading, 3), "overload", "N m of"),
     "sign": (lambda: lambda reading, normal: -reading, "fault", "pulls with"),
     "falls by 12 N": (lambda: lambda reading, normal: reading - np.r_[0, 0, 0, 12 * normal], "fault", "pulls with"),
-    "rises by 30 N": (lambda: lambda reading, normal: reading + np.r_[0, 0, 0, 30 * normal], "overload", "N of 20"),
+    "rises by 30 N": (lambda: lambda reading, normal: reading + np.r_[0, 0, 0, 30 * normal], "overload", "N of 25"),
 }
 
 
