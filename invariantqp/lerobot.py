@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.limits import JointLimits
+from invariantqp.control.limits import AnyLimit, JointLimits
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import same_turn
 from invariantqp.errors import BadInput, excerpt
@@ -230,6 +230,7 @@ class ActionFollower:
         period: float = 0.01,
         cutoff: float = 4.0,
         timeout: float = 0.1,
+        limits: Sequence[AnyLimit] = (),
     ) -> None:
         """Nothing to follow yet; `reset` says where the robot is.
 
@@ -241,18 +242,22 @@ class ActionFollower:
             period: of `step` [s].
             cutoff: what is faster than this is smoothed away [Hz].
             timeout: after how long without a sample a stream that is not of chunks comes to rest [s].
+            limits: more of them, as `Controller` takes them, in radians: a `ToolSpeed`, a `Clearance` of
+                `kinematics.robot`.
 
         Raises:
-            BadInput: what is no RobotKinematics, or a number that is not positive.
+            BadInput: what is no RobotKinematics, a number that is not positive, limits that are no list.
         """
         if not isinstance(kinematics, RobotKinematics):
             raise BadInput("kinematics", excerpt(kinematics), "an invariantqp.lerobot.RobotKinematics")
+        if not isinstance(limits, (list, tuple)):
+            raise BadInput("limits", excerpt(limits), "a list of limits, as a Controller takes them")
         arm, few = kinematics.robot, len(kinematics.robot.names) < 6
         loop = Controller(
             arm,
             dt=arrays.number(period, "period", "seconds", positive=True),
             acceleration_limit=_radians(acceleration_limit, "acceleration_limit"),
-            limits=[JointLimits(velocity_limit=kinematics.speed)],
+            limits=[JointLimits(velocity_limit=kinematics.speed), *limits],
             exact="position" if kinematics.position_first and few else None,
         )
         self._kinematics = kinematics
@@ -310,7 +315,7 @@ class ActionFollower:
         Raises:
             BadInput: neither, NaN; the follower is as it was.
         """
-        given = arrays.array(getattr(point, "homogeneous", point), "point", "an action [deg], or a pose (4, 4)")
+        given = arrays.array(arrays.matrix_of(point), "point", "an action [deg], or a pose (4, 4)")
         if given.ndim == 2:
             self.follower.add(given, stamp)
             return
@@ -353,7 +358,7 @@ def _radians(value: ArrayLike, argument: str) -> Array:
 
 def _rigid(value: ArrayLike, argument: str) -> Array:
     """A (4, 4) rigid motion, its rotation the nearest where what is given is one but for a hundredth."""
-    given = arrays.array(getattr(value, "homogeneous", value), argument, "a (4, 4) homogeneous rigid motion")
+    given = arrays.array(arrays.matrix_of(value), argument, "a (4, 4) homogeneous rigid motion")
     if given.shape == (4, 4) and np.isfinite(given).all() and not arrays.is_rigid(given):
         U, sigma, Vt = np.linalg.svd(given[:3, :3])
         if np.abs(sigma - 1.0).max() <= NEARLY_RIGID:

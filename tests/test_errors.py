@@ -28,7 +28,7 @@ EXAMPLES = {
     "NoProjectors": lambda make: make(0.3, "IA", (2, 1), Z, np.array([]), "a complement"),
     "BlindSystem": lambda make: make(np.eye(6)[:, 4:]),
     "NoContactFound": lambda make: make("none explains it", "hinge", 3.2),
-    "RobotModelError": lambda make: make("no URDF file at arm.urdf"),
+    "RobotModelError": lambda make: make("no file at arm.urdf"),
     "UnknownName": lambda make: make("robot", "pandda", ["panda"], ["panda", "ur5"]),
     "TaskFileError": lambda make: make("pen.toml", ["$.path: missing", "$.law: missing"]),
     "MissingExtra": lambda make: make("pin-pink", "pink"),

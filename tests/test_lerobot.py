@@ -283,6 +283,23 @@ def test_a_teleoperators_poses_and_a_leader_arms_actions_are_followed(so101):
         assert error(so101, actions[-1], so101.forward_kinematics(Q + 2.0))[0] < 1e-5
 
 
+def test_a_chunk_into_the_desk_stops_above_it_and_the_next_one_leads_away(so101):
+    desk = iq.limits.HalfSpace([0, 0, 0], normal=[0, 0, 1], name="desk")
+    clearance = iq.limits.Clearance(so101.robot, {"tool": [iq.limits.Sphere([0, 0, 0], 0.03)]}, [desk])
+    down = np.tile(Q, (1, 50, 1))
+    down[0, :, 1] += np.linspace(0.0, 60.0, 50)  # the shoulder bends down
+    lowest = {}
+    for limits in ([], [clearance]):
+        follower = ActionFollower(so101, acceleration_limit=1500.0, limits=limits)
+        follower.reset(Q)
+        follower.follow(down, 0.0)
+        heights = [so101.forward_kinematics(action)[2, 3] for action in driven(follower, 2.5)]
+        lowest[bool(limits)] = min(heights)
+        follower.follow(np.tile(Q, (1, 50, 1)), 2.5)
+        np.testing.assert_allclose(driven(follower, 2.0, now=2.5)[-1], Q, atol=0.01)
+    assert lowest[False] < 0.0 < 0.0499 < lowest[True] < 0.07
+
+
 def test_a_tensor_is_taken():
     class Tensor:
         """The three calls of a tensor of torch that lie between it and an array."""

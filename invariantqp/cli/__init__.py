@@ -40,6 +40,7 @@ app: typer.Typer = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["--help", "-h"]},
 )
 REPORT = "Please report it where you got invariantqp from, with all of these lines."
 # What each kind of exception leaves with; any other is a defect.

@@ -154,7 +154,7 @@ class Clearance(Limit):
         distance: d_min [length].
         pairs: the names of the bodies that are kept apart.
         dropped: the pairs that are not, each with its reason.
-        nearest: the least distance in the last tick that asked for rows.
+        nearest: which two bodies were the nearest in the last tick that asked for rows, and their `distance`.
     """
 
     def __init__(

@@ -33,7 +33,14 @@ from invariantqp.control.limits import (
 )
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.memory import HEADER, Memory, slowness, ticks_late
-from invariantqp.control.tracking import question_gain, same_turn, share_of_gain, tracking_gain, tracking_twist
+from invariantqp.control.tracking import (
+    question_gain,
+    question_times,
+    same_turn,
+    share_of_gain,
+    tracking_gain,
+    tracking_twist,
+)
 from invariantqp.engine import ENGINES, Engine
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
@@ -181,6 +188,7 @@ class Controller:
         m = len(robot.names)
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
         self.delay: float = arrays.not_negative(delay, "delay", "a dead time in seconds")
+        question_times(self.dt, self.delay)
         self.gain: float = tracking_gain(gain, self.dt, self.delay)
         if gain is not None:
             question_gain(self.gain, self.dt)

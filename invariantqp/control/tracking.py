@@ -32,6 +32,8 @@ WHOLE_ERROR = 1.0 + 1e-9
 # A gain of at most this [1/s] beside a tick of at most this [s] takes a second or more to close an error, in 50 ticks
 # or more: it is questioned, since other libraries' gains are shares of the error in a tick.
 QUESTIONED_GAIN, QUESTIONED_TICK = 1.0, 0.02
+# Nor is a tick or a delay of a second or more that of an arm: milliseconds, or a rate, are questioned likewise [s].
+QUESTIONED_TIME = 1.0
 # The largest gain times delay: a loop of gain k and dead time d overshoots beyond k d = 1 / e.
 DELAY_SHARE = 0.25
 # Share of the joints' acceleration that is used to brake along the joint distances; the rest is a reserve, since joint
@@ -68,6 +70,18 @@ def question_gain(gain: float, dt: float) -> None:
         UserWarning,
         stacklevel=3,
     )
+
+
+def question_times(dt: float, delay: float) -> None:
+    """Warn of a tick or a delay [s] that looks like milliseconds, or a rate."""
+    for name, seconds in (("dt", dt), ("delay", delay)):
+        if seconds >= QUESTIONED_TIME:
+            warnings.warn(
+                f"{name}={seconds:g} is {seconds:g} s: {seconds:g} ms are {name}={1e-3 * seconds:g}"
+                + (f", a rate of {seconds:g} Hz is dt={1.0 / seconds:.3g}" if name == "dt" else ""),
+                UserWarning,
+                stacklevel=3,
+            )
 
 
 def tracking_twist(error: Array, gain: float | Array, feedforward: ArrayLike | None = None) -> Array:

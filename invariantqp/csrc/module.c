@@ -3,7 +3,7 @@
 #define IMPORTS_NUMPY
 #include "paths.h"
 
-static PyObject *HOMOGENEOUS; /* made with the module */
+static PyObject *HOMOGENEOUS, *AS_MATRIX; /* made with the module */
 
 /* How many columns a matrix has; 0 for something else, and for more than the core has room for. */
 int joints_of(PyObject *J)
@@ -94,12 +94,16 @@ double *memory_of(PyObject *object, const Loop *loop)
     return good ? PyArray_DATA(array) : NULL;
 }
 
-/* The pose of a target: a (4, 4) array, or what has one as `homogeneous`. */
+/* The pose of a target: a (4, 4) array, or what has one as `homogeneous`, or gives one by `as_matrix()`. */
 static bool target_pose(PyObject *object, Pose *T)
 {
     if (PyArray_Check(object))
         return pose(object, T);
     PyObject *array = PyObject_GetAttr(object, HOMOGENEOUS);
+    if (array == NULL) {
+        PyErr_Clear();
+        array = PyObject_CallMethodObjArgs(object, AS_MATRIX, NULL);
+    }
     bool good = array != NULL && pose(array, T);
     Py_XDECREF(array);
     PyErr_Clear(); /* Python says what is wrong */
@@ -181,7 +185,8 @@ PyMODINIT_FUNC PyInit__native(void)
     import_array();
     PyObject *module = PyModule_Create(&definition), *constants = PyDict_New();
     HOMOGENEOUS = PyUnicode_InternFromString("homogeneous");
-    if (module == NULL || constants == NULL || HOMOGENEOUS == NULL || !words_made() ||
+    AS_MATRIX = PyUnicode_InternFromString("as_matrix");
+    if (module == NULL || constants == NULL || HOMOGENEOUS == NULL || AS_MATRIX == NULL || !words_made() ||
         !types_made(module))
         return NULL;
     for (const Constant *constant = CONSTANTS; constant->name != NULL; constant++) {

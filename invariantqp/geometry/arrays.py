@@ -23,6 +23,11 @@ Word = TypeVar("Word", bound=str)
 FLOAT64 = np.dtype(np.float64)
 # The kinds of numpy's types that are real numbers: signed and unsigned integers, floats. Objects ("O") may be numbers.
 REAL_KINDS = "iufO"
+# What to do with a position, a quaternion or both where a pose is expected.
+MADE_OF_PARTS = (
+    "iq.transform(rotation, position) makes one; a quaternion's rotation is scipy's "
+    "Rotation.from_quat(xyzw).as_matrix()."
+)
 # Of every homogeneous matrix of a rigid motion.
 LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 # How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
@@ -152,16 +157,22 @@ def positive_definite(value: ArrayLike, size: int, argument: str) -> Array:
     return a
 
 
+def matrix_of(value: Any) -> Any:
+    """The (4, 4) matrix of a pose object: `.homogeneous` (Pinocchio) or `.as_matrix()` (mink, jaxlie, SciPy)."""
+    given = getattr(value, "homogeneous", value)
+    return given.as_matrix() if callable(getattr(given, "as_matrix", None)) else given
+
+
 def pose(value: ArrayLike, argument: str = "pose") -> Array:
     """A (4, 4) homogeneous rigid motion: rotation orthonormal with determinant +1, last row (0, 0, 0, 1).
 
-    Anything with a `.homogeneous` attribute (a Pinocchio SE3) is read through it.
+    Pose objects are read as `matrix_of` does.
     """
     expected = "a (4, 4) homogeneous rigid motion"
-    homogeneous: Any = getattr(value, "homogeneous", value)
-    a = array(homogeneous, argument, expected)
+    a = array(matrix_of(value), argument, expected)
     if a.shape != (4, 4):
-        raise BadInput(argument, f"shape {a.shape}", expected)
+        remedy = MADE_OF_PARTS if a.shape in {(3,), (4,), (6,), (7,)} else ""
+        raise BadInput(argument, f"shape {a.shape}", expected, remedy)
     if is_rigid(a):
         return a
     _finite(a, argument, expected)

@@ -150,8 +150,8 @@ def recording(
 
 def _poses(poses: Any) -> Array:
     expected = "(n, 4, 4) poses of the tool frame in the base frame"
-    if isinstance(poses, Sequence) and len(poses) and hasattr(poses[0], "homogeneous"):
-        poses = [pose.homogeneous for pose in poses]
+    if isinstance(poses, Sequence):
+        poses = [arrays.matrix_of(pose) for pose in poses]
     X = arrays.array(poses, "poses", expected)
     if X.ndim != 3 or X.shape[1:] != (4, 4):
         raise BadInput("poses", f"shape {X.shape}", expected)

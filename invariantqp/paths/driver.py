@@ -248,7 +248,7 @@ class Follower:
         self._open("point")
         if self._keep == "shape":
             raise BadInput("point", "a stream where the shape is kept", 'keep="time", or a whole path by follow()')
-        given = Given([getattr(point, "homogeneous", point)], self._m, "point")
+        given = Given([arrays.matrix_of(point)], self._m, "point")
         when = None if stamp is None else arrays.number(stamp, "stamp", "a time in seconds")
         if self._next is not None or self._function is not None or self._twist is not None:
             self._forget()

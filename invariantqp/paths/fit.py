@@ -62,7 +62,7 @@ class Given:
         self.poses: Array | None = None
         self.joints: Array | None = None
         if isinstance(points, (list, tuple)):
-            points = [getattr(p, "homogeneous", p) for p in points]
+            points = [arrays.matrix_of(p) for p in points]
         found = arrays.array(points, name, f"poses (n, 4, 4), or joint positions (n, {m})")
         if found.ndim == 3 and found.shape[1:] == (4, 4) and len(found):
             self.poses = arrays.poses(found, name)
@@ -207,5 +207,5 @@ class Solver:
 
 def sampled(function: Callable[[float], ArrayLike], times: Array, m: int) -> Given:
     """A function of time at times (n,)."""
-    points = [getattr(p, "homogeneous", p) for p in map(function, times.tolist())]
+    points = [arrays.matrix_of(p) for p in map(function, times.tolist())]
     return Given(points, m, "points")

@@ -218,9 +218,9 @@ def urdf_of(source: str | PathLike[str]) -> Path:
     except OSError:  # a name that no file can have
         is_path = False
     if is_path:
-        raise RobotModelError(f"no URDF file at {path}")
+        raise RobotModelError(f"no file at {path}")
     near = difflib.get_close_matches(str(source).lower(), KNOWN)
-    raise UnknownName("robot", str(source), near, [*KNOWN, "or the path of a .urdf file"])
+    raise UnknownName("robot", str(source), near, [*KNOWN, "or the path of a URDF or MJCF file"])
 
 
 def _data_folder() -> Path:

@@ -54,6 +54,9 @@ class SystemReport(Value):
         """Whether the rank is lower than the number of joints, or than 6 with more joints."""
         return self.rank < min(6, self.joints)
 
+    def __str__(self) -> str:
+        return "\n".join(self.sentences())
+
     def sentences(self) -> tuple[str, ...]:
         """The report in words, one result a sentence."""
         return (self._rank_words(), self._type_words(), self._pitch_words(), *self._border_words())

@@ -159,6 +159,7 @@ def test_the_tasks_are_listed(run):
 def test_version_and_help(run):
     assert run("--version") == (0, f"invariantqp {iq.__version__} ({engine})\n", "")
     status, out, _ = run("run", "--help")
+    assert (status, out, "") == run("run", "-h")
     assert status == 0
     for option in ("--json", "--plot", "--backend", "--check-frame", "--quiet"):
         assert option in out

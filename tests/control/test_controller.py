@@ -41,12 +41,20 @@ def test_feedforward_is_the_targets_twist():
     np.testing.assert_allclose(PANDA.jacobian(READY) @ solution.velocity, s, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["array", "list", "SE3", "checked"])
+class AsMatrix:
+    """A pose as mink, jaxlie and SciPy have it."""
+
+    def as_matrix(self):
+        return target()
+
+
+@pytest.mark.parametrize("kind", ["array", "list", "SE3", "as_matrix", "checked"])
 def test_targets_of_every_kind(kind):
     wanted = {
         "array": target(),
         "list": target().tolist(),
         "SE3": pin.SE3(target()),
+        "as_matrix": AsMatrix(),
         "checked": PANDA.target(target()),
     }[kind]
     expected = controller().step(READY, target()).velocity

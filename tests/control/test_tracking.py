@@ -32,6 +32,15 @@ def test_no_other_gain_is_questioned(gain, dt):
         iq.Controller(ARM, dt=dt, gain=gain)
 
 
+@pytest.mark.parametrize(("times", "said"), [({"dt": 2.0}, "2 ms are dt=0.002, a rate of 2 Hz is dt=0.5"),
+                                              ({"dt": 0.002, "delay": 8.0}, "8 ms are delay=0.008")])  # fmt: skip
+def test_milliseconds_and_rates_for_seconds_are_questioned(times, said):
+    with pytest.warns(UserWarning, match=said) as told:
+        iq.Controller(ARM, **times)
+    assert len(told) == 1
+    assert told[0].filename == __file__
+
+
 @pytest.mark.parametrize("number", [np.longdouble(0.01), np.array(0.01), np.float32(0.01), np.array(0.01, np.float16)])
 def test_numbers_of_every_kind_are_numbers(number):
     loop = iq.Controller(ARM, dt=0.01, gain=np.longdouble(5.0), delay=number, position_margin=number)

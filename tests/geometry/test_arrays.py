@@ -143,6 +143,12 @@ def test_large_finite_numbers_are_not_taken_for_infinite():
     assert arrays.twist([1e200] * 6).tolist() == [1e200] * 6  # the sum of squares overflows
 
 
+@pytest.mark.parametrize("parts", [[0.4, 0, 0.5], [0, 0, 0, 1.0], [0.4, 0, 0.5, 0, 0, 0, 1.0]])
+def test_parts_of_a_pose_are_told_how_to_become_one(parts):
+    with pytest.raises(iq.BadInput, match=r"iq\.transform\(rotation, position\) makes one; .*from_quat"):
+        arrays.pose(parts, "target")
+
+
 def test_a_pose_with_six_digits_passes():
     T = iq.exp([0.3, -0.2, 0.5, 1.0, 2.0, 3.0])
     assert arrays.pose(np.round(T, 6)).shape == (4, 4)

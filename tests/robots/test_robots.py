@@ -182,13 +182,13 @@ ORPHAN = SLIDER.replace('<parent link="base"/>', "")
 FLOATING = SLIDER.replace('"prismatic"', '"floating"')
 FAILING = {
     "typo": (lambda _: iq.load_robot("pandda"), r"unknown robot 'pandda'; did you mean panda"),
-    "no file": (lambda d: iq.load_robot(d / "missing.urdf"), "no URDF file at .*missing.urdf"),
-    "folder": (iq.load_robot, "no URDF file at"),
+    "no file": (lambda d: iq.load_robot(d / "missing.urdf"), "no file at .*missing.urdf"),
+    "folder": (iq.load_robot, "no file at"),
     "not xml": (lambda d: iq.load_robot(urdf(d, "<robot")), r"arm.urdf: not XML \(.*\); expected a URDF <robot>"),
     "not urdf": (lambda d: iq.load_robot(urdf(d, "<sdf/>")), "found <sdf> without joints; expected a URDF"),
     "mujoco": (lambda d: iq.load_robot(urdf(d, "<mujoco><joint/></mujoco>", "arm.xml")), "arm.xml: MuJoCo cannot make"),
     "mujoco text": (lambda _: iq.load_robot("<mujoco/>"), "the MuJoCo model: no joint moves the tool frame 'world'"),
-    "no xml file": (lambda _: iq.load_robot("scene.xml"), "no URDF file at scene.xml"),
+    "no xml file": (lambda _: iq.load_robot("scene.xml"), "no file at scene.xml"),
     "name too long": (lambda _: iq.load_robot("x" * 10_000), "unknown robot 'xxx"),
     "text that is cut": (lambda _: iq.load_robot(SLIDER[:-20]), "the URDF text: not XML"),
     "no joints": (lambda d: iq.load_robot(urdf(d, "<robot/>")), "found <robot> without joints; expected a URDF"),
@@ -213,7 +213,7 @@ def test_robots_that_cannot_be_had(tmp_path, case):
 
 
 def test_a_name_far_from_all_lists_them():
-    with pytest.raises(iq.errors.UnknownName, match=r"known: panda, ur3, .*or the path of a \.urdf file"):
+    with pytest.raises(iq.errors.UnknownName, match=r"known: panda, ur3, .*or the path of a URDF or MJCF file"):
         iq.load_robot("qqqq")
 
 

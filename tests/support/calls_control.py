@@ -534,6 +534,7 @@ CONTROL = {
             "period": 0.01,
             "cutoff": 4.0,
             "timeout": 0.1,
+            "limits": [iq.limits.ToolSpeed(0.25)],
         },
     ),
     "ActionFollower.reset": lambda: (actions().reset, {"action": np.zeros(6)}),

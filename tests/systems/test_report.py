@@ -18,6 +18,7 @@ def planar(n):
 def test_a_scara_is_told_which_directions_are_blind_and_what_to_use():
     J = np.column_stack((planar(3), iq.se3.prismatic((0, 0, 1))))
     report = iq.systems.describe(J)
+    assert str(report).split("\n") == list(report.sentences())
     assert (report.rank, str(report.type), report.type.reciprocal) == (4, "IIC", True)
     np.testing.assert_allclose(report.blind_directions[[0, 1, 2, 5]], 0.0, atol=1e-12)
     assert report.blind_directions.shape == (6, 2)
