@@ -13,6 +13,8 @@ MOST_JOINTS: int
 MOST_ROWS: int
 MOST_LIMITS: int
 RECORD: int
+METHODS: tuple[str, ...]
+STATUSES: tuple[str, ...]
 
 # From csrc/fields.h by csrc/stub.py:
 
@@ -213,23 +215,21 @@ def tick(
 # By hand:
 def answer_as(kind: type[VelocitySolution], statuses: type[Status], /) -> None: ...
 def ticks(
+    law: Law,
+    taken: NDArray[np.int32],
+    size: int,
+    /,
+    *,
     J: Array,
     s: Array,
     roots: Array,
     lower: Array,
     upper: Array,
-    posture: Array | None,
+    posture: Array | None = None,
     velocity: Array,
     residual: Array,
-    record: NDArray[np.int32],
-    method: NDArray[np.str_],
-    status: NDArray[np.str_],
     numbers: Array,
     records: Array,
-    law: Law,
-    taken: NDArray[np.int32],
-    size: int,
-    /,
 ) -> None: ...
 def solution(record: Array, /) -> VelocitySolution: ...
 def tasks(

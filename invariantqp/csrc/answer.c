@@ -2,7 +2,6 @@
 
 #include "boundary.h"
 
-typedef enum { OK, LIMITED, SCALED, GUARDED, DEGRADED } Status;
 /* In the order of Method and Status. */
 static const char *const METHOD[] = {"closed-form", "damped", "qp"};
 static const char *const STATUS[] = {"ok", "limited", "scaled", "guarded", "degraded"};
@@ -11,7 +10,7 @@ static const char *const STATUS[] = {"ok", "limited", "scaled", "guarded", "degr
 static PyTypeObject *ANSWER;
 static PyObject *METHODS[3], *STATUSES[5], *NATIVE, *NOTHING, *NONE_ACTIVE, *ZERO, *ONE;
 
-bool words_made(void)
+bool words_made(PyObject *module)
 {
     bool good = true;
     for (int i = 0; i < 3; i++)
@@ -21,6 +20,9 @@ bool words_made(void)
     NONE_ACTIVE = PyTuple_New(0);
     ZERO = PyFloat_FromDouble(0.0);
     ONE = PyFloat_FromDouble(1.0);
+    PyObject *methods = Py_BuildValue("(sss)", METHOD[0], METHOD[1], METHOD[2]);
+    PyObject *statuses = Py_BuildValue("(sssss)", STATUS[0], STATUS[1], STATUS[2], STATUS[3], STATUS[4]);
+    good = PyModule_AddObject(module, "METHODS", methods) == 0 && PyModule_AddObject(module, "STATUSES", statuses) == 0 && good;
     return good && NATIVE != NULL && NOTHING != NULL && NONE_ACTIVE != NULL && ZERO != NULL && ONE != NULL;
 }
 
@@ -76,7 +78,7 @@ static PyObject *number(double x)
     return x == 0.0 ? Py_NewRef(ZERO) : x == 1.0 ? Py_NewRef(ONE) : PyFloat_FromDouble(x);
 }
 
-static Status status(const Solution *solution)
+Status status(const Solution *solution)
 {
     if (solution->yielded.rows > 0 || solution->yielded.speed > 0.0 || solution->unmet > 0.0 || solution->beyond > 0.0)
         return DEGRADED;
@@ -254,10 +256,6 @@ static PyObject *joints(int m, const bool *active)
             found[k++] = PyLong_FromLong(j);
     return named(&PyTuple_Type, count, found);
 }
-
-const char *method_word(const Solution *solution) { return METHOD[solution->method]; }
-
-const char *status_word(const Solution *solution) { return STATUS[status(solution)]; }
 
 /* A VelocitySolution, its fields in their order. */
 PyObject *fields(int m, const Solution *solution)

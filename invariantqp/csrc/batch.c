@@ -29,87 +29,81 @@ static bool is_sound(const Demand *demand)
     return sound && square >= SMALLEST_SIZE * SMALLEST_SIZE && square <= LARGEST_SIZE * LARGEST_SIZE;
 }
 
-/* A word into one row of an array of NumPy's text. */
-static void spell(PyArrayObject *texts, npy_intp row, int letters, const char *word)
-{
-    npy_ucs4 *into = (npy_ucs4 *)PyArray_DATA(texts) + row * letters;
-    int i = 0;
-    for (; word[i] != 0; i++)
-        into[i] = (npy_ucs4)word[i];
-    for (; i < letters; i++)
-        into[i] = 0;
-}
-
-/* What a row of an argument is. */
+/* An array of an argument of `ticks`, one entry of its first side a row. */
 typedef struct {
-    int type, dimensions;
-    enum { SIX, OF_JOINTS, THREE, WHOLE_RECORD, LETTERS } width; /* of the last dimension, (N,) has none */
-    int letters;
-} Expected;
+    const char *name;
+    int dimensions, width; /* of the last side; OF_JOINTS is as many as J has */
+    bool written;
+} Stack;
+enum { OF_JOINTS = 0, NUMBERS = 6 };
 
-static bool is_as(const Expected *expected, PyArrayObject *array, npy_intp n, npy_intp m, bool written)
+static bool is_as(const Stack *stack, PyArrayObject *array, npy_intp n, npy_intp m)
 {
-    static const npy_intp WIDTHS[] = {[SIX] = 6, [THREE] = 3, [WHOLE_RECORD] = RECORD};
-    if (!PyArray_Check(array) || PyArray_TYPE(array) != expected->type || PyArray_NDIM(array) != expected->dimensions ||
-        !(written ? PyArray_ISCARRAY(array) : PyArray_ISBEHAVED_RO(array)) || PyArray_DIM(array, 0) != n)
-        return false;
-    if (expected->dimensions == 1)
-        return expected->letters == 0 || PyArray_ITEMSIZE(array) == expected->letters * (int)sizeof(npy_ucs4);
-    return PyArray_DIM(array, expected->dimensions - 1) == (expected->width == OF_JOINTS ? m : WIDTHS[expected->width]) &&
-           (expected->dimensions == 2 || PyArray_DIM(array, 1) == 6);
+    return PyArray_Check(array) && PyArray_TYPE(array) == NPY_DOUBLE && PyArray_NDIM(array) == stack->dimensions &&
+           (stack->written ? PyArray_ISCARRAY(array) : PyArray_ISBEHAVED_RO(array)) && PyArray_DIM(array, 0) == n &&
+           PyArray_DIM(array, stack->dimensions - 1) == (stack->width == OF_JOINTS ? m : stack->width) &&
+           (stack->dimensions == 2 || PyArray_DIM(array, 1) == 6);
 }
 
-/* ticks(J, s, roots, lower, upper, posture, velocity, residual, record, method, status, numbers, records, law,
-   taken, size): N rows, each a tick without dt, by as many threads as call this with the same `taken`:
-   how many parts of `size` rows, and how many records. Written of each row: velocity and residual; the number of its
-   record, or that it is a closed form and no more (PLAIN), or Python's (LEFT), as a row with a prismatic joint and no
-   metric is, which has a metric of its own there; method and status in words; scale, damping, guard. */
+/* ticks(law, taken, size, ...): N rows by name, each a tick without dt, by as many threads as call this with the same
+   `taken`: how many parts of `size` rows, and how many records. Written of each row: velocity, residual, and `numbers`:
+   that of its record, or that it is a closed form and no more (PLAIN), or Python's (LEFT), as a row with a prismatic joint
+   and no metric is, which has a metric of its own there; method, status (their places in METHODS and STATUSES), scale,
+   damping, guard. */
 enum { PLAIN = -1, LEFT = -2 };
 
-PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names)
 {
     (void)module;
-    enum { J, TWIST, ROOT, LOWER, UPPER, POSTURE, VELOCITY, RESIDUAL, NUMBER, METHOD, STATUS, NUMBERS, RECORDS, ARRAYS };
-    enum { OF_LAW = ARRAYS, TAKEN, SIZE, COUNT };
-    static const Expected EXPECTED[ARRAYS] = {
-        [J] = {NPY_DOUBLE, 3, OF_JOINTS, 0},        [TWIST] = {NPY_DOUBLE, 2, SIX, 0},
-        [ROOT] = {NPY_DOUBLE, 3, SIX, 0},           [LOWER] = {NPY_DOUBLE, 2, OF_JOINTS, 0},
-        [UPPER] = {NPY_DOUBLE, 2, OF_JOINTS, 0},    [POSTURE] = {NPY_DOUBLE, 2, OF_JOINTS, 0},
-        [VELOCITY] = {NPY_DOUBLE, 2, OF_JOINTS, 0}, [RESIDUAL] = {NPY_DOUBLE, 2, SIX, 0},
-        [NUMBER] = {NPY_INT32, 1, LETTERS, 0},      [METHOD] = {NPY_UNICODE, 1, LETTERS, METHOD_LETTERS},
-        [NUMBERS] = {NPY_DOUBLE, 2, THREE, 0},      [STATUS] = {NPY_UNICODE, 1, LETTERS, STATUS_LETTERS},
-        [RECORDS] = {NPY_DOUBLE, 2, WHOLE_RECORD, 0},
+    enum { J, TWIST, ROOT, LOWER, UPPER, POSTURE, VELOCITY, RESIDUAL, OUTCOME, RECORDS, STACKS };
+    static const Stack STACK[STACKS] = {
+        [J] = {"J", 3, OF_JOINTS, false},
+        [TWIST] = {"s", 2, 6, false},
+        [ROOT] = {"roots", 3, 6, false},
+        [LOWER] = {"lower", 2, OF_JOINTS, false},
+        [UPPER] = {"upper", 2, OF_JOINTS, false},
+        [POSTURE] = {"posture", 2, OF_JOINTS, false},
+        [VELOCITY] = {"velocity", 2, OF_JOINTS, true},
+        [RESIDUAL] = {"residual", 2, 6, true},
+        [OUTCOME] = {"numbers", 2, NUMBERS, true},
+        [RECORDS] = {"records", 2, RECORD, true},
     };
+    static const char *const USE = "ticks(law, taken, size, J=, s=, roots=, lower=, upper=, posture=, velocity=, residual=, "
+                                   "numbers=, records=)";
     Demand shared = {.posture = {0.0}, .chased = false, .paced = false};
-    PyArrayObject *arrays[ARRAYS] = {NULL}, *first = count == COUNT ? (PyArrayObject *)arguments[J] : NULL;
-    bool good = first != NULL && PyArray_Check(first) && PyArray_NDIM(first) == 3;
-    const Law *law = good ? described(&TABLE_Law, arguments[OF_LAW]) : NULL;
-    good = law != NULL;
-    npy_intp n = good ? PyArray_DIM(first, 0) : 0, m = good ? PyArray_DIM(first, 2) : 0;
-    for (int i = 0; good && i < ARRAYS; i++)
-        if (i != POSTURE || arguments[i] != Py_None) {
-            arrays[i] = (PyArrayObject *)arguments[i];
-            good = is_as(&EXPECTED[i], arrays[i], n, m, i >= VELOCITY);
-        }
+    PyArrayObject *arrays[STACKS] = {NULL};
+    const Law *law = count == 3 ? described(&TABLE_Law, arguments[0]) : NULL;
+    bool good = law != NULL;
+    for (Py_ssize_t k = 0; good && k < (names == NULL ? 0 : PyTuple_Size(names)); k++) {
+        int i = 0;
+        for (; i < STACKS && PyUnicode_CompareWithASCIIString(PyTuple_GetItem(names, k), STACK[i].name) != 0; i++)
+            ;
+        good = i < STACKS;
+        if (good && arguments[count + k] != Py_None)
+            arrays[i] = (PyArrayObject *)arguments[count + k];
+    }
+    good = good && arrays[J] != NULL && PyArray_Check(arrays[J]) && PyArray_NDIM(arrays[J]) == 3;
+    npy_intp n = good ? PyArray_DIM(arrays[J], 0) : 0, m = good ? PyArray_DIM(arrays[J], 2) : 0;
+    for (int i = 0; good && i < STACKS; i++)
+        good = arrays[i] == NULL ? i == POSTURE : is_as(&STACK[i], arrays[i], n, m);
     good = good && m >= 1 && m <= MOST && (!law->has_metric || law->joints == (int)m);
-    PyArrayObject *counts = good ? (PyArrayObject *)arguments[TAKEN] : NULL;
+    PyArrayObject *counts = good ? (PyArrayObject *)arguments[1] : NULL;
     good = good && PyArray_Check(counts) && PyArray_TYPE(counts) == NPY_INT32 && PyArray_ISCARRAY(counts) &&
            PyArray_NDIM(counts) == 1 && PyArray_DIM(counts, 0) == 2;
-    npy_intp size = good ? (npy_intp)PyLong_AsSsize_t(arguments[SIZE]) : 0;
+    npy_intp size = good ? (npy_intp)PyLong_AsSsize_t(arguments[2]) : 0;
     if (size < 1)
-        return refused("ticks(J, s, roots, lower, upper, posture, velocity, residual, record, method, status, "
-                       "numbers, records, law, taken, size)");
+        return refused(USE);
     shared.m = (int)m;
     shared.has_posture = arrays[POSTURE] != NULL;
     governed(law, &shared);
     static const double ORIGIN[3] = {0.0};
-    npy_int32 *taken = (npy_int32 *)PyArray_DATA(counts), *record = (npy_int32 *)PyArray_DATA(arrays[NUMBER]);
+    npy_int32 *taken = (npy_int32 *)PyArray_DATA(counts);
     Py_BEGIN_ALLOW_THREADS
     Demand demand = shared;
     Solution solution;
     for (npy_intp begin = another(taken) * size; begin < n; begin = another(taken) * size)
         for (npy_intp row = begin; row < n && row < begin + size; row++) {
-            double *numbers = (double *)PyArray_DATA(arrays[NUMBERS]) + row * 3;
+            double *numbers = (double *)PyArray_DATA(arrays[OUTCOME]) + row * NUMBERS;
             copied(arrays[J], row, 6, shared.m, MOST, demand.J[0]);
             copied(arrays[TWIST], row, 1, 6, 6, demand.s);
             copied(arrays[ROOT], row, 6, 6, 6, demand.root[0]);
@@ -117,20 +111,18 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
             copied(arrays[UPPER], row, 1, shared.m, MOST, demand.upper);
             if (shared.has_posture)
                 copied(arrays[POSTURE], row, 1, shared.m, MOST, demand.posture);
-            record[row] = LEFT;
+            numbers[0] = LEFT;
             if (!is_sound(&demand) || (shared.metric == NULL && is_sliding(shared.m, (const Row *)demand.J, ORIGIN, 1.0)) ||
                 solve(&demand, &solution) == HAND_BACK)
                 continue;
             memcpy((double *)PyArray_DATA(arrays[VELOCITY]) + row * m, solution.velocity, (size_t)m * sizeof(double));
             memcpy((double *)PyArray_DATA(arrays[RESIDUAL]) + row * 6, solution.residual, 6 * sizeof(double));
-            spell(arrays[METHOD], row, METHOD_LETTERS, method_word(&solution));
-            spell(arrays[STATUS], row, STATUS_LETTERS, status_word(&solution));
-            numbers[0] = solution.scale;
-            numbers[1] = solution.damping;
-            numbers[2] = solution.blended;
-            record[row] = is_plain(&solution) ? PLAIN : another(taken + 1);
-            if (record[row] >= 0 && record[row] < n)
-                memcpy((double *)PyArray_DATA(arrays[RECORDS]) + record[row] * RECORD, &solution, sizeof solution);
+            npy_int32 record = is_plain(&solution) ? PLAIN : another(taken + 1);
+            double outcome[NUMBERS] = {record,         solution.method,  status(&solution),
+                                       solution.scale, solution.damping, solution.blended};
+            memcpy(numbers, outcome, sizeof outcome);
+            if (record >= 0 && record < n)
+                memcpy((double *)PyArray_DATA(arrays[RECORDS]) + record * RECORD, &solution, sizeof solution);
         }
     Py_END_ALLOW_THREADS
     Py_RETURN_NONE;

@@ -41,21 +41,19 @@ int joints_of(PyObject *J);
 
 /* batch.c; numbers of a row's record */
 #define RECORD ((npy_intp)(sizeof(Solution) / sizeof(double)))
-PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names);
 PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
-/* answer.c; letters of the longest method and status */
-#define METHOD_LETTERS 11
-#define STATUS_LETTERS 8
-bool words_made(void);
+/* answer.c */
+typedef enum { OK, LIMITED, SCALED, GUARDED, DEGRADED } Status;
+bool words_made(PyObject *module);
+Status status(const Solution *solution);
 bool taken_as(const char *use, PyObject *const *arguments, Py_ssize_t count, const char *const *words, int n,
               PyTypeObject **answer, PyObject **statuses);
 PyObject *answer_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *named(PyTypeObject *type, int n, PyObject *const *values);
 PyObject *fields(int m, const Solution *solution);
 PyObject *joint_troubles(const Loop *loop, const Tick *tick, bool towards);
-const char *method_word(const Solution *solution);
-const char *status_word(const Solution *solution);
 bool is_plain(const Solution *solution);
 
 /* search.c */

@@ -153,7 +153,7 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
     {name, (PyCFunction)(void (*)(void))function, METH_FASTCALL | METH_KEYWORDS, does}
 static PyMethodDef methods[] = {
     CALLED("answer_as", answer_as, "Make every answer a VelocitySolution, this type, its status a member of this enum."),
-    CALLED("ticks", batch_ticks, "Many ticks at once, without the GIL."),
+    CALLED_BY_NAME("ticks", batch_ticks, "Many ticks at once, without the GIL."),
     CALLED("solution", batch_solution, "A VelocitySolution from its record."),
     CALLED_BY_NAME("step", controller_step,
            "A controller's tick: a VelocitySolution, and what is to be said of joints beside it; None where Python has to answer."),
@@ -186,7 +186,7 @@ PyMODINIT_FUNC PyInit__native(void)
     PyObject *module = PyModule_Create(&definition), *constants = PyDict_New();
     HOMOGENEOUS = PyUnicode_InternFromString("homogeneous");
     AS_MATRIX = PyUnicode_InternFromString("as_matrix");
-    if (module == NULL || constants == NULL || HOMOGENEOUS == NULL || AS_MATRIX == NULL || !words_made() ||
+    if (module == NULL || constants == NULL || HOMOGENEOUS == NULL || AS_MATRIX == NULL || !words_made(module) ||
         !types_made(module))
         return NULL;
     for (const Constant *constant = CONSTANTS; constant->name != NULL; constant++) {

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from _thread import LockType, allocate_lock, start_new_thread
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
 import numpy as np
@@ -19,6 +20,7 @@ from invariantqp.velocity.damping import damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits import Bounds, LimitRows, ToolSpeed
+from invariantqp.velocity.qp import Cone
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 if TYPE_CHECKING:
@@ -45,20 +47,12 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
         "upper": demand.upper,
         "posture": demand.posture,
         "fastest": demand.fastest,
+        **_fields(rows, exact, cone),
     }
     if exact is not None:
-        fields |= {
-            "C": exact.A,
-            "e": exact.b,
-            "D": exact.of_twist,
-            "row_rank": -1 if demand.row_rank is None else demand.row_rank,
-        }
+        fields["row_rank"] = -1 if demand.row_rank is None else demand.row_rank
         if len(exact.b) > core.MOST_ROWS:
             return None
-    if rows is not None:
-        fields |= {"G": rows.C, "least": rows.lower, "most": rows.upper}
-    if cone is not None:
-        fields |= {"cone_limit": cone.limit, "cone_start": cone.start, "cone_J": cone.J}
     if chase is not None:
         fields |= {"chase_ahead": chase.ahead, "chase_rows_ahead": chase.rows_ahead, "chase_lower": chase.lower}
         fields |= {"chase_upper": chase.upper, "chase_slack": chase.slack, "chase_apart": chase.apart}
@@ -68,86 +62,85 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
     return found if found is None or rows is None or not rows.names else found._replace(row_names=rows.names)
 
 
+def _fields(rows: LimitRows | None, exact: ExactRows | None, cone: Cone | None) -> dict[str, Any]:
+    """Limits and exact rows as the core takes them."""
+    fields: dict[str, Any] = {}
+    if rows is not None:
+        fields |= {"G": rows.C, "least": rows.lower, "most": rows.upper}
+    if exact is not None:
+        fields |= {"C": exact.A, "e": exact.b, "D": exact.of_twist}
+    if cone is not None:
+        fields |= {"cone_limit": cone.limit, "cone_start": cone.start, "cone_J": cone.J}
+    return fields
+
+
 # The laws of `solve_velocity` without options for one: where each joint has limits, and where one has none.
 LAWS = VelocityLaw().compiled, VelocityLaw(damping=damping_of(None, limited=False)).compiled
+# Options that the core does not have, and that solve nothing where they are None.
+UNSET = {"form", "damping", "joint_metric"}
 UNBOUNDED = [(np.full(m, -np.inf), np.full(m, np.inf)) for m in range(17)]
 
 
-def _bounds(value: Any) -> dict[str, Any] | None:
-    if type(value) is Bounds:
-        return {"lower": value.lower, "upper": value.upper}
-    return {"lower": value[0], "upper": value[1]} if type(value) is tuple and len(value) == 2 else None
+def _box(m: int, bounds: Any) -> tuple[Any, Any]:
+    """Lower and upper bounds, None for others than a pair."""
+    if type(bounds) is Bounds:
+        return bounds.lower, bounds.upper
+    box = UNBOUNDED[m] if bounds is None else bounds
+    return box if type(box) is tuple and len(box) == 2 else (None, None)
 
 
-def _rows(value: Any) -> dict[str, Any] | None:
-    return {"G": value.C, "least": value.lower, "most": value.upper} if type(value) is LimitRows else None
-
-
-def _exact(value: Any) -> dict[str, Any] | None:
-    return {"C": value.A, "e": value.b, "D": value.of_twist} if type(value) is ExactRows else None
-
-
-def _point(value: Any) -> dict[str, Any] | None:
-    if type(value) in {list, tuple} and set(map(type, value)) <= {int, float}:
-        return {"point": np.array(value, np.float64)}
-    return {"point": value} if type(value) is np.ndarray else None
-
-
-def _length(value: Any) -> dict[str, Any] | None:
-    return {"length": float(value)} if type(value) in {int, float} and value > 0.0 else None
-
-
-def _posture(value: Any) -> dict[str, Any] | None:
-    return {"posture": value} if type(value) is np.ndarray else None
-
-
-def _engine(value: Any) -> dict[str, Any] | None:
-    return {} if value == "compiled" else None
-
-
-# Options of `solve_velocity` as the core takes them; None for a value that is checked in Python.
-TAKEN: dict[str, Callable[[Any], dict[str, Any] | None]] = {
-    "bounds": _bounds,
-    "rows": _rows,
-    "exact": _exact,
-    "point": _point,
-    "length": _length,
-    "posture": _posture,
-    "engine": _engine,
-}
-# Of these, None is no value.
-OPTIONAL = {"form", "damping", "joint_metric", "tool_speed", *TAKEN} - {"engine"}
+def _point(value: Any) -> Any:
+    """An array for a list or a tuple of numbers."""
+    numbers = type(value) in {list, tuple} and set(map(type, value)) <= {int, float}
+    return np.array(value, np.float64) if numbers else value
 
 
 def compiled_problem(
-    J: ArrayLike, twist: ArrayLike, tasks: tuple[Task, ...] = (), **options: Any
+    J: ArrayLike,
+    twist: ArrayLike,
+    tasks: tuple[Task, ...] = (),
+    *,
+    bounds: Any = None,
+    rows: Any = None,
+    exact: Any = None,
+    tool_speed: Any = None,
+    point: Any = None,
+    length: Any = None,
+    posture: Any = None,
+    engine: str = "compiled",
+    **others: Any,
 ) -> VelocitySolution | None:
     """`solve_velocity`, with its checks, by the core; None where Python has to answer, or to say what is wrong.
 
-    With `tasks`, by their priorities, it is `solve_tasks`; J and twist are then the first one's.
+    With `tasks`, by their priorities, it is `solve_tasks`; J and twist are then the first one's. Of other options none
+    may have a value.
     """
     law, unlimited = LAWS
-    if core is None or law is None or type(J) is not np.ndarray or J.ndim != 2 or J.shape[1] > core.MOST_JOINTS:
+    unset = all(value is None and name in UNSET for name, value in others.items())
+    if core is None or law is None or engine != "compiled" or not unset:
         return None
-    lower, upper = UNBOUNDED[J.shape[1]]
-    fields: dict[str, Any] = {"J": J, "s": twist, "lower": lower, "upper": upper}
-    for name, value in options.items():
-        if value is None and name in OPTIONAL:
-            continue
-        if type(value) is ToolSpeed and value.point is not None and J.shape[0] == 6 and J.dtype == np.float64:
-            cone = value.cone(J, value.point)
-            fields |= {"cone_limit": cone.limit, "cone_start": cone.start, "cone_J": cone.J}
-            continue
-        taken = TAKEN[name](value) if name in TAKEN else None
-        if taken is None:
+    if type(J) is not np.ndarray or J.shape[:-1] != (6,) or J.shape[1] > core.MOST_JOINTS:
+        return None
+    lower, upper = _box(J.shape[1], bounds)
+    parts = ((rows, LimitRows), (exact, ExactRows), (tool_speed, ToolSpeed))
+    if lower is None or any(type(part) not in {kind, type(None)} for part, kind in parts):
+        return None
+    cone = None
+    if tool_speed is not None:
+        if tool_speed.point is None or J.dtype != np.float64:
             return None
-        fields |= taken
-    call = (core.tasks, law, unlimited, tasks) if tasks else (core.tick, law, unlimited)
-    found: VelocitySolution | None = call[0](*call[1:], **fields)
+        cone = tool_speed.cone(J, tool_speed.point)
+    fields = {"J": J, "s": twist, "lower": lower, "upper": upper, "point": _point(point), "posture": posture}
+    fields |= _fields(rows, exact, cone)
+    if type(length) in {int, float} and length > 0.0:
+        fields["length"] = float(length)
+    elif length is not None:
+        return None
+    call = partial(core.tasks, law, unlimited, tasks) if tasks else partial(core.tick, law, unlimited)
+    found: VelocitySolution | None = call(**fields)
     if found is not None and tasks:  # of which level would they be?
         found = found._replace(multipliers=None, row_multipliers=None)
-    names = getattr(options.get("rows"), "names", ())
-    return found._replace(row_names=names) if found is not None and names else found
+    return found if found is None or rows is None or not rows.names else found._replace(row_names=rows.names)
 
 
 class Written(NamedTuple):
@@ -155,7 +148,7 @@ class Written(NamedTuple):
 
     velocity: Array  # (N, m)
     residual: Array  # (N, 6)
-    record: NDArray[np.int32]  # (N,) the number of its record, `LEFT`, or -1
+    record: NDArray[np.intp]  # (N,) the number of its record, `LEFT`, or -1
     method: NDArray[np.str_]  # (N,) strings, as in VelocitySolution
     status: NDArray[np.str_]  # likewise
     numbers: Array  # (N, 3) scale, damping, guard
@@ -164,8 +157,8 @@ class Written(NamedTuple):
     @classmethod
     def empty(cls, n: int, m: int, numbers: int) -> Written:
         """To be written for n ticks of m joints, with so many numbers a record."""
-        records = np.empty(n, np.int32), np.empty(n, "U11"), np.empty(n, "U8"), np.empty((n, 3)), np.empty((n, numbers))
-        return cls(np.empty((n, m)), np.empty((n, 6)), *records)
+        words = np.empty(n, np.intp), np.empty(n, "U11"), np.empty(n, "U8")
+        return cls(np.empty((n, m)), np.empty((n, 6)), *words, np.empty((n, 3)), np.empty((n, numbers)))
 
     def and_others(self, others: Written, order: NDArray[np.intp]) -> Written:
         """These rows and others, row i of all being the one of number order[i]."""
@@ -234,15 +227,20 @@ def compiled_rows(
     fixed = law.compiled
     if core is None or fixed is None or fixed.form == "brought" or m > core.MOST_JOINTS:
         return None
-    written = Written.empty(n, m, core.RECORD)
-    taken = np.zeros(2, np.int32)
-    arguments = J, s, roots, *box, posture, *written, fixed, taken, ROWS_AT_A_TIME
-    threads = max(1, min(n // ROWS_A_THREAD, cpu_count()))
-    helpers = [_started(core.ticks, arguments) for _ in range(threads - 1)]
-    core.ticks(*arguments)
+    lower, upper = box
+    made = {"velocity": np.empty((n, m)), "residual": np.empty((n, 6)), "numbers": np.empty((n, 6))}
+    made["records"], taken = np.empty((n, core.RECORD)), np.zeros(2, np.int32)
+    fields = {"J": J, "s": s, "roots": roots, "lower": lower, "upper": upper, "posture": posture, **made}
+    ticks = partial(core.ticks, fixed, taken, ROWS_AT_A_TIME, **fields)
+    helpers = [_started(ticks) for _ in range(min(n // ROWS_A_THREAD, cpu_count()) - 1)]
+    ticks()
     for helper in helpers:
         helper.acquire()
-    return written._replace(records=written.records[: taken[1]])
+    velocity, residual, numbers, records = made.values()
+    record, method, status = numbers[:, :3].T.astype(np.intp)
+    plain = np.where(record == LEFT, 0, (method, status))  # of a row that is left nothing is written
+    words = np.array(core.METHODS)[plain[0]], np.array(core.STATUSES)[plain[1]]
+    return Written(velocity, residual, record, *words, numbers[:, 3:], records[: taken[1]])
 
 
 def cpu_count() -> int:
@@ -250,16 +248,16 @@ def cpu_count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _started(ticks: Callable[..., None], arguments: tuple[Any, ...]) -> LockType:
-    """A thread for `ticks`, and a lock that it releases at its end; `threading` would wait until it has begun."""
+def _started(work: Callable[[], None]) -> LockType:
+    """A thread for some work, and a lock that it releases at its end; `threading` would wait until it has begun."""
     done = allocate_lock()
     done.acquire()
 
-    def work() -> None:
+    def begun() -> None:
         try:
-            ticks(*arguments)
+            work()
         finally:
             done.release()
 
-    start_new_thread(work, ())
+    start_new_thread(begun, ())
     return done
