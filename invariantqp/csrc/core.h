@@ -284,7 +284,7 @@ bool is_met(int n, const Row A[6], const double b[6], const Row x, double tolera
 void reported(const Demand *demand, const Row A[6], const double wanted[6], const double *possible,
               const Objective *objective, const Row y, const Share *share, double pace, const Optimum *found,
               double blended, Solution *solution);
-void clipped(const Demand *demand, const Row x, Solution *solution);
+void clipped(const Demand *demand, const Row y, Solution *solution);
 void at_limits(const Demand *demand, Solution *solution);
 void ranked(const Demand *demand, const bool *holds, const double *multipliers, unsigned char *ranks);
 double steady_share(const Demand *demand, const double wanted[6], const double ahead[6]);

@@ -9,6 +9,7 @@
 #define DEFAULT(value) (value)
 /* More fields than any table has. */
 #define MOST_FIELDS 40
+#define MOST_WORDS 6
 
 typedef enum { A_NUMBER, A_COUNT, A_FLAG, A_WORD, A_LENGTH, A_VECTOR, A_MATRIX, AN_OBJECT, OBJECTS_OF } FieldKind;
 
@@ -20,14 +21,14 @@ typedef struct {
     long given; /* where a bool says whether it is, -1 for none */
     int rows, columns, most_rows, width;
     double fallback;
-    const char *const *words;
+    const char *words[MOST_WORDS]; /* and NULL after the last */
     Table *of;
 } Field;
 
 struct Table {
     const char *name, *does;
     size_t size;
-    const Field *fields;
+    const Field *(*fields_of)(void), *fields;
     bool (*settled)(const void *values); /* whether all of it goes together */
     PyTypeObject *type;
     PyObject *names[MOST_FIELDS]; /* as Python has them */
@@ -43,51 +44,26 @@ struct Table {
 #define SIDE_rows (-1 - (int)offsetof(OF, rows))
 #define SIDE_limits (-1 - (int)offsetof(OF, limits))
 #define SIDE_twists (-1 - (int)offsetof(OF, twists))
-#define NUMBER(name, by, does) {#name, does, A_NUMBER, offsetof(OF, name), -1, 1, 1, 1, 1, by, NULL, NULL},
-#define COUNT(name, by, does) {#name, does, A_COUNT, offsetof(OF, name), -1, 1, 1, 1, 1, by, NULL, NULL},
-#define FLAG(name, by, does) {#name, does, A_FLAG, offsetof(OF, name), -1, 1, 1, 1, 1, by, NULL, NULL},
+#define NUMBER(name, by, does) {#name, does, A_NUMBER, offsetof(OF, name), -1, 1, 1, 1, 1, by, {NULL}, NULL},
+#define COUNT(name, by, does) {#name, does, A_COUNT, offsetof(OF, name), -1, 1, 1, 1, 1, by, {NULL}, NULL},
+#define FLAG(name, by, does) {#name, does, A_FLAG, offsetof(OF, name), -1, 1, 1, 1, 1, by, {NULL}, NULL},
 #define WORD(name, words, by, does) WORD_OF(name, by, does, words)
 #define WORD_OF(name, by, does, ...) \
-    {#name, does, A_WORD, offsetof(OF, name), -1, 1, 1, 1, 1, by, (const char *const[]){__VA_ARGS__, NULL}, NULL},
-#define LENGTH(name, most, does) {#name, does, A_LENGTH, offsetof(OF, name), -1, 1, 1, most, 1, 0.0, NULL, NULL},
+    {#name, does, A_WORD, offsetof(OF, name), -1, 1, 1, 1, 1, by, {__VA_ARGS__, NULL}, NULL},
+#define LENGTH(name, most, does) {#name, does, A_LENGTH, offsetof(OF, name), -1, 1, 1, most, 1, 0.0, {NULL}, NULL},
 #define VECTOR(name, n, by, does) \
-    {#name, does, A_VECTOR, offsetof(OF, name), -1, SIDE_##n, 1, ROOM_##n, 1, by, NULL, NULL},
+    {#name, does, A_VECTOR, offsetof(OF, name), -1, SIDE_##n, 1, ROOM_##n, 1, by, {NULL}, NULL},
 #define MATRIX(name, rows, columns, by, does) \
-    {#name, does, A_MATRIX, offsetof(OF, name), -1, SIDE_##rows, SIDE_##columns, ROOM_##rows, ROOM_##columns, by, NULL, NULL},
+    {#name, does, A_MATRIX, offsetof(OF, name), -1, SIDE_##rows, SIDE_##columns, ROOM_##rows, ROOM_##columns, by, {NULL}, NULL},
 #define MAYBE_VECTOR(name, n, given, does) \
-    {#name, does, A_VECTOR, offsetof(OF, name), offsetof(OF, given), SIDE_##n, 1, ROOM_##n, 1, 0.0, NULL, NULL},
+    {#name, does, A_VECTOR, offsetof(OF, name), offsetof(OF, given), SIDE_##n, 1, ROOM_##n, 1, 0.0, {NULL}, NULL},
 #define MAYBE_MATRIX(name, rows, columns, given, does)                                                               \
     {#name,        does,    A_MATRIX, offsetof(OF, name), offsetof(OF, given), SIDE_##rows, SIDE_##columns, ROOM_##rows, \
-     ROOM_##columns, NOTHING, NULL,     NULL},
-#define OBJECT(name, type, does) {#name, does, AN_OBJECT, offsetof(OF, name), -1, 1, 1, 1, 1, NEEDED, NULL, &TABLE_##type},
+     ROOM_##columns, NOTHING, {NULL}, NULL},
+#define OBJECT(name, type, does) {#name, does, AN_OBJECT, offsetof(OF, name), -1, 1, 1, 1, 1, NEEDED, {NULL}, &TABLE_##type},
 #define OBJECTS(name, type, length, does) \
-    {#name, does, OBJECTS_OF, offsetof(OF, name), -1, SIDE_##length, 1, ROOM_##length, 1, NOTHING, NULL, &TABLE_##type},
-#define END {NULL, NULL, A_LENGTH, 0, -1, 0, 0, 0, 0, 0.0, NULL, NULL}
-
-#define OF Law
-static const Field OF_LAW[] = {LAW_FIELDS END};
-#undef OF
-#define OF Wanted
-static const Field OF_WANTED[] = {WANTED_FIELDS END};
-#undef OF
-#define OF Loop
-static const Field OF_LOOP[] = {LOOP_FIELDS END};
-#undef OF
-#define OF Arm
-static const Field OF_ARM[] = {ARM_FIELDS END};
-#undef OF
-#define OF Now
-static const Field OF_NOW[] = {NOW_FIELDS END};
-#undef OF
-#define OF FrameError
-static const Field OF_COST[] = {COST_FIELDS END};
-#undef OF
-#define OF Task
-static const Field OF_TASK[] = {TASK_FIELDS END};
-#undef OF
-#define OF Demand
-static const Field OF_TICK[] = {TICK_FIELDS END};
-#undef OF
+    {#name, does, OBJECTS_OF, offsetof(OF, name), -1, SIDE_##length, 1, ROOM_##length, 1, NOTHING, {NULL}, &TABLE_##type},
+#define END {NULL, NULL, A_LENGTH, 0, -1, 0, 0, 0, 0, 0.0, {NULL}, NULL}
 
 static bool law_settled(const void *values)
 {
@@ -106,16 +82,24 @@ static bool loop_settled(const void *values)
            (!loop->law.has_metric || loop->law.joints == m);
 }
 
-Table TABLE_Law = {.name = "Law", .does = "What of a law does not change from tick to tick.", .size = sizeof(Law),
-                   .fields = OF_LAW, .settled = law_settled};
-Table TABLE_Wanted = {.name = "Wanted", .does = "An exact demand of a loop.", .size = sizeof(Wanted), .fields = OF_WANTED};
-Table TABLE_Loop = {.name = "Loop", .does = "What of a controller does not change from tick to tick.", .size = sizeof(Loop),
-                    .fields = OF_LOOP, .settled = loop_settled};
-Table TABLE_Arm = {.name = "Arm", .does = "An arm as pose searches see it.", .size = sizeof(Arm), .fields = OF_ARM};
-Table TABLE_Task = {.name = "Task", .does = "One of several tasks.", .size = sizeof(Task), .fields = OF_TASK};
-Table TABLE_now = {.name = "step", .does = "", .size = sizeof(Now), .fields = OF_NOW};
-Table TABLE_cost = {.name = "cost", .does = "", .size = sizeof(FrameError), .fields = OF_COST};
-Table TABLE_tick = {.name = "tick", .does = "", .size = sizeof(Demand), .fields = OF_TICK};
+/* A table under a name for C, and what Python calls it: a type, or the fields of a call. */
+#define TABLE(id, struct_, list, called, does_, settled_)                                                          \
+    static const Field *fields_of_##id(void)                                                                        \
+    {                                                                                                               \
+        typedef struct_ OF;                                                                                         \
+        static const Field FIELDS[] = {list END};                                                                   \
+        return FIELDS;                                                                                              \
+    }                                                                                                               \
+    Table TABLE_##id = {.name = called, .does = does_, .size = sizeof(struct_), .fields_of = fields_of_##id, .settled = settled_};
+
+TABLE(Law, Law, LAW_FIELDS, "Law", "What of a law does not change from tick to tick.", law_settled)
+TABLE(Wanted, Wanted, WANTED_FIELDS, "Wanted", "An exact demand of a loop.", NULL)
+TABLE(Loop, Loop, LOOP_FIELDS, "Loop", "What of a controller does not change from tick to tick.", loop_settled)
+TABLE(Arm, Arm, ARM_FIELDS, "Arm", "An arm as pose searches see it.", NULL)
+TABLE(Task, Task, TASK_FIELDS, "Task", "One of several tasks.", NULL)
+TABLE(now, Now, NOW_FIELDS, "step", "", NULL)
+TABLE(cost, FrameError, COST_FIELDS, "cost", "", NULL)
+TABLE(tick, Demand, TICK_FIELDS, "tick", "", NULL)
 
 /* An object of a table: its struct after the head that Python needs. */
 typedef struct {
@@ -394,6 +378,7 @@ static PyMethodDef METHODS_OF_ALL[] = {
 
 static bool named_fields(Table *table)
 {
+    table->fields = table->fields_of();
     for (int i = 0; table->fields[i].name != NULL; i++) {
         char name[64];
         PyOS_snprintf(name, sizeof name, "%s", table->fields[i].name);

@@ -1,6 +1,7 @@
 /* Twin of velocity/report.py and solution.py: the velocity as it may be commanded, its status, and what the reason says. */
 
 #include "core.h"
+#include <string.h>
 
 bool allows(const Demand *demand, const Row x)
 {
@@ -52,19 +53,22 @@ static double rounded(double value, double limit)
 static void shortened(const Demand *demand, const Row y, Row x)
 {
     double limit = demand->cone.limit, share = limit > 0.0 ? rounded(tool_speed(&demand->cone, demand->m, y), limit) : 1.0;
+    memcpy(x, y, (size_t)demand->m * sizeof(double));
     for (int i = 0; i < demand->limits; i++) {
         double value = dot(demand->m, demand->G[i], y);
+        if (demand->least[i] > 0.0 || demand->most[i] < 0.0)
+            return;
         share = fmin(share, fmin(rounded(value, demand->most[i]), rounded(-value, -demand->least[i])));
     }
-    for (int i = 0; i < demand->limits; i++)
-        share = demand->least[i] > 0.0 || demand->most[i] < 0.0 ? 1.0 : share;
     for (int j = 0; j < demand->m; j++)
-        x[j] = share * y[j];
+        x[j] *= share;
 }
 
-/* The velocity without rounding past its bounds, the joints at them, and the residual. */
-void clipped(const Demand *demand, const Row x, Solution *solution)
+/* The velocity without rounding past its limits, the joints at them, and the residual. */
+void clipped(const Demand *demand, const Row y, Solution *solution)
 {
+    Row x;
+    shortened(demand, y, x);
     for (int j = 0; j < demand->m; j++) {
         double lower = demand->lower[j], upper = demand->upper[j], value = between(x[j], lower, upper);
         double margin = ACTIVE_TOLERANCE * fmax(SLOWEST, fabs(value));
@@ -170,9 +174,7 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
               const Objective *objective, const Row y, const Share *share, double pace, const Optimum *found,
               double blended, Solution *solution)
 {
-    Row x;
-    shortened(demand, y, x);
-    clipped(demand, x, solution);
+    clipped(demand, y, solution);
     solution->scale = share->value;
     solution->pace = pace;
     solution->slow = share->value < WHOLE_SPEED;

@@ -21,6 +21,7 @@ import numpy as np
 from attrs import evolve, field, frozen
 from numpy.typing import ArrayLike
 
+from invariantqp.engine import core
 from invariantqp.errors import BadInput, NoProjectors, listed
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -185,7 +186,10 @@ def _refuse_pitch(given: Array, h: float, freedoms: Array, twists: bool) -> None
     if not given.shape[1]:
         return
     # Wrenches W are the twists Q_0 W measured by -h: W'Q_h^-1 W = (Q_0 W)'Q_{-h}(Q_0 W).
-    found = factors(given, h) if twists else factors(given[[3, 4, 5, 0, 1, 2]], -h)
+    columns, pitch = (given, h) if twists else (given[[3, 4, 5, 0, 1, 2]], -h)
+    if core is not None and core.pseudoinverse(columns, pitch) is not None:  # where it is well conditioned
+        return
+    found = factors(columns, pitch)
     if found.exists:
         return
     if found.dependent:

@@ -44,7 +44,7 @@ def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array |
     objective, found, share = answer.objective, answer.found, answer.room.share.value
     slow = share < WHOLE_SPEED
     y = answer.y if to_joint is None else to_joint.dot(answer.y)
-    x, active = clipped(demand, _shortened(demand, y))
+    x, active = clipped(demand, y)
     missed = _missed(demand, problem, x)
     stuck = _is_stuck(demand, problem.wanted, x, share)
     limited = stuck or (missed > MISSED and not _falls(demand, x))
@@ -190,21 +190,6 @@ def _is_stuck(demand: Demand, wanted: Array, x: Array, share: float) -> bool:
     left = demand.root.dot(demand.s - demand.J.dot(x))
     little = wanted.dot(wanted - left) < PROGRESS_SHARE * wanted.dot(wanted)
     return bool(little) and not is_met(demand.root.dot(demand.J), wanted, x)
-
-
-def _shortened(demand: Demand, x: Array) -> Array:
-    """The velocity shortened until rows and tool speed hold exactly, where only rounding exceeds them.
-
-    Not where standing still is outside a row, which a shorter one would be too.
-    """
-    rows, cone = demand.rows, demand.cone
-    if rows is not None and not rows.allow(np.zeros_like(x)):
-        return x
-    used = np.empty(0) if rows is None else rows.used(x)
-    if cone is not None:
-        used = np.append(used, cone.speed(x) / cone.limit)
-    most = float(used[used < 1.0 / (1.0 - ACTIVE_TOLERANCE)].max(initial=1.0))  # what is exceeded by more gave way
-    return x / most
 
 
 def _multipliers(demand: Demand, answer: Answer) -> tuple[Array | None, Array | None]:

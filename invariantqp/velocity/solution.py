@@ -106,9 +106,24 @@ class VelocitySolution(Explained, _Solution):
 
 
 def clipped(demand: Demand, x: Array) -> tuple[Array, tuple[int, ...]]:
-    """The velocity without rounding past its bounds, and the joints at them."""
-    x = np.minimum(np.maximum(x, demand.lower), demand.upper)
+    """The velocity without rounding past its limits, and the joints at them."""
+    x = np.minimum(np.maximum(_shortened(demand, x), demand.lower), demand.upper)
     return x, tuple(at_bounds(x, demand.lower, demand.upper).nonzero()[0].tolist())
+
+
+def _shortened(demand: Demand, x: Array) -> Array:
+    """The velocity shortened until rows and tool speed hold exactly, where only rounding exceeds them.
+
+    Not where standing still is outside a row, which a shorter one would be too.
+    """
+    rows, cone = demand.rows, demand.cone
+    if rows is not None and not rows.allow(np.zeros_like(x)):
+        return x
+    used = np.empty(0) if rows is None else rows.used(x)
+    if cone is not None:
+        used = np.append(used, cone.speed(x) / cone.limit)
+    most = float(used[used < 1.0 / (1.0 - ACTIVE_TOLERANCE)].max(initial=1.0))  # what is exceeded by more gave way
+    return x / most
 
 
 def at_bounds(x: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:

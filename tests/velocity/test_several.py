@@ -167,6 +167,16 @@ def test_many_levels_with_rows_and_exact_rows_at_the_limits_always_answer(rng):
         np.testing.assert_allclose(options["exact"].A @ whole.velocity, whole.scale * options["exact"].b, atol=1e-9)
 
 
+def test_rows_hold_to_the_last_digits_as_in_a_tick(rng):
+    for _ in range(150):
+        tasks = [iq.velocity.TwistTask(arm(rng, 8), 3.0 * rng.normal(size=6))]
+        tasks += [iq.velocity.JointTask(5.0 * rng.normal(size=8), priority=1)]
+        rows = iq.limits.LimitRows(rng.normal(size=(3, 8)), np.full(3, -0.3), np.full(3, 0.3))
+        speed = iq.limits.ToolSpeed(0.2, rng.normal(size=3))
+        x = iq.velocity.solve_tasks(tasks, rows=rows, tool_speed=speed, bounds=box(8, 2.0)).velocity
+        assert np.abs(np.asarray(rows.C) @ x).max() <= 0.3 * (1.0 + 5e-14)
+
+
 def test_exact_rows_that_cannot_be_kept_are_told(rng):
     J = arm(rng, 5)
     task = iq.velocity.TwistTask(J, rng.normal(size=6))
