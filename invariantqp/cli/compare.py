@@ -40,9 +40,6 @@ def compare(
         str | None, typer.Option(metavar="KINDS", help="Measurements, separated by commas: loop, tick, error, ...")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of states, twists and displacements.", min=0)] = 0,
-    against: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Another results.json: print how alike both rank by time.")
-    ] = None,
     stability: Annotated[
         bool, typer.Option("--stability", help="Run difficult tasks under our law and the usual ones.")
     ] = False,
@@ -57,7 +54,7 @@ def compare(
     and inside the limits, 1 if not.
     """
     if stability:
-        ignored = {"TASK": tasks, "--methods": methods, "--only": only, "--against": against, "--seed": seed}
+        ignored = {"TASK": tasks, "--methods": methods, "--only": only, "--seed": seed}
         for option, value in (ignored | {"--quick": quick}).items():
             if value:
                 raise BadInput(option, "--stability too", "one of them: --stability has its own tasks and laws")
@@ -65,14 +62,12 @@ def compare(
         return
     require("pictures", "matplotlib", "jinja2")
     from invariantqp.compare.report import write_report
-    from invariantqp.compare.results import load_results, rank_agreement
     from invariantqp.compare.sweep import DEFAULT_TASKS, not_installed, sweep
 
     if json_file is not None:
         raise BadInput("--json", "no --stability beside it", "--out DIR", "It writes results.json into DIR.")
     if jobs < -1 or jobs == 0:
         raise BadInput("--jobs", f"{jobs}", "a number of processes, or -1 for all cores")
-    other = None if against is None else load_results(against)
     kinds = None if only is None else [word.strip() for word in only.split(",")]
     missing = not_installed(tasks or DEFAULT_TASKS, methods, kinds)  # a wrong name is told before a folder is made
     if not quiet:
@@ -84,7 +79,7 @@ def compare(
         )
     files = write_report(results, out)
     if not quiet:
-        print_comparison(results, files, None if other is None else rank_agreement(results, other))
+        print_comparison(results, files)
 
 
 def _compare_stability(json_file: Path | None, quiet: bool) -> None:
@@ -151,7 +146,7 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
     )
 
 
-def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict[str, float] | None) -> None:
+def print_comparison(results: dict[str, Any], files: list[Path]) -> None:
     """The tables of a comparison, its verdict, and the files that were written."""
     from invariantqp.compare.results import kinds_in
     from invariantqp.compare.tables import EVERYDAY_CELLS, everyday, summary
@@ -173,6 +168,4 @@ def print_comparison(results: dict[str, Any], files: list[Path], agreement: dict
     failed = sum("failed" in cell["result"] for cell in results["cells"])
     if failed:
         console.print(f"{failed} of {len(results['cells'])} measurements failed: the report says why.")
-    for place, rho in (agreement or {}).items():
-        console.print(f"ranks by time, {place}: Spearman {rho:.3f}", markup=False)
     console.print(f"written: {', '.join(str(file) for file in files)}", markup=False)

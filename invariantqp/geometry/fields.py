@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import fields as dataclass_fields
 from dataclasses import is_dataclass
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
 import attrs
 import numpy as np
@@ -24,7 +24,6 @@ from invariantqp.geometry.arrays import Array
 
 # A repr shows arrays up to this many numbers, the twists and points; of larger ones the shape.
 SHOWN = 6
-T = TypeVar("T")
 
 
 def own(a: Array) -> Array:
@@ -43,25 +42,6 @@ def same(a: object, b: object) -> bool:
     if is_dataclass(a) and type(a) is type(b):
         return all(same(getattr(a, f.name), getattr(b, f.name)) for f in dataclass_fields(a))
     return bool(a == b)
-
-
-def compared(cls: type[T]) -> type[T]:
-    """Class decorator: a named tuple, equal to others of its class by `same`, hashed by its first field and words."""
-    for name, method in (("__eq__", _equal), ("__ne__", _unequal), ("__hash__", _hash)):  # else a tuple's own
-        setattr(cls, name, method)
-    return cls
-
-
-def _equal(a: tuple[Any, ...], b: object) -> bool:
-    return type(a) is type(b) and same(a, b)
-
-
-def _unequal(a: tuple[Any, ...], b: object) -> bool:
-    return not _equal(a, b)
-
-
-def _hash(a: tuple[Any, ...]) -> int:
-    return hash((_hashable(a[0]), *(x for x in a if isinstance(x, str))))
 
 
 class Compared:

@@ -11,8 +11,6 @@ REFUSED = [
     (["--jobs", "-3"], "--jobs: found -3"),
     (["--jobs", "0"], "--jobs: found 0; expected a number of processes, or -1 for all cores"),
     (["--out", "{file}"], "--out: found {file}: File exists; expected a folder"),
-    (["--against", "nowhere.json"], "expected a results.json of invariantqp compare"),
-    (["--against", "{file}"], "expected a results.json of invariantqp compare"),
     (["--json", "{file}"], "--json: found no --stability beside it"),
     (["--stability", "arm_3r"], "TASK: found --stability too; expected one of them"),
     (["--stability", "--only", "time"], "--only: found --stability too"),

@@ -3,14 +3,13 @@
 import copy
 import pickle
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from attrs import evolve, field, frozen
 
 from invariantqp.geometry import arrays
-from invariantqp.geometry.fields import Compared, Value, compared, own, same
+from invariantqp.geometry.fields import Compared, Value, own, same
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -32,22 +31,6 @@ class Answer(Compared):
 @dataclass(frozen=True, eq=False)
 class Old:
     a: np.ndarray
-
-
-@compared
-class Told(NamedTuple):
-    q: np.ndarray
-    word: str
-    inner: Answer
-
-
-def test_a_named_tuple_compares_arrays():
-    one, two, far = (Told(np.full(2, x), "ok", Answer(np.ones(2), (), "")) for x in (0.0, -0.0, 1.0))
-    assert one == two
-    assert one != far
-    assert not one != two  # noqa: SIM202 (a tuple has a != of its own)
-    assert one != tuple(one)
-    assert len({one, two, far}) == 2
 
 
 def test_a_value_is_checked_and_keeps_its_own():
