@@ -90,13 +90,12 @@ def test_an_override_of_zero_stands_and_of_a_half_is_half_as_fast():
 
 
 def test_without_a_rate_an_override_slows_and_never_hastens():
-    ticks = {}
+    places = {}
     for part in (0.8, 1.0, 1.5):
         drive = Drive()
-        drive.until("done", override=part)
+        places[part] = drive.tick(200, override=part).place
         drive.check()
-        ticks[part] = len(drive.told)
-    assert ticks[1.5] == ticks[1.0] < ticks[0.8]
+    assert places[1.5] == places[1.0] > places[0.8] > 0.1 * PERIOD
 
 
 def test_contact_lost_in_a_pause_is_found_again_and_the_pause_goes_on():
@@ -112,10 +111,10 @@ def test_contact_lost_in_a_pause_is_found_again_and_the_pause_goes_on():
     assert abs(told.place - place) < 1e-4 * PERIOD
     assert abs(told.hybrid.intensities[0] / 5.0 - 1.0) < 0.02
     drive.follower.resume()
-    assert drive.until("done").place == pytest.approx(PERIOD / 2, rel=1e-6)
+    assert drive.tick(25).place > place + 1e-3 * PERIOD
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(
     st.lists(
         st.tuples(st.sampled_from(["pause", "resume", "reverse", ""]), st.floats(0.0, 1.5), st.integers(1, 30)),
