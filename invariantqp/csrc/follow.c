@@ -73,7 +73,7 @@ static bool commanded(const Course *course, int j, double q, double off, double 
 /* follow(course, loop, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command before):
    position, velocity, acceleration and command after the tick, q as an array, the source's last column before and after,
    whether the joints are late, and how they stop being it, a residual and how long it takes, or None; or None where Python
-   has to answer, or to say what is wrong with q. Late joints look for a splice that takes `ease` or more, unless that is 0. */
+   has to answer, or to say what is wrong with q. Late joints look for a splice that takes `ease`, unless that is 0. */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -109,14 +109,16 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
             state[m + j] = velocity[j] + 0.5 * dt * acceleration[j];
             state[2 * m + j] = acceleration[j];
         }
-        taken = shortest_splice(&course, time, state, ease, NULL, splices);
+        taken = shortest_splice(&course, time, state, ease, ease, NULL, splices);
         late = taken == 0.0;
     }
     if (by_twist) {
         if (towards_twist(limits, loop, kept, twist, position, velocity, v) == HAND_BACK)
             Py_RETURN_NONE;
     } else if (late) {
-        reference_at(&course, after, then);
+        source_at(&course, after, then);
+        if (ease == 0.0) /* else no splice was found, and the last one is over */
+            left_over(&course, after, then);
         for (int j = 0; j < m; j++)
             v[j] = velocity[j] + dt * catching_up(limits, j, position[j] + dt * velocity[j], velocity[j], then[0][j], then[1][j]);
     } else {

@@ -298,14 +298,15 @@ PyObject *residual(PyObject *module, PyObject *const *arguments, Py_ssize_t coun
 }
 
 /* Reference.splice: how long the splice from a state (3, m) takes, 0 where there is none, and its residual (6, m). */
-double shortest_splice(const Course *course, double time, const double *state, double shortest, const double *tool, double *found)
+double shortest_splice(const Course *course, double time, const double *state, double shortest, double longest,
+                       const double *tool, double *found)
 {
     int m = course->limits.m;
     Path here;
     double e[3 * MOST], powers[6 * MOST], first = fmax(shortest, SHORTEST_STOP * course->limits.dt), taken = 0.0;
     jump_at(course, time, state, here, e);
-    for (int i = 0; i < DURATIONS; i++) {
-        double D = spaced(first, fmax(LONGEST_SPLICE, first), i, DURATIONS);
+    for (int i = 0; i < (longest > first ? DURATIONS : 1); i++) {
+        double D = spaced(first, longest, i, DURATIONS);
         bool ahead;
         residual_of(m, e, D, powers);
         if (!fits(course, time, (const double(*)[MOST + 1])here, powers, D, tool, &ahead) || (taken > 0.0 && !ahead))
@@ -318,21 +319,21 @@ double shortest_splice(const Course *course, double time, const double *state, d
     return taken;
 }
 
-/* splice(course, time, state, shortest, tool): the residual (6, m) and how long it takes to the course's source; None
+/* splice(course, time, state, shortest, longest, tool): the residual (6, m) and how long it takes to the course's source; None
    where there is none inside the limits. */
 PyObject *splice(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     Course course;
-    static const char *const USE = "splice(course, time, state, shortest, tool)";
-    if (count != 5 || !course_of(arguments[0], &course) || course.powers == 0)
+    static const char *const USE = "splice(course, time, state, shortest, longest, tool)";
+    if (count != 6 || !course_of(arguments[0], &course) || course.powers == 0)
         return refused(USE);
     int m = course.limits.m;
-    double time = PyFloat_AsDouble(arguments[1]), shortest = PyFloat_AsDouble(arguments[3]), found[6 * MOST];
-    const double *state = numbers(arguments[2], 3 * m), *tool = arguments[4] == Py_None ? NULL : numbers(arguments[4], 3 * m);
-    if (PyErr_Occurred() || state == NULL || (tool == NULL && arguments[4] != Py_None))
+    double time = PyFloat_AsDouble(arguments[1]), shortest = PyFloat_AsDouble(arguments[3]), longest = PyFloat_AsDouble(arguments[4]), found[6 * MOST];
+    const double *state = numbers(arguments[2], 3 * m), *tool = arguments[5] == Py_None ? NULL : numbers(arguments[5], 3 * m);
+    if (PyErr_Occurred() || state == NULL || (tool == NULL && arguments[5] != Py_None))
         return refused(USE);
-    double taken = shortest_splice(&course, time, state, shortest, tool, found);
+    double taken = shortest_splice(&course, time, state, shortest, longest, tool, found);
     if (taken == 0.0)
         Py_RETURN_NONE;
     return Py_BuildValue("(Nd)", new_matrix(6, m, m, found), taken);

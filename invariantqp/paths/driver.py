@@ -53,7 +53,8 @@ from invariantqp.velocity.solution import Status
 RISE = 0.02
 # A splice, and a stop after the last point, take no less than this [s], where no limit asks for more: over 16 runs of
 # chunks 0.45 has a sixth less joint jerk and 2 % more error. One that a single sample makes, no less than the second:
-# with 0.3 a hand is caught up with later after a gap, by 0.06 s at most, and 0.2 changes nothing.
+# with 0.3 a hand is caught up with later after a gap, by 0.06 s at most, and 0.2 changes nothing. Joints that catch up
+# take no more than that: what takes longer from there goes past the hand, and back.
 EASE, EASE_SAMPLE = 0.3, 0.1
 # A clock that differs by more than this from the sum of the ticks [s] has jumped.
 SKEW = 0.02
@@ -380,7 +381,9 @@ class Follower:
         if found is not None:
             return found
         if self._looks_over:
-            self._late = not reference.splice(reference.source, self._time, self._state, EASE)
+            self._late = not reference.splice(
+                reference.source, self._time, self._state, EASE_SAMPLE, longest=EASE_SAMPLE
+            )
             self._retry = self._time + RETRY
         v = self._limited(reference)
         command = self._corrected(measured, v, moving)
@@ -437,7 +440,7 @@ class Follower:
         reference, numbers, _ = course
         time, sent, shape, loop = self._time, self._sent, self._shape, self.controller
         shown = sent[0] if begun or len(sent) < (sent.maxlen or 0) else [*sent, self._q][1]
-        ease = EASE if self._looks_over else 0.0
+        ease = EASE_SAMPLE if self._looks_over else 0.0
         found = core.follow(  # type: ignore[union-attr]
             numbers,
             loop.compiled,
@@ -462,8 +465,8 @@ class Follower:
             self._retry = time + RETRY
         self._time += loop.dt
         self._late = late
-        if way is not None:
-            reference.joins(time, *way)
+        if way is not None or (ease and time < reference.joined):
+            reference.joins(time, *(way or (np.zeros((6, self._m)), 0.0)))
             self._course = self._made_course(reference)
         command = self._command.copy()
         if shape is not None:
@@ -800,10 +803,7 @@ class Follower:
             self._given = given, np.array((when,))
             self._newest = given, joint, when
             window = self._source
-            leap = before is not None and bool(
-                (np.abs(joint - before[1]) > self._limits.velocity * (when - before[2])).any()
-            )
-            if not isinstance(window, Window) or gap or leap:
+            if not isinstance(window, Window) or gap:
                 late = window.transport if isinstance(window, Window) else max(now - when, 0.0)
                 self._source = Window(self.cutoff, self.controller.dt, when, joint, late)
                 continue

@@ -39,8 +39,6 @@ PROGRESS = 0.9
 OUTSIDE_SHARE = 0.4
 # The share of the way to a pose out of reach that is gone in a step: all of it would chatter.
 CALM = 0.5
-# Steps of the way to a pose that leaps.
-WALK = 8
 # Tries from elsewhere for each pose, at most.
 TRIES = 3
 
@@ -119,7 +117,7 @@ class Solver:
         close = bool((np.abs(reached - near) <= self._loop.box.velocity_limit * step).all())
         if missed <= self._tolerance and (close or self._stalled is None):
             self._stalled = None
-            return (reached if close else self._walked(target, near, reached)), 0.0
+            return reached, 0.0
         if step == inf:
             return reached, missed
         q = self._nearer(target, near, step)
@@ -157,17 +155,6 @@ class Solver:
             answer[k], missed[k] = self.pose(T[k], q, float(times[k]), inf if before is None else times[k] - before)
             q, before, plain, k = answer[k], float(times[k]), missed[k] == 0.0, k + 1
         return np.clip(answer, self._lower, self._upper), missed
-
-    def _walked(self, target: Array, near: Array, found: Array) -> Array:
-        """(m,) joint positions for a pose that leaps, found on a straight way there: `found` where that is nearer."""
-        T = np.asarray(self._loop.robot.pose(near))
-        way, q = se3.displacement(T, target), near
-        for k in range(1, WALK + 1):
-            solution = self._search.solve(se3.exp(k / WALK * way, check=False).dot(T), q)
-            q = solution.q
-        if self._missed(solution) > self._tolerance or np.abs(found - near).max() <= np.abs(q - near).max():
-            return found
-        return np.asarray(q)
 
     def _elsewhere(self, target: Array, near: Array) -> Array | None:
         """(m,) joint positions of another branch that reach a pose, or None."""

@@ -418,10 +418,18 @@ class Reference:
         """The splice from a time on: a residual (6, m), zero after a duration."""
         self._start, self._residual, self._duration = time, residual, duration
 
-    def splice(self, source: Source, time: float, state: Array, shortest: float, tool: Array | None = None) -> bool:
+    def splice(
+        self,
+        source: Source,
+        time: float,
+        state: Array,
+        shortest: float,
+        tool: Array | None = None,
+        longest: float = LONGEST,
+    ) -> bool:
         """Go over to a source from position, velocity and acceleration (3, m) at a time.
 
-        The splice is the shortest, not shorter than `shortest` [s], that keeps the limits together with the source, and
+        The splice is the shortest, from `shortest` to `longest` [s], that keeps the limits together with the source, and
         on which the tool, whose joint velocities are (3, m), does not turn back, if there is such a one.
 
         Returns:
@@ -430,14 +438,14 @@ class Reference:
         numbers = self._numbers(source)
         if core is not None and numbers is not None:
             self.source, self._start, self._duration = source, time, 0.0
-            found = core.splice(numbers, time, state, shortest, tool)
+            found = core.splice(numbers, time, state, shortest, longest, tool)
             if found is not None:
                 self.joins(time, *found)
             return found is not None
         here = source.at(np.array((time,)))[0, :3]
         e = state - here
         least = max(shortest, SHORTEST_STOP * self._limits.dt)
-        D = np.geomspace(least, max(LONGEST, least), DURATIONS)
+        D = np.geomspace(least, longest, DURATIONS) if longest > least else np.array((least,))
         C = _residuals(e, D)  # (k, 6, m)
         u = np.linspace(0.0, 1.0, PLACES)[None, :] * D[:, None]
         there = np.zeros((*u.shape, 4, here.shape[1]))
