@@ -429,8 +429,8 @@ class Reference:
     ) -> bool:
         """Go over to a source from position, velocity and acceleration (3, m) at a time.
 
-        The splice is the shortest, from `shortest` to `longest` [s], that keeps the limits together with the source, and
-        on which the tool, whose joint velocities are (3, m), does not turn back, if there is such a one.
+        The splice is the shortest, from `shortest` to `longest` [s], that keeps the limits together with the source,
+        and on which the tool, whose joint velocities are (3, m), does not turn back, if there is such a one.
 
         Returns:
             Whether there is one; if not, the source is followed without one, which the joints cannot do.
