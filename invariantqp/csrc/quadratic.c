@@ -143,6 +143,7 @@ Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull,
         return HAND_BACK;
     memcpy(left, v, sizeof left); /* by U: what no direction changes is small beside |v|, and the difference of squares rounding */
     for (; rank < 3 && rank < n && found.sigma[rank] > NULL_RATIO * found.sigma[0]; rank++) {
+        along(n, k, Q, found.V[rank]); /* the weakest is told to rounding of the strongest */
         along_u[rank] = dot(3, found.U[rank], v);
         gains[rank] = found.sigma[rank] * found.sigma[rank];
         squares[rank] = along_u[rank] * along_u[rank];
