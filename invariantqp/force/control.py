@@ -60,7 +60,6 @@ from invariantqp.force.law import (
     LET_GO,
     LETS_GO,
     MOST,
-    SETTLES,
     UNKNOWN,
     Drive,
     Stand,
@@ -640,7 +639,7 @@ class HybridController:
                     made.append(sought(drive, gentle, setting, fastest, touch, task))
                     continue
                 wished = float(asked[i])
-                if known.time <= SETTLES * setting.late:
+                if known.time <= setting.late:  # the filters still hold the air: nothing is pushed in
                     # Of several presses one may read another's friction, which turns round where the tool does.
                     coming = _ways_of(now, n)[i][1] if presses == 1 and self._delay.lag is not None else 0.0
                     made.append(struck(drive, coming, error, known, setting, LET_GO * fastest, eased))

@@ -29,8 +29,7 @@ from invariantqp.velocity.measure import root_at
 CERTAIN = log(1e6)
 # Share of the wanted press below which contact counts as lost: above the noise of a sensor in the air.
 LOST_SHARE = 0.1
-# The limit lies at least this far above zero, in standard deviations, but at most at half of the wanted press.
-APART = 0.5
+# The limit lies half a standard deviation above zero at least, but at most at half of the wanted press.
 HALF = 0.5
 # Noise is taken to be at least this share of the limit: one tick then decides without noise.
 LEAST_NOISE = 0.25
@@ -39,11 +38,10 @@ SOON = 3
 
 # Stiffness. Where nothing is declared it is looked for as of 2e5 +- 2e5 N/m: no table behind an arm is much stiffer.
 STIFF = 2e5
-# A touch shows a contact at most so many times as stiff as its jump over its way, and at most so many times as stiff as
-# an estimate begins (a damper jumps, too); below this share of the limit between air and contact nothing is felt; a way
-# is so many times what is resolved at least.
+# A touch shows a contact at most so many times as stiff as its jump over its way, and no stiffer than an estimate's
+# first bound (a damper jumps, too); below this share of the limit between air and contact nothing is felt; a way is so
+# many times what is resolved at least.
 STIFFER = 3.0
-HARDER = 2.0
 QUIET = 0.25
 LEAST_WAY = 5.0
 # Damping over stiffness that goes with that [s], and the softest contact, as a share of the stiffness it begins with.
@@ -89,15 +87,11 @@ FOLLOWS = 0.8
 STILL = 2e-3
 # It is looked for in the joints until the place of contact was told to go this way, in sizes of the contact.
 ENOUGH = 2.0
-# A delay counts for the motion where its gain times the delay is this much: from then on the tool goes to and fro.
-RINGS = 1.0
 # A delay is told where what is late in all is this multiple of what was declared.
 LATE = 2.0
 
 # Normal. A piece of way, as a share of the contact's size: a millimetre of 50.
 STEP = 0.02
-# The first piece begins when the press is off by less than this share of the wanted one.
-RISEN = 0.2
 # For how many pieces they are remembered.
 MEMORY = 10.0
 
@@ -156,7 +150,7 @@ def loss_limit(lost_below: float | None, wanted: float, noise: float) -> float:
     """The press [force] between air and contact: a tenth of the wanted one, more where noise would hide that."""
     if lost_below is not None:
         return lost_below
-    return max(0.0, LOST_SHARE * wanted, min(HALF * wanted, APART * noise))
+    return max(0.0, LOST_SHARE * wanted, HALF * min(wanted, noise))
 
 
 class Setting(NamedTuple):
@@ -291,7 +285,7 @@ class Stiffness(NamedTuple):
             mean=self.mean,
             time=self.time,
             quiet=self.quiet,
-            stiff=min(STIFFER * stiff, HARDER * setting.begins),
+            stiff=min(STIFFER * stiff, Stiffness.of(setting.begins).bound),
         )
 
     def after(self, force: float, way: float, setting: Setting, short: int = 0, *, felt: bool = True) -> Stiffness:
@@ -401,11 +395,17 @@ class Stiffness(NamedTuple):
 
 def _posterior(begins: float, seen: Array, sums: Array) -> tuple[Array, Array]:
     """(3,) k, b and c, and their standard errors, of begins +- begins, DAMPED begins +- as much, and 0 +- begins."""
-    spread = begins * np.array((1.0, DAMPED, 1.0))
-    # In units of the prior's spread, in which it is 1 +- 1 and 0 +- 1.
-    inverse = np.linalg.inv(np.eye(3) + seen * np.outer(spread, spread))
-    found = inverse.dot(np.array((1.0, 1.0, 0.0)) + spread * sums)
-    return spread * found, spread * np.sqrt(np.maximum(np.diagonal(inverse), 0.0))
+    # In units of the prior's spread, in which it is 1 +- 1 and 0 +- 1; the inverse by cofactors.
+    n, m = begins, DAMPED * begins
+    (a, b, c), (_, d, e), (_, _, f) = seen.tolist()
+    x, y, z = sums.tolist()
+    a, b, c, d, e, f = 1.0 + n * n * a, n * m * b, n * n * c, 1.0 + m * m * d, m * n * e, 1.0 + n * n * f
+    x, y, z = 1.0 + n * x, 1.0 + m * y, n * z
+    A, B, C, D, E, F = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
+    whole = a * A + b * B + c * C
+    found = (n * (A * x + B * y + C * z), m * (B * x + D * y + E * z), n * (C * x + E * y + F * z))
+    errors = (n * sqrt(max(A / whole, 0.0)), m * sqrt(max(D / whole, 0.0)), n * sqrt(max(F / whole, 0.0)))
+    return np.array(found) / whole, np.array(errors)
 
 
 class Delay:
@@ -505,7 +505,9 @@ class Delay:
     def gain(self, asked: float) -> float:
         """The motion's gain [1/s]: the one asked for, or less where with the delay found the tool goes to and fro."""
         late = self.late or 0.0
-        return min(asked, DELAY_SHARE / (self.declared + late)) if asked * late > RINGS else asked
+        return (
+            min(asked, DELAY_SHARE / (self.declared + late)) if asked * late > 1.0 else asked
+        )  # from there on it goes to and fro
 
     def trouble(self, asked: float) -> str:
         """What is wrong, in words, "" for nothing; with the motion's gain that was asked for [1/s]."""
@@ -598,7 +600,7 @@ class NormalEstimate(NamedTuple):
             bound: the largest angle between the told normal and the one found [rad].
         """
         felt, wanted = press
-        if self.press is None and abs(felt - wanted) > RISEN * wanted:
+        if self.press is None and abs(felt - wanted) > SHORT * wanted:
             return self  # while a touch rises by much, what the stiffness is off by would pass for a slope
         start = felt if self.press is None else self.press
         w, step = self.way + way, STEP * size

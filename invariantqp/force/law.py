@@ -27,6 +27,7 @@ from invariantqp.control.controller import Controller
 from invariantqp.errors import written
 from invariantqp.force.contact import SLOW_SHARE, HybridTask, speed_at
 from invariantqp.force.estimate import STIFF, Setting, Stiffness, Touch
+from invariantqp.force.monitor import PATIENCE
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.measure import root_at
@@ -51,8 +52,6 @@ IN_DOUBT = 0.3
 # where the tool lets go to see whether readings fall [1/s].
 LET_GO = 2.5
 LETS_GO = 5.0
-# After a touch, while the filters still hold the air, nothing is pushed in: for so many T.
-SETTLES = 1.0
 # With a fixed compliance on a declared stiffness k: c k times the time constant of the integral.
 OVERDAMPED = 5.0
 # An error above this share of the wanted press counts as this much in an integral: until the press was reached once,
@@ -64,9 +63,8 @@ INTEGRATED = (0.1, 0.5)
 # multiple of the largest; below this ratio of singular values joints are not asked for a motion.
 ABOVE, MOST, LOWERED, FREE, SINGULAR = 1.5, 0.5, 0.5, 10.0, 1e-2
 
-# A path stands where less than this share of a motion that was asked for has been done for longer than this [s].
+# A path stands where less than this share of a motion that was asked for has been done for longer than PATIENCE.
 DONE = 0.1
-STANDING = 1.0
 
 
 class Drive(NamedTuple):
@@ -240,7 +238,7 @@ class Stand(NamedTuple):
 
     def trouble(self) -> str:
         """What is wrong, in words, "" for nothing."""
-        return f"the motion along the contact has stood for {written(self.long, 2)} s" if self.long > STANDING else ""
+        return f"the motion along the contact has stood for {written(self.long, 2)} s" if self.long > PATIENCE else ""
 
 
 def trembling(

@@ -23,7 +23,7 @@ import numpy as np
 
 from invariantqp.errors import written
 from invariantqp.force.contact import HybridTask
-from invariantqp.force.estimate import CERTAIN, SOFTEST, STIFF, STIFFER, Stiffness, Touch, weighed
+from invariantqp.force.estimate import CERTAIN, SHORT, SOFTEST, STIFF, STIFFER, Stiffness, Touch, weighed
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.solution import Status
@@ -44,10 +44,9 @@ LET_GO = 1.0
 DEAD_AFTER = 0.1
 STALE_AFTER = 0.012
 
-# Share of the wanted press by which a reading may pull, and by which it may change within a tick; a change by less than
-# so many standard deviations is noise. For how long after a jump a pull is looked at more closely [s].
+# Share of the wanted press by which a reading may pull, and by which it may change within a tick; a change within
+# ABOVE_NOISE is noise. For how long after a jump a pull is looked at more closely [s].
 PULL_SHARE = 0.5
-JUMP = 8.0
 JUMP_MEMORY = 0.3
 
 # Over which share of retreat_distance a tool has to follow commands, from which share of that on it is judged, of which
@@ -67,7 +66,8 @@ CREEP = 0.05
 PRESENT = 0.1
 # Out of place, in sizes of the contact: how far readings may lead the tool above the touch (2 mm of 50), how far above
 # it and how far at most it lets go to see whether they fall, how far it retreats where they did not.
-ABOVE, LEAST_ASKED, MOST_ASKED, AWAY = 0.04, 0.02, 0.4, 0.06
+ABOVE, LEAST_ASKED, MOST_ASKED = 0.04, 0.02, 0.4
+AWAY = ABOVE + LEAST_ASKED
 # A press has to be felt for that: below this share of the wanted one the tool may be in the air.
 FELT = 0.25
 # Falling by this share of the press, and so many standard deviations, a reading answers.
@@ -94,8 +94,7 @@ TURNS = 5
 SWUNG = 4.0
 SWING = 0.3
 SWING_NOISE = 10.0
-# A press this far off, relative to the wanted one, for this long [s] is not reached; the time constant of its average.
-MISSED = 0.2
+# A press that is SHORT for this long [s] is not reached; the time constant of its average.
 PATIENCE = 1.0
 AVERAGED = 0.2
 
@@ -214,7 +213,7 @@ class Pulls(NamedTuple):
             return self._replace(press=None), None
         felt, wanted = tick.press
         change = 0.0 if self.press is None else abs(felt - self.press)
-        jumped = 0.0 if change > max(PULL_SHARE * wanted, JUMP * tick.noise) else self.jumped + tick.dt
+        jumped = 0.0 if change > max(PULL_SHARE * wanted, ABOVE_NOISE * tick.noise) else self.jumped + tick.dt
         close = tick.limit if jumped < JUMP_MEMORY and tick.limit > 0.0 else max(tick.limit, PULL_SHARE * wanted)
         pull = weighed(self.pull, -felt, close, tick.noise)
         now = Pulls(felt, pull, jumped)
@@ -419,7 +418,7 @@ class Jump(NamedTuple):
         if tick.press is None or not tick.touch.touching or tick.touch.evidence < CERTAIN:
             return Jump(), None
         felt, wanted = tick.press
-        least = max(PULL_SHARE * wanted, JUMP * tick.noise)
+        least = max(PULL_SHARE * wanted, ABOVE_NOISE * tick.noise)
         if self.press is None or abs(felt - self.press) < least:
             return Jump(felt), None
         said = (
@@ -475,7 +474,7 @@ class Settling(NamedTuple):
         if lost:
             return now._replace(highest=None)
         mean = felt if self.press is None else self.press + min(1.0, dt / AVERAGED) * (felt - self.press)
-        off = abs(mean - wanted) > MISSED * wanted > 0.0
+        off = abs(mean - wanted) > SHORT * wanted > 0.0
         return now._replace(press=mean, missed=self.missed + dt if off else 0.0)
 
     def _turned(self, felt: float, wanted: float, noise: float, dt: float) -> Settling:
@@ -494,7 +493,7 @@ class Settling(NamedTuple):
     def after_missing(self, missing: float, dt: float) -> Settling:
         """The same where contact cannot be lost: what is missing of force or moment, as a share of an overload."""
         error = missing if self.press is None else self.press + min(1.0, dt / AVERAGED) * (missing - self.press)
-        return Settling(press=error, missed=self.missed + dt if error > MISSED else 0.0)
+        return Settling(press=error, missed=self.missed + dt if error > SHORT else 0.0)
 
     def unstable(self, *, rests: bool) -> bool:
         """Whether a loss too many has just happened, or a swing of a tool that does not slide on what may be rough."""
