@@ -63,7 +63,7 @@ bool braking_box(const Loop *loop, const double *q, const double *before, const 
 }
 
 /* The share of the gain from which the joints can still brake within a distance each. */
-double share_within(const Loop *loop, double gain, const Row distance)
+static double share_within(const Loop *loop, double gain, const Row distance)
 {
     double share = 1.0;
     for (int j = 0; j < loop->joints; j++) {

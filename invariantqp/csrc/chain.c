@@ -19,17 +19,6 @@ void cross(const double a[3], const double b[3], double c[3])
     c[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* The bracket of two twists. */
-void lie(const double a[6], const double b[6], double c[6])
-{
-    double first[3], second[3];
-    cross(a, b + 3, first);
-    cross(a + 3, b, second);
-    cross(a, b, c);
-    for (int i = 0; i < 3; i++)
-        c[3 + i] = first[i] + second[i];
-}
-
 /* R b */
 void turned(const Pose *T, const double b[3], double c[3])
 {

@@ -163,16 +163,11 @@ static Outcome least_violation(const Rows *rows, const Polytope *box, double wei
 /* The shortest y inside, from one that is. */
 static Outcome shortest_inside(int m, const Polytope *limits, Row y)
 {
-    static const Cone NONE = {.limit = 0.0};
     Squares sum;
     Quadratic problem;
-    Optimum found;
     begun(m, 1.0, NULL, &sum);
     solved_by(&sum, &problem);
-    if (minimise(&problem, limits, &NONE, y, NULL, &found) == HAND_BACK)
-        return HAND_BACK;
-    memcpy(y, found.z, (size_t)m * sizeof(double));
-    return DONE;
+    return minimise_from(&problem, limits, y, y);
 }
 
 /* Rows are limits m, m + 1, ... of both; they are moved, and `yielded` says by how much. `y` is in the box, then inside all. */
@@ -243,20 +238,17 @@ Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, Row y, Yielded
    then the slowest. */
 Outcome slowed_point(int m, const Polytope *limits, Cone *cone, Row y, Yielded *yielded)
 {
-    static const Cone NONE = {.limit = 0.0};
     double square = 0.0, least;
     Squares sum;
     Quadratic problem;
-    Optimum found;
     for (int i = 0; i < 3; i++)
         square += dot(m, cone->J[i], cone->J[i]);
     begun(m, sqrt(LEAST_MOTION) * (square > 0.0 ? sqrt(square) : 1.0), NULL, &sum);
     for (int i = 0; i < 3; i++)
         add_square(&sum, cone->J[i], -cone->start[i]);
     solved_by(&sum, &problem);
-    if (minimise(&problem, limits, &NONE, y, NULL, &found) == HAND_BACK)
+    if (minimise_from(&problem, limits, y, y) == HAND_BACK)
         return HAND_BACK;
-    memcpy(y, found.z, (size_t)m * sizeof(double));
     least = tool_speed(cone, m, y);
     if (fabs(least - cone->limit) <= APART * cone->limit)
         return HAND_BACK;

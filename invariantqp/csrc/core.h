@@ -235,13 +235,14 @@ void forward(int n, const Row *L, double *x);
 void backward(int n, const Row *L, double *x);
 void solved(int n, const Row *L, const double *g, double *x);
 void inverse_triangle(int n, const Row *L, Row *X);
+#define WIDE (6 + MOST_ROWS)
+double eliminated(int n, int k, double (*AB)[WIDE]);
 
 /* chain.c */
 void pose_from(const double *H, Pose *T);
 void place(const Pose *T, const double point[3], double p[3]);
 void turned(const Pose *T, const double b[3], double c[3]);
 void cross(const double a[3], const double b[3], double c[3]);
-void lie(const double a[6], const double b[6], double c[6]);
 void product(const Pose *A, const Pose *B, Pose *C);
 void exponential(const double w[3], const double v[3], double q, Pose *T);
 
@@ -273,9 +274,6 @@ double excess_deviation(int n, const Row A[6], const double wanted[6], double sp
 Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
                  Optimum *found);
 bool inside_limits(const Polytope *limits, int n, const Row z);
-bool slow_enough(const Slow *slow, int n, const Row e, double tolerance);
-void along(int n, int k, const Row *Q, Row row);
-Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu);
 double tool_speed(const Cone *cone, int n, const Row x);
 void cone_on(const Cone *cone, int m, const Row origin, int n, const Row *basis, Cone *result);
 void polytope_on(const Polytope *limits, int m, const Row origin, int n, const Row *basis, Polytope *result);

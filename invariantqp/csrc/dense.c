@@ -128,3 +128,30 @@ void inverse_triangle(int n, const Row *L, Row *X)
         }
     }
 }
+
+/* A X = B, A (n, n) and B (n, k) side by side, by Gauss and Jordan with pivots in each column: B becomes X. The least pivot;
+   where it is zero there is no X. */
+double eliminated(int n, int k, double (*AB)[WIDE])
+{
+    double least = INFINITY;
+    for (int c = 0; c < n && least > 0.0; c++) {
+        int pivot = c;
+        for (int i = c + 1; i < n; i++)
+            pivot = fabs(AB[i][c]) > fabs(AB[pivot][c]) ? i : pivot;
+        least = fmin(least, fabs(AB[pivot][c]));
+        for (int j = c; j < n + k; j++) {
+            double swap = AB[c][j];
+            AB[c][j] = AB[pivot][j];
+            AB[pivot][j] = swap;
+        }
+        for (int i = 0; i < n; i++) {
+            double factor = i == c ? 0.0 : AB[i][c] / AB[c][c];
+            for (int j = c; j < n + k && factor != 0.0; j++)
+                AB[i][j] -= factor * AB[c][j];
+        }
+    }
+    for (int i = 0; i < n; i++)
+        for (int j = n; j < n + k; j++)
+            AB[i][j] /= AB[i][i];
+    return least;
+}

@@ -13,37 +13,21 @@ static const double INDEPENDENT = 1e-7, DEPENDENT_ROW = 1e-11;
 /* A decision that rounding may make: within this factor of a tolerance. */
 static const double CLOSE = 10.0;
 
-/* D root^-1, for root = [[R, 0], [P, S]] or any other that is invertible; by elimination with pivots. */
+/* D root^-1, for root = [[R, 0], [P, S]] or any other that is invertible. */
 Outcome over_root(int k, const double (*D)[6], const double root[6][6], double (*M)[6])
 {
-    double L[6][6 + MOST_ROWS]; /* root' X = D' */
+    double L[6][WIDE]; /* root' X = D' */
     for (int i = 0; i < 6; i++) {
         for (int j = 0; j < 6; j++)
             L[i][j] = root[j][i];
         for (int j = 0; j < k; j++)
             L[i][6 + j] = D[j][i];
     }
-    for (int c = 0; c < 6; c++) {
-        int pivot = c;
-        for (int i = c + 1; i < 6; i++)
-            if (fabs(L[i][c]) > fabs(L[pivot][c]))
-                pivot = i;
-        if (L[pivot][c] == 0.0)
-            return HAND_BACK;
-        for (int j = c; j < 6 + k; j++) {
-            double swap = L[c][j];
-            L[c][j] = L[pivot][j];
-            L[pivot][j] = swap;
-        }
-        for (int i = 0; i < 6; i++) {
-            double factor = i == c ? 0.0 : L[i][c] / L[c][c];
-            for (int j = c; j < 6 + k && factor != 0.0; j++)
-                L[i][j] -= factor * L[c][j];
-        }
-    }
+    if (eliminated(6, k, L) == 0.0)
+        return HAND_BACK;
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < k; j++)
-            M[j][i] = L[i][6 + j] / L[i][i];
+            M[j][i] = L[i][6 + j];
     return DONE;
 }
 

@@ -57,7 +57,7 @@ int commands_of(const Loop *loop)
 }
 
 /* memory.py, in_flight: where the joints are when the command of this tick acts. */
-void predicted(const Loop *loop, const double *kept, const double *q, Row there)
+static void predicted(const Loop *loop, const double *kept, const double *q, Row there)
 {
     int m = loop->joints;
     double part;
@@ -119,17 +119,8 @@ double outside_by(const Loop *loop, const double *q, int j)
     return fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]);
 }
 
-/* velocity/limits.py: whether a joint at a limit is outside its range, where nothing else says so. */
-bool is_outside(const Loop *loop, const double *q, const Solution *solution)
-{
-    for (int j = 0; j < solution->m && !loop->has_braking; j++)
-        if (solution->active[j] && outside_by(loop, q, j) > OUTSIDE)
-            return true;
-    return false;
-}
-
 /* control/limits.py: whether joint positions may not be true; Python decides. */
-bool is_far(const Loop *loop, const double *q)
+static bool is_far(const Loop *loop, const double *q)
 {
     for (int j = 0; j < loop->joints; j++)
         if (outside_by(loop, q, j) > loop->beyond[j])
@@ -214,12 +205,6 @@ static bool demand_now(const Loop *loop, const Now *now, const double *q, const 
     if (now != NULL)
         tool_speed_now(loop, now, before, tool, demand);
     return good;
-}
-
-Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand)
-{
-    Tick tick; /* the words for contradictions are Python's */
-    return demand_now(loop, NULL, q, before, tool, demand, &tick) ? DONE : HAND_BACK;
 }
 
 /* law.py: all that is asked for, at a share of its speed and as calm as at the whole; the limits are as they were. */

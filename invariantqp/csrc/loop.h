@@ -25,19 +25,14 @@ Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, c
                 const double *feedforward, Demand *demand);
 bool braking_box(const Loop *loop, const double *q, const double *before, const double *speeds, Demand *demand, Tick *tick);
 double braking_speed(double room, double acceleration, double dt);
-double share_within(const Loop *loop, double gain, const Row distance);
 Outcome braking_share(const Loop *loop, double gain, const Row A[6], const double error[6], double *share);
-Outcome demand_in(const Loop *loop, const double *q, const double *before, const Pose *tool, Demand *demand);
 void limited_point(const Loop *loop, const Pose *tool, Demand *demand);
 int commands_of(const Loop *loop);
-void predicted(const Loop *loop, const double *kept, const double *q, Row there);
 void remembered(const Loop *loop, const double *q, const double *command, double *kept);
 Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *target, const double *feedforward, const double *before,
              const double *kept, Tick *tick);
 bool follows(const Memory *memory);
 double outside_by(const Loop *loop, const double *q, int j);
-bool is_far(const Loop *loop, const double *q);
-bool is_outside(const Loop *loop, const double *q, const Solution *solution);
 
 #define MEMORY 50
 #define WHOLE_TICKS 1e-9

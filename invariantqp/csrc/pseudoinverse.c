@@ -19,41 +19,11 @@ static double own_unit(int m, const Row J[6])
     return exp2(nearbyint(log2(v) - log2(w)));
 }
 
-/* M becomes its inverse, by Gauss and Jordan with complete pivots in each column; false where a pivot is small. */
-static bool inverted(int n, double M[6][6])
-{
-    double A[6][12];
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < 2 * n; j++)
-            A[i][j] = j < n ? M[i][j] : i == j - n;
-    for (int c = 0; c < n; c++) {
-        int pivot = c;
-        for (int i = c + 1; i < n; i++)
-            pivot = fabs(A[i][c]) > fabs(A[pivot][c]) ? i : pivot;
-        if (!(fabs(A[pivot][c]) > LEAST_PIVOT))
-            return false;
-        for (int j = 0; j < 2 * n; j++) {
-            double swap = A[c][j];
-            A[c][j] = A[pivot][j];
-            A[pivot][j] = swap;
-        }
-        for (int i = 0; i < n; i++) {
-            double factor = i == c ? 0.0 : A[i][c] / A[c][c];
-            for (int j = c; j < 2 * n && factor != 0.0; j++)
-                A[i][j] -= factor * A[c][j];
-        }
-    }
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++)
-            M[i][j] = A[i][n + j] / A[i][i];
-    return true;
-}
-
 static Outcome inverse_of(int m, Row J[6], double h, double X[MOST][6])
 {
     Spectrum found;
     Row lengths;
-    double unit = own_unit(m, (const Row *)J), R[6][6], M[6][6];
+    double unit = own_unit(m, (const Row *)J), MR[6][WIDE];
     int r = m < 6 ? m : 6;
     if (unit == 0.0 || !(fabs(h) <= LONGEST_PITCH * unit))
         return HAND_BACK;
@@ -74,26 +44,23 @@ static Outcome inverse_of(int m, Row J[6], double h, double X[MOST][6])
     if (spectrum(6, m, (const Row *)J, NULL, NULL, &found) == HAND_BACK || !(found.sigma[r - 1] > LEAST_SIGMA * found.sigma[0]))
         return HAND_BACK;
     h /= unit;
-    for (int k = 0; k < r; k++) /* rows of U'Q_h, or of U' */
+    for (int k = 0; k < r; k++) { /* U'Q_h U beside U'Q_h, or U' alone */
+        double *R = MR[k] + (r == 6 ? 0 : r);
         for (int i = 0; i < 3; i++) {
             const double *u = found.U[k];
-            R[k][i] = r == 6 ? u[i] : u[3 + i] - 2.0 * h * u[i];
-            R[k][3 + i] = r == 6 ? u[3 + i] : u[i];
+            R[i] = r == 6 ? u[i] : u[3 + i] - 2.0 * h * u[i];
+            R[3 + i] = r == 6 ? u[3 + i] : u[i];
         }
-    for (int k = 0; k < r; k++)
-        for (int l = 0; l < r; l++)
-            M[k][l] = r == 6 ? k == l : dot(6, R[k], found.U[l]);
-    if (r < 6 && !inverted(r, M))
+        for (int l = 0; l < r && r < 6; l++)
+            MR[k][l] = dot(6, R, found.U[l]);
+    }
+    if (r < 6 && !(eliminated(r, 6, MR) > LEAST_PIVOT))
         return HAND_BACK;
     for (int j = 0; j < m; j++)
         for (int i = 0; i < 6; i++) {
             double sum = 0.0;
-            for (int k = 0; k < r; k++) {
-                double part = 0.0;
-                for (int l = 0; l < r; l++)
-                    part += M[k][l] * R[l][i];
-                sum += found.V[k][j] / found.sigma[k] * part;
-            }
+            for (int k = 0; k < r; k++)
+                sum += found.V[k][j] / found.sigma[k] * MR[k][i + (r == 6 ? 0 : r)];
             X[j][i] = sum / lengths[j] / (i < 3 ? 1.0 : unit);
         }
     return DONE;

@@ -26,13 +26,6 @@ typedef struct {
     Row Q[MOST], R[MOST], bound, w, shortest, e;
 } Face;
 
-void shortest(const Face *face, int n, const double *b, Row e);
-void multipliers(const Face *face, const Room *room, const Row pull, double *y);
-Outcome face_of(const Room *room, const int *side, Face *face);
-int weakest(const Room *room, const Face *face, const Row pull, const int *side, const double *y, bool late);
-Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu);
-Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *face, double *y, double *nu);
-
 /* Twin of Cone in velocity/qp.py: a speed limit |start + J x| <= limit. */
 
 double tool_speed(const Cone *cone, int n, const Row x)
@@ -95,10 +88,23 @@ static double velocity(const Slow *slow, int n, const Row e, double v[3])
     return norm(3, v);
 }
 
-bool slow_enough(const Slow *slow, int n, const Row e, double tolerance)
+static bool slow_enough(const Slow *slow, int n, const Row e, double tolerance)
 {
     double v[3];
     return velocity(slow, n, e, v) <= slow->limit * (1.0 + tolerance);
+}
+
+/* A row without its parts along k orthonormal ones, which would move an active limit. */
+static void along(int n, int k, const Row *Q, Row row)
+{
+    for (int twice = 0; twice < 2; twice++) /* the first time leaves rounding of the row */
+        for (int l = 0; l < k; l++) {
+            double share = dot(n, Q[l], row);
+            for (int j = 0; j < n; j++)
+                row[j] -= share * Q[l][j];
+        }
+    for (int j = 0; j < n && k == n; j++)
+        row[j] = 0.0;
 }
 
 /* nu with sum of squares / (1 + nu gain)^2 = limit^2, or `most` where that is larger. */
@@ -127,7 +133,7 @@ static double multiplier(const double gains[4], const double squares[4], double 
 }
 
 /* The optimum on the face of k orthonormal rows Q whose shortest e is too fast: e, and the gradient e + nu M'v there. */
-Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu)
+static Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu)
 {
     Row M[3];
     double v[3], left[3], along_u[3], gains[4] = {0.0}, squares[4] = {0.0};
@@ -178,7 +184,7 @@ static const double NEARLY_WHOLE = 0.7;
 static const double EXCEEDED = 1e-13;
 
 /* The shortest e with N_a e = b. */
-void shortest(const Face *face, int n, const double *b, Row e)
+static void shortest(const Face *face, int n, const double *b, Row e)
 {
     Row w;
     for (int j = 0; j < n; j++)
@@ -193,21 +199,8 @@ void shortest(const Face *face, int n, const double *b, Row e)
     }
 }
 
-/* A row without its parts along k orthonormal ones, which would move an active limit. */
-void along(int n, int k, const Row *Q, Row row)
-{
-    for (int twice = 0; twice < 2; twice++) /* the first time leaves rounding of the row */
-        for (int l = 0; l < k; l++) {
-            double share = dot(n, Q[l], row);
-            for (int j = 0; j < n; j++)
-                row[j] -= share * Q[l][j];
-        }
-    for (int j = 0; j < n && k == n; j++)
-        row[j] = 0.0;
-}
-
 /* y with pull + N_a'y = 0 on the active limits, zero for the others. */
-void multipliers(const Face *face, const Room *room, const Row pull, double *y)
+static void multipliers(const Face *face, const Room *room, const Row pull, double *y)
 {
     Row w;
     for (int i = 0; i < room->count; i++)
@@ -265,7 +258,7 @@ static Outcome appended(const Room *room, int i, int side, Face *face)
 }
 
 /* The face of all active limits; HAND_BACK where they depend on each other. */
-Outcome face_of(const Room *room, const int *side, Face *face)
+static Outcome face_of(const Room *room, const int *side, Face *face)
 {
     face->k = 0;
     memset(face->shortest, 0, sizeof face->shortest);
@@ -294,7 +287,7 @@ static Outcome without(const Room *room, int i, const int *side, Face *face)
 
 /* The limit whose multiplier has the wrong sign by most; -1 for none. Late in a search the first one is taken (Bland's
    rule), so that no active set repeats. */
-int weakest(const Room *room, const Face *face, const Row pull, const int *side, const double *y, bool late)
+static int weakest(const Room *room, const Face *face, const Row pull, const int *side, const double *y, bool late)
 {
     int found = -1;
     double most = 0.0, size = WRONG_SIGN * norm(room->n, pull);
@@ -309,10 +302,21 @@ int weakest(const Room *room, const Face *face, const Row pull, const int *side,
     return found;
 }
 
+/* The optimum on a face, with the speed limit where there is one, and the gradient and the limit's multiplier there. */
+static Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu)
+{
+    *nu = 0.0;
+    for (int j = 0; j < n; j++)
+        pull[j] = face->e[j] = face->shortest[j];
+    if (slow == NULL || slow_enough(slow, n, face->e, 0.0))
+        return DONE;
+    return slowed_on(slow, n, face->k, (const Row *)face->Q, face->e, pull, nu);
+}
+
 /* Where Python asks a solver: the shortest e inside limits, from one that is inside. */
 
 /* Every step stays inside, and shortens e or changes the set of active limits; face->e is the answer. */
-Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *face, double *y, double *nu)
+static Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *face, double *y, double *nu)
 {
     int n = room->n;
     Row pull;
@@ -360,17 +364,6 @@ Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *
 
 /* Corrections of the active set for each limit, at most, before the primal method takes over. */
 #define CORRECTIONS 3
-/* The optimum on a face, with the speed limit where there is one, and the gradient and the limit's multiplier there. */
-Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu)
-{
-    *nu = 0.0;
-    for (int j = 0; j < n; j++)
-        pull[j] = face->e[j] = face->shortest[j];
-    if (slow == NULL || slow_enough(slow, n, face->e, 0.0))
-        return DONE;
-    return slowed_on(slow, n, face->k, (const Row *)face->Q, face->e, pull, nu);
-}
-
 /* The shortest e inside, from a guess at its active set that is corrected; HAND_BACK where that does not end. */
 static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *face, double *y, double *nu)
 {
@@ -606,17 +599,12 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
 /* The same without a speed limit and without multipliers. */
 Outcome minimise_from(const Quadratic *problem, const Polytope *limits, const Row inside, Row z)
 {
-    int of[LIMITS], side[LIMITS] = {0};
-    Room room;
-    Face face;
-    double y[LIMITS], nu;
-    if (centred(problem, limits, &room, of) == HAND_BACK)
+    static const Cone NONE = {.limit = 0.0};
+    Optimum found;
+    if (minimise(problem, limits, &NONE, inside, NULL, &found) == HAND_BACK)
         return HAND_BACK;
-    if (corrected(&room, NULL, side, &face, y, &nu) == HAND_BACK &&
-        searched(problem, inside, &room, NULL, side, &face, y, &nu) == HAND_BACK)
-        return HAND_BACK;
-    precise(problem, limits, of, side, &face, z);
-    return inside_limits(limits, problem->n, z) ? DONE : HAND_BACK;
+    memcpy(z, found.z, (size_t)problem->n * sizeof(double));
+    return DONE;
 }
 
 /* The same in a box, which zero is in. */
