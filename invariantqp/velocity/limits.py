@@ -308,9 +308,7 @@ class LimitRows(Value):
     @classmethod
     def none(cls, m: int) -> LimitRows:
         """No rows, on m joints."""
-        made = cls.__new__(cls)
-        made.__attrs_init__(np.empty((0, m)), np.empty(0), np.empty(0))
-        return made
+        return cls.trusted(np.empty((0, m)), np.empty(0), np.empty(0))
 
     @classmethod
     def trusted(cls, C: Array, lower: Array, upper: Array, names: Sequence[str] = ()) -> LimitRows:
@@ -321,9 +319,7 @@ class LimitRows(Value):
 
     def called(self, names: Sequence[str]) -> LimitRows:
         """The same rows by other names (k,)."""
-        made = object.__new__(LimitRows)
-        vars(made).update(vars(self), names=tuple(names))
-        return made
+        return LimitRows.trusted(self.C, self.lower, self.upper, names)
 
     def with_box(self, lower: Array, upper: Array) -> Polytope:
         """The polytope of a box (m,) on the joints and these rows."""

@@ -256,7 +256,8 @@ def exact_answer(K, T, centre, A, low, high):
 def test_the_optimum_of_random_and_degenerate_limits_in_rational_numbers(name):
     """Equal, opposite and zero rows, limits without room, limits at the optimum; rows of any scale."""
     rng, backend, active = np.random.default_rng(30), backends.backend_of(name), 0
-    for K, T, centre, A, low, high, exact in exact_problems():
+    problems = exact_problems()[: 300 if name == "daqp" else 100]  # others say which limits are near, and no more
+    for K, T, centre, A, low, high, exact in problems:
         scale = 2.0 ** rng.integers(-20, 21, len(A))
         limits = Polytope(scale[:, None] * A, scale * low, scale * high)
         found = minimise(backend, Quadratic(K.astype(float), T.astype(float), centre.astype(float)), limits)
@@ -268,13 +269,13 @@ def test_the_optimum_of_random_and_degenerate_limits_in_rational_numbers(name):
         assert (value[y > 0.0] >= high[y > 0.0] - near).all()
         assert (value[y < 0.0] <= low[y < 0.0] + near).all()
         active += y.any()
-    assert active > 150
+    assert active > len(problems) / 2
 
 
 @pytest.mark.parametrize("name", INSTALLED)
 def test_limits_without_a_point_are_infeasible(name):
     rng, backend = np.random.default_rng(31), backends.backend_of(name)
-    for _ in range(50):
+    for _ in range(20):
         K, T, centre, A, low, high = random_limits(rng, int(rng.integers(1, 5)))
         row = rng.integers(-2, 3, K.shape[0])
         A, low, high = np.vstack((A, row, row)), np.append(low, (1.0, -9.0)), np.append(high, (9.0, 0.5))

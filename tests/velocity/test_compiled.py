@@ -44,6 +44,10 @@ def tick():
 @example(1074648)  # position limits that leave a chase a room of 1e-8 beside exact rows
 @example(1008561)  # likewise beside rows that gave way, in joints of 1e-3 rad/s
 @example(2014428)  # rows that do not contradict, told so by rounding of velocities of 200 rad/s
+@example(30009505)  # a joint that hardly moves the tool, in a null space one of whose bases has it hold no limit
+@example(30015323)  # a tool speed that joints which move nothing would feel by rounding
+@example(30001609)  # a joint that no exact row moves, mixed into their null space by rounding; a share of 1e-9
+@example(40032394)  # a tool speed that is met by one direction of exact rows, and hardly moved by the others
 @example([424242, 5574])  # the weakest of the limits that hold the rows moves what they leave free by rounding
 def test_both_answer_the_same(seed):
     law, demand = random_tick(np.random.default_rng(seed))
