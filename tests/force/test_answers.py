@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 from support.damped_plane import press_on_damper
 
+from invariantqp.force.estimate import STIFF, Stiffness
+from invariantqp.force.monitor import Evidence
+
 PRESS = 10.0
 
 
@@ -115,3 +118,14 @@ def test_a_reading_that_stays_above_the_wanted_press_leads_the_tool_out_by_milli
         in run.said[stop][1]
     )
     assert 1e-3 < run.height[: stop + 1].max() < 4e-3
+
+
+def test_two_readings_of_a_force_that_stays_are_no_answer():
+    """What is left of them beside a step is rounding: one in four was an answer."""
+    random, known = np.random.default_rng(0), Stiffness.of(STIFF)
+    for _ in range(400):
+        evidence, way, speed, force = Evidence(), *random.uniform((1e-3, 5e-4, 2.0), (2e-3, 2e-3, 5.0))
+        for tick in range(3):
+            now = known._replace(way=way + 0.01 * tick * speed, force=force + 0.02 * random.normal())
+            evidence = evidence.after(now, 0.05, PRESS, 1.0, 0.01)
+            assert not evidence.answers

@@ -129,3 +129,14 @@ def test_a_screw_held_by_an_arm_that_is_late_untold_is_found_without_an_approach
 def test_a_delay_too_small_to_swing_changes_no_gain():
     run = press_on_plane(10.0, delay=0.01, seconds=0.6)
     assert "later than declared" not in " ".join(s.reason for s in run.solutions)
+
+
+@pytest.mark.parametrize("before", [0.0, -0.03])
+def test_the_lag_of_an_arm_that_moves_already_is_found(before):
+    """An arm that was still going up by 30 mm/s was taken to lag by 100 ms instead of 30."""
+    delay, q, v, way = Delay(DT, 0.0, np.inf), np.zeros(6), np.full(6, before), np.full(6, DT * 0.008)
+    for _ in range(150):
+        delay.after(q, way, J, PLACE, SIZE, v)
+        v = v + (1.0 - np.exp(-DT / 0.03)) * (way / DT - v)
+        q = q + DT * v
+    assert delay.lag == pytest.approx(0.03, abs=0.004)

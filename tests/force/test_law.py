@@ -6,8 +6,9 @@ from math import exp
 import numpy as np
 import pytest
 
-from invariantqp.force.estimate import Setting, Stiffness
-from invariantqp.force.law import GAIN, UNKNOWN, Drive, pressed
+import invariantqp as iq
+from invariantqp.force.estimate import Setting, Stiffness, Touch
+from invariantqp.force.law import GAIN, UNKNOWN, Drive, pressed, sought
 
 
 def setting_of(dt, late, slope_speed=0.0):
@@ -64,3 +65,13 @@ def test_a_surface_that_comes_is_followed_without_an_error_by_the_slope_alone():
     assert presses[-1] == pytest.approx(10.0, rel=1e-3)
     still = pressed(Drive(0.0, 1e-3), 0.0, 10.0, knows(k, 0.0), setting_of(dt, late, 0.0), (1.0, 1.0), 1.0, grows=True)
     assert still.slope == 0.0  # of a surface that stands still nothing is left that could lead away
+
+
+def test_a_contact_lost_for_moments_is_approached_from_rest():
+    """A step of speed, which compliant servos turn into a force, was the next touch, and so on."""
+    task = iq.HybridTask(iq.point_contact(np.zeros(3), [0, 0, 1]), [10.0])
+    setting, speeds = setting_of(0.002, 0.02), []
+    for airborne in (0.002, 0.05, task.lost_after, 1.0, np.inf):
+        touch = Touch(airborne=airborne)
+        speeds.append(sought(Drive(), 0.01, setting, 0.02, touch, task).rate)
+    assert speeds == pytest.approx([0.0002, 0.005, 0.01, 0.01, 0.01])
