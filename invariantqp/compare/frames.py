@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +28,6 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.progress import Progress
-from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController, TaskController, controller_for
 from invariantqp.runs.plants.plant import Measurement, Plant, PlantState
 from invariantqp.runs.prepare import ControlProblem, Goal, Setup, prepare
@@ -208,38 +206,51 @@ class ContactFrameCheck:
     displaced_force_error: float | None
 
 
-class Textbook(TaskController):
-    """Raibert and Craig's controller, for the contact of a task file."""
+class RaibertCraig(TaskController):
+    """The hybrid controller of textbooks: a diagonal selection matrix says along which axes of a task frame the tool
+    moves.
+
+        xi = Sigma (gain e + s_d) + (I - Sigma) C (W_d - W),     x = clip(J^+ xi)
+
+    All are written in the axes of the task frame, the contact's. e is the error of the tool's position and its rotation
+    vector. W is the sensor's reading, rotated into the axes of the task frame but not moved to its origin, so its
+    moment is still about the origin of the sensor. xi is the velocity of the tool's origin. This is right while tool,
+    sensor and contact have the same origin, as in the figures of textbooks.
+    """
 
     def __init__(self, setup: Setup, tool: Array | None = None) -> None:
         """For a run in displaced frames, of which it knows the sensor's, and the tool's by its (4, 4) displacement."""
         problem, scene = setup.problem, setup.scene
         if scene is None or problem.sensor is None:
             raise BadInput("setup", "a task without contact", "one with [contact] and [force]")
-        law = problem.law
+        robot, law = problem.robot, problem.law
+        self._robot, self._sensor, self._contact_at = robot, problem.sensor, scene.task.contact_at
         self._back = np.eye(4) if tool is None else se3.inverse(tool)
-        self._contact_at = scene.task.contact_at
-        self._sensor = problem.sensor
-        self._loop = RaibertCraig(
-            problem.robot,
-            np.array(SELECTIONS[scene.springs.shape]),
-            np.eye(3),
-            scene.wanted,
-            dt=law.dt,
-            gain=tracking_gain(law.gain, law.dt),
-            compliance=np.diag(np.asarray(scene.task.compliance)),
-            sensor_axes=np.asarray(self._sensor.mount)[:3, :3],
-        )
+        self._selection, self._wanted = np.array(SELECTIONS[scene.springs.shape]), scene.wanted
+        self._gain, self._compliance = tracking_gain(law.gain, law.dt), np.diag(np.asarray(scene.task.compliance))
+        self._sensor_axes = np.asarray(problem.sensor.mount)[:3, :3]
+        self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, law.dt)
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
         if measured.wrench is None:
             raise BadInput("plant", "no force sensor", "a plant that measures the wrench at the tool")
-        tool = self._loop.robot.pose(measured.q)
-        exerted = self._sensor.load(measured.wrench, tool)
-        self.wrench = self._sensor.in_base(exerted, tool)
-        self._loop.axes = np.asarray(self._contact_at(tool.dot(self._back)).pose)[:3, :3]
-        return self._loop.step(measured.q, goal.target, exerted, goal.feedforward)
+        sighting, T = self._robot.sight(measured.q, goal.target), self._robot.pose(measured.q)
+        exerted = self._sensor.load(measured.wrench, T)
+        self.wrench = self._sensor.in_base(exerted, T)
+        axes = np.asarray(self._contact_at(T.dot(self._back)).pose)[:3, :3]
+        to_sensor = axes.T.dot(T[:3, :3]).dot(self._sensor_axes)
+        read = np.concatenate((to_sensor.dot(exerted[:3]), to_sensor.dot(exerted[3:])))
+        # Twists about the tool's origin, in the axes of the task frame.
+        at_tool = se3.adjoint(se3.inverse(se3.transform(axes, T[:3, 3]), check=False), check=False)
+        s = self._gain * sighting.error + goal.feedforward
+        xi = self._selection * at_tool.dot(s) + (1.0 - self._selection) * self._compliance * (self._wanted - read)
+        x: Array = np.linalg.pinv(at_tool.dot(sighting.J)).dot(xi)
+        lower, upper = self._box.at(measured.q)
+        clipped = np.minimum(np.maximum(x, lower), upper)
+        active = tuple(np.flatnonzero(clipped != x).tolist())
+        residual = s - sighting.J.dot(clipped)
+        return VelocitySolution(clipped, "raibert-craig", Status.OK, "", active, residual, 1.0, 0.0, 0.0, "")
 
 
 def contact_frame_check(
@@ -261,7 +272,7 @@ def contact_frame_check(
     """
     laws: dict[str, Callable[[Setup, Array | None], TaskController]] = {
         OURS: lambda setup, _: controller_for(setup.problem),  # it needs to be told of no displacement
-        "Raibert-Craig": Textbook,
+        "Raibert-Craig": RaibertCraig,
     }
     tool, sensor, contact = (random_displacement(seed + i) for i in range(3))
     checks = []
@@ -281,48 +292,3 @@ def contact_frame_check(
         errors = [1e3 * float(trace.position_error[trace.counted_from :].max()) for trace in (plain, other)]
         checks.append(ContactFrameCheck(name, change, errors[0], plain.force_error, errors[1], other.force_error))
     return checks
-
-
-@dataclass
-class RaibertCraig:
-    """The hybrid controller of textbooks: a diagonal selection matrix says along which axes of a task frame the tool
-    moves.
-
-        xi = Sigma (gain e + s_d) + (I - Sigma) C (W_d - W),     x = clip(J^+ xi)
-
-    All are written in the axes of the task frame. e is the error of the tool's position and its rotation vector. W is
-    the sensor's reading, rotated into the axes of the task frame but not moved to its origin, so its moment is still
-    about the origin of the sensor. xi is the velocity of the tool's origin. This is right while tool, sensor and
-    contact have the same origin, as in the figures of textbooks.
-    """
-
-    robot: Robot  # the arm
-    selection: Array  # (6,) diagonal of Sigma, rotations first: 1 for an axis of motion, 0 for an axis of force
-    axes: Array  # (3, 3) the task frame's axes in the base frame, as columns; they may change from tick to tick
-    wanted: Array  # (6,) wrench W_d, in the axes of the task frame
-    dt: float  # duration of a tick [s]
-    gain: float  # of the tracking error [1/s]
-    compliance: Array  # (6,) diagonal of C, twist per wrench
-    sensor_axes: Array  # (3, 3) axes of the sensor frame in the tool frame, as columns
-
-    def step(
-        self, q: ArrayLike, target: Any, wrench: ArrayLike, feedforward: ArrayLike | None = None
-    ) -> VelocitySolution:
-        """One tick; `wrench` (6,) is what the tool exerts, as the sensor reads it in its own frame."""
-        positions = arrays.vector(q, len(self.robot.names), "q")
-        reading = arrays.vector(wrench, 6, "wrench")
-        sighting, T = self.robot.sight(positions, target), self.robot.pose(positions)
-        s = self.gain * sighting.error + (0.0 if feedforward is None else arrays.twist(feedforward))
-        to_sensor = self.axes.T.dot(T[:3, :3]).dot(self.sensor_axes)
-        measured = np.concatenate((to_sensor.dot(reading[:3]), to_sensor.dot(reading[3:])))
-        # Twists about the tool's origin, in the axes of the task frame.
-        at_tool = se3.adjoint(se3.inverse(se3.transform(self.axes, T[:3, 3]), check=False), check=False)
-        motion, force = at_tool.dot(s), self.compliance * (self.wanted - measured)
-        xi = self.selection * motion + (1.0 - self.selection) * force
-        x: Array = np.linalg.pinv(at_tool.dot(sighting.J)).dot(xi)
-        limits = self.robot.position_lower, self.robot.position_upper, self.robot.velocity_limit
-        lower, upper = JointBox(*limits, self.dt).at(positions)
-        clipped = np.minimum(np.maximum(x, lower), upper)
-        active = tuple(np.flatnonzero(clipped != x).tolist())
-        residual = s - sighting.J.dot(clipped)
-        return VelocitySolution(clipped, "raibert-craig", Status.OK, "", active, residual, 1.0, 0.0, 0.0, "")
