@@ -37,7 +37,7 @@ def test_a_fault_while_a_normal_is_found_stops_the_push(name):
     assert run.press[-1] == 0.0
 
 
-@pytest.mark.parametrize("start", (294, 298, 302))
+@pytest.mark.parametrize("start", [294, 298, 302])
 def test_readings_that_come_late_in_a_touch_are_waited_for(start):
     """For 50 ms the driver repeats the last one, as after a lost packet."""
     kept, tick = {}, iter(range(10_000))

@@ -42,7 +42,8 @@ def test_the_tasks_that_are_shipped():
 
 
 @pytest.mark.parametrize(
-    ("physics", "name"), [("mujoco", name) for name in IN_CONTACT if name != "wipe_table"] + [("ideal", name) for name in CONTACTS]
+    ("physics", "name"),
+    [*(("mujoco", name) for name in IN_CONTACT if name != "wipe_table"), *(("ideal", name) for name in CONTACTS)],
 )
 def test_path_and_force_hold_after_contact_has_settled(name, physics):
     if physics == "mujoco":

@@ -106,7 +106,7 @@ def test_no_sweep_jumps(kind, exact):
 def test_no_sweep_of_a_chase_jumps(kind, exact):
     """In the part that is chased, the limits that bend and that slow it, its slack, and what the posture waits for."""
     rng = np.random.default_rng(4)
-    for k in range(max(1, 2 * SWEEPS // len(KINDS))):
+    for k in range(max(1, SWEEPS // len(KINDS))):
         m = (6, 7, 5, 8, 4, 3, 2, 1)[k % 8]
         jump = height(sweep(rng, kind, m, exact, dt=0.01 if exact or k % 2 else 0.0, chased=True))
         assert jump <= JUMP, (k, m, jump)
