@@ -486,6 +486,8 @@ class Settling(NamedTuple):
         back = self.extreme - felt if rises else felt - self.extreme
         if back <= max(SWING * wanted, SWING_NOISE * noise):
             return now._replace(turns=turns, rises=rises, extreme=felt if back < 0.0 else self.extreme)
+        if (self.extreme > wanted) != rises:  # on the way to the wanted press, not about it
+            return now._replace(rises=not rises)
         if len(turns) < TURNS:
             return now._replace(turns=(0.0, *turns), rises=not rises)
         return now._replace(swung=0.0, rises=not rises)

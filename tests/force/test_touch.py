@@ -189,6 +189,16 @@ def test_swings_are_told_of_a_wanted_press_that_stays(swing, steps, told):
     assert bool(settling.trouble(10.0, 0.01)) == (lowered > 1) == told
 
 
+def test_a_press_that_comes_to_what_is_wanted_in_leaps_does_not_swing_about_it():
+    """What a table that damps reads at a touch: it was said to swing about 10 N for 4 s, and its gain was lowered."""
+    settling = Settling()
+    for k in range(500):
+        press = 10.0 if k > 100 else 0.05 * k + 4.0 * (k % 10 < 5)
+        settling = settling.after((press, 10.0), 0.002, touching=True, lost=False, noise=0.1)
+        assert not settling.unstable(rests=True)
+        assert settling.trouble(10.0, 0.01) == ""
+
+
 def test_chatter_and_a_force_not_reached_are_told():
     fast = press_on_plane(
         5.0, stiffness=1e5, delay=0.016, dt=0.004, gap=0.0, seconds=3.0, compliance=2e-3, max_force=1e3, max_moment=1e2
