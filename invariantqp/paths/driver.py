@@ -47,6 +47,7 @@ from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.time_law import ROUNDING, JointLimits
 from invariantqp.paths.twist import TwistLaw
 from invariantqp.systems.contacts import Contact
+from invariantqp.velocity.reasons import row_name, sentences
 from invariantqp.velocity.solution import Status
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
@@ -181,6 +182,7 @@ class Follower:
         self._closed = False
         self._why = "nothing to follow yet"
         self._retry = 0.0  # when to look next
+        self._held_by = ""  # the limit of the controller that made all joints slower in this tick
         self._late = False  # whether the joints cannot be where they are wanted, and catch up
 
     def __copy__(self) -> Follower:
@@ -464,7 +466,7 @@ class Follower:
         if ease:
             self._retry = time + RETRY
         self._time += loop.dt
-        self._late = late
+        self._late, self._held_by = late, ""
         if way is not None or (ease and time < reference.joined):
             reference.joins(time, *(way or (np.zeros((6, self._m)), 0.0)))
             self._course = self._made_course(reference)
@@ -484,7 +486,7 @@ class Follower:
             return FollowerSolution(command, Status.MOVING, "", time, 0.0, lambda: nan)
         lag = reference.source.late if isinstance(reference.source, Window) else 0.0
         place, position = time - lag, self._q
-        status, why = (Status.LATE, LATE) if self._late else (Status.MOVING, "")
+        status, why = self._hurrying()
         return FollowerSolution(command, status, why, place, lag, lambda: self._across(position, place))
 
     def _limited(self, reference: Reference) -> Array:
@@ -498,7 +500,7 @@ class Follower:
             if (np.abs(allowed - a) > ROUNDING * self.jerk * dt).any():
                 v = self._v + dt * allowed
                 self._late = self._twist is None
-        part = self._share(v)
+        part, self._held_by = self._share(v)
         if part < 1.0 and along and shape is not None:  # the path waits
             reference.source = self._source = shape.delayed((1.0 - part) * dt)
             return self._wanted(reference)
@@ -825,29 +827,38 @@ class Follower:
             return self._v + dt * self._limits.catching_up(self._q + dt * self._v, self._v, there)
         return (reference.position(self._time + dt) - self._q) / dt
 
-    def _share(self, v: Array) -> float:
-        """The share of joint velocities v (m,) that the loop's tool speed and rows allow."""
-        loop, share = self.controller, 1.0
+    def _hurrying(self) -> tuple[Status, str]:
+        """Whether the joints catch up, and what they wait for."""
+        if not self._late:
+            return Status.MOVING, ""
+        return Status.LATE, f"held by {self._held_by}" if self._held_by else LATE
+
+    def _share(self, v: Array) -> tuple[float, str]:
+        """The share of joint velocities v (m,) that the loop's tool speed and rows allow, and the name of the least."""
+        loop, share, name = self.controller, 1.0, ""
         if loop.tool_speed is None and loop.joint_rows is None:
-            return share
+            return share, name
         robot = loop.robot
         if loop.tool_speed is not None:
             sighting = robot.sight(self._q, robot.target(robot.pose(self._q)))
             point = np.zeros(3) if loop.tool_speed.point is None else loop.tool_speed.point
             here = robot.points(sighting, robot.target(sighting.pose), point)[0]
             speed = loop.tool_speed.cone(sighting.J, here).speed(v)
-            share = min(share, loop.tool_speed.limit / speed if speed > 0.0 else 1.0)
+            if speed > loop.tool_speed.limit:
+                share, name = loop.tool_speed.limit / speed, "the tool's speed"
         if loop.joint_rows is not None:
             rows, trouble = loop.joint_rows.at(self._q, self._v)
             if trouble:
-                return 0.0
+                return 0.0, sentences((trouble,))
             if rows is not None:
                 value = np.asarray(rows.C).dot(v)
                 with np.errstate(divide="ignore", invalid="ignore"):
                     most = np.where(value > 0.0, np.asarray(rows.upper) / value, np.asarray(rows.lower) / value)
-                most = most[np.isfinite(most)]
-                share = min(share, max(float(most.min()), 0.0)) if len(most) else share
-        return share
+                most = np.where(np.isfinite(most), np.maximum(most, 0.0), inf)
+                least = int(np.argmin(most)) if len(most) else 0
+                if len(most) and most[least] < share:
+                    share, name = float(most[least]), row_name(least, rows.names)
+        return share, name
 
     # What is told
 
@@ -903,7 +914,7 @@ class Follower:
             return Status.DONE, ""
         if missed > self._tolerance:
             return Status.LEFT, f"out of reach, by {missed:.3g}"
-        return (Status.LATE, LATE) if self._late else (Status.MOVING, "")
+        return self._hurrying()
 
     def _missed_at(self, place: float) -> float:
         """By how much the points at a place are out of reach."""

@@ -294,6 +294,29 @@ def test_a_late_arm_gets_the_same_commands():
         assert np.abs(other.step(Q[max(i - 10, 0)]).velocity - answer.velocity).max() < 1e-9
 
 
+@pytest.mark.parametrize("names", [["the table"], []])
+def test_what_holds_the_arm_back_is_named(names):
+    """Above a table a hand that goes below it is late for the table's sake, not for the joints'."""
+    arm, q = iq.load_robot("panda"), np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    start = arm.pose(q)
+
+    def above(q):
+        twist, place = arm.jacobian(q), arm.pose(q)[:3, 3]
+        rise = twist[5] + twist[0] * place[1] - twist[1] * place[0]
+        return iq.limits.LimitRows(rise[None], [-20.0 * (place[2] - start[2, 3] + 0.02)], [np.inf], names)
+
+    follower = iq.Follower(iq.Controller(arm, dt=0.005, acceleration_limit=10.0, limits=[above]), jerk=500.0)
+    said = set()
+    for tick in range(200):
+        if tick % 4 == 0:
+            follower.add(iq.transform(translation=[0.0, 0.0, -0.1 * min(1.0, 0.01 * tick)]) @ start, 0.005 * tick)
+        told = follower.step(q, now=0.005 * tick)
+        q = q + 0.005 * told.velocity
+        said.add((str(told.status), told.reason))
+    assert arm.pose(q)[2, 3] > start[2, 3] - 0.0201
+    assert (str(told.status), told.reason) == ("late", f"held by {names[0] if names else 'above'}")
+
+
 def test_a_tool_speed_holds():
     arm = Arm("ur5", tool_speed=0.1)
     truth = arm.motion(np.random.default_rng(12), size=1.0)
