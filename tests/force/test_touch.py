@@ -235,6 +235,5 @@ def test_a_tool_that_only_taps_is_told_that_the_force_is_not_reached():
         said.append((solution.status, solution.reason))
         q = q + 0.004 * solution.velocity
     assert {status for status, _ in said[20:50]} == {"ok"}
-    assert all("the press swings about 2 N: " in why for status, why in said[20:350] if status != "ok")
     assert {status for status, _ in said[350:]} == {"degraded"}
-    assert all("the force is not reached: 0." in why for _, why in said[350:])
+    assert all(why.startswith("the force is not reached: 0.") for status, why in said[20:] if status != "ok")
