@@ -33,7 +33,7 @@ REACHED = 1e-4
 # A pose that is missed for this long [s] is tried from other joint positions, so far away [rad, length], in turn.
 PATIENCE = 0.2
 ELSEWHERE = (0.3, 0.6, 1.0, 1.5, 2.2)
-# A pose is not stalled before while the way to it falls below this share of what it was.
+# A pose is not stalled while the way to it falls below this share of the farthest.
 PROGRESS = 0.9
 # Out of reach joints go no faster than this share of their limits: accelerations have to follow.
 OUTSIDE_SHARE = 0.4
@@ -102,7 +102,7 @@ class Solver:
         self._tolerance = tolerance
         self._search = PoseSearch(controller.robot, exact=controller.exact or None, restarts=0, time_limit=inf)
         self._random = np.random.default_rng(0)
-        self._stalled: tuple[float, float] | None = None  # since when a pose is missed, and by how much then
+        self._stalled: tuple[float, float] | None = None  # since when a pose is missed, and by how much at most
         self._tried = 0
 
     def pose(self, target: Array, near: Array, time: float, step: float) -> tuple[Array, float]:
@@ -125,7 +125,9 @@ class Solver:
         if self._stalled is None or time < self._stalled[0] or missed < PROGRESS * self._stalled[1]:
             self._stalled = time, missed
             self._tried = 0
-        elif time - self._stalled[0] >= PATIENCE * (1 + self._tried // len(ELSEWHERE)):
+            return q, missed
+        self._stalled = self._stalled[0], max(missed, self._stalled[1])
+        if time - self._stalled[0] >= PATIENCE * (1 + self._tried // len(ELSEWHERE)):
             other = self._elsewhere(target, near)
             if other is not None:
                 self._stalled = None
