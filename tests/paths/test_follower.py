@@ -72,6 +72,20 @@ def test_a_gap_between_chunks_does_not_turn_the_arm_back():
     assert {a.status for a in answers[round(1.78 / arm.dt) : round(1.82 / arm.dt)]} == {"waiting"}
 
 
+def test_joints_that_catch_up_do_not_go_past_what_they_follow():
+    arm = Arm("ur5")
+
+    def place(t):  # it leaps, and comes back a little while the joints are on their way
+        return arm.start + (0.0 if t < 0.5 else 1.2 - 0.4 * np.clip(t - 0.8, 0.0, 0.4))
+
+    events = [(t + 0.01, lambda f, t=t: f.add(place(t), t)) for t in np.arange(0.0, 2.0, 1 / 60) if not 0.3 < t < 0.5]
+    Q, answers = driven(arm, arm.follower(), events, 2.0)
+    arm.held(Q)
+    assert "late" in {a.status for a in answers}
+    assert (Q - arm.start).max() < 1.04 + 1e-3
+    assert np.abs(Q[-50:] - place(2.0)).max() < 1e-3
+
+
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("seed", range(1))
 def test_broken_streams_keep_every_limit(name, seed):
