@@ -202,14 +202,18 @@ static double spaced(double first, double last, int i, int count)
     return i == count - 1 ? last : i == 0 ? first : first * pow(last / first, (double)i / (count - 1));
 }
 
-/* Whether a splice keeps the limits together with the source, and whether the tool does not turn back on it. */
-static bool fits(const Course *course, double time, const Path here, const double *powers, double D, const double *tool, bool *ahead)
+/* Whether a splice keeps the limits together with the source, and whether the tool does not turn back on it; `farthest` is
+   the square of the largest way that the tool is off the source. */
+static bool fits(const Course *course, double time, const Path here, const double *powers, double D, const double *tool,
+                 bool *ahead, double *farthest)
 {
     int m = course->limits.m;
     Path r;
+    Row left;
     *ahead = true;
+    *farthest = 0.0;
     for (int i = 0; i < PLACES; i++) {
-        double u = i * (D / (PLACES - 1)), along = 0.0, was[3] = {0.0}, is[3] = {0.0};
+        double u = i * (D / (PLACES - 1)), along = 0.0, off = 0.0, was[3] = {0.0}, is[3] = {0.0};
         if (course->pieces == 0) { /* a hand is taken to go on as it does */
             memset(r, 0, sizeof r);
             memcpy(r[0], here[0], sizeof r[0]);
@@ -218,14 +222,19 @@ static bool fits(const Course *course, double time, const Path here, const doubl
             source_at(course, time + u, r);
         for (int k = 0; k < 3 && tool != NULL; k++)
             was[k] = dot(m, tool + k * m, r[1]);
+        memcpy(left, r[0], sizeof left);
         quintic(m, powers, u, r);
+        for (int j = 0; j < m; j++)
+            left[j] = r[0][j] - left[j];
         for (int j = 0; j < m; j++)
             if (!(needed_share(&course->limits, j, r[0][j], r[1][j], r[2][j], r[3][j]) <= SHARE))
                 return false;
         for (int k = 0; k < 3 && tool != NULL; k++) {
             is[k] = dot(m, tool + k * m, r[1]);
             along += is[k] * was[k];
+            off += dot(m, tool + k * m, left) * dot(m, tool + k * m, left);
         }
+        *farthest = fmax(*farthest, off);
         *ahead = *ahead && along >= 0.0;
     }
     return true;
@@ -304,14 +313,17 @@ double shortest_splice(const Course *course, double time, const double *state, d
     int m = course->limits.m;
     Path here;
     double e[3 * MOST], powers[6 * MOST], first = fmax(shortest, SHORTEST_STOP * course->limits.dt), taken = 0.0;
+    double off, least = INFINITY;
     jump_at(course, time, state, here, e);
     for (int i = 0; i < (longest > first ? DURATIONS : 1); i++) {
         double D = spaced(first, longest, i, DURATIONS);
         bool ahead;
         residual_of(m, e, D, powers);
-        if (!fits(course, time, (const double(*)[MOST + 1])here, powers, D, tool, &ahead) || (taken > 0.0 && !ahead))
+        if (!fits(course, time, (const double(*)[MOST + 1])here, powers, D, tool, &ahead, &off) ||
+            (taken > 0.0 && !(ahead && off <= least)))
             continue;
         taken = D;
+        least = off;
         memcpy(found, powers, sizeof powers);
         if (ahead)
             break;
