@@ -204,22 +204,28 @@ def poses(name):
 
 
 def rows_a_second(width):
-    """Rows of `solve_velocities` a second: the core on all cores, on one, and Python alone."""
+    """Rows a second: `solve_velocities` by the core on all cores, on one, by Python alone; and a loop of DAQP."""
     robot, rng = iq.load_robot("panda"), np.random.default_rng(0)
     J = np.array([robot.jacobian(q) for q in rng.uniform(robot.position_lower, robot.position_upper, (ROWS, 7))])
-    s, bounds = 0.1 * rng.normal(size=(ROWS, 6)), iq.Bounds(-width * np.ones(7), width * np.ones(7))
+    s, limit = 0.1 * rng.normal(size=(ROWS, 6)), width * np.ones(7)
+    sense, none, damping = np.zeros(7, dtype=np.int32), np.zeros((0, 7)), 1e-6 * np.eye(7)
 
-    def rate(engine="compiled"):
-        call = partial(iq.solve_velocities, J, s, bounds=bounds, point=np.zeros(3), length=1.0, engine=engine)
+    def solve(engine="compiled"):
+        iq.solve_velocities(J, s, bounds=iq.Bounds(-limit, limit), point=np.zeros(3), length=1.0, engine=engine)
+
+    def loop():
+        for A, b in zip(J, s, strict=True):
+            daqp.solve(A.T @ A + damping, -A.T @ b, none, limit, -limit, sense)
+
+    def rate(call):
         return 1e6 * ROWS / min(timed(call, ()) for _ in range(5))
 
     many, rates = compiled.ROWS_A_THREAD, []
     for rows in (many, ROWS + 1):  # two threads where there are two cores, then one
         compiled.ROWS_A_THREAD = rows
-        rates.append(rate())
+        rates.append(rate(solve))
     compiled.ROWS_A_THREAD = many
-    rates.append(rate("python"))
-    return rates
+    return [*rates, rate(partial(solve, "python")), rate(loop)]
 
 
 def single_calls():
@@ -319,9 +325,9 @@ def main():
             f"| {title} | {cell(took['ours'], took['theirs'])} | {cell(took['theirs'], took['theirs'])} |", flush=True
         )
     for name, width in (("free", 10.0), ("tight box", 0.05)):
-        both, one, python = rows_a_second(width)
+        both, one, python, loop = rows_a_second(width)
         print(f"\nbatch of {ROWS} Panda rows, {name}: {both:,.0f} rows/s compiled, {one:,.0f} on one core, ", end="")
-        print(f"{python:,.0f} in Python", end="")
+        print(f"{python:,.0f} in Python, {loop:,.0f} by a loop of DAQP: {one / loop:.2f} on one core", end="")
     print(f"\n\n| tick along a path | {' | '.join(name for pair in ALONG for name in pair)} |\n|---|---|---|---|---|")
     paths = (
         ("Panda", "panda", 0.2, {}),
