@@ -24,9 +24,12 @@ static bool is_array(PyObject *object, int dimensions)
 
 static void strided(const char *from, npy_intp down, npy_intp step, int rows, int n, int width, double *into)
 {
-    for (int i = 0; i < rows; i++)
-        for (int j = 0; j < n; j++)
-            into[i * width + j] = *(const double *)(from + i * down + j * step);
+    for (int i = 0; i < rows; i++, from += down, into += width)
+        if (step == sizeof(double))
+            memcpy(into, from, (size_t)n * sizeof(double));
+        else
+            for (int j = 0; j < n; j++)
+                into[j] = *(const double *)(from + j * step);
 }
 
 /* Copy a float64 vector of n numbers; false for anything else. */

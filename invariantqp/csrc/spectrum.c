@@ -87,7 +87,7 @@ Outcome sorted_rows(int rows, int n, int with, Rotated *R, double *sigma)
 }
 
 /* Complete V[0..rank) to an orthonormal basis of n dimensions. Each new direction is what is left of the axis that is
-   farthest from those before, made orthogonal twice, which is enough. */
+   farthest from those before: of its square 1/n at least is left, so once is enough. */
 void completed(int n, int rank, Row *V)
 {
     for (int k = rank; k < n; k++) {
@@ -104,16 +104,14 @@ void completed(int n, int rank, Row *V)
         }
         for (int j = 0; j < n; j++)
             V[k][j] = j == best ? 1.0 : 0.0;
-        for (int twice = 0; twice < 2; twice++) {
-            for (int i = 0; i < k; i++) {
-                double share = dot(n, V[i], V[k]);
-                for (int j = 0; j < n; j++)
-                    V[k][j] -= share * V[i][j];
-            }
-            double length = norm(n, V[k]);
+        for (int i = 0; i < k; i++) {
+            double share = dot(n, V[i], V[k]);
             for (int j = 0; j < n; j++)
-                V[k][j] /= length;
+                V[k][j] -= share * V[i][j];
         }
+        double length = norm(n, V[k]);
+        for (int j = 0; j < n; j++)
+            V[k][j] /= length;
     }
 }
 
