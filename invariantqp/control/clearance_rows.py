@@ -201,7 +201,8 @@ def _asked_of(
     """The lower limit of a row, -inf where every velocity keeps it, and how urgent it is.
 
     `approach` has the room that the arm may take, the part of the way out that the row's direction is, and how fast
-    the distance grows by itself. In the state that an arm with brakes is `leaving`, rows lead out of what is too near.
+    the distance grows by itself. In the state that an arm with brakes is `leaving`, rows lead out of what is too near;
+    out of what stands still no faster than brakes certainly can, so that no such row contradicts them.
     """
     (room, out, drift), (alpha, escape) = approach, settings[1:3].tolist()
     scaled = np.abs(C) * np.where(np.isfinite(speed), speed, USUAL_SPEED)
@@ -213,10 +214,9 @@ def _asked_of(
         wish = -alpha * room
     else:
         wish = max(0.0, out) * min(-alpha * room, escape * float(scaled.dot(scaled)) / float(scaled.max()))
-    lower = braked + wish - drift
-    if leaving:
-        sure = float(np.abs(C[moved]).dot(states.sure[moved]))
-        lower = min(wish - drift, braked + sure)
+    lower = (0.0 if leaving else braked) + wish - drift
+    if leaving or (room < 0.0 and drift == 0.0):
+        lower = min(lower, braked + float(np.abs(C[moved]).dot(states.sure[moved])))
     if not lower > braked - float(np.abs(C[moved]).dot(states.reach[moved])):
         return -inf, 0.0
     return lower, (lower - braked) / float(scaled.sum())

@@ -640,7 +640,9 @@ static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *f
             approach = -asked->rate * pair->share * room;
         else
             approach = fmax(0.0, dot(3, near->n, out)) * fmin(-asked->rate * room, asked->escape * square / largest);
-        lower = asked->leaving ? fmin(approach - drift, braked + sure) : braked + approach - drift;
+        lower = (asked->leaving ? 0.0 : braked) + approach - drift;
+        if (asked->leaving || (room < 0.0 && drift == 0.0)) /* brakes certainly can */
+            lower = fmin(lower, braked + sure);
         if (lower > braked - reach)
             keep(rows, asked->m, C, lower, (lower - braked) / weighed - later, pair->index);
     }
