@@ -185,7 +185,6 @@ def test_no_point_of_a_shape_is_faster_than_its_levers_say(ur5, base):
     assert closest > 0.5
 
 
-@pytest.mark.skipif(engine.core is None, reason="one engine alone")
 def test_of_two_links_that_are_always_near_those_points_count_that_are():
     """A rod begins 10 mm beside the axes of two hinges and ends half a metre from them; its end takes no part in it."""
     wrist = iq.robots.Chain(
@@ -219,6 +218,7 @@ def test_a_desk_is_no_nearer_for_what_turns_about_its_normal_as_far_as_a_descrip
         assert (fast > 0.5) == (not counts)
 
 
+@pytest.mark.skipif(engine.core is None, reason="one engine alone")
 def test_the_core_gives_the_rows_of_its_definition(panda):
     ball = Sphere([0.5, 0.2, 0.5], 0.1, name="ball")
     ball.move(np.eye(4), [0.1, 0.0, 0.2, 0.3, -0.1, 0.0])
@@ -247,6 +247,21 @@ def test_the_core_gives_the_rows_of_its_definition(panda):
                     np.testing.assert_allclose(a[orders[0]], b[orders[1]], atol=1e-8)
                 alike += len(plain[0]) > 0
     assert alike > 10
+
+
+def test_a_state_ahead_that_is_too_near_asks_for_no_more_than_brakes_have(panda):
+    """A wrist that comes back to its shoulder: in its braked states it is a hair nearer than it may be."""
+    shoulder, wrist = Capsule([0, 0, -0.06], [0, 0, 0.06], 0.06), Capsule([0, 0, -0.08], [0, 0, 0.01], 0.05)
+    limit = Clearance(panda, {"panda_link2": [shoulder], "panda_link6": [wrist]})
+    q = np.array([-0.36198, 1.35045, -2.84806, -3.0127, -1.48323, 3.11036, -0.06978])
+    before = np.array([1.4296, 0.3789, -0.9202, -0.9815, -2.61, -2.5633, 0.4617])
+    rate = limit.in_loop(loop_of(panda, 0.001, 0.0)._replace(acceleration=np.full(7, 10.0)))
+    for compiled in (engine.core, None):
+        with patch.object(module, "core", compiled):
+            rows = limit.rows_at(q, rate, before)
+        most = rows.C @ before + np.abs(rows.C).sum(axis=1) * 10.0 * 0.001
+        assert (most >= rows.lower).all()
+        assert rows.lower.max() > 0.0
 
 
 def test_without_the_core_it_is_the_same(panda):
