@@ -34,11 +34,13 @@ static Outcome towards_twist(const JointLimits *limits, const Loop *loop, const 
     return DONE;
 }
 
-/* Follower._share: of joint velocities, what the loop's tool speed and fixed rows allow. */
-static double allowed_share(const Loop *loop, const double *q, const double *v)
+/* Follower._share: of joint velocities, what the loop's tool speed and fixed rows allow, and which it is: the number of a
+   row, -1 for the tool's speed, -2 for none. */
+static double allowed_share(const Loop *loop, const double *q, const double *v, int *which)
 {
     double share = 1.0;
     int m = loop->joints;
+    *which = -2;
     if (loop->speed_limit > 0.0) {
         Demand demand = {.m = m};
         Pose tool, home;
@@ -46,11 +48,17 @@ static double allowed_share(const Loop *loop, const double *q, const double *v)
         kinematics(m, loop->screws, &home, q, demand.J, &tool);
         limited_point(loop, &tool, &demand);
         double speed = tool_speed(&demand.cone, m, v);
-        share = speed > 0.0 ? fmin(share, loop->speed_limit / speed) : share;
+        if (speed > loop->speed_limit) {
+            share = loop->speed_limit / speed;
+            *which = -1;
+        }
     }
     for (int i = 0; i < loop->limits; i++) {
         double value = dot(m, loop->G[i], v), most = (value > 0.0 ? loop->most[i] : loop->least[i]) / value;
-        share = isfinite(most) ? fmin(share, fmax(most, 0.0)) : share;
+        if (isfinite(most) && fmax(most, 0.0) < share) {
+            share = fmax(most, 0.0);
+            *which = i;
+        }
     }
     return share;
 }
@@ -72,7 +80,7 @@ static bool commanded(const Course *course, int j, double q, double off, double 
 
 /* follow(course, loop, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command before):
    position, velocity, acceleration and command after the tick, q as an array, the source's last column before and after,
-   whether the joints are late, and how they stop being it, a residual and how long it takes, or None; or None where Python
+   whether the joints are late, how they stop being it, a residual and how long it takes, or None, and what made all slower; or None where Python
    has to answer, or to say what is wrong with q. Late joints look for a splice that takes `ease`, unless that is 0. */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
@@ -142,7 +150,8 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     for (int j = 0; j < m && changed; j++)
         v[j] = velocity[j] + dt * allowed[j];
     late = late || (changed && !by_twist);
-    double share = allowed_share(loop, position, v);
+    int which;
+    double share = allowed_share(loop, position, v, &which);
     if (share < 1.0 && shape)
         Py_RETURN_NONE;
     late = late || (share < 1.0 && !by_twist);
@@ -155,6 +164,6 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
         velocity[j] = v[j];
     }
     PyObject *way = taken > 0.0 ? Py_BuildValue("(Nd)", new_matrix(6, m, m, splices), taken) : Py_NewRef(Py_None);
-    return Py_BuildValue("(NNNNNddNN)", new_vector(m, position), new_vector(m, velocity), new_vector(m, acceleration),
-                         new_vector(m, command), new_vector(m, q), now[0][m], then[0][m], PyBool_FromLong(late), way);
+    return Py_BuildValue("(NNNNNddNNi)", new_vector(m, position), new_vector(m, velocity), new_vector(m, acceleration),
+                         new_vector(m, command), new_vector(m, q), now[0][m], then[0][m], PyBool_FromLong(late), way, which);
 }

@@ -462,11 +462,13 @@ class Follower:
             return None
         if not begun:
             sent.append(self._q)
-        self._q, self._v, self._a, self._command, measured, before, after, late, way = found
+        self._q, self._v, self._a, self._command, measured, before, after, late, way, limit = found
         if ease:
             self._retry = time + RETRY
         self._time += loop.dt
-        self._late, self._held_by = late, ""
+        self._late, self._held_by = late, "the tool's speed" if limit == -1 else ""
+        if limit >= 0 and loop.joint_rows is not None and loop.joint_rows.fixed is not None:
+            self._held_by = row_name(limit, loop.joint_rows.fixed.names)
         if way is not None or (ease and time < reference.joined):
             reference.joins(time, *(way or (np.zeros((6, self._m)), 0.0)))
             self._course = self._made_course(reference)
