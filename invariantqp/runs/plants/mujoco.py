@@ -52,6 +52,8 @@ IMPEDANCE = 0.02
 # Damping over stiffness of a contact [s]: wood and rubber, a quarter of MuJoCo's own default. MuJoCo's convex friction
 # lifts a sliding contact by friction x speed x this, 0.3 mm at 0.1 m/s, which the law presses after.
 RELAXATION = 1e-2
+# The most damping [N s/m]: metal rings. From 1e4 on, the engine's step is too long for an arm's tip.
+DAMPING = 500.0
 # The mass of the tool beyond its sensor is a ball of this radius [m].
 TOOL_RADIUS = 0.03
 # Mass of a door [kg], and half its width [m]; at least this, and less where the handle is nearer to the axis: a nut.
@@ -206,7 +208,7 @@ def _stiffen(model: Any, touch: Solids | HingeSprings) -> None:
     if isinstance(touch, HingeSprings):
         each, A = each / len(touch.points), A + model.body_invweight0[model.body("door").id, 0]
     spring = (1.0 - IMPEDANCE) * A * each
-    damper = spring * RELAXATION
+    damper = spring * min(RELAXATION, DAMPING / touch.stiffness)
     impedance = (IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0)
     if isinstance(touch, HingeSprings):
         tied = model.eq_type == mujoco.mjtEq.mjEQ_CONNECT
