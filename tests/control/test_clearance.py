@@ -232,7 +232,7 @@ def test_the_core_gives_the_rows_of_its_definition(panda):
     loop = loop_of(panda, 0.002, 0.0)._replace(acceleration=np.array([10.0, 10.0, 5.0, 10.0, np.inf, 10.0, 20.0]))
     brakes = limit.in_loop(loop)
     for rate in (*(limit._at_rate(alpha, 0.0) for alpha in (0.0, 10.0, 100.0)), brakes):
-        for _ in range(20):
+        for _ in range(10):
             q, before = READY + rng.uniform(-0.6, 0.6, 7), rng.uniform(-2.0, 2.0, 7)
             assert (len(States.ahead(q, before, *rate[:2]).positions) > 3) == (rate is brakes)
             fast = limit._asked(q, rate, before)
@@ -246,7 +246,7 @@ def test_the_core_gives_the_rows_of_its_definition(panda):
                 for a, b in zip(fast[:3], plain[:3], strict=True):
                     np.testing.assert_allclose(a[orders[0]], b[orders[1]], atol=1e-8)
                 alike += len(plain[0]) > 0
-    assert alike > 10
+    assert alike > 5
 
 
 def test_a_state_ahead_that_is_too_near_asks_for_no_more_than_brakes_have(panda):
@@ -421,7 +421,7 @@ def test_the_core_looks_ahead_as_its_definition_does_until_another_arm_has_stopp
     )
     limit, rng, alike = Clearance(ur5, None, [other]), np.random.default_rng(1), 0
     rate = limit.in_loop(loop_of(ur5, 0.002, 0.0)._replace(acceleration=np.full(6, 10.0)))
-    for i in range(40):
+    for i in range(24):
         q, p = (np.array([0.3, -1.3, 1.9, -2.17, -1.57, 0.0]) + rng.uniform(-0.5, 0.5, 6) for _ in range(2))
         before, speed = rng.uniform(-2.0, 2.0, (2, 6))
         other.move(p, speed)
