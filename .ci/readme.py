@@ -20,7 +20,7 @@ from support.readme import blocks, in_python
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-INSTALL = "python3 -m venv .venv\n.venv/bin/pip install --quiet -e '.[{}]'\n"
+INSTALL = "python3 -m venv .venv\n.venv/bin/pip install --quiet -e {}\n"
 INSTALLED = re.compile(r"pip install --quiet -e '?\.(?:\[([\w,]+)\])?")
 # A newcomer has nothing of the environment that this runs in.
 CLEAN = {name: value for name, value in os.environ.items() if not re.match("VIRTUAL_ENV|PYTHON|INVARIANTQP", name)}
@@ -54,7 +54,9 @@ def main(scratch: Path) -> None:
     python = in_python(README)
     installs = [(INSTALLED.search(code), code) for code in shell]
     places = {found[1] or "": code for found, code in installs if found}  # by the extras that are installed
-    places |= {extras: INSTALL.format(extras) for _, _, extras in python if extras not in places}
+    places |= {
+        extras: INSTALL.format(f"'.[{extras}]'" if extras else ".") for _, _, extras in python if extras not in places
+    }
     folders = {code: fresh(scratch / str(number)) for number, code in enumerate({*shell, *places.values()})}
     with ThreadPoolExecutor() as pool:  # installing waits for disk and network
         list(pool.map(lambda code: run(code, folders[code], "bash", "-euo", "pipefail", "-c", code), folders))

@@ -81,7 +81,11 @@ def _held(R: Array, t: Array, across: Array) -> tuple[Array, Array]:
 def _tips(model: Model, samples: Samples, R: Array, t: Array, w: Array) -> list[Start]:
     """A tip on a plane for each of many normals, and the best of them."""
     m, f = w[:, :3], w[:, 3:]
-    pushed = unit(applied(R, f).mean(axis=0) + 1e-12)
+    pushes = applied(R, f)
+    pushed = unit(pushes.mean(axis=0) + 1e-12)
+    # Normals are spread about the forces' own axes: in another base frame the same ones are tried.
+    axes = np.linalg.svd(pushes, full_matrices=False)[2]
+    axes[((pushes @ axes.T) ** 3).sum(axis=0) < 0.0] *= -1.0
     weight_f = 1.0 / np.trace(samples.wrench_noise[:, :3, :3], axis1=1, axis2=2).mean()
     weight_t = 1.0 / np.trace(samples.pose_noise[:, 3:, 3:], axis1=1, axis2=2).mean()
     F = skew(f)
@@ -93,7 +97,7 @@ def _tips(model: Model, samples: Samples, R: Array, t: Array, w: Array) -> list[
             1e-3 * g_w,
         )  # an edge's moments are not all zero; they only place it where nothing else does
     travel = np.linalg.svd(t - t.mean(axis=0), full_matrices=False)[2][0]
-    normals = np.stack((pushed, unit(pushed - travel * travel.dot(pushed) + 1e-12), *_half_sphere()))
+    normals = np.stack((pushed, unit(pushed - travel * travel.dot(pushed) + 1e-12), *(_half_sphere() @ axes)))
     G = np.einsum("nji,kj->kni", R, normals)  # R' n
     G = np.concatenate((G, np.full((*G.shape[:2], 1), -1.0)), axis=-1)
     y = -np.einsum("ni,ki->kn", t, normals)
