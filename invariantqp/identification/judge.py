@@ -25,6 +25,8 @@ MISFIT = 2.0
 # A first look at a third of the samples that finds a kind this much worse is enough.
 FAR = 2.5
 COARSE = 3
+# A misfit that further starts end at again, to this share and so often, is the least.
+SAME, AGAIN = 1e-2, 2
 # A step that would lower the sum of squares by less than this moves no parameter by a third of its standard deviation.
 ENOUGH = 0.1
 # Beyond so many standard deviations a pitch or a curvature is not zero.
@@ -131,12 +133,13 @@ def explains(samples: Samples, kinds: tuple[str, ...]) -> bool:
 def _best(model: Model, samples: Samples, inside: Sequence[Start] = ()) -> Fit:
     """The best fit from any start; only those that are near are worth all samples."""
     few = samples.thinned(max(1, min(COARSE, len(samples.pose) // 40)))
-    best: Fit | None = None
+    best, again = None, 0
     for start in (*inside, *starts(model, samples)):
         found = _seated(fit(model, few, start, ENOUGH), few)
-        if best is None or best.worst > found.worst:
-            best = found
-        if best.worst < 0.75 * MISFIT:
+        again += best is not None and abs(found.worst - best.worst) < SAME * best.worst
+        if best is None or best.worst > (1.0 + SAME) * found.worst:
+            best, again = found, 0
+        if best.worst < 0.75 * MISFIT or again == AGAIN:
             break
     if best is None or best.worst > FAR * MISFIT:
         return best or _anywhere(model, samples)
