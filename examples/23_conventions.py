@@ -11,7 +11,7 @@ import numpy as np
 import invariantqp as iq
 from invariantqp.pictures.palette import BLUE, GREEN, VERMILION
 
-# Ink and muted ink for light pages, and for dark ones.
+# Paper, ink and muted ink in light, and in dark: a page may be dark where a browser is not, so the paper is its own.
 STYLE = """
 text { font: 14px system-ui, sans-serif; fill: #24292f } .small { font-size: 12.5px; fill: #57606a }
 .head { font-size: 16px; font-weight: 600 } .line { stroke: #57606a } .thin { stroke: #8c959f }
@@ -20,11 +20,14 @@ text { font: 14px system-ui, sans-serif; fill: #24292f } .small { font-size: 12.
 .turnt { fill: TURN } .got { fill: GO } .placet { fill: PLACE }
 .dash { stroke-dasharray: 1 5 }
 path, rect, circle { fill: none; stroke-width: 2; stroke-linecap: round } .fill { fill: #57606a }
-@media (prefers-color-scheme: dark) { text { fill: #e6edf3 } .small { fill: #9da7b1 } .line { stroke: #9da7b1 }
+.paper { fill: #ffffff }
+@media (prefers-color-scheme: dark) { .paper { fill: #0d1117 }
+ text { fill: #e6edf3 } .small { fill: #9da7b1 } .line { stroke: #9da7b1 }
  .fill { fill: #9da7b1 } .turn { stroke: #ff8a4c } .go { stroke: #58a6ff } .place { stroke: #3fb98a }
  .turnt { fill: #ff8a4c } .got { fill: #58a6ff } .placet { fill: #3fb98a } }
 """
 WIDTH, HEIGHT = 850, 350
+PAPER = f'<rect class="paper" width="{WIDTH}" height="{HEIGHT}"/>'
 # The drawing plane seen from the front, right and above: x to the left front, y to the right, z up.
 SEEN = np.array([[-0.5, 0.9, 0.0], [0.32, 0.18, -0.95]])
 
@@ -150,7 +153,7 @@ def main(file):
     style = STYLE.replace("PLACE", GREEN).replace("TURN", VERMILION).replace("GO", BLUE)
     parts = (twist_panel(), frames_panel(), pitch_panel())
     size = f'width="{WIDTH}" height="{HEIGHT}" viewBox="0 0 {WIDTH} {HEIGHT}"'
-    drawn = f'<svg xmlns="http://www.w3.org/2000/svg" {size}><style>{style}</style>{"".join(parts)}</svg>\n'
+    drawn = f'<svg xmlns="http://www.w3.org/2000/svg" {size}><style>{style}</style>{PAPER}{"".join(parts)}</svg>\n'
     Path(file).write_text(drawn, encoding="utf-8")
     print(f"{file}: {len(drawn) // 1000 + 1} kB")
 
