@@ -504,10 +504,8 @@ class Delay:
 
     def gain(self, asked: float) -> float:
         """The motion's gain [1/s]: the one asked for, or less where with the delay found the tool goes to and fro."""
-        late = self.late or 0.0
-        return (
-            min(asked, DELAY_SHARE / (self.declared + late)) if asked * late > 1.0 else asked
-        )  # from there on it goes to and fro
+        late = self.late or 0.0  # from a gain of one over it on
+        return min(asked, DELAY_SHARE / (self.declared + late)) if asked * late > 1.0 else asked
 
     def trouble(self, asked: float) -> str:
         """What is wrong, in words, "" for nothing; with the motion's gain that was asked for [1/s]."""
