@@ -1,6 +1,7 @@
 """The same tick by the compiled core and by Python, and how far rounding of its data may part the two.
 
-`PYTHONPATH=tests python -m support.two_laws 1000000` compares them on that many random ticks, and says which differ.
+`PYTHONPATH=tests python -m support.two_laws 1000000 [FIRST]` compares them on that many random ticks, by seeds from
+FIRST on, and says which differ.
 """
 
 import sys
@@ -18,7 +19,7 @@ from invariantqp.velocity.tick import posed
 
 # Velocity, the share of exact rows and what limits pull agree to this, relative to the largest.
 AGREE = 1e-8
-# The data of a tick are told to this, in each of so many versions: of 65 answers that are as near, one is the farthest.
+# The data of a tick are told to this, in each of so many versions: one way or the other, where it changes most.
 ROUNDED, TIMES = 4 * np.finfo(float).eps, 64
 SIZES = (1e-60, 1e-6, 1e-3, 1.0, 1.0, 1.0, 1e3, 1e60)
 DAMPINGS = (
@@ -183,7 +184,7 @@ def disagreements(law, demand, native, answer):
         return []
     rng = np.random.default_rng(0)
     return different(
-        law, problem, demand, native, [answer, *(python_answer(law, rounded(rng, demand)) for _ in range(TIMES))]
+        law, problem, demand, native, [answer, *(python_answer(*rounded(rng, law, demand)) for _ in range(TIMES))]
     )
 
 
@@ -191,15 +192,17 @@ def different(law, problem, demand, native, answers):
     """What of an answer differs from the first of some, and is not as near to it as the others are."""
     first = answers[0]
     size = float(max(np.abs(native.velocity).max(), np.abs(first.velocity).max()))
-    (pulls, hard) = zip(*(pull(law, problem, demand, x) for x in (native, *answers)), strict=True)
+    basis = (np.eye(len(first.velocity)) if law.to_joint is None else law.to_joint) @ problem.reduction.basis
+    pulls = [pull(basis, demand, x) for x in (native, *answers)]
     weight = max(problem.objective(first.scale).weights.max(initial=0.0), problem.spectrum.largest**2)
-    hardest = max(hard[:2]) + weight * size
+    hardest = float(np.abs(pulls[:2]).max(initial=0.0)) + weight * size
+    slowed = slowing(basis, demand.cone, first.velocity)
     found = [
         f"{name} {one} {others[0]}"
         for name, (one, *others), scale in (
             ("velocity", [x.velocity for x in (native, *answers)], max(size, SLOWEST)),
             ("scale", [x.scale for x in (native, *answers)], 1.0),
-            ("pull", pulls, hardest),
+            ("pull", [p - slowed * (slowed @ (p - pulls[1])) for p in pulls], hardest),
         )
         if not apart(one, others[0]) <= max(AGREE * scale, *(apart(x, others[0]) for x in others))
     ]
@@ -220,31 +223,31 @@ def apart(one, other):
     return float(np.abs(np.subtract(one, other)).max(initial=0.0))
 
 
-def pull(law, problem, demand, found):
-    """How limits pull on what exact rows leave free, but for what pulls as the tool's speed does; and how hard in all.
-
-    How they share it is open where more of them meet, and the share of the tool's speed is not told.
-    """
+def pull(basis, demand, found):
+    """How limits pull on what exact rows leave free; how they share it is open where more of them meet."""
     all_of_them = np.zeros(len(found.velocity)) if found.multipliers is None else found.multipliers
     if found.row_multipliers is not None:
         all_of_them = all_of_them + demand.rows.C.T @ found.row_multipliers
-    T = np.eye(len(all_of_them)) if law.to_joint is None else law.to_joint
-    basis = T @ problem.reduction.basis
-    along, cone = basis.T @ all_of_them, demand.cone
-    hard = float(np.abs(along).max(initial=0.0))
-    if cone is None or cone.speed(found.velocity) < cone.limit * (1.0 - ACTIVE_TOLERANCE):
-        return along, hard
-    slowed = basis.T @ cone.J.T @ cone.velocity(found.velocity)
-    slowed = slowed / (np.linalg.norm(slowed) or 1.0)
-    return along - slowed * (slowed @ along), hard
+    return basis.T @ all_of_them
 
 
-def rounded(rng, demand):
-    """The demand with each number changed by up to four roundings; zeros, and what joints leave no room, stay."""
+def slowing(basis, cone, velocity):
+    """The direction in which the tool's speed pulls, whose share is not told; zero where it does not."""
+    if cone is None or cone.speed(velocity) < cone.limit * (1.0 - ACTIVE_TOLERANCE):
+        return np.zeros(basis.shape[1])
+    slowed = basis.T @ cone.J.T @ cone.velocity(velocity)
+    return slowed / (np.linalg.norm(slowed) or 1.0)
+
+
+def rounded(rng, law, demand):
+    """Law and demand with each number changed by four roundings; zeros, and what joints leave no room, stay."""
 
     def change(a):
-        return None if a is None else np.asarray(a) * (1.0 + ROUNDED * rng.uniform(-1.0, 1.0, np.shape(a)))
+        return None if a is None else np.asarray(a) * (1.0 + ROUNDED * rng.choice((-1.0, 1.0), np.shape(a)))
 
+    if law.metric is not None:
+        metric = change(law.metric)
+        law = replace(law, metric=0.5 * (metric + metric.T))
     joints, exact, rows, cone, chase = np.ones(len(demand.lower)), demand.exact, demand.rows, demand.cone, demand.chase
     joints, J = change(joints), change(demand.J)
     if exact is not None:
@@ -260,8 +263,8 @@ def rounded(rng, demand):
         ahead, rows_ahead, slack = change(chase.ahead), change(chase.rows_ahead), float(change(chase.slack))
         chase = chase._replace(ahead=ahead, rows_ahead=rows_ahead, slack=slack)
         chase = chase._replace(lower=joints * chase.lower, upper=joints * chase.upper)
-    return demand._replace(
-        J=J, s=change(demand.s), posture=change(demand.posture), lower=joints * demand.lower,
+    return law, demand._replace(
+        J=J, s=change(demand.s), root=change(demand.root), posture=change(demand.posture), lower=joints * demand.lower,
         upper=joints * demand.upper, exact=exact, rows=rows, cone=cone, chase=chase,
     )  # fmt: skip
 
@@ -278,7 +281,8 @@ def same_reasons(one, other):
 def main():
     """Compare many ticks; every one that the core answers has to be inside the box, too."""
     differ = answered = 0
-    for seed in range(int(sys.argv[1])):
+    count, first = int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    for seed in range(first, first + count):
         law, demand = random_tick(np.random.default_rng(seed))
         native = native_answer(law, demand)
         if native is None:
