@@ -200,7 +200,6 @@ static PyObject *reasons(int m, const Solution *solution)
         say(&found, WHY_STUCK);
     if (solution->slow) {
         say(&found, WHY_ROWS_SLOWED);
-        add_limits(&found, m, solution->limits, solution->held_by, solution->fast);
         add(&found, NUMBER, solution->scale);
         bool moved = false;
         for (int i = 0; i < solution->rows; i++) {

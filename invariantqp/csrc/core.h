@@ -134,12 +134,10 @@ typedef struct {
     double effort, bend, unmet, beyond; /* shares of the demand that no velocity can meet here, and anywhere */
 } Reduction;
 
-/* exact.py: the share of the rows' speed, a velocity inside the limits with it, and the limits that hold it; the weakest
-   of several is not in `near` */
+/* exact.py: the share of the rows' speed, a velocity inside the limits with it, and those that hold it but for the weakest
+   of several */
 typedef struct {
     double value;
-    bool fast; /* the tool's speed does */
-    bool held_by[LIMITS];
     Row inside;
     Optimum near;
 } Share;
@@ -182,8 +180,8 @@ typedef struct {
     double multipliers[LIMITS], residual[6]; /* of joints, then of rows */
     Method method;
     bool active[MOST];
-    bool stuck, limited, slow, met, fast, at_speed;
-    unsigned char held_by[LIMITS], at_limit[LIMITS]; /* limits that hold exact rows, and all: 0 for none, rows by rank */
+    bool stuck, limited, slow, met, at_speed;
+    unsigned char at_limit[LIMITS]; /* limits that are met: 0 for none, rows by rank */
     double scale, pace, damping, blended, ratio, missed; /* for the reason */
     int rows, row_rank;
     double unmet, beyond; /* of exact rows, 0 where they are met but for rounding */
@@ -284,7 +282,6 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
               double blended, Solution *solution);
 void clipped(const Demand *demand, const Row y, Solution *solution);
 void at_limits(const Demand *demand, Solution *solution);
-void ranked(const Demand *demand, const bool *holds, const double *multipliers, unsigned char *ranks);
 double steady_share(const Demand *demand, const double wanted[6], const double ahead[6]);
 double posture_share(const Demand *demand, const Row x);
 Outcome over_root(int k, const double (*D)[6], const double root[6][6], double (*M)[6]);

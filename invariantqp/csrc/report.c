@@ -137,7 +137,7 @@ double posture_share(const Demand *demand, const Row x)
 }
 
 /* Of limits that hold, joints as 1 and rows by their rank, the one that pulls hardest first. */
-void ranked(const Demand *demand, const bool *holds, const double *multipliers, unsigned char *ranks)
+static void ranked(const Demand *demand, const bool *holds, const double *multipliers, unsigned char *ranks)
 {
     int m = demand->m, k = demand->limits;
     double pulls[MOST_LIMITS];
@@ -187,13 +187,7 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
     solution->blended = blended;
     solution->ratio = objective->ratio;
     solution->met = found->met;
-    solution->fast = share->fast;
-    bool held[LIMITS];
-    for (int i = 0; i < demand->m + demand->limits; i++) {
-        held[i] = share->near.met && share->held_by[i];
+    for (int i = 0; i < demand->m + demand->limits; i++)
         solution->multipliers[i] = found->met ? found->multipliers[i] : 0.0;
-    }
-    if (solution->slow)
-        ranked(demand, held, share->near.multipliers, solution->held_by);
     at_limits(demand, solution);
 }

@@ -75,7 +75,6 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     Polytope room;
     Optimum found = {.met = false};
     share->value = 1.0;
-    share->fast = false;
     share->near.met = false;
     if (length == 0.0)
         return DONE;
@@ -113,12 +112,10 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
         share->inside[j] += given * (velocity[j] - share->inside[j]);
     if (value >= WHOLE)
         return DONE;
-    share->fast = slow.limit > 0.0 && tool_speed(&slow, n, found.z) >= slow.limit * (1.0 - ACTIVE_TOLERANCE);
     share->value = value * given;
     int held = 0, weakest = 0;
     for (int i = 0; i < last; i++) {
         double pull = share->near.multipliers[i] = found.multipliers[i];
-        share->held_by[i] = pull != 0.0;
         if (pull != 0.0 && (held++ == 0 || fabs(pull) < fabs(found.multipliers[weakest])))
             weakest = i;
     }

@@ -518,7 +518,7 @@ static Outcome roomy(Posed *problem, Share *share, Yielded *yielded)
         still = still && share->inside[j] == 0.0;
     if (demand->rows == 0)
         return DONE;
-    share->fast = share->near.met = false;
+    share->near.met = false;
     if (!still && counted(&problem->reduction, m, &problem->limits, &problem->cone, share->inside) == HAND_BACK)
         return HAND_BACK;
     if (problem->reduction.unmet > QP_ROUNDING) { /* the share tends to zero as the joints lose a direction */
@@ -578,7 +578,7 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
     Room room;
     Row x, y, slowed = {0.0};
     int m = demand->m;
-    found.met = share.near.met = share.fast = false;
+    found.met = share.near.met = false;
     solution->yielded.rows = 0;
     solution->yielded.speed = 0.0;
     share.value = 1.0;
@@ -756,12 +756,6 @@ Outcome solve_tasks(const Demand *demand, int count, const Task *const *tasks, S
     solution->met = bounded;
     solution->method = bounded || solution->slow ? QP : CLOSED_FORM;
     solution->unmet = demand->rows > 0 && problem.reduction.unmet > QP_ROUNDING ? problem.reduction.unmet : 0.0;
-    solution->fast = share.fast;
-    bool held[LIMITS];
-    for (int i = 0; i < m + demand->limits; i++)
-        held[i] = share.near.met && share.held_by[i];
-    if (solution->slow)
-        ranked(demand, held, share.near.multipliers, solution->held_by);
     at_limits(demand, solution);
     beside(&problem, &share, solution);
     return DONE;

@@ -206,8 +206,6 @@ class Share(NamedTuple):
 
     value: float  # a in [0, 1]
     velocity: Array  # (m,) a y with that share
-    held_by: list[int]  # limits (indices of the polytope) that keep it from being larger, the hardest pull first
-    fast: bool = False  # whether a tool speed limit does
 
 
 def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | None = None) -> Reduction:
@@ -320,12 +318,12 @@ def share_of(
         backend: the solver asked first.
     """
     if reduction.contradicts:  # the share tends to zero as the joints lose a direction of the rows
-        return Share(0.0, inside, [])
+        return Share(0.0, inside)
     start = reduction.start
     d = reduction.full - start
     length = norm(d)
     if length <= ROUNDING * max(norm(reduction.full), norm(inside)):  # what limits require is what the rows ask for
-        return Share(1.0, inside, [])
+        return Share(1.0, inside)
     basis = np.column_stack((d / length, reduction.basis))
     n = basis.shape[1]
     room = limits.on(start, basis)
@@ -347,9 +345,6 @@ def share_of(
     value = min(max(found.z[0] / length, 0.0), 1.0)
     velocity = start + basis.dot(found.z)
     if value >= WHOLE:
-        return Share(1.0, velocity, [])
-    fast = slow is not None and slow.speed(found.z) >= slow.limit * (1.0 - ACTIVE_TOLERANCE)
+        return Share(1.0, velocity)
     given = 1.0 - INTERIOR * (1.0 - value)
-    pulls = np.abs(found.multipliers[:-1]) * np.linalg.norm(limits.A, axis=1)
-    held_by = sorted(pulls.nonzero()[0].tolist(), key=lambda i: -pulls[i])
-    return Share(value * given, inside + given * (velocity - inside), held_by, fast)
+    return Share(value * given, inside + given * (velocity - inside))

@@ -16,9 +16,8 @@ Reference: Lawson and Hanson 1974, ch. 23 (least distance by non-negative least 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
-from math import sqrt
-from typing import NamedTuple, TypeVar
+from math import inf, sqrt
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +37,10 @@ ACTIVE_TOLERANCE = 1e-6
 COSINE_ROUNDING = 1e-13
 # A limit this close to the solver's answer, on the scaled problem, is near.
 CLOSE = 1e-7
-# The multiplier of a speed limit outweighs the rest by this factor at most.
+# The multiplier of a speed limit outweighs the rest by this factor at most, and is found in a few steps.
 MOST_SHARE = 1e8
+MOST_PRICES = 60
+SPEED_ROUNDING = 1e-14
 # What an answer is called that no solver gave.
 OWN = "least distance"
 
@@ -168,14 +169,25 @@ def minimise(
         SolverFailure: no answer was found, and none is known; `.infeasible` when a solver says that there is none.
     """
 
+    def priced(nu: float) -> Quadratic:
+        return cost if cone is None or nu == 0.0 else cost.plus(sqrt(nu) * cone.J, -sqrt(nu) * cone.start)
+
     def at(nu: float) -> Optimum:
-        priced = cost if cone is None or nu == 0.0 else cost.plus(sqrt(nu) * cone.J, -sqrt(nu) * cone.start)
-        return _in_polytope(backend, priced, limits, inside)._replace(nu=nu)
+        return _in_polytope(backend, priced(nu), limits, inside)._replace(nu=nu)
 
     found = at(0.0)
     if cone is not None and not cone.allows(found.z, ROUNDING):
         if cone.J.any():
-            found = at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), at, lambda found: found.z, inside)
+            J = cone.J
+
+            def gains(found: Optimum) -> tuple[Array, Array]:
+                T = priced(found.nu).T
+                N = product(limits.A[found.multipliers != 0.0], T)
+                free = T - T.dot(np.linalg.pinv(N)).dot(N) if len(N) else T
+                U, sizes, _ = np.linalg.svd(J.dot(free), full_matrices=False)
+                return U, sizes * sizes
+
+            found = at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), found, at, gains, inside)
         elif inside is None:
             raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
     return found if inside is None else found._replace(z=_kept(found.z, limits, cone, inside))
@@ -197,34 +209,81 @@ def _kept(z: Array, limits: Polytope, cone: Cone | None, inside: Array) -> Array
     return inside + (min((sqrt(b * b + a * c) - b) / a, 1.0) if a > 0.0 else 0.0) * (z - inside)
 
 
-Found = TypeVar("Found")
+class _AtPrice(Protocol):
+    """What is found at a price on the speed."""
+
+    @property
+    def z(self) -> Array:
+        """(n,) the velocity."""
+        ...
+
+
+Found = TypeVar("Found", bound=_AtPrice)
 
 
 def at_speed_limit(
-    cone: Cone, weight: float, at: Callable[[float], Found], z: Callable[[Found], Array], inside: Array | None
+    cone: Cone,
+    weight: float,
+    free: Found,
+    at: Callable[[float], Found],
+    gains: Callable[[Found], tuple[Array, Array]],
+    inside: Array | None,
 ) -> Found:
     """at(nu) for the nu at which the speed of the point, which falls as nu grows, is the limit.
 
-    `weight` is |K|^2 of the cost, and z(at(nu)) the velocity found.
+    Where the same limits stay active, v(nu') = (I + (nu' - nu) C)^-1 v(nu), and C = U diag(gains) U' is how the point
+    yields to forces there. So each step goes to where the speed would then be the limit, or halves what is left where
+    that has been excluded.
+
+    Args:
+        cone: J and the limit.
+        weight: |K|^2 of the cost.
+        free: at(0), which is too fast.
+        at: what is found for nu.
+        gains: U (3, k) and the gains (k,) on the limits that are active there.
+        inside: (n,) a velocity inside all limits, where one is known.
 
     Raises:
         SolverFailure: not even the largest nu is enough.
     """
-    once = cache(at)
-
-    def excess(nu: float) -> float:
-        over = 1.0 - cone.limit / max(cone.speed(z(once(nu))), TINY)  # nearly linear in nu
-        return over if abs(over) > COSINE_ROUNDING else 0.0
-
-    low, high = 0.0, weight / float(np.vdot(cone.J, cone.J))  # the speed weighs as much as all the rest
-    most = MOST_SHARE * high
-    while excess(high) > 0.0:
-        low, high = high, 10.0 * high
-        if high > most:
+    typical = weight / float(np.vdot(cone.J, cone.J))  # the speed weighs as much as all the rest
+    most = MOST_SHARE * typical
+    size, low, high, nu, found = float(np.linalg.norm(cone.J)), 0.0, most, 0.0, free
+    for _ in range(MOST_PRICES):
+        v = cone.velocity(found.z)
+        over = norm(v) - cone.limit
+        if abs(over) <= SPEED_ROUNDING * (cone.limit + size * norm(found.z)):
+            break
+        if over > 0.0 and nu == most:
             if inside is None or not cone.allows(inside, ACTIVE_TOLERANCE):
                 raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
-            return once(low)
-    return once(low if excess(low) <= 0.0 else brentq(excess, low, high, xtol=TINY, disp=False))
+            break
+        low, high = (nu, high) if over > 0.0 else (low, nu)
+        ahead = min(nu + _price(v, *gains(found), cone.limit, most), most)
+        if not low < ahead < high and not nu < ahead == most:
+            ahead = sqrt(low * high) if low > 0.0 else min(typical, 0.5 * high)
+        if ahead == nu:
+            break
+        nu, found = ahead, at(ahead)
+    return found
+
+
+def _price(v: Array, U: Array, gains: Array, limit: float, most: float) -> float:
+    """mu with |(I + mu U diag(gains) U')^-1 v| = limit, v (3,); inf where none up to `most` is enough."""
+    along = v.dot(U)
+    rest = max(float(v.dot(v) - along.dot(along)), 0.0) if len(along) < 3 else 0.0
+    parts = list(zip((along * along).tolist(), gains.tolist(), strict=True))
+    mu, least = 0.0, -1.0 / max(float(gains.max()), TINY)
+    for _ in range(MOST_PRICES):  # Newton on 1 / |v|, which is concave: from below it does not overshoot
+        shrunk = [(square / (1.0 + mu * gain) ** 2, gain / (1.0 + mu * gain)) for square, gain in parts]
+        square, slope = rest + sum(part for part, _ in shrunk), sum(part * gain for part, gain in shrunk)
+        if not slope > 0.0 or mu > most:
+            return inf
+        step = square / slope * (sqrt(square) / limit - 1.0)
+        if abs(step) <= SPEED_ROUNDING * abs(mu):
+            break
+        mu = max(mu + step, 0.5 * (mu + least))
+    return mu
 
 
 def _in_polytope(backend: Backend, cost: Quadratic, limits: Polytope, inside: Array | None) -> Optimum:
@@ -357,28 +416,46 @@ def _largest_pace(
     slow = None if cone is None else cone.on(start, size * columns)
     H, c = np.diag(np.append(np.ones(n), 0.0)), np.append(np.zeros(n), delta / size)
 
-    def at(nu: float) -> tuple[BoxQP, Array, Array]:
-        """The problem with the price nu on the speed; (r, g) in units of `size`, and the multipliers."""
+    def at(nu: float) -> _Paced:
+        """With the price nu on the speed: DAQP's active set, and the optimum on it."""
         qp = BoxQP.of(H, c, lower / size, upper / size, N)
         if slow is not None and nu > 0.0:
             qp = qp._replace(H=H + nu * slow.J.T.dot(slow.J), c=c - nu * slow.start.dot(slow.J))
-        return (qp, *semidefinite(qp))
+        y = semidefinite(qp)[1]
+        a = y.nonzero()[0]
+        KKT = np.zeros((n + 1 + len(a), n + 1 + len(a)))
+        KKT[: n + 1, : n + 1] = qp.H
+        KKT[n + 1 :, : n + 1] = N[a]
+        KKT[: n + 1, n + 1 :] = N[a].T
+        right = np.append(qp.c, np.where(y[a] > 0.0, qp.upper[a], qp.lower[a]))
+        inverse = np.linalg.pinv(KKT)
+        exact = inverse.dot(right)
+        exact += inverse.dot(right - KKT.dot(exact))  # what rounding missed
+        wrong = bool((exact[n + 1 :] * y[a] < 0.0).any())
+        return _Paced(exact[: n + 1], float(y[-1]), np.asarray(inverse[: n + 1, : n + 1], np.float64), wrong)
 
-    qp, x, y = at(0.0)
-    if slow is not None and slow.J.any() and not slow.allows(x, ROUNDING):
-        first = np.append(cost.K.dot(inside - start), 0.0) / size
-        qp, x, y = at_speed_limit(slow, float(n), at, lambda found: found[1], first)
-    if y[-1] != 0.0:
-        return float(y[-1] > 0.0)
-    a = y.nonzero()[0]
-    KKT = np.block([[qp.H, N[a].T], [N[a], np.zeros((len(a), len(a)))]])
-    right = np.append(qp.c, np.where(y[a] > 0.0, qp.upper[a], qp.lower[a]))
-    inverse = np.linalg.pinv(KKT)
-    exact = inverse.dot(right)
-    exact += inverse.dot(right - KKT.dot(exact))  # what rounding missed
-    x = exact[: n + 1]
+    found = at(0.0)
+    if slow is not None and slow.J.any() and not slow.allows(found.z, ROUNDING):
+        cone_of, first = slow, np.append(cost.K.dot(inside - start), 0.0) / size
+
+        def gains(found: _Paced) -> tuple[Array, Array]:
+            sizes, U = np.linalg.eigh(cone_of.J.dot(found.freedom).dot(cone_of.J.T))
+            return U, np.maximum(sizes, 0.0)
+
+        found = at_speed_limit(slow, float(n), found, at, gains, first)
+    if found.end != 0.0:
+        return float(found.end > 0.0)
     if slow is not None:
-        inside_limits = limits.allows(start + size * columns.dot(x), start) and slow.allows(x, ACTIVE_TOLERANCE)
-        if not inside_limits or (exact[n + 1 :] * y[a] < 0.0).any():
+        good = not found.wrong and slow.allows(found.z, ACTIVE_TOLERANCE)
+        if not (good and limits.allows(start + size * columns.dot(found.z), start)):
             raise SolverFailure("daqp", "no answer at the tool's speed limit")
-    return float(min(max(exact[n] * size / length, 0.0), 1.0))
+    return float(min(max(found.z[n] * size / length, 0.0), 1.0))
+
+
+class _Paced(NamedTuple):
+    """(r, g) in units of their size, at a price on the speed."""
+
+    z: Array  # (n + 1,)
+    end: float  # the multiplier of 0 <= g <= |K way|
+    freedom: Array  # (n + 1, n + 1)
+    wrong: bool  # whether a multiplier has the wrong sign

@@ -60,7 +60,7 @@ class Code(IntEnum):
 
 _JOINT = "joint {joint} ({words}): "
 # {0}, {1} are the numbers of a reason, {joint} its joint, {limits} its joints and rows, {bounds} its joints, {each} its
-# rows, each with its number, {words} what is not ours to word; {held_by} and {because} are limits and words, or none.
+# rows, each with its number, {words} what is not ours to word; {because} words, or none.
 SENTENCES = {
     Code.NOT_BELIEVED: f"{_JOINT}{{0:.1f}} rad is {{1:.1f}} outside its position range; are these degrees? "
     'Give far_outside="return" to move back from there',
@@ -89,7 +89,7 @@ SENTENCES = {
     "negative ones drive the tool away",
     Code.PAPER_CLIPPED: "clipped to the bounds",
     Code.STUCK: "no velocity reduces the error: it is the least that these joints and limits allow",
-    Code.ROWS_SLOWED: "limits allow {0:.3g} of the exact rows' speed{held_by}",
+    Code.ROWS_SLOWED: "limits allow {0:.3g} of the exact rows' speed",
     Code.ROWS_MOVED: "limits require motion beside the exact rows: {each}",
     Code.CHASE_SLOWED: "limits allow {0:.3g} of the approach's speed",
     Code.GUARDED: "descent guard: {0:.3g} of least squares blended in",
@@ -125,7 +125,6 @@ class Reason(NamedTuple):
             joint=self.joints[0] if self.joints else "",
             limits=limits,
             bounds=f"the bounds of {named(self.joints)}" if self.joints else "each other",
-            held_by=f" (held by {limits})" if limits else "",
             each=_each(self),
             words=self.words,
             because=f": {self.words}" if self.words else "",

@@ -164,13 +164,10 @@ def _slowed(demand: Demand, answer: Answer, to_joint: Array | None) -> list[Reas
 
 
 def slowed_rows(demand: Demand, room: Room, to_joint: Array | None) -> list[Reason]:
-    """The share of the exact rows' speed, what holds it; and how far a motion that limits require moves them."""
+    """The share of the exact rows' speed, and how far a motion that limits require moves them."""
     share, start = room.share, room.reduction.start
-    m, names = len(start), () if demand.rows is None else demand.rows.names
-    rows = [TOOL_SPEED] if share.fast else []
-    rows += [row_name(i - m, names) for i in share.held_by if i >= m]
-    joints = tuple(sorted(i for i in share.held_by if i < m))
-    reasons = [Reason(Code.ROWS_SLOWED, joints, tuple(rows), (share.value,))]
+    m = len(start)
+    reasons = [Reason(Code.ROWS_SLOWED, numbers=(share.value,))]
     if demand.exact is None or not start.any():
         return reasons
     T = np.eye(m) if to_joint is None else to_joint

@@ -162,7 +162,7 @@ def answered(law: VelocityLaw, problem: Problem) -> Answer:
     objective = problem.objective(1.0)
     y = reduction.full + reduction.basis.dot(objective.centre())
     if not reduction.contradicts and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
-        room = room_of(reduction, Limits(*limits_of(law, demand), (), y), Share(1.0, y, []))
+        room = room_of(reduction, Limits(*limits_of(law, demand), (), y), Share(1.0, y))
         first = Answer(y, room, objective, None, np.zeros(len(y)), 1.0, 0.0, ())
     else:
         room = room_within(law, demand, reduction)

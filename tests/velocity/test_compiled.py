@@ -301,7 +301,7 @@ def test_exact_rows_hold_at_their_share(tick):
         solution = native_answer(law, demand._replace(exact=rows, lower=np.full(7, -width), upper=np.full(7, width)))
         np.testing.assert_allclose(rows.A @ solution.velocity, solution.scale * rows.b, rtol=1e-12, atol=1e-12)
     assert solution.status == "scaled"
-    assert "held by" in solution.reason
+    assert "of the exact rows' speed; at the limits of" in solution.reason
 
 
 def test_exact_rows_that_depend_on_each_other(tick):

@@ -77,8 +77,8 @@ TABLE = {
         "no velocity reduces the error: it is the least that these joints and limits allow",
     ),
     Code.ROWS_SLOWED: (
-        Reason(Code.ROWS_SLOWED, (1,), ("the tool's speed", "wall"), (0.5,)),
-        "limits allow 0.5 of the exact rows' speed (held by joint 1 and the tool's speed and wall)",
+        Reason(Code.ROWS_SLOWED, numbers=(0.5,)),
+        "limits allow 0.5 of the exact rows' speed",
     ),
     Code.ROWS_MOVED: (
         Reason(Code.ROWS_MOVED, rows=("exact row 0", "exact row 2"), numbers=(0.1, 0.02)),

@@ -287,10 +287,10 @@ def test_what_slows_exact_rows_down_is_named():
     exact = iq.ExactRows([[0.0, 0.0, 1.0, 0.0, 0.0]], [1.0])
     solution = iq.solve_velocity(J, s, form=h, bounds=bounds, exact=exact)
     assert solution.status == "scaled"
-    assert "limits allow 0.25 of the exact rows' speed (held by joint 2)" in solution.reason
+    assert "limits allow 0.25 of the exact rows' speed; at the limits of joint 2" in solution.reason
     rows = iq.limits.LimitRows([[0.0, 0.0, 1.0, 0.0, 0.0]], [-0.1], [0.1])
     solution = iq.solve_velocity(J, s, form=h, bounds=bounds, rows=rows, exact=exact)
-    assert "limits allow 0.1 of the exact rows' speed (held by row 0)" in solution.reason
+    assert "limits allow 0.1 of the exact rows' speed; at the limits of row 0" in solution.reason
     assert solution.scale == pytest.approx(0.1, rel=1e-6)
 
 
