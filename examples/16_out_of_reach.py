@@ -98,7 +98,7 @@ def triangles(parts, robot, q):
 
 
 def draw(found, file, frames, robot, start):
-    parts = read_appearance(urdf_of("so101"), robot.names).parts
+    parts = read_appearance(urdf_of("so101"), robot).parts
     figure = Figure(figsize=(8.5, 4.0), dpi=100)
     figure.subplots_adjust(left=0.0, right=1.0, top=0.91, bottom=0.0, wspace=0.0)
     panels = []

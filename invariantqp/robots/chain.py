@@ -7,7 +7,7 @@ Reference: [DS] Sect. 2.2; Brockett's product of exponentials.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from math import hypot, inf
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.engine import ENGINES, Engine, core_for
-from invariantqp.errors import BadInput, MissingExtra, excerpt
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -28,8 +28,6 @@ from invariantqp.robots.links import Link
 # What a chain is made from, besides the engine that computes it.
 LIMITS = ("position_lower", "position_upper", "velocity_limit")
 ARGUMENTS = ("screws", "home", "names", *LIMITS, "tool", "places", "links")
-# How far Pinocchio's joint twists and tool pose may be from those of the screws, relative to the largest entry.
-SAME = 1e-13
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -205,20 +203,6 @@ class Chain(Value):
         )
 
     @cached_property
-    def _without_core(self) -> Callable[[Array], tuple[Array, Array]]:
-        """Joint twists and tool pose without the compiled core: by Pinocchio where it is there and sees the same."""
-        try:
-            from invariantqp.robots.pinocchio import ModelKinematics
-
-            known = ModelKinematics(self.model)
-        except (MissingExtra, BadInput):
-            return self._kinematics
-        q = np.arange(1.0, len(self.names) + 1.0)
-        pairs = zip(known(q), self._kinematics(q), strict=True)
-        same = all(np.abs(seen - right).max() <= SAME * np.abs(right).max() for seen, right in pairs)
-        return known if same else self._kinematics
-
-    @cached_property
     def powers(self) -> tuple[Array, Array]:
         """(m,) rates |omega| of the joints, 1 for slides, and (m, 3, 16) powers 1 to 3 of S / rate as 4x4 matrices."""
         rates = np.array([hypot(*s[:3].tolist()) or 1.0 for s in self.screws.T])
@@ -249,7 +233,7 @@ class Chain(Value):
         found: tuple[Array, Array, Array | None] | None
         core = core_for(self.engine)
         found = None if core is None else core.sight(self.screws, self.home, q, wanted)
-        return (*self._without_core(q), None) if found is None else found
+        return (*self._kinematics(q), None) if found is None else found
 
     def _kinematics(self, q: Array) -> tuple[Array, Array]:
         """Joint twists and tool pose at a checked q."""

@@ -1,11 +1,10 @@
-"""Pinocchio: its order of coordinates, its poses, a model of it made from joint screws, and how it sees that model.
+"""Pinocchio: its order of coordinates, its poses, and a model of it made from joint screws.
 
 This is the only file that imports Pinocchio, 3.8 or later; without it, it names the extra that installs it.
 """
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 
 import numpy as np
@@ -21,7 +20,7 @@ from invariantqp.robots.kinematics import UNLIMITED
 with optional("pin", "Pinocchio"):
     import pinocchio as pin
 
-__all__ = ["ANGULAR_FIRST", "ModelKinematics", "joint_twists", "model_of", "pin", "placement"]
+__all__ = ["ANGULAR_FIRST", "joint_twists", "model_of", "pin", "placement"]
 
 # Rows of Pinocchio's spatial vectors, linear part first, in the order this library uses, angular part first.
 ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
@@ -40,18 +39,6 @@ def joint_twists(model: pin.Model, data: pin.Data, q: Array) -> Array:
     """(6, nv) twists of all joints of a model at its configuration q, in the world frame."""
     J: Array = pin.computeJointJacobians(model, data, q).take(ANGULAR_FIRST, axis=0)
     return J if J.ndim == 2 else J.reshape(6, 1)  # Pinocchio leaves the second dimension out for one joint
-
-
-class ModelKinematics(threading.local):
-    """Joint twists and pose of a model's last frame; each thread that asks has Pinocchio's `data` of its own."""
-
-    def __init__(self, model: pin.Model) -> None:
-        self.model, self.data, self.frame = model, model.createData(), model.nframes - 1
-
-    def __call__(self, q: Array) -> tuple[Array, Array]:
-        """(6, m) and (4, 4) at joint positions q (m,)."""
-        J = joint_twists(self.model, self.data, q)
-        return J, pin.updateFramePlacement(self.model, self.data, self.frame).homogeneous
 
 
 def model_of(

@@ -5,7 +5,7 @@ What i joints move is drawn at  exp(s_1 q_1) ... exp(s_i q_i) p,  p its points a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,9 +14,10 @@ import numpy as np
 
 from invariantqp.errors import BadInput, MissingExtra, RobotModelError
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.links import Geometry
-from invariantqp.robots.tree import MOVING, TreeJoint, displacement, path_to, rest
-from invariantqp.robots.urdf import Visual, joints_of, read_xml, visuals_of
+from invariantqp.robots.chain import Chain
+from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.links import Geometry, Link
+from invariantqp.robots.urdf import Visual, read_xml, visuals_of
 from invariantqp.runs.taskfile import Task
 
 if TYPE_CHECKING:
@@ -44,21 +45,23 @@ class Appearance(NamedTuple):
     missing: str = ""  # the extra that would draw them, or the mesh that cannot be read; "" if nothing is missing
 
 
-def appearance_of(task: Task, names: Iterable[str]) -> Appearance:
-    """What a task's robot looks like, if it is a name or a URDF; joints not among `names` are held."""
+def appearance_of(task: Task, robot: Robot) -> Appearance:
+    """What a task's robot looks like, if it is a name or a URDF."""
     try:
         file = task.urdf()
     except (BadInput, RobotModelError):  # joint screws alone
         return Appearance()
-    return read_appearance(file, tuple(names))
+    return read_appearance(file, robot)
 
 
-def read_appearance(file: Path, names: tuple[str, ...]) -> Appearance:
-    """What the arm of these joints looks like, by a URDF file; read anew where it or one of its meshes has changed."""
+def read_appearance(file: Path, robot: Robot) -> Appearance:
+    """What an arm looks like, by its URDF file; read anew where that or one of its meshes has changed."""
+    if not isinstance(robot, Chain):
+        return Appearance()
     try:
         meshes = [visual.part.mesh for visual in _visuals(file) if visual.part.kind == "mesh"]
         files = (file, *map(Path, meshes))
-        return _read(file, names, frozenset((each, each.stat().st_mtime_ns) for each in files if each.exists()))
+        return _read(file, robot, frozenset((each, each.stat().st_mtime_ns) for each in files if each.exists()))
     except RobotModelError as error:
         return Appearance(missing=f"drawn by its joints: {error}")
     except MissingExtra as error:
@@ -79,24 +82,23 @@ def _visuals(file: Path) -> list[Visual]:
 
 
 @lru_cache(maxsize=8)
-def _read(file: Path, names: tuple[str, ...], _changed: frozenset[tuple[Path, int]]) -> Appearance:
+def _read(file: Path, robot: Chain, _changed: frozenset[tuple[Path, int]]) -> Appearance:
     visuals = _visuals(file)
-    return Appearance(tuple(_parts(visuals, joints_of(*read_xml(file)), list(names))) if visuals else ())
+    return Appearance(tuple(_parts(visuals, {link.name: link for link in robot.links})) if visuals else ())
 
 
-def _parts(visuals: list[Visual], joints: list[TreeJoint], names: list[str]) -> Iterator[Part]:
+def _parts(visuals: list[Visual], links: dict[str, Link]) -> Iterator[Part]:
     from invariantqp.view.meshes import read_meshes, reduced
 
     read = cache(read_meshes)
-    above = {joint.child: joint for joint in joints}
     found: list[tuple[int, Mesh]] = []
-    for link, part, colour in visuals:
-        joint, T = _place(path_to(above, link, "the URDF"), names)
-        place = T.dot(part.pose)
+    for name, part, colour in visuals:
+        link = links[name]
+        place = link.frame.dot(part.pose)
         own = None if colour is None else _bytes(colour)
         for mesh in _shapes(part, read):
             vertices = mesh.vertices.dot(place[:3, :3].T) + place[:3, 3]
-            found.append((joint, mesh._replace(vertices=vertices, colour=mesh.colour or own or GREY)))
+            found.append((link.body, mesh._replace(vertices=vertices, colour=mesh.colour or own or GREY)))
     merged = _merged(found)
     for (joint, hue), mesh in zip(merged, reduced(list(merged.values()), TRIANGLES), strict=True):
         if len(mesh.faces):
@@ -114,18 +116,6 @@ def _merged(found: list[tuple[int, Mesh]]) -> dict[tuple[int, tuple[int, int, in
         faces = np.vstack([mesh.faces + n for mesh, n in zip(meshes, first, strict=True)])
         merged[key] = meshes[0]._replace(vertices=np.vstack([mesh.vertices for mesh in meshes]), faces=faces)
     return merged
-
-
-def _place(path: list[TreeJoint], names: list[str]) -> tuple[int, Array]:
-    """How many of the arm's joints move the link at the end of a path, and its (4, 4) pose at q = 0."""
-    count, T = 0, np.eye(4)
-    for joint in path:
-        T = T.dot(joint.origin)
-        if joint.name in names:
-            count = names.index(joint.name) + 1
-        elif joint.kind in MOVING:
-            T = T.dot(displacement(joint, rest(joint)))
-    return count, T
 
 
 def _shapes(part: Geometry, read: Callable[[Path], list[Mesh]]) -> list[Mesh]:

@@ -112,7 +112,7 @@ def _appearance(source: str | None, robot: Robot | None) -> Appearance:
     if source is None or robot is None:
         return Appearance()
     try:
-        return read_appearance(urdf_of(source), robot.names)
+        return read_appearance(urdf_of(source), robot)
     except (BadInput, RobotModelError, MissingExtra):
         return Appearance()
 

@@ -25,13 +25,9 @@ def impatient():
     sys.setswitchinterval(before)
 
 
-def arm(kind):
-    robot = iq.load_robot("ur5")
-    if kind == "pinocchio":
-        return robot
-    zero = np.zeros(6)
-    limits = (robot.position_lower, robot.position_upper, robot.velocity_limit)
-    return iq.robots.Chain(robot.jacobian(zero), robot.pose(zero), robot.names, *limits)
+@pytest.fixture(scope="module")
+def arm():
+    return iq.load_robot("ur5")
 
 
 def look(robot, q, target):
@@ -40,14 +36,13 @@ def look(robot, q, target):
     return seen.J, seen.error, robot.pose(q), robot.jacobian(q), robot.origins(q), here, there
 
 
-@pytest.mark.parametrize("kind", ["pinocchio", "chain"])
-def test_six_threads_share_a_robot(kind, impatient):
-    robot, rng = arm(kind), np.random.default_rng(0)
+def test_six_threads_share_a_robot(arm, impatient):
+    robot, rng = arm, np.random.default_rng(0)
     states = [(q, robot.target(robot.pose(q + 0.1))) for q in rng.uniform(-2.0, 2.0, size=(TICKS // THREADS, 6))]
     alone = [look(robot, *state) for state in states]
 
     def ticks(first):
-        order = (np.arange(TICKS if kind == "pinocchio" else TICKS // 10) * 7 + first) % len(states)
+        order = (np.arange(TICKS) * 7 + first) % len(states)
         return sum(not all(map(np.array_equal, look(robot, *states[i]), alone[i])) for i in order)
 
     with ThreadPoolExecutor(THREADS) as pool:
@@ -81,34 +76,29 @@ TRAVELS = {
 }
 
 
-@pytest.mark.parametrize("kind", ["pinocchio", "chain"])
 @pytest.mark.parametrize("way", TRAVELS)
-def test_robots_are_copied_and_pickled(kind, way):
-    robot, q = arm(kind), np.linspace(-1.0, 1.0, 6)
-    again = TRAVELS[way](robot.with_tool(iq.exp([0.1, 0.2, 0.3, 0.1, 0.0, 0.2])))
-    robot = robot.with_tool(iq.exp([0.1, 0.2, 0.3, 0.1, 0.0, 0.2]))
+def test_robots_are_copied_and_pickled(arm, way):
+    robot, q = arm.with_tool(iq.exp([0.1, 0.2, 0.3, 0.1, 0.0, 0.2])), np.linspace(-1.0, 1.0, 6)
+    again = TRAVELS[way](robot)
     assert again == robot
     assert hash(again) == hash(robot)
     assert repr(again) == repr(robot)
-    assert again != arm(kind)
+    assert again != arm
     assert not again.velocity_limit.flags.writeable
     for a, b in zip(look(again, q, np.eye(4)), look(robot, q, np.eye(4)), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
-@pytest.mark.parametrize("kind", ["pinocchio", "chain"])
-def test_robots_cross_a_process_pool(kind):
-    robot = arm(kind)
+def test_robots_cross_a_process_pool(arm):
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        assert pool.submit(give, robot).result(60.0) == robot
+        assert pool.submit(give, arm).result(60.0) == arm
 
 
-def test_a_robots_limits_cannot_be_written_to():
-    for robot in (arm("pinocchio"), arm("chain")):
-        with pytest.raises(ValueError, match="read-only"):
-            robot.velocity_limit[0] = 9.0
-        with pytest.raises(AttributeError):
-            robot.velocity_limit = np.ones(6)
+def test_a_robots_limits_cannot_be_written_to(arm):
+    with pytest.raises(ValueError, match="read-only"):
+        arm.velocity_limit[0] = 9.0
+    with pytest.raises(AttributeError):
+        arm.velocity_limit = np.ones(6)
 
 
 def test_a_chain_keeps_its_own_arrays():

@@ -24,7 +24,7 @@ WHEELED = """<robot name="r"><material name="red"><color rgba="1 0 0 1"/></mater
 <link name="tip"><visual><geometry><sphere radius="0.05"/></geometry></visual></link>
 <link name="far"><visual><geometry>{far}</geometry></visual></link>
 <joint name="turn" type="continuous"><parent link="base"/><child link="arm"/><origin xyz="0 0 0.2"/>
-<axis xyz="0 0 1"/></joint>
+<axis xyz="0 0 1"/><limit velocity="1"/></joint>
 <joint name="slide" type="prismatic"><parent link="arm"/><child link="tip"/><origin xyz="1 0 0"/><axis xyz="1 0 0"/>
 <limit lower="0.1" upper="0.5" velocity="1"/></joint>
 <joint name="end" type="fixed"><parent link="tip"/><child link="far"/><origin xyz="0.2 0 0"/></joint></robot>"""
@@ -33,6 +33,10 @@ WHEELED = """<robot name="r"><material name="red"><color rgba="1 0 0 1"/></mater
 def task_of(source, n, **robot):
     path = {"kind": "joints", "duration": 0.1, "waypoints": [[0.2] * n]}
     return task_from({**TASK, "robot": {"source": source, "start": [0.2] * n, **robot}, "path": path}, "one")
+
+
+def look(task):
+    return appearance_of(task, task.load_robot())
 
 
 def box(vertices):
@@ -49,7 +53,7 @@ def written(tmp_path, far="<sphere radius='0.1'/>"):
 def test_parts_are_where_pinocchio_places_the_meshes(name):
     robot = iq.load_robot(name)
     file = urdf_of(name)
-    found = appearance_of(task_of(name, len(robot.names)), robot.names)
+    found = look(task_of(name, len(robot.names)))
     assert 0.5 * TRIANGLES < sum(len(part.faces) for part in found.parts) < 1.2 * TRIANGLES
     model = pin.buildModelFromUrdf(str(file))
     shapes = pin.buildGeomFromUrdf(model, str(file), pin.GeometryType.VISUAL, None, str(file.parents[4]))
@@ -69,7 +73,7 @@ def test_parts_are_where_pinocchio_places_the_meshes(name):
 
 
 def test_plain_shapes_are_as_the_urdf_says(tmp_path):
-    found = appearance_of(task_of(str(written(tmp_path)), 2), ["turn", "slide"])
+    found = look(task_of(str(written(tmp_path)), 2))
     at = {(part.joint, part.colour): box(part.vertices) for part in found.parts}
     np.testing.assert_allclose(at[0, appearance.GREY], [[-0.1, -0.2, 0.0], [0.1, 0.2, 0.2]], atol=1e-9)
     np.testing.assert_allclose(at[1, (255, 0, 0)], [[0.0, -0.1, 0.1], [1.0, 0.1, 0.3]], atol=2e-3)
@@ -78,8 +82,8 @@ def test_plain_shapes_are_as_the_urdf_says(tmp_path):
 
 def test_a_joint_that_is_held_stands_where_the_arm_holds_it(tmp_path):
     file = written(tmp_path)
-    robot = iq.load_robot(file, "tip", ["turn"], velocity_limit=[1.0])
-    found = appearance_of(task_of(str(file), 1, tool="tip", joints=["turn"]), robot.names)
+    robot = iq.load_robot(file, "tip", ["turn"])
+    found = look(task_of(str(file), 1, tool="tip", joints=["turn"]))
     assert {part.joint for part in found.parts} == {0, 1}
     assert max(part.vertices[:, 0].max() for part in found.parts) == pytest.approx(
         robot.pose([0.0])[0, 3] + 0.3, abs=5e-3
@@ -88,19 +92,17 @@ def test_a_joint_that_is_held_stands_where_the_arm_holds_it(tmp_path):
 
 def test_without_all_meshes_there_is_no_look(tmp_path, monkeypatch):
     for gone in ("<mesh filename='none.stl'/>", "<mesh filename='package://none/none.stl'/>"):
-        assert appearance_of(task_of(str(written(tmp_path, gone)), 2), ["turn", "slide"]).missing.startswith(
-            "drawn by its joints: "
-        )
-    assert appearance_of(task_of("ur5e", 6), iq.load_robot("ur5e").names) == Appearance()
+        assert look(task_of(str(written(tmp_path, gone)), 2)).missing.startswith("drawn by its joints: ")
+    assert look(task_of("ur5e", 6)) == Appearance()
     monkeypatch.setitem(sys.modules, "fast_simplification", None)
     monkeypatch.delitem(sys.modules, "invariantqp.view.meshes")
-    said = appearance_of(task_of(str(written(tmp_path)), 2), ["turn", "slide"])
+    said = look(task_of(str(written(tmp_path)), 2))
     assert said == Appearance(missing=f"{install_command('meshes')} draws its meshes")
 
 
 def test_a_shape_that_cannot_be_read_is_told(tmp_path):
     for broken, why in (("<box size='1 2'/>", "size='1 2'; expected 3 finite numbers"), ("<cone/>", "'cone'")):
-        found = appearance_of(task_of(str(written(tmp_path, broken)), 2), ["turn", "slide"])
+        found = look(task_of(str(written(tmp_path, broken)), 2))
         assert not found.parts
         assert found.missing.startswith("drawn by its joints: ")
         assert why in found.missing
@@ -116,7 +118,7 @@ def test_plain_shapes_lie_about_the_origin_along_z(kind, size):
 
 @pytest.mark.filterwarnings("error")
 def test_a_shape_without_a_surface_does_not_take_the_others_along(tmp_path):
-    found = appearance_of(task_of(str(written(tmp_path, "<sphere radius='0'/>")), 2), ["turn", "slide"])
+    found = look(task_of(str(written(tmp_path, "<sphere radius='0'/>")), 2))
     assert [part.joint for part in found.parts] == [0, 1, 2]
 
 
@@ -124,14 +126,14 @@ def test_a_mirrored_mesh_is_seen_from_outside(tmp_path):
     mirrored = "<mesh filename='box.stl' scale='1 -1 1'/></geometry><material name='blue'><color rgba='0 0 inf 1'/>"
     mirrored += "</material><geometry>"
     trimesh.creation.box().export(tmp_path / "box.stl")
-    found = appearance_of(task_of(str(written(tmp_path, mirrored)), 2), ["turn", "slide"])
+    found = look(task_of(str(written(tmp_path, mirrored)), 2))
     part = next(part for part in found.parts if part.colour == (0, 0, 255))
     assert trimesh.Trimesh(part.vertices, part.faces).volume == pytest.approx(1.0)
 
 
 def test_a_file_without_triangles_is_no_mesh(tmp_path):
     (tmp_path / "empty.obj").write_text("v 0 0 0")
-    said = appearance_of(task_of(str(written(tmp_path, "<mesh filename='empty.obj'/>")), 2), ["turn", "slide"])
+    said = look(task_of(str(written(tmp_path, "<mesh filename='empty.obj'/>")), 2))
     assert said == Appearance(missing="drawn by its joints: empty.obj has no triangles")
 
 
@@ -142,10 +144,10 @@ def test_a_mesh_is_read_once_and_again_when_it_has_changed(tmp_path, monkeypatch
     trimesh.creation.box().export(mesh)
     twice = "<mesh filename='box.stl'/></geometry></visual><visual><geometry><mesh filename='box.stl'/>"
     task = task_of(str(written(tmp_path, twice)), 2)
-    first = appearance_of(task, ["turn", "slide"])
-    assert appearance_of(task, ["turn", "slide"]) is first
+    first = look(task)
+    assert look(task) is first
     assert reads == [mesh]
     trimesh.creation.box([3.0, 3.0, 3.0]).export(mesh)
     os.utime(mesh, (0, 0))
-    assert max(part.vertices[:, 1].max() for part in appearance_of(task, ["turn", "slide"]).parts) == pytest.approx(1.5)
+    assert max(part.vertices[:, 1].max() for part in look(task).parts) == pytest.approx(1.5)
     assert reads == [mesh, mesh]
