@@ -29,6 +29,7 @@ from invariantqp.errors import listed, written
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.systems.report import along_axes
+from invariantqp.systems.subspaces import ROUNDING
 from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.measure import length_at, root_at
@@ -40,13 +41,10 @@ LARGEST_NORM = 4.0
 NEARLY_ALL = 0.9
 # Pitches tried, of the reach.
 MULTIPLES = (1.0, 1.5, 2.0, 3.0, 4.0)
-# States of the range that are enough to tell, and those from which upright ones are looked for.
-MOST_STATES = 1000
+# States of the range from which upright ones are looked for.
 UPRIGHT_STARTS = 32
 # Sines, and shares of the largest, that nobody asks an arm for: finer than a tool is pointed.
 SMALL = 1e-3
-# An eigenvalue of U'MU below this share of |M| is rounding of zero.
-ROUNDING = 1e-12
 # Newton's steps; four to eight are enough from anywhere for arms whose wrist can turn that far.
 STEPS = 20
 # The longest of them in one joint [rad].
@@ -91,7 +89,7 @@ def recommend(robot: Robot, q: Array) -> Recommendation:
     mid = middle(robot)
     length = length_at(robot.jacobian(mid), robot.pose(mid)[:3, 3])
     pitches = tried_pitches(length)
-    spread = _tried(robot, length, q[:MOST_STATES])
+    spread = _tried(robot, length, q)
     up = _tried(robot, length, upright(robot, q[:UPRIGHT_STARTS]))
     shares = np.minimum(spread.share(), up.share())
     serving = np.flatnonzero(shares >= NEARLY_ALL)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from invariantqp.batches.namespace import Namespace, Rows, precision
-from invariantqp.systems.points import ROUNDING
-from invariantqp.systems.subspaces import LENGTH_LIMIT
+from invariantqp.systems.subspaces import LENGTH_LIMIT, ROUNDING
 
 # A reach below this many roundings of the coordinates that it is computed from is none.
 ROUNDING_STEPS = 1e3

@@ -17,7 +17,8 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
-# A joint whose pitch is below this is a hinge [length/rad]: its description has no more digits.
+# A joint whose pitch is below this is a hinge [length/rad], a line beside its distance from the origin: a description
+# has nine digits at best.
 HINGE = 1e-9
 
 

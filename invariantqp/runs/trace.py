@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.driver import PathFollower
 from invariantqp.paths.plan import ON_TIME
@@ -93,10 +94,8 @@ def errors(
 
 def distance(T: Array, wanted: Array) -> tuple[float, float]:
     """Distance [m] and angle [rad] between two poses."""
-    R = T[:3, :3].T.dot(wanted[:3, :3])
-    # |R - I|_F = 2 sqrt(2) sin(angle / 2): keeps its digits at small angles, where the trace loses them.
-    angle = 2.0 * np.arcsin(min(1.0, float(np.linalg.norm(R - np.eye(3))) / np.sqrt(8.0)))
-    return float(np.linalg.norm(wanted[:3, 3] - T[:3, 3])), float(angle)
+    turn = se3.rotation_vector(T[:3, :3].T.dot(wanted[:3, :3]))
+    return se3.norm(wanted[:3, 3] - T[:3, 3]), se3.norm(turn)
 
 
 @dataclass(frozen=True, eq=False)

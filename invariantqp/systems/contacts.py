@@ -35,16 +35,12 @@ from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.screws import helical
 from invariantqp.systems.subspaces import LENGTH_LIMIT, annihilator, span
 
-# How far W'S may be from zero relative to |W||S|: wrenches given with six digits pass, wrong ones do not.
-DUAL_TOLERANCE = 1e-6
-# A tangent at an angle to the normal below this [rad] counts as parallel to it.
-ALONG = 1e-6
-# Step of central differences, relative to the coordinates: the cube root of the rounding error, where truncation and
-# rounding are of one size.
-GRADIENT_STEP = 6e-6
+# Contacts are given with six digits: W'S beside |W||S| below this is zero, a tangent at such an angle to the normal is
+# parallel to it, and two ways out of unit speed whose sum is slower lead nowhere.
+SIX_DIGITS = 1e-6
+# Step of central differences, relative to the coordinates: where truncation and rounding are of one size.
+GRADIENT_STEP = float(np.cbrt(np.finfo(float).eps))
 NUMBER = "a function that gives a number"
-# Ways out of unit speed whose sum is slower than this lead nowhere: the tool is between two walls.
-NOWHERE = 1e-6
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -103,7 +99,7 @@ class ContactKind(Value):
         if S.shape[1] + W.shape[1] != 6:
             raise BadInput("constraints", f"{W.shape[1]} wrenches", f"{6 - S.shape[1]}, S has {S.shape[1]} twists")
         work = np.abs(W.T.dot(S))
-        if (work > DUAL_TOLERANCE * _powers(W, S).max(initial=0.0)).any():
+        if (work > SIX_DIGITS * _powers(W, S).max(initial=0.0)).any():
             raise BadInput("constraints", f"wrenches that do work on the freedoms (W'S up to {work.max():.3g})", "none")
         if pressed and not W.shape[1]:
             raise BadInput("unilateral", "True without constraints", "a contact that can be pressed")
@@ -390,7 +386,7 @@ def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None
     share = u * a + v * b + w * c
     a, b, c = a - share * u, b - share * v, c - share * w
     length = sqrt(a * a + b * b + c * c)
-    if length < ALONG:
+    if length < SIX_DIGITS:
         raise BadInput(argument, "a direction parallel to the normal", "one along the surface")
     a, b, c = a / length, b / length, c / length
     x, y, z = arrays.vector(point, 3, "point").tolist()
@@ -452,4 +448,4 @@ def _way_out(first: Array | None, second: Array | None, place: Array) -> Array |
         return None
     out = first + second
     speed = float(np.linalg.norm(se3.velocity_at(out, place)))
-    return out / speed if speed > NOWHERE else None
+    return out / speed if speed > SIX_DIGITS else None

@@ -54,21 +54,12 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
-from invariantqp.geometry.screws import pitch
+from invariantqp.geometry.screws import HINGE, pitch
 from invariantqp.systems.classification import CLASS_TOLERANCE, gibson_hunt
 from invariantqp.systems.gram import gram_matrix
 from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, factors
 from invariantqp.systems.subspaces import RANK_TOLERANCE, orthogonal, span
 
-# A column is a line if its pitch is below this fraction of its distance from the origin (or of 1): model files have
-# nine digits at best.
-LINE_TOLERANCE = 1e-9
-
-# Relative error of the lines that must not change the answer: that at which `has_pseudoinverse` refuses.
-ERROR_TOLERANCE = 1.0 / LARGEST_CONDITION
-# A screw lies in a plane if its h-products with the plane's screws are below this fraction of the sum of their terms:
-# model files have nine digits at best.
-MEMBER_TOLERANCE = 1e-9
 # [DS] Table 2: the 3-systems that lie in one q_h, as planes.
 _FAMILIES: dict[str, Literal["alpha", "beta"]] = {"IIA": "alpha", "IIC": "alpha", "IIB": "beta", "IID": "beta"}
 
@@ -102,12 +93,13 @@ class Involution(Value):
     equilibrium_wrench: Array | None = field(converter=optional(own))
 
 
-def involution(lines: ArrayLike, tolerance: float = ERROR_TOLERANCE) -> Involution:
+def involution(lines: ArrayLike, tolerance: float = 1.0 / LARGEST_CONDITION) -> Involution:
     """Decide involution of 2..6 lines and find their transversals and equilibrium.
 
     Args:
         lines: (6, m) twists of pitch 0 as columns, of any length, 2 <= m <= 6.
-        tolerance: relative error of the lines: they are in involution if such an error could have made them so.
+        tolerance: relative error of the lines: they are in involution if such an error could have made them so. By
+            default that at which `has_pseudoinverse` refuses.
 
     Raises:
         BadInput: shapes, NaN, fewer than 2 or more than 6 columns, a column whose pitch is not 0, a tolerance that is
@@ -156,7 +148,7 @@ def _lines(value: ArrayLike) -> Array:
     for i, s in enumerate(J.T):
         h = pitch(s) if s.any() else inf
         w = float(np.linalg.norm(s[:3]))
-        if h == inf or abs(h) > LINE_TOLERANCE * max(1.0, float(np.linalg.norm(s[3:])) / w):
+        if h == inf or abs(h) > HINGE * max(1.0, float(np.linalg.norm(s[3:])) / w):
             found = f"a column {i} of pitch {h:.4g}" if s.any() else f"a zero column {i}"
             raise BadInput("lines", found, expected, "Only revolute joints are lines; for others has_pseudoinverse.")
     return J
@@ -237,7 +229,7 @@ class NullPlane(Value):
             return np.column_stack((_screws(u[:, None], np.zeros(3), self.h), slides))
         return np.column_stack((_screws(across, self.point, self.h), np.append(np.zeros(3), u)))
 
-    def contains(self, twist: ArrayLike, tolerance: float = MEMBER_TOLERANCE) -> bool:
+    def contains(self, twist: ArrayLike, tolerance: float = HINGE) -> bool:
         """Whether a (6,) twist lies in it: whether it is h-reciprocal to all of it.
 
         Args:

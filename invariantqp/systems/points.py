@@ -25,22 +25,13 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.systems.subspaces import LENGTH_LIMIT, span, system_meet
+from invariantqp.systems.subspaces import LENGTH_LIMIT, ROUNDING, span, system_meet
 
-# Directions along which moving p changes |J_v(p)| by less than this fraction are free: all axes are parallel to them.
-PARALLEL_TOLERANCE = 1e-12
 # det A over its trace cubed (at most 1/27): above this the adjugate loses less than four digits.
 WELL_POSED = 1e-4
-NOTHING_FREE = np.empty((3, 0))
 # A point this many of the arm's lengths away (of the caller's units where it has none) is what rounding makes of a
 # twist that does not turn across the axes; measured from there, every velocity nearby would count as nothing.
 FAR = 1e6
-# A reach below this fraction of the coordinates it is computed from is their rounding: forward kinematics of a dozen
-# joints leaves some 1e-15 of them.
-ROUNDING = 1e-12
-# Angle below which a twist of im J counts as one of S_q, and fraction of the fastest speed below which the point counts
-# as being at rest: two factorisations leave some 1e-15.
-MEET_TOLERANCE = 1e-12
 
 
 class Centre(NamedTuple):
@@ -57,7 +48,7 @@ class Resting(NamedTuple):
     free: Array
 
 
-def resting_point(twists: Array, tolerance: float = PARALLEL_TOLERANCE, longest: float = LENGTH_LIMIT) -> Resting:
+def resting_point(twists: Array, tolerance: float = ROUNDING, longest: float = LENGTH_LIMIT) -> Resting:
     """The least-norm minimiser of |v + omega x p|_F over p, for checked (6, m) twists.
 
     A direction is free where the stiffness of |J_v(p)|^2 against p is below the share `tolerance` of the largest. With
@@ -81,7 +72,7 @@ def resting_point(twists: Array, tolerance: float = PARALLEL_TOLERANCE, longest:
     )
     determinant = k * (m * n - r * r) - s * (s * n + t * r) - t * (t * m + s * r)
     if determinant > WELL_POSED * (k + m + n) ** 3:
-        return Resting(cofactors.dot(b) / determinant, NOTHING_FREE)
+        return Resting(cofactors.dot(b) / determinant, np.empty((3, 0)))
     spread, axes = np.linalg.eigh(spread)
     stiffness = spread.sum() - spread  # eigenvalues of |w|^2 I - w w', descending
     fixed = stiffness > tolerance * stiffness[0]
@@ -222,12 +213,12 @@ def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointM
     wanted = motions_along(point, direction)
     system = span(twists)
     still = system.still
-    shared = system_meet(wanted, twists, MEET_TOLERANCE) if system.rank else np.empty((6, 0))
+    shared = system_meet(wanted, twists, ROUNDING) if system.rank else np.empty((6, 0))
     # The right inverse of C = diag(sigma) V' on the coordinates U'D s; on im J any J^{+h} gives the same.
     coordinates = system.basis.T.dot(system.scaled(shared))
     active = system.right.dot(coordinates / system.singular[:, None])
     p = arrays.vector(point, 3, "point")
     speeds = velocity_at(shared, p)
     terms = np.linalg.norm(shared[3:]) + np.linalg.norm(shared[:3]) * (np.linalg.norm(p) + system.unit)
-    moves = bool(np.linalg.norm(speeds) > MEET_TOLERANCE * terms)
+    moves = bool(np.linalg.norm(speeds) > ROUNDING * terms)
     return PointMotion(np.hstack((active, still)), shared, still, moves)

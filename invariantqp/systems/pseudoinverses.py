@@ -32,17 +32,21 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.gram import pitches_or_none, principal_screws
-from invariantqp.systems.subspaces import Span, length_unit, lengths, orthogonal, reciprocal, screw_system, span
+from invariantqp.systems.subspaces import (
+    ROUNDING,
+    Span,
+    length_unit,
+    lengths,
+    orthogonal,
+    reciprocal,
+    screw_system,
+    span,
+)
 
-# Relative error of a joint twist that forward kinematics in float64 leaves.
-ROUNDING = 1e-15
-
-# Above this an error of ROUNDING can change J^{+h} by more than a thousandth. Arms that are singular by structure (an
+# Above this the relative error of 1e-15 that forward kinematics in float64 leaves of joint twists can change J^{+h} by
+# more than a thousandth. Arms that are singular by structure (an
 # SO-101 at h = 0, a SCARA at any h) have hundreds of times this number, in every state and frame.
-LARGEST_CONDITION = 1e-3 / ROUNDING
-
-# Products of matrices leave some 1e-16 of the product of their sizes; a matrix written with twelve digits passes.
-PRODUCT_TOLERANCE = 1e-12
+LARGEST_CONDITION = 1e12
 
 
 def form_adjoint(A: ArrayLike, domain: ArrayLike, codomain: ArrayLike) -> Array:
@@ -289,7 +293,7 @@ def penrose_conditions(
     h: float,
     *,
     joint_metric: ArrayLike | None = None,
-    tolerance: float = PRODUCT_TOLERANCE,
+    tolerance: float = ROUNDING,
 ) -> PenroseConditions:
     """Test (hP1)-(hP4): whether X is the h-pseudoinverse of J.
 

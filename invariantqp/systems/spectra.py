@@ -50,11 +50,8 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.gram import gram_matrix
-from invariantqp.systems.pseudoinverses import pseudoinverse
+from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, pseudoinverse
 from invariantqp.systems.subspaces import span
-
-# Least over largest |mu| below which rounding of the largest leaves the least fewer than three digits.
-LEAST_SHARE = 1e-12
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -190,7 +187,7 @@ def hyperbolic_polar(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None =
     except NoPseudoinverse as error:
         proof = (error.h, error.rank, error.gram_rank, error.self_reciprocal, error.principal_pitches)
         raise NoPolarDecomposition(*proof) from error
-    if r and abs(mu[-1]) <= LEAST_SHARE * abs(mu[0]):
+    if r and abs(mu[0]) >= LARGEST_CONDITION * abs(mu[-1]):
         z = moved[:, -1] / np.linalg.norm(moved[:, -1])
         raise NoPolarDecomposition(pitch, r, r, z, np.empty(0))
     gains, signs = np.sqrt(np.abs(mu)), np.sign(mu)

@@ -27,6 +27,9 @@ from invariantqp.geometry.forms import finite_pitch, pitch_form
 # A singular value below this fraction of the largest counts as zero: forward kinematics in float64 leaves a few 1e-16
 # where a joint axis is exactly dependent, and cond(J) = 1e7 must still count as full rank.
 RANK_TOLERANCE = 1e-13
+# What is below this share of the terms that it is computed from is rounding: factorisations, products and the forward
+# kinematics of a dozen joints leave some 1e-15 of them.
+ROUNDING = 1e-12
 
 # A length above this many of the caller's units, or below one over it, is not that of a machine: it is rounding where a
 # part of the twists should be zero, the rotation of a gantry or the moments of axes that meet in the origin.

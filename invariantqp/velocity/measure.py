@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.systems.points import ROUNDING, WELL_POSED, centre, reach
-from invariantqp.systems.subspaces import LENGTH_LIMIT
+from invariantqp.systems.points import WELL_POSED, centre, reach
+from invariantqp.systems.subspaces import LENGTH_LIMIT, ROUNDING
 
 
 def root_at(point: Array, length: float) -> Array:
