@@ -316,6 +316,24 @@ def test_what_a_radian_costs_follows_the_reach_until_it_is_told(arms):
     assert not c.any()
 
 
+def test_what_is_changed_after_a_step_counts_in_the_next(arms):
+    robot = arms["so101"]
+    here = configuration(robot, [0.1, -0.5, 0.8, 0.3, 0.2])
+    target = near(np.random.default_rng(8), here.get_transform_frame_to_world(robot.tool))
+    task = InvariantFrameTask(robot.tool)
+    changes = ("damping", iq.velocity.Fixed(0.3)), ("form", iq.PitchForm(0.4)), ("damping", iq.velocity.Fixed(0.0))
+    for name, value in changes:
+        task.set_target(target)
+        before, pull = task.compute_qp_objective(here)
+        setattr(task, name, value)
+        fresh = InvariantFrameTask(robot.tool, form=task.form, damping=task.damping)
+        fresh.set_target(target)
+        (H, c), (G, d) = (one.compute_qp_objective(here) for one in (task, fresh))
+        np.testing.assert_array_equal(H, G)
+        np.testing.assert_array_equal(c, d)
+        assert max(np.abs(H - before).max(), np.abs(c - pull).max()) > 1e-6
+
+
 def test_the_cost_is_a_metres(arms):
     """H and c grow with the cost squared; a radian costs L metres."""
     robot = arms["ur5"]
