@@ -273,6 +273,7 @@ def through(
 ) -> tuple[Array, Array]: ...
 def clearance(
     screws: Array,
+    starts: Array,
     q: Array,
     before: Array,
     shapes: Array,

@@ -24,17 +24,15 @@ def pinocchio_model(clearance):
     pin.forwardKinematics(model, data, np.zeros(model.nq))
     geometry = pin.GeometryModel()
     made = {}
-    for k, part in enumerate(clearance._parts):
-        body = part.body
-        T = (part.shape.pose if part.frame is None else part.frame) @ part.shape.place
-        if part.shape.core is Core.SEGMENT:
-            shape = coal.Capsule(part.shape.radius, 2.0 * float(part.shape.half[2]))
-        elif part.shape.core is Core.BOX:
-            shape = coal.Box(*(2.0 * part.shape.half))
+    for k, (name, body, at) in enumerate(clearance.shapes(np.zeros(model.nq))):
+        if at.core is Core.SEGMENT:
+            shape = coal.Capsule(at.radius, 2.0 * float(at.half[2]))
+        elif at.core is Core.BOX:
+            shape = coal.Box(*(2.0 * at.half))
         else:  # Pinocchio's pairs of coal take a half-space; MuJoCo has planes
             shape = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-        at = data.oMi[body].inverse() * pin.SE3(T[:3, :3], T[:3, 3])
-        made[k] = geometry.addGeometryObject(pin.GeometryObject(f"{part.name} {k}", body, at, shape))
+        place = data.oMi[body or 0].inverse() * pin.SE3(at.pose[:3, :3], at.pose[:3, 3])
+        made[k] = geometry.addGeometryObject(pin.GeometryObject(f"{name} {k}", body or 0, place, shape))
     for i, j in clearance._of_pair:
         geometry.addCollisionPair(pin.CollisionPair(made[i], made[j]))
     return model, geometry
@@ -49,18 +47,18 @@ def mujoco_model(clearance):
 
     def geoms(body):
         text = ""
-        for k, part in enumerate(clearance._parts):
-            if part.body != body:
+        for k, (_, of, at) in enumerate(clearance.shapes(np.zeros(m))):
+            if (of or 0) != body:
                 continue
-            T = (part.shape.pose if part.frame is None else part.frame) @ part.shape.place
+            T = at.pose
             quaternion = np.empty(4)
             mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T[:3, :3]).ravel())
-            if part.shape.core is Core.HALF_SPACE:
+            if at.core is Core.HALF_SPACE:
                 kind, size = "plane", (3.0, 3.0, 0.1)
-            elif part.shape.core is Core.BOX:
-                kind, size = "box", part.shape.half
+            elif at.core is Core.BOX:
+                kind, size = "box", at.half
             else:
-                kind, size = "capsule", (part.shape.radius, max(float(part.shape.half[2]), 1e-6))
+                kind, size = "capsule", (at.radius, max(float(at.half[2]), 1e-6))
             text += f'<geom name="g{k}" type="{kind}" size="{words(size)}" pos="{words(T[:3, 3])}" quat="{words(quaternion)}" mass="1"/>'
         return text
 

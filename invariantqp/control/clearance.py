@@ -8,12 +8,14 @@ the room, and what is decided on positions D seconds old does not overshoot.
 
 Joints with acceleration limits a do not stop at once. A velocity is then one that can still be braked from:
 
-    q_n(x) = q + dt (x + x' + x'' + ...)      n ticks of braking x at 0.7 a, each joint by itself, inside its range
+    q_n(x) = q + dt (x + x' + x'' + ...)      n ticks of braking x, each joint by itself, at 0.7 a or by what its range
+                                              leaves it
     d(q_n(x), n dt) - d_min >= (1 - alpha dt) (d(q_n(y), n dt) - d_min),    y the last velocity braked for a tick
 
 to first order in x - y, for n = 0 and the ticks that it takes to stop, 0.7, 0.49, ... of them. In the next tick
 braking on goes through the same states: where all of them kept the distance, x = y keeps every row, every acceleration
 and every joint limit. So rows contradict nothing, but where a start did or something moves otherwise than it was told.
+Another arm that brakes is in each of these states where its own joints have braked to.
 
 A row that no velocity can reach is left out, so there is no distance of influence; of the others the 16 most urgent are
 kept, each pair's nearest place before all others. Inside d_min all places of a pair ask for the way out of the nearest
@@ -27,13 +29,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from math import e, inf
 from os import PathLike
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.control.clearance_pairs import Pairs, Part, chain_of, frame_of, shapes_of
-from invariantqp.control.clearance_rows import USUAL_SPEED, Found, Rate, placed_at, rows_of
+from invariantqp.control.clearance_pairs import Dropped, Pairs, Part, chain_of, frame_of, shapes_of
+from invariantqp.control.clearance_rows import USUAL_SPEED, Found, Rate, moved_by, placed_at, rows_of
 from invariantqp.control.limits import Limit, Loop, boxes
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
@@ -80,6 +82,8 @@ class OtherArm:
         robot: that arm; both have the same base frame: put it where it stands with `load_robot(base=)`.
         bodies: the shapes of its links.
         name: what its links' names begin with.
+        q: (m,) where its joints are.
+        velocity: (m,) how fast; zero where that is not known.
     """
 
     def __init__(
@@ -106,18 +110,17 @@ class OtherArm:
         self.robot: Chain = chain_of(robot)
         self.bodies = shapes_of(self.robot, bodies)
         self.name = name if isinstance(name, str) else arrays.strings([name], "name")[0]
-        self._at = {link: frame_of(self.robot, link) for link in self.bodies}
-        self.parts: dict[str, list[Shape]] = {
-            link: [_copied(shape, f"{self.name}/{link}") for shape in shapes] for link, shapes in self.bodies.items()
-        }
         m = len(self.robot.names)
-        self._brakes = None if acceleration_limit is None else accelerations(acceleration_limit, m)
-        self.knows_velocity, self.stops = False, inf
+        self._brakes = acceleration_limit is not None
+        a = np.zeros(m) if acceleration_limit is None else accelerations(acceleration_limit, m)
+        ranges = self.robot.position_lower, self.robot.position_upper
+        self.limits = np.array((self.robot.velocity_limit, a, *ranges))
+        self.q, self.velocity, self.knows_velocity = np.zeros(m), np.zeros(m), False
 
     @property
     def yields(self) -> bool:
         """Whether it makes way too, and each takes half of the room: it is said to, or its velocity is not known."""
-        return self._brakes is not None or not self.knows_velocity
+        return self._brakes or not self.knows_velocity
 
     def move(self, q: ArrayLike, velocity: ArrayLike | None = None) -> None:
         """Say where its joints are from now on, between ticks.
@@ -130,18 +133,10 @@ class OtherArm:
         Raises:
             BadInput: NaN or wrong lengths.
         """
-        positions = arrays.vector(q, len(self.robot.names), "q")
-        x = None if velocity is None else arrays.vector(velocity, len(self.robot.names), "velocity")
-        motions = self.robot.motions(positions)
-        J = None if x is None else self.robot.jacobian(positions) * x
-        for link, shapes in self.parts.items():
-            body, frame = self._at[link]
-            twist = None if J is None else J[:, :body].sum(axis=1)
-            for shape in shapes:
-                shape.move(motions[body].dot(frame), twist)
-        self.knows_velocity = x is not None
-        if x is not None and self._brakes is not None:
-            self.stops = float((np.abs(x) / (BRAKING * self._brakes)).max())
+        m = len(self.robot.names)
+        x = np.zeros(m) if velocity is None else arrays.vector(velocity, m, "velocity")
+        self.q, self.velocity = np.array(arrays.vector(q, m, "q")), np.array(x)
+        self.knows_velocity = velocity is not None
 
 
 class Clearance(Limit):
@@ -152,8 +147,6 @@ class Clearance(Limit):
         bodies: the shapes of its links, by link, each in its link's frame.
         obstacles: what is around it.
         distance: d_min [length].
-        pairs: the names of the bodies that are kept apart.
-        dropped: the pairs that are not, each with its reason.
         nearest: which two bodies were the nearest in the last tick that asked for rows, and their `distance`.
     """
 
@@ -195,30 +188,35 @@ class Clearance(Limit):
             raise BadInput("obstacles", excerpt(obstacles), "a list of shapes and OtherArm")
         self.obstacles: tuple[Shape | OtherArm, ...] = tuple(obstacles)
         self._rate = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
-        found = Pairs(self.robot, self._listed(), self.distance, pairs, exclude)
-        self._parts, self._numbers, self._levers, self._solids = found.parts, found.numbers, found.levers, found.solids
-        self._twists = np.zeros((len(self._parts), 7))
-        self._twists[:, 6] = inf
-        self._moving = [i for i, part in enumerate(self._parts) if part.frame is None]
-        self._seen: list[Array] = [part.shape.pose for part in self._parts]
-        self._of_pair, self.dropped = found.of_shapes, found.dropped
+        self._arms = [arm for arm in self.obstacles if isinstance(arm, OtherArm)]
+        self._found = Pairs([self.robot, *(arm.robot for arm in self._arms)], self._listed(), distance, pairs, exclude)
+        self._parts, self._numbers, self._of_pair = self._found.parts, self._found.numbers, self._found.of_shapes
+        self._twists = np.zeros((len(self._parts), 6))
         self._pairs = np.array([(i, j, 1.0) for i, j in self._of_pair], dtype=np.float64).reshape(-1, 3)
-        self._of_arms = [
-            (
-                arm,
-                [
-                    k
-                    for k, (i, j) in enumerate(self._of_pair)
-                    if id(arm) in (self._parts[i].owner, self._parts[j].owner)
-                ],
-            )
-            for arm in self.obstacles
-            if isinstance(arm, OtherArm)
-        ]
-        names = {(self._parts[i].name, self._parts[j].name): None for i, j in self._of_pair}
-        self.pairs: tuple[tuple[str, str], ...] = tuple(names)
+        self._around = np.array([self._parts[j].around for _, j in self._of_pair], dtype=int)
+        self._seen: dict[int, Any] = {}
+        self._reasons: list[str] = [""] * len(self._of_pair)  # why they are not kept apart as obstacles are now
+        self._unjudged = self._around != 0
         self.nearest = Near("", "", inf)
         self._still = self._at_rate(0.0, 0.0)  # all distances, and no rows that matter
+        self._refresh(0.0)
+        self._judge(self._unjudged)
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """The names of the bodies that are kept apart."""
+        return tuple({self._names(k): None for k, off in enumerate(self._reasons) if not off})
+
+    @property
+    def dropped(self) -> tuple[Dropped, ...]:
+        """The pairs of bodies that are not kept apart, each with its reason; of obstacles, where these are now."""
+        off = {self._names(k): Dropped(*self._names(k), reason) for k, reason in enumerate(self._reasons) if reason}
+        return (*self._found.dropped, *off.values())
+
+    def _names(self, k: int) -> tuple[str, str]:
+        """The bodies of a pair of shapes."""
+        one, other = self._of_pair[k]
+        return self._parts[one].name, self._parts[other].name
 
     def __repr__(self) -> str:
         return f"<Clearance of {self.distance:g}, {len(self.pairs)} pairs of bodies, {len(self.dropped)} dropped>"
@@ -270,7 +268,7 @@ class Clearance(Limit):
         upper = np.full(len(lower), inf)
         called = {i: self._called(int(i), distances[int(i)]) for i in set(of_pair.tolist())}
         names = [called[i] for i in of_pair.tolist()]
-        if inside and not self._twists[:, :6].any():
+        if inside and not (self._twists.any() or any(arm.velocity.any() for arm in self._arms)):
             speed = self._calm(rate, before)
             limited = np.isfinite(speed)
             C = np.vstack((C, np.eye(len(speed))[limited]))
@@ -278,10 +276,9 @@ class Clearance(Limit):
             names += ["clearance: slowly out"] * int(limited.sum())
         return LimitRows.trusted(C, lower, upper, tuple(names)) if len(lower) else None
 
-    def _called(self, i: int, distance: float) -> str:
+    def _called(self, k: int, distance: float) -> str:
         """What reasons call the rows of a pair."""
-        one, other = self._of_pair[i]
-        near = Near(self._parts[one].name, self._parts[other].name, distance)
+        near = Near(*self._names(k), distance)
         return f"clearance: {near}" + (f" (nearer than {1e3 * self.distance:.1f})" if self._is_inside(near) else "")
 
     def _calm(self, rate: Rate, before: Array | None) -> Array:
@@ -306,10 +303,8 @@ class Clearance(Limit):
         Raises:
             BadInput: NaN or a wrong length.
         """
-        found = self._distances(q)
-        moved = [part.frame is None and (part.owner != 0 or bool(part.shape.twist.any())) for part in self._parts]
-        still = [not (moved[i] or moved[j]) for i, j in self._of_pair]
-        near = self._nearest(np.where(still, found, inf))
+        still = [not (self._parts[j].around < 0 or self._parts[j].shape.twist.any()) for _, j in self._of_pair]
+        near = self._nearest(np.where(still, self._distances(q), inf))
         return (
             f"{near.first} and {near.second} are nearer than {1e3 * self.distance:.1f} mm"
             if self._is_inside(near)
@@ -329,9 +324,9 @@ class Clearance(Limit):
             BadInput: NaN or a wrong length.
         """
         found = dict.fromkeys(self.pairs, inf)
-        for (i, j), d in zip(self._of_pair, self._distances(q).tolist(), strict=True):
-            name = self._parts[i].name, self._parts[j].name
-            found[name] = min(found[name], d)
+        for k, d in enumerate(self._distances(q).tolist()):
+            if d < inf:
+                found[self._names(k)] = min(found[self._names(k)], d)
         return found
 
     def shapes(self, q: ArrayLike) -> list[tuple[str, int | None, Placed]]:
@@ -344,23 +339,25 @@ class Clearance(Limit):
         """
         positions = arrays.vector(q, len(self.robot.names), "q")
         self._refresh(0.0)
-        placed = placed_at(self._numbers, self.robot.motions(positions), (), self._solids)
-        moved = [None if part.frame is None else part.body for part in self._parts]
-        return [(part.name, body, at) for part, body, at in zip(self._parts, moved, placed, strict=True)]
+        motions = moved_by(self._found.robots, np.concatenate((positions, *(arm.q for arm in self._arms))))[1]
+        placed = placed_at(self._numbers, motions, (), self._found.solids)
+        return [
+            (part.name, None if part.frame is None or part.around < 0 else part.body, at)
+            for part, at in zip(self._parts, placed, strict=True)
+        ]
 
     def _at_rate(self, alpha: float, delay: float, dt: float = 0.0) -> Rate:
         """A rate for joints that stop at once."""
         robot = self.robot
         free = np.full(len(robot.names), inf)
         limits = np.array((robot.velocity_limit, free, robot.position_lower, robot.position_upper))
-        return Rate(limits, np.array((self.distance, alpha, ESCAPE, dt, BRAKING, 0.0)), delay)
+        return Rate(limits, np.array((self.distance, alpha, ESCAPE, dt, BRAKING)), delay)
 
     def _nearest(self, distances: Array) -> Near:
         if not len(distances):
             return Near("", "", inf)
-        i = int(distances.argmin())
-        one, other = self._of_pair[i]
-        return Near(self._parts[one].name, self._parts[other].name, float(distances[i]))
+        k = int(distances.argmin())
+        return Near(*self._names(k), float(distances[k]))
 
     def _distances(self, q: ArrayLike) -> Array:
         """(k,) distances of the pairs, of what some joint moves.
@@ -372,18 +369,37 @@ class Clearance(Limit):
         speed = self.robot.velocity_limit
         step = ASIDE * np.where(np.isfinite(speed), speed, USUAL_SPEED) / np.sqrt(np.arange(1.0, len(speed) + 1.0))
         aside = self._asked(positions + step, self._still).distances
-        moved = self._levers.dot(step)[self._pairs[:, :2].astype(int)].max(axis=1, initial=0.0)
+        moved = self._found.levers[:, : len(step)].dot(step)[self._pairs[:, :2].astype(int)].max(axis=1, initial=0.0)
         return np.asarray(np.where(np.isinf(here) | (aside < here - moved), aside, here))
 
     def _asked(self, q: Array, rate: Rate, before: Array | None = None) -> Found:
         """Rows, their lower limits, the pair of each, and the distance of each pair."""
         self._refresh(rate.delay)
-        velocity = np.zeros(len(q)) if before is None else before
-        given, told = (np.ascontiguousarray(q), velocity, self._numbers, self._twists), rate.for_others(self._stops())
-        of_mesh = self._places if self._solids else None
-        shapes = *given, self._pairs
-        found = None if core is None else core.clearance(self.robot.screws, *shapes, self._levers, *told, of_mesh)
-        return rows_of(self.robot, *shapes, *told, self._solids) if found is None else Found(*found)
+        velocity, limits = np.zeros(len(q)) if before is None else before, rate.limits
+        if self._arms:
+            q = np.concatenate((q, *(arm.q + rate.delay * arm.velocity for arm in self._arms)))
+            velocity = np.concatenate((velocity, *(arm.velocity for arm in self._arms)))
+            limits = np.hstack((limits, *(arm.limits for arm in self._arms)))
+        given = np.ascontiguousarray(q), velocity, self._numbers, self._twists, self._pairs
+        found, pairs, places_of = None, self._found, self._places if self._found.solids else None
+        if core is not None:
+            told = limits, rate.settings, places_of
+            found = core.clearance(pairs.screws, pairs.starts, *given, pairs.levers, *told)
+        made = rows_of(pairs.robots, *given, limits, rate.settings, pairs.solids) if found is None else Found(*found)
+        near = made.distances < self.distance
+        return self._asked(q[: len(self.robot.names)], rate, before) if near.any() and self._judge(near) else made
+
+    def _judge(self, near: NDArray[np.bool_]) -> bool:
+        """Whether some obstacles are always near the arm where they are now; they do not count until they move."""
+        found, others = False, np.concatenate([np.zeros(0), *(arm.q for arm in self._arms)])
+        for k in np.flatnonzero(near & self._unjudged).tolist():
+            self._unjudged[k] = False
+            if reason := self._found.always_near(*self._of_pair[k], self._numbers, others):
+                same = [i for i in range(len(self._of_pair)) if self._names(i) == self._names(k)]
+                for i in same:
+                    self._reasons[i], self._unjudged[i] = reason, False
+                self._pairs[same, 2], found = 0.0, True
+        return found
 
     def _places(self, i: int, j: int, one: Array, other: Array) -> Array:
         """(k, 7) distance, normal and point of each place of two shapes, one a mesh, at (4, 4) poses of their cores."""
@@ -391,24 +407,28 @@ class Clearance(Limit):
         placed = [Placed(s.core, s.radius, s.half, T, s.solid) for s, T in zip(shapes, (one, other), strict=True)]
         return np.array([(place.distance, *place.normal, *place.point) for place in places(*placed)])
 
-    def _stops(self) -> float:
-        """After how long the last of the other arms that brake has stopped [s]."""
-        return max((arm.stops for arm, _ in self._of_arms if arm.stops < inf), default=0.0)
-
     def _refresh(self, delay: float) -> None:
-        """Where obstacles are, when a command of now acts."""
-        for i in self._moving:
-            shape = self._parts[i].shape
-            if shape.pose is self._seen[i] and not delay:
+        """Where obstacles are, when a command of now acts; what has moved is judged anew."""
+        for i in self._found.moving:
+            shape, seen = self._parts[i].shape, self._seen.get(i)
+            late = delay if shape.twist.any() else 0.0
+            if seen and seen[0] is shape.pose and seen[1] is shape.twist and seen[2] == late:
                 continue
-            self._seen[i] = shape.pose
-            pose = se3.exp(delay * shape.twist, check=False).dot(shape.pose) if delay else shape.pose
-            place = pose.dot(shape.place)
+            self._seen[i] = shape.pose, shape.twist, late
+            pose = se3.exp(late * shape.twist, check=False).dot(shape.pose) if late else shape.pose
+            place, self._twists[i] = pose.dot(shape.place), shape.twist
             self._numbers[i, 6:15], self._numbers[i, 15:] = place[:3, :3].ravel(), place[:3, 3]
-            self._twists[i, :6] = shape.twist
-        for arm, pairs in self._of_arms:
-            self._pairs[pairs, 2] = HALF if arm.yields else 1.0
-            self._twists[[part.owner == id(arm) for part in self._parts], 6] = arm.stops
+            self._renewed(self._pairs[:, 1] == i, 1.0)
+        for a, arm in enumerate(self._arms):
+            if self._seen.get(-1 - a) is not arm.q:
+                self._seen[-1 - a] = arm.q
+                self._renewed(self._around == -1 - a, HALF if arm.yields else 1.0)
+
+    def _renewed(self, pairs: Array, share: float) -> None:
+        """Those pairs count again, with that share of the room, until they are judged."""
+        self._pairs[pairs, 2], self._unjudged[pairs] = share, True
+        if any(self._reasons):
+            self._reasons = ["" if new else old for new, old in zip(pairs.tolist(), self._reasons, strict=True)]
 
     def _listed(self) -> list[Part]:
         """All shapes, each with what moves it."""
@@ -416,11 +436,13 @@ class Clearance(Limit):
         for link, shapes in self.bodies.items():
             body, frame = frame_of(self.robot, link)
             parts += [Part(link, shape, body, frame) for shape in shapes]
-        names: list[str] = list(self.bodies)
+        names, arms = list(self.bodies), 0
         for obstacle in self.obstacles:
             if isinstance(obstacle, OtherArm):
-                for shapes in obstacle.parts.values():
-                    parts += [Part(shape.name, shape, 0, None, id(obstacle)) for shape in shapes]
+                arms += 1
+                for link, shapes in obstacle.bodies.items():
+                    body, frame = frame_of(obstacle.robot, link)
+                    parts += [Part(f"{obstacle.name}/{link}", shape, body, frame, -arms) for shape in shapes]
                 continue
             if not isinstance(obstacle, Shape):
                 raise BadInput("obstacles", excerpt(obstacle), "a Sphere, Capsule, Box, HalfSpace, Mesh or OtherArm")
@@ -430,7 +452,7 @@ class Clearance(Limit):
                     n for i in range(len(names) + 1) if (n := name if i == 0 else f"{name} {i + 1}") not in names
                 )
             names.append(name)
-            parts.append(Part(name, obstacle, 0, None))
+            parts.append(Part(name, obstacle, 0, None, 1))
         return parts
 
 
@@ -452,10 +474,3 @@ class _InLoop(Limit):
 def _depth(depth: float, distance: float) -> float:
     """How far inside a distance bodies are, 1 where all of what leads them out applies."""
     return min(1.0, depth / (DEEP * distance)) if distance > 0.0 else 1.0
-
-
-def _copied(shape: Shape, name: str) -> Shape:
-    """The same shape under another name, to be moved by itself."""
-    made = Shape.__new__(Shape)
-    Shape.__init__(made, shape.core, shape.radius, shape.half, shape.place, name)
-    return made

@@ -1,7 +1,7 @@
 """Which bodies a clearance keeps apart: all that can touch; each pair that is left out, with its reason.
 
-Links on one body, neighbours at a joint, what a description excludes or a caller does, and links that are shown to be
-nearer than the distance wherever their joints are. Nothing is left out because samples did not meet.
+Links on one body, neighbours at a joint, what a description excludes or a caller does, and bodies that are shown to be
+nearer than the distance wherever the joints between them are. Nothing is left out because samples did not meet.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from invariantqp.control.clearance_rows import OF_SHAPE, levers_of, placed_at
+from invariantqp.control.clearance_rows import OF_SHAPE, levers_of, moved_by, placed_at, starts_of
 from invariantqp.errors import BadInput, UnknownName, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.distance import Solid, places
+from invariantqp.geometry.distance import Place, Solid, places
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
@@ -40,26 +40,30 @@ class Part(NamedTuple):
 
     name: str
     shape: Shape
-    body: int  # moved by the first so many joints
+    body: int  # moved by the first so many joints of its arm
     frame: Array | None  # (4, 4) of its link at q = 0; None for an obstacle, which is where it was moved to
-    owner: int = 0  # the arm that it is a link of, where that is another one
+    around: int = 0  # 1 for an obstacle; for a link of another arm -1, -2, ..., by which one it is
 
 
 class Pairs:
     """The shapes of a clearance, and which of them are kept apart.
 
     Attributes:
+        robots: the arm, and those around it.
+        screws: (6, M) of all their joints.
+        starts: (M + 1,) at which joint the arm of each body begins.
         parts: all shapes, links' and obstacles'.
+        moving: which of them are obstacles.
         numbers: (n, 18) of the shapes, as the compiled core takes them.
-        levers: (n, m) how far any point of a shape moves at most for a radian or length of each joint.
+        levers: (n, M) how far any point of a shape moves at most for a radian or length of each joint.
         solids: what tells distances of meshes, None of other shapes; empty without a mesh.
         of_shapes: the shapes of each pair.
-        dropped: the pairs of bodies that are not kept apart, each with its reason.
+        dropped: the pairs of bodies that are not kept apart wherever obstacles are, each with its reason.
     """
 
     def __init__(
         self,
-        robot: Chain,
+        robots: Sequence[Chain],
         parts: Sequence[Part],
         distance: float,
         pairs: Iterable[tuple[str, str]] | None,
@@ -72,12 +76,22 @@ class Pairs:
             UnknownName: no such body.
             RobotModelError: an SRDF that cannot be read.
         """
-        self.parts, self._robot, self._distance = tuple(parts), robot, distance
-        self.numbers = np.array([_numbers(part) for part in parts]).reshape(-1, OF_SHAPE)
-        self.levers = levers_of(robot, self.numbers)
+        self.parts, self.robots, self._robot, self._distance = tuple(parts), robots, robots[0], distance
+        self.screws, self.starts = np.hstack([robot.screws for robot in robots]), starts_of(robots).astype(float)
+        self.moving = [i for i, part in enumerate(parts) if part.frame is None]
+        self.numbers = np.array([self._numbers(part) for part in parts]).reshape(-1, OF_SHAPE)
+        self.levers = levers_of(robots, self.numbers)
         solids = tuple(part.shape.solid for part in parts)
         self.solids: tuple[Solid | None, ...] = solids if any(solid is not None for solid in solids) else ()
+        self._given = pairs is not None
         self.of_shapes, self.dropped = self._chosen(pairs, exclude)
+
+    def _numbers(self, part: Part) -> Array:
+        """(18,) of a shape; bodies are numbered one arm after the other, 0 is the world."""
+        shape, before = part.shape, sum(len(robot.names) for robot in self.robots[: max(-part.around, 0)])
+        T = (shape.pose if part.frame is None else part.frame).dot(shape.place)
+        body = before + part.body if part.body else 0
+        return np.concatenate(((body, shape.core, shape.radius), shape.half, T[:3, :3].ravel(), T[:3, 3]))
 
     def _chosen(
         self, pairs: Iterable[tuple[str, str]] | None, exclude: Iterable[tuple[str, str]] | str | PathLike[str]
@@ -91,7 +105,7 @@ class Pairs:
         kept = []
         for i, j in combinations(range(len(self.parts)), 2):
             a, b = self.parts[i], self.parts[j]
-            if a.frame is None and b.frame is None:
+            if a.around:
                 continue
             names = frozenset((a.name, b.name))
             if len(names) == 1:
@@ -103,74 +117,68 @@ class Pairs:
                 dropped[a.name, b.name] = reason
             else:
                 kept.append((i, j))
-        if wanted is None:
-            kept, always = self._without_always_near(kept)
-            dropped.update(always)
-        return kept, tuple(Dropped(*names, reason) for names, reason in dropped.items())
+        bodies = [(self.parts[i].name, self.parts[j].name) for i, j in kept]
+        for (i, j), two in zip(kept, bodies, strict=True):
+            if not self.parts[j].around and two not in dropped and (reason := self.always_near(i, j, self.numbers)):
+                dropped[two] = reason
+        kept = [pair for pair, two in zip(kept, bodies, strict=True) if two not in dropped]
+        return kept, tuple(Dropped(*two, reason) for two, reason in dropped.items())
 
     def _needless(self, a: Part, b: Part) -> str:
         """Why two bodies need not be kept apart, "" where they must be."""
+        if b.around:
+            return "" if a.body else "no joint moves it"
         if a.body == b.body:
-            return "no joint moves it" if b.frame is None else "fixed to one another"
+            return "fixed to one another"
         floor = Core.HALF_SPACE in (a.shape.core, b.shape.core)  # nobody's neighbour
-        if b.frame is None or floor or abs(a.body - b.body) > 1:
-            return ""
-        return f"neighbours at {self._robot.names[max(a.body, b.body) - 1]}"
+        return (
+            "" if floor or abs(a.body - b.body) > 1 else f"neighbours at {self._robot.names[max(a.body, b.body) - 1]}"
+        )
 
-    def _without_always_near(
-        self, kept: list[tuple[int, int]]
-    ) -> tuple[list[tuple[int, int]], dict[tuple[str, str], str]]:
-        """Pairs of shapes less those of links that are nearer than the distance wherever the joints are.
+    def always_near(self, i: int, j: int, numbers: Array, others: Array | None = None) -> str:
+        """The reason, where two shapes are nearer than the distance wherever the joints between them are; "" else.
 
-        Two links with one or two joints between them: in other states they are at most as far apart as those points are
-        that are nearest in one, and a joint moves these by how far they are from its axis. So some states show it.
+        In other states they are at most as far apart as a place of theirs is, and a joint moves that by how far it is
+        from its axis. So some states show it. The first shape is a link's; `others` (M - m,) are the joint positions of
+        other arms.
         """
-        always: dict[tuple[str, str], str] = {}
-        by_name: dict[tuple[str, str], list[tuple[int, int]]] = {}
-        for i, j in kept:
-            by_name.setdefault((self.parts[i].name, self.parts[j].name), []).append((i, j))
-        for names, shapes in by_name.items():
-            if any(self._is_always_near(i, j) for i, j in shapes):
-                always[names] = f"always nearer than {1e3 * self._distance:.1f} mm"
-        return [(i, j) for i, j in kept if (self.parts[i].name, self.parts[j].name) not in always], always
-
-    def _is_always_near(self, i: int, j: int) -> bool:
-        a, b = sorted((self.parts[i], self.parts[j]), key=lambda part: part.body)
-        if a.frame is None or b.frame is None or b.body - a.body > 2:
-            return False
-        between = np.arange(a.body, b.body)
-        if not self._robot.screws[:3, between].any(axis=0).all():
-            return False  # a slide goes as far as it goes
-        limits = np.maximum(self._robot.position_lower, -np.pi), np.minimum(self._robot.position_upper, np.pi)
-        cells = [(limits[0][between], limits[1][between])]
-        q = np.zeros(len(self._robot.names))
+        m, bodies, around = len(self._robot.names), [int(numbers[k, 0]) for k in (i, j)], self.parts[j].around
+        between = np.arange(bodies[0]) if around else np.arange(min(bodies), max(bodies))
+        if self._given or not self._robot.screws[:3, between].any(axis=0).all():
+            return ""  # asked for; a slide goes as far as it goes
+        two = [i, j] if around or bodies[0] > bodies[1] else [j, i]  # the one that the joints move is the first
+        solids = [self.parts[k].shape.solid for k in two]
+        lowest, highest = np.maximum(self._robot.position_lower, -np.pi), np.minimum(self._robot.position_upper, np.pi)
+        cells = [(lowest[between], highest[between])]
+        q = np.concatenate((np.zeros(m), np.zeros(self.screws.shape[1] - m) if others is None else others))
         for _ in range(STATES):
             if not cells:
-                return True
+                return f"always nearer than {1e3 * self._distance:.1f} mm"
             low, high = cells.pop()
             q[between] = 0.5 * (low + high)
-            motions = self._robot.motions(q)
-            one, other = placed_at(self.numbers[[i, j]], motions)
-            nearest = places(one, other)[0]
-            if nearest.distance > self._distance:
-                return False
-            # The outer one's nearest point, by a point of the one core or of the other.
-            d, (near, far) = nearest.distance, (one.radius, other.radius)
-            beside = (d + near, -far) if self.parts[j] is b else (near, -d - far)
-            J = self._robot.jacobian(q)[:, between]
-            points = [nearest.point + by * nearest.normal for by in beside]
-            speed = np.max([np.linalg.norm(J[3:] + np.cross(J[:3], p, axis=0), axis=0) for p in points], axis=0)
-            turn = np.linalg.norm(J[:3], axis=0)
-            ways: list[float] = []
-            for k in reversed(range(len(between))):  # the inner joint moves it from where the outer joint has
-                ways.insert(0, float(0.5 * (high - low)[k] * (speed[k] + turn[k] * sum(ways))))
-            if max(nearest.distance, 0.0) + sum(ways) > self._distance:
+            J, motions = moved_by(self.robots, q)
+            found = places(*placed_at(numbers[two], motions, (), solids))
+            if found[0].distance > self._distance:
+                return ""
+            farthest, ways = min(self._farthest(place, J[:, between], 0.5 * (high - low)) for place in found)
+            if farthest > self._distance:
                 axis = int(np.argmax(ways))
-                middle = 0.5 * (low + high)
                 upper, lower = high.copy(), low.copy()
-                upper[axis] = lower[axis] = middle[axis]
+                upper[axis] = lower[axis] = q[between[axis]]
                 cells += [(low, upper), (lower, high)]
-        return False
+        return ""
+
+    @staticmethod
+    def _farthest(place: Place, J: Array, turned: Array) -> tuple[float, list[float]]:
+        """How far a place is at most, joints having turned by so much, and what of that is by which."""
+        speed, turn = (
+            np.linalg.norm(J[3:] + np.cross(J[:3], place.point, axis=0), axis=0),
+            np.linalg.norm(J[:3], axis=0),
+        )
+        ways: list[float] = []
+        for k in reversed(range(len(turned))):  # the inner joint moves it from where the outer joint has
+            ways.insert(0, float(turned[k] * (speed[k] + turn[k] * sum(ways))))
+        return place.distance + sum(ways), ways
 
     def _named(self, pairs: Iterable[tuple[str, str]], argument: str) -> list[tuple[str, str]]:
         """Pairs of names, each of a body that is there.
@@ -207,12 +215,6 @@ def frame_of(robot: Chain, name: str) -> tuple[int, Array]:
     if name == "base":
         return 0, np.eye(4)
     raise UnknownName("link", str(name), [], [*(link.name for link in robot.links), "tool", "base", *robot.names])
-
-
-def _numbers(part: Part) -> Array:
-    shape = part.shape
-    T = (shape.pose if part.frame is None else part.frame).dot(shape.place)
-    return np.concatenate(((part.body, shape.core, shape.radius), shape.half, T[:3, :3].ravel(), T[:3, 3]))
 
 
 def chain_of(robot: Any) -> Chain:

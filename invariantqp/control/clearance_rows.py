@@ -3,7 +3,8 @@
     C x >= -alpha (d - d_min) - n'v_obstacle        C = w'J on the joints between two bodies,  w = (p x n; n)
 
 for each place where a pair is near (`geometry/distance.py`), in each of the states that an arm with brakes passes as it
-comes to rest; `clearance.py` says why.
+comes to rest; `clearance.py` says why. Joints are those of the arm and, after them, of the arms around it; shapes of an
+arm around have the number of that joint which moves them.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.distance import Place, Placed, Solid, places
 from invariantqp.geometry.shapes import Core
 from invariantqp.robots.chain import Chain
-from invariantqp.velocity.limits import braking_speed
+from invariantqp.velocity.limits import late_braking
 
 # Rows of a tick, at most: more than an arm has joints several times over.
 MOST_ROWS = 16
@@ -27,9 +28,6 @@ MOST_ROWS = 16
 EQUAL = 1e-9
 # A joint that moves a place along its normal by less than this share of what its terms sum up to does not move it.
 UNMOVED = 1e-12
-# Nor does one that turns about the normal, but for this angle [rad] and this share of how fast the place goes: pi/2
-# written as 1.5708 is off by 4e-6. Left out is less than 10 micrometres for each metre that the place goes.
-ASKEW = 1e-5
 # Of the ticks until one state those until the next nearer one: with a half, an arm that passes a corner at full speed
 # sees it late in one of 2000 ticks.
 NEARER = 0.7
@@ -45,14 +43,8 @@ class Rate(NamedTuple):
     """What decides how fast bodies may come nearer."""
 
     limits: Array  # (4, m) of speed, acceleration (inf where joints stop at once) and position, the lower and the upper
-    settings: Array  # d_min [length], alpha [1/s], ESCAPE, a tick [s], BRAKING, ticks to look ahead at least
+    settings: Array  # d_min [length], alpha [1/s], ESCAPE, a tick [s], BRAKING
     delay: float  # of the robot [s]
-
-    def for_others(self, stops: float) -> tuple[Array, Array]:
-        """Limits and settings that look ahead until others have stopped, too [s]."""
-        if not stops > 0.0 or not self.settings[3] > 0.0:
-            return self.limits, self.settings
-        return self.limits, np.append(self.settings[:5], np.ceil(stops / self.settings[3]))
 
     def braked(self, before: Array, share: float) -> Array:
         """(m,) how fast joints still are after a tick of braking a velocity (m,), at a share of what rows brake by."""
@@ -71,37 +63,45 @@ class Found(NamedTuple):
 
 
 class States(NamedTuple):
-    """The states in which distances are looked at: the arm's own first, and those that it passes as it brakes."""
+    """The states in which distances are looked at: the arms' own first, and those that they pass as they brake."""
 
-    positions: Array  # (s, m) of the joints
-    weights: Array  # (s, m) how they change with the velocity, in ticks
+    positions: Array  # (s, M) of the joints
+    weights: Array  # (s, M) how they change with the velocity, in ticks
+    going: Array  # (s, M) velocities of others that go on from there
     times: Array  # (s,) from now [s]
-    y: Array  # (m,) the velocity braked for a tick
-    reach: Array  # (m,) how far another one can be from it
-    sure: Array  # (m,) and certainly
+    y: Array  # (M,) the velocity braked for a tick
+    reach: Array  # (M,) how far another one can be from it
+    sure: Array  # (M,) and certainly
 
     @classmethod
-    def ahead(cls, q: Array, before: Array, limits: Array, settings: Array) -> States:
-        """From joint positions q (m,), after a velocity `before` (m,); limits and settings are as in `Rate`."""
-        m = len(q)
+    def ahead(cls, m: int, q: Array, before: Array, limits: Array, settings: Array) -> States:
+        """From positions q (M,) of m own joints and others, after a velocity `before` (M,).
+
+        The rest is as in `Rate`; another arm that does not brake has accelerations of zero.
+        """
         speed, a, low, high = limits
-        if np.isinf(a).all():
-            return cls(q[None], np.ones((1, m)), np.zeros(1), np.zeros(m), speed, np.full(m, inf))
-        dt, share, horizon = settings[3:].tolist()
-        b = share * a
-        y = np.sign(before) * np.maximum(np.abs(before) - b * dt, 0.0)
-        y = np.clip(y, -braking_speed(q - low, a, dt), braking_speed(high - q, a, dt))
-        ticks = np.floor(np.abs(y) / (b * dt))  # that y takes to stop, but for a rest
-        n = [0.0, *moments(max(float(ticks.max()), horizon))]
-        own = np.minimum(np.array(n)[:, None], ticks)
-        with np.errstate(invalid="ignore"):  # infinitely strong brakes stop in no tick
-            lost = np.where(own > 0.0, 0.5 * b * dt * own * (own + 1.0), 0.0)
-        free = q + dt * ((own + 1.0) * y - np.sign(y) * lost)
-        states = np.clip(free, np.minimum(low, q), np.maximum(high, q))
-        weights = np.where(states == free, own + 1.0, 1.0)
-        reach, sure = np.minimum(2.0 * a * dt, speed + np.abs(y)), (1.0 - share) * a * dt
+        others = np.where(np.arange(len(q)) < m, 0.0, before)
+        if np.isinf(a[:m]).all():
+            rest, all_ = np.zeros(len(q)), np.full(len(q), inf)
+            return cls(q[None], np.ones((1, len(q))), others[None], np.zeros(1), rest, speed, all_)
+        dt, share = settings[3:].tolist()
+        fast, on = np.abs(before), a == 0.0
+        with np.errstate(invalid="ignore", divide="ignore"):  # infinitely strong brakes, and none
+            late = (fast - late_braking(np.where(before > 0.0, high - q, q - low), fast, dt)) / dt
+            b = np.maximum(share * a, np.where(on, 0.0, late))
+            y = np.maximum(fast - b * dt, 0.0)
+            ticks = np.where(y > 0.0, np.floor(y / (b * dt)), 0.0)  # that y takes to stop, but for a rest
+            n = [0.0, *moments(float(ticks[~on].max(initial=0.0)))]
+            own = np.minimum(np.array(n)[:, None], ticks)
+            lost = np.where(own > 0.0, own * b * dt, 0.0)
+            sure = np.where(np.isinf(a), a, np.maximum(a * dt - b * dt, 0.0))
+            shorter = np.where((b > share * a) & (own > 0.0), lost / y, 0.0)  # its way ends where its range does
+        states = q + dt * np.sign(before) * (own + np.where(on, 0.0, 1.0)) * (y - 0.5 * lost)
+        weights = np.vstack((np.ones(len(q)), (own + 1.0) * (1.0 - shorter)))
+        going = np.vstack((others, np.where(on, others, 0.0) * np.ones((len(n), 1))))
+        reach = np.minimum(2.0 * a * dt, speed + y)
         times = dt * np.array([0.0, *n])
-        return cls(np.vstack((q, states)), np.vstack((np.ones(m), weights)), times, y, reach, sure)
+        return cls(np.vstack((q, states)), weights, going, times, np.sign(before) * y, reach, sure)
 
 
 def moments(ticks: float) -> list[float]:
@@ -114,7 +114,7 @@ def moments(ticks: float) -> list[float]:
 
 
 def rows_of(
-    robot: Chain,
+    robots: Sequence[Chain],
     q: Array,
     before: Array,
     shapes: Array,
@@ -127,13 +127,13 @@ def rows_of(
     """The rows of a tick: what `core.clearance` computes, in NumPy.
 
     Args:
-        robot: whose joints move the bodies.
-        q: (m,) joint positions.
-        before: (m,) joint velocity.
+        robots: the arm whose joints the rows are on, and those around it.
+        q: (M,) positions of all their joints.
+        before: (M,) joint velocity.
         shapes: (n, 18) body, core, radius, half sizes (3), rotation (9) and place (3) at q = 0, in the base frame.
-        twists: (n, 7) of shapes by themselves, and after how long each has stopped [s], inf where it goes on.
-        pairs: (k, 3) two shapes, and the share of the room that this arm may take.
-        limits: as in `Rate`.
+        twists: (n, 6) of shapes by themselves.
+        pairs: (k, 3) two shapes, and the share of the room that this arm may take; 0 where they are not kept apart now.
+        limits: as in `Rate`, of all joints.
         settings: as in `Rate`.
         solids: (n,) what tells distances of meshes, None of other shapes.
 
@@ -141,58 +141,69 @@ def rows_of(
         Found; the core leaves those distances infinite that are neither the least nor near enough for a row, unless
         alpha is 0.
     """
-    states = States.ahead(q, before, limits, settings)
+    m = len(robots[0].names)
+    states, starts = States.ahead(m, q, before, limits, settings), starts_of(robots)
     kept: list[tuple[float, float, int, Array]] = []  # urgency, lower limit, pair, row
     distances = np.full(len(pairs), inf)
-    for s, (at, weight, time) in enumerate(zip(*states[:2], states.times.tolist(), strict=True)):
-        J, motions, leaving = robot.jacobian(at), robot.motions(at), s == 0 and len(states.times) > 1
-        going = [_going(time, float(stops)) for stops in twists[:, 6]]
-        own = [se3.exp(t * twist[:6], check=False) for (t, _), twist in zip(going, twists, strict=True)]
-        placed = placed_at(shapes, motions, own, solids)
-        by_itself = np.array([left for _, left in going])[:, None] * twists[:, :6]
+    for s, (at, weight, going, time) in enumerate(zip(*states[:3], states.times.tolist(), strict=True)):
+        (J, motions), leaving = moved_by(robots, at), s == 0 and len(states.times) > 1
+        placed = placed_at(shapes, motions, [se3.exp(time * twist, check=False) for twist in twists], solids)
         for k, (i, j, share) in enumerate(pairs.tolist()):
             one, other = int(i), int(j)
-            bodies = int(shapes[one, 0]), int(shapes[other, 0])
-            between = slice(min(bodies), max(bodies))
-            sides = by_itself[other] - by_itself[one], weight[between] * (1.0 if bodies[0] < bodies[1] else -1.0)
+            if not share > 0.0:
+                continue
+            signs = between(starts, int(shapes[one, 0]), int(shapes[other, 0]))
             wanted = min(settings[0] * (AHEAD if s > 1 else 1.0), distances[k] if s > 0 else inf)
             found = places(placed[one], placed[other])
-            moved = [(place, C) for place in found if (C := _row(place, J, between, sides[1])).any()]
+            moved = [(place, C) for place in found if (C := _row(place, J, signs))[:m].any()]
             if s == 0:
                 distances[k] = min((place.distance for place, _ in moved), default=inf)
-            for place, C in moved:
-                drift = float(_wrench(place).dot(sides[0]))
+            for place, whole in moved:
+                C = weight[:m] * whole[:m]
+                drift = float(_wrench(place).dot(twists[other] - twists[one]) + whole[m:].dot(going[m:]))
                 out = float(place.normal.dot(moved[0][0].normal))
                 room = place.distance - wanted
                 approach = min(room, share * room), out, drift
-                lower, urgency = _asked_of(C, approach, states, limits[0], settings, leaving=leaving)
+                lower, urgency = _asked_of(C, approach, states, limits[0, :m], settings, leaving=leaving)
                 if lower > -inf:
                     _keep(kept, (urgency - (place is not found[0]), lower, k, C))
-    C_kept = np.array([row[3] for row in kept]).reshape(-1, len(q))
+    C_kept = np.array([row[3] for row in kept]).reshape(-1, m)
     return Found(C_kept, np.array([row[1] for row in kept]), np.array([float(row[2]) for row in kept]), distances)
 
 
-def _going(time: float, stops: float) -> tuple[float, float]:
-    """How long a body that slows down until it stops would go at its speed of now, and at which share of it goes on."""
-    if stops == inf:
-        return time, 1.0
-    return (time - 0.5 * time * time / stops, 1.0 - time / stops) if time < stops else (0.5 * stops, 0.0)
+def starts_of(robots: Sequence[Chain]) -> Array:
+    """(M + 1,) at which joint the arm of each body begins, the world's first."""
+    counts = [len(robot.names) for robot in robots]
+    return np.concatenate(([0], np.repeat(np.cumsum([0, *counts])[:-1], counts)))
+
+
+def between(starts: Array, one: int, other: int) -> Array:
+    """(M,) of each joint +1 where it moves the second of two bodies alone, -1 the first alone, 0 neither or both."""
+    signs = np.zeros(len(starts) - 1)
+    signs[starts[other] : other] += 1.0
+    signs[starts[one] : one] -= 1.0
+    return signs
+
+
+def moved_by(robots: Sequence[Chain], q: Array) -> tuple[Array, list[Array]]:
+    """Joint twists (6, M), and the (4, 4) motions of the world and all bodies, at positions q (M,)."""
+    J, motions, at = [], [np.eye(4)], 0
+    for robot in robots:
+        own = q[at : (at := at + len(robot.names))]
+        J.append(robot.jacobian(own))
+        motions += list(robot.motions(own)[1:])
+    return np.hstack(J), motions
 
 
 def _wrench(place: Place) -> Array:
     return np.concatenate((se3.cross(place.point, place.normal), place.normal))
 
 
-def _row(place: Place, J: Array, between: slice, weights: Array) -> Array:
-    """(m,) how fast a distance grows with joint velocities, weighed; zero where it is rounding, of sums or of axes."""
-    parts = _wrench(place)[:, None] * J[:, between]
-    total, C = parts.sum(axis=0), np.zeros(J.shape[1])
-    turn, speed = J[:3, between], J[3:, between] + np.cross(J[:3, between], place.point, axis=0)
-    across, turning, going = (np.linalg.norm(x, axis=0) for x in (np.cross(turn, place.normal, axis=0), turn, speed))
-    about = (across <= ASKEW * turning) & (np.abs(total) <= ASKEW * going)
-    moved = (np.abs(total) > UNMOVED * np.abs(parts).sum(axis=0)) & ~about
-    C[between] = weights * np.where(moved, total, 0.0)
-    return C
+def _row(place: Place, J: Array, signs: Array) -> Array:
+    """(M,) how fast a distance grows with joint velocities; zero where that is rounding."""
+    parts = signs * _wrench(place)[:, None] * J
+    total = parts.sum(axis=0)
+    return np.asarray(np.where(np.abs(total) > UNMOVED * np.abs(parts).sum(axis=0), total, 0.0))
 
 
 def _asked_of(
@@ -201,13 +212,13 @@ def _asked_of(
     """The lower limit of a row, -inf where every velocity keeps it, and how urgent it is.
 
     `approach` has the room that the arm may take, the part of the way out that the row's direction is, and how fast
-    the distance grows by itself. In the state that an arm with brakes is `leaving`, rows lead out of what is too near;
+    the distance grows by itself. In the state that an arm with brakes is `leaving`, rows lead out of what is too near,
     out of what stands still no faster than brakes certainly can, so that no such row contradicts them.
     """
     (room, out, drift), (alpha, escape) = approach, settings[1:3].tolist()
     scaled = np.abs(C) * np.where(np.isfinite(speed), speed, USUAL_SPEED)
     moved = C != 0.0
-    braked = float(C[moved].dot(states.y[moved]))
+    braked = float(C[moved].dot(states.y[: len(C)][moved]))
     if leaving and room >= 0.0:
         return -inf, 0.0
     if room >= 0.0:
@@ -216,8 +227,8 @@ def _asked_of(
         wish = max(0.0, out) * min(-alpha * room, escape * float(scaled.dot(scaled)) / float(scaled.max()))
     lower = (0.0 if leaving else braked) + wish - drift
     if leaving or (room < 0.0 and drift == 0.0):
-        lower = min(lower, braked + float(np.abs(C[moved]).dot(states.sure[moved])))
-    if not lower > braked - float(np.abs(C[moved]).dot(states.reach[moved])):
+        lower = min(lower, braked + float(np.abs(C[moved]).dot(states.sure[: len(C)][moved])))
+    if not lower > braked - float(np.abs(C[moved]).dot(states.reach[: len(C)][moved])):
         return -inf, 0.0
     return lower, (lower - braked) / float(scaled.sum())
 
@@ -251,20 +262,23 @@ def placed_at(
     return made
 
 
-def levers_of(robot: Chain, shapes: Array) -> Array:
-    """(n, m) how far any point of a shape (n, 18) ever moves, at most, for a radian or length of each joint before it.
+def levers_of(robots: Sequence[Chain], shapes: Array) -> Array:
+    """(n, M) how far any point of a shape (n, 18) ever moves, at most, for a radian or length of each joint before it.
 
     From the middle of a shape to a point of the axis before it, from there to one of the next, and so on: turning about
     these axes changes none of these distances, and sliding changes them by how far a joint slides.
     """
-    levers = np.zeros((len(shapes), len(robot.names)))
+    starts, screws = starts_of(robots), np.hstack([robot.screws for robot in robots])
+    ranges = [np.concatenate([getattr(r, end) for r in robots]) for end in ("position_lower", "position_upper")]
+    levers = np.zeros((len(shapes), screws.shape[1]))
     for lever, numbers in zip(levers, shapes, strict=True):
+        body = int(numbers[0])
         if int(numbers[1]) == Core.HALF_SPACE:
-            lever[: int(numbers[0])] = inf
+            lever[starts[body] : body] = inf
             continue
         x, reach = numbers[15:], se3.norm(numbers[3:6]) + float(numbers[2])
-        for k in reversed(range(int(numbers[0]))):
-            turn, slide = robot.screws[:3, k], robot.screws[3:, k]
+        for k in reversed(range(starts[body], body)):
+            turn, slide = screws[:3, k], screws[3:, k]
             rate = se3.norm(turn)
             if rate > 0.0:
                 axis, on_axis = turn / rate, se3.cross(turn, slide) / rate**2
@@ -274,6 +288,6 @@ def levers_of(robot: Chain, shapes: Array) -> Array:
             along = se3.norm(slide)
             lever[k] = rate * reach + along
             if along > UNMOVED * lever[k]:
-                low, high = float(robot.position_lower[k]), float(robot.position_upper[k])
+                low, high = float(ranges[0][k]), float(ranges[1][k])
                 reach += along * (high - low + max(abs(low), abs(high)))
     return levers

@@ -17,7 +17,7 @@ double braking_speed(double room, double acceleration, double dt)
 }
 
 /* The next velocity under the smallest constant deceleration that stops within the room. */
-static double late_braking(double room, double before, double dt)
+double late_braking(double room, double before, double dt)
 {
     if (!(before > 0.0))
         return 0.0;

@@ -11,10 +11,13 @@ enum { BODY, KIND, RADIUS, HALF, TURN = HALF + 3, PLACE = TURN + 9, OF_SHAPE = P
 enum { ROUND, BLOCK, FREE_SIDE, MESH };                                                      /* kinds of core */
 /* control/clearance_rows.py: rows at most, and its constants. */
 #define KEPT_ROWS 16
-static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, ASKEW = 1e-5, USUAL_SPEED = 1.0, AHEAD = 1.01, NEARER = 0.7;
+static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, AHEAD = 1.01, NEARER = 0.7;
 /* geometry/distance.py: below these shares, lines are parallel, and a normal has no direction. */
 static const double PARALLEL_LINES = 1e-14, NO_DIRECTION = 1e-12;
 #define MOST_SHAPES 256
+/* Joints of the arm and of those around it, together. */
+#define ALL_JOINTS (4 * MOST)
+typedef double Wide[ALL_JOINTS];
 /* Edge pairs of two boxes, twice, each with its shadow, and all corners. */
 #define MOST_PLACES 96
 
@@ -473,48 +476,51 @@ static double at_least(const Shape *a, const Shape *b)
 #define MOST_STATES 34
 typedef struct {
     int count;
-    Row speed, braked, reach, sure; /* limit; velocity braked for a tick; how far another can be from it; and certainly */
-    Row q[MOST_STATES], weight[MOST_STATES];
+    Wide braked, reach, sure; /* velocity braked for a tick; how far another can be from it; and certainly */
+    Wide q[MOST_STATES], weight[MOST_STATES], going[2]; /* how fast others go on: in the first state; in the others */
     double time[MOST_STATES];
 } States;
 
-static void own_state(int m, const double *q, States *states)
+static void own_state(int m, int all, const double *q, const double *before, const double *speed, States *states)
 {
     states->count = 1;
     states->time[0] = 0.0;
-    for (int j = 0; j < m; j++) {
+    for (int j = 0; j < all; j++) {
         states->q[0][j] = q[j];
         states->weight[0][j] = 1.0;
         states->braked[j] = 0.0;
-        states->reach[j] = states->speed[j];
+        states->reach[j] = speed[j];
         states->sure[j] = INFINITY;
+        states->going[0][j] = states->going[1][j] = j < m ? 0.0 : before[j];
     }
 }
 
-static void braked_states(int m, const double *q, const double *before, const double *acceleration, const double *low,
-                          const double *high, double dt, double share, double horizon, States *states)
+static void braked_states(int all, const double *q, const double *before, Wide limits[4], double dt, double share, States *states)
 {
-    double ticks[MOST], most = 0.0;
-    for (int j = 0; j < m; j++) {
-        double a = acceleration[j], b = share * a, y = fmax(fabs(before[j]) - b * dt, 0.0);
-        double fastest = braking_speed(before[j] > 0.0 ? high[j] - q[j] : q[j] - low[j], a, dt);
-        y = fmin(y, fastest);
-        ticks[j] = floor(y / (b * dt));
-        most = fmax(most, ticks[j]);
+    double ticks[ALL_JOINTS], b[ALL_JOINTS], most = 0.0;
+    for (int j = 0; j < all; j++) {
+        double a = limits[1][j], fast = fabs(before[j]), room = before[j] > 0.0 ? limits[3][j] - q[j] : q[j] - limits[2][j];
+        bool on = a == 0.0;
+        b[j] = on ? 0.0 : fmax(share * a, (fast - late_braking(room, fast, dt)) / dt);
+        double y = fmax(fast - b[j] * dt, 0.0);
+        ticks[j] = y > 0.0 ? floor(y / (b[j] * dt)) : 0.0;
+        if (!on) {
+            most = fmax(most, ticks[j]);
+            states->going[1][j] = 0.0;
+        }
         states->braked[j] = before[j] < 0.0 ? -y : y;
-        states->reach[j] = fmin(2.0 * a * dt, states->speed[j] + y);
-        states->sure[j] = (1.0 - share) * a * dt;
+        states->reach[j] = fmin(2.0 * a * dt, states->reach[j] + y);
+        states->sure[j] = isfinite(a) ? fmax(a * dt - b[j] * dt, 0.0) : INFINITY;
     }
-    most = fmax(most, horizon);
     double n = 0.0;
     for (int s = 1; s < MOST_STATES; s++, n = s == 2 ? most : floor(NEARER * n)) {
         states->time[s] = n * dt;
-        for (int j = 0; j < m; j++) {
-            double own = fmin(n, ticks[j]), y = states->braked[j];
-            double lost = own > 0.0 ? 0.5 * share * acceleration[j] * dt * own * (own + 1.0) : 0.0;
-            double free = q[j] + dt * ((own + 1.0) * y - (y < 0.0 ? -lost : lost));
-            states->q[s][j] = fmin(fmax(free, fmin(low[j], q[j])), fmax(high[j], q[j]));
-            states->weight[s][j] = states->q[s][j] == free ? own + 1.0 : 1.0;
+        for (int j = 0; j < all; j++) {
+            double own = fmin(n, ticks[j]), y = fabs(states->braked[j]), lost = own > 0.0 ? own * b[j] * dt : 0.0;
+            double way = dt * (own + (limits[1][j] == 0.0 ? 0.0 : 1.0)) * (y - 0.5 * lost);
+            bool range = b[j] > share * limits[1][j] && own > 0.0; /* its way ends where its range does */
+            states->q[s][j] = q[j] + (before[j] < 0.0 ? -way : way);
+            states->weight[s][j] = (own + 1.0) * (range ? 1.0 - lost / y : 1.0);
         }
         states->count = s + 1;
         if (n == 1.0 || most == 0.0)
@@ -522,59 +528,51 @@ static void braked_states(int m, const double *q, const double *before, const do
     }
 }
 
-/* Joint twists J and the motions of the bodies at joint positions q. */
-static void moved_by(int m, const Row screws[6], const double *q, Row J[6], Pose *motions)
+/* Joint twists J and the motions of the world and of all bodies at joint positions q. */
+static void moved_by(int all, Wide screws[6], const double *starts, const double *q, Wide J[6], Pose *motions)
 {
     static const Pose HERE = {{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}, {0.0, 0.0, 0.0}};
     motions[0] = HERE;
-    for (int j = 0; j < m; j++) {
+    for (int j = 0; j < all; j++) {
+        const Pose *before = starts[j + 1] == j ? &HERE : &motions[j];
         double w[3] = {screws[0][j], screws[1][j], screws[2][j]}, v[3] = {screws[3][j], screws[4][j], screws[5][j]};
         double omega[3], moved[3], lever[3];
         Pose step;
-        turned(&motions[j], w, omega);
-        turned(&motions[j], v, moved);
-        cross(motions[j].p, omega, lever);
+        turned(before, w, omega);
+        turned(before, v, moved);
+        cross(before->p, omega, lever);
         for (int i = 0; i < 3; i++) {
             J[i][j] = omega[i];
             J[3 + i][j] = moved[i] + lever[i];
         }
         exponential(w, v, q[j], &step);
-        product(&motions[j], &step, &motions[j + 1]);
+        product(before, &step, &motions[j + 1]);
     }
 }
 
-/* Two shapes, and what joints `from` to `to` do to them. */
+/* Two shapes, and which joints move each of them alone. */
 typedef struct {
-    int of[2], index, from, to, outer;
-    double sign, share, far; /* in the first state they are at least so far apart */
-    bool still;              /* neither moves by itself */
-    const double *levers, *twists[2];
+    int of[2], index, from[2], to[2];
+    double share, far; /* in the first state they are at least so far apart */
+    bool still;        /* neither moves by itself */
+    const double *levers[2], *twists[2];
 } Pair;
 
-/* _going in control/clearance_rows.py: how long a body that slows down until it stops would go at its speed of now,
-   and at which share of it goes on. */
-static double going(double time, double stops, double *share)
+static Pair pair_of(int index, int all, const double *pair, const double *numbers, const double *twists,
+                    const double *levers, const double *starts)
 {
-    bool slows = isfinite(stops);
-    *share = !slows ? 1.0 : time < stops ? 1.0 - time / stops : 0.0;
-    return !slows ? time : time < stops ? time - 0.5 * time * time / stops : 0.5 * stops;
-}
-
-static Pair pair_of(int index, int m, const double *pair, const double *numbers, const double *twists, const double *levers)
-{
-    int one = (int)pair[0], other = (int)pair[1];
-    int first = (int)numbers[one * OF_SHAPE + BODY], second = (int)numbers[other * OF_SHAPE + BODY];
-    bool rising = first < second;
-    Pair made = {.of = {one, other},
-                 .index = index,
-                 .from = rising ? first : second,
-                 .to = rising ? second : first,
-                 .outer = rising ? other : one,
-                 .sign = rising ? 1.0 : -1.0,
-                 .share = pair[2],
-                 .twists = {twists + 7 * one, twists + 7 * other}};
-    made.levers = levers + (npy_intp)made.outer * m;
-    made.still = is_still(made.twists[0]) && is_still(made.twists[1]);
+    Pair made = {.index = index, .share = pair[2], .still = true};
+    for (int e = 0; e < 2; e++) {
+        int of = (int)pair[e];
+        made.of[e] = of;
+        made.to[e] = (int)numbers[of * OF_SHAPE + BODY];
+        made.from[e] = (int)starts[made.to[e]];
+        made.levers[e] = levers + (npy_intp)of * all;
+        made.twists[e] = twists + 6 * of;
+        made.still = made.still && is_still(made.twists[e]);
+    }
+    if (made.from[0] == made.from[1])
+        made.from[0] = made.from[1] = made.to[0] < made.to[1] ? made.to[0] : made.to[1];
     return made;
 }
 
@@ -582,10 +580,9 @@ static Pair pair_of(int index, int m, const double *pair, const double *numbers,
 typedef struct {
     int m;
     double wanted, rate, escape;
-    const Row *J;
-    const double *weight;
+    const Wide *J;
+    const double *weight, *going, *speed;
     const States *joints;
-    double time;
     bool leaving; /* the arm's own state beside those that it can brake through: rows lead out of what is too near alone */
 } Asked;
 
@@ -593,47 +590,45 @@ typedef struct {
 static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *found, Rows *rows)
 {
     double out[3] = {0.0, 0.0, 0.0}, least = INFINITY;
+    const States *joints = asked->joints;
     for (int f = 0; f < found->count; f++) {
         const Near *near = &found->at[f];
-        const States *joints = asked->joints;
         double w[6], C[MOST] = {0.0}, reach = 0.0, weighed = 0.0, square = 0.0, largest = 0.0, braked = 0.0, sure = 0.0;
-        double room = near->d - asked->wanted;
+        double room = near->d - asked->wanted, drift;
         cross(near->x, near->n, w);
         memcpy(w + 3, near->n, 3 * sizeof(double));
-        for (int j = pair->from; j < pair->to; j++) {
-            double parts = 0.0;
-            for (int r = 0; r < 6; r++) {
-                C[j] += pair->sign * w[r] * asked->J[r][j];
-                parts += fabs(w[r] * asked->J[r][j]);
+        drift = dot(6, w, pair->twists[1]) - dot(6, w, pair->twists[0]);
+        for (int e = 0; e < 2; e++)
+            for (int j = pair->from[e]; j < pair->to[e]; j++) {
+                double total = 0.0, parts = 0.0;
+                for (int r = 0; r < 6; r++) {
+                    double part = w[r] * asked->J[r][j];
+                    total += e == 0 ? -part : part;
+                    parts += fabs(part);
+                }
+                if (!(fabs(total) > UNMOVED * parts))
+                    continue;
+                if (j >= asked->m) {
+                    drift += total * asked->going[j];
+                    continue;
+                }
+                C[j] = asked->weight[j] * total;
+                double size = fabs(C[j]), scaled = size * (isfinite(asked->speed[j]) ? asked->speed[j] : USUAL_SPEED);
+                if (size > 0.0) {
+                    reach += size * joints->reach[j];
+                    sure += size * joints->sure[j];
+                    braked += C[j] * joints->braked[j];
+                }
+                weighed += scaled;
+                square += scaled * scaled;
+                largest = fmax(largest, scaled);
             }
-            double turn[3] = {asked->J[0][j], asked->J[1][j], asked->J[2][j]}, across[3], v[3];
-            cross(turn, near->n, across);
-            cross(turn, near->x, v);
-            for (int r = 0; r < 3; r++) {
-                v[r] += asked->J[3 + r][j];
-            }
-            bool about = norm(3, across) <= ASKEW * norm(3, turn) && fabs(C[j]) <= ASKEW * norm(3, v);
-            C[j] = fabs(C[j]) > UNMOVED * parts && !about ? asked->weight[j] * C[j] : 0.0;
-            double size = fabs(C[j]), scaled = size * (isfinite(joints->speed[j]) ? joints->speed[j] : USUAL_SPEED);
-            if (size > 0.0) {
-                reach += size * joints->reach[j];
-                sure += size * joints->sure[j];
-                braked += C[j] * joints->braked[j];
-            }
-            weighed += scaled;
-            square += scaled * scaled;
-            largest = fmax(largest, scaled);
-        }
         if (!(weighed > 0.0))
             continue;
         least = fmin(least, near->d);
-        double later = f == 0 ? 0.0 : 1.0, approach;
+        double later = f == 0 ? 0.0 : 1.0, approach, lower;
         if (f == 0 || (out[0] == 0.0 && out[1] == 0.0 && out[2] == 0.0))
             memcpy(out, near->n, sizeof out);
-        double still[2], lower;
-        for (int e = 0; e < 2; e++)
-            going(asked->time, pair->twists[e][6], &still[e]);
-        double drift = still[1] * dot(6, w, pair->twists[1]) - still[0] * dot(6, w, pair->twists[0]);
         if (asked->leaving && room >= 0.0)
             continue;
         if (room >= 0.0)
@@ -657,26 +652,31 @@ static bool is_table(PyObject *object, npy_intp columns)
            PyArray_NDIM(array) == 2 && PyArray_DIM(array, 1) == columns;
 }
 
-/* How much nearer two shapes come at most by what joints turn: levers are how far any point of the outer one ever is from
-   their axes. */
+/* How much nearer two shapes come at most by what joints turn: levers are how far any point of a shape ever is from their
+   axes. */
 static double nearer(const Pair *pair, const double *turned)
 {
     double most = 0.0;
-    for (int j = pair->from; j < pair->to; j++)
-        most += pair->levers[j] * turned[j];
+    for (int e = 0; e < 2; e++)
+        for (int j = pair->from[e]; j < pair->to[e]; j++)
+            most += pair->levers[e][j] * turned[j];
     return most;
 }
 
-/* How fast they do where the outer one is now, joints being so fast. */
-static double swept(const Pair *pair, const Shape *outer, const Row J[6], const double *fast)
+/* How fast they do where they are now, joints being so fast. */
+static double swept(const Pair *pair, const Shape *shapes, const Wide J[6], const double *fast)
 {
-    double most = 0.0, ball = norm(3, outer->half) + outer->radius;
-    for (int j = pair->from; j < pair->to; j++) {
-        double omega[3] = {J[0][j], J[1][j], J[2][j]}, v[3];
-        cross(omega, outer->p, v);
-        for (int i = 0; i < 3; i++)
-            v[i] += J[3 + i][j];
-        most += fast[j] * (norm(3, v) + norm(3, omega) * ball);
+    double most = 0.0;
+    for (int e = 0; e < 2; e++) {
+        const Shape *s = &shapes[pair->of[e]];
+        double ball = norm(3, s->half) + s->radius;
+        for (int j = pair->from[e]; j < pair->to[e]; j++) {
+            double omega[3] = {J[0][j], J[1][j], J[2][j]}, v[3];
+            cross(omega, s->p, v);
+            for (int i = 0; i < 3; i++)
+                v[i] += J[3 + i][j];
+            most += fast[j] * (norm(3, v) + norm(3, omega) * ball);
+        }
     }
     return most;
 }
@@ -713,47 +713,56 @@ static bool told_places(PyObject *tell, const Pair *pair, const Shape *a, const 
     return right;
 }
 
-/* clearance(screws, q, before, shapes, twists, pairs, levers, joints, settings, places): what rows_of in control/clearance_rows.py
-   says. A pair that is so far that no row of it matters in some state is not looked at there: its distance has changed by
-   at most what joints have turned times their levers. Distances of pairs that are neither the nearest nor near are
-   infinite, unless the rate is 0. None where it has no such problem. */
+/* clearance(screws, starts, q, before, shapes, twists, pairs, levers, limits, settings, places): what rows_of in
+   control/clearance_rows.py says. A pair that is so far that no row of it matters in some state is not looked at there: its
+   distance has changed by at most what joints have turned times their levers. Distances of pairs that are neither the nearest
+   nor near are infinite, unless the rate is 0. None where it has no such problem. */
 PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     static const char *const USE =
-        "clearance(screws, q, velocity before, (n, 18) shapes, (n, 7) twists, (k, 3) pairs and share, (n, m) levers, (4, m) "
-        "limits of speed, acceleration and position, (distance, rate, escape, tick, share of braking, ticks ahead), places of meshes)";
-    if (count != 10 || !is_table(arguments[3], OF_SHAPE) || !is_table(arguments[4], 7) || !is_table(arguments[5], 3))
+        "clearance(screws, starts of arms by body, q, velocity before, (n, 18) shapes, (n, 6) twists, (k, 3) pairs and share, "
+        "(n, M) levers, (4, M) limits of speed, acceleration and position, (distance, rate, escape, tick, share of braking), "
+        "places of meshes)";
+    if (count != 11 || !is_table(arguments[4], OF_SHAPE) || !is_table(arguments[5], 6) || !is_table(arguments[6], 3) ||
+        !PyArray_Check(arguments[0]) || PyArray_NDIM((PyArrayObject *)arguments[0]) != 2)
         return refused(USE);
-    npy_intp joints = PyArray_Check(arguments[1]) ? PyArray_SIZE((PyArrayObject *)arguments[1]) : 0;
-    const double *numbers = PyArray_DATA((PyArrayObject *)arguments[3]), *twists = PyArray_DATA((PyArrayObject *)arguments[4]);
-    const double *pairs = PyArray_DATA((PyArrayObject *)arguments[5]);
-    npy_intp n = PyArray_DIM((PyArrayObject *)arguments[3], 0), k = PyArray_DIM((PyArrayObject *)arguments[5], 0);
-    if (PyArray_DIM((PyArrayObject *)arguments[4], 0) != n || !is_table(arguments[6], joints) ||
-        PyArray_DIM((PyArrayObject *)arguments[6], 0) != n)
+    npy_intp joints = PyArray_DIM((PyArrayObject *)arguments[0], 1);
+    const double *numbers = PyArray_DATA((PyArrayObject *)arguments[4]), *twists = PyArray_DATA((PyArrayObject *)arguments[5]);
+    const double *pairs = PyArray_DATA((PyArrayObject *)arguments[6]);
+    npy_intp n = PyArray_DIM((PyArrayObject *)arguments[4], 0), k = PyArray_DIM((PyArrayObject *)arguments[6], 0);
+    if (PyArray_DIM((PyArrayObject *)arguments[5], 0) != n || !is_table(arguments[7], joints) ||
+        PyArray_DIM((PyArrayObject *)arguments[7], 0) != n)
         return refused(USE);
-    int m = (int)joints;
-    const double *levers = PyArray_DATA((PyArrayObject *)arguments[6]);
-    Row screws[6], limits[4], q, before, J[6];
-    double settings[6];
-    if (joints < 1 || joints > MOST || n > MOST_SHAPES || !matrix(arguments[0], 6, m, MOST, screws[0]) ||
-        !vector(arguments[1], m, q) || !vector(arguments[2], m, before) || !all_finite(m, q) || !all_finite(m, before) ||
-        !matrix(arguments[7], 4, m, MOST, limits[0]) || !vector(arguments[8], 6, settings))
+    int all = (int)joints, m = 0;
+    const double *levers = PyArray_DATA((PyArrayObject *)arguments[7]);
+    Wide screws[6], limits[4], q, before, J[6];
+    double settings[5], starts[ALL_JOINTS + 1];
+    if (joints < 1 || joints > ALL_JOINTS || n > MOST_SHAPES || !matrix(arguments[0], 6, all, ALL_JOINTS, screws[0]) ||
+        !vector(arguments[1], all + 1, starts) || !vector(arguments[2], all, q) || !vector(arguments[3], all, before) ||
+        !all_finite(all, q) || !all_finite(all, before) || !matrix(arguments[8], 4, all, ALL_JOINTS, limits[0]) ||
+        !vector(arguments[9], 5, settings))
+        return left_to_python();
+    while (m < all && starts[m + 1] == 0.0)
+        m++;
+    if (m > MOST)
         return left_to_python();
     for (npy_intp i = 0; i < n; i++)
-        if (!within(numbers[i * OF_SHAPE + BODY], 0, m) || !within(numbers[i * OF_SHAPE + KIND], ROUND, MESH))
+        if (!within(numbers[i * OF_SHAPE + BODY], 0, all) || !within(numbers[i * OF_SHAPE + KIND], ROUND, MESH))
             return refused(USE);
     for (npy_intp i = 0; i < k; i++)
         if (!within(pairs[3 * i], 0, (int)n - 1) || !within(pairs[3 * i + 1], 0, (int)n - 1))
             return refused(USE);
+    for (int i = 0; i <= all; i++)
+        if (!within(starts[i], 0, i))
+            return refused(USE);
     States states;
-    memcpy(states.speed, limits[0], sizeof states.speed);
-    own_state(m, q, &states);
+    own_state(m, all, q, before, limits[0], &states);
     bool brakes = false;
     for (int j = 0; j < m; j++)
         brakes = brakes || isfinite(limits[1][j]);
     if (brakes)
-        braked_states(m, q, before, limits[1], limits[2], limits[3], settings[3], settings[4], settings[5], &states);
+        braked_states(all, q, before, limits, settings[3], settings[4], &states);
     Shape shapes[MOST_SHAPES];
     int seen_in[MOST_SHAPES];
     Rows rows = {.count = 0};
@@ -766,27 +775,29 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
         return PyErr_NoMemory();
     }
     for (npy_intp i = 0; i < k; i++)
-        of_pairs[i] = pair_of((int)i, m, pairs + 3 * i, numbers, twists, levers);
+        of_pairs[i] = pair_of((int)i, all, pairs + 3 * i, numbers, twists, levers, starts);
     double *least = PyArray_DATA((PyArrayObject *)distances), smallest = INFINITY, wanted = settings[0], rate = settings[1];
     double enough = AHEAD * wanted;
     for (int i = 0; i < n; i++)
         seen_in[i] = -1;
     for (int s = 0; s < states.count; s++) {
         bool moved = false, leaving = brakes && s == 0;
-        Pose motions[MOST + 1], step, motion;
-        Row approach, since; /* how fast joints can turn, weighed, and by then so much of the room since the first state */
-        for (int j = 0; j < m; j++) {
-            approach[j] = states.weight[s][j] * states.reach[j];
+        Pose motions[ALL_JOINTS + 1], step, motion;
+        Wide approach, since; /* how fast joints can turn, weighed, and by then so much of the room since the first state */
+        for (int j = 0; j < all; j++) {
+            approach[j] = j < m ? states.weight[s][j] * states.reach[j] : fabs(states.going[s > 0][j]);
             since[j] = approach[j] + rate * fabs(states.q[s][j] - q[j]);
         }
         for (npy_intp i = 0; i < k; i++) {
             Pair *pair = &of_pairs[i];
             double near_by = rate * pair->share;
             bool still = pair->still && rate > 0.0;
-            if (s > 0 && still && near_by * (pair->far - enough) > nearer(pair, since))
+            if (s == 0)
+                least[i] = INFINITY;
+            if (!(pair->share > 0.0) || (s > 0 && still && near_by * (pair->far - enough) > nearer(pair, since)))
                 continue;
             if (!moved)
-                moved_by(m, (const Row *)screws, states.q[s], J, motions);
+                moved_by(all, screws, starts, states.q[s], J, motions);
             moved = true;
             for (int e = 0; e < 2; e++) {
                 int of = pair->of[e];
@@ -794,9 +805,8 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
                     continue;
                 const double *own = numbers + of * OF_SHAPE;
                 motion = motions[(int)own[BODY]];
-                if (states.time[s] > 0.0 && !pair->still) {
-                    double share, time = going(states.time[s], pair->twists[e][6], &share);
-                    exponential(pair->twists[e], pair->twists[e] + 3, time, &step);
+                if (states.time[s] > 0.0 && !is_still(pair->twists[e])) {
+                    exponential(pair->twists[e], pair->twists[e] + 3, states.time[s], &step);
                     product(&step, &motions[(int)own[BODY]], &motion);
                 }
                 shape_from(own, &motion, &shapes[of]);
@@ -804,27 +814,26 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
             }
             const Shape *a = &shapes[pair->of[0]], *b = &shapes[pair->of[1]];
             double far = at_least(a, b);
-            if (s == 0) {
-                least[i] = INFINITY;
+            if (s == 0)
                 pair->far = far;
-            }
             /* Too far for any row, and for the least distance: where rows are asked for, a pair is not looked at closer. */
             double room = near_by * (far - enough);
             if (still && far > enough && (s > 0 || far > smallest) &&
-                (leaving || room > nearer(pair, approach) || room > swept(pair, &shapes[pair->outer], (const Row *)J, approach)))
+                (leaving || room > nearer(pair, approach) || room > swept(pair, shapes, (const Wide *)J, approach)))
                 continue;
             Asked asked = {.m = m,
                            .wanted = fmin(s > 1 ? enough : wanted, s > 0 ? least[i] : INFINITY),
                            .rate = rate,
                            .escape = settings[2],
-                           .J = (const Row *)J,
+                           .J = (const Wide *)J,
                            .weight = states.weight[s],
+                           .going = states.going[s > 0],
+                           .speed = limits[0],
                            .joints = &states,
-                           .time = states.time[s],
                            .leaving = leaving};
             if (a->kind != MESH && b->kind != MESH)
                 places(a, b, &found);
-            else if (!told_places(arguments[9], pair, a, b, &found)) {
+            else if (!told_places(arguments[10], pair, a, b, &found)) {
                 Py_DECREF(distances);
                 free(of_pairs);
                 return NULL;

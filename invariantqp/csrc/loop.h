@@ -25,6 +25,7 @@ Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, c
                 const double *feedforward, Demand *demand);
 bool braking_box(const Loop *loop, const double *q, const double *before, const double *speeds, Demand *demand, Tick *tick);
 double braking_speed(double room, double acceleration, double dt);
+double late_braking(double room, double before, double dt);
 Outcome braking_share(const Loop *loop, double gain, const Row A[6], const double error[6], double *share);
 void limited_point(const Loop *loop, const Pose *tool, Demand *demand);
 int commands_of(const Loop *loop);

@@ -31,7 +31,7 @@ class Place(NamedTuple):
 
     distance: float  # negative inside
     normal: Array  # (3,) unit vector from the first to the second
-    point: Array  # (3,) of the line through the two nearest points
+    point: Array  # (3,) of the first core; both nearest points are on one line along the normal
 
 
 class Solid(Protocol):
@@ -90,7 +90,7 @@ def _distance(place: Place) -> float:
 
 
 def _other_way(found: list[Place]) -> list[Place]:
-    return [place._replace(normal=-place.normal) for place in found]
+    return [Place(d, -normal, point + d * normal) for d, normal, point in found]
 
 
 def _between(x: Array, y: Array, meeting: Array) -> Place:
@@ -261,7 +261,7 @@ def _way_apart(a: Placed, b: Placed) -> Place:
     n = -normals[i] if normals[i].dot(w) < 0.0 else normals[i]
     g = n.dot(B)
     deepest = np.where(np.abs(g) <= NO_DIRECTION, 0.0, -np.sign(g) * b.half)
-    return Place(apart[i], n, B.dot(deepest) + b.pose[:3, 3])
+    return Place(apart[i], n, B.dot(deepest) + b.pose[:3, 3] - apart[i] * n)
 
 
 def _plane(a: Placed, b: Placed) -> list[Place]:

@@ -225,7 +225,7 @@ class BrakingBox(Value):
         most = np.where(inside, braking, returning)
         late = inside & (most < slowest)
         if late.any():
-            most = np.where(late, _late_braking(room, before, dt), most)
+            most = np.where(late, late_braking(room, before, dt), most)
         return np.minimum(slowest, most), most
 
     def _strained(self, q: Array, before: Array, lower: Array, upper: Array) -> tuple[Reason, ...]:
@@ -250,7 +250,7 @@ def braking_speed(room: Array, acceleration: Array, dt: float) -> Array:
     return np.where(np.isinf(room), np.inf, a * dt * (r / n + 0.5 * (n - 1.0)))
 
 
-def _late_braking(room: Array, before: Array, dt: float) -> Array:
+def late_braking(room: Array, before: Array, dt: float) -> Array:
     """The next velocity under the smallest constant deceleration that stops within the room, at each joint.
 
     From w = `before`, ticks at w - b, w - 2b, ... sum to the room for b = 2 w (n - d) / (n (n - 1)), where

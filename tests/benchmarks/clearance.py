@@ -7,7 +7,8 @@
     PYTHONPATH=tests python tests/benchmarks/clearance.py stream         an SO-101 over a desk, led by a hand's poses
     PYTHONPATH=tests python tests/benchmarks/clearance.py time           a tick with and without, and of the rows alone
 
-Scenes: "panda" over a table, "ur5" beside a box, "two" UR5s, of which one sweeps, "so101" over a desk. Every figure of a
+Scenes: "panda" over a table, "ur5" beside a box, "two" UR5s, of which one sweeps, "so101" over a desk, "desk": a
+UR5 on one, beside a shelf, joints with narrow ranges. Every figure of a
 distance is coal's, of the same shapes in a Pinocchio model; none is the library's own.
 """
 
@@ -87,7 +88,17 @@ def so101():
                   ("lower_arm_link", "shoulder_link")], distance=0.01)  # fmt: skip
 
 
-SCENES = {"panda": panda, "ur5": ur5, "two": two, "so101": so101}
+def desk():
+    """A UR5 on a desk at z = 0, joints with narrow ranges, a shelf beside it."""
+    q = np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0])
+    robot = iq.load_robot("ur5")
+    ranges = np.array([2.2, 1.2, 1.3, 1.2, 1.2, 1.2])
+    robot = robot.with_limits(position_lower=q - ranges, position_upper=q + ranges)
+    shelf = Box(iq.transform(translation=[0.55, 0.3, 0.4]), [0.3, 0.3, 0.03], name="shelf")
+    return Scene(robot, iq.robots.bodies_of(robot), [HalfSpace([0, 0, 0], [0, 0, 1], name="desk"), shelf], q)
+
+
+SCENES = {"panda": panda, "ur5": ur5, "two": two, "so101": so101, "desk": desk}
 
 
 class Judge:
@@ -96,17 +107,17 @@ class Judge:
     def __init__(self, scene, clearance):
         self.clearance = clearance
         self.model, self.geometry = pinocchio_model(clearance)
+        self.moves = any(isinstance(other, OtherArm) for other in clearance.obstacles)
         self.data, self.seen = self.model.createData(), pin.GeometryData(self.geometry)
-        self.moving = [k for k, part in enumerate(clearance._parts) if part.frame is None]
         self.skipped = [k for k, d in enumerate(clearance._distances(scene.start)) if not np.isfinite(d)]
         for k in self.skipped:
             self.seen.deactivateCollisionPair(k)
         self.used = [k for k in range(len(self.geometry.collisionPairs)) if k not in self.skipped]
 
     def __call__(self, q):
-        for k in self.moving:
-            T = self.clearance._parts[k].shape.pose @ self.clearance._parts[k].shape.place
-            self.geometry.geometryObjects[k].placement = pin.SE3(T[:3, :3], T[:3, 3])
+        for k, (_, body, at) in enumerate(self.clearance.shapes(q) if self.moves else ()):
+            if body is None:
+                self.geometry.geometryObjects[k].placement = pin.SE3(at.pose[:3, :3], at.pose[:3, 3])
         pin.updateGeometryPlacements(self.model, self.data, self.geometry, self.seen, q)
         pin.computeDistances(self.geometry, self.seen)
         return min(self.seen.distanceResults[k].min_distance for k in self.used)

@@ -81,11 +81,13 @@ def by_core(a: Shape, b: Shape) -> float:
                       for body, s in ((3, a), (0, b)) for T in [s.pose.dot(s.place)]])  # fmt: skip
     free = np.full(3, np.inf)
     pairs, limits = np.array([[0.0, 1.0, 1.0]]), np.array((free, free, -free, free))
-    settings = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0])
-    given, told = (np.zeros(3), np.zeros(3), table, np.zeros((2, 7)), pairs), (limits, settings)
+    settings = np.array([1.0, 1.0, 1.0, 0.0, 1.0])
+    given, told = (np.zeros(3), np.zeros(3), table, np.zeros((2, 6)), pairs), (limits, settings)
     levers = np.full((2, 3), np.inf)
     found = (
-        rows_of(slides, *given, *told) if core is None else core.clearance(slides.screws, *given, levers, *told, None)
+        rows_of([slides], *given, *told)
+        if core is None
+        else core.clearance(slides.screws, np.zeros(4), *given, levers, *told, None)
     )
     return float(found[3][0])
 
