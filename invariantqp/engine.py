@@ -18,7 +18,7 @@ What stays in Python, and what a tick of a Panda then costs beside a plain one o
     `solve_velocity` with a form, a damping or a joint metric of one's own, but     10
     for its tick
     `solve_tasks` with any of these, or of more than 16 tasks                       130 to 500
-    `dual_projectors`; a pseudoinverse near a principal pitch                       35 to 70; 20
+    pseudoinverse and dual projectors of dependent twists, near a principal pitch   20; 35 to 70
     ==============================================================================  ===============
 
 A folder with the sources hides an installed package from a Python that is started in it. Another build's core is not

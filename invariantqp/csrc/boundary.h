@@ -61,8 +61,10 @@ PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_
 PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *search_along(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
-/* pseudoinverse.c */
+/* pseudoinverse.c, projectors.c */
 PyObject *pseudoinverse(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+PyObject *dual_projectors(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+
 /* clearance.c */
 PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 

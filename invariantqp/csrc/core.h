@@ -195,6 +195,12 @@ typedef struct {
     Row R[MOST], d;
 } Squares;
 
+/* systems/projectors.py: a k-system of freedoms, and 6 - k twists and wrenches beside it */
+typedef struct {
+    int k;
+    double motion[6][6], force[6][6], freedoms[6][6], complement[6][6], constraints[6][6], norm, unit;
+} Projectors;
+
 /* A rigid motion. */
 typedef struct {
     double R[3][3], p[3];
@@ -243,6 +249,10 @@ void turned(const Pose *T, const double b[3], double c[3]);
 void cross(const double a[3], const double b[3], double c[3]);
 void product(const Pose *A, const Pose *B, Pose *C);
 void exponential(const double w[3], const double v[3], double q, Pose *T);
+
+/* pseudoinverse.c, projectors.c */
+double own_unit(int m, const Row J[6]);
+Outcome projectors(int m, const Row columns[6], bool wrenches, double h, int n, const Row given[6], Projectors *found);
 
 /* measure.c */
 void root_at(const double p[3], double length, double root[6][6]);

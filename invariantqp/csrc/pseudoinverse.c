@@ -10,11 +10,13 @@
 /* The least singular value, and the least pivot of U'Q_h U, that are answered here; |h| may be so many units. */
 static const double LEAST_SIGMA = 1e-5, LEAST_PIVOT = 1e-4, LONGEST_PITCH = 1e2;
 
-/* The power of two nearest |J_v| / |J_omega|, 0 where either nearly vanishes. */
-static double own_unit(int m, const Row J[6])
+/* The power of two nearest |J_v| / |J_omega|, 1 where either vanishes, 0 where it nearly does. */
+double own_unit(int m, const Row J[6])
 {
     double w = norm_of_rows(3, m, J), v = norm_of_rows(3, m, J + 3);
-    if (!(w > 0.0 && v > 0.0) || w * 1e6 < v || v * 1e6 < w)
+    if (w == 0.0 || v == 0.0)
+        return 1.0;
+    if (!(w * 1e6 >= v && v * 1e6 >= w))
         return 0.0;
     return exp2(nearbyint(log2(v) - log2(w)));
 }

@@ -107,9 +107,13 @@ def dual_projectors(
 
     Reference: [DS] Sect. 6.1 (P_h = J J^{+h}), (6.5), Sect. 6.3.
     """
-    given = _columns(S, wrenches)
-    rules = {"h": h, "complement": complement, "metric": metric}
+    rules = {"h": h, "complement": complement, "metric": getattr(metric, "carried", metric)}
     rule = [name for name, value in rules.items() if value is not None]
+    if core is not None and len(rule) == 1 and (S is None) != (wrenches is None):
+        answer = core.projectors(S, wrenches, *rules.values())
+        if answer is not None:  # where it is well conditioned
+            return DualProjectors(*answer)
+    given = _columns(S, wrenches)
     if len(rule) != 1:
         raise BadInput("h", " and ".join(rule) or "no rule for the complement", "one of h, complement, metric")
     U, unit, spread = _freedoms(given, S is not None)
@@ -117,7 +121,7 @@ def dual_projectors(
     if h is not None:
         Z = orthogonal(pitch_form(finite_pitch(h) / unit).dot(U))
     elif metric is not None:
-        M = arrays.positive_definite(getattr(metric, "carried", metric), 6, "metric")
+        M = arrays.positive_definite(rules["metric"], 6, "metric")
         Z = orthogonal((M * scale * scale.T).dot(U))
     else:
         Z, magnified = _given(complement, k, unit)

@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from support.random_systems import CLASSES, distance, motion, sample
 
 import invariantqp as iq
+from invariantqp.engine import core
+from invariantqp.systems import projectors
 
 FACE = np.eye(6)[:, [2, 3, 4]]  # turns about z, slides along x and y
 LENGTHS = np.repeat([1.0, 1e3], 3)  # metres to millimetres
@@ -203,3 +205,71 @@ def test_what_makes_no_sense_is_refused_by_name(arguments, rule, argument, said)
     with pytest.raises(iq.BadInput, match=said) as caught:
         iq.dual_projectors(*arguments, **rule)
     assert caught.value.argument == argument
+
+
+def hard_case(rng, case):
+    """A system or wrenches, a rule, and the same with each matrix measured in a unit of length."""
+    k, given = int(rng.integers(1, 7)), ("S", "wrenches")[int(rng.random() < 0.3)]
+    S = rng.normal(size=(6, k)) * 10.0 ** rng.uniform(-2.0, 2.0)
+    S[3:] *= 10.0 ** rng.uniform(-4.0, 4.0)
+    if case % 4 == 0 and k > 1:  # nearly dependent
+        S[:, 0] = S[:, 1] + 10.0 ** rng.uniform(-9.0, 0.0) * S[:, 0]
+    if case % 4 == 1:  # one half is zero
+        S[3 * (case % 8 > 4) :][:3] = 0.0
+    rule = rules(rng, k if given == "S" else 6 - k)[case % 3]
+    if "h" in rule:
+        rule = {"h": float(rng.normal() * 10.0 ** rng.uniform(-3.0, 2.0))}
+
+    def scaled(scale):
+        S_in = {"S": S / scale, "wrenches": S * scale}[given]
+        h = rule.get("h", 0.0) / scale[-1, 0]
+        Z, M = rule.get("complement", S[:, :0]) / scale, rule.get("metric", np.eye(6)) * scale * scale.T
+        return [S_in, iq.pitch_form(h), *([Z] if Z.size else []), *([M] if "metric" in rule else [])]
+
+    return {given: S}, rule, scaled
+
+
+@pytest.mark.skipif(core is None, reason="no compiled core here")
+def test_the_core_splits_what_is_well_conditioned(monkeypatch):
+    rng, answered, cases = np.random.default_rng(0), {"h": 0, "metric": 0, "complement": 0}, 900
+    for case in range(cases):
+        given, rule, scaled = hard_case(rng, case)
+        told = given | rule
+        found = core.projectors(*(told.get(name) for name in ("S", "wrenches", "h", "complement", "metric")))
+        if found is None:
+            continue
+        with monkeypatch.context() as without:
+            without.setattr(projectors, "core", None)
+            known = iq.dual_projectors(**given, **rule)
+        answered[next(iter(rule))] += 1
+        split, scale = projectors.DualProjectors(*found), np.repeat([1.0, known.unit], 3)[:, None]
+        assert split.unit == known.unit
+        near = 1e-13 * np.prod([np.linalg.cond(A) for A in scaled(scale)]) * max(1.0, known.norm) ** 2
+        assert abs(split.norm - known.norm) <= near
+        np.testing.assert_allclose(split.motion / scale * scale.T, known.motion / scale * scale.T, rtol=0.0, atol=near)
+        np.testing.assert_allclose(split.force * scale / scale.T, known.force * scale / scale.T, rtol=0.0, atol=near)
+        for name, lengths in (("freedoms", 1 / scale), ("complement", 1 / scale), ("constraints", scale)):
+            own, other = (getattr(a, name) * lengths for a in (split, known))
+            assert own.shape == other.shape
+            np.testing.assert_allclose(own.T @ own, np.eye(own.shape[1]), atol=1e-14)
+            assert own.shape[1] % 6 == 0 or distance(own, other) <= near
+    assert all(cases // 6 < count < 0.95 * cases // 3 for count in answered.values()), answered
+
+
+@pytest.mark.skipif(core is None, reason="no compiled core here")
+def test_the_core_leaves_what_is_to_be_refused_to_python():
+    nowhere = np.random.default_rng(0).normal(size=(6, 17))
+    for bad in (FACE.tolist(), FACE.astype(np.float32), FACE[:5], np.nan * FACE, nowhere, 0.0 * FACE, None):
+        assert core.projectors(bad, None, 0.1, None, None) is None
+    assert core.projectors(None, FACE[:, :0], 0.1, None, None) is None
+    for rule in (
+        (np.nan, None, None),
+        (1, None, None),
+        (None, FACE[:, :2], None),
+        (None, None, None),
+        (0.0, None, None),
+    ):
+        assert core.projectors(np.eye(6)[:, :3], None, *rule) is None
+    for metric in (-np.eye(6), np.ones((6, 6)), np.eye(6) + np.eye(6, k=1), np.diag([1.0, 1, 1, 1, 1, 0]), np.eye(5)):
+        assert core.projectors(FACE, None, None, None, metric) is None
+    assert core.projectors(FACE, None, None, FACE, None) is None
