@@ -22,7 +22,7 @@ What stays in Python, and what a tick of a Panda then costs beside a plain one o
     ==============================================================================  ===============
 
 A folder with the sources hides an installed package from a Python that is started in it. Another build's core is not
-taken from there, since it need not be of these sources; that there is none is told.
+taken from there, since it need not be of these sources; a warning says that there is none.
 """
 
 from __future__ import annotations

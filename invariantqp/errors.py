@@ -103,9 +103,9 @@ class NoPseudoinverse(InvariantQPError):
     """No h-pseudoinverse: the Gram matrix, J'Q_h J or W'Q_h^-1 W, has lost rank ([DS] Theorems 2.2 and 3.1).
 
     Attributes:
-        h: the pitch asked for [length].
+        h: the pitch given [length].
         rank: rank of J, or of the wrenches W.
-        gram_rank: rank of the Gram matrix, as far as rounding lets it be told; equal to `rank` where the columns are
+        gram_rank: rank of the Gram matrix, as far as rounding leaves it; equal to `rank` where the columns are
             so nearly dependent that rounding decides, whatever h is.
         self_reciprocal: (6,) unit screw z of the system that the form pairs to zero with all of it, the proof; a twist
             in the span of J, or Q_0 w for a wrench w in the span of W. Where gram_rank = rank, the screw that the
@@ -210,7 +210,7 @@ class NoContactFound(InvariantQPError):
 
 
 class RobotModelError(InvariantQPError):
-    """A robot could not be loaded, or its tool or joints are not what was asked for."""
+    """A robot could not be loaded, or its tool or joints are not as required."""
 
 
 class UnknownName(RobotModelError, KeyError):

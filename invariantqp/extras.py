@@ -1,4 +1,4 @@
-"""Libraries that are installed on request: asked for before any work is done with them."""
+"""Libraries that are installed on request: required before any work is done with them."""
 
 from __future__ import annotations
 

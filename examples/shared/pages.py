@@ -23,7 +23,7 @@ BEGIN, END = "<!-- comparison -->", "<!-- end of comparison -->"
 
 EVERYDAY_MORE = (
     "After a path the target rests for a second. The way through the singularity, a UR5's wrist, has feedforward. The "
-    "posture that every row is told moves the joints of an arm that stays, but for those of invariantqp; without one "
+    "posture that every row is given moves the joints of an arm that stays, but for those of invariantqp; without one "
     "all would stay. The late arm is told as `delay`, which lowers every gain alike."
 )
 

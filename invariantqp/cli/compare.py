@@ -69,7 +69,7 @@ def compare(
     if jobs < -1 or jobs == 0:
         raise BadInput("--jobs", f"{jobs}", "a number of processes, or -1 for all cores")
     kinds = None if only is None else [word.strip() for word in only.split(",")]
-    missing = not_installed(tasks or DEFAULT_TASKS, methods, kinds)  # a wrong name is told before a folder is made
+    missing = not_installed(tasks or DEFAULT_TASKS, methods, kinds)  # a wrong name is refused before a folder is made
     if not quiet:
         print_not_installed(missing)
     folder("--out", out)
@@ -142,7 +142,7 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
     console.print(
         "finite: number of ticks without a finite answer; inside limits: largest excess over a limit; largest, last: "
         "errors of the run; tail: largest joint speed in its last tenth; chatter: total variation of the velocity "
-        "relative to the least-squares QP that is told the same; raised: number of ticks in which the law raised."
+        "relative to the least-squares QP that is given the same; raised: number of ticks in which the law raised."
     )
 
 

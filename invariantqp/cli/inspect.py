@@ -129,7 +129,7 @@ def _as_json(kept: Clearance, q: Array) -> dict[str, Any]:
 
 
 def print_inspection(found: Inspection) -> None:
-    """An arm in words: the state asked for, its joint range, and the pitch to split twists by."""
+    """An arm in words: the given state, its joint range, and the pitch to split twists by."""
     console = Console(highlight=False, soft_wrap=True)
     width = console.width if console.is_terminal else PLAIN_WIDTH
     advice = found.recommended

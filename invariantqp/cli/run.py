@@ -88,7 +88,7 @@ def run(
         raise BadInput("--check-frame", "--quiet too", "one of them: --check-frame prints what it finds")
     if seed is not None and not check_frame:
         raise BadInput("--seed", "no --check-frame beside it", "--check-frame too: the seed is of its displacement")
-    problem = load_task(task)  # before the rest is imported: a wrong name is told sooner
+    problem = load_task(task)  # before the rest is imported: a wrong name is refused sooner
     from invariantqp.runs.run import run_task
 
     writable("--json", json_file)
@@ -116,7 +116,7 @@ def run(
 
 
 def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path | None, Viewer | None]:
-    """Where a run is to be seen: a page to write, or a browser that shows it from now on; neither if nobody asked."""
+    """Where a run is to be seen: a page to write, or a browser that shows it from now on; neither without --view."""
     if view is None:
         return None, None
     require("pictures", "jinja2")
@@ -234,7 +234,7 @@ def print_frame_check(task: Task, seed: int) -> None:
     for check in checks:
         table.add_row(check.law, f"{check.change:.1e}", f"{check.control:.1e}", f"{check.worst_error_mm:.2g}")
     console = Console(highlight=False)
-    console.print("\nThe same motion of the tool, asked of a tool frame displaced at random:")
+    console.print("\nThe same motion of the tool, of a tool frame displaced at random:")
     console.print(table)
 
 
@@ -244,8 +244,8 @@ def print_contact_frame_check(task: Task, seed: int, physics: str) -> None:
 
     with progress("displacing frames", quiet=False) as report:
         checks = contact_frame_check(task, seed, physics, report)
-    told = ("path error, mm", "in displaced frames", "force error", "in displaced frames")
-    columns = ("law", "change of joint velocities, rad/s", *told)
+    errors_and_forces = ("path error, mm", "in displaced frames", "force error", "in displaced frames")
+    columns = ("law", "change of joint velocities, rad/s", *errors_and_forces)
     table = Table(*columns, box=None)
     for c in checks:
         errors = (f"{c.error_mm:.2g}", f"{c.displaced_error_mm:.2g}")

@@ -271,7 +271,7 @@ def contact_frame_check(
         BadInput: no such plant, or one without a force sensor.
     """
     laws: dict[str, Callable[[Setup, Array | None], TaskController]] = {
-        OURS: lambda setup, _: controller_for(setup.problem),  # it needs to be told of no displacement
+        OURS: lambda setup, _: controller_for(setup.problem),  # it needs no displacement
         "Raibert-Craig": RaibertCraig,
     }
     tool, sensor, contact = (random_displacement(seed + i) for i in range(3))

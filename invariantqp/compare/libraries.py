@@ -205,7 +205,7 @@ class PinkLaw(TaskLaw):
             place = tool.placement * pin.SE3(at_point(law))
             model.addFrame(pin.Frame(POINT, tool.parentJoint, place, pin.FrameType.OP_FRAME))
         configuration = pink.Configuration(model, model.createData(), np.zeros(model.nq))
-        # What solve_ik has by default, and the limit of accelerations, which is told what was commanded last.
+        # What solve_ik has by default, and the limit of accelerations, which is given what was commanded last.
         limits = [model.configuration_limit, model.velocity_limit]
         self._accelerations = None
         if law.acceleration_limit is not None:
@@ -338,7 +338,7 @@ class PlacoLaw:
         return answer(self._reach.cut(x), "placo", "eiquadprog")
 
     def _ahead(self, here: Array, pose: Array, feedforward: ArrayLike | None) -> Array:
-        """The told share of the way to a pose, and as far on as the pose moves in a tick."""
+        """The given share of the way to a pose, and as far on as the pose moves in a tick."""
         return lead_target(self._between(here, pose, self._share), feedforward, self._dt)
 
 

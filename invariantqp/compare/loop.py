@@ -33,7 +33,7 @@ ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
 
 
 def setting_of(robot: Robot, law: LawSpec) -> LoopSetting:
-    """What methods are told of an arm; the point is in its tool frame."""
+    """What methods are given of an arm; the point is in its tool frame."""
     point = np.asarray(law.point, np.float64)
     return LoopSetting(len(robot.names), law.dt, point, ToolMeasure(robot, point, law.length).length)
 
@@ -125,7 +125,7 @@ ReadState = Callable[[Array, Any, Any], ToolState]
 
 
 def state_reader(robot: Robot) -> ReadState:
-    """The function of (q, target, feedforward) that says where an arm is and what is asked of it."""
+    """The function of (q, target, feedforward) that gives the state of an arm and its error."""
     by_pinocchio = kinematics() != OURS and getattr(robot, "model", None) is not None
     return _read_by_pinocchio(robot) if by_pinocchio else _read_by_twists(robot)
 

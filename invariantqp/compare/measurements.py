@@ -2,7 +2,7 @@
 
     loop        the task, with a second of rest at its end: largest errors of the run, largest joint acceleration after
                 the first tick, settling time, failed ticks, limits met; and frame, max |q(t) - q'(t)|, q' the same
-                motion asked of a tool frame put elsewhere on the tool, beside control, the same of a start moved by
+                motion of a tool frame put elsewhere on the tool, beside control, the same of a start moved by
                 1e-12: what is not above that is no dependence
     beyond      the same of targets out of reach, where frames matter most
     everyday    what users meet first, without a frame put elsewhere: stay, jump, turn in place, a singularity, too
@@ -128,7 +128,7 @@ def everyday(cell: Cell) -> dict[str, Result]:
 
 
 class CameraFeedback:
-    """A law that is told its target as a camera on the true arm sees it: its model sees it where the camera does.
+    """A law that is given its target as a camera on the true arm sees it: its model sees it where the camera does.
 
         q <- q + dt x,   the tool at T(q) by the true screws,   x from the model's J(q) and log(T(q)^-1 T_target)
 

@@ -1,6 +1,6 @@
-"""What a row of the comparison is: a way to joint velocities, what it is told, and what it makes of that.
+"""What a row of the comparison is: a way to joint velocities, what it is given, and what it makes of that.
 
-Every row is told the same of the arm and of each tick. What a method cannot take is part of its row (`Takes`), and
+Every row is given the same of the arm and of each tick. What a method cannot take is part of its row (`Takes`), and
 reports print it. A method is a function of one tick, put in a loop by `loop.MethodLaw`; or a whole loop of its own.
 """
 
@@ -27,13 +27,13 @@ EXTRAS = {"pinocchio": "pin", "pink": "peers", "mink": "peers", "placo": "placo"
 OURS, OURS_PYTHON, HAND_WRITTEN = "invariantqp", "invariantqp (Python)", "hand-written loop"
 LEAST_SQUARES, SCALED_LEAST_SQUARES = "least-squares QP", "QP with length and LM"
 PENROSE, DLS = "Moore-Penrose", "DLS"
-# What a row says where its method has no place for something that it is told.
+# What a row says where its method has no place for something that it is given.
 CANNOT = "cannot take it"
 
 
 @dataclass(frozen=True)
 class Takes:
-    """What a method makes of what every row is told; CANNOT where it has no place for it."""
+    """What a method makes of what every row is given; CANNOT where it has no place for it."""
 
     posture: str  # the joint velocity towards the middle of the joint ranges, for arms with more than six joints
     exact: str  # a point that is to be met exactly
@@ -43,16 +43,16 @@ class Takes:
 
 
 class LoopSetting(NamedTuple):
-    """What every method is told of the arm and the loop before the first tick."""
+    """What every method is given of the arm and the loop before the first tick."""
 
     m: int  # number of joints
     dt: float  # duration of a tick [s]
-    point: Array  # (3,) the point of the tool where accuracy is asked for, in the tool frame [m]
+    point: Array  # (3,) the point of the tool where accuracy counts, in the tool frame [m]
     length: float  # L, how many metres at that point a radian counts for
 
 
 class Question(NamedTuple):
-    """What every method is told in one tick, in the tool frame, angular part first."""
+    """What every method is given in one tick, in the tool frame, angular part first."""
 
     J: Array  # (6, m) joint twists
     s: Array  # (6,) wanted twist
@@ -103,7 +103,7 @@ def answer(x: Array, method: str, solver: str = "") -> VelocitySolution:
 
 
 def posture_of(robot: Robot, law: LawSpec) -> tuple[Array, Array]:
-    """The posture (m,) that every method is told, and the gain of each joint towards it (m,) [1/s]."""
+    """The posture (m,) that every method is given, and the gain of each joint towards it (m,) [1/s]."""
     from invariantqp.control import controller
 
     return controller.posture_of(law.posture, law.posture_gain, robot)

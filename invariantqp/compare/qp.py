@@ -201,7 +201,7 @@ def levels(setting: LoopSetting) -> Solve:
     m, eye = setting.m, np.eye(setting.m)
 
     def velocity(tick: Question) -> Array:
-        # With exact rows the turn alone is left of the twist; rows told twice would take the posture's level away.
+        # With exact rows the turn alone is left of the twist; rows given twice would take the posture's level away.
         k, left = len(tick.C), 3 if len(tick.C) else 6
         ends = np.cumsum([m, k, left, m] if k else [m, left, m]).astype(np.intc)
         rows = np.vstack((tick.C, tick.J[:left], eye))
@@ -243,7 +243,7 @@ METHODS = [
     ),
     row(
         name=SCALED_LEAST_SQUARES,
-        why="with LM, at the told point, and a radian counting as the arm's reach: the nearest to this library's law",
+        why="with LM, at the given point, and a radian counting as the arm's reach: the nearest to this library's law",
         takes=DAMPED,
         make=least_squares(given_length=True, calm=True),
     ),

@@ -82,7 +82,7 @@ def folded(results: Results) -> list[tuple[str, Table]]:
     names = [m["name"] for m in results["methods"]]
     if names != tables.shown(results):
         found.append(("Every method", tables.summary(results, names)))
-    found.append(("What each method is, and what it makes of what every row is told", tables.information(results)))
+    found.append(("What each method is, and what it makes of what every row is given", tables.information(results)))
     found += [(about, table) for kind, about in ABOUT.items() if (table := tables.listed(results, kind)).rows]
     cells = [cell for cell in results["cells"] if "failed" in cell["result"]]
     failed = [(cell["method"], cell["kind"], cell["task"], cell["result"]["failed"]) for cell in cells]
@@ -95,7 +95,7 @@ def _opening(results: Results) -> str:
     """What was measured."""
     rough = " This was a quick run: few states, and ticks ten times as long, but in what users meet first."
     quick = rough if results["quick"] else ""
-    equal = "Every method is told the same posture, exact rows, limits, gain and feedforward."
+    equal = "Every method is given the same posture, exact rows, limits, gain and feedforward."
     counts = f"{len(results['methods'])} methods on {len(results['tasks'])} tasks; seed {results['seed']}."
     own = results.get("kinematics") == OURS
     seen = f" Pinocchio was not installed: the loops of other methods read the arm from {OURS}." if own else ""

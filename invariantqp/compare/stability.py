@@ -20,7 +20,7 @@ from invariantqp.runs.prepare import prepare
 from invariantqp.runs.taskfile import load_task, shipped_tasks
 from invariantqp.runs.trace import Trace
 
-# Chatter is measured relative to least squares that is told the same and calm, in the same run.
+# Chatter is measured relative to least squares that is given the same and calm, in the same run.
 YARDSTICK = SCALED_LEAST_SQUARES
 # The last part of a run in which the arm should be at rest, as a share of it.
 TAIL = 0.1

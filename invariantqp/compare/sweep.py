@@ -143,7 +143,7 @@ def sweep(
             "seed": seed,
             "quick": quick,
             "tasks": list(tasks),
-            "methods": [method.as_json() for method in table.values()],
+            "methods": [{**m.as_json(), "shown": m.shown or methods is not None} for m in table.values()],
             "cells": [
                 {"kind": cell.kind, "task": cell.task, "method": method, "result": result}
                 for cell in work

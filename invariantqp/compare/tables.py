@@ -39,7 +39,7 @@ EVERYDAY = {
 EVERYDAY_CELLS = (
     "In each cell: largest position error [mm] · orientation error [deg], both beyond those that the target's own "
     "jump makes · joint acceleration after the first tick [rad/s^2] · settling time, to 1 mm and 1 deg, from when the "
-    "target is at rest on [s]. *joints*: how far they move where they are told to stay."
+    "target is at rest on [s]. *joints*: how far they move where they are to stay."
 )
 MOTION_CELLS = (
     "In each cell: largest joint acceleration after the first tick [rad/s^2] · settling time after the path, to 1 mm "
@@ -73,7 +73,7 @@ def shown(results: Results) -> list[str]:
 
 
 def not_taken(method: dict[str, Any]) -> str:
-    """What a method does not take of what every row is told."""
+    """What a method does not take of what every row is given."""
     takes = method["takes"]
     cannot = [f"no {key}" for key in ("posture", "exact") if takes[key] == CANNOT]
     return ", ".join([*cannot, *(["clips"] if takes["limits"] == "clipped" else [])]) or "all"
@@ -142,7 +142,7 @@ def worst_frame(results: Results, name: str, kind: str = "loop") -> float | None
 
 
 def information(results: Results) -> Table:
-    """What each method makes of what every row is told."""
+    """What each method makes of what every row is given."""
     keys = ("posture", "exact", "limits", "damping", "feedforward")
     rows = [(m["name"], m["why"], *(m["takes"][key] for key in keys)) for m in results["methods"]]
     return Table(("method", "what it is", *keys), rows)

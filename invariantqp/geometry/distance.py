@@ -57,7 +57,7 @@ class Placed(NamedTuple):
 
 
 def distance(a: Placed, b: Placed) -> float:
-    """The signed distance of two shapes; infinite for two half-spaces, which are not told apart."""
+    """The signed distance of two shapes; infinite for two half-spaces, which have none."""
     found = places(a, b)
     return found[0].distance if found else inf
 

@@ -4,7 +4,7 @@ Each is a core with a round of constant thickness about it: the core of a sphere
 segment, that of a box the box itself. A half-space is all that lies behind a plane.
 
 A shape is given in some frame: that of the link it belongs to or, as an obstacle, the base frame. An obstacle that
-moves is told where that frame has gone.
+moves is given where that frame has gone.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Shape:
             pose: (4, 4) in the base frame, of the frame in which its centre, ends, pose or point were given; of a Box
                 at the identity that is the box's own pose.
             twist: (6,) of that frame, (omega; v) in the base frame [rad/s; length/s]; None is at rest. An arm makes way
-                for what comes at it only if it is told so.
+                for what comes at it only if its twist is given.
 
         Raises:
             BadInput: no rigid motion, NaN.

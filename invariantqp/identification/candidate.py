@@ -39,7 +39,7 @@ class Candidate(Compared):
         tip: (4, 4) frame of the other part, in the tool frame, or in the base frame for a surface fixed to the tool.
         covariance: (12 + e, 12 + e) of the small twists (omega; v) of `surface` and of `tip` in themselves, and of e
             numbers, the curvature or the pitch. What changes nothing about the contact has no variance; what the
-            recording does not tell has a large one.
+            recording does not determine has a large one.
     """
 
     kind: str
@@ -100,7 +100,7 @@ class Candidate(Compared):
     def deviations(self) -> dict[str, float]:
         """Standard deviations: of "normal" and "axis" [rad], "point" [length], "pitch" [length/rad], "radius" [length].
 
-        inf is what the recording does not tell.
+        inf is what the recording does not determine.
         """
         found: dict[str, float] = {}
         joint = self.kind in ("peg", "hinge", "screw", "slide")
@@ -170,7 +170,7 @@ class Candidate(Compared):
         return frame
 
     def as_json(self) -> dict[str, Any]:
-        """Everything in numbers, text, lists and dictionaries; null is what there is none of, or what is not told."""
+        """Everything in numbers, text, lists and dictionaries; null is what there is none of, or is not known."""
         found: dict[str, Any] = {"kind": self.kind, "fixed_to": self.fixed_to, "gibson_hunt": self.gibson_hunt}
         found.update(misfit=self.misfit, wrench_misfit=self.wrench_misfit)
         for name in ("point", "normal", "axis", "centre"):

@@ -288,7 +288,7 @@ def _finished(model: Model, state: _State) -> Fit:
     squares = {name: _squares(e, V) for name, (e, _, V, _) in state.rows.items()}
     H, n = _normal_equations(state)[0], 12 + len(state.extra)
     H = H[:n, :n] - H[:n, n:] @ np.linalg.solve(H[n:, n:], H[n:, :n])  # whatever the compliance is
-    told = n - gauge(model.kind, state.extra).shape[1]
+    determined = n - gauge(model.kind, state.extra).shape[1]
     wrench, friction = (
         sqrt(float(squares[name].sum()) / state.rows[name][0].size) if name in squares else 0.0
         for name in ("moments", "friction")
@@ -299,7 +299,7 @@ def _finished(model: Model, state: _State) -> Fit:
         state.tool,
         state.extra,
         np.asarray(H),
-        sqrt(float(squares["poses"].sum()) / max(1, e.size - told)),
+        sqrt(float(squares["poses"].sum()) / max(1, e.size - determined)),
         wrench,
         friction,
         np.sqrt(squares["poses"] / e.shape[1]),
@@ -320,7 +320,7 @@ def _alike(whitening: Array, e: Array) -> float:
 
 
 def covariance(fit: Fit, size: float) -> Array:
-    """The inverse of the information on what can be told, and a large variance, in the motion's sizes, of the rest.
+    """The inverse of the information on what is determined, and a large variance, in the motion's sizes, of the rest.
 
     For independent errors it is the bound of Cramer and Rao, which no estimate is better than; what errors share from
     sample to sample is counted once.

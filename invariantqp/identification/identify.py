@@ -2,9 +2,9 @@
 
     S  what moved,  W  what was pushed without moving,  W'S = 0 but for friction
 
-The kind is told where dim S + dim W = 6 for the most constrained kind that is left: each twist was then either moved
-along, or pushed against without moving. What neither moved nor was pushed is not known, and kinds that differ in it
-alone cannot be told apart; where all other kinds are refuted, what moved is enough.
+The kind is determined where dim S + dim W = 6 for the most constrained kind that is left: each twist was then either
+moved along, or pushed against without moving. What neither moved nor was pushed is not known, and kinds that differ in
+it alone cannot be distinguished; where all other kinds are refuted, what moved is enough.
 
 Reference: [DS] Sect. 3 and 6.3.
 """
@@ -34,12 +34,12 @@ from invariantqp.systems.contacts import Contact
 from invariantqp.systems.subspaces import orthogonal
 
 KINDS: tuple[str, ...] = tuple(MODELS)
-# Second moment of a push or a motion, in its noise, above which there was one: a noise told or estimated a fifth too
+# Second moment of a push or a motion, in its noise, above which there was one: a noise given or estimated a fifth too
 # small is none. Of 150 samples of noise it is above 1.5 once in a million times.
 TRIED = 1.5
 # Shortest contact that is looked for after another one, and how finely the change is found, as parts of the whole.
 COARSE, FINE = 10, 40
-# Share of a stretch that its contacts have to explain by a kind that is told: less is noise cut into pieces.
+# Share of a stretch that its contacts have to explain by a determined kind: less is noise cut into pieces.
 MOSTLY = 0.7
 # Contacts of one recording that are looked for, at most.
 MOST_SEGMENTS = 8
@@ -88,47 +88,41 @@ class Identification(Compared):
         """The candidate that `kind` names.
 
         Raises:
-            NoContactFound: the kind is not told.
+            NoContactFound: the kind is not determined.
         """
         if self.kind is None:
-            raise NoContactFound(f"the recording does not tell which contact it is: {self.reason}")
+            raise NoContactFound(f"the recording does not determine the contact: {self.reason}")
         return self.candidates[0]
 
     @property
     def fixed_to(self) -> str | None:
         """Where the surface is: "base" or "tool"; "both" for faces and joints."""
-        told: str | None = self._of("fixed_to")
-        return told
+        return self.candidates[0].fixed_to if self.kind else None
 
     @property
     def point(self) -> Array | None:
-        """(3,) as of the candidate; None where the kind is not told."""
-        told: Array | None = self._of("point")
-        return told
+        """(3,) as of the candidate; None where the kind is not determined."""
+        return self.candidates[0].point if self.kind else None
 
     @property
     def normal(self) -> Array | None:
-        """(3,) as of the candidate; None where the kind is not told."""
-        told: Array | None = self._of("normal")
-        return told
+        """(3,) as of the candidate; None where the kind is not determined."""
+        return self.candidates[0].normal if self.kind else None
 
     @property
     def axis(self) -> Array | None:
-        """(3,) as of the candidate; None where the kind is not told."""
-        told: Array | None = self._of("axis")
-        return told
+        """(3,) as of the candidate; None where the kind is not determined."""
+        return self.candidates[0].axis if self.kind else None
 
     @property
     def pitch(self) -> float | None:
-        """[length/rad] as of the candidate; None where the kind is not told."""
-        told: float | None = self._of("pitch")
-        return told
+        """[length/rad] as of the candidate; None where the kind is not determined."""
+        return self.candidates[0].pitch if self.kind else None
 
     @property
     def radius(self) -> float | None:
-        """[length] as of the candidate; None where the kind is not told."""
-        told: float | None = self._of("radius")
-        return told
+        """[length] as of the candidate; None where the kind is not determined."""
+        return self.candidates[0].radius if self.kind else None
 
     def as_json(self) -> dict[str, Any]:
         """Everything in numbers, text, lists and dictionaries: one entry for each contact."""
@@ -146,14 +140,11 @@ class Identification(Compared):
             ],
         }
 
-    def _of(self, name: str) -> Any:
-        return None if self.kind is None else getattr(self.candidates[0], name)
-
     def contact(self, tool: ArrayLike) -> Contact:
         """The contact with the tool at a (4, 4) pose in the base frame.
 
         Raises:
-            NoContactFound: the kind is not told.
+            NoContactFound: the kind is not determined.
             BadInput: not a finite rigid motion.
         """
         return self.best.contact(tool)
@@ -166,7 +157,7 @@ class Identification(Compared):
             options: of `HybridTask`.
 
         Raises:
-            NoContactFound: the kind is not told.
+            NoContactFound: the kind is not determined.
             BadInput: a joint and one number that is not 0; what `HybridTask` does not take.
         """
         return self.best.task(press, **options)
@@ -227,8 +218,8 @@ def identify(
         parts = look.merged(parts)
     if len(parts) == 1:
         return parts[0]
-    told = ", ".join(f"{p.kind or 'undecided'} in samples {p.start} to {p.stop}" for p in parts)
-    reason = f"it has {len(parts)} contacts: {told}; see segments"
+    kinds_found = ", ".join(f"{p.kind or 'undecided'} in samples {p.start} to {p.stop}" for p in parts)
+    reason = f"it has {len(parts)} contacts: {kinds_found}; see segments"
     return Identification(None, (), {}, np.zeros((6, 0)), reason, parts[0].start, parts[-1].stop, tuple(parts))
 
 
@@ -271,17 +262,17 @@ class _Look:
         Raises:
             NoContactFound: nothing explains it.
         """
-        whole = self._told(start, stop)
+        whole = self._identified(start, stop)
         if whole.candidates:
             return [whole]
         self._explained[start, stop] = False
-        parts = [self._told(a, b) for a, b in self._split(start, stop) if self.explained(a, b)]
-        told = sum(part.stop - part.start for part in parts if part.kind)
-        if told < MOSTLY * (stop - start):
+        parts = [self._identified(a, b) for a, b in self._split(start, stop) if self.explained(a, b)]
+        explained = sum(part.stop - part.start for part in parts if part.kind)
+        if explained < MOSTLY * (stop - start):
             raise self._none(start, stop)
         return parts
 
-    def _told(self, start: int, stop: int) -> Identification:
+    def _identified(self, start: int, stop: int) -> Identification:
         """What a stretch says of one contact."""
         samples, verdicts = self.verdicts(start, stop)
         return _identification(samples, verdicts, start, stop, self.record.every(start, stop))
@@ -375,8 +366,7 @@ def _identification(samples: Samples, verdicts: list[Verdict], start: int, stop:
     elif not best.pressed and any(v.model.pressed for v in left):
         pressed = next(v.model.kind for v in left if v.model.pressed)
         reason = f"a {best.kind}, or a {pressed} held by friction: pull it as well, and push sideways"
-    told = None if reason else best.kind
-    return Identification(told, candidates, refuted, unexcited, reason, start, stop)
+    return Identification(None if reason else best.kind, candidates, refuted, unexcited, reason, start, stop)
 
 
 def _size(verdict: Verdict, size: float) -> float:

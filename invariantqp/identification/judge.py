@@ -19,7 +19,7 @@ from invariantqp.identification.models import MODELS, Model, angles
 from invariantqp.identification.motions import applied, coadjoint, cross, inverse, skew
 from invariantqp.identification.starts import starts
 
-# A kind is refuted where poses or wrenches leave it by so many times their noise, root mean square: noise told or
+# A kind is refuted where poses or wrenches leave it by so many times their noise, root mean square: noise given or
 # estimated half as large as it is refutes nothing.
 MISFIT = 2.0
 # A first look at a third of the samples that finds a kind this much worse is enough.
@@ -86,7 +86,7 @@ def judged(samples: Samples, kinds: tuple[str, ...]) -> list[Verdict]:
                 found.append(_verdict(model, reversed_, best, side))
             else:
                 found.append(Verdict(model, reversed_, _anywhere(model, side), _moments(least)))
-    return _told_apart(found, samples)
+    return _simplest(found, samples)
 
 
 def _resisted(samples: Samples) -> Array:
@@ -227,14 +227,14 @@ def _of_slide(samples: Samples, found: Fit, n: Array, side: Array) -> tuple[Arra
     return (f * u).sum(axis=1), (f * cross(normal, u)).sum(axis=1)
 
 
-def _told_apart(verdicts: list[Verdict], samples: Samples) -> list[Verdict]:
+def _simplest(verdicts: list[Verdict], samples: Samples) -> list[Verdict]:
     """A screw without pitch is a hinge, a sphere without curvature a plane: where the simpler kind is left."""
     left = {(v.model.kind, v.reversed) for v in verdicts if not v.why}
     found = []
     for v in verdicts:
         simpler, name = {"screw": ("hinge", "pitch"), "sphere": ("point", "curvature")}.get(v.model.kind, ("", ""))
         if not v.why and (simpler, v.reversed) in left and _none(v, samples):
-            v = v._replace(why=f"its {name} is zero, as far as noise lets it be told: a {simpler}")  # noqa: PLW2901
+            v = v._replace(why=f"its {name} is zero, within its noise: a {simpler}")  # noqa: PLW2901
         found.append(v)
     return found
 

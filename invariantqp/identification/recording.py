@@ -1,8 +1,8 @@
 """A recording, checked: poses, the wrenches that the tool exerts, and the noise of both.
 
-    noise    told, or  cov(third differences) / 20:  of a smooth motion with white noise the third differences are noise
+    noise    given, or  cov(third differences) / 20:  of a smooth motion with white noise those are noise
     blocks   wrenches are averaged over about 150 stretches of the recording; white noise falls by their length, what
-             is told beyond it does not
+             is given beyond it does not
 
 Noise is a tensor: the covariance of a twist or a wrench in the tool frame.
 """
@@ -28,12 +28,12 @@ from invariantqp.identification.motions import applied, coadjoint, inverse, twis
 
 # Fewer samples say nothing of their noise, and too little of a contact.
 FEWEST = 30
-# Stretches of a recording that are told apart: a person's motion has a few hertz, a recording ten seconds.
+# Stretches into which a recording is divided: a person's motion has a few hertz, a recording ten seconds.
 BLOCKS = 150
-# Kinds are told by these; where a contact is, by so many samples at most: every one of ten seconds at 200 Hz.
+# The kind is decided by these; where the contact is, by so many samples at most: every one of ten seconds at 200 Hz.
 MOST_SAMPLES = 2000
 # Mean square of a wrench, in its noise, above which it is one: three standard deviations.
-FELT = 9.0
+LOADED = 9.0
 # Variance of the third differences of white noise of unit variance: 1 + 9 + 9 + 1.
 THIRD = 20.0
 # A normal (6,) vector is longer than this, squared, once in a thousand: jerks, such as impacts, are not noise.
@@ -55,14 +55,14 @@ class Recording(Compared):
     allowed: Array | None  # (6,) how far a contact may be off beside noise
 
     def blocks(self, start: int, stop: int) -> Samples:
-        """Samples of a stretch, wrenches averaged; those that feel nothing left out."""
+        """Samples of a stretch, wrenches averaged; those without contact force left out."""
         samples = self._samples(start, stop, BLOCKS)
         w = samples.wrench
-        felt = (w * np.linalg.solve(samples.wrench_noise[0], w.T).T).sum(axis=1) > FELT * 6.0
-        return Samples(*(part[felt] for part in samples)) if felt.sum() >= FEWEST else samples
+        loaded = (w * np.linalg.solve(samples.wrench_noise[0], w.T).T).sum(axis=1) > LOADED * 6.0
+        return Samples(*(part[loaded] for part in samples)) if loaded.sum() >= FEWEST else samples
 
     def every(self, start: int, stop: int) -> Samples:
-        """All samples of a stretch between blocks that feel something; of a very long one, so many at most.
+        """All samples of a stretch between blocks in contact; of a very long one, so many at most.
 
         They give way to the wrench where a contact may be off.
         """
@@ -92,16 +92,16 @@ class Recording(Compared):
         return Samples(at, self.turned[at], self.pose[at], w, pose_noise, wrench_noise, np.zeros((count, 6, 0)))
 
     def contacts(self) -> list[tuple[int, int]]:
-        """First sample of each stretch in which a wrench is felt, and the one after its last."""
+        """First sample of each stretch in which the tool is loaded, and the one after its last."""
         n = len(self.pose)
         size = max(1, n // BLOCKS | 1)
         edges = np.linspace(0, n, n // size + 1).round().astype(int)
         w = np.array([self.wrench[a:b].mean(axis=0) for a, b in pairwise(edges.tolist())])
         noise = self.wrench_noise * (self.white / size + 1.0 - self.white)
-        felt = (w * np.linalg.solve(noise, w.T).T).sum(axis=1) > FELT * 6.0
+        loaded = (w * np.linalg.solve(noise, w.T).T).sum(axis=1) > LOADED * 6.0
         # Forces pass zero within a contact: gaps of less than the fewest samples belong to it.
         spans: list[tuple[int, int]] = []
-        for k in np.flatnonzero(felt).tolist():
+        for k in np.flatnonzero(loaded).tolist():
             a, b = int(edges[k]), int(edges[k + 1])
             if spans and a - spans[-1][1] < max(FEWEST, 3 * size):
                 spans[-1] = spans[-1][0], b
@@ -126,7 +126,7 @@ def recording(
     if noise is None:
         pose_noise, wrench_noise, white = white_pose, white_wrench, 1.0
     else:
-        pose_noise, wrench_noise = _told(noise)
+        pose_noise, wrench_noise = _given(noise)
         white = float(np.clip(np.trace(np.linalg.solve(wrench_noise, white_wrench)) / 6.0, 0.0, 1.0))
     pose_noise, wrench_noise, allowed = _allowed(accuracy, pose_noise, wrench_noise)
     size = float(np.abs(X[:, :3, 3]).max()) or 1.0
@@ -142,8 +142,8 @@ def recording(
             raise BadInput(
                 name,
                 "no noise in some direction: a simulation, or numbers that stand still",
-                "noise that can be told from the recording",
-                "Say it: noise=(pose, wrench), or accuracy=(angle, length, moment, force).",
+                "noise that can be estimated from the recording",
+                "Give it: noise=(pose, wrench), or accuracy=(angle, length, moment, force).",
             )
     return Recording(X, turned, w, pose_noise, wrench_noise, white, allowed)
 
@@ -193,7 +193,7 @@ def _covariance(differences: Array) -> Array:
         N = kept.T @ kept / max(1, len(kept))
         try:
             distance = (differences * np.linalg.solve(N, differences.T).T).sum(axis=1)
-        except np.linalg.LinAlgError:  # no noise: told by the caller
+        except np.linalg.LinAlgError:  # no noise: the caller says so
             return np.asarray(N)
         inside = differences[distance < JERK]
         if len(inside) == len(kept) or len(inside) < FEWEST // 2:
@@ -202,17 +202,17 @@ def _covariance(differences: Array) -> Array:
     return np.asarray(kept.T @ kept / max(1, len(kept)))
 
 
-def _told(noise: Any) -> tuple[Array, Array]:
+def _given(noise: Any) -> tuple[Array, Array]:
     expected = "(pose, wrench), each six standard deviations or a (6, 6) covariance, in the tool frame"
     try:
         pose, wrench = noise
     except (TypeError, ValueError) as error:
         raise BadInput("noise", excerpt(noise), expected) from error
-    told = []
+    given = []
     for value, argument in ((pose, "noise[0]"), (wrench, "noise[1]")):
         a = arrays.array(value, argument, expected)
-        told.append(arrays.positive_definite(a * a if a.shape == (6,) else a, 6, argument))
-    return told[0], told[1]
+        given.append(arrays.positive_definite(a * a if a.shape == (6,) else a, 6, argument))
+    return given[0], given[1]
 
 
 def _allowed(accuracy: ArrayLike | None, pose: Array, wrench: Array) -> tuple[Array, Array, Array | None]:

@@ -48,7 +48,7 @@ SEARCH_SHARE, EXACT_SHARE, CLOSEST = 0.8, 0.6, 4
 AGAIN, GAIN = 8, 0.999
 # Poses whose f is this near the least count as equally close, so that rounding does not choose between mirror images.
 ALIKE = 1.0 + 1e-9
-# Tries after the first, unless told otherwise: of 4 000 random targets on each of five arms, half of them with two
+# Tries after the first, by default: of 4 000 random targets on each of five arms, half of them with two
 # joints at their limits, 4 were not reached with as many.
 RESTARTS = 100
 # Targets handed to a worker process at a time.
@@ -139,7 +139,7 @@ class PoseSearch:
             if met:  # each with bodies too near to each other
                 best = max(met, key=self._room)
             else:
-                # From a start that was asked for, the closest pose is the one downhill from there.
+                # From a given start, the closest pose is the one downhill from there.
                 alone = q0 is not None and not finished
                 nearest = tried[:1] if alone else sorted(tried, key=self._rank)[:CLOSEST]
                 ended = [self._ended(error, one.q, goal, last) for one in nearest]

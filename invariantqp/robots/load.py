@@ -163,7 +163,7 @@ def _described(source: Path | str, tool: str | None, joints: Sequence[str] | Non
 
 
 def _library(source: object) -> str | None:
-    """The library that a model is of, told without importing any."""
+    """The library that a model is of, recognised without importing any."""
     if isinstance(source, type):
         return None
     marks = {"pinocchio": "createData", "mujoco": "jnt_qposadr", "yourdfpy": "link_map"}

@@ -66,7 +66,7 @@ def joints_of(name: str, root: ET.Element) -> list[TreeJoint]:
 def parts_of(name: str, root: ET.Element, folder: Path | None) -> dict[str, tuple[Geometry, ...]]:
     """The collision geometry of each link of a URDF's root element; meshes are looked up from a folder.
 
-    What is wrong with one is told when it is asked for: an arm moves without.
+    What is wrong with one is an error when it is used: an arm moves without.
     """
     return {
         link.get("name", ""): tuple(_part(name, link, element, folder) for element in link.findall("collision"))
@@ -83,7 +83,7 @@ class Visual(NamedTuple):
 
 
 def visuals_of(name: str, root: ET.Element, folder: Path | None) -> list[Visual]:
-    """The visual geometry of a URDF's root element; what is wrong with a part is told as in `parts_of`."""
+    """The visual geometry of a URDF's root element; what is wrong with a part is an error as in `parts_of`."""
     colours = {material.get("name"): _colour(material) for material in root.findall("material")}
     found = []
     for link in root.findall("link"):

@@ -1,7 +1,7 @@
 """The tables of a task file about contact: [contact] what is touched, [force] how to press, [sensor] what measures it.
 
 Lengths are in metres, directions in base axes, and places are relative to where the tool is at the start. The
-controller is told everything in [contact] except `tilt`: how the real surface lies is for force control to find out,
+controller is given everything in [contact] except `tilt`: how the real surface lies is for force control to find out,
 and with `normal_within` it corrects the normal. [physics] is what a real robot cell adds to geometry; the only place
 where these defaults are written.
 """
@@ -64,7 +64,7 @@ class ContactSpec(Section):
     )
     tilt: Vector3 = Field(
         (0.0, 0.0, 0.0),
-        description="rotation vector by which the real surface or axis is off; the controller is not told [rad]",
+        description="rotation vector by which the real surface or axis is off; the controller does not know it [rad]",
         examples=[[0.01, 0.0, 0.0]],
     )
     settle: Positive = Field(
@@ -119,7 +119,7 @@ class ForceSpec(Section):
         "approach", description="what to do when contact is lost", examples=["hold"]
     )
     edge_margin: NotNegative = Field(
-        0.01, description="an edge of the surface nearer than this is told [m]", examples=[0.01]
+        0.01, description="an edge of the surface nearer than this is reported [m]", examples=[0.01]
     )
     approach_speed: Positive = Field(0.02, description="largest speed before contact [m/s]", examples=[0.02])
 

@@ -1,4 +1,4 @@
-"""A task made ready to run: everything that a run needs, and what its controller is told. Nothing has moved yet."""
+"""A task made ready to run: everything that a run needs, and what its controller is given. Nothing has moved yet."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from invariantqp.runs.taskfile import LawSpec, Task
 
 
 class Goal(NamedTuple):
-    """What is asked for in a tick."""
+    """The goal of a tick."""
 
     target: Any  # tool pose, as `robot.target` returned it
     feedforward: Array  # (6,) twist of the target, base frame [rad/s, m/s]
@@ -34,7 +34,7 @@ class Goal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ControlProblem:
-    """What a controller is told before a run.
+    """What a controller is given before a run.
 
     It may be expressed in other frames than the task file: a tool frame elsewhere on the tool, say. What it asks of the
     arm stays the same, so a controller that is right answers with the same joint velocities.
@@ -43,7 +43,7 @@ class ControlProblem:
     robot: Robot  # the arm, with the tool frame that targets are for
     law: LawSpec  # the [law] table; its points are in that tool frame
     time: Array  # (n + 1,) [s]
-    poses: Array  # (n + 1, 4, 4) tool poses that are asked for
+    poses: Array  # (n + 1, 4, 4) tool poses wanted
     feedforward: Array  # (n, 6) their twists, base frame [rad/s, m/s]
     contact_task: HybridTask | None = None  # what to do at a contact; None without one
     sensor: WrenchSensor | None = None  # what is known of the force sensor; None without contact
@@ -52,7 +52,7 @@ class ControlProblem:
     elastic: Array | None = None  # (m,) joint positions at the start of a path that may be late; None keeps its timing
 
     def goals(self) -> list[Goal]:
-        """What is asked for, tick by tick."""
+        """The goals, tick by tick."""
         ticks = zip(self.poses, self.feedforward, self.time.tolist(), strict=False)
         return [Goal(self.robot.target(T), twist, t) for T, twist, t in ticks]
 
@@ -66,10 +66,10 @@ class Setup:
     scene: ContactScene | None  # what the tool touches; None where it touches nothing
     physics: str  # the name of the plant, "ideal" or "mujoco"
     plant: Plant  # the arm at its start; it moves in the run, so a second run needs a second setup
-    wanted: Array  # (n + 1, 4, 4) tool poses that are asked for
+    wanted: Array  # (n + 1, 4, 4) tool poses wanted
     noise: Array  # (n, m) what the controller's joint positions are off by [rad, m]
     counted_from: int  # the first tick whose errors count; 0 without contact
-    problem: ControlProblem  # what the controller is told
+    problem: ControlProblem  # what the controller is given
 
 
 def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
@@ -138,7 +138,7 @@ def _plant(task: Task, robot: Robot, scene: ContactScene | None, physics: str) -
 
 
 def _wanted(task: Task, robot: Robot, scene: ContactScene | None, time: Array) -> Array:
-    """(n + 1, 4, 4) tool poses asked for; the path waits until contact has settled."""
+    """(n + 1, 4, 4) tool poses wanted; the path waits until contact has settled."""
     pose = task.path.along(robot, task.start())
     path = [pose(t) for t in np.maximum(time - task.settle, 0.0).tolist()]
     return np.array(path if scene is None else [scene.on_surface(T) for T in path])

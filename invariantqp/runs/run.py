@@ -112,7 +112,7 @@ def run(
 
 
 def _loop(setup: Setup, controller: TaskController, progress: Progress | None, observer: Observer | None) -> _Record:
-    """All ticks of a setup, as `run` is asked for them; an elastic path ends when the controller is done."""
+    """All ticks of a setup, in order; an elastic path ends when the controller is done."""
     plant, goals = setup.plant, setup.problem.goals()
     states, solutions = [plant.state()], []
     n = len(goals)

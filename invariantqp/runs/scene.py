@@ -1,7 +1,7 @@
 """The contact of a task, twice: as it really is, for a plant, and as the controller believes it to be.
 
 The two differ by [contact] tilt, and by what a physics engine adds. A run is judged by the belief, in which the task is
-told: motion along what the contact leaves free, force along what it resists.
+expressed: motion along what the contact leaves free, force along what it resists.
 
     relative force error = |P*(W_d - W)| / |W_d|,    |W|^2 = |f|^2 + k m'K^-1 m about the place of contact
 

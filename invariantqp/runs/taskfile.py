@@ -138,7 +138,7 @@ class LawSpec(Section):
     exact: Literal["position"] | None = Field(None, description="what is met exactly", examples=["position"])
     point: Vector3 = Field(
         (0.0, 0.0, 0.0),
-        description="the point of the tool where accuracy is asked for, in the tool frame [m]; left out: its origin, "
+        description="the point of the tool where accuracy counts, in the tool frame [m]; left out: its origin, "
         'in contact the point of contact; exact = "position" meets it exactly',
         examples=[[0.0, 0.0, 0.1]],
     )
@@ -169,7 +169,7 @@ class LawSpec(Section):
 
 
 class Acceptance(Section):
-    """The [accept] table: the numbers that a run has to meet. What is left out is not asked."""
+    """The [accept] table: the numbers that a run has to meet. What is left out is not required."""
 
     position_error_mm: Positive | None = Field(None, description="largest", examples=[0.1])
     orientation_error_deg: Positive | None = Field(None, description="largest", examples=[0.1])

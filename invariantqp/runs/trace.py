@@ -64,7 +64,7 @@ def contact_trace(
     """What happened at a contact in n ticks.
 
     `contacts` are those believed in at the poses of `after`, the plant after each tick; `read` (n, 6) the wrenches as
-    the controller read them; `wanted` (n, 4, 4) the poses that were asked for.
+    the controller read them; `wanted` (n, 4, 4) the poses wanted.
     """
     exerted = np.array([-state.wrench for state in after])
     press, error = np.array([scene.force(c, W) for c, W in zip(contacts, exerted, strict=True)]).T
@@ -176,7 +176,7 @@ class Trace:
         statuses: (n,) names, as in `VelocitySolution`.
         limit_active: (n,) whether a limit was active.
         tick_ns: (n,) time that the controller took for each tick [ns].
-        wanted: (n + 1, 4, 4) tool poses that were asked for.
+        wanted: (n + 1, 4, 4) tool poses wanted.
         form: how twists were measured, in words; "" where the controller does not say.
         warnings: what a person should know, in sentences.
         physics: the plant, "ideal" or "mujoco".

@@ -2,7 +2,7 @@
 
     S = Ad(pose) S_kind,    W = Ad*(pose) W_kind,    W'S = 0 at every pose
 
-A kind is told by its freedoms S (twists) and constraints W (wrenches) in its own frame:
+A kind is given by its freedoms S (twists) and constraints W (wrenches) in its own frame:
 
     point    S: 3 rotations, 2 slides      W: press                rolling: S: 3 rotations
     line     S: 2 rotations, 2 slides      W: press, 1 moment      rolling: S: rotation about the line
@@ -114,7 +114,7 @@ class ContactKind(Value):
         return _relabelled(self, arrays.pose(offset, "offset").tobytes())
 
 
-@lru_cache(maxsize=64)  # a contact that is told in another frame is made in every tick, of the same kind
+@lru_cache(maxsize=64)  # a contact that is expressed in another frame is made in every tick, of the same kind
 def _relabelled(kind: ContactKind, offset: bytes) -> ContactKind:
     back = se3.inverse(np.frombuffer(offset).reshape(4, 4), check=False)
     A, B = se3.adjoint(back, check=False), se3.coadjoint(back, check=False)

@@ -346,7 +346,7 @@ class Existence(Value):
     counts as zero if an error of the twists small enough to leave J^{+h} three correct digits could have made it zero.
 
     Attributes:
-        h: the pitch asked for [length/rad].
+        h: the given pitch [length/rad].
         rank: rank of J.
         condition: condition number of J^{+h}, the ratio of its relative error to that of the twists, at worst.
         gram_rank: (i) numerical rank of J'Q_h J.

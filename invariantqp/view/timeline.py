@@ -75,7 +75,7 @@ class Timeline:
     screws: Array  # (6, m) joint twists at q = 0
     home: ArmShape  # the arm at q = 0
     appearance: Appearance  # its meshes
-    wanted: Array  # (k, 4, 4) poses that were asked for
+    wanted: Array  # (k, 4, 4) poses wanted
     q: Array  # (k, m) joint positions
     limits: Array  # (2, m) lower and upper
     speed: Array  # (k, m) joint velocities, the fastest of the ticks since the frame before
@@ -87,7 +87,7 @@ class Timeline:
     travel: Array  # (k, 3) velocity of the tool frame's origin [length/s]
     force: Array | None = None  # (k, 3) that the tool exerts [N]; None without contact
     solids: tuple[Solid, ...] = ()  # bodies and obstacles that are kept apart
-    recorded: bool = False  # whether it was recorded: nothing was asked for
+    recorded: bool = False  # whether it was recorded: no pose was wanted
 
     @property
     def centre(self) -> Array:

@@ -72,9 +72,9 @@ def test_a_straight_stroke_without_a_turn_does_not_tell(kind):
     assert found.unexcited.shape[1] >= 1
     assert "neither moved along nor pushed against" in found.reason
     assert found.point is found.normal is found.axis is found.pitch is found.radius is found.fixed_to is None
-    with pytest.raises(NoContactFound, match="does not tell"):
+    with pytest.raises(NoContactFound, match="does not determine"):
         found.contact(X[0])
-    with pytest.raises(NoContactFound, match="does not tell"):
+    with pytest.raises(NoContactFound, match="does not determine"):
         found.task(5.0)
     assert found.candidates[-1].contact(X[0]).freedoms.shape == (
         6,

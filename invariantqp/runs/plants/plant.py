@@ -57,7 +57,7 @@ class Plant(Protocol):
         ...
 
     def state(self) -> PlantState:
-        """How things really are now; no controller is told."""
+        """How things really are now; no controller knows it."""
         ...
 
 
@@ -148,7 +148,7 @@ class IdealPlant:
         sensor: SimulatedSensor | None = None,
         delay: float = 0.0,
     ) -> None:
-        """An arm at rest at `start` (m,) that does what it is told `delay` seconds late, in whole ticks of dt [s]."""
+        """An arm at rest at `start` (m,) that executes commands `delay` seconds late, in whole ticks of dt [s]."""
         self._robot = robot
         self._dt = dt
         self._springs = springs
@@ -156,7 +156,7 @@ class IdealPlant:
         self._q = start.copy()
         self._late = deque([np.zeros(len(start))] * round(delay / dt))
         self._angle = 0.0
-        self._state: PlantState | None = None  # asked for twice in a tick
+        self._state: PlantState | None = None  # used twice in a tick
 
     def measure(self) -> Measurement:
         """Joint positions and the sensor's wrench, both exact."""
