@@ -91,7 +91,7 @@ def pressed():
 
 def shape_follower():
     made = iq.Follower(iq.Controller(chain(), dt=0.01, acceleration_limit=8.0), keep="shape")
-    made.follow([chain().pose(Q), chain().pose(np.array(Q) + 0.1)])
+    made.follow([chain().pose(Q), chain().pose(np.array(Q) + 0.02)])
     return made
 
 

@@ -14,11 +14,19 @@ from invariantqp.engine import core
 from invariantqp.velocity.law import Chase, Demand, VelocityLaw
 from invariantqp.velocity.solve import solve
 
-cp = pytest.importorskip("cvxpy")
 # Tighter than it gets in every case, and then it says so; the comparison decides.
 pytestmark = pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
 
 POSTURE_PACE, WORTH = 0.01, 1e-4
+
+
+cp = None
+
+
+@pytest.fixture(autouse=True, scope="module")
+def cvxpy():
+    """Loaded where it is used: it takes a second, and every process collects every test."""
+    globals()["cp"] = pytest.importorskip("cvxpy")
 
 
 def random_case(rng):
