@@ -349,7 +349,7 @@ extern const Constant CONSTANTS[];
 #define GROWING 0.01
 #define POSTURE_PACE 0.01
 #define PACE_ROUNDING 1e-14
-#define PROGRESS_SHARE 1e-4
+#define PROGRESS_SHARE 2e-4
 #define WHOLE_SPEED (1.0 - ACTIVE_TOLERANCE)
 #define REGULARISATION 1e-9
 #define LEAST_MOTION 1e-8

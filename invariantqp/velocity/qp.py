@@ -248,7 +248,7 @@ def at_speed_limit(
     """
     typical = weight / float(np.vdot(cone.J, cone.J))  # the speed weighs as much as all the rest
     most = MOST_SHARE * typical
-    size, low, high, nu, found = float(np.linalg.norm(cone.J)), 0.0, most, 0.0, free
+    size, low, high, nu, found = float(np.linalg.norm(cone.J)), 0.0, inf, 0.0, free
     for _ in range(MOST_PRICES):
         v = cone.velocity(found.z)
         over = norm(v) - cone.limit
@@ -260,9 +260,9 @@ def at_speed_limit(
             break
         low, high = (nu, high) if over > 0.0 else (low, nu)
         ahead = min(nu + _price(v, *gains(found), cone.limit, most), most)
-        if not low < ahead < high and not nu < ahead == most:
+        if not low < ahead < high:
             ahead = sqrt(low * high) if low > 0.0 else min(typical, 0.5 * high)
-        if ahead == nu:
+        if not low < ahead < high:
             break
         nu, found = ahead, at(ahead)
     return found

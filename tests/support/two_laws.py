@@ -19,8 +19,8 @@ from invariantqp.velocity.tick import posed
 
 # Velocity, the share of exact rows and what limits pull agree to this, relative to the largest.
 AGREE = 1e-8
-# The data of a tick are told to this, in each of so many versions: one way or the other, where it changes most.
-ROUNDED, TIMES = 4 * np.finfo(float).eps, 64
+# The data of a tick are told to this, in each of so many versions, and more where these are not far enough apart.
+ROUNDED, TIMES = 4 * np.finfo(float).eps, (64, 1024)
 SIZES = (1e-60, 1e-6, 1e-3, 1.0, 1.0, 1.0, 1e3, 1e60)
 DAMPINGS = (
     iq.velocity.Adaptive(),
@@ -182,10 +182,13 @@ def disagreements(law, demand, native, answer):
     problem = posed(law, demand, law.damping)
     if not different(law, problem, demand, native, [answer]):
         return []
-    rng = np.random.default_rng(0)
-    return different(
-        law, problem, demand, native, [answer, *(python_answer(*rounded(rng, law, demand)) for _ in range(TIMES))]
-    )
+    rng, answers, found = np.random.default_rng(0), [answer], []
+    for times in TIMES:
+        answers += [python_answer(*rounded(rng, law, demand)) for _ in range(times)]
+        found = different(law, problem, demand, native, answers)
+        if not found:
+            break
+    return found
 
 
 def different(law, problem, demand, native, answers):

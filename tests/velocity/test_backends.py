@@ -324,3 +324,12 @@ def test_an_optimum_at_the_speed_limit_meets_its_equations():
         slow, both = slow + (nu > 0.0), both + (nu > 0.0 and y.any())
     assert slow > 15
     assert both > 5
+
+
+def test_a_speed_limit_between_two_others_is_met():
+    """Where no price leaves but one limit active until the speed is nearly the right one: the price is halved in on."""
+    one, J = np.eye(1), np.array([[1.0], [0.0], [0.0]])
+    limits, cone = Polytope(one, np.array([1.0 - 2e-4]), np.array([1.0])), Cone(J, 1.0 - 1e-4, np.zeros(3))
+    found = minimise(backends.Daqp(), Quadratic(one, one, np.array([50.0])), limits, cone)
+    np.testing.assert_allclose(found.z, [1.0 - 1e-4], rtol=1e-12)
+    assert not found.multipliers.any()
