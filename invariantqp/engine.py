@@ -12,6 +12,8 @@ What stays in Python, and what a tick of a Panda then costs beside a plain one o
     `point="own"` in a controller                                                   40
     a slider at zero, joint positions that cannot be true                           10 to 35
     `follow` with rows, a sighting, a point or a posture of one tick                5 and more
+    a hybrid tick in which a check finds something, or the tool stands still,       70
+    leaves or is beyond an edge; more than 12 losses in a second
     joint positions of a robot that is no `Chain`                                   all of it: 120
     decisions that rounding would make: exact rows that limits move, and leave      150 and more
     next to nothing of; a form on an arm that loses a direction; sizes beyond 1e70
@@ -38,6 +40,8 @@ if TYPE_CHECKING:
     from invariantqp._native import Arm as Arm
     from invariantqp._native import Law as Law
     from invariantqp._native import Loop as Loop
+    from invariantqp._native import Press as Press
+    from invariantqp._native import Split as Split
     from invariantqp._native import Task as Task
     from invariantqp._native import Wanted as Wanted
 

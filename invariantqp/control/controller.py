@@ -231,7 +231,7 @@ class Controller:
         self._late = ticks_late(self.delay, self.dt)
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
         brought = self.law.compiled is not None and self.law.compiled.form == "brought"
-        self._varies = brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
+        self.varies: bool = brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
         self.compiled: Loop | None = self._compiled()  # for the core; None for a loop that it does not have
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -311,12 +311,12 @@ class Controller:
         """
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
         core = None if target is None else self.compiled
-        if core is None or now is not None or self._varies:
+        if core is None or now is not None or self.varies:
             found = None if core is None else self._by_core(core, q, target, feedforward, velocity, now)
         else:
             found = compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
-            return self._named(found) if found[1] is not None or self._row_names else found[0]
+            return self.named(found) if found[1] is not None or self._row_names else found[0]
         memory = self.memory
         before = memory.now(velocity)
         positions, target = arrays.vector(q, self._count, "q"), self.robot.target(target)
@@ -384,7 +384,7 @@ class Controller:
         core = self.compiled if own else None
         found = None if core is None else self._by_core(core, q, None, twist, velocity, now)
         if found is not None:
-            return self._named(found)
+            return self.named(found)
         positions = arrays.vector(q, self._count, "q")
         s = sizes.not_too_fast(arrays.twist(twist))
         if rows is not None:
@@ -428,7 +428,7 @@ class Controller:
         if other is None:
             return None
         names: tuple[str, ...] = ()
-        if self._varies or (now is not None and now.joint_rows):
+        if self.varies or (now is not None and now.joint_rows):
             positions = arrays.vector(q, self._count, "q")
             if self.wrong(positions):
                 return None
@@ -447,7 +447,7 @@ class Controller:
         found = compiled_tick(core, self.kept, q, target, feedforward, velocity, **other)
         return (found[0]._replace(row_names=names), found[1]) if found is not None and names else found
 
-    def _named(self, found: tuple[VelocitySolution, Written | None]) -> VelocitySolution:
+    def named(self, found: tuple[VelocitySolution, Written | None]) -> VelocitySolution:
         """The solution of a tick by the core, with the names of rows, and of joints in what it says beside it."""
         answer, troubles = found
         answer = answer._replace(row_names=self._row_names) if self._row_names and not answer.row_names else answer

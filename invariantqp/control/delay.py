@@ -28,17 +28,20 @@ class DelayEstimate:
 
     Attributes:
         rows: delays that are compared, in ticks from 0 on.
-        ticks: since the first command.
+        kept: (2 + (2 + parts) rows,) what it remembers: ticks since the first command, the square of all motion; by
+            delay in ticks the sums of commands times motion, of squares of commands, and the command that can show.
     """
 
     def __init__(self, dt: float, delay: float, parts: int, kept: float = 1.0) -> None:
         """Nothing yet, for ticks of dt [s], a declared delay [s] and motions (parts,); a tick leaves `kept` of sums."""
         self.rows: int = 2 + round((delay + LONGEST) / dt)
-        self.ticks: int = 0
-        self._declared, self._dt, self._kept = round(delay / dt), dt, kept
-        self._commanded = np.zeros((self.rows, parts))  # by delay in ticks: the command that can show
-        self._sums = np.zeros((2, self.rows))
-        self._moved = 0.0
+        self._declared, self._dt, self._left = round(delay / dt), dt, kept
+        self.kept: Array = np.zeros(2 + (2 + parts) * self.rows)
+
+    @property
+    def ticks(self) -> float:
+        """Since the first command."""
+        return float(self.kept[0])
 
     def after(self, moved: Array, command: Array) -> float | None:
         """The delay beyond the declared one [s], None while none is seen.
@@ -47,19 +50,25 @@ class DelayEstimate:
             moved: (parts,) the motion until now, as a way or a velocity.
             command: (parts,) likewise, what would have moved by the next tick if nothing were late.
         """
-        commanded = self._commanded
-        self._moved = self._kept * self._moved + float(moved.dot(moved))
-        self._sums *= self._kept
-        self._sums += commanded.dot(moved), np.einsum("ij,ij->i", commanded, commanded)
-        self.ticks += self.ticks > 0 or bool(command.any())
+        head, rows, left = self.kept[:2], self.rows, self._left
+        sums, commanded = self.kept[2 : 2 + 2 * rows].reshape(2, rows), self.kept[2 + 2 * rows :].reshape(rows, -1)
+        head[1] = left * head[1] + float(moved.dot(moved))
+        sums *= left
+        sums += commanded.dot(moved), np.einsum("ij,ij->i", commanded, commanded)
+        head[0] += head[0] > 0.0 or bool(command.any())
         commanded[1:] = commanded[:-1].copy()
         commanded[0] = command
-        return self._delay()
-
-    def _delay(self) -> float | None:
-        (product, square), whole = self._sums, self._moved
+        ticks, whole = head.tolist()
         if whole == 0.0:
             return None
+        product, square = sums
+        share = np.clip(product / np.maximum(square, ROUNDING * whole), LEAST_SHARE, MOST_SHARE)
+        unexplained = whole - share * (2.0 * product - share * square)
+        best, declared = int(np.argmin(unexplained)), self._declared
+        least = UNEXPLAINED * min(whole, float(unexplained[declared])) - ROUNDING * whole
+        if unexplained[best] < least and best > declared and ticks > PASSED * best + MORE_TICKS:
+            return (best - declared) * self._dt
+        return None
         share = np.clip(product / np.maximum(square, ROUNDING * whole), LEAST_SHARE, MOST_SHARE)
         left = whole - share * (2.0 * product - share * square)
         best, declared = int(np.argmin(left)), self._declared

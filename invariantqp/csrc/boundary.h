@@ -29,7 +29,7 @@ static inline bool within(double x, int least, int most) { return x >= least && 
 /* fields.c */
 typedef struct Table Table;
 typedef enum { FITS, UNFIT, WRONG } Fit;
-extern Table TABLE_Law, TABLE_Wanted, TABLE_Loop, TABLE_Arm, TABLE_Task, TABLE_now, TABLE_cost, TABLE_tick;
+extern Table TABLE_Law, TABLE_Wanted, TABLE_Loop, TABLE_Arm, TABLE_Task, TABLE_Split, TABLE_Press, TABLE_press, TABLE_now, TABLE_cost, TABLE_tick;
 const void *described(const Table *table, PyObject *object);
 Fit called_by_name(Table *table, PyObject *const *given, PyObject *names, void *into);
 bool types_made(PyObject *module);
@@ -37,6 +37,7 @@ bool types_made(PyObject *module);
 /* module.c */
 const Loop *loop_of(PyObject *object);
 double *memory_of(PyObject *object, const Loop *loop);
+bool target_pose(PyObject *object, Pose *T);
 int joints_of(PyObject *J);
 
 /* batch.c; numbers of a row's record */
@@ -60,6 +61,9 @@ bool is_plain(const Solution *solution);
 PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *search_along(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+
+/* press.c */
+PyObject *press(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names);
 
 /* pseudoinverse.c, projectors.c */
 PyObject *pseudoinverse(PyObject *module, PyObject *const *arguments, Py_ssize_t count);

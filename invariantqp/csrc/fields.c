@@ -39,6 +39,7 @@ struct Table {
 #define SIDE_4 4
 #define SIDE_6 6
 #define SIDE_joints (-1 - (int)offsetof(OF, joints))
+#define SIDE_n (-1 - (int)offsetof(OF, n))
 #define SIDE_m (-1 - (int)offsetof(OF, m))
 #define SIDE_wanted (-1 - (int)offsetof(OF, wanted))
 #define SIDE_rows (-1 - (int)offsetof(OF, rows))
@@ -97,7 +98,10 @@ TABLE(Wanted, Wanted, WANTED_FIELDS, "Wanted", "An exact demand of a loop.", NUL
 TABLE(Loop, Loop, LOOP_FIELDS, "Loop", "What of a controller does not change from tick to tick.", loop_settled)
 TABLE(Arm, Arm, ARM_FIELDS, "Arm", "An arm as pose searches see it.", NULL)
 TABLE(Task, Task, TASK_FIELDS, "Task", "One of several tasks.", NULL)
+TABLE(Split, Split, SPLIT_FIELDS, "Split", "What a task needs of one kind of contact.", NULL)
+TABLE(Press, Press, PRESS_FIELDS, "Press", "What of a hybrid controller does not change from tick to tick.", NULL)
 TABLE(now, Now, NOW_FIELDS, "step", "", NULL)
+TABLE(press, Hybrid, HYBRID_FIELDS, "press", "", NULL)
 TABLE(cost, FrameError, COST_FIELDS, "cost", "", NULL)
 TABLE(tick, Demand, TICK_FIELDS, "tick", "", NULL)
 
@@ -265,7 +269,7 @@ Fit called_by_name(Table *table, PyObject *const *given, PyObject *names, void *
 }
 
 
-static Table *const TABLES[] = {&TABLE_Law, &TABLE_Wanted, &TABLE_Loop, &TABLE_Arm, &TABLE_Task};
+static Table *const TABLES[] = {&TABLE_Law, &TABLE_Wanted, &TABLE_Loop, &TABLE_Arm, &TABLE_Task, &TABLE_Split, &TABLE_Press};
 #define TYPES ((int)(sizeof TABLES / sizeof *TABLES))
 
 static Table *table_of(const PyTypeObject *type)
@@ -394,7 +398,7 @@ static bool named_fields(Table *table)
 /* The types of all tables, into the module. */
 bool types_made(PyObject *module)
 {
-    bool good = named_fields(&TABLE_tick) && named_fields(&TABLE_now) && named_fields(&TABLE_cost);
+    bool good = named_fields(&TABLE_tick) && named_fields(&TABLE_now) && named_fields(&TABLE_press) && named_fields(&TABLE_cost);
     for (int t = 0; good && t < TYPES; t++) {
         Table *table = TABLES[t];
         good = named_fields(table);

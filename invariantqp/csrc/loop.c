@@ -226,6 +226,22 @@ static void slowed(Demand *demand, double share)
     }
 }
 
+/* exact.py, ExactRows.of: more rows, parts of the twist. */
+static Outcome with_rows(int rows, const double (*D)[6], const double twist[6], Demand *demand)
+{
+    int first = demand->rows;
+    if (first + rows > MOST_ROWS)
+        return HAND_BACK;
+    memcpy(demand->D + first, D, (size_t)rows * sizeof *D);
+    product_of_rows(rows, D, demand->m, (const Row *)demand->J, demand->C + first);
+    for (int i = 0; i < rows; i++)
+        demand->e[first + i] = dot(6, D[i], twist);
+    demand->rows = first + rows;
+    demand->of_twist = true;
+    demand->row_rank = -1;
+    return DONE;
+}
+
 /* tracking.py: the logarithm of a displacement that turns as it did in the tick before. */
 static void same_turn(const double before[3], double error[6])
 {
@@ -246,6 +262,14 @@ static void same_turn(const double before[3], double error[6])
 Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *target, const double *feedforward, const double *before,
              const double *kept, Tick *tick)
 {
+    static const Beside NOTHING_BESIDE = {.seen = NULL};
+    return step_beside(loop, now, &NOTHING_BESIDE, q, target, feedforward, before, kept, tick);
+}
+
+/* The same with what `Controller.follow` may be given beside a twist. */
+Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, const double *q, const Pose *target,
+                    const double *feedforward, const double *before, const double *kept, Tick *tick)
+{
     Demand demand;
     Memory *memory = &tick->memory;
     Pose tool, home;
@@ -256,10 +280,12 @@ Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *targ
     memcpy(memory, kept, sizeof *memory);
     predicted(loop, kept, q, there);
     pose_from(loop->home[0], &home);
-    kinematics(m, loop->screws, &home, there, demand.J, &tool);
+    kinematics(m, loop->screws, &home, beside->seen != NULL ? beside->seen : there, demand.J, &tool);
     if (is_far(loop, q) || (demand.chased && error_twist(target, &tool, error) == HAND_BACK))
         return HAND_BACK;
     demand_now(loop, now, there, before, &tool, &demand, tick);
+    if (beside->at != NULL && loop->carried == AT_A_POINT)
+        root_at(beside->at, loop->length, demand.root);
     if (demand.chased) {
         same_turn(memory->turn, error);
         memcpy(memory->turn, error, sizeof memory->turn);
@@ -282,10 +308,10 @@ Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *targ
     }
     if (!(square < INFINITY) || (!demand.chased && most > LARGEST_SPEED))
         return HAND_BACK;
-    demand.has_posture = loop->has_posture;
-    demand.paced = true;
+    demand.has_posture = loop->has_posture || beside->posture != NULL;
+    demand.paced = beside->posture == NULL;
     for (int j = 0; j < m; j++) {
-        demand.posture[j] = demand.has_posture ? (loop->posture[j] - there[j]) * loop->pull[j] : 0.0;
+        demand.posture[j] = !demand.paced ? beside->posture[j] : loop->has_posture ? (loop->posture[j] - there[j]) * loop->pull[j] : 0.0;
         demand.fastest[j] = loop->fastest[j] > 0.0 && isfinite(loop->fastest[j]) ? loop->fastest[j] : 1.0;
     }
     const Pose *wanted = demand.chased ? target : &tool;
@@ -300,6 +326,8 @@ Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *targ
         }
     }
     if (rows_of(loop->exact, loop->wanted, gain, &tool, wanted, along, &demand) == HAND_BACK)
+        return HAND_BACK;
+    if (beside->rows > 0 && with_rows(beside->rows, beside->D, ahead, &demand) == HAND_BACK)
         return HAND_BACK;
     if (speed != 1.0)
         slowed(&demand, speed);

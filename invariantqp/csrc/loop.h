@@ -20,6 +20,14 @@ typedef struct {
     Row outside, acceleration;
 } Tick;
 
+/* control/controller.py, follow: where the arm is seen, the point to measure at, a posture, each of which may be NULL, and
+   more exact rows, parts D of the twist. */
+typedef struct {
+    const double *seen, *at, *posture;
+    int rows;
+    const double (*D)[6];
+} Beside;
+
 /* braking.c, demands.c, loop.c */
 Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
                 const double *feedforward, Demand *demand);
@@ -32,6 +40,8 @@ int commands_of(const Loop *loop);
 void remembered(const Loop *loop, const double *q, const double *command, double *kept);
 Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *target, const double *feedforward, const double *before,
              const double *kept, Tick *tick);
+Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, const double *q, const Pose *target,
+                    const double *feedforward, const double *before, const double *kept, Tick *tick);
 bool follows(const Memory *memory);
 double outside_by(const Loop *loop, const double *q, int j);
 

@@ -95,7 +95,7 @@ double *memory_of(PyObject *object, const Loop *loop)
 }
 
 /* The pose of a target: a (4, 4) array, or what has one as `homogeneous`, or gives one by `as_matrix()`. */
-static bool target_pose(PyObject *object, Pose *T)
+bool target_pose(PyObject *object, Pose *T)
 {
     if (PyArray_Check(object))
         return pose(object, T);
@@ -157,6 +157,7 @@ static PyMethodDef methods[] = {
     CALLED("solution", batch_solution, "A VelocitySolution from its record."),
     CALLED_BY_NAME("step", controller_step,
            "A controller's tick: a VelocitySolution, and what is to be said of joints beside it; None where Python has to answer."),
+    CALLED_BY_NAME("press", press, "A hybrid controller's tick, or None where Python has to answer."),
     CALLED("follow", follow, "A tick of a follower in which nothing new comes, or None where Python has to answer."),
     CALLED("motion", motion, "Position, velocity, acceleration and jerk of what is followed."),
     CALLED("residual", residual, "The quintic from a state to what is followed, in a time."),

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from math import exp, inf, pi, sqrt
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from attrs import field, frozen
@@ -23,6 +23,18 @@ from numpy.typing import ArrayLike
 from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
+from invariantqp.force.compiled import (
+    ASKING,
+    GAIN_LOWERED,
+    NOISY,
+    UNSETTLED,
+    WRONG_STIFFNESS,
+    compiled_press,
+    core_press,
+    core_split,
+    memory_of,
+    packed,
+)
 from invariantqp.force.contact import (
     SLOW_SHARE,
     Beyond,
@@ -62,7 +74,6 @@ from invariantqp.force.law import (
     MOST,
     UNKNOWN,
     Drive,
-    Stand,
     approach_speed,
     fixed,
     inward_speed,
@@ -76,6 +87,7 @@ from invariantqp.force.law import (
     struck,
     trembling,
 )
+from invariantqp.force.memory import Memory, Pressing
 from invariantqp.force.monitor import (
     ABOVE_NOISE,
     FOLLOW,
@@ -84,11 +96,22 @@ from invariantqp.force.monitor import (
     OVERLOAD,
     RETREAT,
     SLOW,
+    Answers,
     Monitor,
     Tick,
     verdict,
 )
-from invariantqp.force.sensor import Order, Smoothing, Wrench, WrenchSensor, cleaned, order_of, wanted_of, wrench_of
+from invariantqp.force.sensor import (
+    Order,
+    Smoothing,
+    Wrench,
+    WrenchSensor,
+    cleaned,
+    order_of,
+    ordered,
+    wanted_of,
+    wrench_of,
+)
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
@@ -97,6 +120,9 @@ from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.measure import length_at
 from invariantqp.velocity.solution import Status, VelocitySolution
+
+if TYPE_CHECKING:
+    from invariantqp.engine import Press
 
 # The longest dead time for which ways are remembered.
 MOST_TICKS = 10_000
@@ -119,6 +145,10 @@ MOVES_IN = 0.3
 # After the contact was lost again and again the gain is reduced by this factor, each time, to this share of it.
 SLOWER = 0.5
 LEAST_EASED = 1.0 / 64.0
+# The pose of a tool on which nothing depends.
+ANYWHERE = np.eye(4)
+# All that a verdict needs to know of checks, where the tool lets go to see whether readings fall.
+LETTING_GO = Monitor(answers=(Answers(asked=(0.0, 0.0)),))
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -168,32 +198,6 @@ class HybridSolution(Compared):
         return torque
 
 
-class Pressing(NamedTuple):
-    """What a controller remembers of its constraints, each by itself.
-
-    Attributes:
-        touches: of each press.
-        known: stiffness of each constraint.
-        drives: of each constraint.
-        ways: unit way commanded until now as it shows, and what of it does not show yet [length].
-        lag: of the arm, with which it shows [s].
-        along: speed along the contact, the highest of the last time [length/s].
-        steep: the fastest slope of its laws of the last time [length/s].
-        eased: share of the gain, less than 1 after chatter.
-        free: whether the last tick did all that the law asked for.
-    """
-
-    touches: tuple[Touch, ...] = ()
-    known: tuple[Stiffness, ...] = ()
-    drives: tuple[Drive, ...] = ()
-    ways: tuple[tuple[float, float], ...] = ()
-    lag: float = 0.0
-    along: float = 0.0
-    steep: float = 0.0
-    eased: float = 1.0
-    free: bool = True
-
-
 class HybridController:
     """Force along S*, motion along S, one arm; `step` is one tick. One controller drives one arm, in one thread.
 
@@ -207,6 +211,8 @@ class HybridController:
         force_first: whether the force part of the twist is met exactly, so that limits slow the motion down before
             they change the force.
     """
+
+    _kept: Memory | bytes  # what is kept from tick to tick; its numbers after a tick by the core
 
     def __init__(
         self,
@@ -260,34 +266,48 @@ class HybridController:
         self._smoothing = Smoothing.of(cutoff, self.loop.dt)
         self._filter_time = 0.0 if cutoff == inf else 1.0 / (2.0 * pi * cutoff)
         self.splits = KeptSplit(task, contact.kind)
+        self._split: tuple[Split, Any] | None = None  # the last one, as the core has it
+        self._core = core_press(
+            task,
+            sensor,
+            self.loop,
+            order=self.order if sensor is None else sensor.order,
+            share=self._smoothing.share,
+            filter_time=self._filter_time,
+            force_first=self.force_first,
+            at_contact=self._at_contact,
+        )
         self.reset()
 
     @property
     def stiffness(self) -> float | None:
         """Of the contact along its first constraint [force/length], as estimated; None where it is not known."""
-        return self._pressing.known[0].known if self._pressing.known else None
+        known = self.memory.pressing.known
+        return known[0].known if known else None
 
     @property
     def robot(self) -> Robot:
         """The arm."""
         return self.loop.robot
 
+    @property
+    def memory(self) -> Memory:
+        """What the loop keeps from tick to tick, as it is now."""
+        if isinstance(self._kept, bytes):
+            self._kept = memory_of(self._kept)
+        return self._kept
+
     def __copy__(self) -> HybridController:
         return deepcopy(self)  # with a loop of its own
 
     def reset(self) -> None:
         """Forget an overload, a fault or a loss, and the readings: the state before the first touch."""
-        self._tool: Array | None = None
-        self._out: Array | None = None
+        self._kept = Memory()
         self.room: float = 1.0
-        self._pressing, self._monitor, self._normal = Pressing(), Monitor(), NormalEstimate()
-        self._found_noise, self._stand, self._beyond = Noise(), Stand(), Beyond()
-        self._last: Array | None = None
-        self._coming = np.zeros(3)
+        self._normal, self._beyond = NormalEstimate(), Beyond()
         self._ways, self._delay = Ways(self._timing[1], self.loop.dt), Delay(*self._timing)
-        self._smoothing = self._smoothing._replace(value=None)
 
-    def step(  # noqa: PLR0915 (the order of the stages is the subject)
+    def step(
         self,
         q: ArrayLike,
         target: Any,
@@ -314,6 +334,26 @@ class HybridController:
         Raises:
             BadInput: NaN or wrong shapes; the controller's state is as it was.
         """
+        if self._core is not None:
+            if contact is None:
+                contact = self.task.contact_at(self._tool(q))
+            found = self._by_core(self._core, q, target, wrench, feedforward, contact, velocity, wanted, posture)
+            if found is not None:
+                return found
+        return self._by_python(q, target, wrench, feedforward, contact, velocity, wanted, posture)
+
+    def _by_python(  # noqa: PLR0915 (the order of the stages is the subject)
+        self,
+        q: ArrayLike,
+        target: Any,
+        wrench: Any,
+        feedforward: ArrayLike | None,
+        contact: Contact | None,
+        velocity: ArrayLike | None,
+        wanted: ArrayLike | Wrench | None,
+        posture: ArrayLike | None,
+    ) -> HybridSolution:
+        """A tick in Python, the definition."""
         task, loop, delay, dt = self.task, self.loop, self._delay, self.loop.dt
         robot = loop.robot
         positions = arrays.vector(q, len(robot.names), "q")
@@ -329,9 +369,11 @@ class HybridController:
         split, (contact, told) = self.splits.at(given, tool), self._turned(given)
         kind = contact.kind
         exert = split.exert if wanted is None else split.wanted(wanted_of(wanted, "wanted"), "wanted")
-        raw, measured, smoothing = cleaned(self.sensor, reading, tool, self._smoothing)
+        memory = self.memory
+        smoothing = self._smoothing._replace(value=memory.smooth)
+        raw, measured, smoothing = cleaned(self.sensor, reading, tool, smoothing)
         out = way_out(contact)
-        require_same_side(self._out, out)
+        require_same_side(memory.out, out)
 
         # From the contact frame to the base frame.
         A, B = contact.adjoint, contact.coadjoint
@@ -343,13 +385,13 @@ class HybridController:
         motion = slid(task, contact, chased + led, chased, led)
 
         # What is known after this reading.
-        before, noise = self._pressing, max(self._noise, self._found_noise.found)
+        before, noise = memory.pressing, max(self._noise, memory.noise.found)
         tick, pressing, found_noise = self._read(contact, split, reading, (raw, raw_inside), (exert, error), tool, out)
         setting = self._setting(before, asked, noise, smoothing.share)
         known = self._known(before, pressing, felt, asked, kind.presses, setting, tick.limit)
         pressing = pressing._replace(known=known)
         n = kind.presses
-        monitor = self._monitor.after(
+        monitor = memory.monitor.after(
             task,
             tick,
             tuple((known[i], float(felt[i]), float(asked[i]), setting.noise) for i in range(n)),
@@ -363,7 +405,7 @@ class HybridController:
 
         # The law.
         waits = (n > 0 and monitor.dead.stale) or answer.beyond
-        kept, trembles = self._kept(sighting.J, A, split, contact, known, setting, noise, pressing.eased)
+        kept, trembles = self._kept_gain(sighting.J, A, split, contact, known, setting, noise, pressing.eased)
         drives, acts = self._driven(
             pressing, monitor, split, felt, asked, setting, kept, contact, tick.most[0], slow=answer.action == SLOW
         )
@@ -395,8 +437,7 @@ class HybridController:
         shows = 1.0 - exp(-dt / max(lag, 1e-9))
         # Where another lag is found, what does not show yet is what would not with it: no way jumps.
         still = lag / before.lag if before.lag > 0.0 else 1.0
-        led = still * self._coming + way
-        self._coming = (1.0 - shows) * led
+        led = still * memory.coming + way
         self._normal = self._normal.found(
             task,
             told,
@@ -414,7 +455,7 @@ class HybridController:
         for (shown, coming), rate in zip(_ways_of(before, len(felt)), done.tolist(), strict=True):
             along_it = still * coming + dt * rate
             ways.append((shown + shows * along_it, along_it - shows * along_it))
-        self._pressing = pressing._replace(
+        pressing = pressing._replace(
             drives=tuple(d._replace(speed=float(r) - d.slope) for d, r in zip(drives, done, strict=True)),
             ways=tuple(ways),
             known=tuple(one.shown(before.lag - lag) for one in pressing.known) if before.lag > 0.0 else pressing.known,
@@ -423,22 +464,29 @@ class HybridController:
             steep=max(max((abs(d.slope) for d in drives), default=0.0), before.steep * exp(-dt / ALONG)),
             free=free,
         )
-        self._monitor = monitor.after_motion(overall, outwards, beyond=answer.beyond)
-        self._smoothing, self._found_noise, self._tool, self._last = smoothing, found_noise, tool, reading
         self._beyond = self._beyond.after(contact.point, outwards, beyond=answer.beyond)
-        self._stand = self._stand.after(task, contact, motion, twist, dt, joints=sighting.J.shape[1])
+        self._kept = memory = Memory(
+            pressing=pressing,
+            monitor=monitor.after_motion(overall, outwards, beyond=answer.beyond),
+            noise=found_noise,
+            stand=memory.stand.after(task, contact, motion, twist, dt, joints=sighting.J.shape[1]),
+            tool=tool,
+            out=out if touching else None,
+            last=reading,
+            coming=(1.0 - shows) * led,
+            smooth=smoothing.value,
+        )
         self.room = max(1.0 - trembles, 1.0 - MOST)
-        self._out = out if touching else None
         late = delay.whole + (delay.late or 0.0)
         doubts = (
             found_noise.trouble(self._noise) if "noise" in task.checks else "",
             "" if answer.status else monitor.settling.trouble(tick.wanted, late),
             delay.trouble(loop.gain),
             lowered(kept / pressing.eased, noise) if touching else "",
-            self._stand.trouble(),
+            memory.stand.trouble(),
             pressed_by(task, split, contact, tool, sighting.J, motion),
             self._normal.trouble(),
-            known[0].trouble(task.stiffness) if n == 1 and rests else "",
+            pressing.known[0].trouble(task.stiffness) if n == 1 and rests else "",
         )
         status, reason = answer.with_others(doubts, inner.status, inner.reason)
         return HybridSolution(
@@ -454,6 +502,101 @@ class HybridController:
             contact=contact,
             velocity_solution=inner,
             J=sighting.J,
+        )
+
+    def _tool(self, q: ArrayLike) -> Array:
+        """(4, 4) the tool's pose, where the contact depends on it."""
+        return ANYWHERE if isinstance(self.task.contact, Contact) else self.loop.robot.pose(q)
+
+    def _by_core(
+        self,
+        core: Press,
+        q: ArrayLike,
+        target: Any,
+        wrench: Any,
+        feedforward: ArrayLike | None,
+        contact: Contact,
+        velocity: ArrayLike | None,
+        wanted: ArrayLike | Wrench | None,
+        posture: ArrayLike | None,
+    ) -> HybridSolution | None:
+        """A tick by the core; None where Python has to answer, or to say what is wrong with an argument."""
+        task, loop, delay = self.task, self.loop, self._delay
+        kept = self._kept if isinstance(self._kept, bytes) else packed(self._kept)
+        if kept is None or not isinstance(contact, Contact):
+            return None
+        if contact.edge is not None and contact.edge < task.edge_margin:
+            return None
+        order = self.order if self.sensor is None else self.sensor.order
+        if order is None or type(wrench) is not np.ndarray:
+            wrench = ordered(wrench_of(wrench, order, "wrench"), order)
+        presses = contact.kind.presses
+        split = self.splits.at(contact, ANYWHERE if presses else self.loop.robot.pose(q))
+        if self._split is None or self._split[0] is not split:
+            self._split = split, core_split(split)
+        if self._split[1] is None:
+            return None
+        here, told = self._turned(contact)
+        moves = self._ways.joints and not presses
+        found = compiled_press(
+            core,
+            self._split[1],
+            loop.compiled,
+            loop.kept,
+            *delay.ready(len(loop.robot.names)),
+            kept,
+            q,
+            target,
+            wrench,
+            contact=here.pose,
+            shows=self._ways.place[0],
+            then=self._ways.coming(np.asarray(q)) if moves else None,
+            feedforward=feedforward,
+            exert=None if wanted is None else split.wanted(wanted_of(wanted, "wanted"), "wanted"),
+            velocity=velocity,
+            posture=posture,
+        )
+        if found is None:
+            return None
+        solution, troubles, motion, force, measured, error, parts, exert, J = found[:9]
+        numbers, way, shown, (felt, asked, bound), touching, airborne, doubts, kept_share, self.room = found[9:]
+        self._kept = numbers
+        inner = loop.named((solution, troubles))
+        step = loop.dt * inner.velocity
+        self._ways.add(step, way, delay.late or 0.0)
+        self._beyond = Beyond()
+        if task.normal_within is not None:
+            k = task.stiffness or bound
+            self._normal = self._normal.found(task, told, shown, (felt, asked), k, touching=touching)
+        status, reason = inner.status, inner.reason
+        if doubts or not touching or delay.late or self._normal.held:
+            touch = Touch(touching=touching, airborne=airborne)
+            answer = verdict(LETTING_GO if doubts & ASKING else Monitor(), touch, task, here)
+            memory = memory_of(numbers) if doubts & ~ASKING else Memory()
+            settling, late = memory.monitor.settling, delay.whole + (delay.late or 0.0)
+            words = (
+                memory.noise.trouble(self._noise) if doubts & NOISY else "",
+                settling.trouble(settling.wanted if presses else None, late) if doubts & UNSETTLED else "",
+                delay.trouble(loop.gain),
+                lowered(kept_share, max(self._noise, memory.noise.found)) if doubts & GAIN_LOWERED else "",
+                memory.stand.trouble(),
+                self._normal.trouble(),
+                memory.pressing.known[0].trouble(task.stiffness) if doubts & WRONG_STIFFNESS else "",
+            )
+            status, reason = answer.with_others(words, status, reason)
+        return HybridSolution(
+            velocity=inner.velocity,
+            status=status,
+            reason=reason,
+            motion=motion,
+            force=force,
+            wrench=measured,
+            error=error,
+            intensities=parts,
+            wanted=exert,
+            contact=here,
+            velocity_solution=inner,
+            J=J,
         )
 
     def _read(
@@ -478,7 +621,8 @@ class HybridController:
             out: (3,) the way out.
         """
         task, dt, (raw, raw_inside), (exert, error) = self.task, self.loop.dt, wrenches, wanted
-        noise, before = max(self._noise, self._found_noise.found), self._pressing
+        memory = self.memory
+        noise, before = max(self._noise, memory.noise.found), memory.pressing
         presses = split.intensities[: contact.kind.presses]
         press = weakest(presses, raw_inside, exert)
         touches, limits = [], []
@@ -489,10 +633,10 @@ class HybridController:
             limits.append(loss_limit(least, asked, noise))
             touches.append(touch.after(float(row.dot(raw_inside)), limits[-1], noise, dt))
         overall, limit = _weakest_touch(tuple(touches)), max(limits, default=0.0)
-        found = self._found_noise
+        found = memory.noise
         if limit > 0.0 and not overall.touching:  # in touch the press changes, too
-            found = found.after(reading, self._last, max(noise, LEAST_NOISE * limit))
-        moved = moved_between(self._tool, tool, contact.point)
+            found = found.after(reading, memory.last, max(noise, LEAST_NOISE * limit))
+        moved = moved_between(memory.tool, tool, contact.point)
         came = -float(out.dot(moved))
         force, moment = map(max, split.load, load_at(contact.coadjoint.dot(exert), contact.point))
         most = _overload_of(task, force, moment, noise)
@@ -547,7 +691,7 @@ class HybridController:
         """The stiffness of each constraint after a reading; of what is not touched nothing."""
         n = len(felt)
         known = before.known if len(before.known) == n else (Stiffness.of(setting.begins),) * n
-        if self._monitor.dead.unchanged > 0.0 and presses:
+        if self.memory.monitor.dead.unchanged > 0.0 and presses:
             return known
         touching = all(touch.touching for touch in now.touches)
         made = []
@@ -563,7 +707,7 @@ class HybridController:
                 made.append(one.in_air(force, way, limit, setting))
         return tuple(made)
 
-    def _kept(
+    def _kept_gain(
         self,
         J: Array,
         A: Array,

@@ -11,7 +11,7 @@ noise       from what readings in the air change by, `Noise`
 from __future__ import annotations
 
 from collections import deque
-from math import atan, exp, inf, log, pi, sqrt, tan
+from math import atan, exp, inf, isnan, log, nan, pi, sqrt, tan
 from typing import NamedTuple
 
 import numpy as np
@@ -89,6 +89,7 @@ STILL = 2e-3
 ENOUGH = 2.0
 # A delay is told where what is late in all is this multiple of what was declared.
 LATE = 2.0
+HEADER = 9
 
 # Normal. A piece of way, as a share of the contact's size: a millimetre of 50.
 STEP = 0.02
@@ -419,20 +420,39 @@ class Delay:
 
     Attributes:
         declared: [s].
-        late: by how much later than declared commands act, as the joints show it [s]; None before that is known.
-        lag: of the arm, as an approach shows it [s]; None before.
+        kept: (9 + 6 m,) what it remembers, but for the answers: by how much later than declared commands act and the
+            lag of the arm [s], NaN before they are known; whether there was contact; the way of the place of contact
+            until now and for how long it has moved; four sums. Of the joints, once there was a tick: where they began,
+            weights, the ways commanded and done until now, the last step, and the one before the first.
+        echo: of the joints' answers; None before the first tick.
     """
 
     def __init__(self, dt: float, delay: float, cutoff: float) -> None:
         """Nothing yet, for ticks of dt [s], a declared delay [s] and the cut-off of the sensor [Hz]."""
         self.whole: float = dt + delay + 1.0 / (2.0 * pi * cutoff)
         self.declared, self._dt = delay, dt
-        self.late: float | None = None
-        self.lag: float | None = None
-        self._first: Array | None = None
-        self._touched = False
-        self._way = self._moving = 0.0
-        self._sums = 0.0, 0.0, 0.0, 0.0
+        self.kept: Array = np.zeros(HEADER)
+        self.kept[:2] = nan
+        self.echo: DelayEstimate | None = None
+
+    @property
+    def late(self) -> float | None:
+        """By how much later than declared commands act, as the joints show it [s]; None before that is known."""
+        late = float(self.kept[0])
+        return None if isnan(late) else late
+
+    @property
+    def lag(self) -> float | None:
+        """Of the arm, as an approach shows it [s]; None before."""
+        lag = float(self.kept[1])
+        return None if isnan(lag) else lag
+
+    def ready(self, joints: int) -> tuple[Array, Array]:
+        """What is remembered, with room for so many joints; twice, for `echo`, too."""
+        if self.echo is None:
+            self.kept = np.concatenate((self.kept, np.full(6 * joints, nan)))
+            self.echo = DelayEstimate(self._dt, self.declared, joints)
+        return self.kept, self.echo.kept
 
     @property
     def arm(self) -> float:
@@ -463,44 +483,47 @@ class Delay:
             touching: whether there is contact: what is known of the lag then stays, since a force bends the arm, too,
                 and its joints are behind by that after it is let go.
         """
-        self._touched = self._touched or touching
-        if self.late is not None and self._touched and self.lag is not None:
+        head, m = self.ready(len(q))[0][:HEADER], len(q)
+        first, weights, led, came, last, before = self.kept[HEADER:].reshape(6, m)
+        head[2] = head[2] or touching
+        touched, lags, echo = bool(head[2]), self.lag is not None, self.echo
+        if echo is None or (touched and lags and self.late is not None):
             return
-        if self._first is None:
+        if isnan(first[0]):
             moved = root_at(place, size).dot(J)
-            self._first, self._weights = q.copy(), np.sqrt((moved * moved).sum(axis=0))
-            self._led, self._echo = np.zeros(len(q)), DelayEstimate(self._dt, self.declared, len(q))
-            self._last = self._came = np.zeros(len(q))
-            self._before = self._last if velocity is None else self._weights * velocity
-        step, came = self._weights * way, self._weights * (q - self._first)
-        if not (self._touched and self.lag is not None):
-            self._moved(self._led - came, came - self._came, self._last, STILL * size)
-        self._last, self._came = step, came
-        self._led += step
-        self._way += float(np.sqrt(step.dot(step)))
+            first[:], weights[:] = q, np.sqrt((moved * moved).sum(axis=0))
+            led[:] = came[:] = last[:] = 0.0
+            before[:] = 0.0 if velocity is None else weights * velocity
+        step, came_now = weights * way, weights * (q - first)
+        if not (touched and lags):
+            self._moved(led - came_now, came_now - came, last, before, STILL * size)
+        last[:], came[:] = step, came_now
+        led += step
+        head[3] += float(np.sqrt(step.dot(step)))
         if self.late is None:
-            self.late = self._echo.after(came, self._led)
-        if self.late is None and self._way > ENOUGH * size and self._echo.ticks > PASSED * self._echo.rows:
-            self.late = 0.0
+            found = echo.after(came_now, led)
+            looked = head[3] > ENOUGH * size and echo.ticks > PASSED * echo.rows
+            head[0] = found if found is not None else 0.0 if looked else nan
 
-    def _moved(self, behind: Array, came: Array, step: Array, still: float) -> None:
+    def _moved(self, behind: Array, came: Array, step: Array, before: Array, still: float) -> None:
         """How far the joints are behind their commands, over how much faster they go than at first, if they follow.
 
         Args:
             behind: (m,) by how much, in ways of the place of contact [length].
             came: (m,) what they did in the last tick.
             step: (m,) and what they were told then.
+            before: (m,) and before the first tick.
             still: a slower motion is none [length/s].
         """
-        dt, square = self._dt, float(step.dot(step))
-        left, (late, moved, followed, gained) = exp(-dt / KNOWN_AFTER), self._sums
+        dt, square, head = self._dt, float(step.dot(step)), self.kept[:HEADER]
+        left, (late, moved, followed, gained) = exp(-dt / KNOWN_AFTER), head[5:].tolist()
         late, moved = left * late + dt * float(behind.dot(step)), left * moved + square
         followed = left * followed + float(came.dot(step))
-        gained = left * gained + square - dt * float(self._before.dot(step))
-        self._sums = late, moved, followed, gained
-        self._moving = self._moving + dt if square > (still * dt) ** 2 else 0.0
-        if self._moving > KNOWN_AFTER and min(followed, gained) > FOLLOWS * moved:
-            self.lag = min(max(late / gained, 0.0), LONGEST)
+        gained = left * gained + square - dt * float(before.dot(step))
+        moving = float(head[4]) + dt if square > (still * dt) ** 2 else 0.0
+        head[4:] = moving, late, moved, followed, gained
+        if moving > KNOWN_AFTER and min(followed, gained) > FOLLOWS * moved:
+            head[1] = min(max(late / gained, 0.0), LONGEST)
 
     def gain(self, asked: float) -> float:
         """The motion's gain [1/s]: the one asked for, or less where with the delay found the tool goes to and fro."""

@@ -39,6 +39,7 @@ SELDOM = 10  # of these the definition in Python takes part in one
 POSES = 50
 TICKS = 100
 ROWS = 4096
+PRESSED = 3000
 
 
 class HandWritten:
@@ -153,14 +154,31 @@ def peers(task, robot, ticks):
     return found
 
 
-def hybrid(engine):
-    """A Panda that presses with a pen, its target moving by a millimetre."""
-    robot, q = iq.load_robot("panda"), np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
-    task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], normal=[0, 0, 1]), [5.0])
-    loop, T = iq.HybridController(robot, task, dt=0.002, engine=engine), robot.pose(q)
-    felt = iq.Wrench(moment=np.cross(T[:3, 3], [0.0, 0.0, -4.0]), force=[0.0, 0.0, -4.0])
-    places = 1e-3 * np.random.default_rng(0).normal(size=(TICKS, 3))
-    return loop.step, [(q, iq.transform(translation=place) @ T, felt) for place in places]
+def pressed(arm, contact, **options):
+    """Contenders' times in a loop that presses with 5 N on a spring along a circle, each beside an ordinary tick."""
+    robot, dt, random = iq.load_robot(arm), 0.002, np.random.default_rng(0)
+    q = np.array({"panda": [0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8], "ur5e": [0.0, -1.4, 1.6, -1.8, -1.57, 0.0]}[arm])
+    start, task = robot.pose(q), iq.HybridTask(contact(robot.pose(q)), [5.0])
+    sensor = iq.WrenchSensor(np.eye(4), order="force first", reads="reaction", cutoff=50.0)
+    loops = {
+        by: iq.HybridController(robot, task, dt=dt, sensor=sensor, engine=engine, **options)
+        for by, engine in ((OURS, "compiled"), (PYTHON, "python"))
+    }
+    plain = {off: iq.Controller(robot, dt=dt, engine=loops[on].loop.law.engine, **options) for on, off in ALONG}
+    took = {name: [] for pair in ALONG for name in pair}
+    for k in range(PRESSED):
+        T, turn = start.copy(), 2.0 * np.pi / 3.0
+        T[:2, 3] += 0.03 * (np.cos(turn * dt * k) - 1.0), 0.03 * np.sin(turn * dt * k)
+        ahead = np.zeros(6)
+        ahead[3:5] = 0.03 * turn * -np.sin(turn * dt * k), 0.03 * turn * np.cos(turn * dt * k)
+        push = 2e4 * max(0.0, start[2, 3] - 1e-3 - robot.pose(q)[2, 3])
+        reading = np.concatenate((robot.pose(q)[:3, :3].T[:, 2] * push, np.zeros(3)))
+        reading[:3] += 0.2 * random.normal(size=3)
+        for on, off in ALONG[:: (-1) ** k]:
+            took[off].append(timed(plain[off].step, (q, T, ahead)))
+            took[on].append(timed(loops[on].step, (q, T, reading, ahead)))
+        q = q + dt * loops[OURS].loop.memory.commands[0]
+    return took
 
 
 def along_path(name, rate, **options):
@@ -311,8 +329,6 @@ def main():
             calls |= peers(task, controller.robot, ticks)
         if ticks:
             line(title, times(calls, ticks, (controller, python), kept))
-    (pressing, ticks), (alone, _) = hybrid("compiled"), hybrid("python")
-    line("Panda, a pen pressed with 5 N", times({OURS: pressing, PYTHON: alone}, ticks))
     for name, exact in (("panda", None), ("so101", None), ("so101", "position")):
         robot, targets = poses(name)
         alone = partial(solve_pose, robot.by_engine("python"), exact)
@@ -339,6 +355,21 @@ def main():
     )
     for title, name, rate, options in paths:
         line_along(title, times(*along_path(name, rate, **options)))
+    pressing()
+
+
+def pressing():
+    presses = (
+        ("UR5e presses with 5 N, the contact a function of the pose", "ur5e", lambda _: at_the_tip, {}),
+        ("likewise, the contact stands still", "ur5e", at_the_tip, {}),
+        ("Panda, accelerations limited", "panda", lambda _: at_the_tip, {"acceleration_limit": 10.0}),
+    )
+    for title, name, contact, options in presses:
+        line_along(title, pressed(name, contact, **options))
+
+
+def at_the_tip(tool):
+    return iq.point_contact(tool[:3, 3], [0.0, 0.0, 1.0])
 
 
 def solve_pose(robot, exact, target, start):

@@ -11,4 +11,4 @@ ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD="$runtime" \
     python -m pytest -q -n 0 --capture=sys \
     tests/test_fields.py tests/velocity/test_compiled.py tests/velocity/test_batch.py tests/velocity/test_several.py \
     tests/control/test_compiled.py tests/pose/test_newton.py tests/robots/test_chain.py tests/systems/test_pseudoinverses.py \
-    tests/paths/test_ticks_compiled.py
+    tests/paths/test_ticks_compiled.py tests/force/test_compiled.py

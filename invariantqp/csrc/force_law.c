@@ -1,0 +1,194 @@
+/* Twin of a tick of force/law.py and of the choice between its laws in force/control.py.
+
+       M v' + D v = e,     D = k T / G,     M = b T / G,     rate = v + slope */
+
+#include "press.h"
+#include <string.h>
+
+/* An error above this share of the wanted press counts as this much in an integral: until it was reached, and later. */
+static const double INTEGRATED[2] = {0.1, 0.5};
+
+void mass_and_damper(const Stiffness *known, const Setting *setting, double eased, double *M, double *D)
+{
+    double late = setting->late / (FORCE_GAIN * eased), b = fmax(known->found[1], 0.0), error = known->errors[1];
+    double least = fmax(b - error, 0.0), behind = fmax(-known->found[1] - error, 0.0);
+    *M = late * (b + error);
+    *D = fmax(late * known->bound + behind / (FORCE_GAIN * eased), sqrt(2.0 * known->bound * *M) - least);
+}
+
+/* What the integral counts of an error. */
+static double integrated(double error, double wanted, bool reached)
+{
+    double most = wanted > 0.0 ? INTEGRATED[reached] * wanted : INFINITY;
+    return fmin(fmax(error, -most), most);
+}
+
+/* How much of the bound is known to be there. */
+static double sure(const Stiffness *known) { return fmax(known->found[0] - known->errors[0], 0.0) / known->bound; }
+
+static Drive pressed(const Drive *drive, double error, double wanted, const Stiffness *known, const Setting *setting,
+                     double inwards, double outwards, double eased, bool grows)
+{
+    double M, D, before = known->rose != 0.0 ? fmin(drive->speed, 0.0) : drive->speed, slope = drive->slope;
+    mass_and_damper(known, setting, eased, &M, &D);
+    double per_tick = M / setting->dt, speed = fmin(fmax((per_tick * before + error) / (per_tick + D), -outwards), inwards);
+    if (grows) {
+        double share = wanted > 0.0 ? fmin(fmax(SURE * sure(known), UNSURE), 1.0) : 1.0;
+        slope += setting->dt * share * integrated(error, wanted, known->reached != 0.0) * known->bound / (INTEGRAL * D * D);
+    }
+    return (Drive){speed, fmin(fmax(slope, -setting->slope_speed), setting->slope_speed)};
+}
+
+/* In a touch, outwards alone. */
+static Drive struck(const Drive *drive, double coming, double error, const Stiffness *known, const Setting *setting,
+                    double most, double eased)
+{
+    const Drive still = {0.0, drive->slope};
+    Drive law = pressed(&still, error, 0.0, known, setting, 0.0, most, eased, false);
+    law.speed = fmax(fmin(law.speed, -coming / setting->dt), -most);
+    return law;
+}
+
+/* In the air. */
+static Drive sought(const Drive *drive, double gentle, const Setting *setting, double most, const Touch *touch,
+                    const Press *press)
+{
+    double bound = setting->slope_speed, slope = 0.0;
+    if (touch->airborne == INFINITY)
+        return (Drive){fmin(gentle * fmax(IN_DOUBT, clear(touch)), most), 0.0};
+    double again = press->lost_after > 0.0 ? gentle * fmin(1.0, touch->airborne / press->lost_after) : gentle;
+    double rate = fmin(again + bound, most);
+    if (touch->airborne < press->lost_after) {
+        double grown = drive->slope + setting->dt * UNSURE * FORCE_GAIN / (INTEGRAL * setting->late) * (rate - drive->slope);
+        slope = fmin(fmax(grown, -bound), bound);
+    }
+    return (Drive){rate - slope, slope};
+}
+
+/* With a given compliance. */
+static Drive fixed(const Drive *drive, double error, double gain, double stiffness, double wanted, double dt, double most,
+                   bool grows)
+{
+    double slope = stiffness > 0.0 ? drive->slope : 0.0;
+    if (grows && stiffness > 0.0)
+        slope += dt * gain * gain * stiffness / OVERDAMPED * integrated(error, wanted, true);
+    return (Drive){fmin(gain * error, fmax(most - slope, 0.0)), slope};
+}
+
+static double approach_speed(const Press *press, double wanted, double late)
+{
+    double stiff = press->stiffness > 0.0 ? press->stiffness : APPROACHED * STIFF;
+    return fmin(press->approach_speed, wanted / (stiff * late + fmin(stiff, APPROACHED * STIFF) * STRUCK));
+}
+
+static double inward_speed(const Press *press, double room, double late)
+{
+    double stiff = press->stiffness > 0.0 ? press->stiffness : APPROACHED * STIFF;
+    return fmin(press->approach_speed, fmax(room, 0.0) / (stiff * late));
+}
+
+/* HybridController._driven: the law of each constraint; whether it acts in full. */
+bool driven(const Press *press, const Split *split, const Pressing *now, const Monitor *monitor, const double *felt,
+            const double *asked, const Setting *setting, double eased, double arm, bool lag_known, double most_force, bool slow,
+            bool yields, Drive *drives)
+{
+    int n = split->n, presses = split->presses;
+    bool touching = true, acts;
+    double fastest = press->approach_speed, striking = 2.0 * setting->dt + (1.0 - TAKEN_BACK) * arm;
+    for (int i = 0; i < presses; i++)
+        touching = touching && now->touches[i].touching != 0.0;
+    acts = touching && yields;
+    for (int i = 0; i < n; i++) {
+        const Drive none = {0.0, 0.0}, *drive = now->driven == n ? &now->drives[i] : &none;
+        const Stiffness *known = &now->known[i];
+        const Answers *check = i < presses && i < (int)monitor->asked ? &monitor->answers[i] : NULL;
+        double error = asked[i] - felt[i], wished = i < presses ? asked[i] : 0.0;
+        double gentle = i < presses ? approach_speed(press, asked[i], striking) : 0.0;
+        if (check != NULL && !isnan(check->asked[0])) {
+            drives[i] = (Drive){-gentle - LETS_GO * fmax(0.0, check->asked[1] - check->depth), 0.0};
+            acts = false;
+        } else if (press->has_compliance) {
+            double top = slow && i < presses ? fastest : INFINITY;
+            drives[i] = fixed(drive, error, split->gain, press->stiffness, wished, setting->dt, top,
+                              now->free != 0.0 && yields && !slow);
+            acts = acts && drives[i].speed + drives[i].slope < top;
+        } else if (presses == 0) {
+            double k = press->stiffness > 0.0 ? fmin(press->stiffness, HELD_STIFF) : HELD_STIFF;
+            for (int j = 0; j < n; j++)
+                k = fmax(k, (is_known(&now->known[j]) ? now->known[j].found[0] : 0.0) / QUICKER);
+            double gain = eased * FORCE_GAIN / ((setting->late - UNKNOWN_LATE) * k);
+            drives[i] = fixed(drive, error, gain, k, 0.0, setting->dt, INFINITY, now->free != 0.0 && yields);
+        } else if (i >= presses) {
+            drives[i] = touching ? pressed(drive, error, 0.0, known, setting, fastest, fastest, eased, now->free != 0.0 && yields)
+                                 : none;
+        } else if (now->touches[i].touching == 0.0) {
+            drives[i] = sought(drive, gentle, setting, fastest, &now->touches[i], press);
+        } else if (known->time <= setting->late) { /* the filters still hold the air */
+            double coming = presses == 1 && lag_known && now->went == n ? now->ways[i].coming : 0.0;
+            drives[i] = struck(drive, coming, error, known, setting, OUTWARDS * fastest, eased);
+        } else {
+            double beside = check == NULL ? 0.0 : unseen(press, check);
+            double inwards = fmax(gentle, inward_speed(press, most_force - felt[i] - beside, setting->late));
+            drives[i] = pressed(drive, error, wished, known, setting, inwards, OUTWARDS * fastest, eased,
+                                now->free != 0.0 && yields);
+        }
+    }
+    return acts;
+}
+
+/* Stand: whether a motion that was asked for is not done. */
+bool stands(const Press *press, const double place[3], const double motion[6], const double twist[6], int joints)
+{
+    double root[6][6], asked[6], moved[6], least = SLOW_SHARE * press->approach_speed;
+    int from = joints < 6 ? 3 : 0;
+    root_at(place, press->size, root);
+    for (int i = from; i < 6; i++) {
+        asked[i] = dot(6, root[i], motion);
+        moved[i] = dot(6, root[i], twist);
+    }
+    double square = dot(6 - from, asked + from, asked + from);
+    return square > least * least && dot(6 - from, moved + from, asked + from) < MOVES * square;
+}
+
+/* The share of the joints' acceleration that noise takes through the force law, for each unit of its gain. */
+Outcome trembling(const Loop *loop, const Row J[6], const double (*admittance)[6], const double place[3], double size,
+                  double noise, double passed, double *share)
+{
+    int m = loop->joints, any = 0;
+    double largest = 0.0, most = 0.0, root[6][6], sigma[6];
+    Rotated R[6] = {{{0.0}, {0.0}}};
+    Row A[6];
+    for (int j = 0; loop->has_braking && j < m; j++)
+        if (isfinite(loop->acceleration[j])) {
+            largest = fmax(largest, loop->acceleration[j]);
+            any = 1;
+        }
+    *share = 0.0;
+    if (noise == 0.0 || !any)
+        return DONE;
+    root_at(place, size, root);
+    product_of_rows(6, (const double(*)[6])root, m, J, A);
+    for (int i = 0; i < 6; i++) {
+        for (int j = 0; j < m; j++) {
+            double a = loop->acceleration[j];
+            R[i].row[j] = A[i][j] * (isfinite(a) ? a : FREE_ACCELERATION * largest);
+        }
+        for (int k = 0; k < 3; k++)
+            for (int l = 0; l < 6; l++)
+                R[i].with[k] += root[i][l] * admittance[l][3 + k];
+    }
+    if (sorted_rows(6, m, 3, R, sigma) == HAND_BACK)
+        return HAND_BACK;
+    for (int j = 0; j < m; j++) { /* x = V diag(1 / sigma) U'b, a row for each joint */
+        double x[3] = {0.0};
+        for (int i = 0; i < 6; i++)
+            for (int k = 0; k < 3 && sigma[i] > SINGULAR * sigma[0]; k++)
+                x[k] += R[i].row[j] * R[i].with[k] / (sigma[i] * sigma[i]);
+        most = fmax(most, dot(3, x, x));
+    }
+    double change = noise * passed * sqrt(2.0 / (2.0 - passed));
+    *share = TREMBLES * change / loop->dt * sqrt(most);
+    return DONE;
+}
+
+double kept_of(double gain, double share) { return gain * share > MOST_TREMBLING ? MOST_TREMBLING / (gain * share) : 1.0; }

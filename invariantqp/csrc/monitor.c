@@ -1,0 +1,303 @@
+/* Twin of force/monitor.py as long as nothing is found: what a check finds is handed back, and Python says what it is. */
+
+#include "press.h"
+#include <string.h>
+
+/* By a spring or by a damper of one of these times its stiffness [s]. */
+static const double DAMPERS[3] = {0.0, 0.01, 0.06};
+#define JUDGED (1.0 - exp(-1.0))
+
+static bool overloaded(const PressTick *tick, double most[2])
+{
+    double share = exp(-tick->dt / EXPECTED_FOR);
+    most[0] = fmax(tick->most[0], fmin(share * most[0], OVERLOAD * tick->force));
+    most[1] = fmax(tick->most[1], fmin(share * most[1], OVERLOAD * tick->moment));
+    return tick->force > most[0] || tick->moment > most[1];
+}
+
+static bool is_dead(const PressTick *tick, Dead *dead)
+{
+    bool first = isnan(dead->reading[0]), same = !first && tick->noise > 0.0;
+    for (int i = 0; i < 6; i++)
+        same = same && tick->reading[i] == dead->reading[i];
+    dead->unchanged = same ? dead->unchanged + tick->dt : 0.0;
+    dead->alive = dead->alive != 0.0 || tick->noise == 0.0 || isnan(tick->felt) || !(first || same);
+    memcpy(dead->reading, tick->reading, sizeof dead->reading);
+    return dead->unchanged > DEAD_AFTER;
+}
+
+static bool is_pulled(const PressTick *tick, Pulls *pulls)
+{
+    if (isnan(tick->felt) || tick->wanted == 0.0) {
+        pulls->press = NAN;
+        return false;
+    }
+    double felt = tick->felt, change = isnan(pulls->press) ? 0.0 : fabs(felt - pulls->press);
+    pulls->jumped = change > fmax(PULL_SHARE * tick->wanted, ABOVE_NOISE * tick->noise) ? 0.0 : pulls->jumped + tick->dt;
+    bool close = pulls->jumped < JUMP_MEMORY && tick->limit > 0.0;
+    pulls->pull = weighed(pulls->pull, -felt, close ? tick->limit : fmax(tick->limit, PULL_SHARE * tick->wanted), tick->noise);
+    pulls->press = felt;
+    return certain(pulls->pull);
+}
+
+static bool is_astray(const Press *press, const PressTick *tick, Approach *approach)
+{
+    if (isnan(tick->felt) || tick->touch.touching != 0.0) {
+        *approach = (Approach){0.0, {0.0, 0.0}, 0.0};
+        return false;
+    }
+    double over = LED * press->retreat_distance, kept = exp(-fabs(tick->commanded) / over), airborne = tick->touch.airborne;
+    bool before = airborne == INFINITY;
+    approach->waited += tick->dt;
+    approach->led[0] = kept * approach->led[0] + tick->commanded;
+    approach->led[1] = kept * approach->led[1] + tick->came;
+    approach->way += fmax(0.0, tick->commanded);
+    if (press->on_loss == RETREATS && !before && airborne > press->lost_after)
+        return true;
+    if (press->on_loss == CONTINUES && !before)
+        return false;
+    return (approach->led[0] > JUDGED * over && approach->led[1] < FOLLOWED * approach->led[0]) ||
+           approach->way > press->approach_distance || approach->waited > press->approach_time;
+}
+
+/* Evidence.after */
+static void followed(const Stiffness *known, double noise, double wanted, double shared, double dt, Evidence *evidence)
+{
+    double way = known->way, force = known->force, share = 1.0 - fmin(0.5, dt / PASSES), left = exp(-dt / SINCE);
+    if (isnan(evidence->last[0])) {
+        *evidence = (Evidence){{way, 0.0, force}, {0.0, 0.0, 0.0, 1.0}, {{0.0}}};
+        return;
+    }
+    double speed = (way - evidence->last[0]) / dt;
+    bool first = true;
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++)
+            first = first && evidence->sums[i][j] == 0.0;
+    const double steps[4] = {way - evidence->last[0], first ? 0.0 : speed - evidence->last[1], force - evidence->last[2], 0.0};
+    double weight = shared / (4.0 * noise * noise + (0.01 * wanted) * (0.01 * wanted));
+    for (int i = 0; i < 4; i++)
+        evidence->high[i] = share * (evidence->high[i] + steps[i]);
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++)
+            evidence->sums[i][j] = left * evidence->sums[i][j] + weight * (evidence->high[i] * evidence->high[j]);
+    evidence->last[0] = way;
+    evidence->last[1] = speed;
+    evidence->last[2] = force;
+}
+
+/* Whether a spring, or a damper, explains the force by the way. */
+static bool explains(const Evidence *evidence)
+{
+    double s[3][3];
+    if (evidence->sums[3][3] == 0.0)
+        return false;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            s[i][j] = evidence->sums[i][j] - evidence->sums[i][3] * evidence->sums[3][j] / evidence->sums[3][3];
+    if (s[2][2] < CHI)
+        return false;
+    for (int k = 0; k < 3; k++) {
+        double a = s[0][0] + DAMPERS[k] * (2.0 * s[0][1] + DAMPERS[k] * s[1][1]), b = s[0][2] + DAMPERS[k] * s[1][2];
+        if (b > 0.0 && b * b > fmax(CHI, EXPLAINED * s[2][2]) * a)
+            return true;
+    }
+    return false;
+}
+
+void answers_begun(double stiff, double shown, Answers *check)
+{
+    *check = (Answers){.stiff = stiff, .evidence = {.last = {NAN, NAN, NAN}}, .asked = {NAN, NAN}, .shown = shown};
+}
+
+/* What a press may be beside what is read. */
+double unseen(const Press *press, const Answers *check)
+{
+    return check->stiff * fmax(0.0, check->depth - check->since - press->slope * check->far - press->yields);
+}
+
+/* Answers.update; whether it found something. */
+static bool unanswered(const Press *press, const PressTick *tick, const Stiffness *known, double felt, double wanted, double noise,
+                       double shared, Answers *check)
+{
+    double dt = tick->dt, slope = press->slope, size = press->size, shown = check->shown;
+    bool asked = !isnan(check->asked[0]);
+    if (tick->touch.touching == 0.0 || wanted <= 0.0) {
+        if (asked) /* by letting go it was lost: the readings fell */
+            shown = STIFFER * check->asked[0] / fmax(check->asked[1] - check->depth, LEAST_ASKED * size);
+        answers_begun(0.0, shown, check);
+        return false;
+    }
+    if (check->stiff == 0.0) {
+        double stiff = press->stiffness > 0.0 ? press->stiffness : STIFF;
+        answers_begun(isnan(known->stiff) ? PRESENT * stiff : fmin(known->stiff, shown), INFINITY, check);
+        return false;
+    }
+    double depth = check->depth + tick->came;
+    for (int i = 0; i < 3; i++) {
+        check->across[0][i] += tick->across[i];
+        check->across[1][i] += tick->across[i];
+    }
+    double above = -depth - slope * norm(3, check->across[0]) - press->yields;
+    if (above > ABOVE_TOUCH * size && felt > fmax(FELT * wanted, FELL_NOISE * noise))
+        return true;
+    followed(known, noise, wanted, shared, dt, &check->evidence);
+    bool answered = explains(&check->evidence);
+    answered = answered || (asked && felt < check->asked[0] - fmax(FELL * check->asked[0], FELL_NOISE * noise));
+    check->far = fmax(check->far, norm(3, check->across[1]));
+    check->depth = depth;
+    if (answered || known->rose != 0.0) {
+        double stiff = check->stiff, across[3];
+        memcpy(across, check->across[0], sizeof across);
+        if (is_known(known))
+            stiff = fmax(2.0 * fmax(known->found[0], SOFTEST * STIFF), SOFTER * stiff);
+        answers_begun(stiff, INFINITY, check);
+        check->since = check->depth = depth;
+        memcpy(check->across[0], across, sizeof across);
+        return false;
+    }
+    if (asked) {
+        double let_go = check->asked[1] - depth;
+        return let_go > fmin(fmax(check->asked[1], 0.0) + LEAST_ASKED * size, MOST_ASKED * size);
+    }
+    double creep = CREEP * wanted / check->stiff * dt;
+    check->since += fmin(fmax(depth - check->since, -creep), creep);
+    if (unseen(press, check) > PRESSES * wanted) {
+        check->asked[0] = felt;
+        check->asked[1] = depth;
+    }
+    return false;
+}
+
+static bool has_jumped(const PressTick *tick, Jump *jump)
+{
+    double before = jump->press;
+    jump->press = jump->jumped[0] = jump->jumped[1] = NAN;
+    if (isnan(tick->felt) || tick->touch.touching == 0.0 || !certain(tick->touch.evidence))
+        return false;
+    jump->press = tick->felt;
+    return !isnan(before) && !(fabs(tick->felt - before) < fmax(PULL_SHARE * tick->wanted, ABOVE_NOISE * tick->noise));
+}
+
+/* Ages a tick later, those that are still remembered. */
+static void aged(Ages *ages, double dt, double most)
+{
+    int kept = 0;
+    for (int i = 0; i < (int)ages->count; i++)
+        if (ages->at[i] + dt < most)
+            ages->at[kept++] = ages->at[i] + dt;
+    for (int i = kept; i < MOST_AGES; i++)
+        ages->at[i] = 0.0;
+    ages->count = kept;
+}
+
+/* One more, the latest first; false where there is no room. */
+static bool remembered_age(Ages *ages)
+{
+    if ((int)ages->count == MOST_AGES)
+        return false;
+    memmove(ages->at + 1, ages->at, (MOST_AGES - 1) * sizeof(double));
+    ages->at[0] = 0.0;
+    ages->count++;
+    return true;
+}
+
+/* Settling._turned */
+static Outcome turns(double felt, double wanted, double noise, double dt, Settling *settling)
+{
+    bool same = wanted == settling->wanted && wanted != 0.0, rises = settling->rises != 0.0;
+    double extreme = settling->extreme, back = rises ? extreme - felt : felt - extreme;
+    settling->swung += dt;
+    settling->wanted = wanted;
+    settling->extreme = felt;
+    settling->rises = 1.0;
+    aged(&settling->turns, dt, same ? SWUNG : 0.0);
+    if (!same)
+        return DONE;
+    if (back <= fmax(SWING * wanted, SWING_NOISE * noise)) {
+        settling->rises = rises;
+        settling->extreme = back < 0.0 ? felt : extreme;
+        return DONE;
+    }
+    settling->rises = !rises;
+    if ((extreme > wanted) != rises || (int)settling->turns.count >= TURNS) {
+        bool swings = (extreme > wanted) == rises;
+        settling->swung = swings ? 0.0 : settling->swung;
+        aged(&settling->turns, 0.0, 0.0);
+        return DONE;
+    }
+    return remembered_age(&settling->turns) ? DONE : HAND_BACK;
+}
+
+/* Settling.after */
+static Outcome settled(const PressTick *tick, bool lost, Settling *settling)
+{
+    double felt = tick->felt, wanted = tick->wanted, dt = tick->dt, highest = NAN;
+    aged(&settling->losses, dt, LOSSES_FOR);
+    if (tick->touch.touching != 0.0)
+        highest = isnan(settling->highest) ? felt : fmax(settling->highest, felt);
+    else if (settling->highest > OVERSHOT * wanted && !remembered_age(&settling->losses))
+        return HAND_BACK;
+    if (turns(felt, wanted, tick->noise, dt, settling) == HAND_BACK)
+        return HAND_BACK;
+    settling->highest = lost ? NAN : highest;
+    if (lost) {
+        settling->press = NAN;
+        settling->missed = 0.0;
+        return DONE;
+    }
+    settling->press = isnan(settling->press) ? felt : settling->press + fmin(1.0, dt / AVERAGED_FOR) * (felt - settling->press);
+    bool off = fabs(settling->press - wanted) > SHORT * wanted && SHORT * wanted > 0.0;
+    settling->missed = off ? settling->missed + dt : 0.0;
+    return DONE;
+}
+
+/* Settling.after_missing */
+static void missed(const PressTick *tick, Settling *settling)
+{
+    double before = settling->press, error = tick->missing, dt = tick->dt, for_long = settling->missed;
+    if (!isnan(before))
+        error = before + fmin(1.0, dt / AVERAGED_FOR) * (tick->missing - before);
+    *settling = (Settling){.highest = NAN, .press = error, .missed = error > SHORT ? for_long + dt : 0.0, .rises = 1.0, .swung = SWUNG};
+}
+
+bool unstable(const Settling *settling, bool rests)
+{
+    return ((int)settling->losses.count >= CHATTER && settling->losses.at[0] == 0.0) || (rests && settling->swung == 0.0);
+}
+
+/* Monitor.after */
+Outcome monitored(const Press *press, const PressTick *tick, int presses, const Stiffness *known, const double *felt,
+                  const double *asked, double noise, double shared, Monitor *monitor)
+{
+    bool pressing = tick->limit > 0.0 && (isnan(tick->felt) || tick->wanted > 0.0);
+    if (overloaded(tick, monitor->overload) || is_dead(tick, &monitor->dead) || is_pulled(tick, &monitor->pulls) ||
+        is_astray(press, tick, &monitor->approach))
+        return HAND_BACK;
+    for (int i = 0; pressing && (int)monitor->asked != presses && i < presses; i++)
+        answers_begun(0.0, INFINITY, &monitor->answers[i]);
+    monitor->asked = pressing ? presses : 0;
+    for (int i = 0; pressing && i < presses; i++) /* a late reading cannot have answered yet */
+        if (monitor->dead.unchanged == 0.0 &&
+            unanswered(press, tick, &known[i], felt[i], asked[i], noise, shared, &monitor->answers[i]))
+            return HAND_BACK;
+    if (press->checks_jump && has_jumped(tick, &monitor->jump))
+        return HAND_BACK;
+    if (!press->checks_settling)
+        return DONE;
+    if (isnan(tick->felt))
+        missed(tick, &monitor->settling);
+    else if (tick->limit != 0.0)
+        return settled(tick, tick->touch.touching == 0.0 && tick->touch.airborne > press->lost_after, &monitor->settling);
+    return DONE;
+}
+
+/* Monitor.after_motion, on a surface. */
+void after_motion(const Touch *touch, double out, Monitor *monitor)
+{
+    if (touch->touching != 0.0) {
+        monitor->pushed = fmax(0.0, monitor->pushed - out);
+        return;
+    }
+    monitor->approached = (monitor->pushed != 0.0 ? 0.0 : monitor->approached) + fmax(0.0, -out);
+    monitor->pushed = 0.0;
+}
