@@ -13,16 +13,11 @@ def main() -> None:
     try:
         require("cli", "typer", "rich")
     except MissingExtra as error:
-        sys.exit(_told(error))
+        sys.stderr.write(f"error: {error}\n")
+        sys.exit(2)  # `invariantqp.cli.console.Exit.BAD_INPUT`
     from invariantqp.cli import main as run
 
     run()
-
-
-def _told(error: MissingExtra) -> int:
-    """Print what is missing; the status of `invariantqp.cli.console.BAD_INPUT`."""
-    sys.stderr.write(f"error: {error}\n")
-    return 2
 
 
 if __name__ == "__main__":

@@ -14,18 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from invariantqp.cli.compare import compare
-from invariantqp.cli.console import (
-    BAD_INPUT,
-    DEFECT,
-    DONE,
-    HELP,
-    INTERRUPTED,
-    NOT_ACCEPTED,
-    NOT_WRITTEN,
-    NotAccepted,
-    NotWritten,
-    say,
-)
+from invariantqp.cli.console import HELP, Exit, NotAccepted, NotWritten, say
 from invariantqp.cli.identify import identify
 from invariantqp.cli.inspect import ManyNumbers, inspect
 from invariantqp.cli.new import new
@@ -45,11 +34,11 @@ app: typer.Typer = typer.Typer(
 REPORT = "Please report it where you got invariantqp from, with all of these lines."
 # What each kind of exception leaves with; any other is a defect.
 STATUSES = (
-    (NotAccepted, NOT_ACCEPTED),
-    (InvariantQPError, BAD_INPUT),
-    (NotWritten, NOT_WRITTEN),
-    (OSError, NOT_WRITTEN),
-    (KeyboardInterrupt, INTERRUPTED),
+    (NotAccepted, Exit.NOT_ACCEPTED),
+    (InvariantQPError, Exit.BAD_INPUT),
+    (NotWritten, Exit.NOT_WRITTEN),
+    (OSError, Exit.NOT_WRITTEN),
+    (KeyboardInterrupt, Exit.INTERRUPTED),
 )
 
 
@@ -64,7 +53,7 @@ def main() -> None:
         status = _called()
         sys.stdout.flush()
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 (what is none of ours is reported as a defect)
-        status = next((status for kind, status in STATUSES if isinstance(error, kind)), DEFECT)
+        status = next((status for kind, status in STATUSES if isinstance(error, kind)), Exit.DEFECT)
         sentences = _sentences(error)
         if isinstance(error, OSError):
             _forget(sys.stdout)
@@ -100,9 +89,9 @@ def _called() -> int:
     except SystemExit as leaving:
         if leaving.code == 1:
             _forget(sys.stdout)
-            return NOT_WRITTEN
-        return leaving.code if isinstance(leaving.code, int) else DONE
-    return DONE
+            return Exit.NOT_WRITTEN
+        return leaving.code if isinstance(leaving.code, int) else Exit.DONE
+    return Exit.DONE
 
 
 def _forget(stream: TextIO) -> None:

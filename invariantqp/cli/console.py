@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from enum import IntEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -17,16 +18,18 @@ from rich.console import Console
 from invariantqp.errors import BadInput
 from invariantqp.progress import Progress
 
-# Exit statuses. 1 says that a run was not accepted, and is used for nothing else.
-DONE = 0
-NOT_ACCEPTED = 1
-BAD_INPUT = 2
-# Standard output or a file could not be written: a full disk, a reader that is gone.
-NOT_WRITTEN = 3
-# A defect of this program.
-DEFECT = 4
-# By Ctrl-C, as shells have it.
-INTERRUPTED = 130
+
+class Exit(IntEnum):
+    """Exit statuses."""
+
+    DONE = 0
+    NOT_ACCEPTED = 1  # a run or a comparison; used for nothing else
+    BAD_INPUT = 2
+    NOT_WRITTEN = 3  # standard output or a file: a full disk, a reader that is gone
+    DEFECT = 4  # of this program
+    INTERRUPTED = 130  # by Ctrl-C, as shells have it
+
+
 HELP = (
     "Exit status: 0 done, or accepted; 1 not accepted; 2 bad input; 3 output could not be written; 4 a defect of "
     "invariantqp; 130 interrupted."
@@ -42,8 +45,6 @@ PICTURES = (".png", ".svg", ".pdf")
 PAGES = (".html",)
 # Width of paragraphs and of tables where no terminal says how wide it is.
 PLAIN_WIDTH, WIDEST = 100, 180
-# How many times a progress bar is drawn.
-STEPS = 200
 NUMBERS = "numbers, one for each joint, such as 0 0.5 -1"
 
 
@@ -96,11 +97,7 @@ def progress(what: str, quiet: bool) -> Iterator[Progress | None]:
     ) as bar:
         job = bar.add_task(what, total=None)
 
-        def report(done: int, total: int) -> None:
-            if done % max(1, total // STEPS) == 0 or done == total:
-                bar.update(job, completed=done, total=total)
-
-        yield report
+        yield lambda done, total: bar.update(job, completed=done, total=total)
 
 
 def percent(share: float) -> str:

@@ -28,9 +28,6 @@ from invariantqp.velocity.limits import JointBox, accelerations
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.solution import VelocitySolution
 
-# Pinocchio has the linear part first.
-ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
-
 
 def setting_of(robot: Robot, law: LawSpec) -> LoopSetting:
     """What methods are given of an arm; the point is in its tool frame."""
@@ -136,7 +133,7 @@ def kinematics() -> str:
 
 
 def _read_by_pinocchio(robot: Any) -> ReadState:
-    import pinocchio as pin
+    from invariantqp.robots.pinocchio import ANGULAR_FIRST, pin
 
     model, data = robot.model, robot.model.createData()
     frame = model.getFrameId(robot.tool)

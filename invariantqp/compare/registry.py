@@ -12,9 +12,6 @@ from invariantqp.errors import BadInput, MissingExtra, UnknownName, install_comm
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.taskfile import load_task
 
-# A known name at least this similar to an unknown one (ratio of difflib) is suggested.
-SIMILAR = 0.5
-
 _METHODS = {method.name: method for family in (ours, qp, linear, libraries) for method in family.METHODS}
 
 
@@ -135,7 +132,7 @@ def _matches(word: str) -> list[str]:
 def _unknown(words: list[str]) -> BadInput | UnknownName:
     """The error for names that stand for no method."""
     known = [*_METHODS, *FAMILIES]
-    near = {word: difflib.get_close_matches(word, known, cutoff=SIMILAR) for word in words}
+    near = {word: difflib.get_close_matches(word, known) for word in words}
     if len(words) == 1 and "," not in words[0]:
         return UnknownName("method", words[0], near[words[0]], known)
     found = [f"{word!r}" + (f" (similar: {_quoted(names)})" if names else "") for word, names in near.items()]

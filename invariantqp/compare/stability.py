@@ -41,40 +41,24 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class StabilityOutcome:
-    """How one law did in one case.
-
-    Attributes:
-        case: name of the case.
-        law: name of the law.
-        ticks: number of ticks.
-        exceptions: number of ticks in which the law raised an exception.
-        not_finite: number of ticks in which its answer was not finite.
-        excess: the largest of three: how much further a joint went beyond a position limit in a tick, how far beyond
-            one it is at the end, and by how much a velocity exceeded its limit [rad, m; rad/s, m/s].
-        peak: largest joint velocity divided by its limit.
-        error_mm: position error at the end [mm].
-        error_deg: orientation error at the end [deg].
-        largest_mm: largest position error of the run [mm].
-        largest_deg: largest orientation error of the run [deg].
-        tail: largest joint velocity in the last tenth of the run [rad/s, m/s].
-        variation: total variation of the joint velocities [rad/s, m/s].
-        chatter: the variation divided by that of the yardstick in the same case.
-    """
+    """How one law did in one case."""
 
     case: str
     law: str
     ticks: int
-    exceptions: int
-    not_finite: int
+    exceptions: int  # ticks in which the law raised an exception
+    not_finite: int  # ticks in which its answer was not finite
+    # the largest of three: how much further a joint went beyond a position limit in a tick, how far beyond one it is at
+    # the end, and by how much a velocity exceeded its limit [rad, m; rad/s, m/s]
     excess: float
-    peak: float
-    error_mm: float
+    peak: float  # largest joint velocity divided by its limit
+    error_mm: float  # at the end
     error_deg: float
-    largest_mm: float
+    largest_mm: float  # of the run
     largest_deg: float
-    tail: float
-    variation: float
-    chatter: float = float("nan")
+    tail: float  # largest joint velocity in the last tenth of the run [rad/s, m/s]
+    variation: float  # total, of the joint velocities [rad/s, m/s]
+    chatter: float = float("nan")  # the variation divided by that of the yardstick in the same case
 
     @property
     def finite(self) -> bool:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from invariantqp.compare.method import UNKNOWN
 from invariantqp.control.controller import Controls
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
@@ -83,7 +84,7 @@ def _spoilt(broken: str, q: ArrayLike, target: Any, feedforward: ArrayLike | Non
 
 
 def _stopped(still: Array, reason: str) -> VelocitySolution:
-    return VelocitySolution(still, "hold", Status.HELD, reason, (), np.full(6, np.nan), 0.0, 0.0, 0.0, "")
+    return VelocitySolution(still, "hold", Status.HELD, reason, (), UNKNOWN, 0.0, 0.0, 0.0, "")
 
 
 def watched_run(setup: Setup, make: MakeController, broken: str = "") -> tuple[Watched, Trace]:

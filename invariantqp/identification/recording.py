@@ -159,13 +159,7 @@ def _poses(poses: Any) -> Array:
         raise BadInput("poses", f"{len(X)} samples", f"{FEWEST} or more, as a few seconds at 100 Hz give")
     for k in np.flatnonzero(~np.isfinite(X).all(axis=(1, 2)))[:1].tolist():
         raise BadInput("poses", f"NaN or infinity in sample {k}", expected, "Leave such samples out.")
-    R = X[:, :3, :3]
-    off = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2))
-    wrong = (off > arrays.ROTATION_TOLERANCE) | (np.linalg.det(R) < 0.0) | (X[:, 3] != arrays.LAST_ROW).any(axis=1)
-    for k in np.flatnonzero(wrong)[:1].tolist():
-        arrays.pose(X[k], f"poses[{k}]")
-        raise BadInput(f"poses[{k}]", "no rigid motion", expected)
-    return X
+    return arrays.poses(X, "poses")
 
 
 def _wrenches(wrenches: Any, X: Array, exerts: bool, sensor: WrenchSensor | None) -> Array:

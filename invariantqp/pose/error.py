@@ -27,7 +27,6 @@ from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 if TYPE_CHECKING:
     from invariantqp.engine import Arm
 
-STILL = np.zeros(6)
 # Joint displacement for differences of the gradient: they keep seven digits, and Newton needs one.
 DIFFERENCE = 1e-7
 
@@ -96,7 +95,7 @@ class PoseError(NamedTuple):
         state = Linearization(q, A, r, 0.5 * float(r.dot(r)))
         if not self.exact:
             return state
-        rows = rows_of(self.exact, View(self.robot, sighting, self.target, 1.0, STILL))
+        rows = rows_of(self.exact, View(self.robot, sighting, self.target, 1.0, np.zeros(6)))
         return state._replace(C=np.asarray(rows.A), b=np.asarray(rows.b))
 
     def curvature(self, state: Linearization) -> Array:

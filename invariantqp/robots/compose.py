@@ -23,7 +23,6 @@ from invariantqp.geometry.screws import prismatic, revolute
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.links import Link, renamed
 
-AXES = np.eye(3)
 # What a chain has of each joint besides its screw and name.
 OF_JOINTS = ("position_lower", "position_upper", "velocity_limit", "places")
 
@@ -60,7 +59,8 @@ def mobile_base(speed: float = inf, turn_speed: float = inf, *, name: str = "bas
     Raises:
         BadInput: limits that are not positive.
     """
-    screws = np.column_stack((prismatic(AXES[0]), prismatic(AXES[1]), revolute(AXES[2])))
+    x, y, z = np.eye(3)
+    screws = np.column_stack((prismatic(x), prismatic(y), revolute(z)))
     slide = arrays.number(speed, "speed", positive=True, infinite=True)
     limits = [slide, slide, arrays.number(turn_speed, "turn_speed", positive=True, infinite=True)]
     names = [f"{_text(name)}_{part}" for part in ("x", "y", "turn")]

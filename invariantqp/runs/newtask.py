@@ -33,13 +33,6 @@ MOVES: dict[str, dict[str, Any]] = {
     "joints": {},
     "hold": {"move": [0.0, 0.0, -0.01]},
 }
-# How far each joint goes on a path of joint positions [rad, m].
-STRIDE = 0.1
-SIZES = (0.08, 0.05)
-# Contact force [N].
-PRESS = 5.0
-# Above what a run at these speeds leaves; a first demand, to be changed [mm].
-ACCURACY = 1.0
 # Where the meaning of a key begins, and the last column of a line.
 COLUMN, WIDTH = 42, 120
 PATHS = {get_args(path.model_fields["kind"].annotation)[0]: path for path in get_args(get_args(Path)[0])}
@@ -76,23 +69,23 @@ def new_task(
     arm = load_robot(robot)
     m = len(arm.names)
     at = [round(x, 2) for x in well_placed(arm).tolist()]
-    ways = [x + STRIDE if x + STRIDE <= high else x - STRIDE for x, high in zip(at, arm.position_upper, strict=True)]
+    ways = [x + (0.1 if x + 0.1 <= high else -0.1) for x, high in zip(at, arm.position_upper, strict=True)]
     move = {"waypoints": [[round(x, 4) for x in ways]]} if path == "joints" else MOVES[path]
     law: dict[str, Any] = {"dt": 0.002}
     if m < 6:
         law["exact"] = "position"
     content: dict[str, Any] = {
         "name": name,
-        "about": f"{robot}: {path}{f', {contact} contact with {PRESS:g} N' if contact else ''}",
+        "about": f"{robot}: {path}{f', {contact} contact with 5 N' if contact else ''}",
         "robot": {"source": robot, "start": at},
         "path": {"kind": path, "duration": 2.0, **move},
         "law": law,
     }
     if contact is not None:
-        size = {"size": list(SIZES[: SIDES[contact]])} if SIDES[contact] else {}
-        content |= {"contact": {"kind": contact, **size}, "force": {"press": PRESS}, "sensor": {}}
+        size = {"size": [0.08, 0.05][: SIDES[contact]]} if SIDES[contact] else {}
+        content |= {"contact": {"kind": contact, **size}, "force": {"press": 5.0}, "sensor": {}}
     if path != "hold":
-        content["accept"] = {"position_error_mm": ACCURACY}
+        content["accept"] = {"position_error_mm": 1.0}  # above what a run at these speeds leaves
     task_from(content, f"the task {name!r}").load_robot()
     return draft(content)
 

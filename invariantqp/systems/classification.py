@@ -67,8 +67,6 @@ MODULUS_NAMES: dict[tuple[int, str], tuple[str, ...]] = {
     (3, "IA1"): ("h_a", "h_b", "h_c"),
     (3, "IB0"): ("h", "p"),
 }
-# Where translations move every axis, or there is none.
-ANYWHERE = np.zeros(3)
 # Relative error of the twists that must not change the type: a hundred times that of a model file with nine digits.
 CLASS_TOLERANCE = 1e-7
 # A margin below this is small enough to tell the user about.
@@ -192,17 +190,17 @@ def _screw_and_plane(s: Parts) -> Frame:
 
 FRAMES: dict[tuple[int, str], Callable[[Parts], Frame]] = {
     (1, "h"): lambda s: Frame((_pitch(s),), (), _axes(s.W[:, 0]), cross(s.W[:, 0], s.V[:, 0])),
-    (1, "h=inf"): lambda s: Frame((), (), _axes(s.N[:, 0]), ANYWHERE),
+    (1, "h=inf"): lambda s: Frame((), (), _axes(s.N[:, 0]), np.zeros(3)),
     **dict.fromkeys([(2, "IA"), (2, "IIA")], _two_screws),
     (2, "IB"): _screw_and_translation,
     (2, "IIB"): _screw_across_translation,
-    (2, "IIC"): lambda s: Frame((), (), _axes(s.N[:, 0], s.N[:, 1]), ANYWHERE),
+    (2, "IIC"): lambda s: Frame((), (), _axes(s.N[:, 0], s.N[:, 1]), np.zeros(3)),
     **dict.fromkeys([(3, "IA1"), (3, "IA2"), (3, "IIA")], _three_screws),
     (3, "IB0"): _plane_and_translation,
     **dict.fromkeys([(3, "IB3"), (3, "IIB")], _plane_across_translation),
     (3, "IC"): _screw_and_plane,
-    (3, "IIC"): lambda s: Frame((_pitch(s),), (), _axes(s.W[:, 0]), ANYWHERE),
-    (3, "IID"): lambda _: Frame((), (), np.eye(3), ANYWHERE),
+    (3, "IIC"): lambda s: Frame((_pitch(s),), (), _axes(s.W[:, 0]), np.zeros(3)),
+    (3, "IID"): lambda _: Frame((), (), np.eye(3), np.zeros(3)),
 }
 
 

@@ -12,7 +12,7 @@ from support.warm import Warm
 
 import invariantqp as iq
 from invariantqp import cli
-from invariantqp.cli.console import BAD_INPUT, DEFECT, DONE, HELP, INTERRUPTED, NOT_ACCEPTED, NOT_WRITTEN
+from invariantqp.cli.console import HELP, Exit
 
 TASK = """
 name = "short"
@@ -65,7 +65,7 @@ def started():
 
 def test_not_accepted(started, refused):
     """The statuses of a run that is, and of bad input, are below and in test_run.test_as_a_process."""
-    assert started("run", refused).returncode == NOT_ACCEPTED
+    assert started("run", refused).returncode == Exit.NOT_ACCEPTED
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def gone(started):
 def test_a_reader_that_is_gone_is_not_a_refusal(gone, refused, command):
     """A run that is accepted is below."""
     status, said = gone([word.format(refused=refused) for word in command])
-    assert status == NOT_WRITTEN
+    assert status == Exit.NOT_WRITTEN
     assert "Traceback" not in said
     assert "Exception ignored" not in said
 
@@ -96,7 +96,7 @@ def test_a_reader_that_is_gone_is_not_a_refusal(gone, refused, command):
 def test_what_a_run_is_to_write_is_written_though_nobody_reads_what_it_prints(gone, task, tmp_path):
     figures = tmp_path / "run.json"
     status, said = gone(["run", task, "--json", figures])
-    assert status == NOT_WRITTEN
+    assert status == Exit.NOT_WRITTEN
     assert "Traceback" not in said
     assert "Exception ignored" not in said
     assert figures.read_text(encoding="utf-8").endswith("}\n")
@@ -106,7 +106,7 @@ def test_what_a_run_is_to_write_is_written_though_nobody_reads_what_it_prints(go
 def test_the_first_line_of_a_passing_run(task):
     line = f"set -o pipefail; {sys.executable} -m invariantqp run {task} | head -n 1"
     done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False, env=BUFFERED)
-    assert done.returncode in (DONE, NOT_WRITTEN)
+    assert done.returncode in (Exit.DONE, Exit.NOT_WRITTEN)
     assert done.stdout == "short  A [short] swing.\n"
     assert done.stderr == ""
 
@@ -116,31 +116,31 @@ def test_the_first_line_of_a_passing_run(task):
 def test_a_full_disk(started, task, command):
     done = started(*(word.format(task=task) for word in command), "--json", FULL)
     assert (done.returncode, done.stderr) == (
-        NOT_WRITTEN,
+        Exit.NOT_WRITTEN,
         "error: /dev/full could not be written: No space left on device\n",
     )
     with FULL.open("w") as full:
         done = started(*(word.format(task=task) for word in command), stdout=full)
-        assert done.returncode == NOT_WRITTEN
+        assert done.returncode == Exit.NOT_WRITTEN
         assert done.stderr == "error: output could not be written: No space left on device\n"
 
 
 @needs_full
 def test_a_full_disk_that_nobody_can_be_told_of(started, task):
     with FULL.open("w") as full:
-        assert started("run", task, stdout=full, stderr=full).returncode == NOT_WRITTEN
+        assert started("run", task, stdout=full, stderr=full).returncode == Exit.NOT_WRITTEN
 
 
 @needs_full
 def test_bad_input_though_nobody_can_be_told(started):
     with FULL.open("w") as full:
-        assert started("run", "nowhere", stderr=full).returncode == BAD_INPUT
+        assert started("run", "nowhere", stderr=full).returncode == Exit.BAD_INPUT
 
 
 @posix
 @pytest.mark.parametrize(
     ("closed", "named", "expected"),
-    [(">&- 2>&-", True, DONE), ("2>&-", False, BAD_INPUT)],
+    [(">&- 2>&-", True, Exit.DONE), ("2>&-", False, Exit.BAD_INPUT)],
 )
 def test_closed_streams(task, closed, named, expected):
     line = f"{sys.executable} -m invariantqp run {task if named else 'nowhere'} {closed}"
@@ -160,7 +160,7 @@ def test_ctrl_c(tmp_path):
             _, said = running.communicate(timeout=30)
         finally:
             running.kill()
-    assert running.returncode == INTERRUPTED
+    assert running.returncode == Exit.INTERRUPTED
     assert "Traceback" not in said
 
 
@@ -176,7 +176,7 @@ def test_a_defect_says_where_to_report_it(monkeypatch, capsys, task, error):
     with pytest.raises(SystemExit) as left:
         cli.main()
     out, said = capsys.readouterr()
-    assert left.value.code == DEFECT
+    assert left.value.code == Exit.DEFECT
     assert out == ""
     for words in (
         type(error).__name__,
@@ -188,7 +188,7 @@ def test_a_defect_says_where_to_report_it(monkeypatch, capsys, task, error):
 
 
 def test_a_defect_is_not_one_of_the_others():
-    assert len({DONE, NOT_ACCEPTED, BAD_INPUT, NOT_WRITTEN, DEFECT, INTERRUPTED}) == 6
+    assert sorted(Exit) == [0, 1, 2, 3, 4, 130]
 
 
 @pytest.mark.parametrize("command", [[], ["run"], ["tasks"], ["inspect"], ["compare"]])
@@ -197,7 +197,7 @@ def test_help_says_what_the_statuses_mean(monkeypatch, capsys, command):
     monkeypatch.setattr(sys, "argv", ["invariantqp", *command, "--help"])
     with pytest.raises(SystemExit) as left:
         cli.main()
-    assert left.value.code == DONE
+    assert left.value.code == Exit.DONE
     assert HELP in " ".join(capsys.readouterr().out.split())
 
 
@@ -206,4 +206,4 @@ def test_a_warning_is_a_note():
         "import warnings; from invariantqp import cli; cli._called = lambda: warnings.warn('beware') or 0; cli.main()"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (DONE, "note: beware\n")
+    assert (done.returncode, done.stderr) == (Exit.DONE, "note: beware\n")
