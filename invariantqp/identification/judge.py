@@ -14,10 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.identification.fit import Fit, Samples, Start, covariance, fit
+from invariantqp.identification.fit import Fit, Samples, Start, covariance, fit, starts
 from invariantqp.identification.models import MODELS, Model, angles
 from invariantqp.identification.motions import applied, coadjoint, cross, inverse, skew
-from invariantqp.identification.starts import starts
 
 # A kind is refuted where poses or wrenches leave it by so many times their noise, root mean square: noise given or
 # estimated half as large as it is refutes nothing.
