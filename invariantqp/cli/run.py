@@ -139,7 +139,7 @@ def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path 
 
 
 def _write(trace: Trace, json_file: Path | None, plot: Path | None, page: Path | None) -> None:
-    """The files that were asked for."""
+    """The files that options name."""
     if json_file is not None:
         write(json_file, json.dumps(trace.as_json(), indent=1) + "\n")
     if plot is not None:

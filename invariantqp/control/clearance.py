@@ -14,7 +14,7 @@ Joints with acceleration limits a do not stop at once. A velocity is then one th
 
 to first order in x - y, for n = 0 and the ticks that it takes to stop, 0.7, 0.49, ... of them. In the next tick
 braking on goes through the same states: where all of them kept the distance, x = y keeps every row, every acceleration
-and every joint limit. So rows contradict nothing, but where a start did or something moves otherwise than it was told.
+and every joint limit. So rows contradict nothing, but where a start did or something moves otherwise than was declared.
 Another arm that brakes is in each of these states where its own joints have braked to.
 
 A row that no velocity can reach is left out, so there is no distance of influence; of the others the 16 most urgent are
@@ -76,7 +76,7 @@ class Near(NamedTuple):
 
 
 class OtherArm:
-    """Another arm as an obstacle: its links move when they are told to. Each of two arms has the other as one.
+    """Another arm as an obstacle: its links move when `move` is called. Each of two arms has the other as one.
 
     Attributes:
         robot: that arm; both have the same base frame: put it where it stands with `load_robot(base=)`.

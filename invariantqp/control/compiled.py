@@ -1,8 +1,8 @@
 """A tick of a controller, all of it in the compiled core: kinematics, error, law, convergence.
 
 The core answers what `Controller.step` would in Python, or hands the tick back. Rows that a function gives, or a limit
-of Pink's, and the matrix of a form of one's own are found in Python and told in each tick, as is what `step` changes.
-What it is told of a loop is the table of `csrc/fields.h`, by name.
+of Pink's, and the matrix of a form of one's own are computed in Python and passed in each tick, as is what `step`
+changes. What it is given of a loop is the table of `csrc/fields.h`, by name.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def compiled_loop(
         robot: the arm.
         law: of its ticks.
         measure: at a point of the tool, or of a carried metric.
-        limits: of the loop; rows that are not the same in every tick are told in each.
+        limits: of the loop; rows that are not the same in every tick are passed in each.
         exact: what is met exactly.
         fields: more fields of `csrc/fields.h`.
     """

@@ -148,7 +148,7 @@ class Controller:
             backend: as in `solve_velocity`.
             exact: what is met exactly while the rest is least squares: "position" for the tool frame's origin, an
                 ExactPoint, ExactAxis, ExactPlane, ExactJoints or ExactRows, or several of them.
-            point: (3,) in the tool frame, the physical point where accuracy is asked for; None is the point met exactly
+            point: (3,) in the tool frame, the physical point where accuracy counts; None is the point met exactly
                 or, without one, the tool frame's origin; "own" is the arm's own point, which its joints move least.
             length: as in `solve_velocity`, by default the arm's reach to the point.
             acceleration_limit: (m,) or one for all joints [rad/s^2, length/s^2], inf where there is none; a joint then
@@ -423,7 +423,7 @@ class Controller:
         velocity: ArrayLike | None,
         now: Changes | None,
     ) -> tuple[VelocitySolution, Written | None] | None:
-        """A tick by the core, told what Python finds in each; None where Python has to answer."""
+        """A tick by the core, given what Python computes in each; None where Python has to answer."""
         other = {} if now is None else now.for_core(self._limits.loop)
         if other is None:
             return None

@@ -48,11 +48,11 @@ class FrameCost:
         form: what is attempted of a twist that the joints cannot do, or a CarriedMetric; None is least squares at the
             point.
         point: (3,) in the frame [length], or "own".
-        length: L [length/rad] while the orientation cost is not told; None is the arm's reach to the point.
+        length: L [length/rad] while there is no orientation cost; None is the arm's reach to the point.
         damping: the policy near singularities.
         guard: the descent guard of a form, or None.
         cost: (6,) costs along the axes of the frame: of position [cost/length], then of orientation [cost/rad]. The
-            latter are NaN until they are told or a configuration has told the reach.
+            latter are NaN until they are given or a configuration has given the reach.
         gain: share of the error removed in a step.
         lm_damping: mu |dq|^2 is added, mu = lm_damping |b|^2.
         engine: "compiled" for the compiled core where it is installed, "python" for Python alone.
@@ -104,13 +104,13 @@ class FrameCost:
         self._known = None
 
     def set_position_cost(self, position_cost: float | Sequence[float] | Array) -> None:
-        """Set what a unit of length costs; what a radian costs follows as long as it was not told.
+        """Set what a unit of length costs; what a radian costs follows as long as it was not given.
 
         Args:
             position_cost: a number, or (3,) along the axes of the frame [cost/length].
 
         Raises:
-            BadInput: negative, NaN, another shape; (3,) where no orientation cost was told.
+            BadInput: negative, NaN, another shape; (3,) where no orientation cost was given.
         """
         costs = _costs(position_cost, "position_cost")
         if self._by_length and np.ptp(costs) > 0.0:

@@ -82,7 +82,7 @@ class Limit:
         return loop
 
     def for_loop(self, loop: Loop) -> Limit | LimitRows:
-        """The limit as it is in a loop, asked for once; rows that never change cost least where they are given here.
+        """The limit as it is in a loop, made once; rows that never change cost least where they are given here.
 
         Args:
             loop: what is known of it.
@@ -101,7 +101,7 @@ class Limit:
             LimitRows, or None where nothing is limited now.
 
         Raises:
-            BadInput: no velocity can be told to be safe here; the arm is then held, with these words.
+            BadInput: no velocity is known to be safe here; the arm is then held, with these words.
         """
         del q, velocity
         return None
@@ -618,7 +618,7 @@ class LoopLimits(NamedTuple):
     braking: BrakingBox | None  # the same with acceleration limits, or None
     tool_speed: ToolSpeed | None  # the speed limit of a point of the tool, or None
     joint_rows: RowLimits | None  # limits on combinations of joint velocities, or None
-    loop: Loop  # what limits are told of it
+    loop: Loop  # what limits are given of it
     beyond: Array  # (m,) how far outside its range a joint's position is believed, inf where it always is
     believed: tuple[list[float], list[float]]  # bounds of those positions
 
@@ -647,7 +647,7 @@ class LoopLimits(NamedTuple):
         tool_speed: float | None,
         limits: Sequence[AnyLimit],
     ) -> Changes | None:
-        """What a tick is told to change; None for nothing.
+        """What a tick changes; None for nothing.
 
         Raises:
             BadInput: a speed outside [0, 1], a limit below zero, a tool speed that is not above zero, no limit.

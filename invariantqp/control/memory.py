@@ -8,8 +8,8 @@ Whether the joints follow is judged by what the tool moved, compared with what i
     told = A (dt x)             the measured motion of the tool that the shown command asked for
     done = A (q - q before)     the one that was seen
 
-Averaged over the last ticks, where much less of what was told is done while joints move fast, the loop oscillates, or
-the robot does not do what it is told: a delay, a gain too high for it, a limit that is not modelled.
+Averaged over the last ticks, where much less of what was commanded is done while joints move fast, the loop oscillates,
+or the robot does not do what is commanded: a delay, a gain too high for it, a limit that is not modelled.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 # Ticks over which averages are taken.
 MEMORY = 50
-# Below this share of what was told the joints do not follow.
+# Below this share of what was commanded the joints do not follow.
 KEPT_SHARE = 0.2
 # Below this share of full speed, on average, an arm does not oscillate: a small share is then noise.
 FAST_SHARE = 0.02
@@ -56,13 +56,13 @@ def ticks_late(delay: float, dt: float) -> tuple[int, float]:
 class Convergence(NamedTuple):
     """Running averages of a loop."""
 
-    told: float = 0.0  # size of the motion told in a tick
+    told: float = 0.0  # size of the motion commanded in a tick
     done: float = 0.0  # of the motion seen, the part along it
-    speed: float = 0.0  # told, as a share of the arm's full speed
+    speed: float = 0.0  # commanded, as a share of the arm's full speed
     ticks: float = 0.0  # number of ticks but the first
 
     def followed(self, told: Array, done: Array, slowness: float) -> Convergence:
-        """After a tick in which a motion (6,) was told and another one seen, both in the measure.
+        """After a tick in which a motion (6,) was commanded and another one seen, both in the measure.
 
         `slowness` is 1 / |motion| of a tick at full speed.
         """
@@ -77,7 +77,7 @@ class Convergence(NamedTuple):
 
     @property
     def follows(self) -> bool:
-        """Whether the joints do what they are told, as far as it can be said."""
+        """Whether the joints do what is commanded, as far as it can be said."""
         return self.ticks < MEMORY or self.speed < FAST_SHARE or self.done >= KEPT_SHARE * self.told
 
 

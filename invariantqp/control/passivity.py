@@ -4,7 +4,7 @@
     out(t) <= store + in_there(t - delay),      in and out the sums of power dt below and above zero
 
 A delay makes energy: what the operator feels answers to what was done before, and tool and hand push each other higher
-and higher. One end at the robot and one at the operator's device, each told what has come in at the other, keep the
+and higher. One end at the robot and one at the operator's device, each given what has come in at the other, keep the
 link passive for any delay, if need be by passing on less of the twist, or of the force: damping, as strong as it has to
 be in that tick. A wall that only the operator presses is let go of slowly: let the robot press. In free motion energy
 bounds nothing, and a link that is lost would let the tool go on for ever: a packet also has to be young.
@@ -33,17 +33,17 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.velocity.solution import Status
 
-# A hand pushes as hard as the tool from this share of its power on: it felt the tool a while ago.
+# A hand pushes as hard as the tool from this share of its power on: the force of the tool came to it a while ago.
 AS_HARD = 0.9
 # The two powers are compared over this time [s]: packets come in lumps.
 SMOOTHED = 0.1
 # Time in which a store that dampers and friction have emptied fills again while nothing is pushed [s].
 REFILL = 10.0
-# More than this share of the store has left beyond what may: the robot, or what it meets, is not as told.
+# More than this share of the store has left beyond what may: the robot, or what it meets, is not as declared.
 OVERSPENT = 0.5
-# The longest delay of a robot that can be told [s]; with more nobody steers.
+# The longest delay of a robot that can be declared [s]; with more nobody steers.
 LONGEST_TOLD = 10.0
-# A robot is later than told by more than so many ticks.
+# A robot is later than declared by more than so many ticks.
 LATE_TICKS = 1.5
 # Time over which the robot's answer is remembered [s]: a few swings of a hand.
 REMEMBERED = 2.0
@@ -59,7 +59,7 @@ class LinkTick(Compared):
         passed: (6,) the twist, or the wrench, times share.
         share: from 0 to 1.
         status: "ok", "scaled" while less than all is passed on, "held" while nothing is, for the age of the packet,
-            "degraded" while the robot or what it meets is not as told.
+            "degraded" while the robot or what it meets is not as declared.
         reason: why, in words.
         left: energy that may still leave here [N length].
     """
@@ -150,11 +150,11 @@ class LinkEnd:
                 move (`SharedTask.operator_projector`); at the device that of the hand.
             wrench: (6,) (m; f) in the same frame: at the robot what the tool exerts, at the device what is to be felt.
                 wrench . twist is the power that leaves the link here.
-            received: energy that has come in at the other end, as last told by it [N length].
+            received: energy that has come in at the other end, as it last said [N length].
             age: of the packet that said so, now minus its time stamp [s]. One older than `timeout`, or more than a tick
                 from the future, is not believed: nothing is passed on.
             done: (6,) at the robot, the twist that the tool had in the last tick, measured (J q'), in the same part and
-                frame. None: what was passed on `delay` before. A robot that is later than told is seen by it.
+                frame. None: what was passed on `delay` before. A robot that is later than declared is seen by it.
 
         Raises:
             BadInput: NaN, shapes, a negative energy, `done` at the device.
@@ -246,12 +246,12 @@ class InFlight:
     strike.
 
     Attributes:
-        late: by how much later than told the robot was seen to follow [s].
-        stiffness: of the hardest thing that the tool may meet, told or met [N/length].
+        late: by how much later than declared the robot was seen to follow [s].
+        stiffness: of the hardest thing that the tool may meet, declared or met [N/length].
     """
 
     def __init__(self, dt: float, delay: float, stiffness: float) -> None:
-        """Nothing on its way, for ticks of dt [s], a told delay [s] and a stiffness [N/length]."""
+        """Nothing on its way, for ticks of dt [s], a declared delay [s] and a stiffness [N/length]."""
         self.late: float = 0.0
         self._dt, self._told = dt, ceil(delay / dt - TICK_ROUNDING)
         self.stiffness: float = stiffness
@@ -260,7 +260,7 @@ class InFlight:
 
     @property
     def done(self) -> Array:
-        """(6,) the twist that the robot has in this tick by what was told of its delay."""
+        """(6,) the twist that the robot has in this tick by its declared delay."""
         now: Array = self._passed[-1 - self._told]
         return now
 

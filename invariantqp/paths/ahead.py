@@ -90,7 +90,7 @@ class Knot(NamedTuple):
     at: float  # the path's parameter
     q: Array  # (m,) joint positions
     slope: Array  # (m,) q', per unit of the path's parameter
-    off: float  # how far the tool is off the path in what is asked of it, in the measure
+    off: float  # how far the tool is off the path in what is wanted of it, in the measure
     ratio: float  # smallest singular value of the measured joint twists over the largest: how far from a singularity
 
 
@@ -211,7 +211,7 @@ class KnotFinder:
         posture: Array | None,
         still: NDArray[np.bool_] | None = None,
     ) -> Demand:
-        """What is asked of the law for a twist, inside the position limits; `still` joints rest."""
+        """The demand on the law for a twist, inside the position limits; `still` joints rest."""
         controller = self._controller
         lower, upper = (controller.box.position_lower - q) / h, (controller.box.position_upper - q) / h
         if still is not None:

@@ -52,7 +52,7 @@ from invariantqp.velocity.solution import Status
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
 RISE = 0.02
-# A splice, and a stop after the last point, take no less than this [s], where no limit asks for more: over 16 runs of
+# A splice, and a stop after the last point, take no less than this [s], where no limit needs more: over 16 runs of
 # chunks 0.45 has a sixth less joint jerk and 2 % more error. One that a single sample makes, no less than the second:
 # with 0.3 a hand is caught up with later after a gap, by 0.06 s at most, and 0.2 changes nothing. Joints that catch up
 # take no more than that: what takes longer from there goes past the hand, and back.
@@ -85,7 +85,7 @@ class Follower:
         controller: whose arm, limits, exact demands and measure hold; nobody else may step it.
         jerk: (m,) of the joints [rad/s^3, length/s^3].
         timeout: after how long without a sample or a twist the arm comes to rest [s].
-        paused: whether the arm is told to stand still.
+        paused: whether the arm is to stand still.
     """
 
     def __init__(
@@ -338,7 +338,7 @@ class Follower:
             velocity: (m,) joint velocity now, where the arm moves when it is first stepped, or after a push; None is
                 rest. Later the one commanded last counts.
             now: the time [s], by the clock of the stamps; None counts ticks.
-            override: share of the speed asked for, 0 to 1; along a path up to 1.5, where limits allow it.
+            override: share of the wanted speed, 0 to 1; along a path up to 1.5, where limits allow it.
             wrench: in contact, as in `HybridController.step`, and so are the next two.
             contact: the contact now; None takes the task's.
             wanted: what to exert in this tick; None takes the task's.
@@ -893,7 +893,7 @@ class Follower:
         return bool((np.abs(self._v) <= AT_REST * np.where(np.isfinite(limit), limit, 1.0)).all())
 
     def _status(self, place: float) -> tuple[Status, str]:
-        """What is told of a tick at a place, and why."""
+        """The solution of a tick at a place, and its reason."""
         still = self._still
         if self.paused:
             return (Status.PAUSED if still else Status.MOVING), "paused"
@@ -927,7 +927,7 @@ class Follower:
         return float(self._missed[max(i - 1, 0) : i + 1].max())
 
     def _across(self, q: Array, place: float) -> float:
-        """How far the tool at q (m,) is off what was asked for at a place."""
+        """How far the tool at q (m,) is off what is wanted at a place."""
         if self._given is None:
             return nan
         given, stamps = self._given

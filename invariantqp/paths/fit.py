@@ -80,7 +80,7 @@ class Given:
         return new
 
     def pose_at(self, time: float, stamps: Array, robot: Robot) -> Array:
-        """(4, 4) the pose asked for at a time, between points with stamps (n,)."""
+        """(4, 4) the pose wanted at a time, between points with stamps (n,)."""
         i = int(np.clip(np.searchsorted(stamps, time) - 1, 0, max(len(stamps) - 2, 0)))
         j = min(i + 1, len(stamps) - 1)
         share = float(np.clip((time - stamps[i]) / (stamps[j] - stamps[i]), 0.0, 1.0)) if j > i else 0.0
@@ -184,11 +184,11 @@ class Solver:
         return np.asarray(q + step * solve(loop.law, demand).velocity)
 
     def _off(self, target: Array, q: Array) -> float:
-        """How far the tool at q (m,) is off what is asked of a pose, in the measure."""
+        """How far the tool at q (m,) is off what is wanted of a pose, in the measure."""
         return task_error(self._loop, q, self._loop.robot.target(target)).off
 
     def _missed(self, found: Any) -> float:
-        """How far a solution is from what is asked of the pose [length]; a turn counts as in the loop's measure."""
+        """How far a solution is from what is wanted of the pose [length]; a turn counts as in the loop's measure."""
         if found.success:  # what is exact is met, and nothing else is asked
             return 0.0
         return float(np.hypot(found.position_error, self._loop.measure.length * found.orientation_error))

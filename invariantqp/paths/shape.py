@@ -3,7 +3,8 @@
     setting out    to the path's start, by the law of the loop, and looking along the path: a joint motion (`ahead`)
     driving        that motion as soon as limits allow (`plan`), by a clock: pauses, turns, overrides change its rate
 
-The clock goes backward only where it is told to, so a path ends. It waits for joints that are not where they were sent.
+The clock goes backward only where an override says so, so a path ends. It waits for joints that are not where
+they were sent.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ SETTLING, ENDED, START = "settling", "the path's end", "the start"
 
 
 class Told(NamedTuple):
-    """What is told of a tick along a path."""
+    """The solution of a tick along a path."""
 
     status: Status
     reason: str
@@ -125,7 +126,7 @@ class Shape:
         self.plan = self._planned(self._search)
 
     def set_out(self, q: Array, before: Array) -> tuple[Array, Told]:
-        """A tick of the way to the path's start, and of looking along it: the joint velocity (m,), and what is told."""
+        """A tick of the way to the path's start, and of looking along it: the joint velocity (m,), and the solution."""
         loop, dt = self._loop, self._loop.dt
         off = task_error(loop, q, self._goal).off
         if self._search is None and off > AT_PLACE * self._length:
@@ -156,7 +157,7 @@ class Shape:
         return JointPath(self._loop, self.given.curve, q, rate=self._rate, stops=self._stops)
 
     def on_the_way(self, q: Array) -> Told:
-        """What is told on the way to the path's start, at q (m,)."""
+        """The solution on the way to the path's start, at q (m,)."""
         return self._waiting(Status.WAITING, ON_THE_WAY, task_error(self._loop, q, self._goal).off)
 
     def _waiting(self, status: Status, reason: str, off: float) -> Told:
@@ -347,7 +348,7 @@ class Shape:
         return Status.LEFT, f"the arm is {off:.3g} off the path, which it cannot reach here", ruling
 
     def _arrived(self, q: Array, at: float, command: Array) -> bool:
-        """Whether the tool at q (m,) is at a place in what is asked, and will be after a command (m,)."""
+        """Whether the tool at q (m,) is at a place in what is wanted, and will be after a command (m,)."""
         way = self.way(q, at)
         moved = way.rows.dot(way.sighting.J.dot(command))
         return way.off + self._loop.dt * float(np.linalg.norm(moved)) <= self._tolerance
@@ -357,7 +358,7 @@ class Shape:
         return task_error(self._loop, q, self._loop.robot.target(self.given.curve.pose(at)))
 
     def across(self, q: Array, at: float) -> float:
-        """How far the tool at q (m,) is off the path near a place: in what is asked; all of it where joints are few."""
+        """How far the tool at q (m,) is off the path near a place, in what is wanted; of few joints in all."""
         way, curve = self.way(q, at), self.given.curve
         if self._few:
             return float(np.linalg.norm(way.root.dot(way.error)))

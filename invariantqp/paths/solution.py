@@ -44,7 +44,7 @@ class FollowerSolution:
 
     @property
     def across(self) -> float:
-        """How far the tool is off what was asked for at `place`, all six parts of it counted in the measure [length].
+        """How far the tool is off what is wanted at `place`, all six parts of it counted in the measure [length].
 
         Smoothing, a splice that is not over and what the joints cannot do are all in it. NaN where nothing is followed.
         """

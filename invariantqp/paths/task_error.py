@@ -1,4 +1,4 @@
-"""How far an arm is from a target in what is asked of it: its exact rows, or what its joints can do, or all of it.
+"""How far an arm is from a target in what is wanted of it: its exact rows, or what its joints can do, or all of it.
 
 |R s|     the size, in the measure, of the part of a twist s that the arm is to do
 
@@ -32,13 +32,13 @@ class TaskError(NamedTuple):
     sighting: Sighting  # of the arm
     root: Array  # (6, 6) of the measure
     demands: ExactRows | None  # the exact rows, which ask for their own error; None where there are none
-    rows: Array  # (k, 6) R, what is asked, orthonormal in the measure
+    rows: Array  # (k, 6) R, what is wanted, orthonormal in the measure
     part: Array  # (6, 6) the projector on what exact rows ask for
     error: Array  # (6,) the twist that leads to the target
 
     @property
     def off(self) -> float:
-        """How far the tool is from the target in what is asked."""
+        """How far the tool is from the target in what is wanted."""
         off = self.rows.dot(self.error)
         return sqrt(float(off.dot(off)))
 
@@ -46,8 +46,8 @@ class TaskError(NamedTuple):
 def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
     """Before a target, at joint positions q (m,).
 
-    With exact demands their part of the twist is asked; the rest is least squares, and may stray. Fewer than six joints
-    are asked for the twists that they can do.
+    With exact demands their part of the twist is wanted; the rest is least squares, and may stray. Fewer than six
+    joints are to do the twists that they can.
     """
     robot = controller.robot
     sighting = robot.sight(q, target)

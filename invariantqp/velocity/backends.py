@@ -26,7 +26,7 @@ FEASIBILITY_TOLERANCE = 1e-7
 DAQP_TOLERANCE = 1e-10
 # Weight of a proximal step of a semidefinite problem, beside 1 of its other directions; and the last step's length.
 PROXIMAL, SETTLED = 1e-4, 1e-12
-# What each solver is asked for: defaults leave errors up to 0.3 on ill-conditioned problems.
+# Settings of each solver: defaults leave errors up to 0.3 on ill-conditioned problems.
 TIGHT: dict[str, dict[str, Any]] = {
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100_000},
     "proxqp": {"eps_abs": 1e-10, "eps_rel": 0.0},

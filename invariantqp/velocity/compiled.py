@@ -169,7 +169,7 @@ class Written(NamedTuple):
 
 
 class Rows(Mapping[int, VelocitySolution]):
-    """The answers to many ticks; those that are more than a closed form by their row, made when asked for.
+    """The answers to many ticks; those that are more than a closed form by their row, made when they are read.
 
     Attributes:
         written: of all rows.
@@ -177,7 +177,7 @@ class Rows(Mapping[int, VelocitySolution]):
     """
 
     def __init__(self, written: Written) -> None:
-        """What is told of answers."""
+        """What answers say."""
         self.written = written
         self.left: list[int] = np.flatnonzero(written.record == LEFT).tolist()
         self._made: dict[int, VelocitySolution] = {}

@@ -77,7 +77,7 @@ class Damping(Protocol):
 
         Args:
             sigma: (n,) singular values, 0 for directions that move nothing.
-            wanted: (n,) u_i'b, what is asked of each direction, measured as sigma is.
+            wanted: (n,) u_i'b, what is wanted of each direction, measured as sigma is.
             largest: the largest singular value.
         """
         ...

@@ -42,7 +42,7 @@ class Guard(Value):
         """A guard.
 
         Args:
-            fraction: eta in [0, 1], the share of the least-squares decrease that is asked for.
+            fraction: eta in [0, 1], the share of the least-squares decrease that is required.
 
         Raises:
             BadInput: a fraction out of range.
@@ -88,7 +88,7 @@ class Demand(NamedTuple):
     fastest: Array | None = None
 
     def slowed(self, share: float) -> Demand:
-        """All that is asked for, at a share of its speed; the limits are as they were."""
+        """All that is wanted, at a share of its speed; the limits are as they were."""
         exact, chase = self.exact, self.chase
         return self._replace(
             s=share * self.s,

@@ -109,7 +109,7 @@ class Reason(NamedTuple):
         rows: names of limits that are no joint's: the names that `LimitRows` give, "row 3" for one without,
             "the tool's speed", "exact row 0".
         numbers: as the sentence has them; of `rows` and numbers that belong together, the worst comes first.
-        words: a joint's name, a solver's own words, a text that was told.
+        words: a joint's name, a solver's own words, a text.
     """
 
     code: Code
@@ -218,7 +218,7 @@ def parts(why: Why) -> tuple[Reason | str | Written, ...]:
 
 
 class Explained:
-    """Base of a named tuple with a field `reasons`, which are read when they are asked for.
+    """Base of a named tuple with a field `reasons`, which are made when they are read.
 
     Equal and printed as what they say, whatever they are made from.
     """

@@ -5,7 +5,7 @@
 "guarded"    the descent guard blended in least squares
 "limited"    limits or a singularity keep more of the twist away than "ok" allows; the best inside the limits
 "ok"         none of these: at most MISSED of the twist is missed, or the errors of position and of angle each fall at
-             FALLING of the rate asked for. Of fewer than six joints, and beside exact rows, the twist is what is left
+             FALLING of the wanted rate. Of fewer than six joints, and beside exact rows, the twist is what is left
              of it for the joints to do.
 """
 
@@ -124,7 +124,7 @@ def _missed(demand: Demand, problem: Problem, x: Array) -> float:
 
 
 def _falls(demand: Demand, x: Array) -> bool:
-    """Whether the errors of position and angle each fall at `FALLING` of the rate asked for, or are within slack.
+    """Whether the errors of position and angle each fall at `FALLING` of the wanted rate, or are within slack.
 
     One within slack need not fall so fast, but does not grow by more than `GROWING` of the slack either.
 
