@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.control.clearance_pairs import Dropped, Pairs, Part, chain_of, frame_of, shapes_of
-from invariantqp.control.clearance_rows import USUAL_SPEED, Found, Rate, moved_by, placed_at, rows_of
+from invariantqp.control.clearance_rows import DEEP, USUAL_SPEED, Found, Rate, moved_by, placed_at, rows_of
 from invariantqp.control.limits import Limit, Loop, boxes
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
@@ -54,9 +54,8 @@ SHARE_OF_ROOM = 0.1
 # between the states that are looked at.
 BRAKING = 0.7
 # Inside the distance, bodies are led apart at the first share of the joints' velocity limits, and no joint is faster
-# than the second: an arm that begins inside comes out in a second or three, without a kick. That holds from a depth on
-# of the third, of the distance; less is what curvature takes of it in a tick.
-ESCAPE, CALM, DEEP = 0.06, 0.09, 0.05
+# than the second: an arm that begins inside comes out in a second or three, without a kick.
+ESCAPE, CALM = 0.06, 0.09
 # Two arms that do not know each other's velocity may each take half of the room between them.
 HALF = 0.5
 # Where a joint moves nothing in this very state, a state is looked at that is so many seconds at full speed away [s]:

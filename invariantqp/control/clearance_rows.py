@@ -20,7 +20,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.distance import Place, Placed, Solid, places
 from invariantqp.geometry.shapes import Core
 from invariantqp.robots.chain import Chain
-from invariantqp.velocity.limits import late_braking
+from invariantqp.velocity.limits import braking_speed, late_braking
 
 # Rows of a tick, at most: more than an arm has joints several times over.
 MOST_ROWS = 16
@@ -35,6 +35,10 @@ NEARER = 0.7
 AHEAD = 1.01
 # Joints without a velocity limit count as this fast where pairs are ranked and led apart [rad/s, length/s].
 USUAL_SPEED = 1.0
+# Less than this share of the distance is what curvature takes of it in a tick; deeper, an arm began inside.
+DEEP = 0.05
+# So often rows that ask for more than braking on are tried one after the other; so much of what they ask is enough.
+SWEEPS, MOST_OF_IT = 20, 0.5
 # Numbers of a shape for the compiled core: body, core, radius, half sizes, rotation, place.
 OF_SHAPE = 18
 
@@ -70,8 +74,8 @@ class States(NamedTuple):
     going: Array  # (s, M) velocities of others that go on from there
     times: Array  # (s,) from now [s]
     y: Array  # (M,) the velocity braked for a tick
-    reach: Array  # (M,) how far another one can be from it
-    sure: Array  # (M,) and certainly
+    free: Array  # (2, M) how far another one can be below it and above
+    sure: Array  # (2, M) and certainly
 
     @classmethod
     def ahead(cls, m: int, q: Array, before: Array, limits: Array, settings: Array) -> States:
@@ -79,12 +83,11 @@ class States(NamedTuple):
 
         The rest is as in `Rate`; another arm that does not brake has accelerations of zero.
         """
-        speed, a, low, high = limits
+        (_, a, low, high), (dt, share) = limits, settings[3:].tolist()
         others = np.where(np.arange(len(q)) < m, 0.0, before)
         if np.isinf(a[:m]).all():
-            rest, all_ = np.zeros(len(q)), np.full(len(q), inf)
-            return cls(q[None], np.ones((1, len(q))), others[None], np.zeros(1), rest, speed, all_)
-        dt, share = settings[3:].tolist()
+            free = cls._free(q, before, np.zeros(len(q)), limits, dt)
+            return cls(q[None], np.ones((1, len(q))), others[None], np.zeros(1), np.zeros(len(q)), free, free)
         fast, on = np.abs(before), a == 0.0
         with np.errstate(invalid="ignore", divide="ignore"):  # infinitely strong brakes, and none
             late = (fast - late_braking(np.where(before > 0.0, high - q, q - low), fast, dt)) / dt
@@ -94,14 +97,25 @@ class States(NamedTuple):
             n = [0.0, *moments(float(ticks[~on].max(initial=0.0)))]
             own = np.minimum(np.array(n)[:, None], ticks)
             lost = np.where(own > 0.0, own * b * dt, 0.0)
-            sure = np.where(np.isinf(a), a, np.maximum(a * dt - b * dt, 0.0))
+            harder = np.where(np.isinf(a), a, np.maximum(a * dt - b * dt, 0.0))
             shorter = np.where((b > share * a) & (own > 0.0), lost / y, 0.0)  # its way ends where its range does
         states = q + dt * np.sign(before) * (own + np.where(on, 0.0, 1.0)) * (y - 0.5 * lost)
         weights = np.vstack((np.ones(len(q)), (own + 1.0) * (1.0 - shorter)))
         going = np.vstack((others, np.where(on, others, 0.0) * np.ones((len(n), 1))))
-        reach = np.minimum(2.0 * a * dt, speed + y)
-        times = dt * np.array([0.0, *n])
-        return cls(np.vstack((q, states)), weights, going, times, np.sign(before) * y, reach, sure)
+        y, times = np.sign(before) * y, dt * np.array([0.0, *n])
+        free = cls._free(q, before, y, limits, dt)
+        return cls(np.vstack((q, states)), weights, going, times, y, free, np.minimum(free, harder))
+
+    @staticmethod
+    def _free(q: Array, before: Array, y: Array, limits: Array, dt: float) -> Array:
+        """(2, M) how far joint limits let a velocity be below y and above."""
+        speed, a, low, high = limits
+        if not dt > 0.0:
+            return np.array((speed, speed))
+        with np.errstate(invalid="ignore", divide="ignore"):  # others without brakes
+            ends = [braking_speed(room, a, dt) for room in (q - low, high - q)]
+        most = np.minimum(np.minimum(speed, ends), np.array((-before, before)) + a * dt)
+        return np.asarray(np.maximum(most + np.array((y, -y)), 0.0))
 
 
 def moments(ticks: float) -> list[float]:
@@ -144,6 +158,7 @@ def rows_of(
     m = len(robots[0].names)
     states, starts = States.ahead(m, q, before, limits, settings), starts_of(robots)
     kept: list[tuple[float, float, int, Array]] = []  # urgency, lower limit, pair, row
+    valid = True
     distances = np.full(len(pairs), inf)
     for s, (at, weight, going, time) in enumerate(zip(*states[:3], states.times.tolist(), strict=True)):
         (J, motions), leaving = moved_by(robots, at), s == 0 and len(states.times) > 1
@@ -166,9 +181,30 @@ def rows_of(
                 approach = min(room, share * room), out, drift
                 lower, urgency = _asked_of(C, approach, states, limits[0, :m], settings, leaving=leaving)
                 if lower > -inf:
+                    valid = valid and drift == 0.0 and room >= -DEEP * settings[0]
                     _keep(kept, (urgency - (place is not found[0]), lower, k, C))
-    C_kept = np.array([row[3] for row in kept]).reshape(-1, m)
-    return Found(C_kept, np.array([row[1] for row in kept]), np.array([float(row[2]) for row in kept]), distances)
+    C_kept, kept_lower = np.array([row[3] for row in kept]).reshape(-1, m), np.array([row[1] for row in kept])
+    if valid:
+        braked = C_kept.dot(states.y[:m])
+        kept_lower = braked + _possible(C_kept, kept_lower - braked, states.free[:, :m])
+    return Found(C_kept, kept_lower, np.array([float(row[2]) for row in kept]), distances)
+
+
+def _possible(C: Array, asked: Array, free: Array) -> Array:
+    """What rows C z >= asked (r,) may ask for together, z being inside joint limits `free` (2, m) about zero.
+
+    Rows that ask for something lead back what curvature took of the distance: for as much as is found to be possible
+    beside all others, which z = 0 keeps. Where that is less than half of it, they contradict one another.
+    """
+    z, wanted, sizes = np.zeros(C.shape[1]), asked > 0.0, (C * C).sum(axis=1)
+    for _ in range(SWEEPS if wanted.any() else 0):
+        for row, least, size in zip(C, asked, sizes, strict=True):
+            z = np.clip(z + max(least - row.dot(z), 0.0) / size * row, -free[0], free[1])
+    got = C.dot(z)
+    over = ~wanted & (got < asked)
+    share = float((asked[over] / got[over]).min(initial=1.0))
+    found = np.where(wanted, np.minimum(asked, share * got), asked)
+    return np.asarray(found if (found[wanted] >= MOST_OF_IT * asked[wanted]).all() else asked)
 
 
 def starts_of(robots: Sequence[Chain]) -> Array:
@@ -215,10 +251,11 @@ def _asked_of(
     the distance grows by itself. In the state that an arm with brakes is `leaving`, rows lead out of what is too near,
     out of what stands still no faster than brakes certainly can, so that no such row contradicts them.
     """
-    (room, out, drift), (alpha, escape) = approach, settings[1:3].tolist()
+    (room, out, drift), (alpha, escape), m = approach, settings[1:3].tolist(), len(C)
     scaled = np.abs(C) * np.where(np.isfinite(speed), speed, USUAL_SPEED)
-    moved = C != 0.0
-    braked = float(C[moved].dot(states.y[: len(C)][moved]))
+    moved, size = C != 0.0, np.abs(C)
+    braked = float(C[moved].dot(states.y[:m][moved]))
+    below, above = (np.where(C > 0.0, *way[:, :m])[moved] for way in (states.free, states.sure[::-1]))
     if leaving and room >= 0.0:
         return -inf, 0.0
     if room >= 0.0:
@@ -227,8 +264,8 @@ def _asked_of(
         wish = max(0.0, out) * min(-alpha * room, escape * float(scaled.dot(scaled)) / float(scaled.max()))
     lower = (0.0 if leaving else braked) + wish - drift
     if leaving or (room < 0.0 and drift == 0.0):
-        lower = min(lower, braked + float(np.abs(C[moved]).dot(states.sure[: len(C)][moved])))
-    if not lower > braked - float(np.abs(C[moved]).dot(states.reach[: len(C)][moved])):
+        lower = min(lower, braked + float(size[moved].dot(above)))
+    if not lower > braked - float(size[moved].dot(below)):
         return -inf, 0.0
     return lower, (lower - braked) / float(scaled.sum())
 

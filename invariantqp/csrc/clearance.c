@@ -11,7 +11,8 @@ enum { BODY, KIND, RADIUS, HALF, TURN = HALF + 3, PLACE = TURN + 9, OF_SHAPE = P
 enum { ROUND, BLOCK, FREE_SIDE, MESH };                                                      /* kinds of core */
 /* control/clearance_rows.py: rows at most, and its constants. */
 #define KEPT_ROWS 16
-static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, AHEAD = 1.01, NEARER = 0.7;
+#define SWEEPS 20
+static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, AHEAD = 1.01, NEARER = 0.7, DEEP = 0.05, MOST_OF_IT = 0.5;
 /* geometry/distance.py: below these shares, lines are parallel, and a normal has no direction. */
 static const double PARALLEL_LINES = 1e-14, NO_DIRECTION = 1e-12;
 #define MOST_SHAPES 256
@@ -417,6 +418,7 @@ static void shape_from(const double *numbers, const Pose *T, Shape *s)
 }
 
 typedef struct {
+    bool valid; /* of nothing that moves itself, and inside by no more than curvature takes */
     int count, pair[KEPT_ROWS];
     double C[KEPT_ROWS][MOST], lower[KEPT_ROWS], urgency[KEPT_ROWS];
 } Rows;
@@ -476,12 +478,12 @@ static double at_least(const Shape *a, const Shape *b)
 #define MOST_STATES 34
 typedef struct {
     int count;
-    Wide braked, reach, sure; /* velocity braked for a tick; how far another can be from it; and certainly */
+    Wide braked, free[2], sure[2]; /* velocity braked for a tick; how far another can be below it and above; certainly */
     Wide q[MOST_STATES], weight[MOST_STATES], going[2]; /* how fast others go on: in the first state; in the others */
     double time[MOST_STATES];
 } States;
 
-static void own_state(int m, int all, const double *q, const double *before, const double *speed, States *states)
+static void own_state(int m, int all, const double *q, const double *before, States *states)
 {
     states->count = 1;
     states->time[0] = 0.0;
@@ -489,8 +491,7 @@ static void own_state(int m, int all, const double *q, const double *before, con
         states->q[0][j] = q[j];
         states->weight[0][j] = 1.0;
         states->braked[j] = 0.0;
-        states->reach[j] = speed[j];
-        states->sure[j] = INFINITY;
+        states->sure[0][j] = states->sure[1][j] = INFINITY;
         states->going[0][j] = states->going[1][j] = j < m ? 0.0 : before[j];
     }
 }
@@ -509,8 +510,8 @@ static void braked_states(int all, const double *q, const double *before, Wide l
             states->going[1][j] = 0.0;
         }
         states->braked[j] = before[j] < 0.0 ? -y : y;
-        states->reach[j] = fmin(2.0 * a * dt, states->reach[j] + y);
-        states->sure[j] = isfinite(a) ? fmax(a * dt - b[j] * dt, 0.0) : INFINITY;
+        for (int up = 0; up < 2; up++)
+            states->sure[up][j] = isfinite(a) ? fmax(a * dt - b[j] * dt, 0.0) : INFINITY;
     }
     double n = 0.0;
     for (int s = 1; s < MOST_STATES; s++, n = s == 2 ? most : floor(NEARER * n)) {
@@ -526,6 +527,19 @@ static void braked_states(int all, const double *q, const double *before, Wide l
         if (n == 1.0 || most == 0.0)
             break;
     }
+}
+
+/* How far joint limits let a velocity of the own joints be below the one braked for a tick, and above. */
+static void set_free(int m, const double *q, const double *before, Wide limits[4], double dt, States *states)
+{
+    for (int j = 0; j < m; j++)
+        for (int up = 0; up < 2; up++) {
+            double sign = up ? 1.0 : -1.0, room = up ? limits[3][j] - q[j] : q[j] - limits[2][j], most = limits[0][j];
+            if (dt > 0.0)
+                most = fmin(fmin(most, braking_speed(room, limits[1][j], dt)), sign * before[j] + limits[1][j] * dt);
+            states->free[up][j] = fmax(most - sign * states->braked[j], 0.0);
+            states->sure[up][j] = fmin(states->free[up][j], states->sure[up][j]);
+        }
 }
 
 /* Joint twists J and the motions of the world and of all bodies at joint positions q. */
@@ -579,7 +593,7 @@ static Pair pair_of(int index, int all, const double *pair, const double *number
 /* What rows of a state are made by. */
 typedef struct {
     int m;
-    double wanted, rate, escape;
+    double distance, wanted, rate, escape, fastest; /* how fast the pair comes nearer, at most */
     const Wide *J;
     const double *weight, *going, *speed;
     const States *joints;
@@ -595,6 +609,8 @@ static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *f
         const Near *near = &found->at[f];
         double w[6], C[MOST] = {0.0}, reach = 0.0, weighed = 0.0, square = 0.0, largest = 0.0, braked = 0.0, sure = 0.0;
         double room = near->d - asked->wanted, drift;
+        if (least < INFINITY && room >= 0.0 && (asked->leaving || asked->rate * pair->share * room > asked->fastest))
+            break; /* no row of a place as far as this matters */
         cross(near->x, near->n, w);
         memcpy(w + 3, near->n, 3 * sizeof(double));
         drift = dot(6, w, pair->twists[1]) - dot(6, w, pair->twists[0]);
@@ -615,8 +631,8 @@ static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *f
                 C[j] = asked->weight[j] * total;
                 double size = fabs(C[j]), scaled = size * (isfinite(asked->speed[j]) ? asked->speed[j] : USUAL_SPEED);
                 if (size > 0.0) {
-                    reach += size * joints->reach[j];
-                    sure += size * joints->sure[j];
+                    reach += size * joints->free[C[j] < 0.0][j];
+                    sure += size * joints->sure[C[j] > 0.0][j];
                     braked += C[j] * joints->braked[j];
                 }
                 weighed += scaled;
@@ -638,10 +654,43 @@ static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *f
         lower = (asked->leaving ? 0.0 : braked) + approach - drift;
         if (asked->leaving || (room < 0.0 && drift == 0.0)) /* brakes certainly can */
             lower = fmin(lower, braked + sure);
-        if (lower > braked - reach)
-            keep(rows, asked->m, C, lower, (lower - braked) / weighed - later, pair->index);
+        if (!(lower > braked - reach))
+            continue;
+        rows->valid = rows->valid && drift == 0.0 && room >= -DEEP * asked->distance;
+        keep(rows, asked->m, C, lower, (lower - braked) / weighed - later, pair->index);
     }
     return least;
+}
+
+/* _possible in control/clearance_rows.py: rows that lead back what curvature took ask for no more than is found to be possible
+   beside all others. */
+static void ask_what_is_possible(int m, const States *joints, Rows *rows)
+{
+    double z[MOST] = {0.0}, asked[KEPT_ROWS], got[KEPT_ROWS], share = 1.0;
+    bool any = false, enough = true;
+    for (int i = 0; i < rows->count; i++) {
+        asked[i] = rows->lower[i] - dot(m, rows->C[i], joints->braked);
+        any = any || asked[i] > 0.0;
+    }
+    if (!any || !rows->valid)
+        return;
+    for (int sweep = 0; sweep < SWEEPS; sweep++)
+        for (int i = 0; i < rows->count; i++) {
+            const double *C = rows->C[i];
+            double step = fmax(asked[i] - dot(m, C, z), 0.0) / dot(m, C, C);
+            for (int j = 0; j < m; j++)
+                z[j] = clamp(z[j] + step * C[j], -joints->free[0][j], joints->free[1][j]);
+        }
+    for (int i = 0; i < rows->count; i++) {
+        got[i] = dot(m, rows->C[i], z);
+        if (!(asked[i] > 0.0) && got[i] < asked[i])
+            share = fmin(share, asked[i] / got[i]);
+    }
+    for (int i = 0; i < rows->count; i++)
+        enough = enough && (!(asked[i] > 0.0) || share * got[i] >= MOST_OF_IT * asked[i]);
+    for (int i = 0; i < rows->count; i++)
+        if (asked[i] > 0.0 && enough)
+            rows->lower[i] += fmin(asked[i], share * got[i]) - asked[i];
 }
 
 /* Arrays of numbers (n, k), C-contiguous. */
@@ -757,15 +806,16 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
         if (!within(starts[i], 0, i))
             return refused(USE);
     States states;
-    own_state(m, all, q, before, limits[0], &states);
+    own_state(m, all, q, before, &states);
     bool brakes = false;
     for (int j = 0; j < m; j++)
         brakes = brakes || isfinite(limits[1][j]);
     if (brakes)
         braked_states(all, q, before, limits, settings[3], settings[4], &states);
+    set_free(m, q, before, limits, settings[3], &states);
     Shape shapes[MOST_SHAPES];
     int seen_in[MOST_SHAPES];
-    Rows rows = {.count = 0};
+    Rows rows = {.count = 0, .valid = true};
     Places found;
     PyObject *distances = PyArray_SimpleNew(1, &k, NPY_DOUBLE);
     Pair *of_pairs = malloc((k > 0 ? (size_t)k : 1) * sizeof *of_pairs);
@@ -785,7 +835,7 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
         Pose motions[ALL_JOINTS + 1], step, motion;
         Wide approach, since; /* how fast joints can turn, weighed, and by then so much of the room since the first state */
         for (int j = 0; j < all; j++) {
-            approach[j] = j < m ? states.weight[s][j] * states.reach[j] : fabs(states.going[s > 0][j]);
+            approach[j] = j < m ? states.weight[s][j] * fmax(states.free[0][j], states.free[1][j]) : fabs(states.going[s > 0][j]);
             since[j] = approach[j] + rate * fabs(states.q[s][j] - q[j]);
         }
         for (npy_intp i = 0; i < k; i++) {
@@ -818,13 +868,17 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
                 pair->far = far;
             /* Too far for any row, and for the least distance: where rows are asked for, a pair is not looked at closer. */
             double room = near_by * (far - enough);
-            if (still && far > enough && (s > 0 || far > smallest) &&
-                (leaving || room > nearer(pair, approach) || room > swept(pair, shapes, (const Wide *)J, approach)))
+            double fastest = nearer(pair, approach);
+            if (room > 0.0 && room <= fastest)
+                fastest = fmin(fastest, swept(pair, shapes, (const Wide *)J, approach));
+            if (still && far > enough && (s > 0 || far > smallest) && (leaving || room > fastest))
                 continue;
             Asked asked = {.m = m,
+                           .distance = wanted,
                            .wanted = fmin(s > 1 ? enough : wanted, s > 0 ? least[i] : INFINITY),
                            .rate = rate,
                            .escape = settings[2],
+                           .fastest = still ? fastest : INFINITY,
                            .J = (const Wide *)J,
                            .weight = states.weight[s],
                            .going = states.going[s > 0],
@@ -847,6 +901,7 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
         }
     }
     free(of_pairs);
+    ask_what_is_possible(m, &states, &rows);
     double of_pair[KEPT_ROWS];
     for (int i = 0; i < rows.count; i++)
         of_pair[i] = rows.pair[i];
