@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf, sqrt
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,6 +153,18 @@ class Optimum(NamedTuple):
     nu: float = 0.0  # multiplier of the speed limit, where there is one; 0 where it is not active
 
 
+class Paced(NamedTuple):
+    """Where the chase slows down, (r, g) in units of their size, at a price on the speed of the point."""
+
+    z: Array  # (n + 1,)
+    end: float  # the multiplier of 0 <= g <= |K way|
+    freedom: Array  # (n + 1, n + 1) the inverse of the Hessian on what the active limits leave
+    wrong: bool  # whether a multiplier has the wrong sign
+
+
+Found = TypeVar("Found", Optimum, Paced)
+
+
 def minimise(
     backend: Backend, cost: Quadratic, limits: Polytope, cone: Cone | None = None, inside: Array | None = None
 ) -> Optimum:
@@ -207,18 +219,6 @@ def _kept(z: Array, limits: Polytope, cone: Cone | None, inside: Array) -> Array
     v, d = cone.velocity(inside), cone.J.dot(z - inside)
     a, b, c = float(d.dot(d)), float(v.dot(d)), max(cone.limit**2 - float(v.dot(v)), 0.0)
     return inside + (min((sqrt(b * b + a * c) - b) / a, 1.0) if a > 0.0 else 0.0) * (z - inside)
-
-
-class _AtPrice(Protocol):
-    """What is found at a price on the speed."""
-
-    @property
-    def z(self) -> Array:
-        """(n,) the velocity."""
-        ...
-
-
-Found = TypeVar("Found", bound=_AtPrice)
 
 
 def at_speed_limit(
@@ -416,7 +416,7 @@ def _largest_pace(
     slow = None if cone is None else cone.on(start, size * columns)
     H, c = np.diag(np.append(np.ones(n), 0.0)), np.append(np.zeros(n), delta / size)
 
-    def at(nu: float) -> _Paced:
+    def at(nu: float) -> Paced:
         """With the price nu on the speed: DAQP's active set, and the optimum on it."""
         qp = BoxQP.of(H, c, lower / size, upper / size, N)
         if slow is not None and nu > 0.0:
@@ -432,13 +432,13 @@ def _largest_pace(
         exact = inverse.dot(right)
         exact += inverse.dot(right - KKT.dot(exact))  # what rounding missed
         wrong = bool((exact[n + 1 :] * y[a] < 0.0).any())
-        return _Paced(exact[: n + 1], float(y[-1]), np.asarray(inverse[: n + 1, : n + 1], np.float64), wrong)
+        return Paced(exact[: n + 1], float(y[-1]), np.asarray(inverse[: n + 1, : n + 1], np.float64), wrong)
 
     found = at(0.0)
     if slow is not None and slow.J.any() and not slow.allows(found.z, ROUNDING):
         cone_of, first = slow, np.append(cost.K.dot(inside - start), 0.0) / size
 
-        def gains(found: _Paced) -> tuple[Array, Array]:
+        def gains(found: Paced) -> tuple[Array, Array]:
             sizes, U = np.linalg.eigh(cone_of.J.dot(found.freedom).dot(cone_of.J.T))
             return U, np.maximum(sizes, 0.0)
 
@@ -450,12 +450,3 @@ def _largest_pace(
         if not (good and limits.allows(start + size * columns.dot(found.z), start)):
             raise SolverFailure("daqp", "no answer at the tool's speed limit")
     return float(min(max(found.z[n] * size / length, 0.0), 1.0))
-
-
-class _Paced(NamedTuple):
-    """(r, g) in units of their size, at a price on the speed."""
-
-    z: Array  # (n + 1,)
-    end: float  # the multiplier of 0 <= g <= |K way|
-    freedom: Array  # (n + 1, n + 1)
-    wrong: bool  # whether a multiplier has the wrong sign

@@ -16,7 +16,7 @@ of their speed (`exact`): rows, twist and posture slow down together.
 
 So a limited tick is three QPs. Two more find what position limits alone leave of the chase where they are active, two
 the share of exact rows; a form's guard does pace, minimise and calm for least squares, too; and a tool speed that is
-active solves each of its QPs about six times, for the multiplier.
+active solves each of its QPs two or three times, for the multiplier.
 
 Continuity. Each answer is the optimum of a strictly convex problem whose data are continuous in (J, s, limits).
 Contradictions are reported (`troubles`). Only `SolverFailure` is raised, where no velocity was found at all.
