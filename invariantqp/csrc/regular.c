@@ -99,15 +99,20 @@ void regular_spectrum(int n, const Regular *regular, const Row A[6], const doubl
     memset(found->sigma, 0, sizeof found->sigma);
     memset(found->wanted, 0, sizeof found->wanted);
     memset(found->ahead, 0, sizeof found->ahead);
-    memcpy(found->L, regular->L, sizeof found->L);
-    for (int i = 0; i < 6; i++) {
-        double *v = found->V[i], over = 1.0 / found->L[i][i];
+    memset(found->L, 0, sizeof found->L);
+    for (int i = 0; i < 6; i++) { /* orthonormal to rounding: that of S = LL' would move what moves nothing */
+        double *v = found->V[i];
         memcpy(v, A[i], (size_t)n * sizeof(double));
-        for (int k = 0; k < i; k++)
-            for (int j = 0; j < n; j++)
-                v[j] -= found->L[i][k] * found->V[k][j];
+        for (int twice = 0; twice < 2; twice++)
+            for (int k = 0; k < i; k++) {
+                double share = dot(n, v, found->V[k]);
+                found->L[i][k] += share;
+                for (int j = 0; j < n; j++)
+                    v[j] -= share * found->V[k][j];
+            }
+        double length = found->L[i][i] = norm(n, v);
         for (int j = 0; j < n; j++)
-            v[j] *= over;
+            v[j] /= length;
     }
     completed(n, 6, found->V);
     found->regular = true;
