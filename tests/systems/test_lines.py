@@ -176,21 +176,6 @@ def test_four_lines_with_one_double_transversal_at_infinity(seed):
         assert not iq.has_pseudoinverse(J, h)
 
 
-def test_four_lines_parallel_to_a_plane_as_they_were_reported():
-    J = np.array(
-        [(1, 0, 1, -1, 0, 1), (1, 0, 2, -1, 1, 0.5), (2, 0, 1, -2, 3, 4), (1, 0, -1, -1, 5, -1)], dtype=float
-    ).T
-    found = iq.involution(J)
-    check(J, found)
-    assert (found.determinant, found.transversal_count, found.double) == (0.0, 0, True)
-    np.testing.assert_allclose(np.abs(found.at_infinity[:, 0]), [0, 0, 0, 0, 1, 0], atol=1e-15)
-    # Most lines parallel to a plane are not in involution: one of them moved up.
-    J[:, 0] = iq.revolute((1, 0, 1), (0.0, 2.0, 0.0))
-    other = iq.involution(J)
-    assert not other.holds
-    assert (other.transversal_count, other.double, other.at_infinity.shape) == (1, False, (6, 1))
-
-
 @pytest.mark.parametrize(("pitches", "count"), [((-0.5, 0.25), 2), ((0.25, 0.5), 0), ((0.5, 0.5), 0), ((0.0, 0.5), 1)])
 def test_the_transversals_of_a_type_a_reciprocal_are_real_for_pitches_of_opposite_sign(pitches, count):
     """Four lines of the 4-system reciprocal to a given 2-system, found by solving for pitch 0 in it."""
