@@ -18,7 +18,6 @@ from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.links import Geometry, Link
 from invariantqp.robots.urdf import Visual, read_xml, visuals_of
-from invariantqp.runs.taskfile import Task
 
 if TYPE_CHECKING:
     from invariantqp.view.meshes import Mesh
@@ -45,11 +44,11 @@ class Appearance(NamedTuple):
     missing: str = ""  # the extra that would draw them, or the mesh that cannot be read; "" if nothing is missing
 
 
-def appearance_of(task: Task, robot: Robot) -> Appearance:
-    """What a task's robot looks like, if it is a name or a URDF."""
+def appearance_of(robot: Robot, urdf: Callable[[], Path]) -> Appearance:
+    """What an arm looks like, where `urdf` finds its file."""
     try:
-        file = task.urdf()
-    except (BadInput, RobotModelError):  # joint screws alone
+        file = urdf()
+    except (BadInput, RobotModelError, MissingExtra):  # joint screws alone
         return Appearance()
     return read_appearance(file, robot)
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from invariantqp.errors import BadInput, MissingExtra, RobotModelError
 from invariantqp.force.sensor import WrenchSensor
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
@@ -17,7 +17,7 @@ from invariantqp.identification.identify import Identification
 from invariantqp.pictures.palette import ORANGE, SKY
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of
-from invariantqp.view.appearance import Appearance, read_appearance
+from invariantqp.view.appearance import Appearance, appearance_of
 from invariantqp.view.scenery import SIDE, Surroundings, tiles
 from invariantqp.view.timeline import FORCE, FRAMES, ArmShape, CurveChart, Timeline, arm_in, limit_charts
 
@@ -55,7 +55,7 @@ def timeline_of_recording(
         title=title,
         about=f"A recording: {'; '.join(_kind_of(p) for p in found.segments)}.",
         time=time[at],
-        appearance=_appearance(source, robot),
+        appearance=Appearance() if source is None or robot is None else appearance_of(robot, partial(urdf_of, source)),
         wanted=tool,
         speed=np.asarray(np.gradient(q, time[at], axis=0)) if q.size else np.zeros_like(q),
         limit_active=[False] * len(at),
@@ -106,15 +106,6 @@ def _forces(shown: Candidate | None, poses: Array, force: Array) -> CurveChart:
 
 def _kind_of(part: Identification) -> str:
     return part.kind or f"undecided ({', '.join(dict.fromkeys(c.kind for c in part.candidates))})"
-
-
-def _appearance(source: str | None, robot: Robot | None) -> Appearance:
-    if source is None or robot is None:
-        return Appearance()
-    try:
-        return read_appearance(urdf_of(source), robot)
-    except (BadInput, RobotModelError, MissingExtra):
-        return Appearance()
 
 
 def _status(found: Identification, k: int) -> str:

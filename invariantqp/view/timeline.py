@@ -210,7 +210,7 @@ def _timeline(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) ->
         title=task.name,
         about=task.about,
         time=time,
-        appearance=appearance_of(task, robot),
+        appearance=appearance_of(robot, task.urdf),
         wanted=wanted,
         speed=np.zeros_like(q),
         limit_active=[False] * len(time),

@@ -36,7 +36,7 @@ def task_of(source, n, **robot):
 
 
 def look(task):
-    return appearance_of(task, task.load_robot())
+    return appearance_of(task.load_robot(), task.urdf)
 
 
 def box(vertices):
