@@ -62,6 +62,8 @@ RELINEARISED = 1e-4
 # Side force across the slide, relative to the force, that irregular friction may have: so weak a row that motion,
 # where it says anything about the normal, decides.
 ACROSS = 0.3
+# Beyond so many standard deviations of noise something moved, or was pushed.
+SURELY = 3.0
 # Slides slower than so many standard deviations of a place have no direction.
 SLIDING = 10.0
 # What is known no better than this many of the motion's own sizes, radians or lengths, is not known.

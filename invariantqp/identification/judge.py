@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.identification.fit import Fit, Samples, Start, covariance, fit, starts
+from invariantqp.identification.fit import SURELY, Fit, Samples, Start, covariance, fit, starts
 from invariantqp.identification.models import MODELS, Model, angles
 from invariantqp.identification.motions import applied, coadjoint, cross, inverse, skew
 
@@ -30,8 +30,6 @@ SAME, AGAIN = 1e-2, 2
 ENOUGH = 0.1
 # Beyond so many standard deviations a pitch or a curvature is not zero.
 SURE = 5.0
-# Beyond so many standard deviations of noise something moved, or was pushed.
-TRIED = 3.0
 # Kinds whose frames are those of another kind that moves in more ways.
 _WITHIN = {
     "peg": ("slide", "hinge", "screw"),
@@ -45,7 +43,7 @@ PRESSED = 0.95
 # No friction is more than this: rubber on dry concrete.
 FRICTION = 1.0
 # Share of the side force that acts across the slide where it is not friction; by chance it is 0.7.
-ACROSS = 0.6
+CROSSWISE = 0.6
 
 
 class Verdict(NamedTuple):
@@ -179,7 +177,7 @@ def _verdict(model: Model, reversed_: bool, found: Fit, samples: Samples) -> Ver
     if model.kind in ("hinge", "screw"):
         turned = angles(C, samples.turned @ found.tool[:3, 2])
         noise = sqrt(float(np.trace(samples.pose_noise[:, :3, :3], axis1=1, axis2=2).mean()) / 3.0)
-        if np.std(turned) < TRIED * noise and (samples.slides(found.tool[:3, 3])[2] > 0.5).any():
+        if np.std(turned) < SURELY * noise and (samples.slides(found.tool[:3, 3])[2] > 0.5).any():
             return verdict("it slid and never turned")
     if model.kind == "peg":
         f = _forces(found, samples)
@@ -203,16 +201,16 @@ def _pressed(model: Model, verdict: Callable[..., Verdict], found: Fit, samples:
     press = (f * n).sum(axis=1)
     sign = float(np.sign(np.median(press)))
     noise = sqrt(float(np.trace(samples.wrench_noise[:, 3:, 3:], axis1=1, axis2=2).mean()) / 3.0)
-    if np.mean(sign * press > -TRIED * noise) < PRESSED:
+    if np.mean(sign * press > -SURELY * noise) < PRESSED:
         return verdict("it was pulled as well as pressed")
     side = f - press[:, None] * n
-    if np.mean(np.linalg.norm(side, axis=1) < FRICTION * np.abs(press) + TRIED * noise) < PRESSED:
+    if np.mean(np.linalg.norm(side, axis=1) < FRICTION * np.abs(press) + SURELY * noise) < PRESSED:
         return verdict("its side force is more than friction has")
     along, across = _of_slide(samples, found, n, side)
-    if len(along) >= 10 and np.sqrt(np.mean(across**2 + along**2)) > TRIED * noise:
-        if np.mean(across**2) > ACROSS**2 * np.mean(along**2 + across**2):
+    if len(along) >= 10 and np.sqrt(np.mean(across**2 + along**2)) > SURELY * noise:
+        if np.mean(across**2) > CROSSWISE**2 * np.mean(along**2 + across**2):
             return verdict("its side force acts across the slide, and friction along it")
-        if -along.sum() > ACROSS * np.abs(along).sum():
+        if -along.sum() > CROSSWISE * np.abs(along).sum():
             return verdict("friction would drive it: is the sign of the wrenches right?")
     return verdict("", sign)
 

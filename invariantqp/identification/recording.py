@@ -23,7 +23,7 @@ from invariantqp.force.sensor import WrenchSensor, load_of, wrench_of
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
-from invariantqp.identification.fit import Samples
+from invariantqp.identification.fit import SURELY, Samples
 from invariantqp.identification.motions import applied, coadjoint, inverse, twists
 
 # Fewer samples say nothing of their noise, and too little of a contact.
@@ -32,8 +32,6 @@ FEWEST = 30
 BLOCKS = 150
 # The kind is decided by these; where the contact is, by so many samples at most: every one of ten seconds at 200 Hz.
 MOST_SAMPLES = 2000
-# Mean square of a wrench, in its noise, above which it is one: three standard deviations.
-LOADED = 9.0
 # Variance of the third differences of white noise of unit variance: 1 + 9 + 9 + 1.
 THIRD = 20.0
 # A normal (6,) vector is longer than this, squared, once in a thousand: jerks, such as impacts, are not noise.
@@ -58,7 +56,7 @@ class Recording(Compared):
         """Samples of a stretch, wrenches averaged; those without contact force left out."""
         samples = self._samples(start, stop, BLOCKS)
         w = samples.wrench
-        loaded = (w * np.linalg.solve(samples.wrench_noise[0], w.T).T).sum(axis=1) > LOADED * 6.0
+        loaded = (w * np.linalg.solve(samples.wrench_noise[0], w.T).T).sum(axis=1) > 6.0 * SURELY**2
         return Samples(*(part[loaded] for part in samples)) if loaded.sum() >= FEWEST else samples
 
     def every(self, start: int, stop: int) -> Samples:
@@ -98,7 +96,7 @@ class Recording(Compared):
         edges = np.linspace(0, n, n // size + 1).round().astype(int)
         w = np.array([self.wrench[a:b].mean(axis=0) for a, b in pairwise(edges.tolist())])
         noise = self.wrench_noise * (self.white / size + 1.0 - self.white)
-        loaded = (w * np.linalg.solve(noise, w.T).T).sum(axis=1) > LOADED * 6.0
+        loaded = (w * np.linalg.solve(noise, w.T).T).sum(axis=1) > 6.0 * SURELY**2
         # Forces pass zero within a contact: gaps of less than the fewest samples belong to it.
         spans: list[tuple[int, int]] = []
         for k in np.flatnonzero(loaded).tolist():
