@@ -28,7 +28,7 @@ static double echoed(const Delay *delay, int m, double dt, int declared, const d
 {
     int rows = delay->rows, best = 0;
     double *head = delay->echo, *product = head + 2, *square = product + rows, *commanded = square + rows;
-    double least = INFINITY, told = 0.0;
+    double least = INFINITY, told = 0.0, smallest;
     bool any = false;
     head[1] += dot(m, moved, moved);
     for (int i = 0; i < rows; i++) {
@@ -43,8 +43,9 @@ static double echoed(const Delay *delay, int m, double dt, int declared, const d
     double whole = head[1];
     if (whole == 0.0)
         return NAN;
+    smallest = ROUNDING_OF_WAYS * whole;
     for (int i = 0; i < rows; i++) {
-        double share = fmin(fmax(product[i] / fmax(square[i], ROUNDING_OF_WAYS * whole), LEAST_OF_WAYS), MOST_OF_WAYS);
+        double share = between(product[i] / (square[i] > smallest ? square[i] : smallest), LEAST_OF_WAYS, MOST_OF_WAYS);
         double left = whole - share * (2.0 * product[i] - share * square[i]);
         told = i == declared ? left : told;
         if (left < least) {
@@ -52,7 +53,7 @@ static double echoed(const Delay *delay, int m, double dt, int declared, const d
             best = i;
         }
     }
-    bool found = least < UNEXPLAINED * fmin(whole, told) - ROUNDING_OF_WAYS * whole && best > declared &&
+    bool found = least < UNEXPLAINED * fmin(whole, told) - smallest && best > declared &&
                  head[0] > PASSED * best + MORE_TICKS;
     return found ? (best - declared) * dt : NAN;
 }

@@ -262,7 +262,7 @@ static void same_turn(const double before[3], double error[6])
 Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *target, const double *feedforward, const double *before,
              const double *kept, Tick *tick)
 {
-    static const Beside NOTHING_BESIDE = {.seen = NULL};
+    static const Beside NOTHING_BESIDE = {.J = NULL};
     return step_beside(loop, now, &NOTHING_BESIDE, q, target, feedforward, before, kept, tick);
 }
 
@@ -279,8 +279,13 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
     demand.chased = target != NULL;
     memcpy(memory, kept, sizeof *memory);
     predicted(loop, kept, q, there);
-    pose_from(loop->home[0], &home);
-    kinematics(m, loop->screws, &home, beside->seen != NULL ? beside->seen : there, demand.J, &tool);
+    if (beside->J != NULL) {
+        memcpy(demand.J, beside->J, sizeof demand.J);
+        tool = *beside->tool;
+    } else {
+        pose_from(loop->home[0], &home);
+        kinematics(m, loop->screws, &home, there, demand.J, &tool);
+    }
     if (is_far(loop, q) || (demand.chased && error_twist(target, &tool, error) == HAND_BACK))
         return HAND_BACK;
     demand_now(loop, now, there, before, &tool, &demand, tick);

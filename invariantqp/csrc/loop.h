@@ -20,10 +20,12 @@ typedef struct {
     Row outside, acceleration;
 } Tick;
 
-/* control/controller.py, follow: where the arm is seen, the point to measure at, a posture, each of which may be NULL, and
-   more exact rows, parts D of the twist. */
+/* control/controller.py, follow: joint twists and tool pose as the arm was seen, the point to measure at, a posture, each of
+   which may be NULL, and more exact rows, parts D of the twist. */
 typedef struct {
-    const double *seen, *at, *posture;
+    const Row *J;
+    const Pose *tool;
+    const double *at, *posture;
     int rows;
     const double (*D)[6];
 } Beside;

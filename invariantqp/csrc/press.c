@@ -347,7 +347,12 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     double constraints[MOST_PARTS][6];
     for (int i = 0; i < n; i++)
         wrench_out(&placed.frame, split->constraints[i], constraints[i]);
-    const Beside beside = {.seen = now->has_then ? now->then : q,
+    Pose then_tool = placed.tool;
+    memcpy(then_J, answer->J, sizeof then_J);
+    if (now->has_then) /* what is held stays where it is: the arm is looked at where it will be when this command acts */
+        kinematics(m, loop->screws, &home, now->then, then_J, &then_tool);
+    const Beside beside = {.J = (const Row *)then_J,
+                           .tool = &then_tool,
                            .at = press->at_contact ? placed.point : NULL,
                            .posture = now->has_posture ? now->posture : NULL,
                            .rows = press->force_first ? n : 0,
@@ -357,14 +362,8 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
 
     /* What is remembered. */
     double twist[6];
-    const Row *J = (const Row *)answer->J;
-    if (now->has_then) {
-        Pose tool;
-        kinematics(m, loop->screws, &home, now->then, then_J, &tool);
-        J = (const Row *)then_J;
-    }
     for (int i = 0; i < 6; i++)
-        twist[i] = dot(m, J[i], answer->tick.solution.velocity);
+        twist[i] = dot(m, then_J[i], answer->tick.solution.velocity);
     answer->felt = placed.felt[0];
     answer->asked = placed.asked[0];
     answer->bound = pressing->known[0].bound;
