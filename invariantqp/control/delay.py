@@ -69,10 +69,3 @@ class DelayEstimate:
         if unexplained[best] < least and best > declared and ticks > PASSED * best + MORE_TICKS:
             return (best - declared) * self._dt
         return None
-        share = np.clip(product / np.maximum(square, ROUNDING * whole), LEAST_SHARE, MOST_SHARE)
-        left = whole - share * (2.0 * product - share * square)
-        best, declared = int(np.argmin(left)), self._declared
-        least = UNEXPLAINED * min(whole, float(left[declared])) - ROUNDING * whole
-        if left[best] < least and best > declared and self.ticks > PASSED * best + MORE_TICKS:
-            return (best - declared) * self._dt
-        return None

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -118,41 +118,45 @@ def _recording(columns: dict[str, Array], name: str, robot: Robot | None) -> Fil
         raise BadInput(
             name, f"columns {', '.join(columns) or 'none'}", "fx, fy, fz and mx, my, mz: what the sensor reads"
         )
-    readings = np.stack([columns[w] for w in (*moment, *FORCE)], axis=1)
     if len({len(a) for a in columns.values()}) > 1:
         raise BadInput(name, "arrays of different lengths", "one entry a sample in each")
+    readings = _stacked(columns, (*moment, *FORCE))
     time = next((columns[w] for w in ("time", "t") if w in columns), None)
     if time is not None:
         _evenly(time, name)
     if "poses" in columns:
         return File(time, None, columns["poses"], readings)
     if all(w in columns for w in POSE):
-        return File(time, None, quaternion_poses(np.stack([columns[w] for w in POSE], axis=1), name), readings)
+        return File(time, None, quaternion_poses(_stacked(columns, POSE), name), readings)
     if robot is None:
         expected = f"{', '.join(POSE)}; or joint positions and a robot"
         raise BadInput(name, f"columns {', '.join(columns)}", expected, WITH_ROBOT)
+    q = _positions(columns, name, robot)
+    return File(time, q, np.array([robot.pose(state) for state in q]), readings)
+
+
+def _stacked(columns: dict[str, Array], names: Iterable[str]) -> Array:
+    """(n, k) some of the columns."""
+    return np.stack([columns[w] for w in names], axis=1)
+
+
+def _positions(columns: dict[str, Array], name: str, robot: Robot) -> Array:
+    """(n, m) joint positions, in columns called as the joints or numbered."""
     m = len(robot.names)
-    words = next(
-        (
-            w
-            for w in (robot.names, [f"q{j + 1}" for j in range(m)], [f"q{j}" for j in range(m)])
-            if all(x in columns for x in w)
-        ),
-        None,
-    )
+    named = (robot.names, [f"q{j + 1}" for j in range(m)], [f"q{j}" for j in range(m)])
+    words = next((words for words in named if all(w in columns for w in words)), None)
     if words is None:
         raise BadInput(name, f"columns {', '.join(columns)}", f"{', '.join(robot.names)}; or q1 to q{m}")
-    q = np.stack([columns[w] for w in words], axis=1)
+    q = _stacked(columns, words)
     if not np.isfinite(q).all():
         k = int(np.flatnonzero(~np.isfinite(q).all(axis=1))[0])
         raise BadInput(name, f"NaN or infinity in sample {k}", "joint positions", "Leave such samples out.")
-    return File(time, q, np.array([robot.pose(state) for state in q]), readings)
+    return q
 
 
 def _evenly(time: Array, name: str) -> None:
     steps = np.diff(time)
-    if not np.isfinite(time).all() or (steps <= 0.0).any():
-        k = int(np.flatnonzero(~(steps > 0.0))[0]) if (~(steps > 0.0)).any() else 0
+    for k in np.flatnonzero(~((steps > 0.0) & np.isfinite(steps)))[:1].tolist():
         raise BadInput(name, f"time that does not grow after sample {k}", "seconds, evenly spaced")
 
 
