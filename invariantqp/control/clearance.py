@@ -188,7 +188,9 @@ class Clearance(Limit):
         self.obstacles: tuple[Shape | OtherArm, ...] = tuple(obstacles)
         self._rate = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
         self._arms = [arm for arm in self.obstacles if isinstance(arm, OtherArm)]
-        self._found = Pairs([self.robot, *(arm.robot for arm in self._arms)], self._listed(), distance, pairs, exclude)
+        self._found = Pairs(
+            [self.robot, *(arm.robot for arm in self._arms)], self._listed(), self.distance, pairs, exclude
+        )
         self._parts, self._numbers, self._of_pair = self._found.parts, self._found.numbers, self._found.of_shapes
         self._twists = np.zeros((len(self._parts), 6))
         self._pairs = np.array([(i, j, 1.0) for i, j in self._of_pair], dtype=np.float64).reshape(-1, 3)

@@ -29,6 +29,8 @@ MOST_CAPSULES = 3
 WORTHWHILE = 0.7
 # Corners of the prism about a cylinder.
 SIDES = 24
+# A direction that tells points apart: no two of a mesh are equally far along it.
+APART = np.array([0.5477225575051661, 0.31622776601683794, 0.7745966692414834])
 # The search for a capsule's axis, in units of its size: it ends where a step saves less of its volume.
 SEARCH = {"maxiter": 300, "fatol": 1e-4, "xatol": 1e-3}
 Bodies = dict[str, list[Shape]]
@@ -125,24 +127,25 @@ def capsules(corners: Array, faces: NDArray[np.intp], most: int = MOST_CAPSULES)
         faces: (f, 3) which corners each triangle has.
         most: how many capsules, at most.
     """
-    parts = [corners[faces]]
-    made = [capsule(parts[0].reshape(-1, 3))]
+    parts, made = [corners[faces]], [capsule(corners)]
+    tried: list[tuple[list[Array], list[Capsule]] | None] = []
     while len(made) < most:
-        tried = [_halves(part, one) for part, one in zip(parts, made, strict=True)]
+        tried += [_halves(part, one) for part, one in zip(parts[len(tried) :], made[len(tried) :], strict=True)]
         gains = [
             0.0 if two is None else _volume(one) - sum(map(_volume, two[1]))
             for one, two in zip(made, tried, strict=True)
         ]
         i = int(np.argmax(gains))
-        best = tried[i]
+        best = tried.pop(i)
         if best is None or gains[i] < (1.0 - WORTHWHILE) * _volume(made[i]):
             break
-        parts[i : i + 1], made[i : i + 1] = best
+        parts, made = parts[:i] + parts[i + 1 :] + best[0], made[:i] + made[i + 1 :] + best[1]
     return list(made)
 
 
 def capsule(points: Array, *, searched: bool = True) -> Capsule:
     """A small capsule that contains all points (n, 3): along a principal axis or one near it, by a local search."""
+    points = points[np.unique(points.dot(APART), return_index=True)[1]]  # corners of triangles, once each
     try:
         hull: Any = ConvexHull(points)
         points = points[hull.vertices]
