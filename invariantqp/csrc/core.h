@@ -81,7 +81,7 @@ typedef struct {
 /* objective.py: 1/2 |K (z - z*)|^2, K = diag(sqrt(weights)) V' */
 typedef struct {
     int n, rank;
-    Row V[MOST]; /* V[i] is direction i */
+    Row V[MOST]; /* V[i] is direction i, for steps */
     Row weights, optimum, still; /* still: the optimum without the chase */
     double damping, ratio;
     bool regular; /* K = L V in the first six directions */
@@ -89,7 +89,7 @@ typedef struct {
 } Objective;
 
 /* spectrum.c: A = U diag(sigma) V', wanted = U'b; U[i] is direction i, where it is asked for.
-   regular.c: A = L V, wanted = L^-1 b, and no sigma but the largest */
+   regular.c: A = L V, wanted = L^-1 b, and no sigma but the largest. V has zeros after the n numbers of a row, for steps. */
 typedef struct {
     Row V[MOST];
     Row sigma, wanted, ahead; /* U'b, and U' of what is not chased */
@@ -216,6 +216,24 @@ static inline double dot(int n, const double *a, const double *b)
         odd += a[i + 1] * b[i + 1];
     }
     return i < n ? even + a[i] * b[i] + odd : even + odd;
+}
+
+/* Rows whose numbers after the last one are zero, in steps of STEP. */
+static inline double dot_in_steps(int n, const double *p, const double *q)
+{
+    double sums[STEP] = {0.0};
+    for (; n > 0; n -= STEP, p += STEP, q += STEP)
+        for (int j = 0; j < STEP; j++)
+            sums[j] += p[j] * q[j];
+    return (sums[0] + sums[2]) + (sums[1] + sums[3]);
+}
+
+/* y += a x, likewise. */
+static inline void add_in_steps(int n, double a, const double *restrict x, double *restrict y)
+{
+    for (; n > 0; n -= STEP, x += STEP, y += STEP)
+        for (int j = 0; j < STEP; j++)
+            y[j] += a * x[j];
 }
 
 static inline double norm(int n, const double *a) { return sqrt(dot(n, a, a)); }

@@ -119,13 +119,10 @@ void inverse_triangle(int n, const Row *L, Row *X)
 {
     for (int i = 0; i < n; i++) {
         double over = 1.0 / L[i][i];
-        for (int j = 0; j < n; j++)
-            X[i][j] = i == j ? over : 0.0;
-        for (int k = 0; k < i; k++) {
-            double share = over * L[i][k];
-            for (int j = 0; j <= k; j++)
-                X[i][j] -= share * X[k][j];
-        }
+        memset(X[i], 0, sizeof(Row));
+        X[i][i] = over;
+        for (int k = 0; k < i; k++)
+            add_in_steps(k + 1, -over * L[i][k], X[k], X[i]);
     }
 }
 

@@ -125,6 +125,7 @@ Outcome reduce(const Demand *demand, const Row *given, Reduction *reduction)
     for (int j = 0; j < m; j++)
         reduction->full[j] = reduction->start[j] = 0.0;
     Row V[MOST];
+    memset(V, 0, (size_t)m * sizeof(Row));
     for (int i = 0; i < k; i++) {
         double wanted = R[i].with[0], y;
         sizes += sigma[i] * sigma[i];
@@ -143,7 +144,7 @@ Outcome reduce(const Demand *demand, const Row *given, Reduction *reduction)
     completed(m, rank, V);
     reduction->n = m - rank;
     for (int i = 0; i < m; i++)
-        memcpy(i < rank ? reduction->span[i] : reduction->basis[i - rank], V[i], (size_t)m * sizeof(double));
+        memcpy(i < rank ? reduction->span[i] : reduction->basis[i - rank], V[i], sizeof(Row));
     double all = met + here + anywhere;
     reduction->effort = met > 0.0 ? sqrt(sizes) * sqrt(square) / sqrt(met) : 1.0;
     reduction->bend = rank > 0 ? sqrt(sizes) / sigma[rank - 1] : 1.0;

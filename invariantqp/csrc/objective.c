@@ -39,8 +39,7 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
         memcpy(objective->L, found->L, sizeof found->L);
     for (int i = 0; i < n; i++) {
         double *v = objective->V[i], sigma = found->sigma[i], wanted = found->wanted[i];
-        for (int j = 0; j < n; j++)
-            v[j] = found->V[i][j];
+        memcpy(v, found->V[i], sizeof(Row));
         if (found->regular && i < 6) { /* nothing is damped */
             objective->rank++;
             objective->optimum[i] = wanted;
@@ -76,11 +75,9 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
 
 void centre(const Objective *objective, Row z)
 {
-    for (int j = 0; j < objective->n; j++) {
-        z[j] = 0.0;
-        for (int i = 0; i < objective->n; i++)
-            z[j] += objective->V[i][j] * objective->optimum[i];
-    }
+    memset(z, 0, sizeof(Row));
+    for (int i = 0; i < objective->n; i++)
+        add_in_steps(objective->n, objective->optimum[i], objective->V[i], z);
 }
 
 void quadratic(const Objective *objective, Quadratic *problem)
@@ -93,11 +90,9 @@ void quadratic(const Objective *objective, Quadratic *problem)
     for (int i = 0; i < regular; i++) {
         Row k_i = {0.0}, t_i = {0.0}; /* a row of K and a column of T */
         for (int k = 0; k <= i; k++)
-            for (int j = 0; j < n; j++)
-                k_i[j] += L[i][k] * V[k][j];
+            add_in_steps(n, L[i][k], V[k], k_i);
         for (int k = i; k < 6; k++)
-            for (int j = 0; j < n; j++)
-                t_i[j] += X[k][i] * V[k][j];
+            add_in_steps(n, X[k][i], V[k], t_i);
         memcpy(problem->K[i], k_i, sizeof k_i);
         for (int j = 0; j < n; j++)
             problem->T[j][i] = t_i[j];

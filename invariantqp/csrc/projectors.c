@@ -23,6 +23,7 @@ static int basis(int m, const Row *columns, double unit, Row U[6])
     if (m > 0 && (spectrum(6, m, (const Row *)A, NULL, NULL, &found) == HAND_BACK ||
                   !(found.sigma[rank - 1] > LEAST_SIGMA * found.sigma[0])))
         return -1;
+    memset(U, 0, 6 * sizeof(Row));
     for (int k = 0; k < rank; k++)
         memcpy(U[k], found.U[k], sizeof found.U[k]);
     completed(6, rank, U);
@@ -48,7 +49,7 @@ static bool is_definite(const Row M[6])
    columns are wrenches that leave S free, or span S. */
 Outcome projectors(int m, const Row columns[6], bool wrenches, double h, int n, const Row given[6], Projectors *found)
 {
-    Row U[6], Z[6], rest[6], G[6];
+    Row U[6], Z[6] = {{0.0}}, rest[6], G[6];
     double unit = m > 0 ? own_unit(m, columns) : 1.0, GK[6][WIDE];
     int k = unit > 0.0 ? basis(m, columns, unit, U) : -1;
     if (k < 0)

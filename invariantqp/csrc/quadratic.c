@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Centred: lower <= N e <= upper. */
+/* Centred: lower <= N e <= upper. Rows of a Room and of a Face are zero after their n numbers, for steps. */
 typedef struct {
     int n, count;
     Row N[LIMITS];
@@ -178,8 +178,8 @@ static Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Ro
 
 /* A multiplier of the wrong sign by less than this share of |pull| / |N_i| is rounding. */
 static const double WRONG_SIGN = 1e-13;
-/* A row that others leave so much of is orthogonal to them to rounding (Kahan's criterion). */
-static const double NEARLY_WHOLE = 0.7;
+/* A row that others leave so much of is orthogonal to them to a few roundings (Kahan's criterion). */
+static const double NEARLY_WHOLE = 0.1;
 /* A limit exceeded by less than this share of |e| |N_i| and of itself is rounding. */
 static const double EXCEEDED = 1e-13;
 
@@ -206,7 +206,7 @@ static void multipliers(const Face *face, const Room *room, const Row pull, doub
     for (int i = 0; i < room->count; i++)
         y[i] = 0.0;
     for (int i = face->k - 1; i >= 0; i--) {
-        w[i] = -dot(room->n, face->Q[i], pull);
+        w[i] = -dot_in_steps(room->n, face->Q[i], pull);
         for (int l = i + 1; l < face->k; l++)
             w[i] -= face->R[i][l] * w[l];
         w[i] /= face->R[i][i];
@@ -221,19 +221,17 @@ static Outcome appended(const Room *room, int i, int side, Face *face)
     if (k == n)
         return HAND_BACK;
     double *q = face->Q[k];
-    for (int j = 0; j < n; j++)
-        q[j] = room->N[i][j];
+    memcpy(q, room->N[i], sizeof(Row));
     for (int l = 0; l < k; l++)
         face->R[l][k] = 0.0;
     double length = room->length[i];
     for (int pass = 0; pass < (k > 0 ? 2 : 0); pass++) {
         for (int l = 0; l < k; l++) {
-            double share = dot(n, face->Q[l], q);
+            double share = dot_in_steps(n, face->Q[l], q);
             face->R[l][k] += share;
-            for (int j = 0; j < n; j++)
-                q[j] -= share * face->Q[l][j];
+            add_in_steps(n, -share, face->Q[l], q);
         }
-        length = norm(n, q);
+        length = sqrt(dot_in_steps(n, q, q));
         if (length > NEARLY_WHOLE * room->length[i])
             break;
     }
@@ -248,10 +246,9 @@ static Outcome appended(const Room *room, int i, int side, Face *face)
     if (!(least > DEPENDENT * most))
         return HAND_BACK;
     w = face->w[k] = w / length;
-    for (int j = 0; j < n; j++) {
+    for (int j = 0; j < n; j++)
         q[j] /= length;
-        face->shortest[j] += w * q[j];
-    }
+    add_in_steps(n, w, q, face->shortest);
     face->at[k] = i;
     face->k++;
     return DONE;
@@ -277,8 +274,7 @@ static Outcome without(const Room *room, int i, const int *side, Face *face)
     face->k = place;
     memset(face->shortest, 0, sizeof face->shortest);
     for (int l = 0; l < place; l++)
-        for (int j = 0; j < room->n; j++)
-            face->shortest[j] += face->w[l] * face->Q[l][j];
+        add_in_steps(room->n, face->w[l], face->Q[l], face->shortest);
     for (int l = place + 1; l < k; l++)
         if (appended(room, face->at[l], side[face->at[l]], face) == HAND_BACK)
             return HAND_BACK;
@@ -306,8 +302,8 @@ static int weakest(const Room *room, const Face *face, const Row pull, const int
 static Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu)
 {
     *nu = 0.0;
-    for (int j = 0; j < n; j++)
-        pull[j] = face->e[j] = face->shortest[j];
+    memcpy(face->e, face->shortest, sizeof(Row));
+    memcpy(pull, face->shortest, sizeof(Row));
     if (slow == NULL || slow_enough(slow, n, face->e, 0.0))
         return DONE;
     return slowed_on(slow, n, face->k, (const Row *)face->Q, face->e, pull, nu);
@@ -378,7 +374,7 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
         for (int i = 0; i < room->count; i++) {
             if (side[i] != 0)
                 continue;
-            double value = dot(room->n, room->N[i], face->e), lower = room->lower[i], upper = room->upper[i];
+            double value = dot_in_steps(room->n, room->N[i], face->e), lower = room->lower[i], upper = room->upper[i];
             double by = value > upper ? value - upper : lower - value;
             if (by > outside)
                 by -= EXCEEDED * (room->length[i] * size + fmin(fabs(lower), fabs(upper)));
@@ -436,12 +432,12 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
         of[k] = i;
         room->lower[k] = lower;
         room->upper[k] = upper;
-        for (int j = 0; j < n; j++) {
-            double sum = limits->box ? problem->T[i][j] : 0.0;
-            for (int l = 0; l < n && !limits->box; l++)
-                sum += limits->A[i][l] * problem->T[l][j];
-            room->N[k][j] = sum;
-        }
+        memset(room->N[k], 0, sizeof(Row));
+        for (int l = 0; l < n && !limits->box; l++)
+            for (int j = 0; j < n; j++)
+                room->N[k][j] += limits->A[i][l] * problem->T[l][j];
+        for (int j = 0; j < n && limits->box; j++)
+            room->N[k][j] = problem->T[i][j];
         without_rounding(n, length, columns, room->N[k]);
         room->length[k] = norm(n, room->N[k]);
     }

@@ -102,13 +102,13 @@ void regular_spectrum(int n, const Regular *regular, const Row A[6], const doubl
     memset(found->L, 0, sizeof found->L);
     for (int i = 0; i < 6; i++) { /* orthonormal to rounding: that of S = LL' would move what moves nothing */
         double *v = found->V[i];
+        memset(v, 0, sizeof(Row));
         memcpy(v, A[i], (size_t)n * sizeof(double));
         for (int twice = 0; twice < 2; twice++)
             for (int k = 0; k < i; k++) {
-                double share = dot(n, v, found->V[k]);
+                double share = dot_in_steps(n, v, found->V[k]);
                 found->L[i][k] += share;
-                for (int j = 0; j < n; j++)
-                    v[j] -= share * found->V[k][j];
+                add_in_steps(n, -share, found->V[k], v);
             }
         double length = found->L[i][i] = norm(n, v);
         for (int j = 0; j < n; j++)

@@ -36,7 +36,7 @@ Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone 
     Optimum found = {.met = true};
     int k = m - reduction->n;
     for (int i = 0; i < m; i++) {
-        memcpy(still.V[i], i < k ? reduction->span[i] : reduction->basis[i - k], (size_t)m * sizeof(double));
+        memcpy(still.V[i], i < k ? reduction->span[i] : reduction->basis[i - k], sizeof(Row));
         still.weights[i] = REGULARISATION + (i < k ? 1.0 : 0.0);
     }
     quadratic(&still, &cost);

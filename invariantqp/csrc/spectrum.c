@@ -26,15 +26,6 @@ static inline void rotate(int n, double *restrict p, double *restrict q, double 
         }
 }
 
-static inline double dot_in_steps(int n, const double *p, const double *q)
-{
-    double sums[STEP] = {0.0};
-    for (; n > 0; n -= STEP, p += STEP, q += STEP)
-        for (int j = 0; j < STEP; j++)
-            sums[j] += p[j] * q[j];
-    return (sums[0] + sums[2]) + (sums[1] + sums[3]);
-}
-
 /* Rotate all pairs until the rows are orthogonal; squares of lengths are carried along in a sweep. */
 static Outcome orthogonalised(int rows, int n, int with, Rotated *R, double least)
 {
@@ -86,7 +77,7 @@ Outcome sorted_rows(int rows, int n, int with, Rotated *R, double *sigma)
     return DONE;
 }
 
-/* Complete V[0..rank) to an orthonormal basis of n dimensions. Each new direction is what is left of the axis that is
+/* Complete V[0..rank), zero after their n numbers, to an orthonormal basis of n dimensions. Each new direction is what is left of the axis that is
    farthest from those before: of its square 1/n at least is left, so once is enough. */
 void completed(int n, int rank, Row *V)
 {
@@ -102,13 +93,10 @@ void completed(int n, int rank, Row *V)
                 best = axis;
             }
         }
-        for (int j = 0; j < n; j++)
-            V[k][j] = j == best ? 1.0 : 0.0;
-        for (int i = 0; i < k; i++) {
-            double share = dot(n, V[i], V[k]);
-            for (int j = 0; j < n; j++)
-                V[k][j] -= share * V[i][j];
-        }
+        memset(V[k], 0, sizeof(Row));
+        V[k][best] = 1.0;
+        for (int i = 0; i < k; i++)
+            add_in_steps(n, -dot_in_steps(n, V[i], V[k]), V[i], V[k]);
         double length = norm(n, V[k]);
         for (int j = 0; j < n; j++)
             V[k][j] /= length;
@@ -159,6 +147,7 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahea
     memset(found->sigma, 0, sizeof found->sigma);
     memset(found->wanted, 0, sizeof found->wanted);
     memset(found->ahead, 0, sizeof found->ahead);
+    memset(found->V, 0, (size_t)n * sizeof(Row));
     if (b == NULL)
         memset(found->U, 0, sizeof found->U);
     int rank = 0;
