@@ -10,5 +10,5 @@ runtime="$(${CC:-cc} -print-file-name=libasan.so) $(${CC:-cc} -print-file-name=l
 ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD="$runtime" \
     python -m pytest -q -n 0 --capture=sys \
     tests/test_fields.py tests/velocity/test_compiled.py tests/velocity/test_batch.py tests/velocity/test_several.py \
-    tests/control/test_compiled.py tests/pose/test_newton.py tests/robots/test_chain.py tests/systems/test_pseudoinverses.py \
+    tests/control/test_compiled.py tests/pose/test_newton.py tests/robots/test_chain.py tests/systems/test_projectors.py tests/systems/test_pseudoinverses.py \
     tests/paths/test_ticks_compiled.py tests/force/test_compiled.py
