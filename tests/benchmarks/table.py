@@ -1,21 +1,26 @@
-"""How long a tick takes: the compiled core, Python alone, a hand-written Pinocchio + DAQP loop, Pink and mink.
+"""How long a tick takes: the compiled core, Python alone, a hand-written Pinocchio + DAQP loop, Pink, mink and placo.
 
-    python tests/benchmarks/table.py
+    python tests/benchmarks/table.py [TICKS OF EACH HARD STREAM, 1000000]
 
 Medians and 99th percentiles in microseconds, and the ratio of each median to that of the hand-written loop or, without
 one, to that of the compiled core. All take turns at every tick, so that a busy machine slows them down alike. A tick is
 pose, Jacobian, law and limits, of a controller that remembers what it did before. The hand-written loop is damped least
 squares in metres and radians inside the same joint limits, with rows for an exact position, and nothing is allocated
-twice; it has no posture, no status and no tool speed. Pink and mink are called as `invariantqp compare` calls them,
-with DAQP; placo is a row there. A tick of a `PathFollower` is compared with an ordinary tick of the same engine in the
+twice; it has no posture, no status and no tool speed. Pink, mink and placo are called as `invariantqp compare` calls
+them, the first two with DAQP. placo brings a Pinocchio of its own: its column is filled where the environment has it. A
+tick of a `PathFollower` is compared with an ordinary tick of the same engine in the
 same states, where limits may be met that the follower keeps away from.
+
+Tails are of hard streams, by the processor's time: a tick that took more than FIVE medians is repeated from the same
+state, and counts where its least time is still more. So neither other programs nor the garbage collector do.
 """
 
 from __future__ import annotations
 
+import sys
 from copy import copy
 from functools import partial
-from time import perf_counter_ns
+from time import perf_counter_ns, thread_time_ns
 
 import daqp
 import numpy as np
@@ -23,11 +28,11 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
 import invariantqp as iq
-from invariantqp.compare.libraries import MinkLaw, PinkLaw
+from invariantqp.compare.libraries import MinkLaw, PinkLaw, PlacoLaw
 from invariantqp.velocity import compiled
 
 OURS, PYTHON, HAND = "compiled", "Python", "hand-written"
-COLUMNS = (OURS, PYTHON, HAND, "Pink", "mink")
+COLUMNS = (OURS, PYTHON, HAND, "Pink", "mink", "placo")
 # A tick along a path beside an ordinary tick, of the same engine in the same states.
 ALONG = ((OURS, "compiled, ordinary"), (PYTHON, "Python, ordinary"))
 COUPLED = iq.limits.LimitRows(np.eye(7)[:1] + np.eye(7)[1:2], [-0.02], [0.02])
@@ -39,6 +44,8 @@ SELDOM = 10  # of these the definition in Python takes part in one
 POSES = 50
 TICKS = 100
 ROWS = 4096
+FIVE = 5.0
+AGAIN = 20  # times that a slow tick is repeated
 PRESSED = 3000
 
 
@@ -139,15 +146,15 @@ def line_along(title, took):
 
 
 def peers(task, robot, ticks):
-    """Pink's and mink's ticks, where they are installed and find an answer to each."""
+    """Pink's, mink's and placo's ticks, where they are installed and find an answer to each."""
     found = {}
-    for name, law in (("Pink", PinkLaw), ("mink", MinkLaw)):
+    for name, law in (("Pink", PinkLaw), ("mink", MinkLaw), ("placo", PlacoLaw)):
         try:
             step = law(robot, task.law).step
             for tick in ticks:
                 step(*tick)
             found[name] = step
-        except iq.errors.MissingExtra:
+        except (iq.errors.MissingExtra, ModuleNotFoundError):
             print(f"{name} is not installed")
         except Exception as failure:  # noqa: BLE001 (whatever a library raises)
             print(f"{name}: {failure}")
@@ -212,6 +219,74 @@ def along_path(name, rate, **options):
     for (on, off), which, other in zip(ALONG, (0, 1), (ordinary, python), strict=True):
         calls |= {on: partial(on_path, which), off: partial(off_path, other)}
     return calls, found
+
+
+def tails(name, count, **options):
+    """Of a stream of targets that jump, in and out of reach: median and 99.9th percentile [us], how many ticks took
+    more than FIVE medians, how many do however often they are repeated, and the slowest of these, repeated, in medians.
+    """
+    robot, rng, dt, block = iq.load_robot(name), np.random.default_rng(7), 0.002, 10_000
+    loop = iq.Controller(robot, dt=dt, **options)
+    low, high = np.maximum(robot.position_lower, -3.0), np.minimum(robot.position_upper, 3.0)
+    q, took, slow, target = 0.5 * (low + high), [], [], None
+    for begin in range(0, count, block):
+        ticks, spent = [], []
+        for k in range(min(block, count - begin)):
+            if k % 100 == 0:
+                target = robot.pose(rng.uniform(low, high)) @ iq.transform(translation=rng.normal(scale=0.2, size=3))
+            ticks.append((loop.kept.copy(), q))
+            start = thread_time_ns()
+            solution = loop.step(q, target)
+            spent.append(1e-3 * (thread_time_ns() - start))
+            ticks[-1] += (target,)
+            q = q + dt * solution.velocity
+        took += spent
+        after, usual = loop.kept.copy(), float(np.median(spent))
+        for (kept, then, there), time in zip(ticks, spent, strict=True):
+            if time > FIVE * usual:
+                slow.append(min(repeated(loop, kept, then, there) for _ in range(AGAIN)) / usual)
+        loop.kept[:] = after
+    slower = [share for share in slow if share > FIVE]
+    return float(np.median(took)), float(np.quantile(took, 0.999)), len(slow), len(slower), max(slow, default=0.0)
+
+
+def repeated(loop, kept, q, target):
+    """The processor's time of a tick from what a loop kept [us]."""
+    loop.kept[:] = kept
+    start = thread_time_ns()
+    loop.step(q, target)
+    return 1e-3 * (thread_time_ns() - start)
+
+
+def hard_streams(count):
+    """The table of tails."""
+    print(f"\n| {count:,} ticks of a hard stream | median | p99.9 | above {FIVE:g} medians | repeated | slowest |")
+    print("|---|---|---|---|---|---|")
+    for title, name, options in (
+        ("Panda", "panda", {}),
+        ("Panda, acceleration limits", "panda", {"acceleration_limit": 10.0}),
+        ("UR5", "ur5", {}),
+        ("SO-101, exact position", "so101", {"exact": "position"}),
+    ):
+        median, most, slow, slower, slowest = tails(name, count, **options)
+        print(
+            f"| {title} | {median:.1f} | {most / median:.1f} medians | {slow} | {slower} | {slowest:.1f} |", flush=True
+        )
+    pressing()
+
+
+def pressing():
+    presses = (
+        ("UR5e presses with 5 N, the contact a function of the pose", "ur5e", lambda _: at_the_tip, {}),
+        ("likewise, the contact stands still", "ur5e", at_the_tip, {}),
+        ("Panda, accelerations limited", "panda", lambda _: at_the_tip, {"acceleration_limit": 10.0}),
+    )
+    for title, name, contact, options in presses:
+        line_along(title, pressed(name, contact, **options))
+
+
+def at_the_tip(tool):
+    return iq.point_contact(tool[:3, 3], [0.0, 0.0, 1.0])
 
 
 def poses(name):
@@ -355,21 +430,7 @@ def main():
     )
     for title, name, rate, options in paths:
         line_along(title, times(*along_path(name, rate, **options)))
-    pressing()
-
-
-def pressing():
-    presses = (
-        ("UR5e presses with 5 N, the contact a function of the pose", "ur5e", lambda _: at_the_tip, {}),
-        ("likewise, the contact stands still", "ur5e", at_the_tip, {}),
-        ("Panda, accelerations limited", "panda", lambda _: at_the_tip, {"acceleration_limit": 10.0}),
-    )
-    for title, name, contact, options in presses:
-        line_along(title, pressed(name, contact, **options))
-
-
-def at_the_tip(tool):
-    return iq.point_contact(tool[:3, 3], [0.0, 0.0, 1.0])
+    hard_streams(int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000)
 
 
 def solve_pose(robot, exact, target, start):
