@@ -30,7 +30,6 @@ from invariantqp.paths.plan import PathPlan
 from invariantqp.paths.reference import (
     DISPLACED,
     JOINT_GAIN,
-    LONGEST,
     STRAYED,
     Clock,
     Clocked,
@@ -52,11 +51,12 @@ from invariantqp.velocity.solution import Status
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
 RISE = 0.02
-# A splice, and a stop after the last point, take no less than this [s], where no limit needs more: over 16 runs of
-# chunks 0.45 has a sixth less joint jerk and 2 % more error. One that a single sample makes, no less than the second:
-# with 0.3 a hand is caught up with later after a gap, by 0.06 s at most, and 0.2 changes nothing. Joints that catch up
-# take no more than that: what takes longer from there goes past the hand, and back.
-EASE, EASE_SAMPLE = 0.3, 0.1
+# A splice takes no less than the first [s], where no limit needs more, and a stop after the last point twice that, one
+# to a chunk the second, one that a single sample makes the third. Over 56 runs of chunks the second has a seventh less
+# joint jerk than 0.3 for 1 % more error, and that stop 0.95 of the error of one of 0.3 s. With 0.3 for the third a hand
+# is caught up with later after a gap, by 0.06 s at most, and 0.2 changes nothing. Joints that catch up take no more
+# than that: what takes longer from there goes past the hand, and back.
+EASE, EASE_CHUNK, EASE_SAMPLE = 0.3, 0.45, 0.1
 # A clock that differs by more than this from the sum of the ticks [s] has jumped.
 SKEW = 0.02
 # Where there is no acceleration limit a joint may turn round in a tick, one without a speed limit from this speed
@@ -167,7 +167,7 @@ class Follower:
         self._given: tuple[Given, Array] | None = None  # the points of the source
         self._missed = np.zeros(0)  # by how much points are out of reach, and whether one is
         self._some_missed = False
-        self._last: tuple[Array, float] | None = None  # (m,) where the last of them is, and when to go there
+        self._last: tuple[Array, float, float] | None = None  # (m,) the last of them, its stamp, when to go back to it
         self._ease = EASE  # how long it takes to go over to them, at least
         self._next: tuple[Given, Array, float] | None = None
         self._function: Callable[[float], Any] | None = None
@@ -414,16 +414,22 @@ class Follower:
         if shape is not None:
             until = min(until, shape.until)
         elif self._twist is None and not self._late:
-            until = min(until, self._settled(reference.end))
+            until = min(until, reference.end if self._last is None else self._due)
         until = min(until, inf if self._next is None else self._next[2])
         if self._twist is not None or isinstance(self._source, Window):
             until = min(until, self._heard + self.timeout)
         numbers = reference.course(None if shape is None else loop.gain)
         return None if numbers is None or until <= self._time else (reference, numbers, until)
 
-    def _settled(self, end: float) -> float:
-        """Until when nothing is to be done about the end of points that rest from a time on."""
-        return end if self._last is None or self._closed else max(end, self._last[1])
+    @property
+    def _over(self) -> bool:
+        """Whether the last point has been passed, and newer ones are waited for."""
+        return self._last is not None and self._time >= self._last[1]
+
+    @property
+    def _due(self) -> float:
+        """When to go back to the last point if no newer ones come."""
+        return inf if self._last is None else self._last[1] if self._closed else self._last[2]
 
     def _undisturbed(
         self, course: tuple[Reference, Array, float], q: ArrayLike, now: float | None
@@ -481,7 +487,9 @@ class Follower:
     def _reported_soon(self, reference: Reference, measured: Array, command: Array) -> FollowerSolution:
         """As `_reported`, without a look at what cannot be so where nothing is new."""
         time, by_twist = self._time, self._twist is not None
-        rests = self.paused or (by_twist and not self._turns) or (time >= reference.end and not self._late)
+        rests = (
+            self.paused or (by_twist and not self._turns) or (time >= reference.end and not self._late) or self._over
+        )
         if rests or self._override != 1.0 or self._some_missed:
             return self._reported(reference, measured, command)
         if by_twist:
@@ -723,8 +731,7 @@ class Follower:
             stamps = np.arange(now - 8.0 * SAMPLING, now + AHEAD, SAMPLING)
             self._looked = now
             self._take_points(sampled(self._function, stamps, self._m), stamps, smooth=False)
-        elif self._last is not None and isinstance(self._source, Motion) and now >= self._settled(self._source.end):
-            # It came to rest beyond the last point, which was passed in motion, and no newer ones came.
+        elif self._last is not None and now >= self._due:
             rest = np.vstack((self._last[0], np.zeros((2, self._m))))
             self._source, self._last, self._ease = Stop(rest, now, 0.0), None, EASE
         if self._samples:
@@ -768,8 +775,10 @@ class Follower:
             return
         if self._given is not None and stamps[0] < self._given[1][0] and stamps[-1] <= self._given[1][-1]:
             return  # newer points came before these
-        # The next may come as late as these: until then the arm does not turn back to the last of them.
-        due = float(stamps[-1]) + max(now - float(stamps[0]), 0.0)
+        # Newer ones may be as late as these and, in a stream, lost for as long as these last: until then the arm does
+        # not go back to the last of them.
+        begin, last = float(stamps[0]), float(stamps[-1])
+        wait = max(now, now if self._given is None else last) - begin
         kept = stamps > now - (1.0 / self.cutoff if smooth else AHEAD)
         kept[-min(3, len(kept)) :] = True
         if kept.sum() > MOST_POINTS:  # the rest when half of these are driven
@@ -779,12 +788,14 @@ class Follower:
         given, stamps = given.chosen(kept), stamps[kept]
         near = self._q if not isinstance(self._source, Motion) else self._source.at(stamps[:1])[0, 0]
         joints, missed = self._solver.points(given, near, stamps)
-        # Where both chunks say where to be, they are two opinions of the same worth.
-        both = 0.0 if self._given is None else float(self._given[1][-1]) - now
-        self._ease = min(max(EASE, both), 0.5 * LONGEST)
-        self._given, self._newest, self._last = (given, stamps), None, (joints[-1], due) if smooth else None
+        self._ease = EASE_CHUNK
+        self._given, self._newest, self._last = (
+            (given, stamps),
+            None,
+            (joints[-1], last, last + wait) if smooth else None,
+        )
         self._missed, self._some_missed = missed, bool((missed > self._tolerance).any())
-        self._source = through(stamps, joints, self._limits, EASE, self.cutoff if smooth else inf)
+        self._source = through(stamps, joints, self._limits, 2.0 * EASE, self.cutoff if smooth else inf)
 
     def _take_samples(self, reference: Reference) -> None:
         """Samples of a stream."""
@@ -908,9 +919,9 @@ class Follower:
     def _on_the_way(self, place: float, *, still: bool) -> tuple[Status, str]:
         """The same while points or samples are followed."""
         missed = self._missed_at(place)
+        if self._over:
+            return Status.WAITING, "for newer points"
         if self._source is not None and still and self._time >= max(self._source.end, self._joined):
-            if self._last is not None:
-                return Status.WAITING, "for newer points"
             if missed > self._tolerance:
                 return Status.BLOCKED, f"the end is out of reach, by {missed:.3g}"
             return Status.DONE, ""
