@@ -361,7 +361,7 @@ extern const Constant CONSTANTS[];
 #define STEPS 10
 #define ACTIVE_TOLERANCE 1e-6
 #define SLOWEST 1e-6
-#define PRODUCT_ROUNDING 1e-14
+#define PRODUCT_ROUNDING 1e-13
 #define MISSED_SHARE 0.05
 #define FALLING 0.5
 #define GROWING 0.01

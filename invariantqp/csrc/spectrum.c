@@ -11,8 +11,9 @@
 
 /* Two rows with a cosine below this are orthogonal. */
 static const double ORTHOGONAL = 4e-16;
-/* A row shorter than this share of |A| moves nothing, and its direction is rounding (NULL_RATIO is above it). */
-static const double NOTHING = 1e-14;
+/* A row shorter than this share of |A| moves nothing, and its direction is rounding; longer ones have to be told from it
+   (NULL_RATIO is above it). */
+static const double NOTHING = 1e-16;
 /* Sweeps over all pairs, at most; fewer than ten are usual. */
 #define SWEEPS 40
 

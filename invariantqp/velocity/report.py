@@ -29,7 +29,7 @@ from invariantqp.velocity.solution import SLOWEST, Status, VelocitySolution, cli
 from invariantqp.velocity.tick import Answer, Problem, Room
 
 # A twist is met, too, where the residual is the rounding of J x: an arm rests on its target while its null space moves.
-PRODUCT_ROUNDING = 1e-14
+PRODUCT_ROUNDING = 1e-13
 # What "ok" promises.
 MISSED = 0.05
 FALLING = 0.5

@@ -99,6 +99,21 @@ def test_directions_are_orthonormal_to_rounding():
     np.testing.assert_allclose(native.velocity, answer.velocity, rtol=0.0, atol=1e-10 * np.abs(answer.velocity).max())
 
 
+def test_directions_beside_one_that_moves_nothing():
+    """Of four joints two are opposite, and one moves the tool by 5e-7 of what they do: only rounding mixes these."""
+    law, demand = random_tick(np.random.default_rng(60009541))
+    native, answer = native_answer(law, demand), python_answer(law, demand)
+    np.testing.assert_allclose(native.velocity, answer.velocity, rtol=0.0, atol=1e-9 * np.abs(answer.velocity).max())
+
+
+def test_a_motion_that_moves_nothing_is_none_of_the_tool():
+    law, demand = random_tick(np.random.default_rng(50013584))
+    assert not demand.s.any()
+    for answer in (native_answer(law, demand), python_answer(law, demand)):
+        assert np.abs(answer.velocity).max() > 0.1
+        assert (answer.status, answer.reason) == ("ok", "")
+
+
 def test_constants_are_those_of_python():
     for name, value in core.CONSTANTS.items():
         room, file, *rest = name.partition(":")[0].split(".")  # several of C's may be one of Python's
