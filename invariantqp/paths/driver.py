@@ -53,7 +53,7 @@ from invariantqp.velocity.solution import Status
 RISE = 0.02
 # A splice takes no less than the first [s], where no limit needs more, and a stop after the last point twice that, one
 # to a chunk the second, one that a single sample makes the third. Over 56 runs of chunks the second has a seventh less
-# joint jerk than 0.3 for 1 % more error, and that stop 0.95 of the error of one of 0.3 s. With 0.3 for the third a hand
+# joint jerk than 0.3 for 1 % more error, and that stop 0.97 of the error of one of 0.3 s. With 0.3 for the third a hand
 # is caught up with later after a gap, by 0.06 s at most, and 0.2 changes nothing. Joints that catch up take no more
 # than that: what takes longer from there goes past the hand, and back.
 EASE, EASE_CHUNK, EASE_SAMPLE = 0.3, 0.45, 0.1
