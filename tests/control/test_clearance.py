@@ -4,6 +4,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 from support.arms import ready
 
 import invariantqp as iq
@@ -11,7 +12,7 @@ from invariantqp import engine
 from invariantqp.control import clearance as module
 from invariantqp.control import clearance_rows
 from invariantqp.control.clearance_rows import States, rows_of
-from invariantqp.control.limits import loop_of
+from invariantqp.control.limits import boxes, loop_of
 from invariantqp.geometry.shapes import Core
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, OtherArm, Sphere
 
@@ -274,6 +275,28 @@ def test_who_brakes_on_goes_through_the_states_that_were_looked_at(ur5):
         moved = now.weights[2] * (x - now.y) * dt
         np.testing.assert_allclose((other.positions - then.positions)[2], moved, atol=0.02 * np.abs(moved).max())
     assert near > 100
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_what_leads_back_asks_for_no_more_than_all_limits_leave_together(ur5, compiled):
+    """A wrist a hair too near its base in a state ahead, while a box holds the joint that would help: tick 286665."""
+    box = Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box")
+    limit = Clearance(ur5, None, [box])
+    q = np.array(
+        [5.08206427408764, 6.28318530718, 2.3793289727078086, -6.136162129784486, 3.24775235118537, -6.28318530718]
+    )
+    before = np.array([5.3243446789490603e-08, 0.0, 0.00789952677658324, -1.4547193744642215, 1.724989839466184, -0.0])
+    loop = loop_of(ur5, 0.001, 0.0)._replace(acceleration=np.full(6, 10.0))
+    with patch.object(module, "core", engine.core if compiled else None):
+        rows = limit.rows_at(q, limit.in_loop(loop), before)
+    bounds = boxes(loop, ur5.velocity_limit)[1].at(q, before)
+    braked = np.sign(before) * np.maximum(np.abs(before) - 0.007, 0.0)
+    assert (rows.lower - rows.C @ braked).max() > 1e-3  # it does ask for something
+    found = linprog(
+        np.zeros(6), -rows.C, -rows.lower, bounds=list(zip(bounds.lower, bounds.upper, strict=True)), method="highs-ds",
+        options={"primal_feasibility_tolerance": 1e-10},
+    )  # fmt: skip
+    assert found.success
 
 
 def test_without_the_core_it_is_the_same(panda):
