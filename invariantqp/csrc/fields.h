@@ -200,7 +200,6 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     NUMBER(retreat_distance, NEEDED, "[length]") \
     FLAG(checks_noise, false, "whether more noise than told is told") \
     FLAG(checks_settling, false, "whether swings and presses not reached are") \
-    FLAG(checks_jump, false, "whether a press that jumps is a fault") \
     FLAG(force_first, true, "whether the force part of a twist is met exactly") \
     FLAG(at_contact, true, "whether twists are measured at the place of contact")
 

@@ -104,10 +104,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
         const Answers *check = i < presses && i < (int)monitor->asked ? &monitor->answers[i] : NULL;
         double error = asked[i] - felt[i], wished = i < presses ? asked[i] : 0.0;
         double gentle = i < presses ? approach_speed(press, asked[i], striking) : 0.0;
-        if (check != NULL && !isnan(check->asked[0])) {
-            drives[i] = (Drive){-gentle - LETS_GO * fmax(0.0, check->asked[1] - check->depth), 0.0};
-            acts = false;
-        } else if (press->has_compliance) {
+        if (press->has_compliance) {
             double top = slow && i < presses ? fastest : INFINITY;
             drives[i] = fixed(drive, error, split->gain, press->stiffness, wished, setting->dt, top,
                               now->free != 0.0 && yields && !slow);
@@ -129,7 +126,9 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
         } else {
             double beside = check == NULL ? 0.0 : unseen(press, check);
             double inwards = fmax(gentle, inward_speed(press, most_force - felt[i] - beside, setting->late));
-            drives[i] = pressed(drive, error, wished, known, setting, inwards, OUTWARDS * fastest, eased,
+            double kept = check != NULL && check->silent > SINCE ? exp(-setting->dt / SINCE) : 1.0;
+            const Drive faded = {drive->speed, kept * drive->slope};
+            drives[i] = pressed(&faded, error, wished, known, setting, inwards, OUTWARDS * fastest, eased,
                                 now->free != 0.0 && yields);
         }
     }

@@ -28,15 +28,11 @@ static bool is_dead(const PressTick *tick, Dead *dead)
 
 static bool is_pulled(const PressTick *tick, Pulls *pulls)
 {
-    if (isnan(tick->felt) || tick->wanted == 0.0) {
-        pulls->press = NAN;
+    if (isnan(tick->felt) || tick->wanted == 0.0)
         return false;
-    }
-    double felt = tick->felt, change = isnan(pulls->press) ? 0.0 : fabs(felt - pulls->press);
-    pulls->jumped = change > fmax(PULL_SHARE * tick->wanted, ABOVE_NOISE * tick->noise) ? 0.0 : pulls->jumped + tick->dt;
-    bool close = pulls->jumped < JUMP_MEMORY && tick->limit > 0.0;
-    pulls->pull = weighed(pulls->pull, -felt, close ? tick->limit : fmax(tick->limit, PULL_SHARE * tick->wanted), tick->noise);
-    pulls->press = felt;
+    bool close = 0.0 < tick->touch.airborne && tick->touch.airborne < INFINITY && tick->limit > 0.0;
+    double least = close ? tick->limit : fmax(tick->limit, PULL_SHARE * tick->wanted);
+    pulls->pull = weighed(pulls->pull, -tick->felt, least, tick->noise);
     return certain(pulls->pull);
 }
 
@@ -60,12 +56,14 @@ static bool is_astray(const Press *press, const PressTick *tick, Approach *appro
            approach->way > press->approach_distance || approach->waited > press->approach_time;
 }
 
+static bool stirred(const Evidence *evidence) { return evidence->stirs[0] > STIRRED * evidence->stirs[1] + CHI; }
+
 /* Evidence.after */
 static void followed(const Stiffness *known, double noise, double wanted, double shared, double dt, Evidence *evidence)
 {
     double way = known->way, force = known->force, share = 1.0 - fmin(0.5, dt / PASSES), left = exp(-dt / SINCE);
     if (isnan(evidence->last[0])) {
-        *evidence = (Evidence){{way, 0.0, force}, {0.0, 0.0, 0.0, 1.0}, {{0.0}}};
+        *evidence = (Evidence){{way, 0.0, force}, {0.0, 0.0, 0.0, 1.0}, {{0.0}}, {0.0, 0.0}};
         return;
     }
     double speed = (way - evidence->last[0]) / dt;
@@ -80,6 +78,9 @@ static void followed(const Stiffness *known, double noise, double wanted, double
     for (int i = 0; i < 4; i++)
         for (int j = 0; j < 4; j++)
             evidence->sums[i][j] = left * evidence->sums[i][j] + weight * (evidence->high[i] * evidence->high[j]);
+    double kept = stirred(evidence) ? 0.0 : exp(-dt / PATIENT_FOR);
+    evidence->stirs[0] = kept * evidence->stirs[0] + weight * (evidence->high[2] * evidence->high[2]);
+    evidence->stirs[1] = kept * evidence->stirs[1] + weight * noise * noise;
     evidence->last[0] = way;
     evidence->last[1] = speed;
     evidence->last[2] = force;
@@ -104,78 +105,82 @@ static bool explains(const Evidence *evidence)
     return false;
 }
 
-void answers_begun(double stiff, double shown, Answers *check)
+static void answers_begun(double shown, double moves, Answers *check)
 {
-    *check = (Answers){.stiff = stiff, .evidence = {.last = {NAN, NAN, NAN}}, .asked = {NAN, NAN}, .shown = shown};
+    *check = (Answers){.evidence = {.last = {NAN, NAN, NAN}},
+                       .rest = {NAN, NAN, NAN, NAN},
+                       .asked = {NAN, NAN},
+                       .fell = NAN,
+                       .shown = shown,
+                       .moves = moves};
 }
 
-/* What a press may be beside what is read. */
+/* What may be pressed more or less than is read. */
 double unseen(const Press *press, const Answers *check)
 {
-    return check->stiff * fmax(0.0, check->depth - check->since - press->slope * check->far - press->yields);
+    double way = fabs(check->depth - check->since);
+    return check->stiff * fmax(0.0, way - press->slope * check->far[1] - press->yields - check->moves);
 }
 
-/* Answers.update; whether it found something. */
+/* Answers.at_rest */
+static void rests(const Press *press, double dt, double felt, double wanted, double noise, Answers *check)
+{
+    double finest = LEAST_WAY * RESOLVED * press->size;
+    if (!isnan(check->rest[0]) && check->rest[3] != wanted) {
+        check->rested = check->off = 0.0;
+        check->rest[0] = check->rest[1] = check->rest[2] = check->rest[3] = NAN;
+    } else if (isnan(check->rest[0])) {
+        double rested = fabs(felt - wanted) < SHORT * wanted ? check->rested + dt : 0.0;
+        if (rested < PATIENT_FOR) {
+            check->rested = rested;
+            return;
+        }
+        const double rest[4] = {check->depth, felt,
+                                fmax(felt - check->touched, 0.0) / (fmax(check->depth, finest) + press->slope * check->far[0]),
+                                wanted};
+        memcpy(check->rest, rest, sizeof rest);
+        check->across[0][0] = check->across[0][1] = check->across[0][2] = check->far[0] = 0.0;
+    } else {
+        double least = check->rest[2], way = check->depth - check->rest[0], rise = felt - check->rest[1];
+        double room = press->slope * check->far[0] + press->yields + check->moves + finest;
+        double missing = least > 0.0 ? least * fmax(fabs(way - rise / least) - room, 0.0) : 0.0;
+        check->off = missing > fmax(SHORT * wanted, FELL_NOISE * noise) ? check->off + dt : 0.0;
+    }
+}
+
+/* Answers.update; whether the tool is to ask, which is Python's. */
 static bool unanswered(const Press *press, const PressTick *tick, const Stiffness *known, double felt, double wanted, double noise,
                        double shared, Answers *check)
 {
-    double dt = tick->dt, slope = press->slope, size = press->size, shown = check->shown;
-    bool asked = !isnan(check->asked[0]);
+    double dt = tick->dt, stiff = press->stiffness > 0.0 ? press->stiffness : STIFF;
     if (tick->touch.touching == 0.0 || wanted <= 0.0) {
-        if (asked) /* by letting go it was lost: the readings fell */
-            shown = STIFFER * check->asked[0] / fmax(check->asked[1] - check->depth, LEAST_ASKED * size);
-        answers_begun(0.0, shown, check);
+        answers_begun(check->shown, check->moves, check);
         return false;
     }
     if (check->stiff == 0.0) {
-        double stiff = press->stiffness > 0.0 ? press->stiffness : STIFF;
-        answers_begun(isnan(known->stiff) ? PRESENT * stiff : fmin(known->stiff, shown), INFINITY, check);
+        check->stiff = isnan(known->stiff) ? PRESENT * stiff : fmin(known->stiff, check->shown);
+        check->touched = felt;
         return false;
-    }
-    double depth = check->depth + tick->came;
-    for (int i = 0; i < 3; i++) {
-        check->across[0][i] += tick->across[i];
-        check->across[1][i] += tick->across[i];
-    }
-    double above = -depth - slope * norm(3, check->across[0]) - press->yields;
-    if (above > ABOVE_TOUCH * size && felt > fmax(FELT * wanted, FELL_NOISE * noise))
-        return true;
-    followed(known, noise, wanted, shared, dt, &check->evidence);
-    bool answered = explains(&check->evidence);
-    answered = answered || (asked && felt < check->asked[0] - fmax(FELL * check->asked[0], FELL_NOISE * noise));
-    check->far = fmax(check->far, norm(3, check->across[1]));
-    check->depth = depth;
-    if (answered || known->rose != 0.0) {
-        double stiff = check->stiff, across[3];
-        memcpy(across, check->across[0], sizeof across);
-        if (is_known(known))
-            stiff = fmax(2.0 * fmax(known->found[0], SOFTEST * STIFF), SOFTER * stiff);
-        answers_begun(stiff, INFINITY, check);
-        check->since = check->depth = depth;
-        memcpy(check->across[0], across, sizeof across);
-        return false;
-    }
-    if (asked) {
-        double let_go = check->asked[1] - depth;
-        return let_go > fmin(fmax(check->asked[1], 0.0) + LEAST_ASKED * size, MOST_ASKED * size);
     }
     double creep = CREEP * wanted / check->stiff * dt;
-    check->since += fmin(fmax(depth - check->since, -creep), creep);
-    if (unseen(press, check) > PRESSES * wanted) {
-        check->asked[0] = felt;
-        check->asked[1] = depth;
+    check->depth += tick->came;
+    for (int k = 0; k < 2; k++) {
+        for (int i = 0; i < 3; i++)
+            check->across[k][i] += tick->across[i];
+        check->far[k] = fmax(check->far[k], norm(3, check->across[k]));
     }
-    return false;
-}
-
-static bool has_jumped(const PressTick *tick, Jump *jump)
-{
-    double before = jump->press;
-    jump->press = jump->jumped[0] = jump->jumped[1] = NAN;
-    if (isnan(tick->felt) || tick->touch.touching == 0.0 || !certain(tick->touch.evidence))
-        return false;
-    jump->press = tick->felt;
-    return !isnan(before) && !(fabs(tick->felt - before) < fmax(PULL_SHARE * tick->wanted, ABOVE_NOISE * tick->noise));
+    followed(known, noise, wanted, shared, dt, &check->evidence);
+    check->since += fmin(fmax(check->depth - check->since, -creep), creep);
+    check->silent = stirred(&check->evidence) ? 0.0 : check->silent + dt;
+    rests(press, dt, felt, wanted, noise, check);
+    if (explains(&check->evidence) || known->rose != 0.0) {
+        if (is_known(known))
+            check->stiff = fmax(2.0 * fmax(known->found[0], SOFTEST * STIFF), SOFTER * check->stiff);
+        check->since = check->depth;
+        check->across[1][0] = check->across[1][1] = check->across[1][2] = check->far[1] = check->silent = 0.0;
+        check->evidence = (Evidence){.last = {NAN, NAN, NAN}};
+    }
+    return unseen(press, check) > PRESSES * wanted || check->off > AVERAGED_FOR;
 }
 
 /* Ages a tick later, those that are still remembered. */
@@ -270,18 +275,19 @@ Outcome monitored(const Press *press, const PressTick *tick, int presses, const 
                   const double *asked, double noise, double shared, Monitor *monitor)
 {
     bool pressing = tick->limit > 0.0 && (isnan(tick->felt) || tick->wanted > 0.0);
+    for (int i = 0; i < (int)monitor->asked; i++)
+        if (!isnan(monitor->answers[i].asked[0])) /* while the tool lets go Python says what is found */
+            return HAND_BACK;
     if (overloaded(tick, monitor->overload) || is_dead(tick, &monitor->dead) || is_pulled(tick, &monitor->pulls) ||
         is_astray(press, tick, &monitor->approach))
         return HAND_BACK;
     for (int i = 0; pressing && (int)monitor->asked != presses && i < presses; i++)
-        answers_begun(0.0, INFINITY, &monitor->answers[i]);
+        answers_begun(INFINITY, 0.0, &monitor->answers[i]);
     monitor->asked = pressing ? presses : 0;
     for (int i = 0; pressing && i < presses; i++) /* a late reading cannot have answered yet */
         if (monitor->dead.unchanged == 0.0 &&
             unanswered(press, tick, &known[i], felt[i], asked[i], noise, shared, &monitor->answers[i]))
             return HAND_BACK;
-    if (press->checks_jump && has_jumped(tick, &monitor->jump))
-        return HAND_BACK;
     if (!press->checks_settling)
         return DONE;
     if (isnan(tick->felt))

@@ -60,7 +60,7 @@ typedef struct {
 } Dead;
 
 typedef struct {
-    double press, pull, jumped;
+    double pull;
 } Pulls;
 
 typedef struct {
@@ -68,13 +68,13 @@ typedef struct {
 } Approach;
 
 typedef struct {
-    double last[3], high[4], sums[4][4];
+    double last[3], high[4], sums[4][4], stirs[2];
 } Evidence;
 
 typedef struct {
-    double stiff, since, depth, across[2][3], far;
+    double stiff, depth, since, across[2][3], far[2], silent;
     Evidence evidence;
-    double asked[2], shown;
+    double rested, rest[4], off, touched, asked[2], fell, shown, moves;
 } Answers;
 
 typedef struct {
@@ -89,10 +89,6 @@ typedef struct {
 } Settling;
 
 typedef struct {
-    double press, jumped[2];
-} Jump;
-
-typedef struct {
     double overload[2];
     Dead dead;
     Pulls pulls;
@@ -100,7 +96,6 @@ typedef struct {
     double asked;
     Answers answers[MOST_PARTS];
     Settling settling;
-    Jump jump;
     double pushed, approached, left[2];
 } Monitor;
 
@@ -234,7 +229,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define STRUCK 0.01
 #define IN_DOUBT 0.3
 #define OUTWARDS 2.5
-#define LETS_GO 5.0
 #define OVERDAMPED 5.0
 #define TREMBLES 1.5
 #define MOST_TREMBLING 0.5
@@ -250,20 +244,15 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define DEAD_AFTER 0.1
 #define STALE_AFTER 0.012
 #define PULL_SHARE 0.5
-#define JUMP_MEMORY 0.3
 #define LED 0.5
 #define FOLLOWED 0.2
 #define PRESSES 2.0
 #define CREEP 0.05
 #define PRESENT 0.1
-#define ABOVE_TOUCH 0.04
-#define LEAST_ASKED 0.02
-#define MOST_ASKED 0.4
-#define FELT 0.25
-#define FELL 0.3
 #define FELL_NOISE 6.0
 #define CHI 16.0
 #define EXPLAINED 0.5
+#define STIRRED 2.0
 #define SOFTER 0.5
 #define SINCE 2.0
 #define PASSES 0.3

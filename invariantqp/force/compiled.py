@@ -127,7 +127,6 @@ def core_press(
         retreat_distance=task.retreat_distance,
         checks_noise="noise" in task.checks,
         checks_settling="settling" in task.checks,
-        checks_jump="jump" in task.checks,
         force_first=force_first,
         at_contact=at_contact,
         **fields,

@@ -37,7 +37,7 @@ from invariantqp.velocity.measure import root_at
 OnLoss = Literal["approach", "hold", "retreat", "continue"]
 OnOverload = Literal["hold", "retreat"]
 # Checks of a run that are not needed to press, each by its name; the core ones cannot be switched off.
-Optional = Literal["noise", "settling", "jump"]
+Optional = Literal["noise", "settling"]
 
 # How far a normal may be corrected [rad]: beyond it the told one says nothing.
 MOST_TILT = pi / 4.0
@@ -185,8 +185,7 @@ class HybridTask(Value):
             retreat_speed: along the contact's way out [length/s].
             retreat_distance: so far from the touch, after a fault from where the approach began, stand still [length].
             checks: names of the optional checks: "noise" (more of it than the sensor is said to have), "settling" (the
-                press swings, chatters or is not reached), "jump" (the press jumps within a tick by half of the wanted
-                one: a bias that jumped, or a surface with steps, and then a "fault").
+                press swings, chatters or is not reached).
 
         Raises:
             BadInput: more than one of h, complement and metric, NaN, shapes, "retreat" from a contact that cannot be

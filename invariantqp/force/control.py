@@ -761,7 +761,7 @@ class HybridController:
             if i < presses:
                 let_go, gentle = monitor.let_go(i), approach_speed(task, float(asked[i]), striking)
             if let_go is not None:
-                made.append(Drive(-gentle - LETS_GO * let_go))
+                made.append(Drive(-gentle - setting.slope_speed - LETS_GO * let_go))
                 acts = False
                 continue
             if task.compliance is not None:
@@ -798,7 +798,18 @@ class HybridController:
                 if not touching:
                     made.append(Drive())
                     continue
-            made.append(pressed(drive, error, wished, known, setting, most, eased, grows=grows))
+            made.append(
+                pressed(
+                    drive._replace(slope=monitor.believed(i, setting.dt) * drive.slope),
+                    error,
+                    wished,
+                    known,
+                    setting,
+                    most,
+                    eased,
+                    grows=grows,
+                )
+            )
         return tuple(made), acts
 
     def _halted(self, q: Array, velocity: Array | None, sighting: Sighting, contact: Contact | None) -> HybridSolution:

@@ -21,7 +21,6 @@ from invariantqp.force.monitor import (
     Approach,
     Dead,
     Evidence,
-    Jump,
     Monitor,
     Overload,
     Pulls,
@@ -120,18 +119,21 @@ STIFFNESS = _fields(
     *(THREE, THREE, float, float, float, FOUR, FOUR, float, Numbers((3, 3)), THREE, float, (float, float, float)),
     *(bool, bool, float, float, Maybe(float), Maybe(float), bool, float),
 )
-EVIDENCE = _fields(Evidence, Maybe((float, float, float)), FOUR, Numbers((4, 4)))
-ANSWERS = _fields(Answers, float, float, float, (THREE, THREE), float, EVIDENCE, Maybe(PAIR), float)
+EVIDENCE = _fields(Evidence, Maybe((float, float, float)), FOUR, Numbers((4, 4)), PAIR)
+ANSWERS = _fields(
+    Answers,
+    *(float, float, float, (THREE, THREE), PAIR, float, EVIDENCE, float, Maybe((float, float, float, float))),
+    *(float, float, Maybe(PAIR), Maybe(float), float, float),
+)
 SETTLING = _fields(Settling, AGES, Maybe(float), Maybe(float), float, AGES, bool, float, float, float)
 MONITOR = _fields(
     Monitor,
     _fields(Overload, PAIR),
     _fields(Dead, Maybe(SIX), float, bool),
-    _fields(Pulls, Maybe(float), float, float),
+    _fields(Pulls, float),
     _fields(Approach, float, PAIR, float),
     Several(ANSWERS, PARTS),
     SETTLING,
-    _fields(Jump, Maybe(float), Maybe(PAIR)),
     None,
     float,
     float,

@@ -7,11 +7,9 @@ dead        a sensor that has noise reads exactly the same for a tenth of a seco
 pulls       a contact that can only push is read to pull by half of the wanted press
 approach    an approach that meets nothing within approach_distance or approach_time, or in which the tool never comes
             nearer as commanded, stands still until `reset`
-answers     readings have to answer the motion, `Answers`: they lead the tool no further out than a surface can be,
-            and no further in than two presses are worth without showing that they follow the way
+answers     readings and way have to agree, `Answers`; what they cannot tell is asked by letting go
 By name (`HybridTask(checks=...)`):
 settling    the press swings, chatters or is not reached
-jump        the press jumps within a tick, and no way explains it
 """
 
 from __future__ import annotations
@@ -23,7 +21,18 @@ import numpy as np
 
 from invariantqp.errors import written
 from invariantqp.force.contact import HybridTask
-from invariantqp.force.estimate import CERTAIN, SHORT, SOFTEST, STIFF, STIFFER, Stiffness, Touch, weighed
+from invariantqp.force.estimate import (
+    CERTAIN,
+    LEAST_WAY,
+    RESOLVED,
+    SHORT,
+    SOFTEST,
+    STIFF,
+    STIFFER,
+    Stiffness,
+    Touch,
+    weighed,
+)
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.solution import Status
@@ -44,10 +53,8 @@ LET_GO = 1.0
 DEAD_AFTER = 0.1
 STALE_AFTER = 0.012
 
-# Share of the wanted press by which a reading may pull, and by which it may change within a tick; a change within
-# ABOVE_NOISE is noise. For how long after a jump a pull is looked at more closely [s].
+# Share of the wanted press by which a reading may pull.
 PULL_SHARE = 0.5
-JUMP_MEMORY = 0.3
 
 # Over which share of retreat_distance a tool has to follow commands, from which share of that on it is judged, of which
 # share it has to come at least, and of which it has moved at all: something holds it.
@@ -64,19 +71,17 @@ PRESSES = 2.0
 CREEP = 0.05
 # A contact that was there from the first reading on is taken for this share of where an estimate begins.
 PRESENT = 0.1
-# Out of place, in sizes of the contact: how far readings may lead the tool above the touch (2 mm of 50), how far above
-# it and how far at most it lets go to see whether they fall, how far it retreats where they did not.
-ABOVE, LEAST_ASKED, MOST_ASKED = 0.04, 0.02, 0.4
-AWAY = ABOVE + LEAST_ASKED
-# A press has to be felt for that: below this share of the wanted one the tool may be in the air.
+# In sizes of the contact: how far beyond the touch, and how far at most, the tool lets go to see whether readings fall.
+LEAST_ASKED, MOST_ASKED = 0.02, 0.4
+# A reading that changes by this share, and so many standard deviations, while the tool lets go has answered.
 FELT = 0.25
-# Falling by this share of the press, and so many standard deviations, a reading answers.
-FELL = 0.3
 FELL_NOISE = 6.0
-# ... as well as where the way explains it so much better than nothing does (chi squared), and this share of it, by a
+# An answer: the way explains the force so much better than nothing does (chi squared), and this share of it, by a
 # spring or by a damper of one of these times its stiffness [s]. What is longer ago than this [s] counts no more.
 CHI = 16.0
 EXPLAINED = 0.5
+# What is not stuck changes by this multiple of the square that noise has.
+STIRRED = 2.0
 # An answer shows a contact no softer than this share of what was shown before: a sensor that sticks looks soft, too.
 SOFTER = 0.5
 DAMPERS = (0.0, 0.01, 0.06)
@@ -201,27 +206,20 @@ class Dead(NamedTuple):
 
 
 class Pulls(NamedTuple):
-    """Evidence that a contact is read to pull which can only push, and how long ago the press jumped [s]."""
+    """Evidence that a contact is read to pull which can only push."""
 
-    press: float | None = None
     pull: float = -CERTAIN
-    jumped: float = JUMP_MEMORY
 
-    def update(self, task: HybridTask, tick: Tick) -> tuple[Pulls, Finding | None]:  # noqa: ARG002
-        """The check after a tick."""
+    def update(self, task: HybridTask, tick: Tick, *, close: bool = False) -> tuple[Pulls, Finding | None]:  # noqa: ARG002
+        """The check after a tick; `close` where the tool has let go or lost the contact: nothing is to be read."""
         if tick.press is None or tick.press[1] == 0.0:
-            return self._replace(press=None), None
+            return self, None
         felt, wanted = tick.press
-        change = 0.0 if self.press is None else abs(felt - self.press)
-        jumped = 0.0 if change > max(PULL_SHARE * wanted, ABOVE_NOISE * tick.noise) else self.jumped + tick.dt
-        close = tick.limit if jumped < JUMP_MEMORY and tick.limit > 0.0 else max(tick.limit, PULL_SHARE * wanted)
-        pull = weighed(self.pull, -felt, close, tick.noise)
-        now = Pulls(felt, pull, jumped)
+        pull = weighed(self.pull, -felt, tick.limit if close else max(tick.limit, PULL_SHARE * wanted), tick.noise)
         if pull < CERTAIN:
-            return now, None
-        what = "the reading jumped, or has more noise than told, and" if jumped < JUMP_MEMORY else "the reading"
-        said = f"{what} says that the contact pulls with {written(-felt)} N: sign, order, weight or bias is wrong"
-        return now, Finding(Status.FAULT, said, back=True)
+            return Pulls(pull), None
+        said = f"the reading says that the contact pulls with {written(-felt)} N: sign, order, weight or bias is wrong"
+        return Pulls(pull), Finding(Status.FAULT, said, back=True)
 
 
 class Approach(NamedTuple):
@@ -275,11 +273,13 @@ class Evidence(NamedTuple):
         last: way, speed and force of the last tick; None before the first.
         high: the same, high-passed, and a step.
         sums: (4, 4) products of way, speed, force and the step.
+        stirs: square of the force, of a shorter time, and what noise alone makes of it.
     """
 
     last: tuple[float, float, float] | None = None
     high: Array = np.zeros(4)
     sums: Array = np.zeros((4, 4))
+    stirs: tuple[float, float] = (0.0, 0.0)
 
     def after(self, known: Stiffness, noise: float, wanted: float, shared: float, dt: float) -> Evidence:
         """The same after one more reading; the arguments as in `Answers.update`."""
@@ -292,7 +292,15 @@ class Evidence(NamedTuple):
         high = (1.0 - min(0.5, dt / PASSES)) * (self.high + steps)
         weight = shared / (4.0 * noise * noise + (0.01 * wanted) ** 2)
         sums = exp(-dt / SINCE) * self.sums + weight * np.outer(high, high)
-        return Evidence((way, speed, force), high, sums)
+        square, expected = (0.0, 0.0) if self.stirred else self.stirs
+        left = exp(-dt / PATIENCE)
+        stirs = left * square + weight * float(high[2] ** 2), left * expected + weight * noise * noise
+        return Evidence((way, speed, force), high, sums, stirs)
+
+    @property
+    def stirred(self) -> bool:
+        """Whether the force changes, by whatever, by more than noise does: it is not stuck."""
+        return self.stirs[0] > STIRRED * self.stirs[1] + CHI
 
     @property
     def answers(self) -> bool:
@@ -312,38 +320,61 @@ class Evidence(NamedTuple):
 
 
 class Answers(NamedTuple):
-    """Whether readings answer the motion: one account of the way that they have not answered.
+    """Whether readings and way agree: one account with a sign, for way that readings do not show and for the reverse.
 
-        unanswered = way in since the last answer - slope (how far it has been from there) - what creeps
-        above      = way out since the touch - slope |way across since then|                 both by the joints
+        since the last answer     k (way - slope (how far it has been from there) - what the surface may do)
+        since it has rested       the same - change of the force
 
-    On a contact readings follow f = k x + b x'. Way in that they have not answered is worth at most two presses of the
-    stiffest contact that the touch can have shown. Then the tool asks: it lets go. On a contact the readings fall, and
-    have answered; a sensor that is stuck, drifts or is not tared does not, and that is a fault. On the way out nothing
-    is pressed, and a bound on the place is enough: readings that still tell of a press 2 mm above the touch are wrong.
+    On a contact readings follow f = k x + b x'. Way, in or out, that they have not answered is worth at most two
+    presses of the stiffest contact that the touch can have shown; and where the force stands, k of the softest one
+    times the way that the law took for it stays below SHORT of the press: a bias that drifts or jumps moves the tool,
+    as a surface would that moves. What the readings cannot tell the tool asks: it lets go. On a contact they fall to
+    nothing, and the surface is known to move; a sensor that is stuck, off or not tared reads something, and that is a
+    fault.
 
     Attributes:
         stiff: bound of the stiffness as the touch or the last answer showed it [force/length].
-        since: depth at the last answer, and what crept since then [length].
         depth: way in since the touch [length].
-        across: (3,) since the touch, and since the last answer [length].
-        far: how far it has been from where it answered [length].
+        since: depth at the last answer, and what crept since then [length].
+        across: (3,) since the touch or since it has rested, and since the last answer [length].
+        far: how far it has been from there [length].
+        silent: for how long the readings have neither answered nor stirred [s].
         evidence: of an answer.
-        asked: press and depth where the tool began to let go; None where it does not.
+        rested: for how long the force has been near the wanted one [s].
+        rest: depth, force and least stiffness, and the wanted force they are of; None before it has rested.
+        off: for how long the way has not been what the force says [s].
+        touched: force at the touch [force].
+        asked: depth and force where the tool began to let go; None where it does not.
+        fell: depth where the readings had fallen to nothing then; None before.
         shown: bound of the stiffness where letting go has lost the contact [force/length].
+        moves: how far the surface is known to move, by having asked [length].
     """
 
     stiff: float = 0.0
-    since: float = 0.0
     depth: float = 0.0
+    since: float = 0.0
     across: tuple[Array, Array] = (np.zeros(3), np.zeros(3))
-    far: float = 0.0
+    far: tuple[float, float] = (0.0, 0.0)
+    silent: float = 0.0
     evidence: Evidence = Evidence()
+    rested: float = 0.0
+    rest: tuple[float, float, float, float] | None = None
+    off: float = 0.0
+    touched: float = 0.0
     asked: tuple[float, float] | None = None
+    fell: float | None = None
     shown: float = inf
+    moves: float = 0.0
 
-    def update(  # noqa: PLR0911 (one for each end)
-        self, task: HybridTask, tick: Tick, known: Stiffness, press: float, wanted: float, noise: float, shared: float
+    def update(
+        self,
+        task: HybridTask,
+        tick: Tick,
+        known: Stiffness,
+        press: float,
+        wanted: float,
+        noise: float,
+        shared: float,
     ) -> tuple[Answers, Finding | None]:
         """The check of one press after a tick.
 
@@ -356,44 +387,90 @@ class Answers(NamedTuple):
             noise: of the smoothed press [force].
             shared: how independent one reading is of the last.
         """
+        depth = self.depth + tick.came
+        if self.asked is not None and wanted > 0.0:
+            slid = self.far[1] + _length(tick.across)
+            return self._replace(depth=depth, far=(0.0, slid)).asking(task, tick, known, press, wanted, noise)
         if not tick.touch.touching or wanted <= 0.0:
-            shown = self.shown
-            if self.asked is not None:  # by letting go it was lost: the readings fell
-                shown = STIFFER * self.asked[0] / max(self.asked[1] - self.depth, LEAST_ASKED * task.size)
-            return Answers(shown=shown), None
+            return Answers(shown=self.shown, moves=self.moves), None
         if self.stiff == 0.0:
             stiff = PRESENT * (task.stiffness or STIFF) if known.stiff is None else min(known.stiff, self.shown)
-            return Answers(stiff), None
-        dt, slope, size = tick.dt, task.slope, task.size
-        depth = self.depth + tick.came
-        since_touch, since = self.across[0] + tick.across, self.across[1] + tick.across
-        above = -depth - slope * _length(since_touch) - task.yields
-        if above > ABOVE * size and press > max(FELT * wanted, FELL_NOISE * noise):
-            said = f"{written(press, 3)} N are read {written(-depth, 2)} above where it touched"
-            return self, Finding(Status.FAULT, f"{said}: {NO_ANSWER}", 0.0)
-        evidence = self.evidence.after(known, noise, wanted, shared, dt)
-        answered = evidence.answers
-        if self.asked is not None and press < self.asked[0] - max(FELL * self.asked[0], FELL_NOISE * noise):
-            answered = True
-        far = max(self.far, _length(since))
-        now = self._replace(depth=depth, across=(since_touch, since), far=far, evidence=evidence)
-        if answered or known.rose:
-            k = known.known
-            stiff = now.stiff if k is None else max(2.0 * max(k, SOFTEST * STIFF), SOFTER * now.stiff)
-            return Answers(stiff, depth, depth, (since_touch, np.zeros(3))), None
-        if now.asked is not None:
-            let_go = now.asked[1] - depth
-            if let_go > min(max(now.asked[1], 0.0) + LEAST_ASKED * size, MOST_ASKED * size):
-                said = f"let go by {written(let_go, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
-                return now, Finding(Status.FAULT, f"{said}: {NO_ANSWER}", max(0.0, depth + AWAY * size))
-            return now, None
-        creep = CREEP * wanted / now.stiff * dt
-        now = now._replace(since=now.since + min(max(depth - now.since, -creep), creep))
-        return now._replace(asked=(press, depth)) if now.unseen(task) > PRESSES * wanted else now, None
+            return self._replace(stiff=stiff, touched=press), None
+        across = self.across[0] + tick.across, self.across[1] + tick.across
+        far = max(self.far[0], _length(across[0])), max(self.far[1], _length(across[1]))
+        evidence = self.evidence.after(known, noise, wanted, shared, tick.dt)
+        creep = CREEP * wanted / self.stiff * tick.dt
+        now = self._replace(
+            depth=depth,
+            since=self.since + min(max(depth - self.since, -creep), creep),
+            across=across,
+            far=far,
+            silent=0.0 if evidence.stirred else self.silent + tick.dt,
+            evidence=evidence,
+        ).at_rest(task, tick.dt, press, wanted, noise)
+        if evidence.answers or known.rose:
+            stiff = now.shows(known)
+            across, far = (now.across[0], np.zeros(3)), (now.far[0], 0.0)
+            now = now._replace(stiff=stiff, since=depth, across=across, far=far, silent=0.0, evidence=Evidence())
+        if now.unseen(task) > PRESSES * wanted or now.off > AVERAGED:
+            return now._replace(asked=(depth, press), far=(0.0, 0.0)), None
+        return now, None
+
+    def at_rest(self, task: HybridTask, dt: float, press: float, wanted: float, noise: float) -> Answers:
+        """The same with what is known of the force that stands."""
+        if self.rest is not None and self.rest[3] != wanted:
+            return self._replace(rested=0.0, rest=None, off=0.0)
+        if self.rest is None:
+            rested = self.rested + dt if abs(press - wanted) < SHORT * wanted else 0.0
+            if rested < PATIENCE:
+                return self._replace(rested=rested)
+            way = max(self.depth, LEAST_WAY * RESOLVED * task.size) + task.slope * self.far[0]
+            least = max(press - self.touched, 0.0) / way
+            rest = (self.depth, press, least, wanted)
+            return self._replace(rest=rest, across=(np.zeros(3), self.across[1]), far=(0.0, self.far[1]))
+        depth, force, least, _ = self.rest
+        room = task.slope * self.far[0] + task.yields + self.moves + LEAST_WAY * RESOLVED * task.size
+        way, rise = self.depth - depth, press - force
+        missing = least * max(abs(way - rise / least) - room, 0.0) if least > 0.0 else 0.0
+        return self._replace(off=self.off + dt if missing > max(SHORT * wanted, FELL_NOISE * noise) else 0.0)
+
+    def asking(
+        self, task: HybridTask, tick: Tick, known: Stiffness, press: float, wanted: float, noise: float
+    ) -> tuple[Answers, Finding | None]:
+        """The same while the tool lets go: until readings fall, or to nothing where they have rested."""
+        (began, before), rested = self.asked or (0.0, 0.0), self.off > AVERAGED
+        if tick.touch.touching and self.fell is None:
+            if not rested and abs(press - before) > max(FELT * before, FELL_NOISE * noise):
+                return Answers(self.shows(known), self.depth, self.depth, shown=self.shown, moves=self.moves), None
+            most = min(max(began, 0.0) + LEAST_ASKED * task.size, MOST_ASKED * task.size) + task.slope * self.far[1]
+            if self.let_go > most and tick.touch.evidence == CERTAIN:
+                said = (
+                    f"let go by {written(self.let_go, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
+                )
+                away = max(0.0, self.depth + 2.0 * LEAST_ASKED * task.size)
+                return self, Finding(Status.FAULT, f"{said}: {NO_ANSWER}", away)
+            return self, None
+        fell = self.depth if self.fell is None else self.fell
+        if rested and fell - self.depth < max(0.5 * (began - fell), LEAST_ASKED * task.size):
+            return self._replace(fell=fell), None
+        shown = STIFFER * before / max(began - fell, LEAST_ASKED * task.size)
+        moved = 2.0 * abs(began - self.rest[0]) if rested and self.rest is not None else 0.0
+        return Answers(shown=shown, moves=max(self.moves, moved)), None
+
+    def shows(self, known: Stiffness) -> float:
+        """The bound of the stiffness that an answer shows [force/length]."""
+        k = known.known
+        return self.stiff if k is None else max(2.0 * max(k, SOFTEST * STIFF), SOFTER * self.stiff)
+
+    @property
+    def let_go(self) -> float:
+        """How far the tool has let go [length]."""
+        return 0.0 if self.asked is None else max(0.0, self.asked[0] - self.depth)
 
     def unseen(self, task: HybridTask) -> float:
-        """What may be pressed beside what is read, by way that was not answered [force]."""
-        return self.stiff * max(0.0, self.depth - self.since - task.slope * self.far - task.yields)
+        """What may be pressed more or less than is read, by way that was not answered [force]."""
+        way = abs(self.depth - self.since)
+        return self.stiff * max(0.0, way - task.slope * self.far[1] - task.yields - self.moves)
 
 
 # What a reading without an answer may be.
@@ -405,26 +482,6 @@ NO_ANSWER = (
 
 def _length(way: Array) -> float:
     return sqrt(float(way.dot(way)))
-
-
-class Jump(NamedTuple):
-    """Whether the press has jumped within a tick by half of the wanted one, and stays."""
-
-    press: float | None = None
-    jumped: tuple[float, float] | None = None
-
-    def update(self, task: HybridTask, tick: Tick) -> tuple[Jump, Finding | None]:  # noqa: ARG002
-        """The check after a tick."""
-        if tick.press is None or not tick.touch.touching or tick.touch.evidence < CERTAIN:
-            return Jump(), None
-        felt, wanted = tick.press
-        least = max(PULL_SHARE * wanted, ABOVE_NOISE * tick.noise)
-        if self.press is None or abs(felt - self.press) < least:
-            return Jump(felt), None
-        said = (
-            f"the press jumped by {written(felt - self.press, 2)} N within a tick: the sensor's bias jumped, or a step"
-        )
-        return Jump(felt), Finding(Status.FAULT, said, back=True)
 
 
 class Settling(NamedTuple):
@@ -533,7 +590,7 @@ class Monitor(NamedTuple):
     """All checks of a controller, and what they have found.
 
     Attributes:
-        overload, dead, pulls, approach, answers, settling, jump: the checks.
+        overload, dead, pulls, approach, answers, settling: the checks.
         found: what stops the tool until `reset`; None for nothing.
         pushed: how far it has gone in since the touch [length].
         approached: way towards the contact in the air [length].
@@ -546,7 +603,6 @@ class Monitor(NamedTuple):
     approach: Approach = Approach()
     answers: tuple[Answers, ...] = ()
     settling: Settling = Settling()
-    jump: Jump = Jump()
     found: Finding | None = None
     pushed: float = 0.0
     approached: float = 0.0
@@ -571,7 +627,8 @@ class Monitor(NamedTuple):
         if found is not None or self.found is not None:
             return now.stopping(task, found) if found is not None else now
         dead, found = self.dead.update(task, tick)
-        pulls, pulled = self.pulls.update(task, tick)
+        free = self.asks or 0.0 < tick.touch.airborne < inf
+        pulls, pulled = self.pulls.update(task, tick, close=free and tick.limit > 0.0)
         approach, lost = self.approach.update(task, tick)
         found = found or pulled
         answers: list[Answers] = []
@@ -584,15 +641,8 @@ class Monitor(NamedTuple):
                 after, wrong = check.update(task, tick, known, felt, wanted, noise, shared)
                 answers.append(after)
                 found = found or wrong
-        jump, settling = self.jump, self.settling
-        if "jump" in task.checks:
-            jump, jumped = self.jump.update(task, tick)
-            found = found or jumped
-        if "settling" in task.checks:
-            settling = self._settled(task, tick)
-        now = now._replace(
-            dead=dead, pulls=pulls, approach=approach, answers=tuple(answers), settling=settling, jump=jump
-        )
+        settling = self._settled(task, tick) if "settling" in task.checks else self.settling
+        now = now._replace(dead=dead, pulls=pulls, approach=approach, answers=tuple(answers), settling=settling)
         return now if found is None and lost is None else now.stopping(task, found or lost)
 
     def _settled(self, task: HybridTask, tick: Tick) -> Settling:
@@ -616,10 +666,15 @@ class Monitor(NamedTuple):
         """What a press may be beside what is read [force]."""
         return self.answers[press].unseen(task) if press < len(self.answers) else 0.0
 
+    def believed(self, press: int, dt: float) -> float:
+        """The share of a slope that is kept in a tick of dt [s]: where a press has long been silent it may be none."""
+        silent = press < len(self.answers) and self.answers[press].silent > SINCE
+        return exp(-dt / SINCE) if silent else 1.0
+
     def let_go(self, press: int) -> float | None:
         """How far the tool has let go of a press to see whether readings fall [length]; None where it does not."""
         check = self.answers[press] if press < len(self.answers) else Answers()
-        return None if check.asked is None else max(0.0, check.asked[1] - check.depth)
+        return None if check.asked is None else check.let_go
 
     @property
     def asks(self) -> bool:
@@ -690,4 +745,4 @@ def _without_edge(monitor: Monitor, touch: Touch, task: HybridTask, *, can_leave
 
 
 # What is said while the tool lets go.
-ASKS = "pushed in by two presses without an answer: letting go to see whether the readings fall"
+ASKS = "the readings do not say what the way does: letting go to see whether they fall to nothing"

@@ -93,6 +93,29 @@ def test_a_bias_that_drifts_upwards_leads_the_tool_out_by_millimetres():
     assert drift.height[: drift.stopped].max() < 25e-3
 
 
+@pytest.mark.parametrize("rate", [0.0, 0.3])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_bias_that_drifts_or_jumps_under_a_tool_at_rest_is_found(sign, rate):
+    """By 0.3 N/s, or by 4 N at once: "ok" with 16 N, or in the air, at the end."""
+    bias = sign * (0.0 if rate else 4.0)
+    run = press_on_damper(
+        dt=0.01, since=4.0, seconds=24.0, reads=lambda press, t: press + bias + sign * rate * (t - 4.0)
+    )
+    assert run.said[-1][0] == "fault"
+    assert run.press.max() < 1.6 * PRESS
+    assert run.height[round(4.0 / run.dt) : run.stopped].max() < 2e-3
+
+
+def test_a_force_that_changed_on_the_contact_is_asked_about_and_then_believed():
+    """4 N more than the spring says, but nothing in the air."""
+    run = press_on_damper(dt=0.01, since=4.0, seconds=20.0, reads=lambda press, t: press + 4.0 * (press > 0.0))
+    assert run.stopped is None
+    asked = [k for k, (_, why) in enumerate(run.said) if "letting go to see whether they fall to nothing" in why]
+    assert asked
+    assert max(asked) * run.dt < 8.0
+    assert {status for status, _ in run.said[-500:]} == {"ok"}
+
+
 @pytest.mark.parametrize(("speed", "seed"), [(0.02, 0), (0.06, 1)])
 def test_a_reading_stuck_in_its_noise_while_the_tool_slides_presses_a_few_times_more_at_most(speed, seed):
     run = press_on_damper(stiffness=2e4, speed=speed, reads=Held(), since=3.0, seconds=6.0, seed=seed)
@@ -113,10 +136,7 @@ def test_a_reading_that_stays_above_the_wanted_press_leads_the_tool_out_by_milli
     run = press_on_damper("panda", stiffness=stiffness, reads=Held(share), since=4.0, seconds=30.0)
     stop = run.stopped
     assert run.said[stop][0] == "fault"
-    assert (
-        "above where it touched: the readings do not answer the motion: a sensor that is stuck, drifts"
-        in run.said[stop][1]
-    )
+    assert "are still read: the readings do not answer the motion: a sensor that is stuck, drifts" in run.said[stop][1]
     assert 1e-3 < run.height[: stop + 1].max() < 4e-3
 
 
