@@ -232,7 +232,6 @@ class Press:
     retreat_distance: float  # [length]
     checks_noise: bool  # whether more noise than told is told
     checks_settling: bool  # whether swings and presses not reached are
-    checks_jump: bool  # whether a press that jumps is a fault
     force_first: bool  # whether the force part of a twist is met exactly
     at_contact: bool  # whether twists are measured at the place of contact
     def __init__(
@@ -269,7 +268,6 @@ class Press:
         retreat_distance: float,
         checks_noise: bool | None = None,
         checks_settling: bool | None = None,
-        checks_jump: bool | None = None,
         force_first: bool | None = None,
         at_contact: bool | None = None,
     ) -> None: ...
