@@ -172,6 +172,7 @@ static bool unanswered(const Press *press, const PressTick *tick, const Stiffnes
     followed(known, noise, wanted, shared, dt, &check->evidence);
     check->since += fmin(fmax(check->depth - check->since, -creep), creep);
     check->silent = stirred(&check->evidence) ? 0.0 : check->silent + dt;
+    bool rested = !isnan(check->rest[0]);
     rests(press, dt, felt, wanted, noise, check);
     if (explains(&check->evidence) || known->rose != 0.0) {
         if (is_known(known))
@@ -180,7 +181,9 @@ static bool unanswered(const Press *press, const PressTick *tick, const Stiffnes
         check->across[1][0] = check->across[1][1] = check->across[1][2] = check->far[1] = check->silent = 0.0;
         check->evidence = (Evidence){.last = {NAN, NAN, NAN}};
     }
-    return unseen(press, check) > PRESSES * wanted || check->off > AVERAGED_FOR;
+    bool begun = tick->noise > 0.0 && !rested && !isnan(check->rest[0]);
+    bool unshown = begun && isnan(known->stiff) && check->silent >= PATIENT_FOR;
+    return unshown || unseen(press, check) > PRESSES * wanted || check->off > AVERAGED_FOR;
 }
 
 /* Ages a tick later, those that are still remembered. */

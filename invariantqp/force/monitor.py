@@ -328,9 +328,10 @@ class Answers(NamedTuple):
     On a contact readings follow f = k x + b x'. Way, in or out, that they have not answered is worth at most two
     presses of the stiffest contact that the touch can have shown; and where the force stands, k of the softest one
     times the way that the law took for it stays below SHORT of the press: a bias that drifts or jumps moves the tool,
-    as a surface would that moves. What the readings cannot tell the tool asks: it lets go. On a contact they fall to
-    nothing, and the surface is known to move; a sensor that is stuck, off or not tared reads something, and that is a
-    fault.
+    as a surface would that moves. A sensor's press that was there from the first reading on, and does not stir, no
+    way has shown: in the air it would be a bias. What the readings cannot tell the tool asks: it lets go. On a contact
+    they fall, where they have moved the tool to nothing, and the surface is known to move; a sensor that is stuck, off
+    or not tared reads something, and that is a fault.
 
     Attributes:
         stiff: bound of the stiffness as the touch or the last answer showed it [force/length].
@@ -412,7 +413,9 @@ class Answers(NamedTuple):
             stiff = now.shows(known)
             across, far = (now.across[0], np.zeros(3)), (now.far[0], 0.0)
             now = now._replace(stiff=stiff, since=depth, across=across, far=far, silent=0.0, evidence=Evidence())
-        if now.unseen(task) > PRESSES * wanted or now.off > AVERAGED:
+        begun = tick.noise > 0.0 and self.rest is None and now.rest is not None
+        unshown = begun and known.stiff is None and now.silent >= PATIENCE
+        if unshown or now.unseen(task) > PRESSES * wanted or now.off > AVERAGED:
             return now._replace(asked=(depth, press), far=(0.0, 0.0)), None
         return now, None
 

@@ -61,6 +61,7 @@ FAULTS = {
     "stuck just below": (lambda: Held(0.9), 2.5, 2.6),
     "stuck in the touch": (lambda: InTheTouch(0.3), 0.0, 2.6),
     "not tared, half a press": (lambda: lambda press, t: press + 0.5 * PRESS, 0.0, 1.1),
+    "not tared, about a press": (lambda: lambda press, t: press + 0.95 * PRESS, 0.0, 1.1),
     "not tared, more than a press": (lambda: lambda press, t: press + 1.2 * PRESS, 0.0, 1.1),
     "wrong sign": (lambda: lambda press, t: -press, 0.0, 2.6),
     "wrong sign, half a press of weight": (lambda: lambda press, t: 0.5 * PRESS - press, 0.0, 2.6),
@@ -114,6 +115,16 @@ def test_a_force_that_changed_on_the_contact_is_asked_about_and_then_believed():
     assert asked
     assert max(asked) * run.dt < 8.0
     assert {status for status, _ in run.said[-500:]} == {"ok"}
+
+
+def test_a_contact_that_is_pressed_as_wanted_from_the_start_is_asked_once_and_believed():
+    def reads(press, t):  # the plant itself begins with none
+        return press if t > 0.0 else PRESS
+
+    run = press_on_damper(dt=0.01, gap=-PRESS / 2e4, seconds=12.0, reads=reads, since=0.0)
+    asked = [k for k, (_, why) in enumerate(run.said) if "letting go" in why]
+    assert 0 < len(asked) < 20
+    assert {status for status, _ in run.said[max(asked) + 200 :]} == {"ok"}
 
 
 @pytest.mark.parametrize(("speed", "seed"), [(0.02, 0), (0.06, 1)])
