@@ -194,7 +194,7 @@ class Follower:
         """Follow points, or a function of time, in place of all that was followed before.
 
         The arm goes over from the motion it has, with bounded jerk. Of points whose order is mixed up on their way, the
-        newest are followed; those that are over already are not.
+        newest are followed. Points that are over already still say where the last of them is, for a second.
 
         Args:
             points: (n, 4, 4) poses in the base frame, (n, m) joint positions, or a function of time [s] that returns
@@ -770,7 +770,7 @@ class Follower:
     def _take_points(self, given: Given, stamps: Array, *, smooth: bool) -> None:
         """Points with stamps, from now on."""
         now = self._time
-        if stamps[-1] <= now:
+        if now - stamps[-1] > ANOTHER_CLOCK:
             self._why = "the points were over when they came"
             return
         if self._given is not None and stamps[0] < self._given[1][0] and stamps[-1] <= self._given[1][-1]:

@@ -74,6 +74,18 @@ def test_a_gap_between_chunks_does_not_turn_the_arm_back():
     assert {a.status for a in answers[round(1.78 / arm.dt) : round(1.82 / arm.dt)]} == {"waiting"}
 
 
+@pytest.mark.parametrize("over", [0.02, 0.8, 1.2])
+def test_points_that_are_over_when_they_come_still_say_where_the_last_is(over):
+    arm = Arm("ur5")
+    stamps = np.arange(10) / 20
+    points = arm.start + np.outer(stamps, 0.3 * np.ones(6))
+    Q, answers = driven(arm, arm.follower(), [(0.45 + over, lambda f: f.follow(points, stamps))], 3.5)
+    arm.held(Q)
+    followed = over < 1.0
+    assert answers[-1].status == ("done" if followed else "waiting")
+    assert np.abs(Q[-1] - (points[-1] if followed else arm.start)).max() < 1e-6
+
+
 def test_joints_that_catch_up_do_not_go_past_what_they_follow():
     arm = Arm("ur5")
 
