@@ -49,11 +49,14 @@ static double rounded(double value, double limit)
 }
 
 /* The velocity shortened until rows and tool speed hold exactly, where only rounding exceeds them; not where standing still
-   is outside a row, which a shorter one would be too. */
+   is outside a row or the box, which a shorter one would be too. */
 static void shortened(const Demand *demand, const Row y, Row x)
 {
     double limit = demand->cone.limit, share = limit > 0.0 ? rounded(tool_speed(&demand->cone, demand->m, y), limit) : 1.0;
     memcpy(x, y, (size_t)demand->m * sizeof(double));
+    for (int j = 0; j < demand->m; j++)
+        if (demand->lower[j] > 0.0 || demand->upper[j] < 0.0)
+            return;
     for (int i = 0; i < demand->limits; i++) {
         double value = dot(demand->m, demand->G[i], y);
         if (demand->least[i] > 0.0 || demand->most[i] < 0.0)

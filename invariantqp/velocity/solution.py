@@ -114,10 +114,11 @@ def clipped(demand: Demand, x: Array) -> tuple[Array, tuple[int, ...]]:
 def _shortened(demand: Demand, x: Array) -> Array:
     """The velocity shortened until rows and tool speed hold exactly, where only rounding exceeds them.
 
-    Not where standing still is outside a row, which a shorter one would be too.
+    Not where standing still is outside a row or the box, which a shorter one would be too.
     """
-    rows, cone = demand.rows, demand.cone
-    if rows is not None and not rows.allow(np.zeros_like(x)):
+    rows, cone, still = demand.rows, demand.cone, np.zeros_like(x)
+    boxed = bool(((demand.lower <= still) & (demand.upper >= still)).all())
+    if not boxed or (rows is not None and not rows.allow(still)):
         return x
     used = np.empty(0) if rows is None else rows.used(x)
     if cone is not None:

@@ -281,6 +281,18 @@ def test_a_row_whose_only_side_is_all_but_zero_is_a_limit_like_any_other(side):
         assert (C @ near.velocity <= upper + 1e-12).all()
 
 
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+def test_a_row_beside_a_joint_that_has_to_move_holds_to_rounding(engine):
+    """Shortened by the rounding of a small difference, and that joint back in its range, the row would be exceeded."""
+    rng = np.random.default_rng(26)
+    for _ in range(30):
+        J, s, least = rng.normal(size=(6, 6)), rng.normal(size=6), rng.uniform(0.05, 0.3)
+        bounds = iq.Bounds([least, *[-1.0] * 5], [2.0 * least, *[1.0] * 5])
+        C = 1e7 * np.array([[1.0, -1.0, 0.0, 0.0, 0.0, 0.0]])
+        x = iq.solve_velocity(J, s, bounds=bounds, rows=iq.limits.LimitRows(C, [-0.01], [0.01]), engine=engine).velocity
+        assert np.abs(C @ x) <= 0.01 + 1e-14 * np.linalg.norm(C) * np.linalg.norm(x)
+
+
 def test_what_slows_exact_rows_down_is_named():
     J, s, h = regular_problem(np.random.default_rng(22), 5)
     bounds = iq.Bounds([-9.0] * 5, [9.0, 9.0, 0.25, 9.0, 9.0])
