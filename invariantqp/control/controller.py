@@ -274,6 +274,15 @@ class Controller:
         fields["compiled"] = Controller._compiled(other)
         return other
 
+    def unbraked(self) -> Controller:
+        """The loop without acceleration limits and delay, for whoever limits those himself; what it has is shared."""
+        other = object.__new__(type(self))
+        kept = Memory.at_first(self._count, 0.0, self.dt).numbers
+        limits = self._limits._replace(braking=None)
+        vars(other).update(vars(self), delay=0.0, _late=(0, 0.0), braking=None, _limits=limits, kept=kept)
+        vars(other)["compiled"] = Controller._compiled(other)
+        return other
+
     def step(
         self,
         q: ArrayLike,

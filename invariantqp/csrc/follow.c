@@ -7,7 +7,7 @@
 
 #include "paths.h"
 
-/* Joint velocities of the next tick on the way to what a twist asks for. */
+/* towards_twist, for a loop without acceleration limits and delay. */
 static Outcome towards_twist(const JointLimits *limits, const Loop *loop, const double *kept, const double *twist,
                              const double *q, const double *velocity, Row v)
 {
@@ -18,11 +18,8 @@ static Outcome towards_twist(const JointLimits *limits, const Loop *loop, const 
     for (int i = 0; i < 6; i++)
         moves = moves || twist[i] != 0.0;
     if (moves) {
-        Loop free = *loop; /* the law inside the limits of position and speed: how velocities change is ours */
         Tick tick;
-        free.has_braking = false;
-        free.delay = 0.0;
-        if (step(&free, NULL, q, NULL, twist, velocity, kept, &tick) == HAND_BACK)
+        if (step(loop, NULL, q, NULL, twist, velocity, kept, &tick) == HAND_BACK)
             return HAND_BACK;
         memcpy(x, tick.solution.velocity, sizeof x);
     }
@@ -80,8 +77,9 @@ static bool commanded(const Course *course, int j, double q, double off, double 
 
 /* follow(course, loop, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command before):
    position, velocity, acceleration and command after the tick, q as an array, the source's last column before and after,
-   whether the joints are late, how they stop being it, a residual and how long it takes, or None, and what made all slower; or None where Python
-   has to answer, or to say what is wrong with q. Late joints look for a splice that takes `ease`, unless that is 0. */
+   whether the joints are late, how they stop being it, a residual and how long it takes, or None, and what made all
+   slower; or None where Python has to answer, or to say what is wrong with q. The loop is one without acceleration limits
+   and delay. Late joints look for a splice that takes `ease`, unless that is 0. */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;

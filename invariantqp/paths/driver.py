@@ -44,7 +44,7 @@ from invariantqp.paths.reference import (
 from invariantqp.paths.shape import ASTRAY, PAUSE, Shape, Told
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.time_law import ROUNDING, JointLimits
-from invariantqp.paths.twist import TwistLaw
+from invariantqp.paths.twist import towards_twist
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.reasons import row_name, sentences
 from invariantqp.velocity.solution import Status
@@ -146,7 +146,7 @@ class Follower:
         self._tolerance = (
             least if tolerance is None else arrays.number(tolerance, "tolerance", "a distance", positive=True)
         )
-        self._solver, self._twists = Solver(loop, self._tolerance), TwistLaw(loop)
+        self._solver, self._unbraked = Solver(loop, self._tolerance), loop.unbraked()
         self.paused: bool = False
         self._reset()
 
@@ -451,8 +451,8 @@ class Follower:
         ease = EASE_SAMPLE if self._looks_over else 0.0
         found = core.follow(  # type: ignore[union-attr]
             numbers,
-            loop.compiled,
-            loop.kept,
+            self._unbraked.compiled,
+            self._unbraked.kept,
             self._twist,
             self._late,
             ease,
@@ -486,14 +486,12 @@ class Follower:
 
     def _reported_soon(self, reference: Reference, measured: Array, command: Array) -> FollowerSolution:
         """As `_reported`, without a look at what cannot be so where nothing is new."""
-        time, by_twist = self._time, self._twist is not None
-        rests = (
-            self.paused or (by_twist and not self._turns) or (time >= reference.end and not self._late) or self._over
-        )
+        time = self._time
+        if self._turns:
+            return FollowerSolution(command, Status.MOVING, "", time, 0.0, lambda: nan)
+        rests = self._twist is not None or self.paused or (time >= reference.end and not self._late) or self._over
         if rests or self._override != 1.0 or self._some_missed:
             return self._reported(reference, measured, command)
-        if by_twist:
-            return FollowerSolution(command, Status.MOVING, "", time, 0.0, lambda: nan)
         lag = reference.source.late if isinstance(reference.source, Window) else 0.0
         place, position = time - lag, self._q
         status, why = self._hurrying()
@@ -639,7 +637,7 @@ class Follower:
 
     def _halt(self) -> None:
         """What is followed is a stop from the motion that the arm has now."""
-        self._twist = self._shape = None
+        self._twist, self._turns, self._shape = None, False, None
         if self._reference is not None:
             self._reference = Reference(self._limits, self._q, self._time)
             self._late = not self._reference.splice(
@@ -834,7 +832,7 @@ class Follower:
         """(m,) the joint velocity that is wanted in this tick."""
         dt = self.controller.dt
         if self._twist is not None:
-            return self._twists.velocity(self._q, self._v, self._twist, self._limits)
+            return towards_twist(self._unbraked, self._q, self._v, self._twist, self._limits)
         if self._late:
             there = reference.at(np.array((self._time + dt,)))[0]
             return self._v + dt * self._limits.catching_up(self._q + dt * self._v, self._v, there)
