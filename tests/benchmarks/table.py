@@ -6,10 +6,11 @@ Medians and 99th percentiles in microseconds, and the ratio of each median to th
 one, to that of the compiled core. All take turns at every tick, so that a busy machine slows them down alike. A tick is
 pose, Jacobian, law and limits, of a controller that remembers what it did before. The hand-written loop is damped least
 squares in metres and radians inside the same joint limits, with rows for an exact position, and nothing is allocated
-twice; it has no posture, no status and no tool speed. Pink, mink and placo are called as `invariantqp compare` calls
-them, the first two with DAQP. placo brings a Pinocchio of its own: its column is filled where the environment has it. A
-tick of a `PathFollower` is compared with an ordinary tick of the same engine in the
-same states, where limits may be met that the follower keeps away from.
+twice; it has no posture, no status and no tool speed. Pink and mink are called as `invariantqp compare` calls
+them, with DAQP; of placo's tick there, which leads the target, only its own calls are made. placo brings a Pinocchio of
+its own: its column is filled where the environment has it (pip install placo '.[robots,pink,mink]'). A tick of a
+`PathFollower` or of a `HybridController` drives the arm, and is compared with an ordinary tick of the same engine in
+the same states, where limits may be met that the follower keeps away from.
 
 Tails are of hard streams, by the processor's time: a tick that took more than FIVE medians is repeated from the same
 state, and counts where its least time is still more. So neither other programs nor the garbage collector do.
@@ -18,7 +19,6 @@ state, and counts where its least time is still more. So neither other programs 
 from __future__ import annotations
 
 import sys
-from copy import copy
 from functools import partial
 from time import perf_counter_ns, thread_time_ns
 
@@ -33,20 +33,23 @@ from invariantqp.velocity import compiled
 
 OURS, PYTHON, HAND = "compiled", "Python", "hand-written"
 COLUMNS = (OURS, PYTHON, HAND, "Pink", "mink", "placo")
-# A tick along a path beside an ordinary tick, of the same engine in the same states.
-ALONG = ((OURS, "compiled, ordinary"), (PYTHON, "Python, ordinary"))
 COUPLED = iq.limits.LimitRows(np.eye(7)[:1] + np.eye(7)[1:2], [-0.02], [0.02])
 MANY = iq.limits.LimitRows(np.random.default_rng(0).normal(size=(32, 7)), -np.ones(32), np.ones(32))
 CONTRARY = iq.limits.LimitRows(np.eye(7)[:2], [3.0, -9.0], [9.0, 9.0])
 POINT, AXIS = iq.control.ExactPoint(), iq.control.ExactAxis([0.0, 0.0, 1.0])
 ROUNDS = 40
+PRESSED = 3000
 SELDOM = 10  # of these the definition in Python takes part in one
 POSES = 50
 TICKS = 100
-ROWS = 4096
+ROWS, FEW = 4096, 256
 FIVE = 5.0
 AGAIN = 20  # times that a slow tick is repeated
-PRESSED = 3000
+# A tick along a path, or pressing, beside an ordinary tick of the same engine in the same states, and pressing ticks.
+ALONG = (
+    ((OURS, "compiled, ordinary"), "compiled", PRESSED),
+    ((PYTHON, "Python, ordinary"), "python", PRESSED // SELDOM),
+)
 
 
 class HandWritten:
@@ -88,6 +91,29 @@ class HandWritten:
         self.fill = self.solver.update
         self.rows = self.rows if self.exact else None  # which `update` takes for unchanged, and none for an error
         return self.solver.solve()[0]
+
+
+class Placo(PlacoLaw):
+    """placo's tick, as fast as a user can call it: it steps the whole way to the target, whatever lies ahead."""
+
+    def __init__(self, robot, law):
+        super().__init__(robot, law)
+        self.arm, self.task, self.solver = self._robot, self._task, self._solver
+        self.q, self.poses = self.arm.state.q.copy(), {}
+        self.joints = self.q[-len(robot.names) :]
+
+    def step(self, q, target, ahead):
+        self.joints[:] = q
+        self.arm.state.q = self.q
+        self.arm.update_kinematics()
+        self.task.T_world_frame = self.pose(target)
+        return self.solver.solve(False)  # noqa: FBT003 (placo's signature)
+
+    def pose(self, target):
+        """A target's matrix, made once."""
+        if id(target) not in self.poses:
+            self.poses[id(target)] = target.homogeneous
+        return self.poses[id(target)]
 
 
 def ticks_of(task, wanted, **options):
@@ -141,14 +167,14 @@ def line(title, took):
 
 def line_along(title, took):
     """One row of the table of ticks along a path."""
-    cells = [cell(took[name], took[ordinary]) for tick, ordinary in ALONG for name in (tick, ordinary)]
+    cells = [cell(took[name], took[pair[1]]) for pair, *_ in ALONG for name in pair]
     print(f"| {title} | {' | '.join(cells)} |", flush=True)
 
 
 def peers(task, robot, ticks):
     """Pink's, mink's and placo's ticks, where they are installed and find an answer to each."""
     found = {}
-    for name, law in (("Pink", PinkLaw), ("mink", MinkLaw), ("placo", PlacoLaw)):
+    for name, law in (("Pink", PinkLaw), ("mink", MinkLaw), ("placo", Placo)):
         try:
             step = law(robot, task.law).step
             for tick in ticks:
@@ -161,64 +187,57 @@ def peers(task, robot, ticks):
     return found
 
 
+def in_turn(took, calls, k):
+    """One more time [us] of each call, of (name, function, arguments), the last one first in every second tick; what
+    they return."""
+    answers = {}
+    for name, call, arguments in calls[:: (-1) ** k]:
+        start = perf_counter_ns()
+        answers[name] = call(*arguments)
+        took.setdefault(name, []).append(1e-3 * (perf_counter_ns() - start))
+    return answers
+
+
 def pressed(arm, contact, **options):
-    """Contenders' times in a loop that presses with 5 N on a spring along a circle, each beside an ordinary tick."""
-    robot, dt, random = iq.load_robot(arm), 0.002, np.random.default_rng(0)
-    q = np.array({"panda": [0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8], "ur5e": [0.0, -1.4, 1.6, -1.8, -1.57, 0.0]}[arm])
-    start, task = robot.pose(q), iq.HybridTask(contact(robot.pose(q)), [5.0])
+    """Times in a loop that presses with 5 N on a spring along a circle, of each engine, beside an ordinary tick."""
+    robot, dt, took = iq.load_robot(arm), 0.002, {}
+    first = np.array({"panda": [0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8], "ur5e": [0.0, -1.4, 1.6, -1.8, -1.57, 0.0]}[arm])
+    start, task = robot.pose(first), iq.HybridTask(contact(robot.pose(first)), [5.0])
     sensor = iq.WrenchSensor(np.eye(4), order="force first", reads="reaction", cutoff=50.0)
-    loops = {
-        by: iq.HybridController(robot, task, dt=dt, sensor=sensor, engine=engine, **options)
-        for by, engine in ((OURS, "compiled"), (PYTHON, "python"))
-    }
-    plain = {off: iq.Controller(robot, dt=dt, engine=loops[on].loop.law.engine, **options) for on, off in ALONG}
-    took = {name: [] for pair in ALONG for name in pair}
-    for k in range(PRESSED):
-        T, turn = start.copy(), 2.0 * np.pi / 3.0
-        T[:2, 3] += 0.03 * (np.cos(turn * dt * k) - 1.0), 0.03 * np.sin(turn * dt * k)
-        ahead = np.zeros(6)
-        ahead[3:5] = 0.03 * turn * -np.sin(turn * dt * k), 0.03 * turn * np.cos(turn * dt * k)
-        push = 2e4 * max(0.0, start[2, 3] - 1e-3 - robot.pose(q)[2, 3])
-        reading = np.concatenate((robot.pose(q)[:3, :3].T[:, 2] * push, np.zeros(3)))
-        reading[:3] += 0.2 * random.normal(size=3)
-        for on, off in ALONG[:: (-1) ** k]:
-            took[off].append(timed(plain[off].step, (q, T, ahead)))
-            took[on].append(timed(loops[on].step, (q, T, reading, ahead)))
-        q = q + dt * loops[OURS].loop.memory.commands[0]
+    for (on, off), engine, count in ALONG:
+        loop = iq.HybridController(robot, task, dt=dt, sensor=sensor, engine=engine, **options)
+        plain, random, q = iq.Controller(robot, dt=dt, engine=engine, **options), np.random.default_rng(0), first
+        for k in range(count):
+            T, turn = start.copy(), 2.0 * np.pi / 3.0
+            T[:2, 3] += 0.03 * (np.cos(turn * dt * k) - 1.0), 0.03 * np.sin(turn * dt * k)
+            ahead = np.zeros(6)
+            ahead[3:5] = 0.03 * turn * -np.sin(turn * dt * k), 0.03 * turn * np.cos(turn * dt * k)
+            push = 2e4 * max(0.0, start[2, 3] - 1e-3 - robot.pose(q)[2, 3])
+            reading = np.concatenate((robot.pose(q)[:3, :3].T[:, 2] * push, np.zeros(3)))
+            reading[:3] += 0.2 * random.normal(size=3)
+            calls = (off, plain.step, (q, T, ahead)), (on, loop.step, (q, T, reading, ahead))
+            q = q + dt * in_turn(took, calls, k)[on].velocity
     return took
 
 
 def along_path(name, rate, **options):
-    """Contenders along a smooth path of a random joint motion, and up to TICKS of their ticks."""
-    robot, rng, dt = iq.load_robot(name), np.random.default_rng(3), 0.002
+    """Times along a smooth path of a random joint motion, driven once by each engine, beside an ordinary tick."""
+    robot, rng, dt, took = iq.load_robot(name), np.random.default_rng(3), 0.002, {}
     low, high = np.maximum(robot.position_lower, -3.0), np.minimum(robot.position_upper, 3.0)
     joints = CubicSpline([0.0, 0.5, 1.0], 0.5 * (low + high) + rng.uniform(-0.25, 0.25, (3, len(low))) * (high - low))
-    follower = iq.PathFollower(iq.Controller(robot, dt=dt, **options), lambda u: robot.pose(joints(u)), rate=rate)
-    ordinary, q, found, status = iq.Controller(robot, dt=dt, **options), joints(0.0), [], ""
-    follower.prepare(q)
-    alone = iq.PathFollower(
-        iq.Controller(robot, dt=dt, engine="python", **options), lambda u: robot.pose(joints(u)), rate=rate
-    )
-    alone.prepare(q)
-    python = ordinary.by_engine("python")
-    while status != "done":
-        state = copy(follower), copy(alone)
-        solution, _ = follower.step(q), alone.step(q)
-        T, then = follower.pose(solution.place), follower.pose(solution.place + dt * solution.speed)
-        found.append((state, q, pin.SE3(T), iq.log(then @ iq.inverse(T)) / dt, solution.velocity))
-        q, status = q + dt * solution.velocity, solution.status
-    found = found[:: max(1, len(found) // TICKS)]
-
-    def on_path(which, state, q, *_):
-        state[which].step(q)
-
-    def off_path(ordinary, state, q, target, ahead, velocity):
-        ordinary.step(q, target, ahead, velocity)
-
-    calls = {}
-    for (on, off), which, other in zip(ALONG, (0, 1), (ordinary, python), strict=True):
-        calls |= {on: partial(on_path, which), off: partial(off_path, other)}
-    return calls, found
+    for (on, off), engine, _ in ALONG:
+        loop, plain = (iq.Controller(robot, dt=dt, engine=engine, **options) for _ in range(2))
+        follower, q = iq.PathFollower(loop, lambda u: robot.pose(joints(u)), rate=rate), joints(0.0)
+        follower.prepare(q)
+        place, speed, velocity, status = 0.0, 0.0, np.zeros(len(q)), ""
+        while status != "done":
+            T, then = follower.pose(place), follower.pose(place + dt * speed)
+            ordinary = q, pin.SE3(T), iq.log(then @ iq.inverse(T)) / dt, velocity
+            calls = (off, plain.step, ordinary), (on, follower.step, (q,))
+            found = in_turn(took, calls, len(took.get(on, ())))[on]
+            place, speed, velocity, status = found.place, found.speed, found.velocity, found.status
+            q = q + dt * velocity
+    return took
 
 
 def tails(name, count, **options):
@@ -303,22 +322,23 @@ def rows_a_second(width):
     s, limit = 0.1 * rng.normal(size=(ROWS, 6)), width * np.ones(7)
     sense, none, damping = np.zeros(7, dtype=np.int32), np.zeros((0, 7)), 1e-6 * np.eye(7)
 
-    def solve(engine="compiled"):
-        iq.solve_velocities(J, s, bounds=iq.Bounds(-limit, limit), point=np.zeros(3), length=1.0, engine=engine)
+    def solve(engine="compiled", rows=ROWS):
+        box = iq.Bounds(-limit, limit)
+        iq.solve_velocities(J[:rows], s[:rows], bounds=box, point=np.zeros(3), length=1.0, engine=engine)
 
     def loop():
         for A, b in zip(J, s, strict=True):
             daqp.solve(A.T @ A + damping, -A.T @ b, none, limit, -limit, sense)
 
-    def rate(call):
-        return 1e6 * ROWS / min(timed(call, ()) for _ in range(5))
+    def rate(call, rows=ROWS):
+        return 1e6 * rows / min(timed(call, ()) for _ in range(5))
 
     many, rates = compiled.ROWS_A_THREAD, []
     for rows in (many, ROWS + 1):  # two threads where there are two cores, then one
         compiled.ROWS_A_THREAD = rows
         rates.append(rate(solve))
     compiled.ROWS_A_THREAD = many
-    return [*rates, rate(partial(solve, "python")), rate(loop)]
+    return [*rates, rate(partial(solve, "python", FEW), FEW), rate(loop)]
 
 
 def single_calls():
@@ -419,7 +439,9 @@ def main():
         both, one, python, loop = rows_a_second(width)
         print(f"\nbatch of {ROWS} Panda rows, {name}: {both:,.0f} rows/s compiled, {one:,.0f} on one core, ", end="")
         print(f"{python:,.0f} in Python, {loop:,.0f} by a loop of DAQP: {one / loop:.2f} on one core", end="")
-    print(f"\n\n| tick along a path | {' | '.join(name for pair in ALONG for name in pair)} |\n|---|---|---|---|---|")
+    print(
+        f"\n\n| tick along a path | {' | '.join(name for pair, *_ in ALONG for name in pair)} |\n|---|---|---|---|---|"
+    )
     paths = (
         ("Panda", "panda", 0.2, {}),
         ("Panda, as fast as limits allow", "panda", None, {}),
@@ -429,7 +451,7 @@ def main():
         ("SO-101, exact position", "so101", 0.2, {"exact": "position"}),
     )
     for title, name, rate, options in paths:
-        line_along(title, times(*along_path(name, rate, **options)))
+        line_along(title, along_path(name, rate, **options))
     hard_streams(int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000)
 
 
