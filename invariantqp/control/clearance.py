@@ -17,6 +17,12 @@ braking on goes through the same states: where all of them kept the distance, x 
 and every joint limit. So rows contradict nothing, but where a start did or something moves otherwise than was declared.
 Another arm that brakes is in each of these states where its own joints have braked to.
 
+Joints that stop at once may be anywhere in a tick, and rows linear about x = 0 do not see how their ways turn: at
+3 rad/s and 10 ms, by 3 mm. Where a tick ends is what counts: an answer x that ends nearer than d_min, or than it began
+inside, is made once more, beside rows
+
+    d(q + dt x) + dt C (x' - x) >= d_min,    C at q + dt x
+
 A row that no velocity can reach is left out, so there is no distance of influence; of the others the 16 most urgent are
 kept, each pair's nearest place before all others. Inside d_min all places of a pair ask for the way out of the nearest
 one, slowly. Rows give way where they contradict joint limits, never the other way round.
@@ -45,7 +51,7 @@ from invariantqp.geometry.distance import Placed, places
 from invariantqp.geometry.shapes import Shape
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
-from invariantqp.velocity.limits import LimitRows, accelerations
+from invariantqp.velocity.limits import BOUNDLESS, LimitRows, accelerations
 from invariantqp.velocity.qp import ACTIVE_TOLERANCE
 
 # A tick covers this share of the room that is left.
@@ -199,6 +205,9 @@ class Clearance(Limit):
         self._reasons: list[str] = [""] * len(self._of_pair)  # why they are not kept apart as obstacles are now
         self._unjudged = self._around != 0
         self.nearest = Near("", "", inf)
+        self._distances_now = np.zeros(0)
+        levers = self._found.levers[:, : len(self.robot.names)]
+        self._longest = np.minimum(levers.max(axis=0, initial=0.0), BOUNDLESS)
         self._still = self._at_rate(0.0, 0.0)  # all distances, and no rows that matter
         self._refresh(0.0)
         self._judge(self._unjudged)
@@ -262,13 +271,11 @@ class Clearance(Limit):
     def rows_at(self, q: Array, rate: Rate, before: Array | None = None) -> LimitRows | None:
         """The rows at joint positions q (m,) after a velocity `before` (m,), None where nothing is near enough."""
         C, lower, of_pair, distances = self._asked(arrays.vector(q, len(self.robot.names), "q"), rate, before)
-        self.nearest = self._nearest(distances)
+        self.nearest, self._distances_now = self._nearest(distances), distances
         inside = self._is_inside(self.nearest)
         if not (len(lower) or inside):
             return None
-        upper = np.full(len(lower), inf)
-        called = {i: self._called(int(i), distances[int(i)]) for i in set(of_pair.tolist())}
-        names = [called[i] for i in of_pair.tolist()]
+        upper, names = np.full(len(lower), inf), self._called(of_pair, distances)
         if inside and not (self._twists.any() or any(arm.velocity.any() for arm in self._arms)):
             speed = self._calm(rate, before)
             limited = np.isfinite(speed)
@@ -277,10 +284,33 @@ class Clearance(Limit):
             names += ["clearance: slowly out"] * int(limited.sum())
         return LimitRows.trusted(C, lower, upper, tuple(names)) if len(lower) else None
 
-    def _called(self, k: int, distance: float) -> str:
-        """What reasons call the rows of a pair."""
-        near = Near(*self._names(k), distance)
-        return f"clearance: {near}" + (f" (nearer than {1e3 * self.distance:.1f})" if self._is_inside(near) else "")
+    def rows_after(self, q: Array, x: Array, rate: Rate) -> LimitRows | None:
+        """Rows about the velocity x (m,) of a tick from q (m,) on that ends too near; None where it does not.
+
+        Velocities of joints with brakes are so near the last one that rows about that one will do.
+        """
+        dt, d = float(rate.settings[3]), self._distances_now
+        way = dt * float(np.abs(x).dot(self._longest))
+        if self.nearest.distance - way >= self.distance or not np.isinf(rate.limits[1]).all():
+            return None
+        to_its_end = rate._replace(settings=np.array((self.distance, 1.0 / dt, inf, 0.0, BRAKING)))
+        C, lower, of_pair, _ = self._asked(q + dt * x, to_its_end, shared=False)
+        room = np.where(np.isinf(d), 0.0, d - self.distance)  # another arm may take its share of it
+        kept = np.minimum(room, (1.0 - self._pairs[:, 2]) * room)[of_pair.astype(int)] / dt
+        lost = dt * (lower + kept) > ACTIVE_TOLERANCE * max(self.distance, 1.0)
+        if not lost.any():
+            return None
+        lower = (lower + kept + C.dot(x))[lost]
+        return LimitRows.trusted(C[lost], lower, np.full(len(lower), inf), self._called(of_pair[lost], d))
+
+    def _called(self, of_pair: Array, distances: Array) -> list[str]:
+        """What reasons call rows of pairs (r,), those of all being at some distances (k,)."""
+        called = {}
+        for i in set(of_pair.tolist()):
+            near = Near(*self._names(int(i)), float(distances[int(i)]))
+            inside = f" (nearer than {1e3 * self.distance:.1f})" if self._is_inside(near) else ""
+            called[i] = f"clearance: {near}{inside}"
+        return [called[i] for i in of_pair.tolist()]
 
     def _calm(self, rate: Rate, before: Array | None) -> Array:
         """(m,) how fast joints may be, the nearest bodies being nearer than the distance, and no brakes too weak."""
@@ -373,22 +403,24 @@ class Clearance(Limit):
         moved = self._found.levers[:, : len(step)].dot(step)[self._pairs[:, :2].astype(int)].max(axis=1, initial=0.0)
         return np.asarray(np.where(np.isinf(here) | (aside < here - moved), aside, here))
 
-    def _asked(self, q: Array, rate: Rate, before: Array | None = None) -> Found:
-        """Rows, their lower limits, the pair of each, and the distance of each pair."""
+    def _asked(self, q: Array, rate: Rate, before: Array | None = None, *, shared: bool = True) -> Found:
+        """Rows, their lower limits, the pair of each, and the distance of each pair; of rooms that are shared, all."""
         self._refresh(rate.delay)
         velocity, limits = np.zeros(len(q)) if before is None else before, rate.limits
         if self._arms:
             q = np.concatenate((q, *(arm.q + rate.delay * arm.velocity for arm in self._arms)))
             velocity = np.concatenate((velocity, *(arm.velocity for arm in self._arms)))
             limits = np.hstack((limits, *(arm.limits for arm in self._arms)))
-        given = np.ascontiguousarray(q), velocity, self._numbers, self._twists, self._pairs
-        found, pairs, places_of = None, self._found, self._places if self._found.solids else None
+        pairs, shares = self._found, self._pairs if shared else np.ceil(self._pairs)
+        given = np.ascontiguousarray(q), velocity, self._numbers, self._twists, shares
+        found, places_of = None, self._places if pairs.solids else None
         if core is not None:
             told = limits, rate.settings, places_of
             found = core.clearance(pairs.screws, pairs.starts, *given, pairs.levers, *told)
         made = rows_of(pairs.robots, *given, limits, rate.settings, pairs.solids) if found is None else Found(*found)
         near = made.distances < self.distance
-        return self._asked(q[: len(self.robot.names)], rate, before) if near.any() and self._judge(near) else made
+        own = q[: len(self.robot.names)]
+        return self._asked(own, rate, before, shared=shared) if near.any() and self._judge(near) else made
 
     def _judge(self, near: NDArray[np.bool_]) -> bool:
         """Whether some obstacles are always near the arm where they are now; they do not count until they move."""
@@ -467,6 +499,9 @@ class _InLoop(Limit):
 
     def rows(self, q: Array, velocity: Array) -> LimitRows | None:
         return self._clearance.rows_at(q, self._rate, velocity)
+
+    def after(self, q: Array, velocity: Array) -> LimitRows | None:
+        return self._clearance.rows_after(q, velocity, self._rate)
 
     def blocked(self, q: Array) -> str:
         return self._clearance.blocked(q)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -52,7 +53,7 @@ from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.law import SLACK, Chase, Demand, Guard, VelocityLaw
-from invariantqp.velocity.limits import ToolSpeed, accelerations
+from invariantqp.velocity.limits import LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.reasons import Code, Reason, Written, read
 from invariantqp.velocity.solution import Status, VelocitySolution
@@ -436,7 +437,7 @@ class Controller:
         other = {} if now is None else now.for_core(self._limits.loop)
         if other is None:
             return None
-        names: tuple[str, ...] = ()
+        rows: LimitRows | None = None
         if self.varies or (now is not None and now.joint_rows):
             positions = arrays.vector(q, self._count, "q")
             if self.wrong(positions):
@@ -447,14 +448,19 @@ class Controller:
             rows, trouble = self._limits.rows(there, before, now)
             if trouble is not None:
                 return None
-            if rows is not None:
-                names = rows.names
-                other |= {"G": rows.C, "least": rows.lower, "most": rows.upper}
             if self.law.form is not None and core.law.form == "brought":
                 root = self._at_rest(positions, None, velocity).root
                 other["brought"] = np.asarray(self.law.form.matrix(np.asarray(np.linalg.inv(root))), np.float64)
-        found = compiled_tick(core, self.kept, q, target, feedforward, velocity, **other)
-        return (found[0]._replace(row_names=names), found[1]) if found is not None and names else found
+        tick = partial(compiled_tick, core, self.kept, q, target, feedforward, velocity, **other)
+        if rows is None:
+            return tick()
+        kept = self.kept.copy()
+        found = tick(G=rows.C, least=rows.lower, most=rows.upper)
+        more = None if found is None else self._limits.after(there, found[0].velocity, rows, now)
+        if more is not None:
+            rows, self.kept[:] = more, kept
+            found = tick(G=rows.C, least=rows.lower, most=rows.upper)
+        return (found[0]._replace(row_names=rows.names), found[1]) if found is not None and rows.names else found
 
     def named(self, found: tuple[VelocitySolution, Written | None]) -> VelocitySolution:
         """The solution of a tick by the core, with the names of rows, and of joints in what it says beside it."""
@@ -565,6 +571,9 @@ class Controller:
         if now is not None and now.speed not in (0.0, 1.0):
             law, demand = law.slowed(now.speed), demand.slowed(now.speed)
         solution = solve(law, demand) if stand is None else standing(law, demand, (stand,))
+        missed = None if stand is not None else self._limits.after(there, solution.velocity, limits.rows, now)
+        if missed is not None:
+            solution = solve(law, demand._replace(rows=missed))
         self.memory.after(positions, solution.velocity).write(self.kept)
         return self._limits.told(solution, positions, limits.strained)
 

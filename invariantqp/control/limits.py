@@ -106,6 +106,19 @@ class Limit:
         del q, velocity
         return None
 
+    def after(self, q: Array, velocity: Array) -> LimitRows | None:
+        """More rows, where the answer of a tick does not keep the limit to the tick's end; it is then made once more.
+
+        Args:
+            q: (m,) as in `rows`, which were asked for before.
+            velocity: (m,) the answer [rad/s, length/s].
+
+        Returns:
+            LimitRows, or None where the limit is kept.
+        """
+        del q, velocity
+        return None
+
     def blocked(self, q: Array) -> str:
         """Why an arm cannot come to rest at joint positions q (m,), "" where it can: a path then ends before them.
 
@@ -486,14 +499,14 @@ class RowLimits:
         """Those of another loop, which shares what it was given, obstacles that move for instance."""
         return RowLimits(self._given, self._loop)
 
-    def at(self, q: Array, before: Array) -> TickRows:
-        """The rows at joint positions q (m,), `before` (m,) being the velocity now.
+    def at(self, q: Array, velocity: Array, *, after: bool = False) -> TickRows:
+        """The rows at joint positions q (m,), `velocity` (m,) being the one now; or more of them, it being the answer.
 
         Raises:
             BadInput: something else than rows on the arm's joints.
         """
         try:
-            return TickRows(_stacked(list(self._parts(q, before))))
+            return TickRows(_stacked(list(self._parts(q, velocity, after=after))))
         except _Unusable as trouble:
             return TickRows(None, trouble.reason)
 
@@ -515,13 +528,14 @@ class RowLimits:
         limits = (limit for limit in self._limits if isinstance(limit, Limit))
         return next((why for limit in limits if (why := limit.blocked(q))), "")
 
-    def _parts(self, q: Array, before: Array, *, pinks: bool = True) -> Iterator[LimitRows]:
+    def _parts(self, q: Array, velocity: Array, *, pinks: bool = True, after: bool = False) -> Iterator[LimitRows]:
         for limit in self._limits:
             if isinstance(limit, LimitRows):
-                yield limit
+                if not after:
+                    yield limit
             elif pinks or not isinstance(limit, _InPink):
                 try:
-                    found = limit.rows(q, before)
+                    found = limit.after(q, velocity) if after else limit.rows(q, velocity)
                 except BadInput as error:
                     if error.argument == "limits":
                         raise
@@ -694,6 +708,12 @@ class LoopLimits(NamedTuple):
             return found
         more = now.joint_rows.at(q, before)
         return TickRows(_stacked([r for r in (found.rows, more.rows) if r is not None]), more.trouble)
+
+    def after(self, q: Array, x: Array, rows: LimitRows | None, now: Changes | None) -> LimitRows | None:
+        """The rows of a tick and more, where its answer x (m,) does not keep some limit to its end, else None."""
+        given = [limits for limits in (self.joint_rows, None if now is None else now.joint_rows) if limits]
+        more = [found for limits in given if (found := limits.at(q, x, after=True).rows) is not None]
+        return _stacked([*([] if rows is None else [rows]), *more]) if more else None
 
     def wrong(self, q: Array) -> Reason | None:
         """Why joint positions (m,) cannot be true, None where they may be; of several joints, the worst."""

@@ -14,7 +14,7 @@ from invariantqp.control import clearance_rows
 from invariantqp.control.clearance_rows import States, rows_of
 from invariantqp.control.limits import boxes, loop_of
 from invariantqp.geometry.shapes import Core
-from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, OtherArm, Sphere
+from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, Limit, OtherArm, Sphere
 
 coal = pytest.importorskip("coal")
 DT = 0.002
@@ -127,6 +127,44 @@ def test_the_distance_is_kept_while_targets_jump(ur5, options, tolerance):
             assert limit.at(q).distance == pytest.approx(by_coal(limit, q), abs=2e-6)
     assert 0.02 - tolerance < least < 0.03
     assert not statuses & {"degraded", "held"}
+
+
+@pytest.mark.parametrize("by", ["compiled", "python"])
+def test_where_a_tick_ends_is_what_counts(ur5, by):
+    """All joints fast past an edge: a row that is linear where the tick begins does not see how the way turns."""
+    if by == "compiled" and engine.core is None:
+        pytest.skip("one engine alone")
+    box = Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box")
+    limit, dt = Clearance(ur5, None, [box]), 0.01
+    loop, linear = (iq.Controller(ur5, dt=dt, limits=[given], engine=by) for given in (limit, Linear(limit)))
+    q = np.array([0.2272, -0.9174, 2.4997, 1.3378, -1.3491, 4.2825])
+    target = ur5.pose([-1.4, 0.316, 0.361, -0.006, -0.475, 0.476])
+    ends = []
+    for one in (linear, loop):
+        solution = one.step(q, target)
+        ends.append(limit.at(q + dt * solution.velocity).distance)
+    assert limit.at(q).distance > 0.0206
+    assert ends[0] < 0.018
+    assert 0.0197 < ends[1] < 0.0206
+    assert "clearance" in solution.reason
+    assert solution.status == "limited"
+    np.testing.assert_array_equal(loop.memory.commands[0], solution.velocity)
+    assert loop.memory.convergence.ticks == 0.0  # the first answer is forgotten
+
+
+class Linear(Limit):
+    """A clearance whose ticks are answered once."""
+
+    def __init__(self, limit):
+        self.limit = limit
+
+    def for_loop(self, loop):
+        made = Linear(self.limit)
+        made.rows = self.limit.for_loop(loop).rows
+        return made
+
+    def rows(self, q, velocity):
+        raise NotImplementedError
 
 
 def test_distances_are_told_in_singular_states_too(panda):
@@ -456,6 +494,26 @@ def test_two_arms_that_make_way_for_each_other_keep_apart(ur5, acceleration, tol
         if i % 50 == 0:
             assert limits[0].at(q[0]).distance == pytest.approx(by_coal(limits[0], q[0]), abs=2e-6)
     assert 0.02 - tolerance < least < 0.021
+
+
+def test_of_two_arms_each_leaves_the_other_its_half_to_the_end_of_a_tick(ur5):
+    left, dt = iq.load_robot("ur5", base=iq.transform(np.diag([-1.0, -1.0, 1.0]), [0.9, 0, 0])), 0.01
+    q = [
+        np.array([0.2744, 0.5347, -2.1503, -0.8648, 2.4904, 1.6511]),
+        np.array([-3.2869, -3.2592, 1.6717, -5.1375, -4.3574, -0.4156]),
+    ]
+    turns, ends = [[-0.898, -1.689, 1.588], [0.464, 1.274, 0.391]], [[0.765, -0.329, 0.096], [0.272, 0.158, 0.383]]
+    arms, at, answers = (ur5, left), [], []
+    for arm, other, (here, there), turn, end in zip(arms, arms[::-1], (q, q[::-1]), turns, ends, strict=True):
+        around = OtherArm(other)
+        around.move(there)
+        at.append((around, Clearance(arm, None, [around])))
+        target = iq.transform(iq.exp([*turn, 0.0, 0.0, 0.0])[:3, :3], end)
+        answers.append(iq.Controller(arm, dt=dt, limits=[at[-1][1]]).step(here, target).velocity)
+    around, limit = at[0]
+    assert 0.021 < limit.at(q[0]).distance < 0.022
+    around.move(q[1] + dt * answers[1])
+    assert 0.0199 < limit.at(q[0] + dt * answers[0]).distance < 0.0203
 
 
 @pytest.mark.skipif(engine.core is None, reason="one engine alone")

@@ -182,6 +182,36 @@ def test_a_limit_of_ones_own_is_told_of_the_loop_and_of_every_tick(robot, goal):
     np.testing.assert_array_equal(cable.seen[1], before)
 
 
+class Wrist(Limit):
+    """The last joint ends a tick at most so far on; rows are asked for where it would not."""
+
+    name = "the wrist"
+
+    def rows(self, q, velocity):
+        return MORE
+
+    def after(self, q, velocity):
+        self.seen = q, velocity
+        return LimitRows(np.eye(7)[6:], [-np.inf], [0.02]) if velocity[6] > 0.02 else None
+
+
+@pytest.mark.parametrize("by", ["compiled", "python"])
+def test_a_limit_of_ones_own_may_look_at_where_a_tick_ends(robot, goal, by):
+    first, wrist, other = answer(robot, limits=[MORE], engine=by), Wrist(), Wrist()
+    assert first.velocity[6] > 0.05
+    solution = answer(robot, limits=[wrist, ROWS], engine=by)
+    assert np.abs(wrist.seen[0] - PANDA).max() == 0.0
+    assert wrist.seen[1][6] > 0.05
+    assert solution.velocity[6] == pytest.approx(0.02)
+    assert ROWS.allow(solution.velocity) or np.abs(ROWS.excess(solution.velocity)).max() < 1e-9
+    assert np.abs(MORE.excess(solution.velocity)).max() < 1e-9
+    assert "the wrist" in solution.reason
+    loop = iq.Controller(robot, dt=DT, engine=by)  # for a tick alone
+    assert loop.step(PANDA, goal, limits=[other]).velocity[6] == pytest.approx(0.02)
+    assert loop.step(PANDA, goal).velocity[6] > 0.05
+    assert np.isfinite(loop.kept[-14:]).all()
+
+
 class Payload(Limit):
     """A limit that never gives way: half of the accelerations, and a slow wrist."""
 
