@@ -1,6 +1,6 @@
 """Other methods of velocity control beside ours, measured on the same problems.
 
-method  loop               what a row is, what every row is given; the loop around a function of a tick
+method                     what a row is, what every row is given; the loop around a function of a tick
 ours  qp  linear  libraries    the rows, one family a file
 registry                   the table of all rows
 frames  watched  measurements  what is measured: other frames, a run under supervision, all of it

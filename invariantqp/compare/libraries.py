@@ -1,7 +1,7 @@
 """Other libraries on the same tasks, each imported where its loop is made: Pink, mink, placo and Drake.
 
-Pink has the robot's own Pinocchio model. mink and placo get robots rebuilt joint by joint from the same screws, in
-MuJoCo and as a URDF: at q = 0 the axes of every link are those of the base. Drake needs no model: it is given J and s
+Pink has the robot's own Pinocchio model. mink and placo get a URDF rebuilt joint by joint from the same screws: at
+q = 0 the axes of every link are those of the base. Drake needs no model: it is given J and s
 in the tool frame and the given bounds. Their limits on joint positions and velocities are on, and none stops when a
 limit is exceeded.
 
@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,8 +23,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.compare.loop import AccelerationReach, pose_of
-from invariantqp.compare.method import LoopSetting, Method, Question, Solve, Takes, answer, posture_of
+from invariantqp.compare.method import (
+    AccelerationReach,
+    LoopSetting,
+    Method,
+    Question,
+    Solve,
+    Takes,
+    answer,
+    pose_of,
+    posture_of,
+)
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import RobotModelError
 from invariantqp.geometry import arrays, screws, se3
@@ -40,14 +48,11 @@ from invariantqp.velocity.solution import VelocitySolution
 POSTURE_COST = 1e-3
 # Of the QP of an arm without a posture task; with one, the default of both libraries.
 QP_DAMPING, QP_DAMPING_BESIDE_POSTURE = 1e-6, 1e-12
-# Pink's lm_damping in its own examples.
-LM_DAMPING = 1.0
 # placo counts six coordinates of the base, and seven positions, before those of the joints.
 BASE, BASE_POSITIONS = 6, 7
 # What the frame at the given point is called.
 POINT = "given point"
 # placo reads masses, and MuJoCo requires them of every moving link; kinematics does not depend on them [kg], [kg m^2].
-MASS, INERTIA = 1.0, (1.0, 1.0, 1.0)
 LINK = (
     '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
     "</link>"
@@ -104,12 +109,6 @@ def at_point(law: LawSpec) -> Array:
     return se3.transform(np.eye(3), np.asarray(law.point))
 
 
-def tool_and_point(robot: Robot, point: Array) -> dict[str, Array]:
-    """Where the tool frame and a frame (4, 4) in it are at q = 0, by their names in rebuilt robots."""
-    home = robot.pose(np.zeros(len(robot.names)))
-    return {"tool": home, POINT: home.dot(point)}
-
-
 class TaskLaw:
     """The loop of Pink and of mink, whose tasks and whose `solve_ik` are called alike; a subclass has its model.
 
@@ -127,7 +126,6 @@ class TaskLaw:
         tool: tuple[str, ...],
         point: tuple[str, ...],
         posture: tuple[Any, ...] = (),
-        lm_damping: float = 0.0,
         **options: Any,
     ) -> None:
         """Set up a library's tasks with its `Configuration` of the robot; of the law, dt, gain, delay,
@@ -140,7 +138,7 @@ class TaskLaw:
         self._name, self._solve, self._options, self._pose = library.__name__, library.solve_ik, options, pose
         self._configuration, self._offset = configuration, at_point(law)
         self._dt, self._share, self._reach = law.dt, share_of(law), AccelerationReach(law, len(robot.names))
-        self._task = library.FrameTask(*tool, 1.0, 1.0, lm_damping=lm_damping, gain=self._share)
+        self._task = library.FrameTask(*tool, 1.0, 1.0, gain=self._share)
         self._tasks: list[Any] = [self._task]
         mid, pull = posture_of(robot, law)
         self._damping = qp_damping(pull)
@@ -186,7 +184,7 @@ def _position_task(frame_task: Any) -> Any:
 class PinkLaw(TaskLaw):
     """Pink's solve_ik on the robot's own Pinocchio model."""
 
-    def __init__(self, robot: Robot, law: LawSpec, *, lm_damping: float = 0.0) -> None:
+    def __init__(self, robot: Robot, law: LawSpec) -> None:
         """Set up Pink's tasks for the robot.
 
         Raises:
@@ -219,7 +217,6 @@ class PinkLaw(TaskLaw):
             pose=pin.SE3,
             tool=(frame,),
             point=(POINT,),
-            lm_damping=lm_damping,
             safety_break=False,
             limits=limits,
         )
@@ -259,26 +256,13 @@ class MinkLaw(TaskLaw):
 
 
 def mujoco_model(robot: Robot, point: Array) -> Any:
-    """A MuJoCo model of the joints, base first; at q = 0 the frame of every link is the base frame."""
+    """`urdf` as a MuJoCo model, its two frames as sites."""
     import mujoco
-    from scipy.spatial.transform import Rotation
 
-    spec = mujoco.MjSpec()
-    spec.compiler.degree = False
-    body = spec.worldbody
-    bounds = zip(robot.position_lower.tolist(), robot.position_upper.tolist(), strict=True)
-    for name, joint, (lower, upper) in zip(robot.names, joints_of(robot), bounds, strict=True):
-        body = body.add_body(mass=MASS, inertia=INERTIA, explicitinertial=True)
-        body.add_joint(
-            name=name,
-            type=mujoco.mjtJoint.mjJNT_SLIDE if joint.slides else mujoco.mjtJoint.mjJNT_HINGE,
-            axis=joint.axis,
-            pos=joint.point,
-            limited=bool(np.isfinite((lower, upper)).any()),
-            range=(max(lower, -UNLIMITED), min(upper, UNLIMITED)),
-        )
-    for name, frame in tool_and_point(robot, point).items():
-        body.add_site(name=name, pos=frame[:3, 3], quat=Rotation.from_matrix(frame[:3, :3]).as_quat(scalar_first=True))
+    spec = mujoco.MjSpec.from_string(urdf(robot, point))
+    spec.compiler.fusestatic = False
+    for name in ("tool", POINT):
+        spec.body(name).add_site(name=name)
     return spec.compile()
 
 
@@ -356,7 +340,8 @@ def urdf(robot: Robot, point: Array) -> str:
         parts += [LINK.format(link), JOINT.format(name=name, kind=kind, parent=parent, child=link, **place, **ends)]
         parent, origin = link, joint.point
     fixed = {"kind": "fixed", "axis": "0 0 1", "lower": 0.0, "upper": 0.0, "speed": 0.0}
-    for name, frame in tool_and_point(robot, point).items():
+    home = robot.pose(np.zeros(len(robot.names)))
+    for name, frame in (("tool", home), (POINT, home.dot(point))):
         angles = Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")
         place = {"xyz": _words(frame[:3, 3] - origin), "rpy": _words(angles)}
         parts += [LINK.format(name), JOINT.format(name=f"to {name}", parent=parent, child=name, **place, **fixed)]
@@ -398,14 +383,6 @@ METHODS = [
         takes=IN_A_QP,
         system=PinkLaw,
         needs=("pink", "pinocchio"),
-    ),
-    row(
-        name="Pink with lm_damping",
-        why="the same with lm_damping = 1, as in Pink's examples",
-        takes=replace(IN_A_QP, damping="lm_damping = 1"),
-        system=partial(PinkLaw, lm_damping=LM_DAMPING),
-        needs=("pink", "pinocchio"),
-        shown=False,
     ),
     row(
         name="mink",

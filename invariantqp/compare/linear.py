@@ -42,35 +42,6 @@ def chiaverini(J: Array) -> Array:
     return np.asarray((Vt.T * (sigma / divisor)).dot(U.T))
 
 
-def unit_scaling(J: Array) -> tuple[Array, Array]:
-    """The diagonals (n,) of D and (m,) of E, with which every row and column of |DJE| has the geometric mean 1.
-
-    sum_j log|(DJE)_ij| = 0 = sum_i log|(DJE)_ij|  over the entries that are not zero
-    """
-    n, m = J.shape
-    size = np.abs(J)
-    there = (size > ROUNDING * size.max(axis=1, keepdims=True)) & (size > ROUNDING * size.max(axis=0, keepdims=True))
-    logs = np.log(size, where=there, out=np.zeros_like(size))
-    # The normal equations of  min sum (log|J_ij| + u_i + w_j)^2: the graph Laplacian of the nonzero entries.
-    laplacian = np.block([[np.diag(there.sum(axis=1)), there], [there.T, np.diag(there.sum(axis=0))]]).astype(float)
-    sums = np.concatenate((logs.sum(axis=1), logs.sum(axis=0)))
-    u = -np.linalg.lstsq(laplacian, sums, rcond=None)[0]
-    return np.exp(u[:n]), np.exp(u[n : n + m])
-
-
-def unit_consistent_inverse(J: Array) -> Array:
-    """(m, n) E (D J E)^+ D, the Moore-Penrose inverse of a matrix whose rows and columns are scaled first.
-
-    It is B^-1 J^-U A^-1 for A J B with all positive diagonal A and B: the answer does not depend on units. It does
-    depend on the frame.
-
-    Reference: Uhlmann 2018, A generalized matrix inverse that is consistent with respect to diagonal transformations;
-    Zhang & Uhlmann 2018, for robots.
-    """
-    d, e = unit_scaling(J)
-    return np.asarray(e[:, None] * np.linalg.pinv(d[:, None] * J * e) * d)
-
-
 def projected(inverse: Callable[[Array], Array]) -> Callable[[LoopSetting], Solve]:
     """Gradient projection with some inverse of J."""
 
@@ -180,13 +151,5 @@ METHODS = [
         "& Khatib 2012)",
         takes=Takes(IN_NULL_SPACE, CANNOT, "inside; slows the twist down", "none"),
         make=lambda _: lambda tick: saturate(tick).velocity,
-    ),
-    Method(
-        name="unit-consistent inverse",
-        family="Moore-Penrose",
-        why="the inverse that does not depend on the unit of any row or joint (Zhang & Uhlmann 2018)",
-        takes=Takes(IN_NULL_SPACE, CANNOT, CLIPPED, "none"),
-        make=projected(unit_consistent_inverse),
-        shown=False,
     ),
 ]

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.compare.frames import displaced, largest_change, moved_start, random_displacement
-from invariantqp.compare.loop import pose_of
+from invariantqp.compare.method import pose_of
 from invariantqp.compare.registry import controller_named
 from invariantqp.compare.watched import Result, figures, overshoot, quietly, watched_run, with_rest
 from invariantqp.control.controller import Controls

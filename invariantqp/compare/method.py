@@ -1,7 +1,13 @@
-"""What a row of the comparison is: a way to joint velocities, what it is given, and what it makes of that.
+"""What a row of the comparison is, and the loop around those that are a function of one tick.
 
 Every row is given the same of the arm and of each tick. What a method cannot take is part of its row (`Takes`), and
-reports print it. A method is a function of one tick, put in a loop by `loop.MethodLaw`; or a whole loop of its own.
+reports print it. A method is a function of one tick, put in a loop by `MethodLaw`; or a whole loop of its own. That
+loop is the same for every method, and as lean as one writes it by hand:
+
+    s = gain log(T^-1 T_target) + feedforward,    x = clip(solve(J, s, limits, posture, exact rows))
+
+J and s are in the tool frame, whose origin and axes are those of the robot's model, as in most scripts: by Pinocchio
+where it is installed, so that nothing goes through the base frame of this library.
 """
 
 from __future__ import annotations
@@ -11,12 +17,20 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from invariantqp.extras import is_installed
+from invariantqp.control import controller
+from invariantqp.control.measure import ToolMeasure
+from invariantqp.control.tracking import tracking_gain
+from invariantqp.errors import BadInput
+from invariantqp.extras import is_installed, require
+from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.taskfile import LawSpec
+from invariantqp.velocity.limits import JointBox, accelerations
+from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 Family = Literal["invariant", "QP", "Moore-Penrose", "damped", "library"]
@@ -104,6 +118,145 @@ def answer(x: Array, method: str, solver: str = "") -> VelocitySolution:
 
 def posture_of(robot: Robot, law: LawSpec) -> tuple[Array, Array]:
     """The posture (m,) that every method is given, and the gain of each joint towards it (m,) [1/s]."""
-    from invariantqp.control import controller
-
     return controller.posture_of(law.posture, law.posture_gain, robot)
+
+
+def setting_of(robot: Robot, law: LawSpec) -> LoopSetting:
+    """What methods are given of an arm; the point is in its tool frame."""
+    point = np.asarray(law.point, np.float64)
+    return LoopSetting(len(robot.names), law.dt, point, ToolMeasure(robot, point, law.length).length)
+
+
+class MethodLaw:
+    """The loop of one method."""
+
+    def __init__(self, robot: Robot, law: LawSpec, name: str, make: Callable[[LoopSetting], Solve]) -> None:
+        """Of `law`, dt, gain, delay, acceleration_limit, point, length, posture, exact and position_margin count."""
+        self._name, self._robot, self._read = name, robot, state_reader(robot)
+        self._gain = tracking_gain(law.gain, law.dt, law.delay)
+        setting = setting_of(robot, law)
+        self._solve = make(setting)
+        self._middle, self._pull = posture_of(robot, law)
+        limits = robot.position_lower, robot.position_upper, robot.velocity_limit
+        self._box = JointBox(*limits, law.dt, law.position_margin)
+        self._reach = AccelerationReach(law, setting.m)
+        self._exact, self._point = law.exact is not None, setting.point
+        self._at_point = root_at(setting.point, 1.0)[3:]
+        self._none = np.zeros((0, setting.m)), np.zeros(0)
+
+    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
+        """One tick; raises whatever the method raises."""
+        positions = arrays.vector(q, len(self._middle), "q")
+        J, error, ahead, wanted = self._read(positions, self._robot.target(target), feedforward)
+        C, e = self._none
+        if self._exact:
+            there = wanted[:3, :3].dot(self._point) + wanted[:3, 3]
+            C = self._at_point.dot(J)
+            e = self._gain * (there - self._point) + ahead[3:] + se3.cross(ahead[:3], there)
+        lower, upper = self._reach.within(*self._box.at(positions))
+        pull = self._pull * (self._middle - positions)
+        tick = Question(J, self._gain * error + ahead, lower, upper, pull, C, e, positions)
+        x = np.minimum(np.maximum(self._solve(tick), lower), upper)
+        return answer(self._reach.cut(x), self._name)
+
+
+def controller_of(method: Method) -> MakeController:
+    """The control loop of a method: its own, or this one around its function of a tick.
+
+    Raises:
+        MissingExtra: a module that it needs is not installed.
+        BadInput: the method has neither.
+    """
+    require(method.extra, *method.needs)
+    if method.system is not None:
+        return method.system
+    make = method.make
+    if make is None:
+        raise BadInput("method", f"{method.name}, which has neither a solver nor a loop", "a method with one of them")
+    return lambda robot, law: MethodLaw(robot, law, method.name, make)
+
+
+class AccelerationReach:
+    """The velocities that acceleration limits leave after the one commanded last, for loops without such limits.
+
+    Attributes:
+        last: (m,) the velocity commanded last, zero at first.
+    """
+
+    def __init__(self, law: LawSpec, m: int) -> None:
+        limit = law.acceleration_limit
+        self._most = None if limit is None else law.dt * accelerations(limit, m)
+        self.last: Array = np.zeros(m)
+
+    def within(self, lower: Array, upper: Array) -> tuple[Array, Array]:
+        """Bounds (m,) cut to what is within reach: never empty, since an arm cannot do more."""
+        if self._most is None:
+            return lower, upper
+        low, high = self.last - self._most, self.last + self._most
+        return np.minimum(np.maximum(lower, low), high), np.minimum(np.maximum(upper, low), high)
+
+    def cut(self, x: Array) -> Array:
+        """A velocity cut to what is within reach, joint by joint; it is the last one from now on."""
+        self.last, _ = self.within(x, x)
+        return self.last
+
+
+class ToolState(NamedTuple):
+    """An arm in one state, and how far it is from its target, all in its tool frame, angular part first."""
+
+    J: Array  # (6, m) joint twists
+    error: Array  # (6,) twist that takes the tool to its target in unit time
+    ahead: Array  # (6,) twist of the target
+    wanted: Array  # (4, 4) pose of the target
+
+
+ReadState = Callable[[Array, Any, Any], ToolState]
+
+
+def state_reader(robot: Robot) -> ReadState:
+    """The function of (q, target, feedforward) that gives the state of an arm and its error."""
+    by_pinocchio = kinematics() != OURS and getattr(robot, "model", None) is not None
+    return _read_by_pinocchio(robot) if by_pinocchio else _read_by_twists(robot)
+
+
+def kinematics() -> str:
+    """The library whose functions they are; a time is to be read with it."""
+    return "Pinocchio" if is_installed("pinocchio") else OURS
+
+
+def _read_by_pinocchio(robot: Any) -> ReadState:
+    from invariantqp.robots.pinocchio import ANGULAR_FIRST, pin
+
+    model, data = robot.model, robot.model.createData()
+    frame = model.getFrameId(robot.tool)
+
+    def read(q: Array, target: Any, feedforward: Any) -> ToolState:
+        pin.forwardKinematics(model, data, q)
+        tool = pin.updateFramePlacement(model, data, frame)
+        J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL).take(ANGULAR_FIRST, axis=0)
+        gap = tool.actInv(target if isinstance(target, pin.SE3) else pin.SE3(pose_of(target)))
+        error = pin.log6(gap).vector.take(ANGULAR_FIRST)
+        if feedforward is None:
+            return ToolState(J, error, np.zeros(6), gap.homogeneous)
+        ahead = tool.actInv(pin.Motion(feedforward[3:], feedforward[:3])).vector.take(ANGULAR_FIRST)
+        return ToolState(J, error, ahead, gap.homogeneous)
+
+    return read
+
+
+def _read_by_twists(robot: Robot) -> ReadState:
+    def read(q: Array, target: Any, feedforward: Any) -> ToolState:
+        sighting = robot.sight(q, target)
+        tool = pose_of(sighting.pose)
+        to_tool = se3.inverse_adjoint(tool)
+        ahead = np.zeros(6) if feedforward is None else to_tool.dot(feedforward)
+        wanted = se3.inverse(tool, check=False).dot(pose_of(target))
+        return ToolState(to_tool.dot(sighting.J), to_tool.dot(sighting.error), ahead, wanted)
+
+    return read
+
+
+def pose_of(target: Any) -> Array:
+    """The (4, 4) pose of a target, which may be an array or the target object of a robot of this library."""
+    pose = getattr(target, "homogeneous", getattr(target, "pose", target))
+    return np.asarray(pose, dtype=np.float64)

@@ -21,26 +21,16 @@ from invariantqp.velocity.damping import PaperLambda
 PAPER_LAMBDA = 0.05
 
 
-def pitch_of(robot: Robot, law: LawSpec) -> float:
-    """The pitch of methods that need one: the task's or, without one, the arm's reach to the point.
-
-    The reach is well above the principal pitches of most arms, where projectors are neither oblique nor large.
-    """
-    return law.form if isinstance(law.form, float) else ToolMeasure(robot, law.point).length
-
-
-def pitch_law(robot: Robot, law: LawSpec) -> Controller:
-    """Our controller with the pitch of the comparison."""
-    return our_controller(robot, law.model_copy(update={"form": pitch_of(robot, law)}))
-
-
 def paper_law(robot: Robot, law: LawSpec) -> Controller:
-    """The formula of [DS] with Lambda = lambda I, clipped to the limits; pitch and gain are those of the task."""
+    """The formula of [DS] with Lambda = lambda I, clipped to the limits; gain and pitch are those of the task.
+
+    Without a pitch it is the arm's reach, well above the principal pitches of most arms, where projectors are small.
+    """
     return Controller(
         robot,
         dt=law.dt,
         gain=tracking_gain(law.gain, law.dt, law.delay),
-        form=pitch_of(robot, law),
+        form=law.form if isinstance(law.form, float) else ToolMeasure(robot, law.point).length,
         damping=PaperLambda(PAPER_LAMBDA),
         posture=law.posture,
         posture_gain=law.posture_gain,
@@ -68,13 +58,6 @@ METHODS = [
         why="the same law in Python alone",
         takes=OUR_TAKES,
         system=partial(our_controller, engine="python"),
-    ),
-    row(
-        name="invariantqp with h",
-        why="the same with a pitch form, which says what is attempted of a twist beyond the joints",
-        takes=OUR_TAKES,
-        system=pitch_law,
-        shown=False,
     ),
     row(
         name="[DS] Lambda",

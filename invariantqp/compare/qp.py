@@ -20,11 +20,11 @@ from typing import Any
 import daqp
 import numpy as np
 
-from invariantqp.compare.loop import AccelerationReach
 from invariantqp.compare.method import (
     HAND_WRITTEN,
     LEAST_SQUARES,
     SCALED_LEAST_SQUARES,
+    AccelerationReach,
     LoopSetting,
     Method,
     Question,
@@ -131,19 +131,19 @@ class HandWritten:
         return answer(x, "hand-written", "daqp")
 
 
-def least_squares(*, given_length: bool = False, calm: bool = False) -> Callable[[LoopSetting], Solve]:
-    """A maker of least squares inside the limits, measured at the given point with the given length; `calm` adds a mu
-    that grows with what is missed.
+def least_squares(*, scaled: bool = False) -> Callable[[LoopSetting], Solve]:
+    """A maker of least squares inside the limits; `scaled` measures at the given point with the given length, and adds
+    a mu that grows with what is missed.
     """
 
     def make(setting: LoopSetting) -> Solve:
-        root = root_at(setting.point, setting.length) if given_length else None
+        root = root_at(setting.point, setting.length) if scaled else None
         solver, eye = Daqp(), np.eye(setting.m)
 
         def velocity(tick: Question) -> Array:
             A, b = (tick.J, tick.s) if root is None else (root.dot(tick.J), root.dot(tick.s))
             size = float(np.vdot(A, A))
-            weight = SMALL_WEIGHT * size if calm else FIXED_WEIGHT
+            weight = SMALL_WEIGHT * size if scaled else FIXED_WEIGHT
             H, c = A.T.dot(A) + weight * eye, A.T.dot(b) + weight * tick.posture
 
             def best(mu: float) -> Array:
@@ -153,7 +153,7 @@ def least_squares(*, given_length: bool = False, calm: bool = False) -> Callable
                 return slowed(solver, K, c / size, tick)
 
             x = best(0.0)
-            mu = 0.5 * CALM * setting.dt * float(np.linalg.norm(b - A.dot(x))) * np.sqrt(size) if calm else 0.0
+            mu = 0.5 * CALM * setting.dt * float(np.linalg.norm(b - A.dot(x))) * np.sqrt(size) if scaled else 0.0
             return best(mu) if mu > NEGLIGIBLE * size else x
 
         return velocity
@@ -235,17 +235,11 @@ METHODS = [
         shown=False,
     ),
     row(
-        name="QP with LM",
-        why="the same with Levenberg and Marquardt's damping (Sugihara 2011)",
-        takes=DAMPED,
-        make=least_squares(calm=True),
-        shown=False,
-    ),
-    row(
         name=SCALED_LEAST_SQUARES,
-        why="with LM, at the given point, and a radian counting as the arm's reach: the nearest to this library's law",
+        why="with Levenberg and Marquardt's damping (Sugihara 2011), at the given point, and a radian counting as the "
+        "arm's reach: the nearest to this library's law",
         takes=DAMPED,
-        make=least_squares(given_length=True, calm=True),
+        make=least_squares(scaled=True),
     ),
     row(
         name="hierarchical QP",

@@ -6,8 +6,7 @@ import difflib
 from collections.abc import Iterable, Sequence
 
 from invariantqp.compare import libraries, linear, ours, qp
-from invariantqp.compare.loop import controller_of
-from invariantqp.compare.method import FAMILIES, Method
+from invariantqp.compare.method import FAMILIES, Method, controller_of
 from invariantqp.errors import BadInput, MissingExtra, UnknownName, install_command
 from invariantqp.runs.controllers import MakeController
 from invariantqp.runs.taskfile import load_task
@@ -36,11 +35,11 @@ def chosen(names: str | Iterable[str] | None = None) -> dict[str, Method]:
         {name: method} in the order of the table.
 
     Raises:
-        UnknownName: one name stands for no method.
-        BadInput: several names stand for no method, a method given by its full name is not installed, or no name.
+        UnknownName: a name stands for no method.
+        BadInput: a method given by its full name is not installed, or no name.
     """
     meant, given = _selected(names), {word.lower() for word in _words(names)}
-    for method in meant.values():
+    for method in meant:
         if method.name.lower() in given and not method.installed:
             raise BadInput(
                 "--methods",
@@ -48,12 +47,12 @@ def chosen(names: str | Iterable[str] | None = None) -> dict[str, Method]:
                 "installed methods",
                 f"Run: {install_command(method.extra)}",
             )
-    return {name: method for name, method in meant.items() if method.installed}
+    return {method.name: method for method in meant if method.installed}
 
 
 def left_out(names: str | Iterable[str] | None = None) -> list[Method]:
     """The methods that the same names stand for and that `chosen` leaves out, since they are not installed."""
-    return [method for method in _selected(names).values() if not method.installed]
+    return [method for method in _selected(names) if not method.installed]
 
 
 def absent(methods: Iterable[Method], tasks: Iterable[str]) -> dict[str, list[str]]:
@@ -99,49 +98,25 @@ def with_robot(tasks: Sequence[str]) -> list[str]:
 
 
 def _words(names: str | Iterable[str] | None) -> list[str]:
-    if names is None:
-        return []
-    return [word.strip() for word in ([names] if isinstance(names, str) else names) if word.strip()]
+    return [word.strip() for word in ([names] if isinstance(names, str) else names or ()) if word.strip()]
 
 
-def _selected(names: str | Iterable[str] | None) -> dict[str, Method]:
+def _selected(names: str | Iterable[str] | None) -> list[Method]:
     """The methods that the names stand for, in the order of the table."""
-    if names is None:
-        return methods()
     words = _words(names)
-    if not words:
-        raise BadInput(
-            "--methods", "no method", "methods, families or parts of names", f"Methods: {_quoted(_METHODS)}."
-        )
-    found = {word: _matches(word) for word in words}
-    unknown = [word for word, matches in found.items() if not matches]
-    if unknown:
-        raise _unknown(unknown)
-    meant = {name for matches in found.values() for name in matches}
-    return {name: method for name, method in _METHODS.items() if name in meant}
+    if names is not None and not words:
+        raise BadInput("--methods", "no method", "methods, families or parts of names")
+    meant = {method for word in words for method in _meant(word)}
+    return [method for method in _METHODS.values() if names is None or method in meant]
 
 
-def _matches(word: str) -> list[str]:
+def _meant(word: str) -> list[Method]:
     """The method of this name; or the methods of this family; or those with this in their name."""
-    low = word.lower()
-    by_name = [name for name in _METHODS if name.lower() == low]
-    by_family = [name for name, method in _METHODS.items() if method.family.lower() == low]
-    return by_name or by_family or [name for name in _METHODS if low in name.lower()]
-
-
-def _unknown(words: list[str]) -> BadInput | UnknownName:
-    """The error for names that stand for no method."""
-    known = [*_METHODS, *FAMILIES]
-    near = {word: difflib.get_close_matches(word, known) for word in words}
-    if len(words) == 1 and "," not in words[0]:
-        return UnknownName("method", words[0], near[words[0]], known)
-    found = [f"{word!r}" + (f" (similar: {_quoted(names)})" if names else "") for word, names in near.items()]
-    remedy = f"Give each name a --methods of its own. Methods: {_quoted(_METHODS)}. Families: {_quoted(FAMILIES)}."
-    return BadInput(
-        "--methods", f"no method called {' or '.join(found)}", "methods, families or parts of names", remedy
-    )
-
-
-def _quoted(names: Iterable[str]) -> str:
-    """Names in quotes, since some of them contain a comma."""
-    return ", ".join(f"'{name}'" for name in names)
+    low, table = word.lower(), _METHODS.values()
+    found = [method for method in table if method.name.lower() == low]
+    found = found or [method for method in table if method.family.lower() == low]
+    found = found or [method for method in table if low in method.name.lower()]
+    if not found:
+        known = [*_METHODS, *FAMILIES]
+        raise UnknownName("method", word, difflib.get_close_matches(word, known), known)
+    return found

@@ -27,8 +27,8 @@ import joblib
 from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from invariantqp.compare.loop import kinematics
 from invariantqp.compare.measurements import KINDS, Cell, Kind
+from invariantqp.compare.method import kinematics
 from invariantqp.compare.registry import absent, chosen, left_out, with_robot, without_robot
 from invariantqp.compare.results import SCHEMA, Results, machine, plain, source_digest, versions, write_results
 from invariantqp.compare.watched import Result

@@ -111,17 +111,12 @@ class ContactKind(Value):
 
     def relabelled(self, offset: ArrayLike) -> ContactKind:
         """The same physical contact expressed in a frame displaced by a (4, 4) offset in the old one."""
-        return _relabelled(self, arrays.pose(offset, "offset").tobytes())
-
-
-@lru_cache(maxsize=64)  # a contact that is expressed in another frame is made in every tick, of the same kind
-def _relabelled(kind: ContactKind, offset: bytes) -> ContactKind:
-    back = se3.inverse(np.frombuffer(offset).reshape(4, 4), check=False)
-    A, B = se3.adjoint(back, check=False), se3.coadjoint(back, check=False)
-    out = None if kind.out is None else A.dot(kind.out)
-    origin = back[:3, :3].dot(kind.origin) + back[:3, 3]
-    S, W = A.dot(kind.freedoms), B.dot(kind.constraints)
-    return ContactKind(kind.name, S, W, kind.unilateral, out, origin, kind.presses)
+        back = se3.inverse(arrays.pose(offset, "offset"), check=False)
+        A, B = se3.adjoint(back, check=False), se3.coadjoint(back, check=False)
+        out = None if self.out is None else A.dot(self.out)
+        origin = back[:3, :3].dot(self.origin) + back[:3, 3]
+        S, W = A.dot(self.freedoms), B.dot(self.constraints)
+        return ContactKind(self.name, S, W, self.unilateral, out, origin, self.presses)
 
 
 def _powers(W: Array, S: Array) -> Array:

@@ -9,8 +9,6 @@ from invariantqp.compare.linear import (
     NEARLY_SINGULAR,
     chiaverini,
     saturate,
-    unit_consistent_inverse,
-    unit_scaling,
 )
 from invariantqp.compare.method import CANNOT, FAMILIES, OURS, OURS_PYTHON, LoopSetting, Question
 from invariantqp.compare.qp import levels
@@ -19,7 +17,7 @@ from invariantqp.errors import BadInput, UnknownName
 from invariantqp.runs.taskfile import LawSpec
 
 ROWS = {name: row for name, row in methods().items() if row.installed}
-RESTING = {OURS, OURS_PYTHON, "invariantqp with h"}
+RESTING = {OURS, OURS_PYTHON}
 READY = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
 
 
@@ -86,9 +84,7 @@ def test_what_a_row_says_of_the_posture_is_so(name, panda):
         assert np.abs(x).max() < 1e-9
         moving = {"dx": 0.05, "gain": 10.0}
         x = first_tick(name, panda, READY, **moving) - first_tick(name, panda, READY, **moving, posture=False)
-    if name == "unit-consistent inverse":  # its null space is another one
-        assert np.abs(J @ x).max() < 1e-9
-    elif name in {"DLS", "[DS] Lambda"}:
+    if name in {"DLS", "[DS] Lambda"}:
         assert x @ wanted > 0.9 * wanted @ wanted
     else:
         np.testing.assert_allclose(x, wanted, atol=0.01 * np.abs(wanted).max())
@@ -195,23 +191,6 @@ def test_damped_least_squares_is_the_minimum_of_its_cost(m):
     np.testing.assert_allclose(J.T @ (s - J @ x), DLS_DAMPING**2 * x, atol=1e-12)
 
 
-@pytest.mark.parametrize("m", [3, 6, 7])
-def test_the_unit_consistent_inverse_commutes_with_changes_of_units(m):
-    rng = np.random.default_rng(m)
-    J = rng.normal(size=(6, m))
-    J[rng.random((6, m)) < 0.2] = 0.0
-    X = unit_consistent_inverse(J)
-    D, E = np.diag(10.0 ** rng.uniform(-3, 3, 6)), np.diag(10.0 ** rng.uniform(-3, 3, m))
-    changed = np.linalg.inv(E) @ X @ np.linalg.inv(D)
-    np.testing.assert_allclose(
-        unit_consistent_inverse(D @ J @ E), changed, rtol=1e-8, atol=1e-12 * np.abs(changed).max()
-    )
-    d, e = unit_scaling(J)
-    logs = np.log(np.abs(d[:, None] * J * e), where=J != 0.0, out=np.zeros_like(J))
-    np.testing.assert_allclose(logs.sum(axis=0), 0.0, atol=1e-12)
-    np.testing.assert_allclose(logs.sum(axis=1), 0.0, atol=1e-12)
-
-
 def largest_share(J, s, reach):
     """The most of s that any velocity inside the limits carries, by linear programming."""
     m = J.shape[1]
@@ -247,18 +226,12 @@ def test_methods_are_chosen_by_name_family_or_part():
     assert list(chosen("dls")) == ["DLS"]
     assert list(chosen(["dls ", "invariantqp"])) == ["invariantqp", "DLS"]
     assert {m.family for m in chosen("damped").values()} == {"damped"}
-    assert len(chosen("pink")) == 2 * ROWS["Pink"].installed or list(chosen("pink")) == ["Pink"]
-    with pytest.raises(UnknownName, match="unknown method 'moore penrose'; did you mean"):
-        chosen("moore penrose")
+    assert list(chosen("pin")) == ["Pink"]
+    for words in ("moore penrose", ["DLS", "moore penrose"]):
+        with pytest.raises(UnknownName, match="unknown method 'moore penrose'; did you mean"):
+            chosen(words)
     with pytest.raises(BadInput, match="--methods: found no method"):
         chosen("")
-
-
-def test_all_unknown_names_are_told_at_once_with_similar_ones():
-    with pytest.raises(BadInput, match=r"no method called 'DLSS' \(similar: .*\) or 'xyz'; expected "):
-        chosen(["DLS", "DLSS", "xyz"])
-    with pytest.raises(BadInput, match=r"no method called 'invariantqp,DLS' .* Give each name a --methods of its own"):
-        chosen("invariantqp,DLS")
 
 
 def test_a_method_that_is_not_installed_says_what_it_needs(monkeypatch):

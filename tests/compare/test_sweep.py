@@ -263,7 +263,7 @@ def test_what_is_not_installed_is_left_out_by_name(toys, tmp_path, monkeypatch):
     assert done.exit_code == 0, done.output
     for left_out, extra in (
         ("hand-written loop", "pin"),
-        ("Pink; Pink with lm_damping; mink", "peers"),
+        ("Pink; mink", "peers"),
         ("the robots of panda_path, so101_line", "robots"),
     ):
         assert f"not installed, so left out: {left_out}. Run: {install_command(extra)}" in done.stderr
