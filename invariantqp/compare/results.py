@@ -10,7 +10,6 @@ and the report lists it.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
@@ -137,17 +136,3 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
-
-
-# Files of this package that a figure may depend on: Python, the compiled core, and what it is compiled from.
-SOURCES = {".py", ".c", ".h", ".so", ".pyd"}
-
-
-@cache
-def source_digest() -> str:
-    """A digest of this package, its compiled core included: after a change everything is measured again."""
-    root, digest = Path(__file__).parents[1], hashlib.sha256()
-    for file in sorted(file for file in root.rglob("*") if file.suffix in SOURCES):
-        digest.update(file.relative_to(root).as_posix().encode())
-        digest.update(file.read_bytes())
-    return digest.hexdigest()

@@ -1,16 +1,8 @@
 """A sweep: every measurement of every method on every task, in parallel, written to DIR/results.json.
 
-Finished cells are kept in DIR/cells by joblib.Memory, so an interrupted sweep continues where it stopped. A cell is
-measured again if its settings, its task file, this package, a library or the machine has changed.
-
 Cells that measure time run after all others, one at a time, in a process of their own with one BLAS thread. Such a cell
-has all methods of a task: they are timed in turn, so that a change of the clock rate affects all alike.
-
-All other cells go through joblib, with the back end that the caller has set up. To spread them over a Dask cluster,
-whose workers have to see DIR as well:
-
-    with joblib.parallel_config(backend="dask"):
-        sweep(tasks, methods, Path("comparison"))
+has all methods of a task: they are timed in turn, so that a change of the clock rate affects all alike. All other cells
+go through joblib, with the back end that the caller has set up.
 """
 
 from __future__ import annotations
@@ -19,9 +11,7 @@ import difflib
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stdout
-from itertools import repeat
 from pathlib import Path
-from typing import Any
 
 import joblib
 from joblib.externals.loky import ProcessPoolExecutor
@@ -30,7 +20,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from invariantqp.compare.measurements import KINDS, Cell, Kind
 from invariantqp.compare.method import kinematics
 from invariantqp.compare.registry import absent, chosen, left_out, with_robot, without_robot
-from invariantqp.compare.results import SCHEMA, Results, machine, plain, source_digest, versions, write_results
+from invariantqp.compare.results import SCHEMA, Results, machine, plain, versions, write_results
 from invariantqp.compare.watched import Result
 from invariantqp.errors import UnknownName
 from invariantqp.progress import Progress
@@ -101,7 +91,7 @@ def sweep(
     only: Sequence[str] | None = None,
     progress: Progress | None = None,
 ) -> Results:
-    """Measure every method on every task, continuing an interrupted sweep, and write DIR/results.json.
+    """Measure every method on every task and write DIR/results.json.
 
     Args:
         tasks: names or files of tasks.
@@ -130,7 +120,7 @@ def sweep(
     immobile = without_robot(dict.fromkeys(cell.task for cell in work))
     work = [cell for cell in work if cell.task not in immobile]
     found: dict[Cell, dict[str, Result]] = {}
-    for cell, result in _attempts(work, out.resolve() / "cells", jobs):
+    for cell, result in _attempts(work, jobs):
         found[cell] = result
         if progress is not None:
             progress(len(found), len(work))
@@ -151,63 +141,44 @@ def sweep(
             ],
         }
     )
+    out.mkdir(parents=True, exist_ok=True)
     write_results(out / "results.json", results)
     return results
 
 
-def _attempts(work: list[Cell], store: Path, jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result]]]:
+def _attempts(work: list[Cell], jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result]]]:
     """The results of every cell in the order in which they are finished; see `attempt`."""
-    measure = joblib.Memory(store, verbose=0).cache(measure_cell)
     beside = [cell for cell in work if not KINDS[cell.kind].alone]
     if beside:
-        yield from in_parallel(measure, beside, jobs)
+        yield from in_parallel(beside, jobs)
     alone = [cell for cell in work if KINDS[cell.kind].alone]
     if alone:
         with ProcessPoolExecutor(1, env=dict.fromkeys(ONE_THREAD, "1")) as process:
-            yield from process.map(attempt, repeat(measure), alone, map(conditions, alone))
+            yield from process.map(attempt, [KINDS[cell.kind] for cell in alone], alone)
 
 
-def in_parallel(measure: Any, work: list[Cell], jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result]]]:
+def in_parallel(work: list[Cell], jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result]]]:
     """`attempt` on every cell; a method that ends its process, as a division by zero in C does, is a failed one."""
     left = dict.fromkeys(work)
     parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
     try:
-        for cell, result in parallel(joblib.delayed(attempt)(measure, cell, conditions(cell)) for cell in work):
+        for cell, result in parallel(joblib.delayed(attempt)(KINDS[cell.kind], cell) for cell in work):
             del left[cell]
             yield cell, result
     except TerminatedWorkerError:
         for cell in left:
             with ProcessPoolExecutor(1) as process:
                 try:
-                    yield process.submit(attempt, measure, cell, conditions(cell)).result()
+                    yield process.submit(attempt, KINDS[cell.kind], cell).result()
                 except TerminatedWorkerError as error:
                     ended = {"failed": f"its process ended: {str(error).splitlines()[-1]}"}
                     yield cell, dict.fromkeys(cell.methods, ended)
 
 
-def measure_cell(cell: Cell, _conditions: str) -> dict[str, Result]:
-    """The results of a cell; joblib keeps them under the cell and the conditions, which are not used otherwise.
-
-    What solvers print on standard output is suppressed.
-    """
-    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
-        return KINDS[cell.kind].measure(cell)
-
-
-def conditions(cell: Cell) -> str:
-    """A digest of all that a cell's results depend on besides its settings."""
-    task = Path(cell.task)
-    content = task.read_bytes() if task.is_file() else b""
-    digest: str = joblib.hash((content, source_digest(), versions(), machine()))
-    return digest
-
-
-def attempt(measure: Any, cell: Cell, known: str) -> tuple[Cell, dict[str, Result]]:
-    """A cell and what `measure(cell, known)` finds; whatever a method raises is its result.
-
-    Only results of cells without an exception are kept on disk: a failed one is tried again in the next sweep.
-    """
+def attempt(kind: Kind, cell: Cell) -> tuple[Cell, dict[str, Result]]:
+    """A cell and what its measurement finds; what a method raises is its result, what solvers print goes nowhere."""
     try:
-        return cell, measure(cell, known)
+        with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
+            return cell, kind.measure(cell)
     except Exception as error:  # noqa: BLE001 (a measurement that fails is a row of the report)
         return cell, {method: {"failed": f"{type(error).__name__}: {error}"} for method in cell.methods}
