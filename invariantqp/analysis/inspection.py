@@ -176,7 +176,6 @@ def inspect(
     name: str = "robot",
     q: ArrayLike | None = None,
     samples: int = DEFAULT_SAMPLES,
-    jobs: int = -1,
     progress: Progress | None = None,
 ) -> Inspection:
     """Look at an arm in one state and over its joint range.
@@ -187,7 +186,6 @@ def inspect(
         q: (m,) joint positions [rad, length]; None is the middle of each range or, where that is singular, the state of
             the range farthest from singularities.
         samples: states of the joint range to look at.
-        jobs: processes where samples are many; -1 is one a core.
         progress: called with (states done, states in all).
 
     Raises:
@@ -202,7 +200,7 @@ def inspect(
     if progress is not None:
         arrays.function(progress, "progress", PROGRESS)
     report = describe(robot.jacobian(state))
-    seen = survey(robot, spread(robot, samples), jobs=jobs, progress=progress)
+    seen = survey(robot, spread(robot, samples), progress)
     if q is None and report.rank < seen.attainable_rank:
         state = seen.q[int(np.where(seen.regular, seen.distance, -1.0).argmax())]
         report = describe(robot.jacobian(state))

@@ -8,7 +8,6 @@ Reference: the sequence is Roberts', a generalisation of the golden ratio's to m
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -21,9 +20,6 @@ from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot, middle, remembered
 from invariantqp.systems.report import describe
 
-# From here on worker processes, which take a second to start, are worth it; each gets so many states at a time.
-PARALLEL_FROM = 2000
-CHUNK = 100
 # A joint without limits is looked at over one turn [rad], a slide over one unit of length, in all.
 UNLIMITED_TURN, UNLIMITED_SLIDE = 2.0 * np.pi, 1.0
 
@@ -111,47 +107,21 @@ def joint_ranges(robot: Robot) -> tuple[Array, Array]:
     return np.where(np.isfinite(low), low, mid - half), np.where(np.isfinite(high), high, mid + half)
 
 
-def survey(robot: Robot, q: Array, *, jobs: int = 1, progress: Progress | None = None) -> Survey:
-    """Describe the arm in each of (n, m) states, from a few thousand on in several processes; -1 is one a core."""
-    n = len(q)
-    twists = [np.array([robot.jacobian(state) for state in q[i : i + CHUNK]]) for i in range(0, n, CHUNK)]
-    parts: list[_Described] = []
-    for part in _mapped(twists, jobs if n >= PARALLEL_FROM else 1):
-        parts.append(part)
+def survey(robot: Robot, q: Array, progress: Progress | None = None) -> Survey:
+    """Describe the arm in each of (n, m) states."""
+    numbers, types = np.full((len(q), 9), np.nan), []
+    for i, (row, state) in enumerate(zip(numbers, q, strict=True), 1):
+        report = describe(robot.jacobian(state))
+        row[:3] = report.rank, report.blind_directions.shape[1], report.singularity_distance
+        row[3 : 3 + len(report.principal_pitches)] = report.principal_pitches
+        types.append(str(report.type))
         if progress is not None:
-            progress(sum(len(p[1]) for p in parts), n)
-    numbers = np.concatenate([p[0] for p in parts])
+            progress(i, len(q))
     return Survey(
         q=q,
         rank=numbers[:, 0].astype(int),
-        types=tuple(name for p in parts for name in p[1]),
+        types=tuple(types),
         pitches=numbers[:, 3:],
         blind=numbers[:, 1].astype(int),
         distance=numbers[:, 2],
     )
-
-
-_Described = tuple[Array, list[str]]
-
-
-def _mapped(chunks: list[Array], jobs: int) -> Iterable[_Described]:
-    """`_described` of each chunk, in order, as they come."""
-    if jobs == 1:
-        return map(_described, chunks)
-    from joblib import Parallel, delayed  # only where it is worth its start
-
-    work = Parallel(n_jobs=jobs, return_as="generator")
-    results: Iterable[_Described] = work(delayed(_described)(chunk) for chunk in chunks)
-    return results
-
-
-def _described(twists: Array) -> _Described:
-    """(n, 9) rank, blind directions, distance, principal pitches; and the types, of (n, 6, m) twists."""
-    numbers = np.full((len(twists), 9), np.nan)
-    types = []
-    for row, J in zip(numbers, twists, strict=True):
-        report = describe(J)
-        row[:3] = report.rank, report.blind_directions.shape[1], report.singularity_distance
-        row[3 : 3 + len(report.principal_pitches)] = report.principal_pitches
-        types.append(str(report.type))
-    return numbers, types

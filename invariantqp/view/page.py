@@ -58,8 +58,8 @@ def drawn(timeline: Timeline) -> dict[str, Any]:
     named = {
         "time": timeline.time,
         "screws": timeline.screws,
-        "places": timeline.home.points[1:-1],
-        "home": timeline.home.tool,
+        "places": timeline.places,
+        "home": timeline.home,
         "travel": timeline.travel,
         "wanted": timeline.wanted,
         "path": timeline.wanted[:, :3, 3],

@@ -19,7 +19,7 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of
 from invariantqp.view.appearance import Appearance, appearance_of
 from invariantqp.view.scenery import SIDE, Surroundings, tiles
-from invariantqp.view.timeline import FORCE, FRAMES, ArmShape, CurveChart, Timeline, arm_in, limit_charts
+from invariantqp.view.timeline import FORCE, FRAMES, CurveChart, Timeline, arm_in, limit_charts
 
 # How much of a surface is drawn beyond the path of the contact, and half of an axis, relative to that path's reach.
 MARGIN = 0.4
@@ -49,7 +49,7 @@ def timeline_of_recording(
     tool = file.poses[at] @ mark
     w = np.array([sensor.wrench(r, pose) for r, pose in zip(file.readings[at], file.poses[at], strict=True)])
     arm = _no_arm(tool) if robot is None or file.q is None else arm_in(robot, file.q[at])
-    q, home = arm["q"], arm["home"]
+    q = arm["q"]
     nothing = Surroundings(np.empty((0, 4, 3)))
     timeline = Timeline(
         title=title,
@@ -65,7 +65,7 @@ def timeline_of_recording(
         travel=np.gradient(tool[:, :3, 3], time[at], axis=0),
         force=w[:, 3:],
         recorded=True,
-        **{**arm, "tool": tool, "home": home._replace(tool=home.tool @ mark)},
+        **{**arm, "tool": tool, "home": arm["home"] @ mark},
     )
     return replace(timeline, charts=(_forces(shown, file.poses[at], w[:, 3:]), *limit_charts(timeline)))
 
@@ -84,9 +84,9 @@ def _no_arm(tool: Array) -> dict[str, Any]:
         "joints": (),
         "slides": [],
         "points": tool[:, None, :3, 3],
-        "axes": np.empty((len(tool), 0, 3)),
         "screws": np.zeros((6, 0)),
-        "home": ArmShape(np.zeros((2, 3)), np.empty((0, 3)), np.eye(4)),
+        "places": np.empty((0, 3)),
+        "home": np.eye(4),
         "q": np.zeros((len(tool), 0)),
         "limits": np.zeros((2, 0)),
         "speed_limit": np.zeros(0),

@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
@@ -30,22 +29,6 @@ REST, WEAK = 2e-4, 0.05
 FORCE, TRAVEL = VERMILION, GREEN
 # Title of the chart of errors, from which a page reads what the error is.
 ERROR = "tracking error"
-
-
-class ArmShape(NamedTuple):
-    """What to draw of an arm in one state."""
-
-    points: Array  # (m + 2, 3) base, joints, tool
-    axes: Array  # (m, 3) unit directions of the joints
-    tool: Array  # (4, 4) pose
-
-
-def arm_shape(robot: Robot, q: ArrayLike) -> ArmShape:
-    """What to draw of an arm at joint positions q (m,)."""
-    J, T = robot.jacobian(q), robot.pose(q)
-    axes = np.where(J[:3].any(axis=0), J[:3], J[3:])
-    points = np.vstack((np.zeros(3), robot.origins(q), T[:3, 3]))
-    return ArmShape(points, (axes / np.linalg.norm(axes, axis=0)).T, T)
 
 
 class CurveChart(NamedTuple):
@@ -70,10 +53,10 @@ class Timeline:
     slides: list[bool]  # (m) whether a joint is prismatic
     time: Array  # (k,) [s]
     points: Array  # (k, m + 2, 3) base, joints, tool
-    axes: Array  # (k, m, 3) unit directions of the joints
     tool: Array  # (k, 4, 4) tool poses
     screws: Array  # (6, m) joint twists at q = 0
-    home: ArmShape  # the arm at q = 0
+    places: Array  # (m, 3) points of the joints at q = 0
+    home: Array  # (4, 4) tool pose at q = 0
     appearance: Appearance  # its meshes
     wanted: Array  # (k, 4, 4) poses wanted
     q: Array  # (k, m) joint positions
@@ -188,15 +171,16 @@ def timeline_before(task: Task) -> Timeline:
 
 def arm_in(robot: Robot, q: Array) -> dict[str, Any]:
     """What a timeline has of an arm in states q (k, m)."""
-    shapes, zero = [arm_shape(robot, state) for state in q], np.zeros(len(robot.names))
+    tool, zero = np.array([robot.pose(state) for state in q]), np.zeros(len(robot.names))
+    joints = [robot.origins(state) for state in q]
     return {
         "joints": robot.names,
         "slides": [not turn.any() for turn in robot.jacobian(q[0])[:3].T],
-        "points": np.array([s.points for s in shapes]),
-        "axes": np.array([s.axes for s in shapes]),
-        "tool": np.array([s.tool for s in shapes]),
+        "points": np.array([(np.zeros(3), *p, T[:3, 3]) for p, T in zip(joints, tool, strict=True)]),
+        "tool": tool,
         "screws": robot.jacobian(zero),
-        "home": arm_shape(robot, zero),
+        "places": robot.origins(zero),
+        "home": robot.pose(zero),
         "q": q,
         "limits": np.stack((robot.position_lower, robot.position_upper)),
         "speed_limit": robot.velocity_limit,

@@ -38,7 +38,7 @@ results = {**results, "tasks": results["tasks"][:1]}
 motion = iq.load_task("scara")
 iq.pictures.picture(iq.run_task(motion, dt=0.02), out / "motion.png")
 robot = motion.load_robot()
-iq.pictures.pitch_picture(iq.analysis.inspect(robot, samples=8, jobs=1), robot, out / "pitches.pdf")
+iq.pictures.pitch_picture(iq.analysis.inspect(robot, samples=8), robot, out / "pitches.pdf")
 chart.draw(results, out / "chart.svg")
 drawn = look()
 changed = [k for k in before if not before[k] == imported[k] == drawn[k]]

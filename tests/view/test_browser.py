@@ -107,7 +107,8 @@ def test_the_page_places_the_arm_where_it_is(opened, trace):
     timeline = timeline_of(trace)
     seen = opened.execute_script("return arm.at(between('q', 37))")
     np.testing.assert_allclose(seen["points"], timeline.points[37], atol=1e-6)  # the page has float32
-    np.testing.assert_allclose(seen["axes"], timeline.axes[37], atol=1e-6)
+    directions = task_from(TASK, "short").load_robot().jacobian(timeline.q[37])[:3].T
+    np.testing.assert_allclose(seen["axes"], directions, atol=1e-6)
     np.testing.assert_allclose(np.reshape(seen["tool"], (3, 4)), timeline.tool[37, :3], atol=1e-6)
     motion = task_from(TASK, "short").load_robot().motions(timeline.q[37])[7]
     np.testing.assert_allclose(np.reshape(seen["motions"][7], (3, 4)), motion[:3], atol=1e-6)
