@@ -18,11 +18,10 @@ from shared.pages import guide, listed, markdown, write_section
 from invariantqp.cli.console import progress
 from invariantqp.compare import chart
 from invariantqp.compare.measurements import KINDS
-from invariantqp.compare.report import write_report
+from invariantqp.compare.report import losses, verdict, write_report
 from invariantqp.compare.results import load_results, write_results
 from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
 from invariantqp.compare.tables import summary
-from invariantqp.compare.verdict import losses, verdict
 
 HERE = Path(__file__).parent
 FOLDER, PICTURES = HERE / "comparison", HERE / "pictures"

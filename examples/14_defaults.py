@@ -40,7 +40,7 @@ from invariantqp.compare.measurements import EVERYDAY
 from invariantqp.compare.watched import figures, overshoot, watched_run, with_rest
 from invariantqp.control import controller, tracking
 from invariantqp.runs.controllers import law_options
-from invariantqp.runs.plants.plant import IdealPlant
+from invariantqp.runs.plant import IdealPlant
 from invariantqp.runs.prepare import Setup, prepare
 from invariantqp.runs.taskfile import load_task, shipped_tasks, task_from
 from invariantqp.velocity import damping, exact, law, tick

@@ -7,11 +7,10 @@ forces first, what the world does to the tool, and carries the tool. Replace `Ce
 import numpy as np
 
 import invariantqp as iq
-from invariantqp.geometry.surfaces import Plane
 from invariantqp.robots.load import urdf_of
 from invariantqp.runs.contactspec import Physics
-from invariantqp.runs.plants.mujoco import MujocoPlant
-from invariantqp.runs.plants.plant import SimulatedSensor, SurfaceSprings
+from invariantqp.runs.mujoco import MujocoPlant
+from invariantqp.runs.plant import Plane, SimulatedSensor, SurfaceSprings
 
 DT, DELAY, NOISE = 0.004, 0.014, 0.2  # [s], [s], [N]
 ARMS = {"panda": [0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8], "ur5": [0.0, -1.2, 1.8, -2.2, -1.57, 0.0]}  # tool down [rad]

@@ -27,8 +27,7 @@ from invariantqp.errors import BadInput
 from invariantqp.extras import is_installed
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.pose.arm import pose_arm
-from invariantqp.pose.error import pose_error
+from invariantqp.pose.error import pose_arm, pose_error
 from invariantqp.pose.ik import RESTARTS, solve_pose
 from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot

@@ -1,4 +1,4 @@
-"""The command line. A file for each command; `console` has what they share."""
+"""The command line. A file for each command but the shortest; `console` has what they share."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import sys
 import traceback
 import warnings
 from contextlib import suppress
+from pathlib import Path
 from typing import Annotated, TextIO
 
 import typer
@@ -14,13 +15,12 @@ from rich.console import Console
 from rich.table import Table
 
 from invariantqp.cli.compare import compare
-from invariantqp.cli.console import HELP, Exit, NotAccepted, NotWritten, say
+from invariantqp.cli.console import HELP, Exit, NotAccepted, NotWritten, say, writable, write
 from invariantqp.cli.identify import identify
 from invariantqp.cli.inspect import ManyNumbers, inspect
-from invariantqp.cli.new import new
 from invariantqp.cli.run import ViewAlone, run
 from invariantqp.engine import engine
-from invariantqp.errors import InvariantQPError
+from invariantqp.errors import BadInput, InvariantQPError
 from invariantqp.version import __version__
 
 app: typer.Typer = typer.Typer(
@@ -136,4 +136,24 @@ app.command(cls=ViewAlone, epilog=HELP)(run)
 app.command(cls=ManyNumbers, epilog=HELP)(inspect)
 app.command(epilog=HELP)(identify)
 app.command(epilog=HELP)(compare)
-app.command(epilog=HELP)(new)
+
+
+@app.command(epilog=HELP)
+def new(
+    task: Annotated[str, typer.Argument(help="What the task is called, or TASK.toml, the file it is written to.")],
+    robot: Annotated[str, typer.Option(metavar="ROBOT", help="A robot's name, or a URDF or MJCF file.")] = "panda",
+    path: Annotated[str, typer.Option(metavar="KIND", help="line, circle, screw, joints or hold.")] = "line",
+    contact: Annotated[
+        str | None, typer.Option(metavar="KIND", help="point, edge, face or hinge; without contact if left out.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Another file to write to (.toml).")] = None,
+) -> None:
+    """Write a task file for TASK that runs as it is, with every key explained, to change and to run."""
+    from invariantqp.runs.newtask import new_task
+
+    file = Path(f"{task.removesuffix('.toml')}.toml") if out is None else out
+    writable("TASK" if out is None else "--out", file, (".toml",))
+    if file.exists():
+        raise BadInput("TASK" if out is None else "--out", f"{file}, which exists", "the name of a new file")
+    write(file, new_task(file.stem, robot, path=path, contact=contact))
+    say(f"written: {file}. Change it, then: invariantqp run {file}")

@@ -148,9 +148,9 @@ def print_stability(outcomes: list[StabilityOutcome]) -> None:
 
 def print_comparison(results: dict[str, Any], files: list[Path]) -> None:
     """The tables of a comparison, its verdict, and the files that were written."""
+    from invariantqp.compare.report import verdict
     from invariantqp.compare.results import kinds_in
     from invariantqp.compare.tables import EVERYDAY_CELLS, everyday, summary
-    from invariantqp.compare.verdict import verdict
 
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
     parts = [(summary(results), "")] if {"loop", "tick"} & kinds_in(results) else []

@@ -5,7 +5,7 @@ ours  qp  linear  libraries    the rows, one family a file
 registry                   the table of all rows
 frames  watched  measurements  what is measured: other frames, a run under supervision, all of it
 sweep  stability           every measurement of every method on every task; problems at which methods fail
-results  tables  verdict  chart  report    results.json; tables, sentences, chart and page made from it
+results  tables  chart  report    results.json; tables, chart, sentences and page made from it
 """
 
 from typing import TYPE_CHECKING

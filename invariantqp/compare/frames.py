@@ -29,7 +29,7 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.progress import Progress
 from invariantqp.runs.controllers import MakeController, TaskController, controller_for
-from invariantqp.runs.plants.plant import Measurement, Plant, PlantState
+from invariantqp.runs.plant import Measurement, Plant, PlantState
 from invariantqp.runs.prepare import ControlProblem, Goal, Setup, prepare
 from invariantqp.runs.run import run
 from invariantqp.runs.taskfile import Task

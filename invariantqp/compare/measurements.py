@@ -36,7 +36,7 @@ from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.plants.plant import IdealPlant
+from invariantqp.runs.plant import IdealPlant
 from invariantqp.runs.prepare import prepare
 from invariantqp.runs.run import run_task
 from invariantqp.runs.taskfile import Task, load_task

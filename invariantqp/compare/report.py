@@ -1,19 +1,21 @@
 """The report: a verdict, the chart and ten rows on the first screen; everything else folded below.
 
-Every sentence with a figure or a winner is computed from the results.
+Every sentence with a figure or a winner is computed from the results, one arm at a time: where Moore-Penrose and a
+plain QP are enough, who sees the frame, who is better.
 """
 
 from __future__ import annotations
 
 import re
 import tempfile
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from invariantqp.compare import chart, tables
-from invariantqp.compare.method import OURS
-from invariantqp.compare.results import Results, kinds_in
-from invariantqp.compare.tables import Table
-from invariantqp.compare.verdict import verdict
+from invariantqp.compare.method import HAND_WRITTEN, OURS, OURS_PYTHON, PENROSE, SCALED_LEAST_SQUARES
+from invariantqp.compare.results import Results, kinds_in, results_of
+from invariantqp.compare.tables import Table, figure, shown, title, worst_frame
 from invariantqp.template import fill_template
 
 ABOUT = {
@@ -118,3 +120,133 @@ def inline_svg(file: Path) -> str:
     text = re.sub(r'\bid="', f'id="{name}-', text)
     text = re.sub(r'((?:xlink:)?href)="#', rf'\1="#{name}-', text)
     return re.sub(r"url\(#", f"url(#{name}-", text)
+
+
+# Errors within this factor of the least, or below a micrometre and a thousandth of a degree, are as good.
+AS_GOOD, NOTHING = 1.1, 1e-3
+Figures = dict[str, dict[str, Any]]
+
+
+def verdict(results: Results) -> list[str]:
+    """Where Moore-Penrose is enough, where a plain QP is, whose answer is one, where we lose."""
+    lost = [f"Where {OURS} loses: {sentence}" for sentence in losses(results)]
+    return [sentence for make in (_penrose, _plain_qp, _one_answer) for sentence in make(results)] + lost
+
+
+def of_task(results: Results, kind: str, task: str) -> Figures:
+    """{method: result} of the rows of the first table."""
+    found = {name: r for (place, name), r in results_of(results, kind).items() if place == task}
+    return {name: found[name] for name in shown(results) if name in found}
+
+
+def by_task(results: Results) -> Iterator[tuple[str, Figures, Figures]]:
+    """Each task with the runs and the times of those rows."""
+    for task in results["tasks"]:
+        yield task, of_task(results, "loop", task), of_task(results, "tick", task)
+
+
+def as_good(loops: Figures) -> list[str]:
+    """The rows whose largest position error is as good as the least of all."""
+    have = {name: r["position_mm"] for name, r in loops.items() if r["position_mm"] is not None}
+    least = min(have.values(), default=0.0)
+    return [name for name, mm in have.items() if mm <= max(AS_GOOD * least, NOTHING)]
+
+
+def _time(ticks: Figures, name: str) -> str:
+    took = ticks.get(name, {}).get("median_us")
+    return "" if took is None else f" ({figure(took)} us)"
+
+
+def losses(results: Results) -> list[str]:
+    """Where ours is slower or further off than another row, or more tilted."""
+    sentences = []
+    for task, loops, ticks in by_task(results):
+        if OURS not in loops or OURS not in ticks:
+            continue
+        mine, took = loops[OURS], ticks[OURS]["median_us"]
+        faster = [f"{n}{_time(ticks, n)}" for n in as_good(loops) if n in ticks and ticks[n]["median_us"] < took]
+        nearer = [n for n, r in loops.items() if _nearer(r["position_mm"], mine["position_mm"])]
+        parts = [f"{what} are {', '.join(names)}" for what, names in (("faster", faster), ("nearer", nearer)) if names]
+        turned = {
+            n: r
+            for n, r in loops.items()
+            if (r["orientation_deg"] or 0.0) * AS_GOOD < (mine["orientation_deg"] or 0.0) > NOTHING
+        }
+        if turned:
+            parts.append(f"it tilts by {_missed([mine])}; {', '.join(turned)} by {_missed(turned.values())}")
+        if parts:
+            sentences.append(f"{title(task)}: {'; '.join(parts)}.")
+    return sentences
+
+
+def _missed(loops: Iterable[dict[str, Any]]) -> str:
+    """The largest errors of some runs, from the least to the largest."""
+    runs = list(loops)
+    deg, mm = (sorted(r[key] or 0.0 for r in runs) for key in ("orientation_deg", "position_mm"))
+    return f"{_span(deg)} deg, at {_span(mm)} mm"
+
+
+def _nearer(theirs: float | None, mine: float | None) -> bool:
+    """Whether an error is less by more than nothing; one that was not measured is not."""
+    return theirs is not None and mine is not None and theirs * AS_GOOD < mine > NOTHING
+
+
+def _good_in(results: Results, name: str) -> tuple[list[str], list[str]]:
+    """The tasks in which a row is as near as anyone, and those in which it is not."""
+    good: list[str] = []
+    not_good: list[str] = []
+    for task, loops, _ in by_task(results):
+        if name in loops:
+            (good if name in as_good(loops) else not_good).append(task)
+    return good, not_good
+
+
+def _penrose(results: Results) -> list[str]:
+    good, off = _good_in(results, PENROSE)
+    if not good or not off:
+        return []
+    errors = ", ".join(f"{title(t)} {figure(of_task(results, 'loop', t)[PENROSE]['position_mm'])}" for t in off)
+    where = " and ".join(title(t) for t in good)
+    return [
+        f"{PENROSE} is as near as any here: {where}; there it needs nothing else. It is off elsewhere [mm]: {errors}."
+    ]
+
+
+def _plain_qp(results: Results) -> list[str]:
+    good, off = _good_in(results, HAND_WRITTEN)
+    ratios, alone = (sorted(_ratios(results, name)) for name in (OURS, OURS_PYTHON))
+    if not good or not ratios:
+        return []
+    count = len(good) + len(off)
+    where = f"in {len(good)} of {count} tasks" if off else f"in all {count} tasks" if count > 1 else "here"
+    text = f"A {HAND_WRITTEN} of Pinocchio and DAQP is as near {where}; it takes {_span(ratios)} times our time"
+    slower = (
+        f". Without the compiled core ours takes {_span(sorted(1.0 / r for r in alone))} times its time"
+        if alone
+        else ""
+    )
+    return [f"{text}{slower}."]
+
+
+def _ratios(results: Results, name: str) -> list[float]:
+    """The hand-written loop's time over a row's, task by task."""
+    return [
+        ticks[HAND_WRITTEN]["median_us"] / ticks[name]["median_us"]
+        for _, _, ticks in by_task(results)
+        if name in ticks and HAND_WRITTEN in ticks
+    ]
+
+
+def _span(values: list[float]) -> str:
+    least, most = figure(values[0]), figure(values[-1])
+    return least if least == most else f"{least} to {most}"
+
+
+def _one_answer(results: Results) -> list[str]:
+    parts = []
+    for name in (OURS, SCALED_LEAST_SQUARES, HAND_WRITTEN, PENROSE):
+        worst = [worst_frame(results, name, kind) for kind in ("loop", "beyond")]
+        if any(change is not None for change in worst):
+            parts.append(f"{name} {' · '.join(figure(change, '{:.0e}') for change in worst)}")
+    what = "Another tool frame for the same motion moves joints at most [rad], in these tasks · out of reach"
+    return [f"{what}: {', '.join(parts)}."] if parts else []

@@ -21,7 +21,7 @@ from invariantqp.geometry.distance import Place, Solid, places
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.srdf import Exclusions, excluded
+from invariantqp.robots.urdf import Exclusions, excluded
 
 # Whether a pair is always near is looked at in so many states, at most; one that is not shown to be is kept.
 STATES = 2000

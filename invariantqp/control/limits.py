@@ -327,7 +327,7 @@ def _shapes_of(robot: Robot) -> Any:
     """The shapes of an arm's links that SelfCollisionBarrier keeps apart, None for an arm that is known without."""
     if not any(link.parts for link in getattr(robot, "links", ())):
         return None
-    from invariantqp.robots.collision_model import collision_model
+    from invariantqp.robots.models import collision_model
 
     return collision_model(robot)  # type: ignore[arg-type]
 

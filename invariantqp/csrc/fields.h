@@ -113,7 +113,7 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     NUMBER(tool_speed, INFINITY, "of the limited point [length/s], likewise") \
     MAYBE_MATRIX(brought, 6, 6, has_brought, "the matrix of a form that is brought, on measured twists")
 
-/* pose/arm.py: an arm as pose searches see it. */
+/* pose/error.py: an arm as pose searches see it. */
 #define ARM_FIELDS \
     LENGTH(joints, MOST, "joints") \
     LENGTH(wanted, MOST_ROWS, "exact demands") \

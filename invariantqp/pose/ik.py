@@ -28,8 +28,7 @@ from invariantqp.errors import BadInput, excerpt, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, own
-from invariantqp.pose.arm import pose_arm
-from invariantqp.pose.error import PoseError, pose_error
+from invariantqp.pose.error import PoseError, pose_arm, pose_error
 from invariantqp.pose.newton import Try, descend
 from invariantqp.progress import PROGRESS, Progress
 from invariantqp.robots.kinematics import Robot, require_robot

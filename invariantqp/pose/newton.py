@@ -24,8 +24,7 @@ from scipy.linalg import lapack
 
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
-from invariantqp.pose.arm import JointSpace
-from invariantqp.pose.error import Linearization, PoseError
+from invariantqp.pose.error import JointSpace, Linearization, PoseError
 from invariantqp.systems.subspaces import rank_of
 from invariantqp.velocity.backends import BoxQP, Daqp, SolverFailure
 from invariantqp.velocity.exact import ROW_TOLERANCE

@@ -19,9 +19,8 @@ from invariantqp.robots.chain import Chain
 from invariantqp.robots.compose import stand_on
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.published import PUBLISHED, published
-from invariantqp.robots.srdf import disabled, excluding
 from invariantqp.robots.tree import chain_to_link
-from invariantqp.robots.urdf import is_text, joints_of, joints_of_yourdfpy, parts_of, read_xml
+from invariantqp.robots.urdf import disabled, excluding, is_text, joints_of, joints_of_yourdfpy, parts_of, read_xml
 
 DATA = "example-robot-data"
 SOURCES = (

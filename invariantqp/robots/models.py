@@ -1,12 +1,13 @@
-"""Arms cut out of Pinocchio models, as chains of joint screws: only the joints between base and tool.
+"""Arms cut out of Pinocchio models, as chains of joint screws, and back: the shapes of an arm beside its model.
 
-A humanoid's arm is a seven-joint robot.
+Only the joints between base and tool are taken: a humanoid's arm is a seven-joint robot.
 """
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import UNLIMITED
 from invariantqp.robots.pinocchio import joint_twists, pin
 from invariantqp.robots.tree import NOT_SINGLE, cannot_move, selected
+from invariantqp.robots.urdf import excluded
 
 
 def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None) -> Chain:
@@ -43,6 +45,37 @@ def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None)
     for i in moving:
         q[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] = pin.neutral(model)[model.idx_qs[i] :][: model.nqs[i]]
     return _chain(model, q, index, moving, [model.names[i] for i in moving])[0]
+
+
+def collision_model(robot: Chain) -> pin.GeometryModel:
+    """The shapes of an arm's links as a `pinocchio.GeometryModel` beside `robot.model`, for SelfCollisionBarrier.
+
+    Its pairs are those of links that are neither neighbours nor excluded by the robot's description.
+
+    Raises:
+        BadInput: a robot without collision geometry.
+        RobotModelError: geometry that cannot be read.
+    """
+    from invariantqp.geometry.coal import shape_of  # coal and the search for capsules are loaded where they are needed
+    from invariantqp.robots.bodies import bodies_of
+
+    bodies, known = bodies_of(robot), {link.name: link for link in robot.links}
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, np.zeros(robot.model.nq))
+    made, apart = pin.GeometryModel(), excluded(robot)
+    indices: dict[str, list[int]] = {}
+    for name, shapes in bodies.items():
+        link = known[name]
+        for i, shape in enumerate(shapes if not link.unknown else ()):
+            place = data.oMi[link.body].inverse() * pin.SE3(link.frame.dot(shape.place))
+            one = pin.GeometryObject(f"{name}_{i}", link.body, place, shape_of(shape))
+            indices.setdefault(name, []).append(made.addGeometryObject(one))
+    for one, other in combinations(indices, 2):
+        if abs(known[one].body - known[other].body) > 1 and frozenset((one, other)) not in apart:
+            for i in indices[one]:
+                for j in indices[other]:
+                    made.addCollisionPair(pin.CollisionPair(i, j))
+    return made
 
 
 def chain_to(model: pin.Model, frame: str) -> tuple[Chain, NDArray[np.intp]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import cos, hypot, inf, isfinite, sin
+from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
@@ -17,8 +18,9 @@ import numpy as np
 
 from invariantqp.errors import RobotModelError
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import UNLIMITED
-from invariantqp.robots.links import Geometry
+from invariantqp.robots.links import Geometry, Link
 from invariantqp.robots.tree import MOVING, TYPES, TreeJoint, displacement, path_to, rest
 
 # What may stand before the "<" of a text.
@@ -280,3 +282,46 @@ def _hold(element: ET.Element, joint: TreeJoint) -> None:
         origin.set("xyz", " ".join(map(repr, place[:3, 3].tolist())))
         origin.set("rpy", " ".join(map(repr, Rotation.from_matrix(place[:3, :3]).as_euler("xyz").tolist())))
     element.set("type", "fixed")
+
+
+# Pairs of links that may touch, each with its reason: an SRDF lists them, an MJCF excludes them.
+#     <disable_collisions link1="hand" link2="finger" reason="Adjacent"/>
+Exclusions = dict[frozenset[str], str]
+
+
+def excluded(robot: Chain, file: str | PathLike[str] | None = None) -> Exclusions:
+    """Pairs of links that a robot's own description excludes, and those of an SRDF file; each with its reason.
+
+    Raises:
+        RobotModelError: a file that cannot be read, or no SRDF.
+    """
+    found: Exclusions = {}
+    for link in robot.links:
+        found.update({frozenset((link.name, other)): reason for other, reason in link.excludes})
+    return found if file is None else {**found, **disabled(Path(file))}
+
+
+def excluding(links: tuple[Link, ...], pairs: Exclusions) -> tuple[Link, ...]:
+    """Links that know of the pairs that may touch."""
+    made = []
+    for link in links:
+        others = tuple((*(pair - {link.name}), reason) for pair, reason in pairs.items() if link.name in pair)
+        made.append(link._replace(excludes=link.excludes + tuple(other for other in others if len(other) == 2)))
+    return tuple(made)
+
+
+def disabled(file: Path) -> Exclusions:
+    """The pairs of an SRDF.
+
+    Raises:
+        RobotModelError: a file that cannot be read, or no SRDF.
+    """
+    name, root = read_xml(file)
+    if root.tag != "robot":
+        raise RobotModelError(f"{name}: found <{root.tag}>; expected the <robot> of an SRDF")
+    return {
+        frozenset((pair.get("link1", ""), pair.get("link2", ""))): ": ".join(
+            filter(None, ("by the SRDF", pair.get("reason")))
+        )
+        for pair in root.findall("disable_collisions")
+    }

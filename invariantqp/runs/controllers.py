@@ -30,7 +30,7 @@ from invariantqp.paths.driver import PathFollower
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.contactspec import OperatorSpec
-from invariantqp.runs.plants.plant import Measurement
+from invariantqp.runs.plant import Measurement
 from invariantqp.runs.prepare import ControlProblem, Goal
 from invariantqp.runs.taskfile import LawSpec
 from invariantqp.systems.contacts import face_contact

@@ -18,7 +18,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.clearancespec import Around
 from invariantqp.runs.contactspec import OperatorSpec
-from invariantqp.runs.plants.plant import IdealPlant, Plant
+from invariantqp.runs.plant import IdealPlant, Plant
 from invariantqp.runs.scene import ContactScene, scene_of
 from invariantqp.runs.section import message
 from invariantqp.runs.taskfile import LawSpec, Task
@@ -132,7 +132,7 @@ def _plant(task: Task, robot: Robot, scene: ContactScene | None, physics: str) -
         return IdealPlant(robot, task.start(), task.law.dt, springs, sensor, task.physics.delay)
     if physics != "mujoco":
         raise BadInput("physics", repr(physics), '"ideal" or "mujoco"')
-    from invariantqp.runs.plants.mujoco import MujocoPlant  # only where it is asked for
+    from invariantqp.runs.mujoco import MujocoPlant  # only where it is asked for
 
     return MujocoPlant(task.urdf(), robot, task.start(), task.law.dt, springs, sensor, task.physics)
 

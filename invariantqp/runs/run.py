@@ -19,7 +19,7 @@ from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.clearancespec import Around
 from invariantqp.runs.controllers import ElasticPathController, MakeController, TaskController, controller_for
-from invariantqp.runs.plants.plant import PlantState
+from invariantqp.runs.plant import PlantState
 from invariantqp.runs.prepare import Setup, prepare
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import ClearanceTrace, Trace, contact_trace, errors, path_trace

@@ -24,9 +24,8 @@ from invariantqp.force.contact import HybridTask
 from invariantqp.force.sensor import Wrench, WrenchSensor
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.surfaces import Cylinder, Plane, Surface
 from invariantqp.runs.contactspec import ContactSpec, ForceSpec, SensorSpec
-from invariantqp.runs.plants.plant import HingeSprings, SimulatedSensor, Springs, SurfaceSprings
+from invariantqp.runs.plant import Cylinder, HingeSprings, Plane, SimulatedSensor, Springs, Surface, SurfaceSprings
 from invariantqp.runs.taskfile import Task
 from invariantqp.systems.contacts import Contact, ContactKind, face_contact, hinge, line_contact, point_contact
 from invariantqp.systems.projectors import dual_projectors

@@ -18,7 +18,7 @@ from invariantqp.paths.driver import PathFollower
 from invariantqp.paths.plan import ON_TIME
 from invariantqp.paths.shape import ENDED, SETTLING
 from invariantqp.paths.solution import FollowerSolution
-from invariantqp.runs.plants.plant import PlantState
+from invariantqp.runs.plant import PlantState
 from invariantqp.runs.scene import ContactScene
 from invariantqp.runs.taskfile import Task
 from invariantqp.systems.contacts import Contact

@@ -14,10 +14,9 @@ from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.distance import Placed
 from invariantqp.geometry.shapes import Core
-from invariantqp.geometry.surfaces import Cylinder, Plane, Surface
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.clearancespec import Around
-from invariantqp.runs.plants.plant import HingeSprings
+from invariantqp.runs.plant import Cylinder, HingeSprings, Plane, Surface
 from invariantqp.runs.scene import scene_of
 from invariantqp.runs.taskfile import Task
 

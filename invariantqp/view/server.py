@@ -25,7 +25,7 @@ import numpy as np
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.runs.plants.plant import PlantState
+from invariantqp.runs.plant import PlantState
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import Trace
 from invariantqp.velocity.solution import VelocitySolution

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import pytest
 
 from invariantqp.compare import measurements, tables
+from invariantqp.compare.report import losses, verdict
 from invariantqp.compare.tables import figure
-from invariantqp.compare.verdict import losses, verdict
 
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "examples" / "comparison" / "results.json"

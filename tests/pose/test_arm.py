@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.pose.arm import JointSpace
+from invariantqp.pose.error import JointSpace
 
 NO_LIMIT = {"time_limit": np.inf}
 UR5 = iq.load_robot("ur5")

@@ -11,8 +11,7 @@ from support.fuzz_ticks import random_chain
 import invariantqp as iq
 from invariantqp.engine import core
 from invariantqp.pose import newton
-from invariantqp.pose.arm import pose_arm
-from invariantqp.pose.error import pose_error
+from invariantqp.pose.error import pose_arm, pose_error
 
 pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
 ARMS = [iq.load_robot(name) for name in ("panda", "ur5", "so101")]

@@ -6,7 +6,7 @@ import pytest
 import invariantqp as iq
 from invariantqp.geometry.shapes import Box, Capsule, HalfSpace
 from invariantqp.robots.bodies import bodies_of, capsule, capsules
-from invariantqp.robots.srdf import disabled
+from invariantqp.robots.urdf import disabled
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody><geom name="floor" type="plane" size="1 1 .1"/>
 <body name="a" pos="0 0 .3"><joint name="j1" axis="0 0 1"/><geom type="capsule" size=".05" fromto="0 0 0 .3 0 0"/>

@@ -204,6 +204,6 @@ def test_a_missing_engine_is_named(monkeypatch):
     import sys
 
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    monkeypatch.delitem(sys.modules, "invariantqp.runs.plants.mujoco", raising=False)
+    monkeypatch.delitem(sys.modules, "invariantqp.runs.mujoco", raising=False)
     with pytest.raises(iq.errors.MissingExtra, match="pip install 'mujoco>="):
         iq.run_task(short(), physics="mujoco")

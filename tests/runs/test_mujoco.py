@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.geometry.surfaces import Cylinder, Plane
 from invariantqp.robots.load import IN_DATA, urdf_of
 from invariantqp.runs.contactspec import Physics
-from invariantqp.runs.plants.plant import HingeSprings, SimulatedSensor, SurfaceSprings
+from invariantqp.runs.plant import Cylinder, HingeSprings, Plane, SimulatedSensor, SurfaceSprings
 
 mujoco = pytest.importorskip("mujoco")
-from invariantqp.runs.plants.mujoco import MujocoPlant  # noqa: E402
+from invariantqp.runs.mujoco import MujocoPlant  # noqa: E402
 
 READY = np.array([0.0, 0.1, 0.0, -2.2, 0.0, 2.3, 0.785])
 SILENT = Physics(force_noise=0.0, moment_noise=0.0)

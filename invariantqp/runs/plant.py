@@ -4,6 +4,7 @@ A controller only sees measurements. The ideal plant moves exactly as commanded,
 one point, the two ends of an edge, the four corners of a face or a handle. It has no inertia, no actuator lag, no
 friction and no noise; a dead time only where one is asked for.
 
+    on a plane:    depth = -n.(p - p0),     on a round bar:    depth = r - |distance from the axis|
     on a surface:  f_i = (k / n) max(depth_i, 0) normal_i,     on a hinge:  f_i = (k / n) (g_i(angle) - p_i)
 
 Wrenches are what the surroundings exert on the tool, about the origin of the base frame. How strongly an edge or a face
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from math import hypot, inf
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -21,7 +23,7 @@ import numpy as np
 from invariantqp.force.sensor import GRAVITY
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.surfaces import Plane, Surface
+from invariantqp.geometry.se3 import across
 from invariantqp.robots.kinematics import Robot
 
 # Gauss-Newton steps for the angle of a hinge: two reach rounding from the angle of a tick ago.
@@ -59,6 +61,44 @@ class Plant(Protocol):
     def state(self) -> PlantState:
         """How things really are now; no controller knows it."""
         ...
+
+
+class Plane(NamedTuple):
+    """A plane through a point (3,), with its unit normal (3,) pointing out.
+
+    It ends at straight edges, if there are any: each is the vector (3,) from the point to the edge and across it.
+    """
+
+    point: Array
+    normal: Array
+    edges: tuple[Array, ...] = ()
+
+    def depth(self, p: Array) -> tuple[float, Array]:
+        """How deep p (3,) is [length], negative outside, and the unit normal there."""
+        return float(self.normal.dot(self.point - p)), self.normal
+
+    def extent(self, p: Array) -> float:
+        """How far the nearest edge is from p (3,) [length], negative beyond it; inf without edges."""
+        return min((float(e.dot(self.point + e - p)) / hypot(*e.tolist()) for e in self.edges), default=inf)
+
+
+class Cylinder(NamedTuple):
+    """A round bar about the axis through a point (3,) along a unit direction (3,), touched from outside."""
+
+    point: Array
+    axis: Array
+    radius: float
+
+    def depth(self, p: Array) -> tuple[float, Array]:
+        """How deep p (3,) is [length], negative outside, and the unit normal there."""
+        r = p - self.point
+        out = r - self.axis.dot(r) * self.axis
+        distance = hypot(*out.tolist())
+        # On the axis every direction across it leads out.
+        return self.radius - distance, out / distance if distance else across(self.axis)[0]
+
+
+Surface = Plane | Cylinder
 
 
 @dataclass(frozen=True, eq=False)

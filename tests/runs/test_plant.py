@@ -6,8 +6,7 @@ from support.random_systems import motion
 from support.wrist import wrist
 
 import invariantqp as iq
-from invariantqp.geometry.surfaces import Cylinder, Plane
-from invariantqp.runs.plants.plant import HingeSprings, IdealPlant, SimulatedSensor, SurfaceSprings
+from invariantqp.runs.plant import Cylinder, HingeSprings, IdealPlant, Plane, SimulatedSensor, SurfaceSprings
 
 UP = np.array([0.0, 0.0, 1.0])
 EDGE = np.array([[-0.03, 0.0, 0.0], [0.03, 0.0, 0.0]])

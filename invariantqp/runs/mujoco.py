@@ -21,16 +21,17 @@ from invariantqp.extras import optional
 from invariantqp.force.sensor import GRAVITY
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.surfaces import Plane, Surface
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.urdf import chain_xml
 from invariantqp.runs.contactspec import Physics
-from invariantqp.runs.plants.plant import (
+from invariantqp.runs.plant import (
     HingeSprings,
     Measurement,
+    Plane,
     PlantState,
     SimulatedSensor,
     Springs,
+    Surface,
     SurfaceSprings,
 )
 

@@ -1,1 +1,0 @@
-"""What a run controls: an ideal arm, or one simulated by MuJoCo."""
