@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from invariantqp.compare import chart, report, tables, verdict
+from invariantqp.compare import chart, report, tables
 from invariantqp.compare.results import load_results
 
 RESULTS = load_results(Path(__file__).parents[2] / "examples" / "comparison" / "results.json")
@@ -37,12 +37,12 @@ def test_where_we_lose_it_is_said():
     found = results(
         invariantqp=(10.0, 0.5, 20.0, 1e-14, 1e-12), fast=(5.0, 0.5, 20.0, 0.1, 0.0), near=(50.0, 0.1, 3.0, 0.1, 0.0)
     )
-    (told,) = verdict.losses(found)
+    (told,) = report.losses(found)
     assert "nearer are near" in told
     assert "it tilts by 20 deg, at 0.5 mm; near by 3 deg, at 0.1 mm" in told
     found = results(invariantqp=(10.0, 0.5, 20.0, 1e-14, 1e-12), fast=(5.0, 0.5, 20.0, 0.1, 0.0))
-    assert "faster are fast (5 us)" in verdict.losses(found)[0]
-    assert verdict.losses(results(invariantqp=(10.0, 0.5, 20.0, 1e-14, 1e-12), slow=(20.0, 0.5, 20.0, 0.1, 0.0))) == []
+    assert "faster are fast (5 us)" in report.losses(found)[0]
+    assert report.losses(results(invariantqp=(10.0, 0.5, 20.0, 1e-14, 1e-12), slow=(20.0, 0.5, 20.0, 0.1, 0.0))) == []
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_the_page_says_versions_as_far_as_the_results_have_them():
 
 def test_one_task_is_not_all_one_tasks():
     both = dict.fromkeys(("invariantqp", "hand-written loop"), (10.0, 0.5, 0.1, 0.0, 0.0))
-    assert "is as near here; it takes 1 times our time." in " ".join(verdict.verdict(results(**both)))
+    assert "is as near here; it takes 1 times our time." in " ".join(report.verdict(results(**both)))
 
 
 def test_the_page_is_dark_where_its_reader_is_and_fits_a_phone(files):
