@@ -162,7 +162,6 @@ static PyMethodDef methods[] = {
     CALLED("motion", motion, "Position, velocity, acceleration and jerk of what is followed."),
     CALLED("residual", residual, "The quintic from a state to what is followed, in a time."),
     CALLED("splice", splice, "The residual of a splice and how long it takes, or None where there is none."),
-    CALLED("stop", stop, "How long the quickest stop takes."),
     CALLED("through", through, "Knots and powers of a curve through smoothed positions, from rest to rest."),
     CALLED("clearance", clearance, "Rows that keep distances of shapes, and the distances."),
     CALLED("sight", sight,

@@ -60,7 +60,6 @@ void left_over(const Course *course, double time, Path r);
 PyObject *motion(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *residual(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *splice(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
-PyObject *stop(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *through(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
 /* follow.c */

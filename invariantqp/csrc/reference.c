@@ -406,21 +406,6 @@ static double stop_duration(const JointLimits *limits, const double *state, doub
     return last;
 }
 
-/* stop(limits, dt, state, shortest) */
-PyObject *stop(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
-{
-    (void)module;
-    JointLimits limits;
-    static const char *const USE = "stop(limits, dt, state, shortest)";
-    if (count != 4 || !limits_of(arguments[0], arguments[1], &limits))
-        return refused(USE);
-    const double *state = numbers(arguments[2], 3 * limits.m);
-    double shortest = PyFloat_AsDouble(arguments[3]);
-    if (PyErr_Occurred() || state == NULL)
-        return refused(USE);
-    return PyFloat_FromDouble(stop_duration(&limits, state, shortest));
-}
-
 /* smoothed: (I + strength D'D) x = y in place, D the second differences; `work` has room for 3 n. */
 static void smooth(int n, int m, const double *stamps, double strength, double *y, double *work)
 {

@@ -36,9 +36,8 @@ from invariantqp.paths.reference import (
     Motion,
     Reference,
     Source,
-    Stop,
     Window,
-    stopping,
+    resting,
     through,
 )
 from invariantqp.paths.shape import ASTRAY, PAUSE, Shape, Told
@@ -76,6 +75,8 @@ MOST_OVERRIDE = 1.5
 LATE = "the joints' limits"
 # Joint speeds below this share of their limits are rest; joints this near [rad, length] are there.
 AT_REST, ARRIVED = 1e-6, 1e-8
+# The twist of a tool that stands; an arm that is to stop follows it.
+STILL = np.zeros(6)
 
 
 class Follower:
@@ -163,7 +164,7 @@ class Follower:
         self._sent: deque[Array] = deque(maxlen=round(loop.delay / loop.dt) + 1)
         self._reference: Reference | None = None
         self._q = self._v = self._a = np.zeros(m)  # of the commanded motion, when the next tick begins
-        self._source: Source | None = None  # what is wanted; the reference may be at a stop in its place
+        self._source: Source | None = None  # what is wanted
         self._given: tuple[Given, Array] | None = None  # the points of the source
         self._missed = np.zeros(0)  # by how much points are out of reach, and whether one is
         self._some_missed = False
@@ -177,7 +178,7 @@ class Follower:
         self._shift = 0.0  # of the samples' clock
         self._heard = 0.0
         self._twist: Array | None = None
-        self._turns = False  # whether the twist is one
+        self._turns = False  # whether the twist is one to move at; otherwise the arm comes to rest
         self._override = 1.0
         self._closed = False
         self._why = "nothing to follow yet"
@@ -253,7 +254,7 @@ class Follower:
             raise BadInput("point", "a stream where the shape is kept", 'keep="time", or a whole path by follow()')
         given = Given([arrays.matrix_of(point)], self._m, "point")
         when = None if stamp is None else arrays.number(stamp, "stamp", "a time in seconds")
-        if self._next is not None or self._function is not None or self._twist is not None:
+        if self._next is not None or self._function is not None or self._turns:
             self._forget()
         self._samples.append((given, when))
 
@@ -271,12 +272,12 @@ class Follower:
         wanted = sizes.not_too_fast(arrays.twist(v, "v")).copy()
         if self._pressed is not None:
             raise BadInput("v", "a twist in contact", "a path: follow(poses)")
-        if self._twist is None:
+        if not self._turns:
             self._forget()
+            self._halt()
         elif course is not None:  # the same course, for longer
             self._course = *course[:2], self._time + self.timeout
         self._twist, self._turns, self._heard = wanted, bool(wanted.any()), self._time
-        self._given = self._last = None
 
     def prepare(self, q: ArrayLike) -> None:
         """Find the joint motion along a path whose shape is kept now, from joint positions near its start.
@@ -370,7 +371,7 @@ class Follower:
             if shape.plan is None:
                 return self._setting_out(shape, measured, moving, clock)
             self._source = shape.begin(self._time if clock is None else clock)
-            self._reference = None
+            self._reference = self._twist = None
         reference = self._begin(measured, moving, clock)
         self._take_in(reference, share)
         return self._driven(reference, measured, moving)
@@ -416,7 +417,7 @@ class Follower:
         elif self._twist is None and not self._late:
             until = min(until, reference.end if self._last is None else self._due)
         until = min(until, inf if self._next is None else self._next[2])
-        if self._twist is not None or isinstance(self._source, Window):
+        if self._turns or (self._twist is None and isinstance(self._source, Window)):
             until = min(until, self._heard + self.timeout)
         numbers = reference.course(None if shape is None else loop.gain)
         return None if numbers is None or until <= self._time else (reference, numbers, until)
@@ -621,7 +622,8 @@ class Follower:
 
     def _motion(self, reference: Reference) -> Array:
         """(3, m) the same, as exactly as it is known."""
-        return self._state if self._late else reference.at(np.array((self._time,)))[0, :3]
+        exact = not self._late and self._twist is None
+        return reference.at(np.array((self._time,)))[0, :3] if exact else self._state
 
     def _open(self, argument: str) -> None:
         self._course = None
@@ -632,19 +634,13 @@ class Follower:
         """What was to come is replaced."""
         self._next = self._function = None
         self._samples.clear()
-        if self._twist is not None or self._shape is not None:
+        if self._turns or self._shape is not None:
             self._halt()
 
     def _halt(self) -> None:
-        """What is followed is a stop from the motion that the arm has now."""
-        self._twist, self._turns, self._shape = None, False, None
-        if self._reference is not None:
-            self._reference = Reference(self._limits, self._q, self._time)
-            self._late = not self._reference.splice(
-                stopping(self._state, self._time, self._limits), self._time, self._state, 0.0
-            )
-        self._source = self._given = self._newest = None
-        self._sent.clear()
+        """Come to rest from the motion that the arm has now."""
+        self._twist, self._turns, self._shape, self._late = STILL, False, None, False
+        self._source = self._given = self._newest = self._last = None
 
     def _begin(self, measured: Array, moving: Array | None, clock: float | None) -> Reference:
         """The reference at the beginning of a tick, made anew where the arm is not where it was sent."""
@@ -672,9 +668,8 @@ class Follower:
         self._sent.clear()
         self._sent.append(measured)
         self._reference = new = Reference(self._limits, self._q, self._time)
-        new.source = stopping(self._state, self._time, self._limits)
         if self._source is not None:  # a path that was left is gone back to
-            self._late = not new.splice(self._source, self._time, new.at(np.array((self._time,)))[0, :3], EASE)
+            self._late = not new.splice(self._source, self._time, self._state, EASE)
         return new
 
     def _displaced(self, measured: Array) -> bool:
@@ -702,13 +697,10 @@ class Follower:
         before = self._time
         self._heard += clock - before
         self._time = clock
-        source = reference.source
         if self._shape is not None and self._shape.motion is not None:
             reference.source = self._source = self._shape.delayed(clock - before)
-            return
-        if isinstance(source, Stop):
-            source = stopping(state, clock, self._limits)
-        self._late = not reference.splice(source, clock, state, EASE)
+        elif self._twist is None:
+            self._late = not reference.splice(reference.source, clock, state, EASE)
 
     def _take_in(self, reference: Reference, override: float) -> None:
         """All that came since the last tick, and what is due."""
@@ -730,32 +722,28 @@ class Follower:
             self._looked = now
             self._take_points(sampled(self._function, stamps, self._m), stamps, smooth=False)
         elif self._last is not None and now >= self._due:
-            rest = np.vstack((self._last[0], np.zeros((2, self._m))))
-            self._source, self._last, self._ease = Stop(rest, now, 0.0), None, EASE
+            self._source, self._last, self._ease = resting(self._last[0], now), None, EASE
         if self._samples:
             self._take_samples(reference)
         quiet = now - self._heard
         if quiet > self.timeout and isinstance(self._source, Window):
             self._source, self._why = None, f"no sample for {quiet:.2g} s"
-        if self._twist is not None and (self.paused or quiet > self.timeout):
+        if self._turns and (self.paused or quiet > self.timeout):
             self._why = "paused" if self.paused else f"no twist for {quiet:.2g} s"
-            self._twist, self._turns = np.zeros(6), False
+            self._turns = False
         self._choose(reference, 0.0 if self.paused else override)
 
     def _choose(self, reference: Reference, override: float) -> None:
-        """Go over to what is to be followed now: the source, a slower one, or a stop."""
-        now, source = self._time, self._source
-        stands = isinstance(reference.source, Stop)
-        if source is None or override == 0.0:
-            if not stands:
-                state = self._motion(reference)
-                self._late = not reference.splice(stopping(state, now, self._limits), now, state, 0.0)
-        elif override == 1.0:
-            if reference.source is not source:
-                self._aim(reference, source, self._ease)
-        elif stands or override != self._override:
-            place = reference.source.place(now) if isinstance(reference.source, Clocked) else now
-            self._aim(reference, Clocked(source, Clock(now, place, override, 0.0, override)), EASE)
+        """Go over to what is to be followed now: the source, a slower one, or rest."""
+        now, source, followed = self._time, self._source, reference.source
+        slower = followed if isinstance(followed, Clocked) else None
+        same = source is (slower.source if slower else followed)
+        if (source is None or override == 0.0) and not self._turns:
+            self._twist, self._late = STILL, False
+        elif source is not None and (self._twist is not None or not same or override != self._override):
+            place = slower.place(now) if slower and same and self._twist is None else now
+            slower = Clocked(source, Clock(now, place, override, 0.0, override))
+            self._aim(reference, source if override == 1.0 else slower, EASE if same else self._ease)
         self._override = override
 
     def _aim(self, reference: Reference, source: Source, ease: float) -> None:
@@ -764,6 +752,7 @@ class Follower:
         J, point = robot.jacobian(self._q), robot.pose(self._q)[:3, 3]
         tool = J[3:] + np.cross(J[:3], point, axis=0)
         self._late = not reference.splice(source, self._time, self._motion(reference), ease, tool)
+        self._twist = None
 
     def _take_points(self, given: Given, stamps: Array, *, smooth: bool) -> None:
         """Points with stamps, from now on."""
@@ -881,7 +870,7 @@ class Follower:
             told = shape.told(measured, command, self._time, self._override, why=why)
             return FollowerSolution(command.copy(), *told)
         place, late = self._time, 0.0
-        if isinstance(reference.source, Clocked):
+        if isinstance(reference.source, Clocked) and self._twist is None:
             place = reference.source.place(self._time)
             late = self._time - place
         elif isinstance(self._source, Window):
@@ -906,10 +895,10 @@ class Follower:
         still = self._still
         if self.paused:
             return (Status.PAUSED if still else Status.MOVING), "paused"
-        if self._twist is None and self._source is not None:
+        if self._source is not None:
             return self._on_the_way(place, still=still)
-        if self._twist is not None and (self._turns or not still):
-            return Status.MOVING, "" if self._turns else self._why
+        if self._turns:
+            return Status.MOVING, ""
         if still and self._closed and not self._samples and self._next is None:
             return Status.DONE, ""
         return Status.WAITING, self._why

@@ -80,30 +80,24 @@ class Motion:
         return answer
 
 
-class Stop(Motion):
-    """From position, velocity and acceleration (3, m) to rest: velocity is a cubic that ends at zero with its slope."""
-
-    def __init__(self, state: Array, start: float, duration: float) -> None:
-        """In a given time."""
-        x, v, a = state
-        D = duration
-        b, c = (-3.0 * v / D**2 - 2.0 * a / D, 2.0 * v / D**3 + a / D**2) if D > 0.0 else (0.0 * v, 0.0 * v)
-        # v(u) = v + a u + b u^2 + c u^3 with v(D) = v'(D) = 0
-        super().__init__(np.array((start, start + D)), np.stack((x, v, 0.5 * a, b / 3.0, 0.25 * c))[None])
+def resting(position: Array, time: float) -> Motion:
+    """At a position (m,), always."""
+    return Motion(np.array((time, time)), position[None, None])
 
 
-def stopping(state: Array, start: float, limits: JointLimits, shortest: float = 0.0) -> Stop:
-    """The quickest stop from position, velocity and acceleration (3, m) inside the limits, at least so long [s]."""
+def stopping(state: Array, start: float, limits: JointLimits, shortest: float = 0.0) -> Motion:
+    """The quickest stop from position, velocity and acceleration (3, m) inside the limits, at least so long [s].
+
+    Velocity is a cubic that ends at zero with its slope; a state at rest takes no time.
+    """
     x, v, a = state
     if not (v.any() or a.any()):
-        return Stop(state, start, 0.0)
-    if core is not None and len(x) <= core.MOST_JOINTS:
-        return Stop(state, start, core.stop(limits.rows, limits.dt, state, shortest))
+        return resting(x, start)
     first, last = max(SHORTEST_STOP * limits.dt, shortest), LONGEST_STOP
     for _ in range(2):  # a few over the whole range, then a few between two of them
-        D = np.geomspace(first, last, STOPS)[:, None, None]
-        u = np.linspace(0.0, 1.0, PLACES)[None, :, None] * D
-        b, c = -3.0 * v / D**2 - 2.0 * a / D, 2.0 * v / D**3 + a / D**2
+        times = np.geomspace(first, last, STOPS)[:, None, None]
+        u = np.linspace(0.0, 1.0, PLACES)[None, :, None] * times
+        b, c = -3.0 * v / times**2 - 2.0 * a / times, 2.0 * v / times**3 + a / times**2
         velocity = v + u * (a + u * (b + u * c))
         acceleration = a + u * (2.0 * b + 3.0 * u * c)
         jerk = 2.0 * b + 6.0 * u * c
@@ -111,8 +105,10 @@ def stopping(state: Array, start: float, limits: JointLimits, shortest: float = 
         worst = limits.ratio(position, velocity, acceleration, jerk).max(axis=1)
         # Where the state is at a limit already, the stop is not to make it worse.
         i = int((worst <= max(SHARE, 1.0001 * float(worst.min()))).argmax())
-        first, last = float(D[max(i - 1, 0), 0, 0]), float(D[i, 0, 0])
-    return Stop(state, start, last)
+        first, last = float(times[max(i - 1, 0), 0, 0]), float(times[i, 0, 0])
+    D = last
+    b, c = -3.0 * v / D**2 - 2.0 * a / D, 2.0 * v / D**3 + a / D**2
+    return Motion(np.array((start, start + D)), np.stack((x, v, 0.5 * a, b / 3.0, 0.25 * c))[None])
 
 
 def through(stamps: Array, positions: Array, limits: JointLimits, ease: float, cutoff: float = inf) -> Motion:
@@ -121,23 +117,24 @@ def through(stamps: Array, positions: Array, limits: JointLimits, ease: float, c
     These take no less than `ease` [s]: that no point follows is no emergency. What is faster than the cutoff [Hz] is
     smoothed away before.
     """
-    if core is not None and len(stamps) > 1 and positions.shape[1] <= core.MOST_JOINTS:
+    if len(stamps) == 1:
+        return resting(positions[0], float(stamps[0]))
+    if core is not None and positions.shape[1] <= core.MOST_JOINTS:
         strength = (2.0 * np.pi * cutoff) ** -4
         return Motion(*core.through(limits.rows, limits.dt, stamps, positions, strength, ease))
     positions = np.clip(smoothed(stamps, positions, cutoff), limits.lower, limits.upper)
     n, m = positions.shape
-    inside = np.zeros((max(n - 1, 1), 5, m))
-    inside[:, 0] = positions[: max(n - 1, 1)]
+    inside = np.zeros((n - 1, 5, m))
+    inside[:, 0] = positions[:-1]
     if n == 2:
         inside[0, 1] = (positions[1] - positions[0]) / (stamps[1] - stamps[0])
-    elif n > 2:
+    else:
         inside[:, :4] = np.moveaxis(CubicSpline(stamps, positions, bc_type="natural").c[::-1], 0, 1)
     first = inside[0, :3] * np.array((1.0, -1.0, 2.0))[:, None]  # run backward
-    h = stamps[-1] - stamps[-2] if n > 1 else 0.0
-    last = (_powers(np.array((h,)), 5) @ inside[-1])[0, :3]
+    last = (_powers(np.array((stamps[-1] - stamps[-2],)), 5) @ inside[-1])[0, :3]
     way_in, out = stopping(first, 0.0, limits, ease), stopping(last, float(stamps[-1]), limits, ease)
-    pieces, knots = [inside], [stamps] if n > 1 else [stamps, stamps]
-    if n == 1 or out.end > out.start:
+    pieces, knots = [inside], [stamps]
+    if out.end > out.start:
         pieces.append(out.coefficients)
         knots.append(np.array((out.end,)))
     if way_in.end > 0.0:
@@ -339,9 +336,8 @@ class Reference:
     def __init__(self, limits: JointLimits, position: Array, time: float) -> None:
         """At rest."""
         self._limits = limits
-        m = len(position)
-        self.source: Source = Stop(np.vstack((position, np.zeros((2, m)))), time, 0.0)
-        self._residual = np.zeros((6, m))
+        self.source: Source = resting(position, time)
+        self._residual = np.zeros((6, len(position)))
         self._start, self._duration = time, 0.0
 
     @property

@@ -227,6 +227,16 @@ def test_an_override_slows_down_and_time_is_caught_up_after_it():
     assert np.abs(q - truth(2250 * arm.dt)).max() < 3e-3
 
 
+def test_newer_points_are_followed_while_an_override_stays():
+    arm, stamps = Arm("ur5"), np.arange(20) / 20
+    follower, q = arm.follower(), arm.start
+    for i in range(1400):
+        if i % 300 == 0 and i < 601:
+            follower.follow(np.tile(arm.start + 0.1 * (i // 300), (20, 1)), i * arm.dt + stamps)
+        q = q + arm.dt * follower.step(q, override=0.5).velocity
+    assert np.abs(q - arm.start - 0.2).max() < 1e-6
+
+
 @pytest.mark.parametrize(("name", "seed"), [("panda", 0), ("ur5", 1)])
 def test_out_of_reach_and_back_it_is_never_stuck(name, seed):
     arm, rng = Arm(name, dt=0.004), np.random.default_rng([seed, 9])

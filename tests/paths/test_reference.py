@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from invariantqp.paths.reference import Clock, Clocked, Reference, Stop, Window, smoothed, stopping, through
+from invariantqp.paths.reference import Clock, Clocked, Reference, Window, smoothed, stopping, through
 from invariantqp.paths.time_law import JointLimits
 
 LIMITS = JointLimits(np.full(3, -3.0), np.full(3, 3.0), np.full(3, 2.0), np.full(3, 10.0), np.full(3, 400.0), 0.002)
@@ -125,6 +125,5 @@ def test_a_sample_comes_in_with_weight_zero(rate):
 
 def test_a_stop_of_nothing_stands():
     stop = stopping(np.zeros((3, 3)), 2.0, LIMITS)
-    assert isinstance(stop, Stop)
     assert stop.end == 2.0
     assert not stop.at(np.array((2.0, 3.0))).any()
