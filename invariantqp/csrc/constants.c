@@ -147,7 +147,7 @@ const Constant CONSTANTS[] = {
     {"control.delay.ROUNDING", ROUNDING_OF_WAYS},
     ONE("control.tracking", DELAY_SHARE),
     {"force.law.GAIN", FORCE_GAIN},
-    {"force.law.UNKNOWN", UNKNOWN_LATE},
+    {"force.estimate.UNKNOWN", UNKNOWN_LATE},
     ONE("force.law", INTEGRAL),
     ONE("force.law", UNSURE),
     ONE("force.law", SURE),

@@ -151,7 +151,7 @@ void known_after(Stiffness *known, double force, double way, const Setting *sett
     double spread = fmax(4.0 * noise * noise + 0.0025 * af * af, 2.0 * known->residual) + rounding * rounding;
     spread += softest * softest * (z[0] * z[0] + DAMPED_BY * DAMPED_BY * z[1] * z[1]);
     double rest = af - (z[0] * known->found[0] + z[1] * known->found[1] + z[2] * known->found[2]);
-    double late = setting->unknown * known->bound * z[1], variance = spread + late * late;
+    double late = UNKNOWN_LATE * known->bound * z[1], variance = spread + late * late;
     for (int i = 0; i < 3; i++)
         variance += (known->errors[i] * z[i]) * (known->errors[i] * z[i]);
     double square = rest * rest, most = SURPRISE * SURPRISE * variance;

@@ -98,6 +98,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
     for (int i = 0; i < presses; i++)
         touching = touching && now->touches[i].touching != 0.0;
     acts = touching && yields;
+    bool grows = now->free != 0.0 && yields && !slow;
     for (int i = 0; i < n; i++) {
         const Drive none = {0.0, 0.0}, *drive = now->driven == n ? &now->drives[i] : &none;
         const Stiffness *known = &now->known[i];
@@ -106,17 +107,16 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
         double gentle = i < presses ? approach_speed(press, asked[i], striking) : 0.0;
         if (press->has_compliance) {
             double top = slow && i < presses ? fastest : INFINITY;
-            drives[i] = fixed(drive, error, split->gain, press->stiffness, wished, setting->dt, top,
-                              now->free != 0.0 && yields && !slow);
+            drives[i] = fixed(drive, error, split->gain, press->stiffness, wished, setting->dt, top, grows);
             acts = acts && drives[i].speed + drives[i].slope < top;
         } else if (presses == 0) {
             double k = press->stiffness > 0.0 ? fmin(press->stiffness, HELD_STIFF) : HELD_STIFF;
             for (int j = 0; j < n; j++)
                 k = fmax(k, (is_known(&now->known[j]) ? now->known[j].found[0] : 0.0) / QUICKER);
             double gain = eased * FORCE_GAIN / ((setting->late - UNKNOWN_LATE) * k);
-            drives[i] = fixed(drive, error, gain, k, 0.0, setting->dt, INFINITY, now->free != 0.0 && yields);
+            drives[i] = fixed(drive, error, gain, k, 0.0, setting->dt, INFINITY, grows);
         } else if (i >= presses) {
-            drives[i] = touching ? pressed(drive, error, 0.0, known, setting, fastest, fastest, eased, now->free != 0.0 && yields)
+            drives[i] = touching ? pressed(drive, error, 0.0, known, setting, fastest, fastest, eased, grows)
                                  : none;
         } else if (now->touches[i].touching == 0.0) {
             drives[i] = sought(drive, gentle, setting, fastest, &now->touches[i], press);
@@ -128,8 +128,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             double inwards = fmax(gentle, inward_speed(press, most_force - felt[i] - beside, setting->late));
             double kept = check != NULL && check->silent > SINCE ? exp(-setting->dt / SINCE) : 1.0;
             const Drive faded = {drive->speed, kept * drive->slope};
-            drives[i] = pressed(&faded, error, wished, known, setting, inwards, OUTWARDS * fastest, eased,
-                                now->free != 0.0 && yields);
+            drives[i] = pressed(&faded, error, wished, known, setting, inwards, OUTWARDS * fastest, eased, grows);
         }
     }
     return acts;

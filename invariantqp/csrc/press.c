@@ -8,15 +8,12 @@
 #include <limits.h>
 #include <string.h>
 
-/* What is to be said of a tick beside its status; Python has the words. */
-enum { NOISY = 1, UNSETTLED = 2, GAIN_LOWERED = 4, STANDS = 8, WRONG_STIFFNESS = 16, ASKING = 32 };
-
 typedef struct {
     Tick tick;
     double motion[6], force[6], wrench[6], error[6], wanted[6], intensities[MOST_PARTS], way[3], shown[3], felt, asked, bound;
     double kept, room;
     Row J[6];
-    int doubts;
+    bool speaks; /* whether something is to be said of the tick beside its status: Python has the words */
     Touch touch;
     PressTick read;
 } Answered;
@@ -165,7 +162,6 @@ static void setting_of(const Press *press, const Split *split, double arm, doubl
                          .share = share,
                          .filter_time = press->filter_time,
                          .late = dt + press->filter_time + arm + UNKNOWN_LATE,
-                         .unknown = UNKNOWN_LATE,
                          .noise = noise * sqrt(share / (2.0 - share)) + ROUGH * most,
                          .slope_speed = speed,
                          .steep = held ? 0.0 : before->steep + MAY_BE_STEEP * speed,
@@ -293,7 +289,7 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     Pressing *pressing = &state->pressing;
     double chase[6], dt = loop->dt, along_before = pressing->along, share, trembles, rates[MOST_PARTS] = {0.0}, inside[6], all[6];
     double noise = fmax(press->noise, state->noise.found), arm = arm_late(delay, loop->delay);
-    bool yields = can_yield(split, loop->joints), held = (int)pressing->touched == 0;
+    bool yields = can_yield(split, loop->joints), held = split->presses == 0;
     const double *ahead = now->has_feedforward ? now->feedforward : NULL;
     int m = loop->joints, n = split->n, presses = split->presses;
     pose_from(loop->home[0], &home);
@@ -370,7 +366,7 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     remember(press, split, loop, arm, &placed, twist, along_before, acts && answer->tick.solution.scale == 1.0 && !slow && !waits,
              drives, state, answer);
     after_motion(&tick->touch, dot(3, placed.out, answer->way), &state->monitor);
-    bool wrong = presses == 1 && rests && is_wrong(&pressing->known[0], press->stiffness);
+    bool wrong = presses == 1 && pressing->along <= SLOW_SHARE * press->approach_speed && is_wrong(&pressing->known[0], press->stiffness);
     bool still = stands(press, placed.point, answer->motion, twist, m);
     state->stand = still ? state->stand + dt : 0.0;
     answer->room = fmax(1.0 - trembles, 1.0 - MOST_TREMBLING);
@@ -389,9 +385,8 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     const Settling *settling = &state->monitor.settling;
     bool told = there && !asks; /* whether the tick has no status of its own */
     bool unsettled = (int)settling->losses.count >= CHATTER || settling->swung < SWUNG || settling->missed > PATIENT_FOR;
-    answer->doubts = (press->checks_noise && state->noise.found != 0.0 ? NOISY : 0) | (told && unsettled ? UNSETTLED : 0) |
-                     (answer->kept < LOWERED && touching ? GAIN_LOWERED : 0) | (state->stand > PATIENT_FOR ? STANDS : 0) |
-                     (wrong ? WRONG_STIFFNESS : 0) | (there && asks ? ASKING : 0);
+    answer->speaks = (press->checks_noise && state->noise.found != 0.0) || (told && unsettled) ||
+                     (answer->kept < LOWERED && touching) || state->stand > PATIENT_FOR || wrong || (there && asks);
     return DONE;
 }
 
@@ -416,8 +411,8 @@ static bool delay_of(PyObject *head, PyObject *echo, int m, Delay *delay)
 
 /* press(Press, Split, Loop, memory, Delay, its echo, state, q, target, reading, ...) and the fields of a hybrid tick by name: a VelocitySolution and
    what is to be said of joints beside it; motion, force, wrench, error, intensities, wanted, J; the state after it, way, way that
-   shows, (felt, wanted, bound of the stiffness) of the first part, whether it touches and for how long not, doubts, the share of
-   the gain that is left, room; the memory and the Delay's numbers are written. None, and the memory as it was, where Python has to answer. */
+   shows, (felt, wanted, bound of the stiffness) of the first part, whether it touches and for how long not, whether something
+   is to be said, the share of the gain that is left, room; the memory and the Delay's numbers are written. None, and the memory as it was, where Python has to answer. */
 PyObject *press(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names)
 {
     (void)module;
@@ -464,7 +459,7 @@ PyObject *press(PyObject *module, PyObject *const *arguments, Py_ssize_t count, 
                          Py_BuildValue("(ddd)", answer.felt, answer.asked, answer.bound),
                          PyBool_FromLong(answer.touch.touching != 0.0),
                          PyFloat_FromDouble(answer.touch.airborne),
-                         PyLong_FromLong(answer.doubts),
+                         PyBool_FromLong(answer.speaks),
                          PyFloat_FromDouble(answer.kept),
                          PyFloat_FromDouble(answer.room)};
     if (found[0] != NULL)

@@ -28,7 +28,7 @@ typedef struct {
 
 /* What estimate and law of a tick have in common. */
 typedef struct {
-    double dt, share, filter_time, late, unknown, noise, slope_speed, steep, begins, resolved;
+    double dt, share, filter_time, late, noise, slope_speed, steep, begins, resolved;
     bool held;
 } Setting;
 

@@ -1,20 +1,25 @@
 """A hybrid tick in the compiled core, as long as nothing stops the tool: a check that finds something is Python's.
 
-What the core is told of a task, a sensor and a split are tables of `csrc/fields.h`, by name.
+What the core is told of a task, a sensor and a split are tables of `csrc/fields.h`, by name. What is kept from tick to
+tick it has as numbers, in the order of the fields of Python's values (`csrc/press.h`): a bool is 0 or 1, None is NaN,
+and what there are several of is a count and room for the most. Shapes and the most are said where a field is,
+`Annotated[Array, 3, 3]`, `Annotated[tuple[Touch, ...], 6]`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import accumulate, chain
+from math import isnan, nan, prod
 from struct import Struct
-from typing import TYPE_CHECKING, Any
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from invariantqp.control.controller import Controller
 from invariantqp.engine import core
 from invariantqp.force.contact import HybridTask, Split
-from invariantqp.force.memory import MEMORY, Memory, made_of, numbers_of, size_of
 from invariantqp.force.sensor import WrenchSensor
 
 if TYPE_CHECKING:
@@ -23,23 +28,101 @@ if TYPE_CHECKING:
 
 # A hybrid tick by the core (`csrc/press.c` says what it takes and gives); None where Python has to answer.
 compiled_press: Callable[..., tuple[Any, ...] | None] = getattr(core, "press", lambda *_, **__: None)
-# What it says beside a status, by bits.
-NOISY, UNSETTLED, GAIN_LOWERED, STANDS, WRONG_STIFFNESS, ASKING = (1 << k for k in range(6))
-PACKED = Struct(f"{size_of(MEMORY)}d")
 
 
-def packed(memory: Memory) -> bytes | None:
-    """The numbers of a memory; None for one that the core does not have."""
-    try:
-        return PACKED.pack(*numbers_of(memory))
-    except ValueError:
-        return None
+class Kind(NamedTuple):
+    """How values of a type become numbers, and come back from them.
+
+    Attributes:
+        size: how many numbers.
+        write: from a value.
+        read: from so many.
+    """
+
+    size: int
+    write: Callable[[Any], list[float]]
+    read: Callable[[list[float]], Any]
 
 
-def memory_of(numbers: bytes) -> Memory:
-    """The memory that these numbers are."""
-    made: Memory = made_of(iter(PACKED.unpack(numbers)))
-    return made
+def kind_of(hint: Any) -> Kind:
+    """The kind of a type: float, int, bool, an array, a NamedTuple or a tuple of them, several of one, or None."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        several = get_args(parts[0])[0] if get_origin(parts[0]) is tuple else None
+        return _array(parts[1:]) if several is None else _several(kind_of(several), parts[1])
+    if origin in (Union, UnionType):
+        return _maybe(kind_of(parts[0]))
+    if origin is tuple:
+        return _fields(tuple, parts)
+    if hasattr(hint, "_make"):
+        return _fields(hint._make, tuple(get_type_hints(hint, include_extras=True).values()))
+    return Kind(1, lambda value: [float(value)], lambda numbers: hint(numbers[0]))
+
+
+def _array(shape: tuple[int, ...]) -> Kind:
+    return Kind(prod(shape), lambda value: value.ravel().tolist(), lambda numbers: np.array(numbers).reshape(shape))
+
+
+def _maybe(kind: Kind) -> Kind:
+    none = [nan] * kind.size
+    return Kind(
+        kind.size,
+        lambda value: none if value is None else kind.write(value),
+        lambda numbers: None if not numbers or isnan(numbers[0]) else kind.read(numbers),
+    )
+
+
+def _several(kind: Kind, most: int) -> Kind:
+    size = kind.size
+
+    def write(value: Any) -> list[float]:
+        if len(value) > most:
+            raise ValueError("more than there is room for")
+        return [len(value), *chain.from_iterable(map(kind.write, value)), *[0.0] * (size * (most - len(value)))]
+
+    def read(numbers: list[float]) -> Any:
+        return tuple([kind.read(numbers[k : k + size]) for k in range(1, 1 + int(numbers[0]) * size, size)])
+
+    return Kind(1 + most * size, write, read)
+
+
+def _fields(made: Callable[[list[Any]], Any], hints: tuple[Any, ...]) -> Kind:
+    if str in hints:  # words are no numbers
+        return Kind(0, _refused, _refused)
+    kinds = [kind_of(hint) for hint in hints]
+    ends = list(accumulate(kind.size for kind in kinds))
+
+    def write(value: Any) -> list[float]:
+        return [number for kind, one in zip(kinds, value, strict=True) for number in kind.write(one)]
+
+    def read(numbers: list[float]) -> Any:
+        return made([kind.read(numbers[end - kind.size : end]) for kind, end in zip(kinds, ends, strict=True)])
+
+    return Kind(ends[-1], write, read)
+
+
+def _refused(value: Any) -> Any:
+    raise ValueError(f"not remembered as numbers: {value}")
+
+
+class Packing:
+    """The numbers of values of one NamedTuple, as the core has them: bytes."""
+
+    def __init__(self, made: type) -> None:
+        """Of this one."""
+        self._kind = kind_of(made)
+        self._struct = Struct(f"{self._kind.size}d")
+
+    def packed(self, value: Any) -> bytes | None:
+        """The numbers of a value; None for one that the core does not have."""
+        try:
+            return self._struct.pack(*self._kind.write(value))
+        except ValueError:
+            return None
+
+    def unpacked(self, numbers: bytes) -> Any:
+        """The value that these numbers are."""
+        return self._kind.read(list(self._struct.unpack(numbers)))
 
 
 def core_split(split: Split) -> CoreSplit | None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from math import exp, inf, pi, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from attrs import field, frozen
@@ -23,18 +23,7 @@ from numpy.typing import ArrayLike
 from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.force.compiled import (
-    ASKING,
-    GAIN_LOWERED,
-    NOISY,
-    UNSETTLED,
-    WRONG_STIFFNESS,
-    compiled_press,
-    core_press,
-    core_split,
-    memory_of,
-    packed,
-)
+from invariantqp.force.compiled import Packing, compiled_press, core_press, core_split
 from invariantqp.force.contact import (
     SLOW_SHARE,
     Beyond,
@@ -58,6 +47,7 @@ from invariantqp.force.estimate import (
     ROUGH,
     SHORT,
     STIFF,
+    UNKNOWN,
     Delay,
     Noise,
     NormalEstimate,
@@ -66,14 +56,15 @@ from invariantqp.force.estimate import (
     Touch,
     Ways,
     loss_limit,
+    weakest_touch,
 )
 from invariantqp.force.law import (
     GAIN,
     LET_GO,
     LETS_GO,
     MOST,
-    UNKNOWN,
     Drive,
+    Stand,
     approach_speed,
     fixed,
     inward_speed,
@@ -87,20 +78,7 @@ from invariantqp.force.law import (
     struck,
     trembling,
 )
-from invariantqp.force.memory import Memory, Pressing
-from invariantqp.force.monitor import (
-    ABOVE_NOISE,
-    FOLLOW,
-    HOLD,
-    NO_FORCE,
-    OVERLOAD,
-    RETREAT,
-    SLOW,
-    Answers,
-    Monitor,
-    Tick,
-    verdict,
-)
+from invariantqp.force.monitor import FOLLOW, HOLD, RETREAT, SLOW, Monitor, Tick, Verdict, overload_of, verdict
 from invariantqp.force.sensor import (
     Order,
     Smoothing,
@@ -147,8 +125,153 @@ SLOWER = 0.5
 LEAST_EASED = 1.0 / 64.0
 # The pose of a tool on which nothing depends.
 ANYWHERE = np.eye(4)
-# All that a verdict needs to know of checks, where the tool lets go to see whether readings fall.
-LETTING_GO = Monitor(answers=(Answers(asked=(0.0, 0.0)),))
+
+
+class Pressing(NamedTuple):
+    """What a controller remembers of its constraints, each by itself.
+
+    Attributes:
+        touches: of each press.
+        known: stiffness of each constraint.
+        drives: of each constraint.
+        ways: unit way commanded until now as it shows, and what of it does not show yet [length].
+        lag: of the arm, with which it shows [s].
+        along: speed along the contact, the highest of the last time [length/s].
+        steep: the fastest slope of its laws of the last time [length/s].
+        eased: share of the gain, less than 1 after chatter.
+        free: whether the last tick did all that the law asked for.
+    """
+
+    touches: Annotated[tuple[Touch, ...], 6] = ()
+    known: Annotated[tuple[Stiffness, ...], 6] = ()
+    drives: Annotated[tuple[Drive, ...], 6] = ()
+    ways: Annotated[tuple[tuple[float, float], ...], 6] = ()
+    lag: float = 0.0
+    along: float = 0.0
+    steep: float = 0.0
+    eased: float = 1.0
+    free: bool = True
+
+    def of(self, constraints: int, presses: int, begins: float) -> Pressing:
+        """The same for so many constraints and presses: where they are others than before nothing is known of them.
+
+        Args:
+            constraints: n.
+            presses: how many of them.
+            begins: the stiffness that an estimate begins with [force/length].
+        """
+        return self._replace(
+            touches=self.touches if len(self.touches) == presses else (Touch(),) * presses,
+            known=self.known if len(self.known) == constraints else (Stiffness.of(begins),) * constraints,
+            drives=self.drives if len(self.drives) == constraints else (Drive(),) * constraints,
+            ways=self.ways if len(self.ways) == constraints else ((0.0, 0.0),) * constraints,
+        )
+
+    def rests(self, task: HybridTask) -> bool:
+        """Whether the tool has hardly moved along the contact."""
+        return self.along <= SLOW_SHARE * task.approach_speed
+
+
+class Memory(NamedTuple):
+    """The state between ticks, but for the normal, the delay, and what was commanded and does not act yet.
+
+    Attributes:
+        pressing: of each constraint.
+        monitor: all checks.
+        noise: of readings in the air.
+        stand: of the motion along the contact.
+        tool: (4, 4) its pose in the last tick; None before the first.
+        out: (3,) the way out in the last tick; None in the air.
+        last: (6,) reading; None before the first.
+        coming: (3,) way of the place of contact that does not show yet [length].
+        smooth: (6,) wrench in the sensor's frame; None before the first.
+    """
+
+    pressing: Pressing = Pressing()
+    monitor: Monitor = Monitor()
+    noise: Noise = Noise()
+    stand: Stand = Stand()
+    tool: Annotated[Array, 4, 4] | None = None
+    out: Annotated[Array, 3] | None = None
+    last: Annotated[Array, 6] | None = None
+    coming: Annotated[Array, 3] = np.zeros(3)
+    smooth: Annotated[Array, 6] | None = None
+
+
+PACKING = Packing(Memory)
+
+
+class Placed(NamedTuple):
+    """What is measured and wanted in a tick, in the frame of the contact but for what is said to be elsewhere.
+
+    Attributes:
+        contact: in the base frame.
+        split: of it.
+        declared: (3,) the normal as declared, base frame; zero where that is trusted.
+        tool: (4, 4) its pose.
+        out: (3,) the way out, base frame.
+        raw: (6,) wrench that the tool exerts, not smoothed, base frame.
+        measured: (6,) the same, smoothed.
+        W: (6,) that.
+        W_raw: (6,) likewise.
+        W_d: (6,) wanted.
+        error: (6,) P*(W_d - W).
+        force: (n,) unit parts of W.
+        wanted: (n,) unit parts of W_d.
+    """
+
+    contact: Contact
+    split: Split
+    declared: Array
+    tool: Array
+    out: Array
+    raw: Array
+    measured: Array
+    W: Array
+    W_raw: Array
+    W_d: Array
+    error: Array
+    force: Array
+    wanted: Array
+
+    @property
+    def presses(self) -> int:
+        """How many of the constraints are presses."""
+        return self.contact.kind.presses
+
+    def along(self, twist: Array) -> Array:
+        """(6,) the part of a twist (6,) along S, base frame."""
+        A, B = self.contact.adjoint, self.contact.coadjoint
+        return np.asarray(A.dot(self.split.projectors.motion.dot(B.T.dot(twist))))
+
+
+class Answer(NamedTuple):
+    """A tick as either engine answers it; fields as in `HybridSolution`, and what its status and reason come from.
+
+    Attributes:
+        touch: whether there is contact.
+        kept: share of the gain that noise leaves.
+        verdict: None from the core, which answers no tick that stops.
+        few: what fewer than six joints make of the motion, in words.
+        speaks: whether there is something to say of what is kept.
+        silent: whether there is nothing to say beside the velocity law's own status.
+    """
+
+    velocity_solution: VelocitySolution
+    motion: Array
+    force: Array
+    wrench: Array
+    error: Array
+    intensities: Array
+    wanted: Array
+    contact: Contact
+    J: Array
+    touch: Touch
+    kept: float
+    verdict: Verdict | None = None
+    few: str = ""
+    speaks: bool = True
+    silent: bool = False
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -294,7 +417,8 @@ class HybridController:
     def memory(self) -> Memory:
         """What the loop keeps from tick to tick, as it is now."""
         if isinstance(self._kept, bytes):
-            self._kept = memory_of(self._kept)
+            kept: Memory = PACKING.unpacked(self._kept)
+            self._kept = kept
         return self._kept
 
     def __copy__(self) -> HybridController:
@@ -334,15 +458,30 @@ class HybridController:
         Raises:
             BadInput: NaN or wrong shapes; the controller's state is as it was.
         """
+        answer = None
         if self._core is not None:
             if contact is None:
                 contact = self.task.contact_at(self._tool(q))
-            found = self._by_core(self._core, q, target, wrench, feedforward, contact, velocity, wanted, posture)
-            if found is not None:
-                return found
-        return self._by_python(q, target, wrench, feedforward, contact, velocity, wanted, posture)
+            answer = self._by_core(self._core, q, target, wrench, feedforward, contact, velocity, wanted, posture)
+        if answer is None:
+            answer = self._by_python(q, target, wrench, feedforward, contact, velocity, wanted, posture)
+        status, reason = self._said(answer)
+        return HybridSolution(
+            velocity=answer.velocity_solution.velocity,
+            status=status,
+            reason=reason,
+            motion=answer.motion,
+            force=answer.force,
+            wrench=answer.wrench,
+            error=answer.error,
+            intensities=answer.intensities,
+            wanted=answer.wanted,
+            contact=answer.contact,
+            velocity_solution=answer.velocity_solution,
+            J=answer.J,
+        )
 
-    def _by_python(  # noqa: PLR0915 (the order of the stages is the subject)
+    def _by_python(
         self,
         q: ArrayLike,
         target: Any,
@@ -352,156 +491,95 @@ class HybridController:
         velocity: ArrayLike | None,
         wanted: ArrayLike | Wrench | None,
         posture: ArrayLike | None,
-    ) -> HybridSolution:
+    ) -> Answer:
         """A tick in Python, the definition."""
-        task, loop, delay, dt = self.task, self.loop, self._delay, self.loop.dt
-        robot = loop.robot
-        positions = arrays.vector(q, len(robot.names), "q")
+        task, loop, memory, dt, delay = self.task, self.loop, self.memory, self.loop.dt, self._delay
+        robot, joints = loop.robot, len(loop.robot.names)
+        positions = arrays.vector(q, joints, "q")
         reading = wrench_of(wrench, self.order if self.sensor is None else self.sensor.order, "wrench")
-        velocity = None if velocity is None else arrays.vector(velocity, len(robot.names), "velocity")
+        velocity = None if velocity is None else arrays.vector(velocity, joints, "velocity")
         sighting = robot.sight(positions, target)
         if loop.wrong(positions):
             return self._halted(positions, velocity, sighting, contact)
-        chase = tracking_twist(sighting.error, delay.gain(loop.gain))
         ahead = np.zeros(6) if feedforward is None else arrays.vector(feedforward, 6, "feedforward")
         tool = sighting.pose if isinstance(sighting.pose, np.ndarray) else robot.pose(positions)
-        given = contact_now(task, tool, contact)
-        split, (contact, told) = self.splits.at(given, tool), self._turned(given)
-        kind = contact.kind
-        exert = split.exert if wanted is None else split.wanted(wanted_of(wanted, "wanted"), "wanted")
-        memory = self.memory
-        smoothing = self._smoothing._replace(value=memory.smooth)
-        raw, measured, smoothing = cleaned(self.sensor, reading, tool, smoothing)
-        out = way_out(contact)
-        require_same_side(memory.out, out)
-
-        # From the contact frame to the base frame.
-        A, B = contact.adjoint, contact.coadjoint
-        inside, raw_inside = A.T.dot(measured), A.T.dot(raw)
-        error = split.projectors.force.dot(exert - inside)
-        felt, asked = split.unit_parts.dot(inside), split.unit_parts.dot(exert)
-        P, Bt = split.projectors.motion, B.T
-        chased, led = A.dot(P.dot(Bt.dot(chase))), A.dot(P.dot(Bt.dot(ahead)))
-        motion = slid(task, contact, chased + led, chased, led)
+        here, smooth = self._placed(contact_now(task, tool, contact), tool, reading, wanted)
+        require_same_side(memory.out, here.out)
 
         # What is known after this reading.
-        before, noise = memory.pressing, max(self._noise, memory.noise.found)
-        tick, pressing, found_noise = self._read(contact, split, reading, (raw, raw_inside), (exert, error), tool, out)
-        setting = self._setting(before, asked, noise, smoothing.share)
-        known = self._known(before, pressing, felt, asked, kind.presses, setting, tick.limit)
-        pressing = pressing._replace(known=known)
-        n = kind.presses
-        monitor = memory.monitor.after(
-            task,
-            tick,
-            tuple((known[i], float(felt[i]), float(asked[i]), setting.noise) for i in range(n)),
-            min(1.0, dt / (2.0 * self._filter_time)) if self._filter_time else 1.0,
-        )
-        rests = before.along <= SLOW_SHARE * task.approach_speed
-        if monitor.settling.unstable(rests=rests):
-            pressing = pressing._replace(eased=max(LEAST_EASED, SLOWER * pressing.eased))
-        overall = _weakest_touch(pressing.touches)
-        answer = verdict(monitor, overall, task, contact)
+        noise, presses = max(self._noise, memory.noise.found), here.presses
+        before = memory.pressing.of(len(here.force), presses, task.stiffness or STIFF)
+        tick, touches, found_noise = self._read(here, reading, before)
+        setting, now = self._setting(before, here, noise), before._replace(touches=touches)
+        now = now._replace(known=self._known(now, here, setting, tick.limit))
+        parts = zip(now.known[:presses], here.force.tolist(), here.wanted.tolist(), strict=False)
+        shared = min(1.0, dt / (2.0 * self._filter_time)) if self._filter_time else 1.0
+        monitor = memory.monitor.after(task, tick, tuple((*one, setting.noise) for one in parts), shared)
+        if monitor.settling.unstable(rests=before.rests(task)):
+            now = now._replace(eased=max(LEAST_EASED, SLOWER * now.eased))
+        said = verdict(monitor, tick.touch, task, here.contact)
 
         # The law.
-        waits = (n > 0 and monitor.dead.stale) or answer.beyond
-        kept, trembles = self._kept_gain(sighting.J, A, split, contact, known, setting, noise, pressing.eased)
-        drives, acts = self._driven(
-            pressing, monitor, split, felt, asked, setting, kept, contact, tick.most[0], slow=answer.action == SLOW
-        )
-        rates = np.array([drive.rate for drive in drives])
-        force = A.dot(split.twist.dot(rates))
-        where = contact.point if self._at_contact else None
+        waits = (presses > 0 and monitor.dead.stale) or said.beyond
+        kept, trembles = self._kept_gain(sighting.J, here, now, setting, noise)
+        drives, acts = self._driven(now, monitor, here, setting, kept, tick.most[0], slow=said.action == SLOW)
+        chase = tracking_twist(sighting.error, delay.gain(loop.gain))
+        motion, force = self._twists(here, said, monitor, chase, ahead, drives, waits=waits)
         # What is held stays where it is: the arm is looked at where it will be when this command acts.
-        held = self._ways.joints and n == 0
+        held = self._ways.joints and presses == 0
         then = robot.sight(self._ways.coming(positions), target) if held else sighting
-        if answer.action == HOLD:
-            motion = force = np.zeros(6)
+        if said.action == HOLD:
             inner = loop.rest(positions, "", velocity, sighting)
         else:
-            if answer.action == RETREAT:
-                left, away = monitor.left
-                motion, force = np.zeros(6), retreat(task, contact, left + task.retreat_distance - away, dt)
-            elif waits:
-                force = self._beyond.twist(task, contact, dt) if answer.beyond else np.zeros(6)
-            rows = force_rows(contact, then.J, motion + force) if self.force_first else None
+            where = here.contact.point if self._at_contact else None
+            rows = force_rows(here.contact, then.J, motion + force) if self.force_first else None
             inner = loop.follow(positions, motion + force, velocity, rows, then, where, posture)
 
         # What is remembered.
-        twist = then.J.dot(inner.velocity)
-        way = dt * velocity_at(twist, contact.point)
-        done = split.unit_rates.dot(Bt.dot(twist))
-        free = acts and inner.scale == 1.0 and answer.action == FOLLOW and not waits
-        touching = overall.touching
-        lag = delay.arm
-        shows = 1.0 - exp(-dt / max(lag, 1e-9))
-        # Where another lag is found, what does not show yet is what would not with it: no way jumps.
-        still = lag / before.lag if before.lag > 0.0 else 1.0
-        led = still * memory.coming + way
+        twist, step, touching = then.J.dot(inner.velocity), dt * inner.velocity, tick.touch.touching
+        way = dt * velocity_at(twist, here.contact.point)
+        free = acts and inner.scale == 1.0 and said.action == FOLLOW and not waits
+        after, led = self._remembered(now, here, motion, twist, drives, free=free)
+        shows = 1.0 - exp(-dt / max(after.lag, 1e-9))
         self._normal = self._normal.found(
             task,
-            told,
+            here.declared,
             shows * led,
-            None if tick.press is None else (float(felt[0]), float(asked[0])),
-            (task.stiffness or known[0].bound) if n else None,
+            None if tick.press is None else (float(here.force[0]), float(here.wanted[0])),
+            (task.stiffness or now.known[0].bound) if presses else None,
             touching=touching,
         )
-        delay.after(positions, dt * inner.velocity, sighting.J, contact.point, task.size, velocity, touching=touching)
-        outwards = float(out.dot(way))
-        self._ways.add(dt * inner.velocity, way, delay.late or 0.0)
-        along = max(speed_at(contact, motion, task.size), before.along * exp(-dt / ALONG))
-        along = along if along > TINY_SPEED else 0.0
-        ways = []
-        for (shown, coming), rate in zip(_ways_of(before, len(felt)), done.tolist(), strict=True):
-            along_it = still * coming + dt * rate
-            ways.append((shown + shows * along_it, along_it - shows * along_it))
-        pressing = pressing._replace(
-            drives=tuple(d._replace(speed=float(r) - d.slope) for d, r in zip(drives, done, strict=True)),
-            ways=tuple(ways),
-            known=tuple(one.shown(before.lag - lag) for one in pressing.known) if before.lag > 0.0 else pressing.known,
-            lag=lag,
-            along=along,
-            steep=max(max((abs(d.slope) for d in drives), default=0.0), before.steep * exp(-dt / ALONG)),
-            free=free,
-        )
-        self._beyond = self._beyond.after(contact.point, outwards, beyond=answer.beyond)
-        self._kept = memory = Memory(
-            pressing=pressing,
-            monitor=monitor.after_motion(overall, outwards, beyond=answer.beyond),
+        delay.after(positions, step, sighting.J, here.contact.point, task.size, velocity, touching=touching)
+        self._ways.add(step, way, delay.late or 0.0)
+        outwards = float(here.out.dot(way))
+        self._beyond = self._beyond.after(here.contact.point, outwards, beyond=said.beyond)
+        self._kept = Memory(
+            pressing=after,
+            monitor=monitor.after_motion(tick.touch, outwards, beyond=said.beyond),
             noise=found_noise,
-            stand=memory.stand.after(task, contact, motion, twist, dt, joints=sighting.J.shape[1]),
+            stand=memory.stand.after(task, here.contact, motion, twist, dt, joints=joints),
             tool=tool,
-            out=out if touching else None,
+            out=here.out if touching else None,
             last=reading,
             coming=(1.0 - shows) * led,
-            smooth=smoothing.value,
+            smooth=smooth,
         )
         self.room = max(1.0 - trembles, 1.0 - MOST)
-        late = delay.whole + (delay.late or 0.0)
-        doubts = (
-            found_noise.trouble(self._noise) if "noise" in task.checks else "",
-            "" if answer.status else monitor.settling.trouble(tick.wanted, late),
-            delay.trouble(loop.gain),
-            lowered(kept / pressing.eased, noise) if touching else "",
-            memory.stand.trouble(),
-            pressed_by(task, split, contact, tool, sighting.J, motion),
-            self._normal.trouble(),
-            pressing.known[0].trouble(task.stiffness) if n == 1 and rests else "",
-        )
-        status, reason = answer.with_others(doubts, inner.status, inner.reason)
-        return HybridSolution(
-            velocity=inner.velocity,
-            status=status,
-            reason=reason,
-            motion=motion,
-            force=force,
-            wrench=measured.copy(),
-            error=B.dot(error),
-            intensities=split.intensities.dot(inside),
-            wanted=B.dot(exert),
-            contact=contact,
-            velocity_solution=inner,
-            J=sighting.J,
+        B, split = here.contact.coadjoint, here.split
+        return Answer(
+            inner,
+            motion,
+            force,
+            here.measured.copy(),
+            B.dot(here.error),
+            split.intensities.dot(here.W),
+            B.dot(here.W_d),
+            here.contact,
+            sighting.J,
+            tick.touch,
+            kept / now.eased,
+            said,
+            pressed_by(task, split, here.contact, tool, sighting.J, motion),
         )
 
     def _tool(self, q: ArrayLike) -> Array:
@@ -519,25 +597,23 @@ class HybridController:
         velocity: ArrayLike | None,
         wanted: ArrayLike | Wrench | None,
         posture: ArrayLike | None,
-    ) -> HybridSolution | None:
+    ) -> Answer | None:
         """A tick by the core; None where Python has to answer, or to say what is wrong with an argument."""
         task, loop, delay = self.task, self.loop, self._delay
-        kept = self._kept if isinstance(self._kept, bytes) else packed(self._kept)
-        if kept is None or not isinstance(contact, Contact):
-            return None
-        if contact.edge is not None and contact.edge < task.edge_margin:
+        kept = self._kept if isinstance(self._kept, bytes) else PACKING.packed(self._kept)
+        near_edge = isinstance(contact, Contact) and contact.edge is not None and contact.edge < task.edge_margin
+        if kept is None or near_edge or not isinstance(contact, Contact):
             return None
         order = self.order if self.sensor is None else self.sensor.order
         if order is None or type(wrench) is not np.ndarray:
             wrench = ordered(wrench_of(wrench, order, "wrench"), order)
         presses = contact.kind.presses
-        split = self.splits.at(contact, ANYWHERE if presses else self.loop.robot.pose(q))
+        split = self.splits.at(contact, ANYWHERE if presses else loop.robot.pose(q))
         if self._split is None or self._split[0] is not split:
             self._split = split, core_split(split)
         if self._split[1] is None:
             return None
-        here, told = self._turned(contact)
-        moves = self._ways.joints and not presses
+        here, declared = self._turned(contact)
         found = compiled_press(
             core,
             self._split[1],
@@ -550,7 +626,7 @@ class HybridController:
             wrench,
             contact=here.pose,
             shows=self._ways.place[0],
-            then=self._ways.coming(np.asarray(q)) if moves else None,
+            then=self._ways.coming(np.asarray(q)) if self._ways.joints and not presses else None,
             feedforward=feedforward,
             exert=None if wanted is None else split.wanted(wanted_of(wanted, "wanted"), "wanted"),
             velocity=velocity,
@@ -559,315 +635,274 @@ class HybridController:
         if found is None:
             return None
         solution, troubles, motion, force, measured, error, parts, exert, J = found[:9]
-        numbers, way, shown, (felt, asked, bound), touching, airborne, doubts, kept_share, self.room = found[9:]
-        self._kept = numbers
+        self._kept, way, shown, (press, goal, bound), touching, airborne, speaks, kept_share, self.room = found[9:]
         inner = loop.named((solution, troubles))
-        step = loop.dt * inner.velocity
-        self._ways.add(step, way, delay.late or 0.0)
+        self._ways.add(loop.dt * inner.velocity, way, delay.late or 0.0)
         self._beyond = Beyond()
         if task.normal_within is not None:
             k = task.stiffness or bound
-            self._normal = self._normal.found(task, told, shown, (felt, asked), k, touching=touching)
-        status, reason = inner.status, inner.reason
-        if doubts or not touching or delay.late or self._normal.held:
-            touch = Touch(touching=touching, airborne=airborne)
-            answer = verdict(LETTING_GO if doubts & ASKING else Monitor(), touch, task, here)
-            memory = memory_of(numbers) if doubts & ~ASKING else Memory()
-            settling, late = memory.monitor.settling, delay.whole + (delay.late or 0.0)
-            words = (
-                memory.noise.trouble(self._noise) if doubts & NOISY else "",
-                settling.trouble(settling.wanted if presses else None, late) if doubts & UNSETTLED else "",
-                delay.trouble(loop.gain),
-                lowered(kept_share, max(self._noise, memory.noise.found)) if doubts & GAIN_LOWERED else "",
-                memory.stand.trouble(),
-                self._normal.trouble(),
-                memory.pressing.known[0].trouble(task.stiffness) if doubts & WRONG_STIFFNESS else "",
-            )
-            status, reason = answer.with_others(words, status, reason)
-        return HybridSolution(
-            velocity=inner.velocity,
-            status=status,
-            reason=reason,
-            motion=motion,
-            force=force,
-            wrench=measured,
-            error=error,
-            intensities=parts,
-            wanted=exert,
-            contact=here,
-            velocity_solution=inner,
-            J=J,
-        )
+            self._normal = self._normal.found(task, declared, shown, (press, goal), k, touching=touching)
+        touch = Touch(touching=touching, airborne=airborne)
+        silent = touching and not speaks and not delay.late and not self._normal.held
+        found = inner, motion, force, measured, error, parts, exert, here, J, touch, kept_share
+        return Answer(*found, speaks=speaks, silent=silent)
 
-    def _read(
-        self,
-        contact: Contact,
-        split: Split,
-        reading: Array,
-        wrenches: tuple[Array, Array],
-        wanted: tuple[Array, Array],
-        tool: Array,
-        out: Array,
-    ) -> tuple[Tick, Pressing, Noise]:
-        """What a tick tells, and what is touched after it.
+    def _said(self, answer: Answer) -> tuple[Status, str]:
+        """Status and reason of a tick."""
+        inner, task, delay = answer.velocity_solution, self.task, self._delay
+        if answer.silent:
+            return inner.status, inner.reason
+        memory = self.memory if answer.speaks else Memory()
+        said = answer.verdict or verdict(memory.monitor, answer.touch, task, answer.contact)
+        settling, pressing, presses = memory.monitor.settling, memory.pressing, answer.contact.kind.presses
+        late, noise = delay.whole + (delay.late or 0.0), max(self._noise, memory.noise.found)
+        rests = pressing.rests(task)
+        doubts = (
+            memory.noise.trouble(self._noise) if "noise" in task.checks else "",
+            "" if said.status else settling.trouble(settling.wanted if presses else None, late),
+            delay.trouble(self.loop.gain),
+            lowered(answer.kept, noise) if answer.touch.touching else "",
+            memory.stand.trouble(),
+            answer.few,
+            self._normal.trouble(),
+            pressing.known[0].trouble(task.stiffness) if rests and presses == len(pressing.known) == 1 else "",
+        )
+        return said.with_others(doubts, inner.status, inner.reason)
+
+    def _placed(self, given: Contact, tool: Array, reading: Array, wanted: Any) -> tuple[Placed, Array | None]:
+        """What is measured and wanted with the tool at a (4, 4) pose; and the low-pass after the reading (6,).
 
         Args:
-            contact: in the base frame.
-            split: of it.
-            reading: (6,) as it came.
-            wrenches: (6,) that the tool exerts, not smoothed, base frame and contact frame.
-            wanted: (6,) W_d and what is missing of it, contact frame.
-            tool: (4, 4) its pose.
-            out: (3,) the way out.
+            given: contact of this tick, with the normal as declared.
+            tool: pose.
+            reading: as it came.
+            wanted: of this tick; None is the task's own.
         """
-        task, dt, (raw, raw_inside), (exert, error) = self.task, self.loop.dt, wrenches, wanted
-        memory = self.memory
-        noise, before = max(self._noise, memory.noise.found), memory.pressing
-        presses = split.intensities[: contact.kind.presses]
-        press = weakest(presses, raw_inside, exert)
+        split, (contact, declared) = self.splits.at(given, tool), self._turned(given)
+        W_d = split.exert if wanted is None else split.wanted(wanted_of(wanted, "wanted"), "wanted")
+        smoothing = self._smoothing._replace(value=self.memory.smooth)
+        raw, measured, smoothing = cleaned(self.sensor, reading, tool, smoothing)
+        A = contact.adjoint
+        W = A.T.dot(measured)
+        return Placed(
+            contact,
+            split,
+            declared,
+            tool,
+            way_out(contact),
+            raw,
+            measured,
+            W,
+            A.T.dot(raw),
+            W_d,
+            split.projectors.force.dot(W_d - W),
+            split.unit_parts.dot(W),
+            split.unit_parts.dot(W_d),
+        ), smoothing.value
+
+    def _read(self, here: Placed, reading: Array, before: Pressing) -> tuple[Tick, tuple[Touch, ...], Noise]:
+        """What a tick tells the checks, what is touched after it, and how noisy readings (6,) are."""
+        task, dt, memory = self.task, self.loop.dt, self.memory
+        noise, contact = max(self._noise, memory.noise.found), here.contact
+        presses = here.split.intensities[: here.presses]
+        press = weakest(presses, here.W_raw, here.W_d)
         touches, limits = [], []
-        old = before.touches if len(before.touches) == len(presses) else (Touch(),) * len(presses)
-        for touch, row in zip(old, presses, strict=True):
-            asked = float(row.dot(exert))
+        for touch, row in zip(before.touches, presses, strict=True):
             least = None if touch.airborne == inf and task.lost_below == 0.0 else task.lost_below
-            limits.append(loss_limit(least, asked, noise))
-            touches.append(touch.after(float(row.dot(raw_inside)), limits[-1], noise, dt))
-        overall, limit = _weakest_touch(tuple(touches)), max(limits, default=0.0)
+            limits.append(loss_limit(least, float(row.dot(here.W_d)), noise))
+            touches.append(touch.after(float(row.dot(here.W_raw)), limits[-1], noise, dt))
+        overall, limit = weakest_touch(touches), max(limits, default=0.0)
         found = memory.noise
         if limit > 0.0 and not overall.touching:  # in touch the press changes, too
             found = found.after(reading, memory.last, max(noise, LEAST_NOISE * limit))
-        moved = moved_between(memory.tool, tool, contact.point)
-        came = -float(out.dot(moved))
-        force, moment = map(max, split.load, load_at(contact.coadjoint.dot(exert), contact.point))
-        most = _overload_of(task, force, moment, noise)
-        grip = tool[:3, :3].dot(task.grip) + tool[:3, 3]
-        load = load_at(raw, contact.point, grip)
+        moved = moved_between(memory.tool, here.tool, contact.point)
+        came = -float(here.out.dot(moved))
+        force, moment = map(max, here.split.load, load_at(contact.coadjoint.dot(here.W_d), contact.point))
+        most = overload_of(task, force, moment, noise)
+        grip = here.tool[:3, :3].dot(task.grip) + here.tool[:3, 3]
         missing = 0.0
         if press is None:
-            lacks = load_at(contact.coadjoint.dot(error), contact.point, grip)
+            lacks = load_at(contact.coadjoint.dot(here.error), contact.point, grip)
             missing = max(lacks[0] / most[0], lacks[1] / most[1])
         tick = Tick(
             dt,
             reading,
             press,
-            *load,
+            *load_at(here.raw, contact.point, grip),
             most,
             missing,
             noise,
             limit,
             overall,
-            -float(out.dot(self._ways.place[0])),
+            -float(here.out.dot(self._ways.place[0])),
             came,
-            moved + came * out,
+            moved + came * here.out,
         )
-        return tick, before._replace(touches=tuple(touches)), found
+        return tick, tuple(touches), found
 
-    def _setting(self, before: Pressing, asked: Array, noise: float, share: float) -> Setting:
+    def _setting(self, before: Pressing, here: Placed, noise: float) -> Setting:
         """What estimates and laws have in common in a tick."""
-        task, dt = self.task, self.loop.dt
-        late = dt + self._filter_time + self._delay.arm + UNKNOWN
-        rough = ROUGH * float(np.abs(asked).max(initial=0.0))
+        task, dt, share, held = self.task, self.loop.dt, self._smoothing.share, here.presses == 0
         speed = task.slope * before.along + min(task.yields / MOVES_IN, task.approach_speed)
-        sigma = noise * sqrt(share / (2.0 - share)) + rough
-        steep = before.steep + MAY_BE_STEEP * speed if before.touches else 0.0
-        begins = task.stiffness or STIFF
         return Setting(
             dt,
             share,
             self._filter_time,
-            late,
-            UNKNOWN,
-            sigma,
+            dt + self._filter_time + self._delay.arm + UNKNOWN,
+            noise * sqrt(share / (2.0 - share)) + ROUGH * float(np.abs(here.wanted).max(initial=0.0)),
             speed,
-            steep,
-            begins,
-            RESOLVED * task.size if before.touches else 0.0,
-            not before.touches,
+            0.0 if held else before.steep + MAY_BE_STEEP * speed,
+            task.stiffness or STIFF,
+            0.0 if held else RESOLVED * task.size,
+            held,
         )
 
-    def _known(
-        self, before: Pressing, now: Pressing, felt: Array, asked: Array, presses: int, setting: Setting, limit: float
-    ) -> tuple[Stiffness, ...]:
+    def _known(self, now: Pressing, here: Placed, setting: Setting, limit: float) -> tuple[Stiffness, ...]:
         """The stiffness of each constraint after a reading; of what is not touched nothing."""
-        n = len(felt)
-        known = before.known if len(before.known) == n else (Stiffness.of(setting.begins),) * n
-        if self.memory.monitor.dead.unchanged > 0.0 and presses:
-            return known
+        if self.memory.monitor.dead.unchanged > 0.0 and here.presses:
+            return now.known
         touching = all(touch.touching for touch in now.touches)
+        most = SHORT * (float(np.abs(here.wanted).max(initial=0.0)) or inf)
         made = []
-        parts = zip(known, felt.tolist(), asked.tolist(), _ways_of(before, n), strict=True)
-        most = float(np.abs(asked).max(initial=0.0)) or inf
-        for i, (one, force, wish, (way, _)) in enumerate(parts):
-            there = now.touches[i].airborne <= self.task.lost_after if i < presses else touching
-            short = int(wish - force > SHORT * most) - int(force - wish > SHORT * most)
-            felt_at_all = i >= presses or (now.touches[i].touching and force > limit)
-            if there:
-                made.append(one.after(force, way, setting, short, felt=felt_at_all))
+        parts = zip(now.known, now.ways, here.force.tolist(), here.wanted.tolist(), strict=True)
+        for i, (known, (way, _), force, wanted) in enumerate(parts):
+            press = i < here.presses
+            if now.touches[i].airborne <= self.task.lost_after if press else touching:
+                short = int(wanted - force > most) - int(force - wanted > most)
+                felt = not press or (now.touches[i].touching and force > limit)
+                made.append(known.after(force, way, setting, short, felt=felt))
             else:
-                made.append(one.in_air(force, way, limit, setting))
+                made.append(known.in_air(force, way, limit, setting))
         return tuple(made)
 
-    def _kept_gain(
-        self,
-        J: Array,
-        A: Array,
-        split: Split,
-        contact: Contact,
-        known: tuple[Stiffness, ...],
-        setting: Setting,
-        noise: float,
-        eased: float,
-    ) -> tuple[float, float]:
+    def _kept_gain(self, J: Array, here: Placed, now: Pressing, setting: Setting, noise: float) -> tuple[float, float]:
         """The share of the gain that noise and chatter leave, and the share of the joints' acceleration noise takes."""
-        if self.loop.braking is None or noise == 0.0 or not known:
+        split, eased = here.split, now.eased
+        if self.loop.braking is None or noise == 0.0 or not now.known:
             return eased, 0.0
-        admittance = A.dot(split.twist.dot(split.unit_parts))
-        share = trembling(self.loop, J, admittance, contact.point, self.task.size, noise, self._smoothing.share)
-        gain = split.gain
-        if self.task.compliance is None:
-            laws = (mass_and_damper(one, setting, eased) for one in known)
-            gain = max(1.0 / (M / setting.dt + D) for M, D in laws)
-        kept = kept_of(gain, share) if self.task.compliance is None else 1.0
+        admittance = here.contact.adjoint.dot(split.twist.dot(split.unit_parts))
+        share = trembling(self.loop, J, admittance, here.contact.point, self.task.size, noise, setting.share)
+        if self.task.compliance is not None:
+            return eased, split.gain * share
+        laws = (mass_and_damper(one, setting, eased) for one in now.known)
+        gain = max(1.0 / (M / setting.dt + D) for M, D in laws)
+        kept = kept_of(gain, share)
         return kept * eased, gain * kept * share
 
     def _driven(
-        self,
-        now: Pressing,
-        monitor: Monitor,
-        split: Split,
-        felt: Array,
-        asked: Array,
-        setting: Setting,
-        eased: float,
-        contact: Contact,
-        most_force: float,
-        *,
-        slow: bool,
+        self, now: Pressing, monitor: Monitor, here: Placed, setting: Setting, eased: float, most: float, *, slow: bool
     ) -> tuple[tuple[Drive, ...], bool]:
-        """The law of each constraint, and whether it acts in full."""
-        task, n = self.task, len(felt)
-        drives = now.drives if len(now.drives) == n else (Drive(),) * n
-        presses = len(now.touches)
-        touching = all(touch.touching for touch in now.touches)
-        yields = can_yield(contact, len(self.loop.robot.names))
-        made, acts = [], touching and yields
-        fastest = task.approach_speed
-        # What a lagging arm has not done yet can be taken back at a touch, what is sent and read late cannot.
-        striking = 2.0 * setting.dt + (1.0 - TAKEN_BACK) * self._delay.arm
-        for i, drive in enumerate(drives):
-            error = float(asked[i] - felt[i])
-            known = now.known[i]
-            let_go, gentle = None, 0.0
-            if i < presses:
-                let_go, gentle = monitor.let_go(i), approach_speed(task, float(asked[i]), striking)
-            if let_go is not None:
-                made.append(Drive(-gentle - setting.slope_speed - LETS_GO * let_go))
-                acts = False
-                continue
-            if task.compliance is not None:
-                top, k = (fastest if slow and i < presses else inf), task.stiffness or 0.0
-                grows = now.free and yields and not slow
-                wished = float(asked[i]) if i < presses else 0.0
-                made.append(fixed(drive, error, split.gain, k, wished, setting.dt, top, grows=grows))
-                acts = acts and made[-1].rate < top
-                continue
-            if presses == 0:
-                least = min(task.stiffness or HELD_STIFF, HELD_STIFF)
-                k = max(least, *((one.known or 0.0) / QUICKER for one in now.known))
-                gain = eased * GAIN / ((setting.late - UNKNOWN) * k)
-                made.append(fixed(drive, error, gain, k, 0.0, setting.dt, inf, grows=now.free and yields))
-                continue
-            if i < presses:
-                touch = now.touches[i]
-                if not touch.touching:
-                    made.append(sought(drive, gentle, setting, fastest, touch, task))
-                    continue
-                wished = float(asked[i])
-                if known.time <= setting.late:  # the filters still hold the air: nothing is pushed in
-                    # Of several presses one may read another's friction, which turns round where the tool does.
-                    coming = _ways_of(now, n)[i][1] if presses == 1 and self._delay.lag is not None else 0.0
-                    made.append(struck(drive, coming, error, known, setting, LET_GO * fastest, eased))
-                    continue
-                free = max(
-                    gentle, inward_speed(task, most_force - float(felt[i]) - monitor.unseen(task, i), setting.late)
-                )
-                most, grows = (free, LET_GO * fastest), now.free and yields
-            else:
-                most, wished = (fastest, fastest), 0.0
-                grows = now.free and yields
-                if not touching:
-                    made.append(Drive())
-                    continue
-            made.append(
-                pressed(
-                    drive._replace(slope=monitor.believed(i, setting.dt) * drive.slope),
-                    error,
-                    wished,
-                    known,
-                    setting,
-                    most,
-                    eased,
-                    grows=grows,
-                )
-            )
-        return tuple(made), acts
+        """The law of each constraint, and whether it acts in full.
 
-    def _halted(self, q: Array, velocity: Array | None, sighting: Sighting, contact: Contact | None) -> HybridSolution:
-        """What is told of a tick whose joint positions cannot be true, nor where wrenches act; its state stays."""
+        Args:
+            now: what is remembered and estimated.
+            monitor: after this reading.
+            here: what is measured and wanted.
+            setting: of this tick.
+            eased: share of the gain that noise and chatter leave.
+            most: force that is an overload.
+            slow: whether contact is looked for.
+        """
+        task, dt = self.task, self.loop.dt
+        yields = can_yield(here.contact, len(self.loop.robot.names))
+        touching = all(touch.touching for touch in now.touches)
+        grows, fastest = now.free and yields and not slow, task.approach_speed
+        acts, stiffest = touching and yields, task.stiffness or 0.0
+        # What a lagging arm has not done yet can be taken back at a touch, what is sent and read late cannot.
+        striking = 2.0 * dt + (1.0 - TAKEN_BACK) * self._delay.arm
+        least = min(task.stiffness or HELD_STIFF, HELD_STIFF)
+        held = max(least, *((one.known or 0.0) / QUICKER for one in now.known), least)
+        drives: list[Drive] = []
+        for i, (drive, known) in enumerate(zip(now.drives, now.known, strict=True)):
+            press, error = i < here.presses, float(here.wanted[i] - here.force[i])
+            wanted = float(here.wanted[i]) if press else 0.0
+            gentle = approach_speed(task, wanted, striking) if press else 0.0
+            released = monitor.let_go(i) if press else None
+            if released is not None:
+                drives.append(Drive(-gentle - setting.slope_speed - LETS_GO * released))
+                acts = False
+            elif task.compliance is not None:
+                top = fastest if slow and press else inf
+                drives.append(fixed(drive, error, here.split.gain, stiffest, wanted, dt, top, grows=grows))
+                acts = acts and drives[-1].rate < top
+            elif here.presses == 0:
+                gain = eased * GAIN / ((setting.late - UNKNOWN) * held)
+                drives.append(fixed(drive, error, gain, held, 0.0, dt, inf, grows=grows))
+            elif not press and not touching:
+                drives.append(Drive())
+            elif not press:
+                drives.append(pressed(drive, error, 0.0, known, setting, (fastest, fastest), eased, grows=grows))
+            elif not now.touches[i].touching:
+                drives.append(sought(drive, gentle, setting, fastest, now.touches[i], task))
+            elif known.time <= setting.late:  # the filters still hold the air: nothing is pushed in
+                # Of several presses one may read another's friction, which turns round where the tool does.
+                coming = now.ways[i][1] if here.presses == 1 and self._delay.lag is not None else 0.0
+                drives.append(struck(drive, coming, error, known, setting, LET_GO * fastest, eased))
+            else:
+                room = most - float(here.force[i]) - monitor.unseen(task, i)
+                speeds = max(gentle, inward_speed(task, room, setting.late)), LET_GO * fastest
+                kept = drive._replace(slope=monitor.believed(i, dt) * drive.slope)
+                drives.append(pressed(kept, error, wanted, known, setting, speeds, eased, grows=grows))
+        return tuple(drives), acts
+
+    def _twists(
+        self,
+        here: Placed,
+        answer: Verdict,
+        monitor: Monitor,
+        chase: Array,
+        ahead: Array,
+        drives: tuple[Drive, ...],
+        *,
+        waits: bool,
+    ) -> tuple[Array, Array]:
+        """(6,) motion along S towards the target and with it, and (6,) force along Z, as the verdict says."""
+        task, dt, contact, none = self.task, self.loop.dt, here.contact, np.zeros(6)
+        if answer.action == HOLD:
+            return none, none
+        if answer.action == RETREAT:
+            left, away = monitor.left
+            return none, retreat(task, contact, left + task.retreat_distance - away, dt)
+        motion = slid(task, contact, here.along(chase), here.along(ahead))
+        if waits:
+            return motion, self._beyond.twist(task, contact, dt) if answer.beyond else none
+        return motion, contact.adjoint.dot(here.split.twist.dot(np.array([drive.rate for drive in drives])))
+
+    def _remembered(
+        self, now: Pressing, here: Placed, motion: Array, twist: Array, drives: tuple[Drive, ...], *, free: bool
+    ) -> tuple[Pressing, Array]:
+        """What is kept of the constraints after a tick with a twist (6,); (3,) the way of the place as it shows now.
+
+        Ways show as those of an arm that lags; where another lag is found than before, what does not show yet is what
+        would not with it: no way jumps.
+        """
+        task, dt, lag, before = self.task, self.loop.dt, self._delay.arm, now.lag
+        shows, still = 1.0 - exp(-dt / max(lag, 1e-9)), lag / before if before > 0.0 else 1.0
+        done = here.split.unit_rates.dot(here.contact.coadjoint.T.dot(twist)).tolist()
+        coming = [still * way[1] + dt * rate for way, rate in zip(now.ways, done, strict=True)]
+        fades = exp(-dt / ALONG)
+        along = max(speed_at(here.contact, motion, task.size), now.along * fades)
+        after = now._replace(
+            drives=tuple(d._replace(speed=rate - d.slope) for d, rate in zip(drives, done, strict=True)),
+            ways=tuple((way[0] + shows * c, c - shows * c) for way, c in zip(now.ways, coming, strict=True)),
+            known=tuple(one.shown(before - lag) for one in now.known) if before > 0.0 else now.known,
+            lag=lag,
+            along=along if along > TINY_SPEED else 0.0,
+            steep=max(*(abs(drive.slope) for drive in drives), now.steep * fades, 0.0),
+            free=free,
+        )
+        return after, still * self.memory.coming + dt * velocity_at(twist, here.contact.point)
+
+    def _halted(self, q: Array, velocity: Array | None, sighting: Sighting, contact: Contact | None) -> Answer:
+        """A tick whose joint positions cannot be true, nor where wrenches act; what is kept stays."""
         inner, none, unknown = self.loop.rest(q, "", velocity, sighting), np.zeros(6), np.full(6, np.nan)
         here = contact_now(self.task, self.robot.pose(q), contact)
-        return HybridSolution(
-            velocity=inner.velocity,
-            status=inner.status,
-            reason=inner.reason,
-            motion=none,
-            force=none,
-            wrench=unknown,
-            error=unknown,
-            intensities=np.full(here.constraints.shape[1], np.nan),
-            wanted=unknown,
-            contact=here,
-            velocity_solution=inner,
-            J=sighting.J,
-        )
+        parts = np.full(here.constraints.shape[1], np.nan)
+        return Answer(inner, none, none, unknown, unknown, parts, unknown, here, sighting.J, Touch(), 1.0, silent=True)
 
     def _turned(self, contact: Contact) -> tuple[Contact, Array]:
-        """The told contact with the normal found, and its normal as told, zero where that is trusted."""
+        """The contact with the normal found, and its normal as declared, zero where that is trusted."""
         if self.task.normal_within is None:
             return contact, np.zeros(3)
-        told = way_out(contact)
-        return self._normal.applied(contact, told), told
-
-
-def _ways_of(pressing: Pressing, n: int) -> tuple[tuple[float, float], ...]:
-    return pressing.ways if len(pressing.ways) == n else ((0.0, 0.0),) * n
-
-
-def _weakest_touch(touches: tuple[Touch, ...]) -> Touch:
-    """Of several presses: there is contact where all are felt."""
-    if len(touches) == 1:
-        return touches[0]
-    if not touches:
-        return Touch(touching=True, airborne=0.0)
-    return Touch(
-        min(touch.evidence for touch in touches),
-        all(touch.touching for touch in touches),
-        max(touch.airborne for touch in touches),
-    )
-
-
-def _overload_of(task: HybridTask, force: float, moment: float, noise: float) -> tuple[float, float]:
-    """The force and the moment that are an overload, for the size of the wanted ones.
-
-    Args:
-        task: says them, or leaves them to what is wanted.
-        force: wanted [N].
-        moment: wanted, about the place of contact [N length].
-        noise: standard deviation of a force component [N]: readings of the wanted force stay below the limit.
-    """
-    most, turning = task.max_force, task.max_moment
-    if most is None:
-        most = max(OVERLOAD * force, force + ABOVE_NOISE * noise) if force > 0.0 else NO_FORCE
-    if turning is None:
-        turning = max(OVERLOAD * moment, moment + task.size * most)
-    return most, turning
+        declared = way_out(contact)
+        return self._normal.applied(contact, declared), declared

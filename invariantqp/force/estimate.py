@@ -11,8 +11,9 @@ noise       from what readings in the air change by, `Noise`
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from math import atan, exp, inf, isnan, log, nan, pi, sqrt, tan
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -77,6 +78,8 @@ FEWEST = 20
 AVERAGED = 200
 CLIPPED = 5.0
 
+# What is late and nobody says: in the sensor's electronics, in a bus, in a driver [s].
+UNKNOWN = 0.003
 # Delay. Where nothing is known yet an arm is taken to lag this much [s]; known after this long in motion [s].
 LAGS = 0.02
 KNOWN_AFTER = 0.1
@@ -147,6 +150,17 @@ def weighed(evidence: float, press: float, limit: float, noise: float) -> float:
     return min(max(more, -CERTAIN), CERTAIN)
 
 
+def weakest_touch(touches: Sequence[Touch]) -> Touch:
+    """Of several presses: there is contact where all are felt; without a press there always is."""
+    if not touches:
+        return Touch(touching=True, airborne=0.0)
+    return Touch(
+        min(touch.evidence for touch in touches),
+        all(touch.touching for touch in touches),
+        max(touch.airborne for touch in touches),
+    )
+
+
 def loss_limit(lost_below: float | None, wanted: float, noise: float) -> float:
     """The press [force] between air and contact: a tenth of the wanted one, more where noise would hide that."""
     if lost_below is not None:
@@ -162,7 +176,6 @@ class Setting(NamedTuple):
         share: of a step that the low-pass passes on in a tick.
         filter_time: time constant of the low-pass [s].
         late: T, sum of tick, low-pass, delay and what nobody knows of it [s].
-        unknown: the last of these [s].
         noise: standard deviation of the smoothed part [force].
         slope_speed: how fast the surface may come or go along the press [length/s].
         steep: how fast it did, and a share of how fast it may [length/s].
@@ -175,7 +188,6 @@ class Setting(NamedTuple):
     share: float
     filter_time: float
     late: float
-    unknown: float
     noise: float
     slope_speed: float
     steep: float
@@ -212,16 +224,16 @@ class Stiffness(NamedTuple):
         lacked: for how long too little (or, negative, too much) has been felt [s].
     """
 
-    found: Array
-    errors: Array
+    found: Annotated[Array, 3]
+    errors: Annotated[Array, 3]
     bound: float
     way: float = 0.0
     force: float = 0.0
-    mean: Array = np.zeros(4)
-    means: Array = np.zeros(4)
+    mean: Annotated[Array, 4] = np.zeros(4)
+    means: Annotated[Array, 4] = np.zeros(4)
     gone: float = 0.0
-    seen: Array = np.zeros((3, 3))
-    sums: Array = np.zeros(3)
+    seen: Annotated[Array, 3, 3] = np.zeros((3, 3))
+    sums: Annotated[Array, 3] = np.zeros(3)
     residual: float = 0.0
     high: tuple[float, float, float] = (0.0, 0.0, 0.0)
     surprised: bool = False
@@ -326,7 +338,7 @@ class Stiffness(NamedTuple):
         # Errors of k, b and c are taken as independent here: what they share makes a surprise rarer still. A way that
         # shows a little later or sooner than thought is as a damper of so much of k, which no reading tells apart.
         rest = af - float(z.dot(self.found))
-        late = setting.unknown * self.bound * float(z[1])
+        late = UNKNOWN * self.bound * float(z[1])
         variance = spread + late * late + float(((self.errors * z) ** 2).sum())
         square = rest * rest
         surprised = square > SURPRISE * SURPRISE * variance

@@ -34,8 +34,6 @@ from invariantqp.velocity.measure import root_at
 
 # G: the law's pole times all that is late. From 1/4 on overshoot would be visible.
 GAIN = 0.25
-# What is late and nobody says: in the sensor's electronics, in a bus, in a driver [s].
-UNKNOWN = 0.003
 # The integral's time constant, in those of the law: four is critical damping.
 INTEGRAL = 4.0
 # Where less than this share of the bound is known to be there the integral is slower, so that a softer contact does not
@@ -196,20 +194,16 @@ def inward_speed(task: HybridTask, room: float, late: float) -> float:
     return min(task.approach_speed, max(room, 0.0) / (stiff * late))
 
 
-def slid(task: HybridTask, contact: Contact, motion: Array, error: Array, ahead: Array) -> Array:
+def slid(task: HybridTask, contact: Contact, error: Array, ahead: Array) -> Array:
     """(6,) the motion along S, its part for the target's error no faster than `slide_speed`.
 
     Args:
         task: says it.
         contact: in the base frame.
-        motion: (6,) of both.
         error: (6,) part for the target's error.
         ahead: (6,) part of the feedforward.
     """
-    if task.slide_speed == inf:
-        return motion
-    speed = speed_at(contact, error, task.size)
-    return motion if speed <= task.slide_speed else ahead + task.slide_speed / speed * error
+    return ahead + min(1.0, task.slide_speed / speed_at(contact, error, task.size)) * error
 
 
 def retreat(task: HybridTask, contact: Contact, left: float, dt: float) -> Array:

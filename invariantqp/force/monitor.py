@@ -15,7 +15,7 @@ settling    the press swings, chatters or is not reached
 from __future__ import annotations
 
 from math import exp, inf, sqrt
-from typing import NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 
@@ -180,10 +180,27 @@ class Overload(NamedTuple):
         return Overload((force, moment)), Finding(Status.OVERLOAD, found) if found else None
 
 
+def overload_of(task: HybridTask, force: float, moment: float, noise: float) -> tuple[float, float]:
+    """The force and the moment that are an overload, for the size of the wanted ones.
+
+    Args:
+        task: says them, or leaves them to what is wanted.
+        force: wanted [N].
+        moment: wanted, about the place of contact [N length].
+        noise: standard deviation of a force component [N]: readings of the wanted force stay below the limit.
+    """
+    most, turning = task.max_force, task.max_moment
+    if most is None:
+        most = max(OVERLOAD * force, force + ABOVE_NOISE * noise) if force > 0.0 else NO_FORCE
+    if turning is None:
+        turning = max(OVERLOAD * moment, moment + task.size * most)
+    return most, turning
+
+
 class Dead(NamedTuple):
     """For how long the reading has been the same, although the sensor has noise."""
 
-    reading: Array | None = None
+    reading: Annotated[Array, 6] | None = None
     unchanged: float = 0.0
     alive: bool = False
 
@@ -277,8 +294,8 @@ class Evidence(NamedTuple):
     """
 
     last: tuple[float, float, float] | None = None
-    high: Array = np.zeros(4)
-    sums: Array = np.zeros((4, 4))
+    high: Annotated[Array, 4] = np.zeros(4)
+    sums: Annotated[Array, 4, 4] = np.zeros((4, 4))
     stirs: tuple[float, float] = (0.0, 0.0)
 
     def after(self, known: Stiffness, noise: float, wanted: float, shared: float, dt: float) -> Evidence:
@@ -354,7 +371,7 @@ class Answers(NamedTuple):
     stiff: float = 0.0
     depth: float = 0.0
     since: float = 0.0
-    across: tuple[Array, Array] = (np.zeros(3), np.zeros(3))
+    across: tuple[Annotated[Array, 3], Annotated[Array, 3]] = (np.zeros(3), np.zeros(3))
     far: tuple[float, float] = (0.0, 0.0)
     silent: float = 0.0
     evidence: Evidence = Evidence()
@@ -502,11 +519,11 @@ class Settling(NamedTuple):
         swung: how long ago it swung too often [s].
     """
 
-    losses: tuple[float, ...] = ()
+    losses: Annotated[tuple[float, ...], 12] = ()
     highest: float | None = None
     press: float | None = None
     missed: float = 0.0
-    turns: tuple[float, ...] = ()
+    turns: Annotated[tuple[float, ...], 12] = ()
     rises: bool = True
     extreme: float = 0.0
     wanted: float = 0.0
@@ -604,7 +621,7 @@ class Monitor(NamedTuple):
     dead: Dead = Dead()
     pulls: Pulls = Pulls()
     approach: Approach = Approach()
-    answers: tuple[Answers, ...] = ()
+    answers: Annotated[tuple[Answers, ...], 6] = ()
     settling: Settling = Settling()
     found: Finding | None = None
     pushed: float = 0.0

@@ -16,8 +16,7 @@ from support.wrist import wrist
 import invariantqp as iq
 from invariantqp.engine import core
 from invariantqp.force import control
-from invariantqp.force.compiled import memory_of, packed
-from invariantqp.force.memory import Memory
+from invariantqp.force.control import PACKING, Memory
 
 pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
 SHARED = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "shared" / "contact_scenes.py"))
@@ -125,9 +124,9 @@ def test_what_is_kept_is_the_same_in_numbers(pressing):
     loop, _ = pressing
     numbers = loop._kept
     assert isinstance(numbers, bytes)
-    assert packed(memory_of(numbers)) == numbers
-    assert packed(Memory()) is not None
-    assert packed(memory_of(packed(Memory()))) == packed(Memory())
+    assert PACKING.packed(PACKING.unpacked(numbers)) == numbers
+    assert PACKING.packed(Memory()) is not None
+    assert PACKING.packed(PACKING.unpacked(PACKING.packed(Memory()))) == PACKING.packed(Memory())
 
 
 def test_a_tick_changes_no_state_but_its_own(pressing):
@@ -152,7 +151,7 @@ def test_a_tick_that_is_handed_back_changes_nothing(pressing, monkeypatch):
         with pytest.raises(iq.BadInput):
             loop.step(q, target, wrench, **wrong)
     assert kept == [None, None]
-    assert loop.memory.pressing.lag == memory_of(before).pressing.lag
+    assert loop.memory.pressing.lag == PACKING.unpacked(before).pressing.lag
     np.testing.assert_array_equal(loop.loop.kept, inner)
     assert loop.step(q, target, 1e3 * wrench).status == "overload"  # what a check finds is told by Python
     assert kept[-1] is None

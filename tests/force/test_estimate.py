@@ -9,7 +9,7 @@ DT = 0.002
 
 
 def setting_of(noise=0.1, slope_speed=0.0, begins=STIFF):
-    return Setting(DT, 1.0, 0.0, 0.015, 0.003, noise, slope_speed, 0.0, begins, 2e-7)
+    return Setting(DT, 1.0, 0.0, 0.015, noise, slope_speed, 0.0, begins, 2e-7)
 
 
 def after(k, b, *, noise=0.1, seconds=1.0, seed=0, slope=0.0, begins=STIFF, pushes=10.0):

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.force.estimate import Setting, Stiffness, Touch
-from invariantqp.force.law import GAIN, UNKNOWN, Drive, pressed, sought
+from invariantqp.force.estimate import UNKNOWN, Setting, Stiffness, Touch
+from invariantqp.force.law import GAIN, Drive, pressed, sought
 
 
 def setting_of(dt, late, slope_speed=0.0):
-    return Setting(dt, 1.0, 0.0, late, 0.003, 0.0, slope_speed, 0.0, 2e5, 0.0)
+    return Setting(dt, 1.0, 0.0, late, 0.0, slope_speed, 0.0, 2e5, 0.0)
 
 
 def held(k, b, dt, lag, known, *, wanted=10.0, moves=0.0, seconds=None):
