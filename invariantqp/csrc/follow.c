@@ -115,7 +115,7 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
             state[m + j] = velocity[j] + 0.5 * dt * acceleration[j];
             state[2 * m + j] = acceleration[j];
         }
-        taken = shortest_splice(&course, time, state, ease, ease, NULL, splices);
+        taken = shortest_splice(&course, time, state, ease, ease, splices);
         late = taken == 0.0;
     }
     if (by_twist) {

@@ -53,8 +53,7 @@ bool course_of(PyObject *object, Course *course);
 void source_at(const Course *course, double time, Path r);
 void source_position(const Course *course, double time, double *r);
 void reference_at(const Course *course, double time, Path r);
-double shortest_splice(const Course *course, double time, const double *state, double shortest, double longest,
-                       const double *tool, double *found);
+double shortest_splice(const Course *course, double time, const double *state, double shortest, double longest, double *found);
 void quintic(int m, const double *powers, double u, Path r);
 void left_over(const Course *course, double time, Path r);
 PyObject *motion(PyObject *module, PyObject *const *arguments, Py_ssize_t count);

@@ -202,40 +202,23 @@ static double spaced(double first, double last, int i, int count)
     return i == count - 1 ? last : i == 0 ? first : first * pow(last / first, (double)i / (count - 1));
 }
 
-/* Whether a splice keeps the limits together with the source, and whether the tool does not turn back on it; `farthest` is
-   the square of the largest way that the tool is off the source. */
-static bool fits(const Course *course, double time, const Path here, const double *powers, double D, const double *tool,
-                 bool *ahead, double *farthest)
+/* Whether a splice keeps the limits together with the source. */
+static bool fits(const Course *course, double time, const Path here, const double *powers, double D)
 {
     int m = course->limits.m;
     Path r;
-    Row left;
-    *ahead = true;
-    *farthest = 0.0;
     for (int i = 0; i < PLACES; i++) {
-        double u = i * (D / (PLACES - 1)), along = 0.0, off = 0.0, was[3] = {0.0}, is[3] = {0.0};
+        double u = i * (D / (PLACES - 1));
         if (course->pieces == 0) { /* a hand is taken to go on as it does */
             memset(r, 0, sizeof r);
             memcpy(r[0], here[0], sizeof r[0]);
             memcpy(r[1], here[1], sizeof r[1]);
         } else
             source_at(course, time + u, r);
-        for (int k = 0; k < 3 && tool != NULL; k++)
-            was[k] = dot(m, tool + k * m, r[1]);
-        memcpy(left, r[0], sizeof left);
         quintic(m, powers, u, r);
-        for (int j = 0; j < m; j++)
-            left[j] = r[0][j] - left[j];
         for (int j = 0; j < m; j++)
             if (!(needed_share(&course->limits, j, r[0][j], r[1][j], r[2][j], r[3][j]) <= SHARE))
                 return false;
-        for (int k = 0; k < 3 && tool != NULL; k++) {
-            is[k] = dot(m, tool + k * m, r[1]);
-            along += is[k] * was[k];
-            off += dot(m, tool + k * m, left) * dot(m, tool + k * m, left);
-        }
-        *farthest = fmax(*farthest, off);
-        *ahead = *ahead && along >= 0.0;
     }
     return true;
 }
@@ -307,45 +290,35 @@ PyObject *residual(PyObject *module, PyObject *const *arguments, Py_ssize_t coun
 }
 
 /* Reference.splice: how long the splice from a state (3, m) takes, 0 where there is none, and its residual (6, m). */
-double shortest_splice(const Course *course, double time, const double *state, double shortest, double longest,
-                       const double *tool, double *found)
+double shortest_splice(const Course *course, double time, const double *state, double shortest, double longest, double *found)
 {
-    int m = course->limits.m;
     Path here;
-    double e[3 * MOST], powers[6 * MOST], first = fmax(shortest, SHORTEST_STOP * course->limits.dt), taken = 0.0;
-    double off, least = INFINITY;
+    double e[3 * MOST], first = fmax(shortest, SHORTEST_STOP * course->limits.dt);
     jump_at(course, time, state, here, e);
     for (int i = 0; i < (longest > first ? DURATIONS : 1); i++) {
         double D = spaced(first, longest, i, DURATIONS);
-        bool ahead;
-        residual_of(m, e, D, powers);
-        if (!fits(course, time, (const double(*)[MOST + 1])here, powers, D, tool, &ahead, &off) ||
-            (taken > 0.0 && !(ahead && off <= least)))
-            continue;
-        taken = D;
-        least = off;
-        memcpy(found, powers, sizeof powers);
-        if (ahead)
-            break;
+        residual_of(course->limits.m, e, D, found);
+        if (fits(course, time, (const double(*)[MOST + 1])here, found, D))
+            return D;
     }
-    return taken;
+    return 0.0;
 }
 
-/* splice(course, time, state, shortest, longest, tool): the residual (6, m) and how long it takes to the course's source; None
-   where there is none inside the limits. */
+/* splice(course, time, state, shortest, longest): the residual (6, m) and how long it takes to the course's source; None where
+   there is none inside the limits. */
 PyObject *splice(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     Course course;
-    static const char *const USE = "splice(course, time, state, shortest, longest, tool)";
-    if (count != 6 || !course_of(arguments[0], &course) || course.powers == 0)
+    static const char *const USE = "splice(course, time, state, shortest, longest)";
+    if (count != 5 || !course_of(arguments[0], &course) || course.powers == 0)
         return refused(USE);
     int m = course.limits.m;
     double time = PyFloat_AsDouble(arguments[1]), shortest = PyFloat_AsDouble(arguments[3]), longest = PyFloat_AsDouble(arguments[4]), found[6 * MOST];
-    const double *state = numbers(arguments[2], 3 * m), *tool = arguments[5] == Py_None ? NULL : numbers(arguments[5], 3 * m);
-    if (PyErr_Occurred() || state == NULL || (tool == NULL && arguments[5] != Py_None))
+    const double *state = numbers(arguments[2], 3 * m);
+    if (PyErr_Occurred() || state == NULL)
         return refused(USE);
-    double taken = shortest_splice(&course, time, state, shortest, longest, tool, found);
+    double taken = shortest_splice(&course, time, state, shortest, longest, found);
     if (taken == 0.0)
         Py_RETURN_NONE;
     return Py_BuildValue("(Nd)", new_matrix(6, m, m, found), taken);

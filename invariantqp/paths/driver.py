@@ -378,7 +378,6 @@ class Follower:
 
     def _driven(self, reference: Reference, measured: Array, moving: Array | None) -> FollowerSolution:
         """A tick along a reference."""
-        dt = self.controller.dt
         self._course = course = self._made_course(reference)
         found = None if course is None or moving is not None else self._by_core(course, measured, begun=True)
         if found is not None:
@@ -388,10 +387,8 @@ class Follower:
                 reference.source, self._time, self._state, EASE_SAMPLE, longest=EASE_SAMPLE
             )
             self._retry = self._time + RETRY
-        v = self._limited(reference)
-        command = self._corrected(measured, v, moving)
-        self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
-        self._time += dt
+        command = self._moved(reference, measured, moving)
+        self._time += self.controller.dt
         self._course = self._made_course(reference)
         return self._reported(reference, measured, command)
 
@@ -483,20 +480,14 @@ class Follower:
         if shape is not None:
             told = None if self.paused else shape.told_by_core(measured, before, after, self._override)
             return self._reported(reference, measured, command) if told is None else FollowerSolution(command, *told)
-        return self._reported_soon(reference, measured, command)
+        return self._reported(reference, measured, command)
 
-    def _reported_soon(self, reference: Reference, measured: Array, command: Array) -> FollowerSolution:
-        """As `_reported`, without a look at what cannot be so where nothing is new."""
-        time = self._time
-        if self._turns:
-            return FollowerSolution(command, Status.MOVING, "", time, 0.0, lambda: nan)
-        rests = self._twist is not None or self.paused or (time >= reference.end and not self._late) or self._over
-        if rests or self._override != 1.0 or self._some_missed:
-            return self._reported(reference, measured, command)
-        lag = reference.source.late if isinstance(reference.source, Window) else 0.0
-        place, position = time - lag, self._q
-        status, why = self._hurrying()
-        return FollowerSolution(command, status, why, place, lag, lambda: self._across(position, place))
+    def _moved(self, reference: Reference, measured: Array, moving: Array | None) -> Array:
+        """(m,) the command of a tick along a reference; the joints are sent so far."""
+        dt, v = self.controller.dt, self._limited(reference)
+        command = self._corrected(measured, v, moving)
+        self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
+        return command
 
     def _limited(self, reference: Reference) -> Array:
         """(m,) the joint velocity of a tick: the wanted one, inside the limits."""
@@ -553,7 +544,6 @@ class Follower:
 
     def _approaching(self, shape: Shape, measured: Array, before: Array) -> tuple[Array, Told] | None:
         """As `Shape.set_out`, inside limits of jerk, by the joints; None at the path's start, or where that fails."""
-        limits, dt = self._limits, self.controller.dt
         if self._start is None or np.abs(self._sent[0] - measured).max() > DISPLACED:
             there, missed = self._solver.pose(shape.given.curve.pose(0.0), measured, self._time, inf)
             if missed > REACHED * self.controller.measure.length:
@@ -563,16 +553,11 @@ class Follower:
             self._start, self._q, self._v = there, measured, before
             self._sent.clear()
         self._sent.append(self._q)
-        way = self._start - self._q
-        if np.abs(way).max() <= ARRIVED and (np.abs(self._v) <= AT_REST * self.controller.box.velocity_limit).all():
+        self._twist, self._late = None, bool(np.abs(self._start - self._q).max() > ARRIVED) or not self._still
+        if not self._late:
             return None
-        wanted = limits.catching_up(self._q + dt * self._v, self._v, np.array((self._start, 0.0 * way)))
-        self._a = limits.within(self._q, self._v, self._a, wanted)
-        self._v = self._v + dt * self._a
-        lower, upper = self.controller.box.at(measured)
-        velocity = np.clip(self._v + JOINT_GAIN * (self._sent[0] - measured), lower, upper)
-        self._q = self._q + dt * self._v
-        return velocity, shape.on_the_way(measured)
+        command = self._moved(Reference(self._limits, self._start, self._time), measured, before)
+        return command.copy(), shape.on_the_way(measured)
 
     def _in_contact(
         self,
@@ -748,10 +733,7 @@ class Follower:
 
     def _aim(self, reference: Reference, source: Source, ease: float) -> None:
         """Follow a source from now on."""
-        robot = self.controller.robot
-        J, point = robot.jacobian(self._q), robot.pose(self._q)[:3, 3]
-        tool = J[3:] + np.cross(J[:3], point, axis=0)
-        self._late = not reference.splice(source, self._time, self._motion(reference), ease, tool)
+        self._late = not reference.splice(source, self._time, self._motion(reference), ease)
         self._twist = None
 
     def _take_points(self, given: Given, stamps: Array, *, smooth: bool) -> None:
@@ -827,12 +809,6 @@ class Follower:
             return self._v + dt * self._limits.catching_up(self._q + dt * self._v, self._v, there)
         return (reference.position(self._time + dt) - self._q) / dt
 
-    def _hurrying(self) -> tuple[Status, str]:
-        """Whether the joints catch up, and what they wait for."""
-        if not self._late:
-            return Status.MOVING, ""
-        return Status.LATE, f"held by {self._held_by}" if self._held_by else LATE
-
     def _share(self, v: Array) -> tuple[float, str]:
         """The share of joint velocities v (m,) that the loop's tool speed and rows allow, and the name of the least."""
         loop, share, name = self.controller, 1.0, ""
@@ -877,12 +853,9 @@ class Follower:
             late = self._source.late
             place -= late
         q = self._q
-        return FollowerSolution(command.copy(), *self._status(place), place, late, lambda: self._across(q, place))
-
-    @property
-    def _joined(self) -> float:
-        """When the last splice is over."""
-        return -inf if self._reference is None else self._reference.joined
+        return FollowerSolution(
+            command.copy(), *self._status(reference, place), place, late, lambda: self._across(q, place)
+        )
 
     @property
     def _still(self) -> bool:
@@ -890,38 +863,37 @@ class Follower:
         limit = self._limits.velocity
         return bool((np.abs(self._v) <= AT_REST * np.where(np.isfinite(limit), limit, 1.0)).all())
 
-    def _status(self, place: float) -> tuple[Status, str]:
-        """The solution of a tick at a place, and its reason."""
-        still = self._still
+    def _status(self, reference: Reference, place: float) -> tuple[Status, str]:
+        """The status of a tick at a place, and its reason."""
         if self.paused:
-            return (Status.PAUSED if still else Status.MOVING), "paused"
-        if self._source is not None:
-            return self._on_the_way(place, still=still)
+            return (Status.PAUSED if self._still else Status.MOVING), "paused"
         if self._turns:
             return Status.MOVING, ""
-        if still and self._closed and not self._samples and self._next is None:
-            return Status.DONE, ""
-        return Status.WAITING, self._why
+        if self._source is not None:
+            return self._on_the_way(max(self._source.end, reference.joined), place)
+        over = self._closed and not self._samples and self._next is None and self._still
+        return (Status.DONE, "") if over else (Status.WAITING, self._why)
 
-    def _on_the_way(self, place: float, *, still: bool) -> tuple[Status, str]:
-        """The same while points or samples are followed."""
-        missed = self._missed_at(place)
+    def _on_the_way(self, end: float, place: float) -> tuple[Status, str]:
+        """The same while points or samples are followed, which end at a time."""
         if self._over:
             return Status.WAITING, "for newer points"
-        if self._source is not None and still and self._time >= max(self._source.end, self._joined):
+        missed = self._missed_at(place) if self._some_missed else 0.0
+        if self._time >= end and self._still:
             if missed > self._tolerance:
                 return Status.BLOCKED, f"the end is out of reach, by {missed:.3g}"
             return Status.DONE, ""
         if missed > self._tolerance:
             return Status.LEFT, f"out of reach, by {missed:.3g}"
-        return self._hurrying()
+        if self._late:
+            return Status.LATE, f"held by {self._held_by}" if self._held_by else LATE
+        return Status.MOVING, ""
 
     def _missed_at(self, place: float) -> float:
         """By how much the points at a place are out of reach."""
-        if self._given is None or not len(self._missed):
+        if self._given is None:
             return 0.0
-        stamps = self._given[1]
-        i = int(np.clip(np.searchsorted(stamps, place), 0, len(self._missed) - 1))
+        i = int(np.clip(np.searchsorted(self._given[1], place), 0, len(self._missed) - 1))
         return float(self._missed[max(i - 1, 0) : i + 1].max())
 
     def _across(self, q: Array, place: float) -> float:

@@ -420,14 +420,11 @@ class Reference:
         time: float,
         state: Array,
         shortest: float,
-        tool: Array | None = None,
         longest: float = LONGEST,
     ) -> bool:
         """Go over to a source from position, velocity and acceleration (3, m) at a time.
 
-        The splice is the shortest, from `shortest` to `longest` [s], that keeps the limits together with the source,
-        and on which the tool, whose joint velocities are (3, m), does not turn back, if there is such a one that takes
-        the tool no farther off.
+        The splice is the shortest, from `shortest` to `longest` [s], that keeps the limits together with the source.
 
         Returns:
             Whether there is one; if not, the source is followed without one, which the joints cannot do.
@@ -435,7 +432,7 @@ class Reference:
         numbers = self._numbers(source)
         if core is not None and numbers is not None:
             self.source, self._start, self._duration = source, time, 0.0
-            found = core.splice(numbers, time, state, shortest, longest, tool)
+            found = core.splice(numbers, time, state, shortest, longest)
             if found is not None:
                 self.joins(time, *found)
             return found is not None
@@ -449,14 +446,8 @@ class Reference:
         there[:, :, :2] = here[:2]
         if not isinstance(source, Window):  # a hand is taken to go on as it does
             there = source.at((time + u).ravel()).reshape(there.shape)
-        left = _powers(u, 6) @ C[:, None]
-        total = there + left
+        total = there + _powers(u, 6) @ C[:, None]
         fits = np.flatnonzero(self._limits.ratio(*np.moveaxis(total, 2, 0)).max(axis=1) <= SHARE)
-        if tool is not None and len(fits):
-            ahead = ((total[:, :, 1] @ tool.T) * (there[:, :, 1] @ tool.T)).sum(axis=2).min(axis=1) >= 0.0
-            farthest = ((left[:, :, 0] @ tool.T) ** 2).sum(axis=2).max(axis=1)
-            better = fits[ahead[fits] & (farthest[fits] <= farthest[fits[0]])]
-            fits = better if len(better) else fits
         self.source, self._start = source, time
         if len(fits):
             i = int(fits[0])

@@ -291,3 +291,21 @@ def test_an_arm_that_cannot_get_to_the_start_is_blocked(gain):
     assert [s.status for s in ends] == ["done", "blocked"]
     assert ends[1].reason.startswith("the arm comes no closer than ")
     assert ends[1].across > 0.5
+
+
+@pytest.mark.parametrize("joint_jerk", [None, 400.0])
+def test_a_tool_speed_holds_on_the_way_to_the_path(joint_jerk):
+    arm, q = iq.load_robot("ur5"), np.array([0.3, -1.4, 1.8, -1.9, -1.5, 0.3])
+    poses = [arm.pose(q) @ iq.transform(translation=[0.0, 0.01 * k, 0.0]) for k in range(6)]
+    loop = iq.Controller(arm, dt=0.004, acceleration_limit=8.0, tool_speed=0.1)
+    follower, fastest = iq.PathFollower(loop, np.array(poses), joint_jerk=joint_jerk), 0.0
+    q = q + np.array([0.2, 0.1, 0.0, 0.0, 0.2, 0.0])
+    for _ in range(1500):
+        answer = follower.step(q)
+        twist = arm.jacobian(q) @ answer.velocity
+        fastest = max(fastest, float(np.linalg.norm(twist[3:] + np.cross(twist[:3], arm.pose(q)[:3, 3]))))
+        q = q + 0.004 * answer.velocity
+        if answer.status == "done":
+            break
+    assert answer.status == "done"
+    assert 0.099 < fastest <= 0.1 * (1.0 + 1e-9)

@@ -45,26 +45,6 @@ def test_a_stop_keeps_the_limits_and_ends_at_rest(seed):
     assert np.abs(stop.at(np.array((stop.end + 1e-9, stop.end + 5.0)))[:, 1:]).max() == 0.0
 
 
-def test_a_splice_does_not_turn_the_tool_back_where_waiting_does():
-    """A new plan that is 30 mm behind a tool of 100 mm/s: at once it would have to go back at 0.19 - 0.1 m/s."""
-    tool, stamps = np.eye(3), np.arange(30) * 0.1
-    old = through(stamps, np.outer(stamps, [0.1, 0.0, 0.0]), LIMITS, 0.3)
-    new = through(stamps, np.outer(stamps, [0.1, 0.0, 0.0]) - [0.03, 0.02, 0.0], LIMITS, 0.3)
-    quick, patient = (Reference(LIMITS, np.zeros(3), 0.0) for _ in range(2))
-    now = old.at(np.array((1.0,)))[0, :3]
-    assert quick.splice(new, 1.0, now, 0.3)
-    assert patient.splice(new, 1.0, now, 0.3, tool)
-    t = np.linspace(1.0, 2.0, 500)
-    assert quick.joined < 1.31
-    assert quick.at(t)[:, 1, 0].min() < -0.05
-    assert patient.at(t)[:, 1, 0].min() > -1e-3
-    assert patient.joined < 1.0 + 0.9
-    now[1, 0] = 0.15  # so fast that waiting would lead farther off
-    assert patient.splice(new, 1.0, now, 0.3, tool)
-    quick.splice(new, 1.0, now, 0.3)
-    assert patient.joined == quick.joined
-
-
 def test_a_stop_after_the_last_point_takes_its_time():
     stamps = np.arange(10) * 0.05
     moving = through(stamps, np.outer(stamps, [0.2, 0.1, 0.0]), LIMITS, 0.3)

@@ -93,7 +93,7 @@ def test_stops_splices_and_curves_are_those_of_python(seed, monkeypatch):
     limits = JointLimits(*(np.full(m, x) for x in (-3.0, 3.0, 2.0, 10.0, 400.0)), 0.002)
     stamps = np.cumsum(rng.uniform(0.02, 0.1, rng.integers(2, 40)))
     positions, cutoff = 0.1 * rng.normal(size=(len(stamps), m)).cumsum(axis=0), rng.choice([4.0, np.inf])
-    tool, now = rng.normal(size=(3, m)) if seed % 2 else None, float(stamps[len(stamps) // 2])
+    now = float(stamps[len(stamps) // 2])
     away = 0.03 * rng.normal(size=(3, m)) * np.array([1.0, 0.3, 0.1])[:, None]
     window = reference.Window(4.0, 0.002, 0.0, positions[0], 0.01)
     for i, x in enumerate(positions[1:]):
@@ -105,7 +105,7 @@ def test_stops_splices_and_curves_are_those_of_python(seed, monkeypatch):
         slowed = reference.Clocked(curve, reference.Clock(now, now, 0.5, 0.1, 0.8, 0.3))
         for source in (curve, slowed, window):
             followed = reference.Reference(limits, positions[0], 0.0)
-            fits = followed.splice(source, now, curve.at(np.array((now,)))[0, :3] + away, 0.3, tool)
+            fits = followed.splice(source, now, curve.at(np.array((now,)))[0, :3] + away, 0.3)
             answer += [np.array([fits, followed.joined])]
             answer += [followed.at(np.array((t,)))[0, :3] for t in np.linspace(now - 0.1, now + 1.5, 9)]
         return answer
