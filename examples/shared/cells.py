@@ -13,7 +13,8 @@ from invariantqp.runs.mujoco import MujocoPlant
 from invariantqp.runs.plant import Plane, SimulatedSensor, SurfaceSprings
 
 DT, DELAY, NOISE = 0.004, 0.014, 0.2  # [s], [s], [N]
-ARMS = {"panda": [0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8], "ur5": [0.0, -1.2, 1.8, -2.2, -1.57, 0.0]}  # tool down [rad]
+# Joint positions with the tool straight down [rad].
+ARMS = {"panda": [0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8], "ur5": [0.0, -1.2, 1.8, -2.1708, -1.5708, 0.0]}
 
 
 class Cell:
