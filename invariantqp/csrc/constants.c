@@ -100,7 +100,6 @@ const Constant CONSTANTS[] = {
     ONE("paths.reference", SPREAD),
     ONE("paths.reference", SHARE),
     ONE("paths.reference", PLACES),
-    ONE("paths.reference", DURATIONS),
     ONE("paths.reference", SHORTEST_STOP),
     ONE("paths.reference", LONGEST_STOP),
     ONE("paths.reference", STOPS),

@@ -77,7 +77,7 @@ static bool commanded(const Course *course, int j, double q, double off, double 
 
 /* follow(course, loop, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command before):
    position, velocity, acceleration and command after the tick, q as an array, the source's last column before and after,
-   whether the joints are late, how they stop being it, a residual and how long it takes, or None, and what made all
+   whether the joints are late, how they stop being it, a residual or None, and what made all
    slower; or None where Python has to answer, or to say what is wrong with q. The loop is one without acceleration limits
    and delay. Late joints look for a splice that takes `ease`, unless that is 0. */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -86,7 +86,8 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     Course course;
     Row q, sent, position, velocity, acceleration, command, v, allowed;
     Path now = {{0.0}}, then = {{0.0}};
-    double twist[6], splices[6 * MOST], taken = 0.0;
+    double twist[6], left[6 * MOST];
+    bool joins = false;
     static const char *const USE =
         "follow(course, loop, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command)";
     if (count != 13 || !course_of(arguments[0], &course))
@@ -115,8 +116,8 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
             state[m + j] = velocity[j] + 0.5 * dt * acceleration[j];
             state[2 * m + j] = acceleration[j];
         }
-        taken = shortest_splice(&course, time, state, ease, ease, splices);
-        late = taken == 0.0;
+        joins = splices(&course, time, state, ease, left);
+        late = !joins;
     }
     if (by_twist) {
         if (towards_twist(limits, loop, kept, twist, position, velocity, v) == HAND_BACK)
@@ -132,8 +133,8 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
         if (course.columns > m)
             source_position(&course, time, now[0]);
         memset(then[1], 0, 3 * sizeof then[1]);
-        if (taken > 0.0)
-            quintic(m, splices, dt, then);
+        if (joins)
+            quintic(m, left, dt, then);
         else
             left_over(&course, after, then);
         for (int j = 0; j < m; j++)
@@ -161,7 +162,7 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
         acceleration[j] = (v[j] - velocity[j]) / dt;
         velocity[j] = v[j];
     }
-    PyObject *way = taken > 0.0 ? Py_BuildValue("(Nd)", new_matrix(6, m, m, splices), taken) : Py_NewRef(Py_None);
+    PyObject *way = joins ? new_matrix(6, m, m, left) : Py_NewRef(Py_None);
     return Py_BuildValue("(NNNNNddNNi)", new_vector(m, position), new_vector(m, velocity), new_vector(m, acceleration),
                          new_vector(m, command), new_vector(m, q), now[0][m], then[0][m], PyBool_FromLong(late), way, which);
 }

@@ -16,7 +16,6 @@
 #define SPREAD 0.1
 #define SHARE 0.97
 #define PLACES 21
-#define DURATIONS 10
 #define SHORTEST_STOP 4.0
 #define LONGEST_STOP 12.0
 #define STOPS 10
@@ -53,11 +52,10 @@ bool course_of(PyObject *object, Course *course);
 void source_at(const Course *course, double time, Path r);
 void source_position(const Course *course, double time, double *r);
 void reference_at(const Course *course, double time, Path r);
-double shortest_splice(const Course *course, double time, const double *state, double shortest, double longest, double *found);
+bool splices(const Course *course, double time, const double *state, double duration, double *found);
 void quintic(int m, const double *powers, double u, Path r);
 void left_over(const Course *course, double time, Path r);
 PyObject *motion(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
-PyObject *residual(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *splice(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *through(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 

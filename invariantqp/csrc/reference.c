@@ -270,58 +270,31 @@ static void jump_at(const Course *course, double time, const double *state, Path
             e[k * m + j] = state[k * m + j] - here[k][j];
 }
 
-/* residual(course, time, state, duration): (6, m) */
-PyObject *residual(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
-{
-    (void)module;
-    Course course;
-    Path here;
-    double e[3 * MOST], powers[6 * MOST];
-    static const char *const USE = "residual(course, time, state, duration)";
-    if (count != 4 || !course_of(arguments[0], &course) || course.powers == 0)
-        return refused(USE);
-    double time = PyFloat_AsDouble(arguments[1]), duration = PyFloat_AsDouble(arguments[3]);
-    const double *state = numbers(arguments[2], 3 * course.limits.m);
-    if (PyErr_Occurred() || state == NULL)
-        return refused(USE);
-    jump_at(&course, time, state, here, e);
-    residual_of(course.limits.m, e, duration, powers);
-    return new_matrix(6, course.limits.m, course.limits.m, powers);
-}
-
-/* Reference.splice: how long the splice from a state (3, m) takes, 0 where there is none, and its residual (6, m). */
-double shortest_splice(const Course *course, double time, const double *state, double shortest, double longest, double *found)
+/* Reference.splice: the residual (6, m) from a state (3, m) in a duration; whether that keeps the limits. */
+bool splices(const Course *course, double time, const double *state, double duration, double *found)
 {
     Path here;
-    double e[3 * MOST], first = fmax(shortest, SHORTEST_STOP * course->limits.dt);
+    double e[3 * MOST];
     jump_at(course, time, state, here, e);
-    for (int i = 0; i < (longest > first ? DURATIONS : 1); i++) {
-        double D = spaced(first, longest, i, DURATIONS);
-        residual_of(course->limits.m, e, D, found);
-        if (fits(course, time, (const double(*)[MOST + 1])here, found, D))
-            return D;
-    }
-    return 0.0;
+    residual_of(course->limits.m, e, duration, found);
+    return fits(course, time, (const double(*)[MOST + 1])here, found, duration);
 }
 
-/* splice(course, time, state, shortest, longest): the residual (6, m) and how long it takes to the course's source; None where
-   there is none inside the limits. */
+/* splice(course, time, state, duration): the residual (6, m) to the course's source; None where it leaves the limits. */
 PyObject *splice(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     Course course;
-    static const char *const USE = "splice(course, time, state, shortest, longest)";
-    if (count != 5 || !course_of(arguments[0], &course) || course.powers == 0)
+    static const char *const USE = "splice(course, time, state, duration)";
+    if (count != 4 || !course_of(arguments[0], &course) || course.powers == 0)
         return refused(USE);
-    int m = course.limits.m;
-    double time = PyFloat_AsDouble(arguments[1]), shortest = PyFloat_AsDouble(arguments[3]), longest = PyFloat_AsDouble(arguments[4]), found[6 * MOST];
-    const double *state = numbers(arguments[2], 3 * m);
+    double time = PyFloat_AsDouble(arguments[1]), duration = PyFloat_AsDouble(arguments[3]), found[6 * MOST];
+    const double *state = numbers(arguments[2], 3 * course.limits.m);
     if (PyErr_Occurred() || state == NULL)
         return refused(USE);
-    double taken = shortest_splice(&course, time, state, shortest, longest, found);
-    if (taken == 0.0)
+    if (!splices(&course, time, state, duration, found))
         Py_RETURN_NONE;
-    return Py_BuildValue("(Nd)", new_matrix(6, m, m, found), taken);
+    return new_matrix(6, course.limits.m, course.limits.m, found);
 }
 
 /* The powers (5, m) of a stop from position, velocity and acceleration (3, m). */

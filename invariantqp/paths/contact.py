@@ -16,6 +16,7 @@ from invariantqp.force.contact import contact_now
 from invariantqp.force.control import HybridController, HybridSolution
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry.arrays import Array
+from invariantqp.paths.reference import DISPLACED, JOINT_GAIN
 from invariantqp.paths.shape import (
     ASTRAY,
     AT_END,
@@ -37,11 +38,9 @@ TOUCH = 0.5
 # Statuses of a hybrid tick that is not in contact.
 NO_CONTACT = (Status.LOST, Status.OVERLOAD, Status.FAULT)
 NO_TOUCH = "no contact"
-# Gain [1/s] towards the planned joints where the path leaves them free.
-JOINT_GAIN = 5.0
 # Joints that are farther than this [rad, length] off the plan by motion that leaves the tool where it is slow it down;
 # farther than DISPLACED they have been pushed, and the path is looked along again.
-STRAYED, DISPLACED = 1e-2, 0.2
+STRAYED = 1e-2
 # A tool this far off, relative to the measure, slows down, and at AWAY_STOP times that waits.
 AWAY, AWAY_STOP = 5e-3, 4.0
 # A singular value below this share of the largest moves no tool: joints are free to move along it.

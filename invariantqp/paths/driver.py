@@ -30,6 +30,7 @@ from invariantqp.paths.plan import PathPlan
 from invariantqp.paths.reference import (
     DISPLACED,
     JOINT_GAIN,
+    SHORTEST_STOP,
     STRAYED,
     Clock,
     Clocked,
@@ -50,11 +51,11 @@ from invariantqp.velocity.solution import Status
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
 RISE = 0.02
-# A splice takes no less than the first [s], where no limit needs more, and a stop after the last point twice that, one
-# to a chunk the second, one that a single sample makes the third. Over 56 runs of chunks the second has a seventh less
-# joint jerk than 0.3 for 1 % more error, and that stop 0.97 of the error of one of 0.3 s. With 0.3 for the third a hand
-# is caught up with later after a gap, by 0.06 s at most, and 0.2 changes nothing. Joints that catch up take no more
-# than that: what takes longer from there goes past the hand, and back.
+# A splice takes the first [s], and a stop after the last point no less than twice that; a splice to a chunk takes the
+# second, one that a single sample makes the third. Over 56 runs of chunks the second has a seventh less joint jerk than
+# 0.3 for 1 % more error, and that stop 0.97 of the error of one of 0.3 s. With 0.3 for the third a hand is caught up
+# with later after a gap, by 0.06 s at most, and 0.2 changes nothing. Joints that catch up take no more than that: what
+# takes longer from there goes past the hand, and back.
 EASE, EASE_CHUNK, EASE_SAMPLE = 0.3, 0.45, 0.1
 # A clock that differs by more than this from the sum of the ticks [s] has jumped.
 SKEW = 0.02
@@ -383,9 +384,7 @@ class Follower:
         if found is not None:
             return found
         if self._looks_over:
-            self._late = not reference.splice(
-                reference.source, self._time, self._state, EASE_SAMPLE, longest=EASE_SAMPLE
-            )
+            self._late = not reference.splice(reference.source, self._time, self._state, EASE_SAMPLE)
             self._retry = self._time + RETRY
         command = self._moved(reference, measured, moving)
         self._time += self.controller.dt
@@ -446,7 +445,7 @@ class Follower:
         reference, numbers, _ = course
         time, sent, shape, loop = self._time, self._sent, self._shape, self.controller
         shown = sent[0] if begun or len(sent) < (sent.maxlen or 0) else [*sent, self._q][1]
-        ease = EASE_SAMPLE if self._looks_over else 0.0
+        ease = max(EASE_SAMPLE, SHORTEST_STOP * loop.dt) if self._looks_over else 0.0
         found = core.follow(  # type: ignore[union-attr]
             numbers,
             self._unbraked.compiled,
@@ -474,7 +473,7 @@ class Follower:
         if limit >= 0 and loop.joint_rows is not None and loop.joint_rows.fixed is not None:
             self._held_by = row_name(limit, loop.joint_rows.fixed.names)
         if way is not None or (ease and time < reference.joined):
-            reference.joins(time, *(way or (np.zeros((6, self._m)), 0.0)))
+            reference.joins(time, *((np.zeros((6, self._m)), 0.0) if way is None else (way, ease)))
             self._course = self._made_course(reference)
         command = self._command.copy()
         if shape is not None:
@@ -797,7 +796,7 @@ class Follower:
             state = self._motion(reference)
             window.add(when, joint, max(now - when, 0.0))
             if not self._late:
-                reference.ease(window, now, state, EASE_SAMPLE)
+                self._late = not reference.splice(window, now, state, max(EASE_SAMPLE, reference.joined - now))
 
     def _wanted(self, reference: Reference) -> Array:
         """(m,) the joint velocity that is wanted in this tick."""

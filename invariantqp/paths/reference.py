@@ -22,9 +22,9 @@ from invariantqp.paths.time_law import JointLimits
 
 # The share of the limits that splices and stops are made for: the rest covers what lies between the places checked.
 SHARE = 0.97
-# A splice is checked at so many places, for so many durations, up to the longest [s]; what needs longer is caught up.
-PLACES, DURATIONS, LONGEST = 21, 10, 0.9
-# Gain [1/s] towards where joints were sent, where time is kept.
+# A splice is checked at so many places; what does not keep the limits is caught up.
+PLACES = 21
+# Gain [1/s] towards where joints were sent, where time is kept; in contact, to the plan where the path frees them.
 JOINT_GAIN = 5.0
 # Joints farther from where they were sent than this [rad, length] have been pushed: the motion goes on from there.
 # Those of a path whose shape is kept are waited for where they are farther than the second, until they are half as far.
@@ -400,72 +400,41 @@ class Reference:
         head = *sizes, limits.dt, *kept, *clock, self._start, self._duration, *window
         return np.concatenate((head, self._residual.ravel(), *limits[:5], *values))
 
-    def ease(self, source: Source, time: float, state: Array, shortest: float) -> None:
-        """Go over to a source that differs little: as `splice`, but no earlier than the splice before is over."""
-        D = max(shortest, self.joined - time)
-        numbers = self._numbers(source)
-        if core is not None and numbers is not None:
-            self._residual = core.residual(numbers, time, state, D)
-        else:
-            self._residual = _residuals(state - source.at(np.array((time,)))[0, :3], np.array((D,)))[0]
-        self.source, self._start, self._duration = source, time, D
-
     def joins(self, time: float, residual: Array, duration: float) -> None:
         """The splice from a time on: a residual (6, m), zero after a duration."""
         self._start, self._residual, self._duration = time, residual, duration
 
-    def splice(
-        self,
-        source: Source,
-        time: float,
-        state: Array,
-        shortest: float,
-        longest: float = LONGEST,
-    ) -> bool:
-        """Go over to a source from position, velocity and acceleration (3, m) at a time.
-
-        The splice is the shortest, from `shortest` to `longest` [s], that keeps the limits together with the source.
+    def splice(self, source: Source, time: float, state: Array, duration: float) -> bool:
+        """Go over to a source from position, velocity and acceleration (3, m) at a time, in a duration [s].
 
         Returns:
-            Whether there is one; if not, the source is followed without one, which the joints cannot do.
+            Whether that keeps the limits together with the source; if not, the source is followed without a splice,
+            which the joints cannot do.
         """
         numbers = self._numbers(source)
+        D = max(duration, SHORTEST_STOP * self._limits.dt)
+        self.source = source
         if core is not None and numbers is not None:
-            self.source, self._start, self._duration = source, time, 0.0
-            found = core.splice(numbers, time, state, shortest, longest)
-            if found is not None:
-                self.joins(time, *found)
-            return found is not None
-        here = source.at(np.array((time,)))[0, :3]
-        e = state - here
-        least = max(shortest, SHORTEST_STOP * self._limits.dt)
-        D = np.geomspace(least, longest, DURATIONS) if longest > least else np.array((least,))
-        C = _residuals(e, D)  # (k, 6, m)
-        u = np.linspace(0.0, 1.0, PLACES)[None, :] * D[:, None]
-        there = np.zeros((*u.shape, 4, here.shape[1]))
-        there[:, :, :2] = here[:2]
-        if not isinstance(source, Window):  # a hand is taken to go on as it does
-            there = source.at((time + u).ravel()).reshape(there.shape)
-        total = there + _powers(u, 6) @ C[:, None]
-        fits = np.flatnonzero(self._limits.ratio(*np.moveaxis(total, 2, 0)).max(axis=1) <= SHARE)
-        self.source, self._start = source, time
-        if len(fits):
-            i = int(fits[0])
-            self._residual, self._duration = C[i], float(D[i])
+            found = core.splice(numbers, time, state, D)
         else:
-            self._duration = 0.0
-        return bool(len(fits))
+            here = source.at(np.array((time,)))[0]
+            residual = _residual(state - here[:3], D)
+            u = np.linspace(0.0, D, PLACES)
+            here[2:] = 0.0  # a hand is taken to go on as it does
+            there = here if isinstance(source, Window) else source.at(time + u)
+            worst = self._limits.ratio(*np.moveaxis(there + _powers(u, 6) @ residual, 1, 0)).max()
+            found = residual if worst <= SHARE else None
+        self.joins(time, *((self._residual, 0.0) if found is None else (found, D)))
+        return found is not None
 
 
-def _residuals(e: Array, D: Array) -> Array:
-    """(k, 6, m) quintics from (3, m) position, velocity and acceleration to zero in D (k,)."""
+def _residual(e: Array, D: float) -> Array:
+    """(6, m) the quintic from (3, m) position, velocity and acceleration to zero in a duration."""
     x, v, a = e
-    D = D[:, None]
     c3 = -(20.0 * x + 12.0 * v * D + 3.0 * a * D**2) / (2.0 * D**3)
     c4 = (30.0 * x + 16.0 * v * D + 3.0 * a * D**2) / (2.0 * D**4)
     c5 = -(12.0 * x + 6.0 * v * D + a * D**2) / (2.0 * D**5)
-    one = np.ones_like(D)
-    return np.stack((one * x, one * v, one * 0.5 * a, c3, c4, c5), axis=1)
+    return np.stack((x, v, 0.5 * a, c3, c4, c5))
 
 
 def _powers(u: Array, count: int, derivatives: int = 4) -> Array:
