@@ -302,7 +302,7 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
 bool inside_limits(const Polytope *limits, int n, const Row z);
 double tool_speed(const Cone *cone, int n, const Row x);
 void cone_on(const Cone *cone, int m, const Row origin, int n, const Row *basis, Cone *result);
-void polytope_on(const Polytope *limits, int m, const Row origin, int n, const Row *basis, Polytope *result);
+void polytope_on(const Polytope *limits, int m, const Row origin, const Row inside, int n, const Row *basis, Polytope *result);
 bool allows(const Demand *demand, const Row x);
 bool is_met(int n, const Row A[6], const double b[6], const Row x, double tolerance);
 void reported(const Demand *demand, const Row A[6], const double wanted[6], const double *possible,

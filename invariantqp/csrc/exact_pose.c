@@ -120,7 +120,7 @@ Outcome exact_step(int m, const Linearization *state, double damping, const Row 
             quadratic_of(n, (const Row *)H, g, &problem);
             memcpy(box.lower, lower, (size_t)m * sizeof(double));
             memcpy(box.upper, upper, (size_t)m * sizeof(double));
-            polytope_on(&box, m, first, n, B, &limits);
+            polytope_on(&box, m, first, first, n, B, &limits);
             if (minimise_from(&problem, &limits, still, z) == HAND_BACK)
                 return HAND_BACK;
         }

@@ -445,9 +445,9 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
 }
 
 /* Polytope.on of velocity/qp.py: the same limits on z, x = origin + basis z; basis[i] is column i of n. */
-void polytope_on(const Polytope *limits, int m, const Row origin, int n, const Row *basis, Polytope *result)
+void polytope_on(const Polytope *limits, int m, const Row origin, const Row inside, int n, const Row *basis, Polytope *result)
 {
-    double size = QP_ROUNDING * norm(m, origin);
+    double size = QP_ROUNDING * norm(m, inside);
     Row lengths;
     lengths_of(m, n, basis, lengths);
     result->count = limits->count;

@@ -181,12 +181,12 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
     solution->scale = share->value;
     solution->pace = pace;
     solution->slow = share->value < WHOLE_SPEED;
-    solution->method = solution->slow || found->met ? QP : objective->damping > 0.0 ? DAMPED : CLOSED_FORM;
     solution->m = demand->m;
     solution->stuck = is_stuck(demand, A, wanted, solution->velocity, share->value);
     solution->missed = missed_share(demand->m, A, wanted, possible, solution->velocity);
     solution->limited = solution->stuck || (solution->missed > MISSED_SHARE && !falls(demand, solution->velocity));
-    solution->damping = objective->damping;
+    solution->damping = solution->missed > 0.0 ? objective->damping : 0.0;
+    solution->method = solution->slow || found->met ? QP : solution->damping > 0.0 ? DAMPED : CLOSED_FORM;
     solution->blended = blended;
     solution->ratio = objective->ratio;
     solution->met = found->met;

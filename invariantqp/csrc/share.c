@@ -87,7 +87,7 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
         d[j] = share->inside[j] - reduction->start[j];
     for (int i = 0; i < n; i++)
         first[i] = dot(m, d, basis[i]);
-    polytope_on(limits, m, reduction->start, n, (const Row *)basis, &room);
+    polytope_on(limits, m, reduction->start, share->inside, n, (const Row *)basis, &room);
     Cone slow = {.limit = 0.0};
     if (cone->limit > 0.0)
         cone_on(cone, m, reduction->start, n, (const Row *)basis, &slow);

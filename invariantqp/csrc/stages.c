@@ -257,9 +257,9 @@ static void room_at(const Posed *problem, const Share *share, Room *room)
         return;
     Row start;
     origin(reduction, m, share->value, start);
-    polytope_on(&problem->limits, m, start, reduction->n, reduction->basis, &room->on[0]);
+    polytope_on(&problem->limits, m, start, share->inside, reduction->n, reduction->basis, &room->on[0]);
     if (demand->chased)
-        polytope_on(&problem->placed, m, start, reduction->n, reduction->basis, &room->on[1]);
+        polytope_on(&problem->placed, m, start, share->inside, reduction->n, reduction->basis, &room->on[1]);
     if (room->cone.limit > 0.0)
         cone_on(&problem->cone, m, start, reduction->n, reduction->basis, &room->cone);
 }
@@ -739,7 +739,7 @@ Outcome solve_tasks(const Demand *demand, int count, const Task *const *tasks, S
                 for (int k = 0; k < next.n; k++)
                     next.basis[k][j] += of.V[rank + k][i] * free.basis[i][j];
             }
-        polytope_on(&free.limits, n, found.z, next.n, (const Row *)of.V + rank, &next.limits);
+        polytope_on(&free.limits, n, found.z, found.z, next.n, (const Row *)of.V + rank, &next.limits);
         next.cone.limit = 0.0;
         if (free.cone.limit > 0.0)
             cone_on(&free.cone, n, found.z, next.n, (const Row *)of.V + rank, &next.cone);

@@ -326,7 +326,7 @@ def share_of(
         return Share(1.0, inside)
     basis = np.column_stack((d / length, reduction.basis))
     n = basis.shape[1]
-    room = limits.on(start, basis)
+    room = limits.on(start, basis, inside)
     room = Polytope(np.vstack((room.A, np.eye(1, n))), np.append(room.lower, 0.0), np.append(room.upper, length))
     slow = None if cone is None else cone.on(start, basis)
     first = (inside - start).dot(basis)

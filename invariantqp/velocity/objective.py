@@ -96,9 +96,11 @@ def spectrum_of(A: Array, largest: float | None = None) -> Spectrum:
     """
     if A.shape[1] == 0:
         return Spectrum(np.eye(6), np.empty(0), np.empty((0, 0)), largest or 0.0)
-    U, sigma, Vt, info = lapack.dgesdd(A)
+    sigma, first, second, scale, _, info = lapack.dgejsv(A if A.shape[1] < 6 else A.T, joba=0, jobu=1)
     if info != 0:
-        raise np.linalg.LinAlgError(f"dgesdd returned {info}")
+        raise np.linalg.LinAlgError(f"dgejsv returned {info}")
+    sigma = scale[0] / scale[1] * sigma
+    U, Vt = (first, second.T) if A.shape[1] < 6 else (second, first.T)
     return Spectrum(U, sigma, Vt, float(sigma[0]) if largest is None else largest)
 
 

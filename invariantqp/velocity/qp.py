@@ -69,10 +69,10 @@ class Polytope(NamedTuple):
         lower, upper = np.minimum(self.lower, value - margin), np.maximum(self.upper, value + margin)
         return self._replace(lower=lower, upper=upper)
 
-    def on(self, origin: Array, basis: Array) -> Polytope:
-        """The same limits on z, x = origin + basis z."""
-        value = self.A.dot(origin)
-        return Polytope(product(self.A, basis), self.lower - value, self.upper - value, self.margin(origin))
+    def on(self, origin: Array, basis: Array, inside: Array | None = None) -> Polytope:
+        """The same limits on z, x = origin + basis z; rounding is that of an x `inside`, of the origin by default."""
+        value, margin = self.A.dot(origin), self.margin(origin if inside is None else inside)
+        return Polytope(product(self.A, basis), self.lower - value, self.upper - value, margin)
 
 
 class Cone(NamedTuple):
@@ -320,8 +320,9 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
     n, r = len(cost.centre), len(moving)
     G, b = np.vstack((N, -N)), np.append(high, -low) / size  # G e <= b in units of `size`
 
-    def optimum(e: Array, y: Array, name: str, trouble: str) -> Optimum:
-        multipliers = np.zeros(len(value))
+    def optimum(e: Array, at: NDArray[np.intp], name: str, trouble: str) -> Optimum:
+        y, multipliers = np.zeros(len(b)), np.zeros(len(value))
+        y[at] = _non_negative(G[at].T, -e)
         multipliers[moving] = size * (y[:r] - y[r:]) / lengths
         return Optimum(cost.centre + size * cost.T.dot(e), multipliers, name, trouble)
 
@@ -329,9 +330,7 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
         """On those of some limits that pull."""
         at = _pulling(G, b, near)
         shortest = np.linalg.pinv(G[at])
-        e, y = shortest.dot(b[at]), np.zeros(len(b))
-        y[at] = np.maximum(-e.dot(shortest), 0.0)
-        found = optimum(e, y, name, trouble)
+        found = optimum(shortest.dot(b[at]), at, name, trouble)
         # Once more what is missing, measured in z: at its limits to rounding, whatever the condition of T.
         missing = np.append(upper - rows.dot(found.z), rows.dot(found.z) - lower) / np.tile(lengths, 2)
         return found._replace(z=found.z + cost.T.dot(shortest.dot(missing[at])))
@@ -347,9 +346,7 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
     found = on_pulling(near, name, trouble)
     if limits.allows(found.z, found.z - cost.centre):
         return found
-    y = np.zeros(len(b))  # opposite limits were near, and cannot both be met
-    y[near] = _non_negative(G[near].T, -z)
-    return optimum(z, y, name, trouble)
+    return optimum(z, near.nonzero()[0], name, trouble)  # opposite limits were near, and cannot both be met
 
 
 def _pulling(G: Array, b: Array, near: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -443,10 +440,10 @@ def _largest_pace(
             return U, np.maximum(sizes, 0.0)
 
         found = at_speed_limit(slow, float(n), found, at, gains, first)
-    if found.end != 0.0:
-        return float(found.end > 0.0)
     if slow is not None:
         good = not found.wrong and slow.allows(found.z, ACTIVE_TOLERANCE)
         if not (good and limits.allows(start + size * columns.dot(found.z), start)):
             raise SolverFailure("daqp", "no answer at the tool's speed limit")
+    if found.end != 0.0:
+        return float(found.end > 0.0)
     return float(min(max(found.z[n] * size / length, 0.0), 1.0))

@@ -46,6 +46,7 @@ def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array |
     y = answer.y if to_joint is None else to_joint.dot(answer.y)
     x, active = clipped(demand, y)
     missed = _missed(demand, problem, x)
+    damping = objective.damping if missed > 0.0 else 0.0
     stuck = _is_stuck(demand, problem.wanted, x, share)
     limited = stuck or (missed > MISSED and not _falls(demand, x))
     troubles = [*answer.troubles, *row_troubles(demand, problem.reduction)]
@@ -53,7 +54,7 @@ def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array |
     if status is Status.OK:
         status = Status.GUARDED if answer.blended > 0.0 else Status.LIMITED if limited else Status.OK
     reasons = [*troubles, *([Reason(Code.STUCK)] if stuck else []), *_slowed(demand, answer, to_joint)]
-    if objective.damping > 0.0:
+    if damping > 0.0:
         reasons.append(damped(objective))
     if status is Status.LIMITED and not stuck and answer.pace >= WHOLE_SPEED:
         reasons.append(Reason(Code.MISSED, numbers=(missed,)) if missed < inf else Reason(Code.MOVED))
@@ -62,13 +63,13 @@ def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array |
     reasons += at_limits(demand, x, active, row_multipliers)
     return VelocitySolution(
         velocity=x,
-        method="qp" if slow or bound else "damped" if objective.damping > 0.0 else "closed-form",
+        method="qp" if slow or bound else "damped" if damping > 0.0 else "closed-form",
         status=status,
         reasons=worst_first(reasons),
         active=active,
         residual=demand.s - demand.J.dot(x),
         scale=share,
-        damping=objective.damping,
+        damping=damping,
         guard=answer.blended,
         backend=found.backend if found is not None and bound else "",
         multipliers=multipliers,

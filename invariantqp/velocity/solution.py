@@ -93,7 +93,7 @@ class VelocitySolution(Explained, _Solution):
         active: joints at a bound.
         residual: (6,) s - J x in the frame of J.
         scale: share of the exact rows' speed that was possible, in [0, 1], 1 unless scaled.
-        damping: lambda used [length; unit of root J].
+        damping: lambda used [length; unit of root J], 0 where the whole twist is met all the same.
         guard: t, share of least squares blended in by the guard; 0 when it did not act.
         backend: the solver that answered, "" without one.
         multipliers: (m,) what each joint's bound costs in the objective: positive at the upper bound, negative at the

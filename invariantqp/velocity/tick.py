@@ -266,7 +266,7 @@ def room_of(reduction: Reduction, limits: Limits, share: Share) -> Room:
     """The velocities inside the limits at a share of the exact rows' speed."""
     origin, basis = reduction.origin(share.value), reduction.basis
     cone = None if limits.cone is None else limits.cone.on(origin, basis)
-    polytope, position = limits.polytope.on(origin, basis), limits.position.on(origin, basis)
+    polytope, position = (those.on(origin, basis, share.velocity) for those in (limits.polytope, limits.position))
     inside = (share.velocity - origin).dot(basis)
     return Room(share, reduction, origin, basis, polytope, position, cone, inside, limits.troubles)
 

@@ -48,6 +48,11 @@ def tick():
 @example(30015323)  # a tool speed that joints which move nothing would feel by rounding
 @example(30001609)  # a joint that no exact row moves, mixed into their null space by rounding; a share of 1e-9
 @example(40032394)  # a tool speed that is met by one direction of exact rows, and hardly moved by the others
+@example(500547333)  # a joint without room, whose price two opposite limits shared
+@example(501121464)  # exact rows that fix a joint without room, to 1e-32 of the velocity
+@example(500668231)  # a joint that moves the tool by a ten-millionth of what others do, in directions of the others
+@example(500723351)  # a chase in the room of 1e-4 that a tool speed has which gave way
+@example(500571970)  # damped beside exact rows, in an arm that is not, at rest
 @example([424242, 5574])  # the weakest of the limits that hold the rows moves what they leave free by rounding
 def test_both_answer_the_same(seed):
     law, demand = random_tick(np.random.default_rng(seed))
