@@ -2,8 +2,9 @@
 
     points, samples, twists -> a joint motion in stamp time (`reference`) -> a tick inside all limits (`time_law`)
 
-A change of mind is a splice: a new chunk, a pause, the end of a stream, a leap of a hand and a push of the arm all
-replace what is followed, from the motion that the arm has now. No tick is taken from which the joints cannot stop.
+A change of mind is a splice from the motion that the arm has now: to a new chunk, to the last point of one, after a
+leap of a hand or a push of the arm. What it cannot do inside the limits is caught up, and an arm that is to stop
+follows the twist zero. No tick is taken from which the joints cannot stop.
 """
 
 from __future__ import annotations
