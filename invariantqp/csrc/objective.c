@@ -10,8 +10,6 @@
 
 /* Weights further apart than this make the optimum inside limits too sensitive to rounding. */
 static const double LEAST_WEIGHT = 1e-10;
-/* A singular value within this factor of NULL_RATIO might be on its other side in Python. */
-static const double CLOSE = 10.0;
 
 /* lambda_i^2 */
 double damped_square(const Demand *demand, double sigma, double wanted, double largest)
@@ -47,8 +45,6 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
             continue;
         }
         double over = sigma / (NULL_RATIO * largest) - 1.0;
-        if (sigma * CLOSE > NULL_RATIO * largest && sigma < CLOSE * NULL_RATIO * largest)
-            return HAND_BACK;
         double moving = between(over, 0.0, 1.0); /* fades in, so that the law has no jump */
         sigma *= moving;
         bool null = moving == 0.0;

@@ -12,7 +12,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Centred: lower <= N e <= upper. Rows of a Room and of a Face are zero after their n numbers, for steps. */
+/* Centred: lower <= N e <= upper, each row of N divided by its length. Rows of a Room and of a Face are zero after their n
+   numbers, for steps. */
 typedef struct {
     int n, count;
     Row N[LIMITS];
@@ -176,11 +177,11 @@ static Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Ro
 
        e + N_a'y = 0,   y > 0 at an upper limit, y < 0 at a lower one */
 
-/* A multiplier of the wrong sign by less than this share of |pull| / |N_i| is rounding. */
+/* A multiplier of the wrong sign by less than this share of |pull| is rounding. */
 static const double WRONG_SIGN = 1e-13;
 /* A row that others leave so much of is orthogonal to them to a few roundings (Kahan's criterion). */
 static const double NEARLY_WHOLE = 0.1;
-/* A limit exceeded by less than this share of |e| |N_i| and of itself is rounding. */
+/* A limit exceeded by less than this share of |e| and of itself is rounding. */
 static const double EXCEEDED = 1e-13;
 
 /* The shortest e with N_a e = b. */
@@ -224,7 +225,7 @@ static Outcome appended(const Room *room, int i, int side, Face *face)
     memcpy(q, room->N[i], sizeof(Row));
     for (int l = 0; l < k; l++)
         face->R[l][k] = 0.0;
-    double length = room->length[i];
+    double length = 1.0;
     for (int pass = 0; pass < (k > 0 ? 2 : 0); pass++) {
         for (int l = 0; l < k; l++) {
             double share = dot_in_steps(n, face->Q[l], q);
@@ -232,7 +233,7 @@ static Outcome appended(const Room *room, int i, int side, Face *face)
             add_in_steps(n, -share, face->Q[l], q);
         }
         length = sqrt(dot_in_steps(n, q, q));
-        if (length > NEARLY_WHOLE * room->length[i])
+        if (length > NEARLY_WHOLE)
             break;
     }
     face->R[k][k] = length;
@@ -290,7 +291,7 @@ static int weakest(const Room *room, const Face *face, const Row pull, const int
     for (int k = 0; k < face->k; k++) {
         int i = face->at[k];
         double wrong = -side[i] * y[i];
-        if (wrong * room->length[i] > size && (found < 0 || (late ? i < found : wrong > most))) {
+        if (wrong > size && (found < 0 || (late ? i < found : wrong > most))) {
             most = wrong;
             found = i;
         }
@@ -331,7 +332,7 @@ static Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e,
         int meets = 0;
         for (int i = 0; i < room->count; i++) {
             double change = dot(n, room->N[i], step), value = dot(n, room->N[i], e);
-            if (side[i] != 0 || fabs(change) <= QP_ROUNDING * room->length[i] * length)
+            if (side[i] != 0 || fabs(change) <= QP_ROUNDING * length)
                 continue;
             double share = ((change > 0.0 ? room->upper[i] : room->lower[i]) - value) / change;
             if (share < first) {
@@ -375,9 +376,9 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
             if (side[i] != 0)
                 continue;
             double value = dot_in_steps(room->n, room->N[i], face->e), lower = room->lower[i], upper = room->upper[i];
-            double by = value > upper ? value - upper : lower - value;
+            double by = room->length[i] * (value > upper ? value - upper : lower - value);
             if (by > outside)
-                by -= EXCEEDED * (room->length[i] * size + fmin(fabs(lower), fabs(upper)));
+                by -= room->length[i] * EXCEEDED * (size + fmin(fabs(lower), fabs(upper)));
             if (by > outside) {
                 outside = by;
                 worst = value > upper ? i + 1 : -i - 1;
@@ -422,24 +423,28 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
     for (int i = 0; i < limits->count; i++) {
         double value = limits->box ? problem->centre[i] : dot(n, limits->A[i], problem->centre);
         double lower = limits->lower[i] - value, upper = limits->upper[i] - value;
-        double length = limits->box ? 1.0 : norm(n, limits->A[i]);
+        int k = room->count;
+        double *row = room->N[k];
+        memset(row, 0, sizeof(Row));
+        for (int l = 0; l < n && !limits->box; l++)
+            for (int j = 0; j < n; j++)
+                row[j] += limits->A[i][l] * problem->T[l][j];
+        for (int j = 0; j < n && limits->box; j++)
+            row[j] = problem->T[i][j];
+        without_rounding(n, limits->box ? 1.0 : norm(n, limits->A[i]), columns, row);
+        double length = norm(n, row);
         if (!(length > 0.0)) {
             if (fmax(lower, -upper) > limits->rounding[i])
                 return HAND_BACK;
             continue;
         }
-        int k = room->count++;
+        for (int j = 0; j < n; j++)
+            row[j] /= length;
+        room->lower[k] = lower / length;
+        room->upper[k] = upper / length;
+        room->length[k] = length;
         of[k] = i;
-        room->lower[k] = lower;
-        room->upper[k] = upper;
-        memset(room->N[k], 0, sizeof(Row));
-        for (int l = 0; l < n && !limits->box; l++)
-            for (int j = 0; j < n; j++)
-                room->N[k][j] += limits->A[i][l] * problem->T[l][j];
-        for (int j = 0; j < n && limits->box; j++)
-            room->N[k][j] = problem->T[i][j];
-        without_rounding(n, length, columns, room->N[k]);
-        room->length[k] = norm(n, room->N[k]);
+        room->count++;
     }
     return DONE;
 }
@@ -465,7 +470,8 @@ void polytope_on(const Polytope *limits, int m, const Row origin, const Row insi
 }
 
 /* z of the e on a face, on its active limits to rounding in z, whatever the condition of T. */
-static void precise(const Quadratic *problem, const Polytope *limits, const int *of, const int *side, const Face *face, Row z)
+static void precise(const Quadratic *problem, const Polytope *limits, const Room *room, const int *of, const int *side,
+                    const Face *face, Row z)
 {
     int n = problem->n;
     Row missing = {0.0}, e;
@@ -474,7 +480,7 @@ static void precise(const Quadratic *problem, const Polytope *limits, const int 
     for (int k = 0; k < face->k; k++) {
         int i = of[face->at[k]];
         double value = limits->box ? z[i] : dot(n, limits->A[i], z);
-        missing[k] = (side[face->at[k]] > 0 ? limits->upper[i] : limits->lower[i]) - value;
+        missing[k] = ((side[face->at[k]] > 0 ? limits->upper[i] : limits->lower[i]) - value) / room->length[face->at[k]];
     }
     shortest(face, n, missing, e);
     for (int j = 0; j < n; j++)
@@ -497,10 +503,9 @@ static void precise_speed(const Quadratic *problem, const Cone *cone, const Slow
         z[j] -= over / square * dot(n, problem->T[j], free);
 }
 
-/* Whether z is inside all limits but for rounding of it and of what exact rows fix. */
-bool inside_limits(const Polytope *limits, int n, const Row z)
+/* Whether z is inside all limits but for rounding of what exact rows fix, and of terms of this size of which z is the sum. */
+static bool inside_but(const Polytope *limits, int n, double size, const Row z)
 {
-    double size = norm(n, z);
     for (int i = 0; i < limits->count; i++) {
         double value = limits->box ? z[i] : dot(n, limits->A[i], z), length = limits->box ? 1.0 : norm(n, limits->A[i]);
         double margin = QP_ROUNDING * length * size + limits->rounding[i];
@@ -508,6 +513,34 @@ bool inside_limits(const Polytope *limits, int n, const Row z)
             return false;
     }
     return true;
+}
+
+bool inside_limits(const Polytope *limits, int n, const Row z) { return inside_but(limits, n, norm(n, z), z); }
+
+/* velocity/qp.py, _kept: the z found or, where that is outside, the last one inside on the way there from one that is. */
+static Outcome kept(const Quadratic *problem, const Polytope *limits, const Row inside, Row z)
+{
+    int n = problem->n;
+    Row way;
+    for (int j = 0; j < n; j++)
+        way[j] = z[j] - problem->centre[j];
+    if (!inside_but(limits, n, norm(n, z) + norm(n, way), z))
+        return HAND_BACK;
+    for (int twice = 0; twice < 2 && !inside_limits(limits, n, z); twice++) { /* the first cut may make z much shorter */
+        double size = norm(n, z), part = 1.0;
+        for (int j = 0; j < n; j++)
+            way[j] = z[j] - inside[j];
+        for (int i = 0; i < limits->count; i++) {
+            double on = limits->box ? way[i] : dot(n, limits->A[i], way), from = limits->box ? inside[i] : dot(n, limits->A[i], inside);
+            double margin = QP_ROUNDING * (limits->box ? 1.0 : norm(n, limits->A[i])) * size + limits->rounding[i];
+            double room = on > 0.0 ? limits->upper[i] + margin - from : limits->lower[i] - margin - from;
+            if (fabs(on) > fabs(room))
+                part = fmin(part, fmax(room / on, 0.0));
+        }
+        for (int j = 0; j < n; j++)
+            z[j] = inside[j] + part * way[j];
+    }
+    return DONE;
 }
 
 /* velocity/qp.py: the speed limit on e, and the largest multiplier tried. */
@@ -544,9 +577,8 @@ static Outcome searched(const Quadratic *problem, const double *inside, const Ro
     return from_inside(room, slow, side, e, face, y, nu);
 }
 
-/* The minimiser inside limits and its multipliers; `near` has limits that are likely to be active, `inside` is one point. */
-Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
-                 Optimum *found)
+static Outcome optimum(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
+                       Optimum *found)
 {
     Slow slow;
     int n = problem->n, of[LIMITS], side[LIMITS];
@@ -580,16 +612,36 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
         corrected(&room, &slow, side, &face, y, &nu) == HAND_BACK &&
         searched(problem, inside, &room, &slow, side, &face, y, &nu) == HAND_BACK)
         return HAND_BACK;
-    precise(problem, limits, of, side, &face, found->z);
+    precise(problem, limits, &room, of, side, &face, found->z);
     if (nu > 0.0)
         precise_speed(problem, cone, &slow, &face, found->z);
     found->nu = nu;
     found->met = nu > 0.0;
     for (int k = 0; k < room.count; k++) {
-        found->multipliers[of[k]] = y[k];
+        found->multipliers[of[k]] = y[k] / room.length[k];
         found->met = found->met || y[k] != 0.0;
     }
-    return inside_limits(limits, n, found->z) ? DONE : HAND_BACK;
+    return kept(problem, limits, inside, found->z);
+}
+
+/* The minimiser inside limits and its multipliers; `near` has limits that are likely to be active, `inside` is one point.
+   Limits that leave hardly more room than rounding are widened by that, once (Polytope.admitting). */
+Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
+                 Optimum *found)
+{
+    Polytope wider;
+    int n = problem->n;
+    double size = norm(n, inside);
+    if (optimum(problem, limits, cone, inside, near, found) == DONE)
+        return DONE;
+    wider = *limits;
+    for (int i = 0; i < limits->count; i++) {
+        double value = limits->box ? inside[i] : dot(n, limits->A[i], inside);
+        double margin = QP_ROUNDING * (limits->box ? 1.0 : norm(n, limits->A[i])) * size + limits->rounding[i];
+        wider.lower[i] = fmin(limits->lower[i], value - margin);
+        wider.upper[i] = fmax(limits->upper[i], value + margin);
+    }
+    return optimum(problem, &wider, cone, inside, NULL, found);
 }
 
 /* The same without a speed limit and without multipliers. */

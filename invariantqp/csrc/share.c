@@ -7,7 +7,7 @@
 #include "core.h"
 #include <string.h>
 
-/* A smaller share than this is told by weights 1e-9 apart where standing still is not allowed. */
+/* Beside the tool's speed limit a smaller share is told by weights 1e-9 apart where standing still is not allowed. */
 static const double LOOSE = 1e-3;
 /* Where the least motion of the rows is this near what they ask for, it is that, or Python decides. */
 static const double NOTHING = 1e-11, UNDECIDED = 1e-8;
@@ -104,7 +104,7 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     if (nu > REGULARISATION && best(&room, &slow, first, n, length, nu, &found) == HAND_BACK)
         return HAND_BACK;
     double value = within(found.z[0] / length);
-    if (value < LOOSE && norm(m, reduction->start) > 0.0)
+    if (value < LOOSE && found.nu > 0.0 && norm(m, reduction->start) > 0.0)
         return HAND_BACK;
     joint(reduction, m, found.z + 1, found.z[0] / length, velocity);
     double given = value >= WHOLE ? 1.0 : 1.0 - INTERIOR * (1.0 - value);

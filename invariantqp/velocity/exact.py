@@ -327,7 +327,8 @@ def share_of(
     basis = np.column_stack((d / length, reduction.basis))
     n = basis.shape[1]
     room = limits.on(start, basis, inside)
-    room = Polytope(np.vstack((room.A, np.eye(1, n))), np.append(room.lower, 0.0), np.append(room.upper, length))
+    lower, upper, rounding = np.append(room.lower, 0.0), np.append(room.upper, length), np.append(room.rounding, 0.0)
+    room = Polytope(np.vstack((room.A, np.eye(1, n))), lower, upper, rounding)
     slow = None if cone is None else cone.on(start, basis)
     first = (inside - start).dot(basis)
 
