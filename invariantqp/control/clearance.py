@@ -184,7 +184,7 @@ class Clearance(Limit):
             BadInput: something that is no shape, a distance below zero, a robot without collision geometry and bodies.
             UnknownName: a link, or a body in a pair, that is not there.
             RobotModelError: geometry or an SRDF that cannot be read.
-            MissingExtra: a description with meshes, without coal (extra `pin`).
+            MissingExtra: meshes that are no binary STL, without coal (extra `pin`).
         """
         self.robot: Chain = chain_of(robot)
         self.distance: float = arrays.not_negative(distance, "distance", "a distance in lengths")

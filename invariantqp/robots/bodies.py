@@ -7,8 +7,10 @@ larger than the link; two capsules are taken where they are so much smaller than
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
-from math import cos, inf, pi, sin
+from math import cos, pi, sin
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,7 @@ from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, QhullError
 
 from invariantqp.errors import BadInput, RobotModelError, excerpt
+from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.shapes import Box, Capsule, HalfSpace, Shape, Sphere
 from invariantqp.robots.chain import Chain
@@ -29,10 +32,16 @@ MOST_CAPSULES = 3
 WORTHWHILE = 0.7
 # Corners of the prism about a cylinder.
 SIDES = 24
+# Axes and cuts are chosen by corners of which a grid has one in each cell, so many along the longer two extents, in the
+# geometric mean.
+CELLS = 80
+# Which cut is best is told by one triangle of so many.
+SOME = 4
 # A direction that tells points apart: no two of a mesh are equally far along it.
 APART = np.array([0.5477225575051661, 0.31622776601683794, 0.7745966692414834])
-# The search for a capsule's axis, in units of its size: it ends where a step saves less of its volume.
-SEARCH = {"maxiter": 300, "fatol": 1e-4, "xatol": 1e-3}
+# The search for a capsule's axis, in units of its size: how it begins, and that it ends where a step saves less volume.
+AT_FIRST = 0.2 * np.vstack((np.zeros(4), np.eye(4)))
+SEARCH = {"maxiter": 300, "fatol": 1e-3, "xatol": 1e-2, "initial_simplex": AT_FIRST}
 Bodies = dict[str, list[Shape]]
 
 
@@ -47,7 +56,7 @@ def bodies_of(robot: Robot) -> Bodies:
     Raises:
         BadInput: a robot whose description has no collision geometry.
         RobotModelError: geometry that cannot be read.
-        MissingExtra: meshes, without coal (extra `pin`).
+        MissingExtra: meshes that are no binary STL, without coal (extra `pin`).
     """
     if not isinstance(robot, Chain):
         raise BadInput("robot", excerpt(robot), "a robot that load_robot returned")
@@ -63,21 +72,14 @@ def bodies_of(robot: Robot) -> Bodies:
 
 def _shapes(link: Link) -> list[Shape]:
     made: list[Shape] = []
-    corners: list[Array] = []
-    faces: list[NDArray[np.intp]] = []
-    count = 0
+    triangles: list[Array] = []
     joined = {"mesh", "cylinder"} | ({"box"} if sum(part.kind != "sphere" for part in link.parts) > 1 else set())
     for part in link.parts:
         if part.kind in joined:
-            points, of = _surface(part)
-            corners.append(points.dot(part.pose[:3, :3].T) + part.pose[:3, 3])
-            faces.append(of + count)
-            count += len(points)
+            triangles.append(_surface(part).dot(part.pose[:3, :3].T) + part.pose[:3, 3])
         else:
             made.append(_plain(part))
-    if corners:
-        made += capsules(np.vstack(corners), np.vstack(faces))
-    return made
+    return [*made, *capsules(np.concatenate(triangles))] if triangles else made
 
 
 def _plain(part: Geometry) -> Shape:
@@ -94,8 +96,8 @@ def _plain(part: Geometry) -> Shape:
     raise RobotModelError(str(part.mesh))
 
 
-def _surface(part: Geometry) -> tuple[Array, NDArray[np.intp]]:
-    """Corners and triangles of a mesh, a box, or a prism about a cylinder."""
+def _surface(part: Geometry) -> Array:
+    """(f, 3, 3) triangles of a mesh, a box, or a prism about a cylinder."""
     if part.kind == "cylinder":
         radius, length = part.size
         around = radius / cos(pi / SIDES)  # outside the circle
@@ -105,46 +107,68 @@ def _surface(part: Geometry) -> tuple[Array, NDArray[np.intp]]:
         return _hull(0.5 * np.array(part.size) * np.array(list(product((-1.0, 1.0), repeat=3))))
     if isinstance(part.mesh, np.ndarray):
         return _hull(part.mesh)
-    from invariantqp.geometry.coal import triangles  # coal is loaded where there is a mesh
+    return np.asarray(_read(str(part.mesh)) * np.array(part.size))
+
+
+def _read(file: str) -> Array:
+    """(f, 3, 3) triangles of a mesh file: of a binary STL, which has 50 bytes for each; of others by coal."""
+    data = np.fromfile(file, dtype=np.uint8) if Path(file).is_file() else np.zeros(0, dtype=np.uint8)
+    count = int.from_bytes(data[80:84].tobytes(), "little")
+    if len(data) > 84 and len(data) == 84 + 50 * count:
+        found = data[84:].reshape(count, 50)[:, 12:48].copy().view("<f4").astype(np.float64)
+        if np.isfinite(found).all():
+            return np.asarray(found.reshape(count, 3, 3))
+    from invariantqp.geometry.coal import triangles  # coal is loaded where there is such a mesh
 
     try:
-        corners, faces = triangles(part.mesh)
+        corners, faces = triangles(file)
     except RobotModelError as error:
         raise RobotModelError(f"{error}; give bodies= for its link") from error
-    return corners * np.array(part.size), faces
+    return np.asarray(corners[faces])
 
 
-def _hull(points: Array) -> tuple[Array, NDArray[np.intp]]:
+def _hull(points: Array) -> Array:
     hull: Any = ConvexHull(points)
-    return points, np.asarray(hull.simplices, dtype=np.intp)
+    return np.asarray(points[hull.simplices])
 
 
-def capsules(corners: Array, faces: NDArray[np.intp], most: int = MOST_CAPSULES) -> list[Shape]:
-    """Capsules that contain all triangles, few and small.
-
-    Args:
-        corners: (n, 3).
-        faces: (f, 3) which corners each triangle has.
-        most: how many capsules, at most.
-    """
-    parts, made = [corners[faces]], [capsule(corners)]
-    tried: list[tuple[list[Array], list[Capsule]] | None] = []
+def capsules(triangles: Array, most: int = MOST_CAPSULES) -> list[Shape]:
+    """Capsules that contain all triangles (f, 3, 3), few and small; `most` is how many, at most."""
+    few = _thinned(triangles)
+    made = [(triangles, few, capsule(few.reshape(-1, 3)))]
+    tried: list[tuple[Array, list[Array], list[Capsule]] | None] = []
     while len(made) < most:
-        tried += [_halves(part, one) for part, one in zip(parts[len(tried) :], made[len(tried) :], strict=True)]
+        tried += [_halves(part, one) for _, part, one in made[len(tried) :]]
         gains = [
-            0.0 if two is None else _volume(one) - sum(map(_volume, two[1]))
-            for one, two in zip(made, tried, strict=True)
+            0.0 if two is None else _volume(one) - sum(map(_volume, two[2]))
+            for (_, _, one), two in zip(made, tried, strict=True)
         ]
         i = int(np.argmax(gains))
         best = tried.pop(i)
-        if best is None or gains[i] < (1.0 - WORTHWHILE) * _volume(made[i]):
+        if best is None or gains[i] < (1.0 - WORTHWHILE) * _volume(made[i][2]):
             break
-        parts, made = parts[:i] + parts[i + 1 :] + best[0], made[:i] + made[i + 1 :] + best[1]
-    return list(made)
+        plane, (whole, _, _) = best[0], made.pop(i)
+        made += zip(_sides(whole, plane), *best[1:], strict=True)
+    return [_grown(one, whole.reshape(-1, 3)) for whole, _, one in made]
+
+
+def _thinned(part: Array) -> Array:
+    """Triangles (f, 3, 3) whose corners in one cell of the grid are one of them, but for those that vanish."""
+    points = part.reshape(-1, 3)
+    up = points - points.min(axis=0)
+    _, middle, longest = np.sort(up.max(axis=0))
+    cells = (up * (CELLS / (np.sqrt(middle * longest) or 1.0))).astype(int)
+    count = cells.max(axis=0) + 1
+    key = (cells[:, 0] * count[1] + cells[:, 1]) * count[2] + cells[:, 2]
+    chosen = np.zeros(count.prod(), dtype=np.intp)
+    chosen[key] = np.arange(len(key))
+    of = chosen[key].reshape(-1, 3)
+    of = of[(of[:, 0] != of[:, 1]) & (of[:, 1] != of[:, 2]) & (of[:, 2] != of[:, 0])]
+    return points[of] if len(of) else part
 
 
 def capsule(points: Array, *, searched: bool = True) -> Capsule:
-    """A small capsule that contains all points (n, 3): along a principal axis or one near it, by a local search."""
+    """A small capsule that contains all points (n, 3): along a principal axis, or the best of a search about each."""
     points = points[np.unique(points.dot(APART), return_index=True)[1]]  # corners of triangles, once each
     try:
         hull: Any = ConvexHull(points)
@@ -156,29 +180,41 @@ def capsule(points: Array, *, searched: bool = True) -> Capsule:
     if size == 0.0:
         return Capsule(centre, centre, 0.0)
     V = (points - centre) / size
-    starts = [np.append(w, np.zeros(3)) for w in np.linalg.eigh(V.T.dot(V))[1].T]
-    begun = min(starts, key=lambda x: _around(V, x)[0])
-    if searched:
-        begun = minimize(lambda x: _around(V, x)[0], begun, method="Nelder-Mead", options=SEARCH).x
-    _, a, b = _around(V, begun)
-    a, b = centre + size * a, centre + size * b
-    return Capsule(a, b, float(_off(points, a, b).max()))
+    principal = np.linalg.eigh(V.T.dot(V))[1].T
+    found = []
+    for k, along in enumerate(principal):
+        across = principal[[k - 2, k - 1]]  # leaning and shifted by these alone
+
+        def axis(x: Array, along: Array = along, across: Array = across) -> Array:
+            return np.concatenate((along + x[:2].dot(across), x[2:].dot(across)))
+
+        def volume(x: Array, axis: Callable[[Array], Array] = axis) -> float:
+            return _around(V, axis(x))[0]
+
+        x = minimize(volume, AT_FIRST[0], method="Nelder-Mead", options=SEARCH).x if searched else AT_FIRST[0]
+        found.append((volume(x), axis(x)))
+    best = min(found, key=lambda one: one[0])[1]
+    _, a, b = _around(V, best)
+    return _grown(Capsule(centre + size * a, centre + size * b, 0.0), points)
 
 
-def _off(points: Array, a: Array, b: Array) -> Array:
-    """(n,) distances from a segment."""
-    u = b - a
-    t = np.clip((points - a).dot(u) / (u.dot(u) or 1.0), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(points - a - t[:, None] * u, axis=1))
+def _grown(one: Capsule, points: Array) -> Capsule:
+    """A capsule with another radius, that contains points (n, 3)."""
+    centre, u, half = one.place[:3, 3], one.place[:3, 2], float(one.half[2])
+    W = points - centre
+    t = W.dot(u)
+    beyond = np.maximum(np.abs(t) - half, 0.0)
+    far = float((np.einsum("ij,ij->i", W, W) - t * t + beyond * beyond).max())
+    return Capsule(centre - half * u, centre + half * u, float(np.sqrt(max(far, 0.0))))
 
 
 def _around(V: Array, x: Array) -> tuple[float, Array, Array]:
     """Volume and ends of the least capsule about points whose axis has direction x[:3] and goes through x[3:]."""
-    u = x[:3] / (np.linalg.norm(x[:3]) or 1.0)
-    t = (V - x[3:]).dot(u)
-    across = ((V - x[3:] - t[:, None] * u) ** 2).sum(axis=1)
+    u, W = x[:3] / (se3.norm(x[:3]) or 1.0), V - x[3:]
+    t = W.dot(u)
+    across = np.maximum(np.einsum("ij,ij->i", W, W) - t * t, 0.0)
     r2 = float(across.max())
-    cap = np.sqrt(np.maximum(r2 - across, 0.0))
+    cap = np.sqrt(r2 - across)
     low, high = float((t + cap).min()), float((t - cap).max())
     if high < low:
         low = high = 0.5 * (low + high)
@@ -189,23 +225,29 @@ def _volume(one: Capsule) -> float:
     return pi * one.radius**2 * (2.0 * float(one.half[2]) + 4.0 / 3.0 * one.radius)
 
 
-def _halves(part: Array, one: Capsule) -> tuple[list[Array], list[Capsule]] | None:
-    """Triangles (f, 3, 3) cut in two across their capsule's axis or the longest extent, and a capsule about each."""
+def _halves(part: Array, one: Capsule) -> tuple[Array, list[Array], list[Capsule]] | None:
+    """Triangles (f, 3, 3) cut in two across their capsule's axis or the longest extent, and a capsule about each.
+
+    First the plane (4,) between them, as `_sides` takes it.
+    """
     points = part.reshape(-1, 3)
-    spread = np.cov(points.T)
-    n = one.place[:3, 2] if one.half[2] > 0.0 else np.linalg.eigh(spread)[1][:, -1]
-    best: list[Array] = []
-    least = inf
-    heights = points.dot(n)
+    n = one.place[:3, 2] if one.half[2] > 0.0 else np.linalg.eigh(np.cov(points.T))[1][:, -1]
+    heights, rated = points.dot(n), []
     for share in (0.35, 0.5, 0.65):
-        level = float(heights.min() + share * (heights.max() - heights.min()))
-        sides = [_cut(part, s * n, s * level) for s in (1.0, -1.0)]
-        if not all(len(side) for side in sides):
-            continue
-        volume = sum(_volume(capsule(side.reshape(-1, 3), searched=False)) for side in sides)
-        if volume < least:
-            best, least = sides, volume
-    return (best, [capsule(side.reshape(-1, 3)) for side in best]) if best else None
+        plane = np.append(n, heights.min() + share * np.ptp(heights))
+        sides = _sides(part[::SOME], plane)
+        if all(len(side) for side in sides):
+            rated.append((sum(_volume(capsule(side.reshape(-1, 3), searched=False)) for side in sides), plane))
+    if not rated:
+        return None
+    plane = min(rated, key=lambda one: one[0])[1]
+    halves = _sides(part, plane)
+    return plane, halves, [capsule(half.reshape(-1, 3)) for half in halves]
+
+
+def _sides(part: Array, plane: Array) -> list[Array]:
+    """What of triangles (f, 3, 3) is on each side of a plane (4,), n'x = level, as triangles."""
+    return [_cut(part, sign * plane[:3], sign * plane[3]) for sign in (1.0, -1.0)]
 
 
 def _cut(part: Array, n: Array, level: float) -> Array:

@@ -29,6 +29,18 @@ HAND = {
 }
 
 
+LINKS = {  # about those of a UR5, for states in which tenths of a millimetre count
+    "base_link": [Capsule([-2e-05, 0.00072, 0.00841], [0.00168, -0.0362, 0.00916], 0.07439)],
+    "shoulder_link": [Capsule([-6e-05, 0.00416, -0.00231], [1e-05, 0.00332, 0.00017], 0.0888)],
+    "upper_arm_link": [Capsule([-0.00032, -0.0053, 0.00066], [-0.00085, -0.00493, 0.42496], 0.08442)],
+    "forearm_link": [Capsule([0.00011, 0.02345, -0.00012], [4e-05, 0.00276, 0.38925], 0.06624)],
+    "wrist_1_link": [Capsule([-8e-05, 0.09023, -0.00808], [-0.00011, 0.09014, 0.0075], 0.05689)],
+    "wrist_2_link": [Capsule([-8e-05, 0.01113, 0.08996], [-0.0003, -0.00952, 0.09115], 0.05592)],
+    "wrist_3_link": [Capsule([4e-05, 0.06126, -0.00027], [-0.00012, 0.06158, 0.00319], 0.04005)],
+    "ee_link": [Box(iq.transform(translation=[-0.01, 0.0, 0.0]), [0.01, 0.01, 0.01])],
+}
+
+
 @pytest.fixture(scope="module")
 def panda():
     return iq.load_robot("panda")
@@ -135,7 +147,7 @@ def test_where_a_tick_ends_is_what_counts(ur5, by):
     if by == "compiled" and engine.core is None:
         pytest.skip("one engine alone")
     box = Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box")
-    limit, dt = Clearance(ur5, None, [box]), 0.01
+    limit, dt = Clearance(ur5, LINKS, [box]), 0.01
     loop, linear = (iq.Controller(ur5, dt=dt, limits=[given], engine=by) for given in (limit, Linear(limit)))
     q = np.array([0.2272, -0.9174, 2.4997, 1.3378, -1.3491, 4.2825])
     target = ur5.pose([-1.4, 0.316, 0.361, -0.006, -0.475, 0.476])
@@ -319,7 +331,7 @@ def test_who_brakes_on_goes_through_the_states_that_were_looked_at(ur5):
 def test_what_leads_back_asks_for_no_more_than_all_limits_leave_together(ur5, compiled):
     """A wrist a hair too near its base in a state ahead, while a box holds the joint that would help: tick 286665."""
     box = Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box")
-    limit = Clearance(ur5, None, [box])
+    limit = Clearance(ur5, LINKS, [box])
     q = np.array(
         [5.08206427408764, 6.28318530718, 2.3793289727078086, -6.136162129784486, 3.24775235118537, -6.28318530718]
     )
@@ -369,7 +381,7 @@ def test_parallel_faces_do_not_make_it_tremble(panda):
 
 
 def test_an_arm_that_begins_inside_comes_out_slowly_and_says_so(ur5):
-    limit = Clearance(ur5, None, [Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box")])
+    limit = Clearance(ur5, LINKS, [Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box")])
     rng, tried = np.random.default_rng(3), 0
     while tried < 6:
         q = rng.uniform(-np.pi, np.pi, 6)
@@ -505,9 +517,9 @@ def test_of_two_arms_each_leaves_the_other_its_half_to_the_end_of_a_tick(ur5):
     turns, ends = [[-0.898, -1.689, 1.588], [0.464, 1.274, 0.391]], [[0.765, -0.329, 0.096], [0.272, 0.158, 0.383]]
     arms, at, answers = (ur5, left), [], []
     for arm, other, (here, there), turn, end in zip(arms, arms[::-1], (q, q[::-1]), turns, ends, strict=True):
-        around = OtherArm(other)
+        around = OtherArm(other, LINKS)
         around.move(there)
-        at.append((around, Clearance(arm, None, [around])))
+        at.append((around, Clearance(arm, LINKS, [around])))
         target = iq.transform(iq.exp([*turn, 0.0, 0.0, 0.0])[:3, :3], end)
         answers.append(iq.Controller(arm, dt=dt, limits=[at[-1][1]]).step(here, target).velocity)
     around, limit = at[0]

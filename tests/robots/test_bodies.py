@@ -5,7 +5,7 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.geometry.shapes import Box, Capsule, HalfSpace
-from invariantqp.robots.bodies import bodies_of, capsule, capsules
+from invariantqp.robots.bodies import _read, _thinned, bodies_of, capsule, capsules
 from invariantqp.robots.urdf import disabled
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody><geom name="floor" type="plane" size="1 1 .1"/>
@@ -48,14 +48,14 @@ def test_several_capsules_contain_every_triangle():
 
     corners = np.vstack(bars)
     faces = np.vstack([ConvexHull(bar).simplices + 8 * i for i, bar in enumerate(bars)])
-    made = capsules(corners, faces)
+    made = capsules(corners[faces])
     assert len(made) > 1
     weights = rng.dirichlet(np.ones(3), size=(len(faces), 50))
     points = np.einsum("fkc,fcx->fkx", weights, corners[faces]).reshape(-1, 3)
     assert np.min([off(one, points) for one in made], axis=0).max() < 1e-9
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5"])
+@pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
 def test_what_a_urdf_has_is_inside_its_bodies(name):
     pytest.importorskip("coal")
     from invariantqp.geometry.coal import triangles
@@ -67,11 +67,29 @@ def test_what_a_urdf_has_is_inside_its_bodies(name):
     for link in robot.links:
         for part in link.parts:
             if part.kind == "mesh":
-                corners, _ = triangles(part.mesh)
+                corners, faces = triangles(part.mesh)
+                read = _read(part.mesh).reshape(-1, 3)  # coal leaves out triangles without an area
+                np.testing.assert_allclose(read.max(axis=0), corners.max(axis=0), atol=1e-7)
+                np.testing.assert_allclose(read.min(axis=0), corners.min(axis=0), atol=1e-7)
+                assert len(faces) <= len(read) // 3
                 points = (corners * part.size) @ part.pose[:3, :3].T + part.pose[:3, 3]
                 assert np.min([off(one, points) for one in bodies[link.name]], axis=0).max() < 1e-9
                 checked += 1
     assert checked >= 7
+
+
+def test_axes_are_chosen_by_few_corners_but_all_are_contained():
+    """A bar of many small triangles with one thin spike, which no cell of the grid need show."""
+    from scipy.spatial import ConvexHull
+
+    rng = np.random.default_rng(2)
+    points = rng.normal(size=(30000, 3))
+    points *= np.array([0.3, 0.05, 0.05]) / np.linalg.norm(points, axis=1)[:, None]
+    triangles = np.concatenate((points[ConvexHull(points).simplices], [[[0, 0, 0], [1e-4, 0, 0.06], [0, 1e-4, 0.06]]]))
+    assert len(_thinned(triangles)) < 0.5 * len(triangles)
+    made = capsules(triangles)
+    assert np.min([off(one, triangles.reshape(-1, 3)) for one in made], axis=0).max() < 1e-12
+    assert sum(np.pi * c.radius**2 * (2 * c.half[2] + 4 / 3 * c.radius) for c in made) < 0.008
 
 
 def test_an_mjcf_gives_bodies_and_excludes():
