@@ -16,7 +16,9 @@ What stays in Python, and what a tick of a Panda then costs beside a plain one o
     leaves or is beyond an edge; more than 12 losses in a second
     joint positions of a robot that is no `Chain`                                   all of it: 120
     decisions that rounding would make: exact rows that limits move, and leave      150 and more
-    next to nothing of; a form on an arm that loses a direction; sizes beyond 1e70
+    next to nothing of, beside a tool speed that is met; exact rows of which one
+    depends on others but for 1e-7 to 1e-10; a form on an arm that loses a
+    direction; sizes beyond 1e70
     `solve_velocity` with a form, a damping or a joint metric of one's own, but     10
     for its tick
     `solve_tasks` with any of these, or of more than 16 tasks                       130 to 500
