@@ -86,7 +86,7 @@ class Triangles:
     def __init__(self, points: Array, faces: NDArray[np.intp], hull: bool) -> None:
         """From corners (n, 3) and triangles (f, 3), anticlockwise as seen from outside where it is a hull."""
         self.points, self.faces, self.hull = points, faces, hull
-        self._model = _hull_of(points, faces) if hull else _surface_of(points, faces)
+        self._model = coal.Convex(*_lists(points, faces)) if hull else _surface_of(points, faces)
         self._here, self._there = coal.Transform3s(), coal.Transform3s()
         self._wanted = coal.DistanceRequest(True, True)
 
@@ -184,10 +184,6 @@ def _lists(points: Array, faces: NDArray[np.intp]) -> tuple[Any, Any]:
     for a, b, c in faces.tolist():
         triangle.append(coal.Triangle(a, b, c))
     return corner, triangle
-
-
-def _hull_of(points: Array, faces: NDArray[np.intp]) -> Any:
-    return coal.Convex(*_lists(points, faces))
 
 
 def _surface_of(points: Array, faces: NDArray[np.intp]) -> Any:

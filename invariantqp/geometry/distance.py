@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from itertools import product
 from math import inf, sqrt
+from operator import itemgetter
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -82,11 +83,7 @@ def places(a: Placed, b: Placed) -> list[Place]:
     else:
         found = _segment_and_box(a, b) if a.core is Core.SEGMENT else _other_way(_segment_and_box(b, a))
     thick = a.radius + b.radius
-    return sorted((place._replace(distance=place.distance - thick) for place in found), key=_distance)
-
-
-def _distance(place: Place) -> float:
-    return place.distance
+    return sorted((Place(d - thick, normal, point) for d, normal, point in found), key=itemgetter(0))
 
 
 def _other_way(found: list[Place]) -> list[Place]:

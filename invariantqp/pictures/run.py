@@ -56,7 +56,9 @@ def picture(trace: Trace, path: Path | str) -> Path:
     rows = 4 if trace.along is None else 5
     with figure_file(path, (7.5, 2.3 * rows), style) as figure:
         error, position, velocity, acceleration, *progress = figure.subplots(rows, 1, sharex=True)
-        _errors(error, trace)
+        _plot_errors(error, trace)
+        error.set_ylabel("tracking error")
+        _legend_beside(error)
         _positions(position, trace)
         speeds = trace.velocity_limit if np.isfinite(trace.velocity_limit).all() else None
         _by_limit(velocity, trace, trace.velocity, speeds, "velocity", "rad/s, m/s")
@@ -77,12 +79,6 @@ def _title(trace: Trace) -> str:
     active = np.mean(trace.limit_active)
     limits = f"; limits active in {100.0 * active:.2g} % of ticks (shaded)" if active else ""
     return f"{trace.task.name}: error median {np.median(mm):.2g} mm, max {mm.max():.2g} mm{limits}"
-
-
-def _errors(axes: Axes, trace: Trace) -> None:
-    _plot_errors(axes, trace)
-    axes.set_ylabel("tracking error")
-    _legend_beside(axes)
 
 
 def _positions(axes: Axes, trace: Trace) -> None:

@@ -19,7 +19,7 @@ from invariantqp.runs.trace import Trace
 from invariantqp.template import fill_template
 from invariantqp.view.appearance import Part
 from invariantqp.view.scenery import Solid
-from invariantqp.view.timeline import ERROR, FORCE, TRAVEL, CurveChart, Timeline, colours, timeline_of
+from invariantqp.view.timeline import ERROR, FORCE, TRAVEL, Timeline, colours, timeline_of
 
 SCRIPTS = ("motion.js", "hardware.js", "painter.js", "charts.js", "player.js")
 # A chart of more curves than this has no key: the colours are those of the joints' bars.
@@ -90,13 +90,9 @@ def drawn(timeline: Timeline) -> dict[str, Any]:
         "travel_scale": timeline.travel_scale,
         "missing": timeline.appearance.missing,
         "solids": [_solid(solid) for solid in timeline.solids],
-        "charts": [_chart(c) for c in timeline.charts],
+        "charts": [{**c._asdict(), "values": _pack(c.values), "keyed": len(c.names) <= KEYED} for c in timeline.charts],
         "arrays": {name: _pack(a) for name, a in named.items()},
     }
-
-
-def _chart(chart: CurveChart) -> dict[str, Any]:
-    return {**chart._asdict(), "values": _pack(chart.values), "keyed": len(chart.names) <= KEYED}
 
 
 def _part(part: Part) -> dict[str, Any]:

@@ -126,15 +126,15 @@ def _scale(vectors: Array, least: float) -> tuple[float, float]:
     return least, max(float(np.percentile(np.linalg.norm(vectors, axis=1), 99)), 10.0 * least)
 
 
-def timeline_of(trace: Trace, frames: int = FRAMES) -> Timeline:
-    """A run from `run_task` as `frames` frames at most.
+def timeline_of(trace: Trace) -> Timeline:
+    """A run from `run_task` as `FRAMES` frames at most.
 
     Raises:
         RobotModelError, UnknownName, MissingExtra: the robot can no longer be loaded.
     """
     robot = trace.task.load_robot()
     n = len(trace.velocity)
-    ends = np.unique(np.linspace(0, n, min(n + 1, frames)).round().astype(int))
+    ends = np.unique(np.linspace(0, n, min(n + 1, FRAMES)).round().astype(int))
     went = "Accepted." if trace.passed else f"Not accepted: {'; '.join(trace.shortfalls)}."
     then = trace.velocity[np.maximum(ends - 1, 0)]
     drawn = _timeline(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends])

@@ -20,6 +20,7 @@ import invariantqp as iq
 from invariantqp.robots.load import KNOWN
 from invariantqp.runs.scene import scene_of
 from invariantqp.runs.taskfile import task_from
+from invariantqp.view import timeline as film
 from invariantqp.view.page import drawn, page
 from invariantqp.view.timeline import arm_in, extremes, timeline_before, timeline_of
 
@@ -114,7 +115,8 @@ def test_a_film_shows_the_run(timeline, trace, task):
     np.testing.assert_allclose(timeline.charts[2].values[:, 1:].T, trace.velocity / trace.velocity_limit)
 
 
-def test_a_short_film_leaves_no_extreme_out(trace):
+def test_a_short_film_leaves_no_extreme_out(trace, monkeypatch):
+    monkeypatch.setattr(film, "FRAMES", 11)
     spoilt = replace(
         trace,
         velocity=trace.velocity.copy(),
@@ -124,7 +126,7 @@ def test_a_short_film_leaves_no_extreme_out(trace):
     )
     spoilt.velocity[44, 2] = -9.0
     spoilt.position_error[66] = 0.5
-    timeline = timeline_of(spoilt, frames=11)
+    timeline = timeline_of(spoilt)
     assert timeline.time.tolist() == pytest.approx(np.arange(11) / 10)
     assert timeline.speed[:, 2].min() == -9.0
     assert timeline.speed[5, 2] == -9.0
@@ -199,9 +201,10 @@ def test_a_doors_axis_is_the_hinges():
     assert a[2] < T[2, 3] < b[2]
 
 
-def test_the_force_of_a_film_is_the_runs():
+def test_the_force_of_a_film_is_the_runs(monkeypatch):
+    monkeypatch.setattr(film, "FRAMES", 9)
     trace = iq.run_task(touched(kind="point"))
-    timeline = timeline_of(trace, frames=9)
+    timeline = timeline_of(trace)
     ends = (timeline.time / 0.01).round().astype(int)
     np.testing.assert_array_equal(timeline.force[1:], trace.contact.wrench[ends[1:] - 1, 3:])
     assert timeline.force[-1, 2] < -1.0  # it presses
