@@ -17,12 +17,13 @@ ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "examples")]
 
 from shared.contact_scenes import along, grip, hole  # noqa: E402
+from support.arms import READY  # noqa: E402
 from support.recordings import frames, inverted, noisy, turned, wander  # noqa: E402
 
 import invariantqp as iq  # noqa: E402
 
 DT, STIFF, PRESS, FRICTION = 0.002, 1e4, 5.0, 0.3
-ARMS = {"panda": [0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8], "xarm7": [0.0, -0.3, 0.0, 1.0, 0.0, 1.3, 0.0]}
+ARMS = {name: READY[name] for name in ("panda", "xarm7")}
 TIP = np.array([0.02, -0.01, 0.06])
 
 

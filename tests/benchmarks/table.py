@@ -26,6 +26,7 @@ import daqp
 import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
+from support.arms import ready
 
 import invariantqp as iq
 from invariantqp.compare.libraries import MinkLaw, PinkLaw, PlacoLaw
@@ -201,7 +202,7 @@ def in_turn(took, calls, k):
 def pressed(arm, contact, **options):
     """Times in a loop that presses with 5 N on a spring along a circle, of each engine, beside an ordinary tick."""
     robot, dt, took = iq.load_robot(arm), 0.002, {}
-    first = np.array({"panda": [0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8], "ur5e": [0.0, -1.4, 1.6, -1.8, -1.57, 0.0]}[arm])
+    first = ready(arm.removesuffix("e"))
     start, task = robot.pose(first), iq.HybridTask(contact(robot.pose(first)), [5.0])
     sensor = iq.WrenchSensor(np.eye(4), order="force first", reads="reaction", cutoff=50.0)
     for (on, off), engine, count in ALONG:

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import linprog
+from support.arms import ready
 
 import invariantqp as iq
 from invariantqp import extras
@@ -18,7 +19,7 @@ from invariantqp.runs.taskfile import LawSpec
 
 ROWS = {name: row for name, row in methods().items() if row.installed}
 RESTING = {OURS, OURS_PYTHON}
-READY = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
+READY = ready("panda")
 
 
 def setting(m):

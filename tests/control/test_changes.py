@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from support.arms import ready
 
 import invariantqp as iq
 
-PANDA = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+PANDA = ready("panda")
 DT = 0.002
 LIMITED = {"acceleration_limit": 5.0}
 # What makes a tick of a loop another: each is kept by the slider.

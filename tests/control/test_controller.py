@@ -1,11 +1,12 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from support.arms import ready
 
 import invariantqp as iq
 
 PANDA = iq.load_robot("panda")
-READY = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
+READY = ready("panda")
 DT = 0.002
 
 

@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
+from support.arms import ready
 
 import invariantqp as iq
 from invariantqp.limits import AccelerationLimit, JointLimits, Limit, LimitRows, PinkLimit, ToolSpeed
 
-PANDA = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+PANDA = ready("panda")
 DT = 0.002
 ROWS = LimitRows([[1.0, 1.0, 0, 0, 0, 0, 0]], [-0.01], [0.01])
 MORE = LimitRows([[0, 0, 0, 1.0, 0, 1.0, 0]], [-0.02], [0.02])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.arms import ready
 from support.noisy_plane import FAULTS
 from support.random_systems import motion
 from support.spring_plane import PANDA, UP
@@ -16,8 +17,8 @@ SHARED = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "shared" / 
 DT = 0.004
 ARMS = {
     "panda": PANDA,
-    "ur5": np.array([0.0, -1.2, 1.8, -2.2, -1.57, 0.0]),
-    "xarm7": np.array([0.0, -0.3, 0.0, 1.0, 0.0, 1.3, 0.0]),
+    "ur5": ready("ur5"),
+    "xarm7": ready("xarm7"),
     "so101": np.array([0.1, -0.4, 0.5, 0.6, 0.2]),
 }
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from support.arms import ready
 from support.streams import ARMS, Arm, chunks, driven
 
 import invariantqp as iq
@@ -335,7 +336,7 @@ def test_a_late_arm_gets_the_same_commands():
 @pytest.mark.parametrize("names", [["the table"], []])
 def test_what_holds_the_arm_back_is_named(names):
     """Above a table a hand that goes below it is late for the table's sake, not for the joints'."""
-    arm, q = iq.load_robot("panda"), np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    arm, q = iq.load_robot("panda"), ready("panda")
     start = arm.pose(q)
 
     def above(q):

@@ -6,6 +6,7 @@ import pink
 import pinocchio as pin
 import pytest
 from scipy import sparse
+from support.arms import ready
 
 import invariantqp as iq
 from invariantqp.compare.libraries import PinkLaw
@@ -15,7 +16,7 @@ from invariantqp.compare.stability import Case, run_case
 from invariantqp.robots.kinematics import middle
 from invariantqp.runs.controllers import our_controller
 
-READY = [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]
+READY = ready("panda")
 FULL = 0.99  # of the velocity limit
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.arms import ready
 from support.random_systems import motion
 from support.wrist import wrist
 
@@ -11,7 +12,7 @@ from invariantqp.runs.plant import Cylinder, HingeSprings, IdealPlant, Plane, Si
 UP = np.array([0.0, 0.0, 1.0])
 EDGE = np.array([[-0.03, 0.0, 0.0], [0.03, 0.0, 0.0]])
 FACE = np.array([[-0.03, -0.02, 0.0], [0.03, -0.02, 0.0], [0.03, 0.02, 0.0], [-0.03, 0.02, 0.0]])
-READY = np.array([0.0, 0.1, 0.0, -2.2, 0.0, 2.3, 0.785])
+READY = ready("panda")
 
 
 def turned(axis, angle, point=(0.0, 0.0, 0.0)):

@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.arms import READY
 from support.random_systems import motion
 from support.task_files import content, run_displaced
 
@@ -12,7 +13,7 @@ from invariantqp.runs.path import eased
 from invariantqp.runs.taskfile import shipped_tasks, task_from
 from invariantqp.runs.trace import PathTrace
 
-READY = [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]
+READY = list(READY["panda"])
 
 
 def panda(**changes):

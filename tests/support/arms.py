@@ -14,6 +14,7 @@ READY = {
     "panda": (0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8),
     "ur5": (0.0, -1.4, 1.6, -1.8, -1.57, 0.0),
     "so101": (0.0, -0.4, 0.5, 0.6, 0.0),
+    "xarm7": (0.0, -0.3, 0.0, 1.0, 0.0, 1.3, 0.0),
 }
 # What each kind is; `arm` makes one with m joints.
 KINDS = ("general", "planar", "scara", "parallel", "concurrent", "nearly concurrent", "gantry", "mixed", "repeated")

@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 import invariantqp as iq
+from support.arms import ready
 from support.spring_plane import PANDA, UP, gantry
 
-ARMS = {"gantry": np.zeros(6), "panda": PANDA, "ur5": np.array([0.0, -1.2, 1.8, -2.2, -1.57, 0.0])}
+ARMS = {"gantry": np.zeros(6), "panda": PANDA, "ur5": ready("ur5")}
 SUBSTEP = 5e-4  # [s]
 
 

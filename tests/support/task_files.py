@@ -4,13 +4,14 @@ from invariantqp.compare.frames import displaced
 from invariantqp.runs.controllers import controller_for
 from invariantqp.runs.prepare import prepare
 from invariantqp.runs.run import run
+from support.arms import READY
 
 
 def content(**changes):
     """A task that decodes, with keys changed by dotted path; None removes one."""
     task = {
         "name": "t",
-        "robot": {"source": "panda", "start": [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]},
+        "robot": {"source": "panda", "start": list(READY["panda"])},
         "path": {"kind": "line", "duration": 0.05, "move": [0.001, 0.0, 0.0]},
         "law": {"dt": 0.002},
         "accept": {"position_error_mm": 0.1},

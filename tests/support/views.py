@@ -2,10 +2,12 @@
 
 from html.parser import HTMLParser
 
+from support.arms import READY
+
 TASK = {
     "name": "short",
     "about": "A short line.",
-    "robot": {"source": "panda", "start": [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]},
+    "robot": {"source": "panda", "start": list(READY["panda"])},
     "path": {"kind": "line", "duration": 1.0, "move": [0.1, 0.2, 0.05], "turn": [0.0, 0.0, 0.4]},
     "law": {"dt": 0.01},
 }
