@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -14,9 +14,6 @@ from rich.table import Table
 from invariantqp.cli.console import WIDEST, NotAccepted, Quiet, folder, progress, writable, write
 from invariantqp.errors import BadInput, install_command
 from invariantqp.extras import require
-
-if TYPE_CHECKING:
-    from invariantqp.compare.stability import StabilityOutcome
 
 
 def compare(
@@ -89,7 +86,9 @@ def _compare_stability(json_file: Path | None, quiet: bool) -> None:
         NotAccepted: our law was not finite, or left its limits.
     """
     from invariantqp.compare.method import OURS
+    from invariantqp.compare.results import plain
     from invariantqp.compare.stability import compare_stability, not_installed
+    from invariantqp.compare.watched import INSIDE
 
     writable("--json", json_file)
     if not quiet:
@@ -97,10 +96,10 @@ def _compare_stability(json_file: Path | None, quiet: bool) -> None:
     with progress("comparing", quiet) as report:
         outcomes = compare_stability(report)
     if json_file is not None:
-        write(json_file, json.dumps([run.as_json() for run in outcomes], indent=1) + "\n")
+        write(json_file, json.dumps(plain(outcomes), indent=1) + "\n")
     if not quiet:
         print_stability(outcomes)
-    failed = [run.case for run in outcomes if run.law == OURS and not (run.finite and run.inside)]
+    failed = [run["case"] for run in outcomes if run["law"] == OURS and (run["not_finite"] or run["excess"] > INSIDE)]
     if failed:
         raise NotAccepted([f"{case}: an answer of ours was not finite, or outside limits" for case in failed])
 
@@ -113,30 +112,28 @@ def print_not_installed(missing: dict[str, list[str]]) -> None:
         console.print(f"not installed, so left out: {listed}. Run: {install_command(extra)}", markup=False)
 
 
-def print_stability(outcomes: list[StabilityOutcome]) -> None:
+def print_stability(outcomes: list[dict[str, Any]]) -> None:
     """A table of how each law did in each difficult case, with failures in red."""
-    table = Table(box=None)
+    from invariantqp.compare.watched import INSIDE
+
+    errors = ("position_mm", "orientation_deg", "final_mm", "final_deg")
+    headings = ("largest mm", "deg", "last mm", "deg", "tail rad/s", "chatter", "raised")
+    table = Table("case", "law", "finite", "inside limits", "peak/limit", *headings, box=None)
     before = ""
     for run in outcomes:
-        row = (
-            ("case", "" if run.case == before else escape(run.case)),
-            ("law", escape(run.law)),
-            ("finite", "yes" if run.finite else f"[red]no: {run.not_finite}[/red]"),
-            ("inside limits", "yes" if run.inside else f"[red]{run.excess:.1e}[/red]"),
-            ("peak/limit", f"{run.peak:.3f}"),
-            ("largest mm", f"{run.largest_mm:.3g}"),
-            ("deg", f"{run.largest_deg:.3g}"),
-            ("last mm", f"{run.error_mm:.3g}"),
-            ("deg", f"{run.error_deg:.3g}"),
-            ("tail rad/s", f"{run.tail:.1e}"),
-            ("chatter", f"{run.chatter:.2f}"),
-            ("raised", f"{run.exceptions}" if run.exceptions else ""),
+        broken, raised = (round(run[key] * run["ticks"]) for key in ("not_finite", "raised"))
+        table.add_row(
+            "" if run["case"] == before else escape(run["case"]),
+            escape(run["law"]),
+            f"[red]no: {broken}[/red]" if broken else "yes",
+            f"[red]{run['excess']:.1e}[/red]" if run["excess"] > INSIDE else "yes",
+            f"{run['peak']:.3f}",
+            *(f"{run[key]:.3g}" for key in errors),
+            f"{run['tail']:.1e}",
+            f"{run['chatter']:.2f}",
+            f"{raised or ''}",
         )
-        if not table.columns:
-            for heading, _ in row:
-                table.add_column(heading)
-        table.add_row(*(cell for _, cell in row))
-        before = run.case
+        before = run["case"]
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
     console.print(table)
     console.print(

@@ -5,14 +5,12 @@ The tasks are tasks/stability/*.toml; `watched` has what happens to a law that f
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple
-
-import numpy as np
+from contextlib import suppress
+from typing import NamedTuple
 
 from invariantqp.compare.method import SCALED_LEAST_SQUARES, Method
 from invariantqp.compare.registry import absent, chosen, controller_named, left_out, with_robot
-from invariantqp.compare.watched import INSIDE, Watched, figures, watched_run
+from invariantqp.compare.watched import Result, figures, watched_run
 from invariantqp.errors import RobotModelError
 from invariantqp.progress import Progress
 from invariantqp.runs.controllers import MakeController
@@ -22,8 +20,6 @@ from invariantqp.runs.trace import Trace
 
 # Chatter is measured relative to least squares that is given the same and calm, in the same run.
 YARDSTICK = SCALED_LEAST_SQUARES
-# The last part of a run in which the arm should be at rest, as a share of it.
-TAIL = 0.1
 
 
 class Case(NamedTuple):
@@ -37,42 +33,6 @@ class Case(NamedTuple):
         """Its name in tables."""
         short = self.task.removeprefix("stability/")
         return f"{short}, NaN in {self.broken}" if self.broken else short
-
-
-@dataclass(frozen=True)
-class StabilityOutcome:
-    """How one law did in one case."""
-
-    case: str
-    law: str
-    ticks: int
-    exceptions: int  # ticks in which the law raised an exception
-    not_finite: int  # ticks in which its answer was not finite
-    # the largest of three: how much further a joint went beyond a position limit in a tick, how far beyond one it is at
-    # the end, and by how much a velocity exceeded its limit [rad, m; rad/s, m/s]
-    excess: float
-    peak: float  # largest joint velocity divided by its limit
-    error_mm: float  # at the end
-    error_deg: float
-    largest_mm: float  # of the run
-    largest_deg: float
-    tail: float  # largest joint velocity in the last tenth of the run [rad/s, m/s]
-    variation: float  # total, of the joint velocities [rad/s, m/s]
-    chatter: float = float("nan")  # the variation divided by that of the yardstick in the same case
-
-    @property
-    def finite(self) -> bool:
-        """Whether every answer was finite."""
-        return self.not_finite == 0
-
-    @property
-    def inside(self) -> bool:
-        """Whether no limit was exceeded."""
-        return self.excess <= INSIDE
-
-    def as_json(self) -> dict[str, Any]:
-        """All figures; None for one that is not finite."""
-        return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(self).items()}
 
 
 # A row beside those of the first table.
@@ -99,61 +59,36 @@ def cases() -> list[Case]:
     return [*(Case(name) for name in shipped_tasks("stability")), *broken]
 
 
-def run_case(case: Case, law: str, make: MakeController) -> tuple[StabilityOutcome, Trace]:
-    """Run one case under one law.
+def run_case(case: Case, make: MakeController) -> tuple[Result, Trace]:
+    """The figures of one case under one law, and its run.
 
     Raises:
         RobotModelError: the law cannot control this robot.
     """
     watched, trace = watched_run(prepare(load_task(case.task)), make, case.broken)
-    return _outcome(case, law, watched, trace), trace
+    return figures(watched, trace), trace
 
 
-def _outcome(case: Case, law: str, watched: Watched, trace: Trace) -> StabilityOutcome:
-    found, speed = figures(watched, trace), np.abs(trace.velocity)
-    outside, beyond = trace.outside, (speed - trace.velocity_limit).max()
-    last = max(1, round(TAIL * len(speed)))
-    return StabilityOutcome(
-        case=case.name,
-        law=law,
-        ticks=found["ticks"],
-        exceptions=watched.exceptions,
-        not_finite=watched.not_finite,
-        excess=max(0.0, *(float(x) for x in (np.diff(outside, axis=0).max(), outside[-1].max(), beyond))),
-        peak=float((speed / trace.velocity_limit).max()),
-        error_mm=found["final_mm"],
-        error_deg=float(np.degrees(trace.orientation_error[-1])),
-        largest_mm=found["position_mm"],
-        largest_deg=found["orientation_deg"],
-        tail=float(speed[-last:].max()),
-        variation=found["variation"],
-    )
-
-
-def compare_stability(progress: Progress | None = None) -> list[StabilityOutcome]:
+def compare_stability(progress: Progress | None = None) -> list[Result]:
     """Run every case whose robot is installed under every law that can control it.
 
     Args:
         progress: called with (runs done, runs in all).
 
+    Returns:
+        The figures of each run, with the names of "case" and "law", and "chatter": the variation of the joint
+        velocities divided by that of the yardstick in the same case.
+
     Raises:
         MissingExtra: no robot is installed; raised before the first run.
     """
     there = with_robot([case.task for case in cases()])
-    picked = [case for case in cases() if case.task in there]
-    table = laws()
-    outcomes: list[StabilityOutcome] = []
-    total = len(picked) * len(table)
-    for i, case in enumerate(picked):
-        runs: dict[str, StabilityOutcome] = {}
-        for j, (name, make) in enumerate(table.items()):
-            try:
-                runs[name] = run_case(case, name, make)[0]
-            except RobotModelError:
-                continue  # Pink cannot control a robot that is given by joint screws
-            finally:
-                if progress is not None:
-                    progress(i * len(table) + j + 1, total)
-        least = runs[YARDSTICK].variation
-        outcomes.extend(replace(run, chatter=run.variation / least) for run in runs.values())
-    return outcomes
+    work = [(case, law) for case in cases() if case.task in there for law in laws().items()]
+    outcomes: list[Result] = []
+    for i, (case, (law, make)) in enumerate(work, 1):
+        with suppress(RobotModelError):  # Pink cannot control a robot that is given by joint screws
+            outcomes.append({"case": case.name, "law": law, **run_case(case, make)[0]})
+        if progress is not None:
+            progress(i, len(work))
+    least = {run["case"]: run["variation"] for run in outcomes if run["law"] == YARDSTICK}
+    return [{**run, "chatter": run["variation"] / least[run["case"]]} for run in outcomes]

@@ -36,6 +36,8 @@ INSIDE = 1e-9
 REST = 1.0
 # A tool nearer to its target than this has settled [m], [rad]; a first look at a run says as much.
 SETTLED = 1e-3, np.radians(1.0)
+# The last part of a run, in which the arm should be at rest, as a share of it.
+TAIL = 0.1
 
 
 class Watched:
@@ -130,13 +132,18 @@ def quietly() -> Iterator[None]:
 
 
 def figures(law: Watched, trace: Trace) -> Result:
-    """What a run is judged by."""
+    """What a run is judged by.
+
+    `excess` is the largest of three: how much further a joint went beyond a position limit in a tick, how far beyond
+    one it is at the end, and by how much a velocity exceeded its limit; `peak` is the largest joint velocity over its
+    limit, `tail` the largest in the last tenth of the run.
+    """
     low, high = trace.position_limits
     speed, ticks = np.abs(trace.velocity), len(trace.velocity)
     at_speed = speed >= trace.velocity_limit * (1.0 - INSIDE)
     at_end = (trace.q[1:] <= low + INSIDE) | (trace.q[1:] >= high - INSIDE)
     left = (np.diff(trace.outside, axis=0) > INSIDE) | (speed - trace.velocity_limit > INSIDE)
-    jumps = np.abs(np.diff(trace.velocity, axis=0))
+    beyond = (np.diff(trace.outside, axis=0), trace.outside[-1], speed - trace.velocity_limit)
     ways: dict[str, Any] = {
         "raised": law.exceptions / ticks,
         "not_finite": law.not_finite / ticks,
@@ -146,10 +153,14 @@ def figures(law: Watched, trace: Trace) -> Result:
         "position_mm": 1e3 * float(trace.position_error.max()),
         "orientation_deg": float(np.degrees(trace.orientation_error.max())),
         "final_mm": 1e3 * float(trace.position_error[-1]),
+        "final_deg": float(np.degrees(trace.orientation_error[-1])),
         "limits_met": float((at_speed | at_end).any(axis=1).mean()),
         "acceleration": float(np.abs(trace.acceleration[1:]).max(initial=0.0)),
         "settling_s": settling_time(trace),
-        "variation": float(jumps.sum()),
+        "variation": float(np.abs(np.diff(trace.velocity, axis=0)).sum()),
+        "peak": float((speed / trace.velocity_limit).max()),
+        "excess": max(0.0, *(float(x.max()) for x in beyond)),
+        "tail": float(speed[-max(1, round(TAIL * ticks)) :].max()),
         "ticks": ticks,
         **ways,
         "failed_ticks": sum(ways.values()),
