@@ -14,7 +14,7 @@ from math import cos, pi, sin
 import numpy as np
 
 import invariantqp as iq
-from invariantqp.geometry.se3 import facing
+from invariantqp.geometry.se3 import cross, displacement, facing
 from invariantqp.runs.mujoco import Solid, Solids, ball_at
 from invariantqp.runs.plant import Cylinder, HingeSprings, Plane, SurfaceSprings
 
@@ -51,7 +51,7 @@ def gradient(height, p):
 
 
 def at(point, force):
-    return np.concatenate((np.cross(point, force), force))
+    return np.concatenate((cross(point, force), force))
 
 
 def surface(heights, told, path, touch, wanted=(5.0,), k=1e4, friction=0.0, over=None, **options):
@@ -59,7 +59,7 @@ def surface(heights, told, path, touch, wanted=(5.0,), k=1e4, friction=0.0, over
 
     def world(tool, twist):
         p, force = tool[:3, 3], np.zeros(3)
-        slide = twist[3:] + np.cross(twist[:3], p)
+        slide = twist[3:] + cross(twist[:3], p)
         for height in heights:
             depth = max(0.0, -height(p)) if over is None or over(p) > 0.0 else 0.0
             n = gradient(height, p)
@@ -119,9 +119,9 @@ def grip(start, screw, told, path, stiffness=1e4, **options):
         a, to_tool = 0.0, iq.adjoint(iq.transform(translation=-tool[:3, 3]))
         local = to_tool @ screw
         for _ in range(3):
-            miss = to_tool @ iq.log(tool @ iq.inverse(iq.exp(a * screw) @ start))
+            miss = to_tool @ displacement(iq.exp(a * screw) @ start, tool)
             a += (local @ (K * miss)) / (local @ (K * local))
-        return a, to_tool @ iq.log(tool @ iq.inverse(iq.exp(a * screw) @ start))
+        return a, to_tool @ displacement(iq.exp(a * screw) @ start, tool)
 
     def world(tool, _):
         return iq.coadjoint(iq.transform(translation=tool[:3, 3])) @ (-K * nearest(tool)[1])
