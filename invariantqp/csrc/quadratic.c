@@ -503,9 +503,10 @@ static void precise_speed(const Quadratic *problem, const Cone *cone, const Slow
         z[j] -= over / square * dot(n, problem->T[j], free);
 }
 
-/* Whether z is inside all limits but for rounding of what exact rows fix, and of terms of this size of which z is the sum. */
-static bool inside_but(const Polytope *limits, int n, double size, const Row z)
+/* Whether z is inside all limits but for rounding of it and of what exact rows fix. */
+bool inside_limits(const Polytope *limits, int n, const Row z)
 {
+    double size = norm(n, z);
     for (int i = 0; i < limits->count; i++) {
         double value = limits->box ? z[i] : dot(n, limits->A[i], z), length = limits->box ? 1.0 : norm(n, limits->A[i]);
         double margin = QP_ROUNDING * length * size + limits->rounding[i];
@@ -513,34 +514,6 @@ static bool inside_but(const Polytope *limits, int n, double size, const Row z)
             return false;
     }
     return true;
-}
-
-bool inside_limits(const Polytope *limits, int n, const Row z) { return inside_but(limits, n, norm(n, z), z); }
-
-/* velocity/qp.py, _kept: the z found or, where that is outside, the last one inside on the way there from one that is. */
-static Outcome kept(const Quadratic *problem, const Polytope *limits, const Row inside, Row z)
-{
-    int n = problem->n;
-    Row way;
-    for (int j = 0; j < n; j++)
-        way[j] = z[j] - problem->centre[j];
-    if (!inside_but(limits, n, norm(n, z) + norm(n, way), z))
-        return HAND_BACK;
-    for (int twice = 0; twice < 2 && !inside_limits(limits, n, z); twice++) { /* the first cut may make z much shorter */
-        double size = norm(n, z), part = 1.0;
-        for (int j = 0; j < n; j++)
-            way[j] = z[j] - inside[j];
-        for (int i = 0; i < limits->count; i++) {
-            double on = limits->box ? way[i] : dot(n, limits->A[i], way), from = limits->box ? inside[i] : dot(n, limits->A[i], inside);
-            double margin = QP_ROUNDING * (limits->box ? 1.0 : norm(n, limits->A[i])) * size + limits->rounding[i];
-            double room = on > 0.0 ? limits->upper[i] + margin - from : limits->lower[i] - margin - from;
-            if (fabs(on) > fabs(room))
-                part = fmin(part, fmax(room / on, 0.0));
-        }
-        for (int j = 0; j < n; j++)
-            z[j] = inside[j] + part * way[j];
-    }
-    return DONE;
 }
 
 /* velocity/qp.py: the speed limit on e, and the largest multiplier tried. */
@@ -577,8 +550,9 @@ static Outcome searched(const Quadratic *problem, const double *inside, const Ro
     return from_inside(room, slow, side, e, face, y, nu);
 }
 
-static Outcome optimum(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
-                       Optimum *found)
+/* The minimiser inside limits and its multipliers; `near` has limits that are likely to be active, `inside` is one point. */
+Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
+                 Optimum *found)
 {
     Slow slow;
     int n = problem->n, of[LIMITS], side[LIMITS];
@@ -621,27 +595,7 @@ static Outcome optimum(const Quadratic *problem, const Polytope *limits, const C
         found->multipliers[of[k]] = y[k] / room.length[k];
         found->met = found->met || y[k] != 0.0;
     }
-    return kept(problem, limits, inside, found->z);
-}
-
-/* The minimiser inside limits and its multipliers; `near` has limits that are likely to be active, `inside` is one point.
-   Limits that leave hardly more room than rounding are widened by that, once (Polytope.admitting). */
-Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
-                 Optimum *found)
-{
-    Polytope wider;
-    int n = problem->n;
-    double size = norm(n, inside);
-    if (optimum(problem, limits, cone, inside, near, found) == DONE)
-        return DONE;
-    wider = *limits;
-    for (int i = 0; i < limits->count; i++) {
-        double value = limits->box ? inside[i] : dot(n, limits->A[i], inside);
-        double margin = QP_ROUNDING * (limits->box ? 1.0 : norm(n, limits->A[i])) * size + limits->rounding[i];
-        wider.lower[i] = fmin(limits->lower[i], value - margin);
-        wider.upper[i] = fmax(limits->upper[i], value + margin);
-    }
-    return optimum(problem, &wider, cone, inside, NULL, found);
+    return inside_limits(limits, n, found->z) ? DONE : HAND_BACK;
 }
 
 /* The same without a speed limit and without multipliers. */
