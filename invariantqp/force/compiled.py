@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 compiled_press: Callable[..., tuple[Any, ...] | None] = getattr(core, "press", lambda *_, **__: None)
 
 
-class Kind(NamedTuple):
+class Coding(NamedTuple):
     """How values of a type become numbers, and come back from them.
 
     Attributes:
@@ -44,35 +44,35 @@ class Kind(NamedTuple):
     read: Callable[[list[float]], Any]
 
 
-def kind_of(hint: Any) -> Kind:
-    """The kind of a type: float, int, bool, an array, a NamedTuple or a tuple of them, several of one, or None."""
+def coding_of(hint: Any) -> Coding:
+    """The coding of a type: float, int, bool, an array, a NamedTuple or a tuple of them, several of one, or None."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
         several = get_args(parts[0])[0] if get_origin(parts[0]) is tuple else None
-        return _array(parts[1:]) if several is None else _several(kind_of(several), parts[1])
+        return _array(parts[1:]) if several is None else _several(coding_of(several), parts[1])
     if origin in (Union, UnionType):
-        return _maybe(kind_of(parts[0]))
+        return _maybe(coding_of(parts[0]))
     if origin is tuple:
         return _fields(tuple, parts)
     if hasattr(hint, "_make"):
         return _fields(hint._make, tuple(get_type_hints(hint, include_extras=True).values()))
-    return Kind(1, lambda value: [float(value)], lambda numbers: hint(numbers[0]))
+    return Coding(1, lambda value: [float(value)], lambda numbers: hint(numbers[0]))
 
 
-def _array(shape: tuple[int, ...]) -> Kind:
-    return Kind(prod(shape), lambda value: value.ravel().tolist(), lambda numbers: np.array(numbers).reshape(shape))
+def _array(shape: tuple[int, ...]) -> Coding:
+    return Coding(prod(shape), lambda value: value.ravel().tolist(), lambda numbers: np.array(numbers).reshape(shape))
 
 
-def _maybe(kind: Kind) -> Kind:
+def _maybe(kind: Coding) -> Coding:
     none = [nan] * kind.size
-    return Kind(
+    return Coding(
         kind.size,
         lambda value: none if value is None else kind.write(value),
         lambda numbers: None if not numbers or isnan(numbers[0]) else kind.read(numbers),
     )
 
 
-def _several(kind: Kind, most: int) -> Kind:
+def _several(kind: Coding, most: int) -> Coding:
     size = kind.size
 
     def write(value: Any) -> list[float]:
@@ -83,13 +83,13 @@ def _several(kind: Kind, most: int) -> Kind:
     def read(numbers: list[float]) -> Any:
         return tuple([kind.read(numbers[k : k + size]) for k in range(1, 1 + int(numbers[0]) * size, size)])
 
-    return Kind(1 + most * size, write, read)
+    return Coding(1 + most * size, write, read)
 
 
-def _fields(made: Callable[[list[Any]], Any], hints: tuple[Any, ...]) -> Kind:
+def _fields(made: Callable[[list[Any]], Any], hints: tuple[Any, ...]) -> Coding:
     if str in hints:  # words are no numbers
-        return Kind(0, _refused, _refused)
-    kinds = [kind_of(hint) for hint in hints]
+        return Coding(0, _refused, _refused)
+    kinds = [coding_of(hint) for hint in hints]
     ends = list(accumulate(kind.size for kind in kinds))
 
     def write(value: Any) -> list[float]:
@@ -98,7 +98,7 @@ def _fields(made: Callable[[list[Any]], Any], hints: tuple[Any, ...]) -> Kind:
     def read(numbers: list[float]) -> Any:
         return made([kind.read(numbers[end - kind.size : end]) for kind, end in zip(kinds, ends, strict=True)])
 
-    return Kind(ends[-1], write, read)
+    return Coding(ends[-1], write, read)
 
 
 def _refused(value: Any) -> Any:
@@ -110,7 +110,7 @@ class Packing:
 
     def __init__(self, made: type) -> None:
         """Of this one."""
-        self._kind = kind_of(made)
+        self._kind = coding_of(made)
         self._struct = Struct(f"{self._kind.size}d")
 
     def packed(self, value: Any) -> bytes | None:

@@ -353,14 +353,14 @@ class Follower:
             BadInput: NaN, wrong shapes; the follower is as it was.
         """
         loop = self.controller
+        clock = None if now is None else arrays.number(now, "now", "a time in seconds")
         if self._course is not None and velocity is None and override == self._override:
-            found = self._undisturbed(self._course, q, now)
+            found = self._undisturbed(self._course, q, clock)
             if found is not None:
                 return found
             self._course = None
         measured = self._measured = arrays.vector(q, self._m, "q")
         moving = None if velocity is None else arrays.vector(velocity, self._m, "velocity")
-        clock = None if now is None else arrays.number(now, "now", "a time in seconds")
         share = self._override_of(override)
         if self._pressed is not None:
             return self._in_contact(self._pressed, measured, moving, clock, share, (wrench, contact, wanted))

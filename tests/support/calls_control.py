@@ -550,6 +550,6 @@ CONTROL = {
     "shipped_tasks": lambda: (iq.tasks.shipped_tasks, {"group": ""}),
     "inspect": lambda: (
         iq.analysis.inspect,
-        {"robot": ur5(), "name": "robot", "q": Q, "samples": 4, "jobs": 1, "progress": None},
+        {"robot": ur5(), "name": "robot", "q": Q, "samples": 4, "progress": None},
     ),
 }
