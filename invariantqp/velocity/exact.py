@@ -34,7 +34,7 @@ from invariantqp.geometry.se3 import cross, norm
 from invariantqp.systems.subspaces import TINY, rank_of
 from invariantqp.velocity.backends import Backend
 from invariantqp.velocity.measure import root_at
-from invariantqp.velocity.qp import ACTIVE_TOLERANCE, ROUNDING, Cone, Optimum, Polytope, Quadratic, minimise
+from invariantqp.velocity.qp import ACTIVE_TOLERANCE, ROUNDING, Cone, Optimum, Polytope, Quadratic, minimise, svd
 
 # A singular value of the rows below this share of the largest is zero: its row depends on the others.
 ROW_TOLERANCE = 1e-10
@@ -223,8 +223,7 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | No
     whitened, wanted, contrary = _whitened(exact, root, s)
     m = whitened.shape[1]
     moves = np.asarray(whitened.any(axis=0))  # other joints stay free as they are, and rounding mixes none of them
-    svd = lapack.dgesdd if moves.any() else np.linalg.svd  # LAPACK's own takes no empty matrix
-    U, sigma, some = svd(whitened[:, moves])[:3]
+    U, sigma, some = svd(whitened[:, moves])
     Vt = np.zeros((m, m))
     Vt[: len(some), moves] = some
     Vt[len(some) :, ~moves] = np.eye(m - len(some))

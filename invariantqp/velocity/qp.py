@@ -21,11 +21,12 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 from scipy.optimize import brentq, nnls
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
-from invariantqp.systems.subspaces import TINY
+from invariantqp.systems.subspaces import TINY, rank_of
 from invariantqp.velocity.backends import Backend, BoxQP, Daqp, SolverFailure, semidefinite, solved
 
 # Smaller than this share of what it is compared with, a difference is rounding.
@@ -106,10 +107,22 @@ def product(A: Array, B: Array) -> Array:
     Columns of one length are one space, in which rounding chooses the axes: a row has a part in all of it, or none.
     """
     lengths, C = np.linalg.norm(B, axis=0), np.asarray(A.dot(B))
-    cosines = C / (np.outer(np.linalg.norm(A, axis=1), lengths) + TINY)
+    cosines = C / (np.linalg.norm(A, axis=1)[:, None] * lengths + TINY)
+    if (np.abs(cosines) >= 2.0 * COSINE_ROUNDING).all():
+        return C
     alike = np.abs(lengths[:, None] - lengths) <= ROUNDING * lengths
     parts = np.sqrt((cosines * cosines).dot(alike))
     return np.asarray(np.clip(parts / COSINE_ROUNDING - 1.0, 0.0, 1.0) * C)
+
+
+def svd(A: Array) -> tuple[Array, Array, Array]:
+    """U, singular values and V' of A (k, n), both square; of an empty one, too, which LAPACK's own does not take."""
+    if not A.size:
+        return np.eye(A.shape[0]), np.empty(0), np.eye(A.shape[1])
+    U, sizes, Vt, info = lapack.dgesdd(A)
+    if info != 0:
+        raise np.linalg.LinAlgError(f"dgesdd returned {info}")
+    return U, sizes, Vt
 
 
 class Quadratic(NamedTuple):
@@ -127,20 +140,23 @@ class Quadratic(NamedTuple):
     @classmethod
     def weighted(cls, root: Array, wanted: Array) -> Quadratic:
         """1/2 |root z - wanted|^2 but for a constant, root (k, n) of full column rank."""
-        U, sizes, Vt = np.linalg.svd(root, full_matrices=False)
+        U, sizes, Vt = svd(root)
         T = Vt.T / sizes
-        return cls(sizes[:, None] * Vt, T, T.dot(wanted.dot(U)))
+        return cls(sizes[:, None] * Vt, T, T.dot(wanted.dot(U[:, : len(T)])))
 
-    def plus(self, root: Array, wanted: Array) -> Quadratic:
-        """The same with 1/2 |root z - wanted|^2 added; however large root (k, n) is, with the digits of both."""
-        n = len(self.centre)
-        U, sizes, Wt = np.linalg.svd(product(root, self.T))
-        size, pull = np.zeros(n), np.zeros(n)
-        size[: len(sizes)] = sizes
-        pull[: len(sizes)] = (wanted - root.dot(self.centre)).dot(U[:, : len(sizes)])
-        more = np.sqrt(1.0 + size * size)
-        T = self.T.dot(Wt.T) / more
-        return Quadratic(more[:, None] * Wt.dot(self.K), T, self.centre + T.dot(size * pull / more))
+    def plus(self, root: Array, wanted: Array) -> Callable[[float], Quadratic]:
+        """Of nu, the same with 1/2 nu |root z - wanted|^2 added; with the digits of both, however large nu is."""
+        U, sizes, Wt = svd(product(root, self.T))
+        r = len(sizes)
+        T, K, pull = self.T.dot(Wt.T), Wt.dot(self.K), sizes * (wanted - root.dot(self.centre)).dot(U[:, :r])
+
+        def at(nu: float) -> Quadratic:
+            more, step = np.ones(len(K)), np.zeros(len(K))
+            more[:r] = np.sqrt(1.0 + nu * sizes * sizes)
+            step[:r] = nu * pull / (more[:r] * more[:r])
+            return Quadratic(more[:, None] * K, T / more, self.centre + T.dot(step))
+
+        return at
 
 
 class Optimum(NamedTuple):
@@ -148,6 +164,7 @@ class Optimum(NamedTuple):
 
     z: Array  # (n,)
     multipliers: Array  # (k,) y, zero where the limit is not active
+    free: Array  # (n, j) a root of the Hessian's inverse on what the active limits leave: free free'
     backend: str = ""  # the solver; "" where none was needed
     trouble: str = ""  # what went wrong on the way, "" for nothing
     nu: float = 0.0  # multiplier of the speed limit, where there is one; 0 where it is not active
@@ -157,8 +174,8 @@ class Paced(NamedTuple):
     """Where the chase slows down, (r, g) in units of their size, at a price on the speed of the point."""
 
     z: Array  # (n + 1,)
+    free: Array  # (n + 1, j) as of an Optimum
     end: float  # the multiplier of 0 <= g <= |K way|
-    freedom: Array  # (n + 1, n + 1) the inverse of the Hessian on what the active limits leave
     wrong: bool  # whether a multiplier has the wrong sign
 
 
@@ -180,26 +197,15 @@ def minimise(
     Raises:
         SolverFailure: no answer was found, and none is known; `.infeasible` when a solver says that there is none.
     """
-
-    def priced(nu: float) -> Quadratic:
-        return cost if cone is None or nu == 0.0 else cost.plus(sqrt(nu) * cone.J, -sqrt(nu) * cone.start)
-
-    def at(nu: float) -> Optimum:
-        return _in_polytope(backend, priced(nu), limits, inside)._replace(nu=nu)
-
-    found = at(0.0)
+    found = _in_polytope(backend, cost, limits, inside)
     if cone is not None and not cone.allows(found.z, ROUNDING):
         if cone.J.any():
-            J = cone.J
+            priced = cost.plus(cone.J, -cone.start)
 
-            def gains(found: Optimum) -> tuple[Array, Array]:
-                T = priced(found.nu).T
-                N = product(limits.A[found.multipliers != 0.0], T)
-                free = T - T.dot(np.linalg.pinv(N)).dot(N) if len(N) else T
-                U, sizes, _ = np.linalg.svd(J.dot(free), full_matrices=False)
-                return U, sizes * sizes
+            def at(nu: float) -> Optimum:
+                return _in_polytope(backend, priced(nu), limits, inside)._replace(nu=nu)
 
-            found = at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), found, at, gains, inside)
+            found = at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), found, at, inside)
         elif inside is None:
             raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
     return found if inside is None else found._replace(z=_kept(found.z, limits, cone, inside))
@@ -222,12 +228,7 @@ def _kept(z: Array, limits: Polytope, cone: Cone | None, inside: Array) -> Array
 
 
 def at_speed_limit(
-    cone: Cone,
-    weight: float,
-    free: Found,
-    at: Callable[[float], Found],
-    gains: Callable[[Found], tuple[Array, Array]],
-    inside: Array | None,
+    cone: Cone, weight: float, found: Found, at: Callable[[float], Found], inside: Array | None
 ) -> Found:
     """at(nu) for the nu at which the speed of the point, which falls as nu grows, is the limit.
 
@@ -238,9 +239,8 @@ def at_speed_limit(
     Args:
         cone: J and the limit.
         weight: |K|^2 of the cost.
-        free: at(0), which is too fast.
+        found: at(0), which is too fast.
         at: what is found for nu.
-        gains: U (3, k) and the gains (k,) on the limits that are active there.
         inside: (n,) a velocity inside all limits, where one is known.
 
     Raises:
@@ -248,7 +248,7 @@ def at_speed_limit(
     """
     typical = weight / float(np.vdot(cone.J, cone.J))  # the speed weighs as much as all the rest
     most = MOST_SHARE * typical
-    size, low, high, nu, found = float(np.linalg.norm(cone.J)), 0.0, inf, 0.0, free
+    size, low, high, nu = float(np.linalg.norm(cone.J)), 0.0, inf, 0.0
     for _ in range(MOST_PRICES):
         v = cone.velocity(found.z)
         over = norm(v) - cone.limit
@@ -259,10 +259,11 @@ def at_speed_limit(
                 raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
             break
         low, high = (nu, high) if over > 0.0 else (low, nu)
-        ahead = min(nu + _price(v, *gains(found), cone.limit, most), most)
+        U, sizes, _ = svd(cone.J.dot(found.free))
+        ahead = min(nu + _price(v, U, sizes * sizes, cone.limit, most), most)
         if not low < ahead < high:
             ahead = sqrt(low * high) if low > 0.0 else min(typical, 0.5 * high)
-        if not low < ahead < high:
+        if not low < ahead < high or abs(ahead - nu) <= COSINE_ROUNDING * nu:  # rounding of the speed
             break
         nu, found = ahead, at(ahead)
     return found
@@ -270,19 +271,23 @@ def at_speed_limit(
 
 def _price(v: Array, U: Array, gains: Array, limit: float, most: float) -> float:
     """mu with |(I + mu U diag(gains) U')^-1 v| = limit, v (3,); inf where none up to `most` is enough."""
-    along = v.dot(U)
+    along = v.dot(U[:, : len(gains)])
     rest = max(float(v.dot(v) - along.dot(along)), 0.0) if len(along) < 3 else 0.0
     parts = list(zip((along * along).tolist(), gains.tolist(), strict=True))
-    mu, least = 0.0, -1.0 / max(float(gains.max()), TINY)
+    least = -1.0 / max(float(gains.max(initial=0.0)), TINY)
+    alone = (np.abs(along) / limit - 1.0) / np.maximum(gains, TINY)  # what each part needs by itself
+    mu = float(alone[gains > TINY].max(initial=0.0))
     for _ in range(MOST_PRICES):  # Newton on 1 / |v|, which is concave: from below it does not overshoot
-        shrunk = [(square / (1.0 + mu * gain) ** 2, gain / (1.0 + mu * gain)) for square, gain in parts]
-        square, slope = rest + sum(part for part, _ in shrunk), sum(part * gain for part, gain in shrunk)
+        square, slope = rest, 0.0
+        for part, gain in parts:
+            shrunk = part / (1.0 + mu * gain) ** 2
+            square, slope = square + shrunk, slope + shrunk * gain / (1.0 + mu * gain)
         if not slope > 0.0 or mu > most:
             return inf
         step = square / slope * (sqrt(square) / limit - 1.0)
-        if abs(step) <= SPEED_ROUNDING * abs(mu):
-            break
         mu = max(mu + step, 0.5 * (mu + least))
+        if abs(step) <= ROUNDING * abs(mu):  # the next would be its square
+            break
     return mu
 
 
@@ -297,7 +302,7 @@ def _in_polytope(backend: Backend, cost: Quadratic, limits: Polytope, inside: Ar
     try:
         return _optimum(backend, cost, limits.admitting(inside))
     except SolverFailure:
-        return Optimum(inside, np.zeros(len(limits.lower)), OWN, trouble)
+        return Optimum(inside, np.zeros(len(limits.lower)), cost.T, OWN, trouble)
 
 
 def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
@@ -305,13 +310,13 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
     rounding = COSINE_ROUNDING * lengths * np.linalg.norm(cost.centre)
     outside = np.maximum(limits.lower - value, value - limits.upper) - rounding
     if (outside <= 0.0).all():
-        return Optimum(cost.centre, np.zeros(len(value)))
+        return Optimum(cost.centre, np.zeros(len(value)), cost.T)
     N = product(limits.A, cost.T)
     lengths = np.linalg.norm(N, axis=1)
     if (outside > limits.rounding)[lengths == 0.0].any():
         raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
     if (outside[lengths > 0.0] <= 0.0).all():
-        return Optimum(cost.centre, np.zeros(len(value)))
+        return Optimum(cost.centre, np.zeros(len(value)), cost.T)
     moving = (lengths > 0.0).nonzero()[0]
     rows, lower, upper = limits.A[moving], limits.lower[moving], limits.upper[moving]
     N, lengths = N[moving] / lengths[moving, None], lengths[moving]
@@ -320,19 +325,20 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
     n, r = len(cost.centre), len(moving)
     G, b = np.vstack((N, -N)), np.append(high, -low) / size  # G e <= b in units of `size`
 
-    def optimum(e: Array, at: NDArray[np.intp], name: str, trouble: str) -> Optimum:
+    def optimum(e: Array, at: NDArray[np.intp], left: Array, name: str, trouble: str) -> Optimum:
         y, multipliers = np.zeros(len(b)), np.zeros(len(value))
         y[at] = _non_negative(G[at].T, -e)
         multipliers[moving] = size * (y[:r] - y[r:]) / lengths
-        return Optimum(cost.centre + size * cost.T.dot(e), multipliers, name, trouble)
+        return Optimum(cost.centre + size * cost.T.dot(e), multipliers, cost.T.dot(left), name, trouble)
 
     def on_pulling(near: NDArray[np.bool_], name: str, trouble: str) -> Optimum:
         """On those of some limits that pull."""
         at = _pulling(G, b, near)
-        shortest = np.linalg.pinv(G[at])
-        found = optimum(shortest.dot(b[at]), at, name, trouble)
+        shortest, left = _split(G[at])
+        found = optimum(shortest.dot(b[at]), at, left, name, trouble)
         # Once more what is missing, measured in z: at its limits to rounding, whatever the condition of T.
-        missing = np.append(upper - rows.dot(found.z), rows.dot(found.z) - lower) / np.tile(lengths, 2)
+        value = rows.dot(found.z)
+        missing = np.concatenate(((upper - value) / lengths, (value - lower) / lengths))
         return found._replace(z=found.z + cost.T.dot(shortest.dot(missing[at])))
 
     try:
@@ -346,7 +352,15 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
     found = on_pulling(near, name, trouble)
     if limits.allows(found.z, found.z - cost.centre):
         return found
-    return optimum(z, near.nonzero()[0], name, trouble)  # opposite limits were near, and cannot both be met
+    at = near.nonzero()[0]  # opposite limits were near, and cannot both be met
+    return optimum(z, at, _split(G[at])[1], name, trouble)
+
+
+def _split(N: Array) -> tuple[Array, Array]:
+    """The pseudoinverse of N (k, n), and an orthonormal basis (n, n - r) of what moves none of its rows."""
+    U, sizes, Vt = svd(N)
+    r = rank_of(sizes, N.shape[1] * np.finfo(float).eps)
+    return (Vt[:r].T / sizes[:r]).dot(U[:, :r].T), Vt[r:].T
 
 
 def _pulling(G: Array, b: Array, near: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -420,26 +434,19 @@ def _largest_pace(
             qp = qp._replace(H=H + nu * slow.J.T.dot(slow.J), c=c - nu * slow.start.dot(slow.J))
         y = semidefinite(qp)[1]
         a = y.nonzero()[0]
-        KKT = np.zeros((n + 1 + len(a), n + 1 + len(a)))
-        KKT[: n + 1, : n + 1] = qp.H
-        KKT[n + 1 :, : n + 1] = N[a]
-        KKT[: n + 1, n + 1 :] = N[a].T
-        right = np.append(qp.c, np.where(y[a] > 0.0, qp.upper[a], qp.lower[a]))
-        inverse = np.linalg.pinv(KKT)
-        exact = inverse.dot(right)
-        exact += inverse.dot(right - KKT.dot(exact))  # what rounding missed
-        wrong = bool((exact[n + 1 :] * y[a] < 0.0).any())
-        return Paced(exact[: n + 1], float(y[-1]), np.asarray(inverse[: n + 1, : n + 1], np.float64), wrong)
+        shortest, left = _split(N[a])
+        _, sizes, Vt = svd(left.T.dot(qp.H).dot(left))
+        r = rank_of(sizes, COSINE_ROUNDING)
+        free = left.dot(Vt[:r].T) / np.sqrt(sizes[:r])
+        z = shortest.dot(np.where(y[a] > 0.0, qp.upper[a], qp.lower[a]))
+        for _ in range(2):  # the second time what rounding missed
+            z += free.dot((qp.c - qp.H.dot(z)).dot(free))
+        wrong = bool(((qp.c - qp.H.dot(z)).dot(shortest) * y[a] < 0.0).any())
+        return Paced(z, free, float(y[-1]), wrong)
 
     found = at(0.0)
     if slow is not None and slow.J.any() and not slow.allows(found.z, ROUNDING):
-        cone_of, first = slow, np.append(cost.K.dot(inside - start), 0.0) / size
-
-        def gains(found: Paced) -> tuple[Array, Array]:
-            sizes, U = np.linalg.eigh(cone_of.J.dot(found.freedom).dot(cone_of.J.T))
-            return U, np.maximum(sizes, 0.0)
-
-        found = at_speed_limit(slow, float(n), found, at, gains, first)
+        found = at_speed_limit(slow, float(n), found, at, np.append(cost.K.dot(inside - start), 0.0) / size)
     if slow is not None:
         good = not found.wrong and slow.allows(found.z, ACTIVE_TOLERANCE)
         if not (good and limits.allows(start + size * columns.dot(found.z), start)):

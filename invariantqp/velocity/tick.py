@@ -166,8 +166,10 @@ def answered(law: VelocityLaw, problem: Problem) -> Answer:
         first = Answer(y, room, objective, None, np.zeros(len(y)), 1.0, 0.0, ())
     else:
         room = room_within(law, demand, reduction)
-        problem = problem._replace(reduction=room.reduction)
-        first = _chasing(law, problem, room, problem.objective(room.share.value))
+        if room.share.value < 1.0:
+            problem = problem._replace(reduction=room.reduction)
+            objective = problem.objective(room.share.value)
+        first = _chasing(law, problem, room, objective)
     mu = 0.0
     if law.dt > 0.0 and problem.spectrum is not None:
         achieved = problem.A.dot(first.y + first.slowed)
@@ -382,7 +384,7 @@ def _given_way(law: VelocityLaw, demand: Demand) -> Limits:
     if cone is not None and not cone.allows(y):
         m = len(x)
         weight = np.sqrt(REGULARISATION) * (float(np.linalg.norm(cone.J)) or 1.0)
-        slowest = Quadratic.diagonal(np.full(m, weight), np.zeros(m)).plus(cone.J, -cone.start)
+        slowest = Quadratic.diagonal(np.full(m, weight), np.zeros(m)).plus(cone.J, -cone.start)(1.0)
         y = minimise(Daqp(), slowest, polytope, None, y).z
         least = cone.speed(y)
         if least > cone.limit:
