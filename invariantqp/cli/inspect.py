@@ -78,7 +78,7 @@ def inspect(
         typer.Option(
             "--plot",
             metavar="FILE",
-            help="Draw the principal pitches over the range (.png, .svg, .pdf).",
+            help="Draw the principal pitches over the range, or with --clearance the bodies (.png, .svg, .pdf).",
         ),
     ] = None,
 ) -> None:
@@ -106,10 +106,15 @@ def inspect(
         more = {} if kept is None else {"clearance": _as_json(kept, found.q)}
         write(json_file, json.dumps({**found.as_json(), **more}, indent=1) + "\n")
     if plot is not None:
-        from invariantqp.pictures.pitches import pitch_picture
-
         with writing(plot):
-            pitch_picture(found, loaded, plot)
+            if kept is None:
+                from invariantqp.pictures.pitches import pitch_picture
+
+                pitch_picture(found, loaded, plot)
+            else:
+                from invariantqp.pictures.bodies import bodies_picture
+
+                bodies_picture(kept, found.q, plot)
     print_inspection(found)
     if kept is not None:
         print_clearance(kept, found.q)

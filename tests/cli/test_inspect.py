@@ -28,8 +28,8 @@ def test_an_arm_in_words_numbers_and_a_picture(monkeypatch, capsys, tmp_path):
 
 
 def test_bodies_and_how_near_they_are(monkeypatch, capsys, tmp_path):
-    numbers = tmp_path / "a.json"
-    options = ["--clearance", "--q", "0,0,0,-1.5,0,1.8,0", "--json", str(numbers)]
+    numbers, picture = tmp_path / "a.json", tmp_path / "a.png"
+    options = ["--clearance", "--q", "0,0,0,-1.5,0,1.8,0", "--json", str(numbers), "--plot", str(picture)]
     status, out, err = call(monkeypatch, capsys, "inspect", "panda", *options)
     assert (status, err) == (0, "")
     found = json.loads(numbers.read_text(encoding="utf-8"))["clearance"]
@@ -38,6 +38,7 @@ def test_bodies_and_how_near_they_are(monkeypatch, capsys, tmp_path):
     assert "panda_link5: 1 x capsule" in out
     assert found["bodies"]["panda_link5"] == 1
     assert [one, other] in found["pairs"]
+    assert picture.stat().st_size > 20_000
 
 
 def test_an_arm_without_a_pitch(monkeypatch, capsys):
