@@ -232,7 +232,8 @@ class Controller:
         self._late = ticks_late(self.delay, self.dt)
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
         brought = self.law.compiled is not None and self.law.compiled.form == "brought"
-        self.varies: bool = brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
+        self.varies: bool = brought or (self.joint_rows is not None and fixed is None)
+        self._looks = self.joint_rows is not None and bool(self.joint_rows.looking)
         self.compiled: Loop | None = self._compiled()  # for the core; None for a loop that it does not have
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -268,19 +269,20 @@ class Controller:
         Raises:
             BadInput: neither "compiled" nor "python".
         """
-        other = deepcopy(self)
-        fields = vars(other)
-        fields["law"] = replace(self.law, engine=arrays.choice(engine, "engine", ENGINES))
-        fields["robot"] = self.robot.by_engine(engine) if isinstance(self.robot, Chain) else self.robot
-        fields["compiled"] = Controller._compiled(other)
-        return other
+        robot = self.robot.by_engine(engine) if isinstance(self.robot, Chain) else self.robot
+        law = replace(self.law, engine=arrays.choice(engine, "engine", ENGINES))
+        return self._but(robot=robot, law=law)
 
     def unbraked(self) -> Controller:
-        """The loop without acceleration limits and delay, for whoever limits those himself; what it has is shared."""
-        other = object.__new__(type(self))
+        """The loop without acceleration limits and delay, for whoever limits those himself."""
         kept = Memory.at_first(self._count, 0.0, self.dt).numbers
         limits = self._limits._replace(braking=None)
-        vars(other).update(vars(self), delay=0.0, _late=(0, 0.0), braking=None, _limits=limits, kept=kept)
+        return self._but(delay=0.0, _late=(0, 0.0), braking=None, _limits=limits, kept=kept)
+
+    def _but(self, **fields: Any) -> Controller:
+        """A loop of its own with other fields."""
+        other = deepcopy(self)
+        vars(other).update(fields)
         vars(other)["compiled"] = Controller._compiled(other)
         return other
 
@@ -454,12 +456,13 @@ class Controller:
         tick = partial(compiled_tick, core, self.kept, q, target, feedforward, velocity, **other)
         if rows is None:
             return tick()
-        kept = self.kept.copy()
+        kept = self.kept.copy() if self._looks or now is not None else None
         found = tick(G=rows.C, least=rows.lower, most=rows.upper)
-        more = None if found is None else self._limits.after(there, found[0].velocity, rows, now)
-        if more is not None:
-            rows, self.kept[:] = more, kept
-            found = tick(G=rows.C, least=rows.lower, most=rows.upper)
+        if kept is not None and found is not None:
+            more = self._limits.after(there, found[0].velocity, rows, now)
+            if more is not None:
+                rows, self.kept[:] = more, kept
+                found = tick(G=rows.C, least=rows.lower, most=rows.upper)
         return (found[0]._replace(row_names=rows.names), found[1]) if found is not None and rows.names else found
 
     def named(self, found: tuple[VelocitySolution, Written | None]) -> VelocitySolution:

@@ -10,9 +10,10 @@ class with one method. Where limits contradict each other, they give way by the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from math import inf
+from operator import le
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -485,12 +486,15 @@ class RowLimits:
         self._given, self._loop = tuple(given), loop
         self._m = len(loop.velocity_limit)
         self._limits: list[Limit | LimitRows] = []
+        self.looking: list[Limit] = []  # those that see where a tick ends
         for limit in given:
             made = limit.for_loop(loop)
             if isinstance(made, LimitRows):
                 self._limits.append(self._named(made, limit))
             elif type(made).rows is not Limit.rows:
                 self._limits.append(made)
+                if type(made).after is not Limit.after:
+                    self.looking.append(made)
 
     def __bool__(self) -> bool:
         return bool(self._limits)
@@ -499,16 +503,27 @@ class RowLimits:
         """Those of another loop, which shares what it was given, obstacles that move for instance."""
         return RowLimits(self._given, self._loop)
 
-    def at(self, q: Array, velocity: Array, *, after: bool = False) -> TickRows:
-        """The rows at joint positions q (m,), `velocity` (m,) being the one now; or more of them, it being the answer.
+    def at(self, q: Array, velocity: Array) -> TickRows:
+        """The rows at joint positions q (m,), coming from a joint velocity (m,).
 
         Raises:
             BadInput: something else than rows on the arm's joints.
         """
         try:
-            return TickRows(_stacked(list(self._parts(q, velocity, after=after))))
+            return TickRows(self._asked("rows", self._limits, q, velocity))
         except _Unusable as trouble:
             return TickRows(None, trouble.reason)
+
+    def after(self, q: Array, x: Array) -> LimitRows | None:
+        """More rows, where the answer x (m,) of a tick at q (m,) does not keep some limit to its end.
+
+        Raises:
+            BadInput: as from `at`.
+        """
+        try:
+            return self._asked("after", self.looking, q, x)
+        except _Unusable:
+            return None
 
     @cached_property
     def fixed(self) -> LimitRows | None:
@@ -518,8 +533,9 @@ class RowLimits:
 
     def own(self, q: Array) -> LimitRows | None:
         """The rows at joint positions q (m,) but Pink's, None where there are none or they cannot be used."""
+        known = [limit for limit in self._limits if not isinstance(limit, _InPink)]
         try:
-            return _stacked(list(self._parts(q, np.zeros(self._m), pinks=False)))
+            return self._asked("rows", known, q, np.zeros(self._m))
         except _Unusable:
             return None
 
@@ -528,21 +544,25 @@ class RowLimits:
         limits = (limit for limit in self._limits if isinstance(limit, Limit))
         return next((why for limit in limits if (why := limit.blocked(q))), "")
 
-    def _parts(self, q: Array, velocity: Array, *, pinks: bool = True, after: bool = False) -> Iterator[LimitRows]:
-        for limit in self._limits:
+    def _asked(
+        self, method: Literal["rows", "after"], limits: Sequence[Limit | LimitRows], q: Array, velocity: Array
+    ) -> LimitRows | None:
+        """What a method of limits answers, together."""
+        found = []
+        for limit in limits:
             if isinstance(limit, LimitRows):
-                if not after:
-                    yield limit
-            elif pinks or not isinstance(limit, _InPink):
-                try:
-                    found = limit.after(q, velocity) if after else limit.rows(q, velocity)
-                except BadInput as error:
-                    if error.argument == "limits":
-                        raise
-                    words = Reason(Code.ROWS_REFUSED, rows=(limit.name or "rows",), words=str(error))
-                    raise _Unusable(words) from error
-                if found is not None:
-                    yield self._named(found, limit)
+                found.append(limit)
+                continue
+            try:
+                rows = getattr(limit, method)(q, velocity)
+            except BadInput as error:
+                if error.argument == "limits":
+                    raise
+                words = Reason(Code.ROWS_REFUSED, rows=(limit.name or "rows",), words=str(error))
+                raise _Unusable(words) from error
+            if rows is not None:
+                found.append(self._named(rows, limit))
+        return _stacked(found)
 
     def _named(self, rows: object, limit: Limit) -> LimitRows:
         """Rows on the arm's joints, by the name of their limit where they have none.
@@ -707,18 +727,19 @@ class LoopLimits(NamedTuple):
         if now is None or found.trouble:
             return found
         more = now.joint_rows.at(q, before)
-        return TickRows(_stacked([r for r in (found.rows, more.rows) if r is not None]), more.trouble)
+        return TickRows(_stacked([rows for rows in (found.rows, more.rows) if rows is not None]), more.trouble)
 
     def after(self, q: Array, x: Array, rows: LimitRows | None, now: Changes | None) -> LimitRows | None:
         """The rows of a tick and more, where its answer x (m,) does not keep some limit to its end, else None."""
         given = [limits for limits in (self.joint_rows, None if now is None else now.joint_rows) if limits]
-        more = [found for limits in given if (found := limits.at(q, x, after=True).rows) is not None]
+        more = [found for limits in given if (found := limits.after(q, x)) is not None]
         return _stacked([*([] if rows is None else [rows]), *more]) if more else None
 
     def wrong(self, q: Array) -> Reason | None:
         """Why joint positions (m,) cannot be true, None where they may be; of several joints, the worst."""
         lower, upper = self.believed
-        if all(a <= x <= b for a, x, b in zip(lower, q.tolist(), upper, strict=True)):
+        here = q.tolist()
+        if all(map(le, lower, here)) and all(map(le, here, upper)):
             return None
         beyond = np.maximum(q - upper, lower - q)
         i = int(beyond.argmax())
