@@ -275,8 +275,11 @@ def _price(v: Array, U: Array, gains: Array, limit: float, most: float) -> float
     rest = max(float(v.dot(v) - along.dot(along)), 0.0) if len(along) < 3 else 0.0
     parts = list(zip((along * along).tolist(), gains.tolist(), strict=True))
     least = -1.0 / max(float(gains.max(initial=0.0)), TINY)
-    alone = (np.abs(along) / limit - 1.0) / np.maximum(gains, TINY)  # what each part needs by itself
-    mu = float(alone[gains > TINY].max(initial=0.0))
+    over = np.abs(along) / limit - 1.0
+    if (over > most * gains).any():  # of one part alone
+        return inf
+    fast = over > 0.0
+    mu = float((over[fast] / gains[fast]).max(initial=0.0))
     for _ in range(MOST_PRICES):  # Newton on 1 / |v|, which is concave: from below it does not overshoot
         square, slope = rest, 0.0
         for part, gain in parts:
