@@ -305,10 +305,10 @@ void cone_on(const Cone *cone, int m, const Row origin, int n, const Row *basis,
 void polytope_on(const Polytope *limits, int m, const Row origin, const Row inside, int n, const Row *basis, Polytope *result);
 bool allows(const Demand *demand, const Row x);
 bool is_met(int n, const Row A[6], const double b[6], const Row x, double tolerance);
-void reported(const Demand *demand, const Row A[6], const double wanted[6], const double *possible,
-              const Objective *objective, const Row y, const Share *share, double pace, const Optimum *found,
-              double blended, Solution *solution);
-void clipped(const Demand *demand, const Row y, Solution *solution);
+Outcome reported(const Demand *demand, const Row A[6], const double wanted[6], const double *possible,
+                 const Objective *objective, const Row y, const Share *share, double pace, const Optimum *found,
+                 double blended, Solution *solution);
+Outcome clipped(const Demand *demand, const Row y, Solution *solution);
 void at_limits(const Demand *demand, Solution *solution);
 double steady_share(const Demand *demand, const double wanted[6], const double ahead[6]);
 double posture_share(const Demand *demand, const Row x);

@@ -67,8 +67,23 @@ static void shortened(const Demand *demand, const Row y, Row x)
         x[j] *= share;
 }
 
-/* The velocity without rounding past its limits, the joints at them, and the residual. */
-void clipped(const Demand *demand, const Row y, Solution *solution)
+/* Whether rows and tool speed are exceeded by no more than rounding of the velocity; not asked of those that gave way. */
+static bool holds(const Demand *demand, const Yielded *yielded, const Row x)
+{
+    int m = demand->m;
+    double size = norm(m, x), limit = demand->cone.limit;
+    for (int i = 0; i < demand->limits; i++) {
+        double value = dot(m, demand->G[i], x), margin = QP_ROUNDING * norm(m, demand->G[i]) * size;
+        bool gave_way = yielded->rows > 0 && yielded->by[i] != 0.0;
+        if (!gave_way && !(value >= demand->least[i] - margin && value <= demand->most[i] + margin))
+            return false;
+    }
+    double margin = QP_ROUNDING * (limit + norm_of_rows(3, m, demand->cone.J) * size);
+    return !(limit > 0.0) || yielded->speed > 0.0 || tool_speed(&demand->cone, m, x) <= limit + margin;
+}
+
+/* The velocity without rounding past its limits, the joints at them, and the residual; handed back where it exceeds them. */
+Outcome clipped(const Demand *demand, const Row y, Solution *solution)
 {
     Row x;
     shortened(demand, y, x);
@@ -80,6 +95,7 @@ void clipped(const Demand *demand, const Row y, Solution *solution)
     }
     for (int i = 0; i < 6; i++)
         solution->residual[i] = demand->s[i] - dot(demand->m, demand->J[i], solution->velocity);
+    return holds(demand, &solution->yielded, solution->velocity) ? DONE : HAND_BACK;
 }
 
 /* Whether the errors of position and angle each fall at FALLING of the rate asked for; those within slack do
@@ -173,11 +189,12 @@ void at_limits(const Demand *demand, Solution *solution)
     solution->at_speed = limit > 0.0 && tool_speed(&demand->cone, demand->m, x) >= limit * (1.0 - ACTIVE_TOLERANCE);
 }
 
-void reported(const Demand *demand, const Row A[6], const double wanted[6], const double *possible,
-              const Objective *objective, const Row y, const Share *share, double pace, const Optimum *found,
-              double blended, Solution *solution)
+Outcome reported(const Demand *demand, const Row A[6], const double wanted[6], const double *possible,
+                 const Objective *objective, const Row y, const Share *share, double pace, const Optimum *found,
+                 double blended, Solution *solution)
 {
-    clipped(demand, y, solution);
+    if (clipped(demand, y, solution) == HAND_BACK)
+        return HAND_BACK;
     solution->scale = share->value;
     solution->pace = pace;
     solution->slow = share->value < WHOLE_SPEED;
@@ -193,4 +210,5 @@ void reported(const Demand *demand, const Row A[6], const double wanted[6], cons
     for (int i = 0; i < demand->m + demand->limits; i++)
         solution->multipliers[i] = found->met ? found->multipliers[i] : 0.0;
     at_limits(demand, solution);
+    return DONE;
 }

@@ -41,10 +41,11 @@ static bool quick(const Demand *demand, const Regular *regular, const Row A[6], 
     if (demand->metric != NULL || !agrees(demand) || !regular_velocity(demand, regular, A, b, x) || !allows(demand, x) || !achieves(demand, x) || !is_met(m, A, b, x, REGULAR) ||
         excess_deviation(m, A, b, norm(m, x), demand->dt) > 0.0)
         return false;
-    clipped(demand, x, solution);
-    solution->m = m;
     solution->rows = solution->yielded.rows = 0;
     solution->yielded.speed = solution->unmet = solution->beyond = 0.0;
+    if (clipped(demand, x, solution) == HAND_BACK)
+        return false;
+    solution->m = m;
     solution->method = CLOSED_FORM;
     solution->stuck = solution->limited = solution->slow = solution->met = false;
     solution->scale = solution->pace = 1.0;

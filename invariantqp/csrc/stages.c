@@ -616,8 +616,9 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
     solution->row_rank = demand->row_rank;
     moved(demand, y, x);
     found.met = found.met || pace < 1.0;
-    reported(demand, A, wanted, possible(&problem, done), &cost, x, &share, pace, &found, demand->form == NULL ? 0.0 : blended,
-             solution);
+    if (reported(demand, A, wanted, possible(&problem, done), &cost, x, &share, pace, &found,
+                 demand->form == NULL ? 0.0 : blended, solution) == HAND_BACK)
+        return HAND_BACK;
     beside(&problem, &share, solution);
     return DONE;
 }
@@ -746,9 +747,8 @@ Outcome solve_tasks(const Demand *demand, int count, const Task *const *tasks, S
         free = next;
     }
     moved(demand, free.origin, x);
-    if (!all_finite(m, x))
+    if (!all_finite(m, x) || clipped(demand, x, solution) == HAND_BACK)
         return HAND_BACK;
-    clipped(demand, x, solution);
     solution->m = m;
     solution->scale = share.value;
     solution->pace = 1.0;
