@@ -14,6 +14,8 @@ from support.two_laws import Brought, disagreements, native_answer, python_answe
 import invariantqp as iq
 from invariantqp.engine import core
 from invariantqp.velocity.backends import backend_of
+from invariantqp.velocity.damping import Fixed
+from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.solution import VelocitySolution
 
@@ -62,6 +64,38 @@ def test_both_answer_the_same(seed):
         assert disagreements(law, demand, native, python_answer(law, demand)) == []
         assert (native.velocity >= demand.lower).all()
         assert (native.velocity <= demand.upper).all()
+
+
+def test_rows_are_exceeded_by_one_rounding_at_most_or_the_tick_is_handed_back():
+    """In lengths of 1e60, two columns alike: margins of each step on the way to an answer must not add up."""
+    J = 1e60 * np.array(
+        [
+            [1.0, 0.0, -1.0, -1.0, 1.0, -1.0, -1.0, -1.0],
+            [0.0, 1.0, -2.0, 0.0, -2.0, -1.0, -2.0, -2.0],
+            [-1.0, 0.0, -1.0, 1.0, 1.0, 0.0, -1.0, -1.0],
+            [1.0, 0.0, 2.0, -1.0, -2.0, -1.0, 1.0, 1.0],
+            [-2.0, -1.0, 1.0, 2.0, 2.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, -2.0, 0.0, -1.0, 0.0, -1.0, -1.0],
+        ]
+    )
+    J[:, 7] += 1e-7 * J[:, 1]
+    C = np.array([[1.1, -2.9, -0.06, 1.1, -1.4, 2.4, 4.0, 0.3], [1.34, -0.72, 0.065, 2.47, 1.015, -1.66, -2.66, 0.39]])
+    C = np.vstack((np.eye(8)[2], C))
+    rows = iq.limits.LimitRows(C, [-np.inf, -34.5, -12.475], [0.037, 18.35, 17.3])
+    s, root = 1e60 * np.array([-8.8, 5.4, -4.3, 10.2, 4.0, 2.3]), np.eye(6)
+    lower = np.array([-2.667, 4.065, -2.763, 0.0, 0.6065, -np.inf, -0.7573, -3.4289])
+    upper = np.array([0.01903, 4.065, 1.9348, 0.0, 1.1028, 1.6463, np.inf, 0.8999])
+    exact = ExactRows(J[1:], s[1:], root[1:])
+    rng, answered = np.random.default_rng(0), 0
+    for _ in range(300):
+        d = 0.01 * rng.normal(size=8)
+        demand = Demand(J, s, root, lower + d, upper + d, exact, rows=rows)
+        found = native_answer(VelocityLaw(damping=Fixed(0.0), dt=0.002), demand)
+        if found is not None and "contradict" not in found.reason:
+            answered += 1
+            size = np.linalg.norm(C, axis=1) * np.linalg.norm(found.velocity)
+            assert (np.abs(rows.excess(found.velocity)) <= 1e-9 * size).all()
+    assert answered > 100
 
 
 def test_rows_hold_to_rounding_beside_a_tool_speed_that_gives_way(tick):
