@@ -11,7 +11,7 @@ class with one method. Where limits contradict each other, they give way by the 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from math import inf
 from operator import le
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
@@ -578,7 +578,13 @@ class RowLimits:
             raise BadInput(argument, f"rows on {m} joints", f"rows on {self._m}, one for each joint")
         if rows.names or not limit.name:
             return rows
-        return rows.called([limit.name] if k == 1 else [f"{limit.name} row {i}" for i in range(k)])
+        return rows.called(_names_of(limit.name, k))
+
+
+@cache
+def _names_of(limit: str, k: int) -> tuple[str, ...]:
+    """What k rows of a limit are called."""
+    return (limit,) if k == 1 else tuple(f"{limit} row {i}" for i in range(k))
 
 
 def _stacked(parts: list[LimitRows]) -> LimitRows | None:

@@ -371,12 +371,13 @@ def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
 def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None, argument: str = "tangent") -> Array:
     """The contact's own frame: z against the outward normal, x along the projection of the tangent on the surface."""
     # In floats, which for so few numbers is faster than in arrays.
-    u, v, w = (-arrays.direction(normal, "normal")).tolist()
+    u, v, w = arrays.unit(normal, "normal")
+    u, v, w = -u, -v, -w
     if tangent is None:
         least = min(abs(u), abs(v), abs(w))
         along = (1.0, 0.0, 0.0) if abs(u) == least else (0.0, 1.0, 0.0) if abs(v) == least else (0.0, 0.0, 1.0)
     else:
-        along = arrays.direction(tangent, argument).tolist()
+        along = arrays.unit(tangent, argument)
     a, b, c = along
     share = u * a + v * b + w * c
     a, b, c = a - share * u, b - share * v, c - share * w
@@ -390,9 +391,10 @@ def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None
 
 
 def _at(kind: ContactKind, pose: Array, edge: float | None = None) -> Contact:
-    """A contact at a pose that needs no check."""
+    """A contact at a pose that needs no check, and that nobody writes to."""
     contact = Contact.__new__(Contact)
-    contact.__attrs_init__(kind, pose, edge)
+    pose.flags.writeable = False
+    vars(contact).update(kind=kind, pose=pose, edge=edge)
     return contact
 
 

@@ -319,7 +319,9 @@ class LimitRows(Value):
 
     def called(self, names: Sequence[str]) -> LimitRows:
         """The same rows by other names (k,)."""
-        return LimitRows.trusted(self.C, self.lower, self.upper, names)
+        made = LimitRows.__new__(LimitRows)
+        vars(made).update(vars(self), names=tuple(names))
+        return made
 
     def with_box(self, lower: Array, upper: Array) -> Polytope:
         """The polytope of a box (m,) on the joints and these rows."""
