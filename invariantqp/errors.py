@@ -81,7 +81,9 @@ def _restore(kind: type[InvariantQPError], args: tuple[Any, ...], attributes: di
 
 
 class BadInput(InvariantQPError, ValueError):
-    """An argument is not what the function takes.
+    """An argument is not what its function takes: another kind or shape, NaN, or out of range.
+
+    Docstrings say what is taken; they name this error where that is not all.
 
     Attributes:
         argument: the name of the offending argument.

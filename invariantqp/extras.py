@@ -10,11 +10,7 @@ from invariantqp.errors import MissingExtra
 
 
 def require(extra: str, *packages: str) -> None:
-    """Refuse to begin what cannot be finished without these packages, which an extra of this one installs.
-
-    Raises:
-        MissingExtra: one of them is not installed.
-    """
+    """Refuse, with `MissingExtra`, to begin what needs packages of an extra that are not installed."""
     for package in packages:
         if not is_installed(package):
             raise MissingExtra(package, extra)
@@ -25,7 +21,7 @@ def optional(extra: str, what: str) -> Iterator[None]:
     """A block that imports what an extra brings, under the name `what`.
 
     Raises:
-        MissingExtra: it is not installed, or what is installed cannot be loaded: that error is its cause.
+        MissingExtra: it is not installed, or cannot be loaded: that error is its cause.
     """
     try:
         yield

@@ -124,9 +124,6 @@ class RobotKinematics:
 
         Args:
             joint_pos_deg: positions of `joint_names`, more may follow [deg].
-
-        Raises:
-            BadInput: too few positions, NaN.
         """
         return self.robot.pose(np.radians(self._positions(joint_pos_deg, "joint_pos_deg")[self.moving]))
 
@@ -148,9 +145,6 @@ class RobotKinematics:
                 numbers are, is taken as the nearest one.
             position_weight: weight of the squared distance [1/length^2]; 0 leaves the position free.
             orientation_weight: weight of the squared angle [1/rad^2]; 0 leaves the orientation free.
-
-        Raises:
-            BadInput: NaN, no rigid motion, too few positions, negative weights.
         """
         positions = self._positions(current_joint_pos, "current_joint_pos")
         pose = _rigid(desired_ee_pose, "desired_ee_pose")
@@ -244,9 +238,6 @@ class ActionFollower:
             timeout: after how long without a sample a stream that is not of chunks comes to rest [s].
             limits: more of them, as `Controller` takes them, in radians: a `ToolSpeed`, a `Clearance` of
                 `kinematics.robot`.
-
-        Raises:
-            BadInput: what is no RobotKinematics, a number that is not positive, limits that are no list.
         """
         if not isinstance(kinematics, RobotKinematics):
             raise BadInput("kinematics", excerpt(kinematics), "an invariantqp.lerobot.RobotKinematics")
@@ -273,9 +264,6 @@ class ActionFollower:
 
         Args:
             action: (n,) as measured, in the order of `joint_names` [deg].
-
-        Raises:
-            BadInput: another number of them, NaN, positions that cannot be true.
         """
         now = arrays.vector(action, len(self._kinematics.joint_names), "action")
         self.follower.controller.believed(np.radians(now[self._kinematics.moving]), "action")
@@ -387,11 +375,7 @@ def _arm(source: str | PathLike[str], frame: str, given: tuple[str, ...] | None)
 
 
 def _moves(source: str | PathLike[str], frame: str, joint: str) -> bool:
-    """Whether a joint moves the frame; a gripper's does not.
-
-    Raises:
-        UnknownName: no such joint or frame.
-    """
+    """Whether a joint moves the frame; a gripper's does not."""
     try:
         read_arm(source, frame, (joint,))
     except BadInput as error:

@@ -56,9 +56,6 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
 
         The frame is named or numbered, and of type "body", "geom" or "site". Costs, gain, damping and what follows are
         those of `invariantqp.pink.InvariantFrameTask`.
-
-        Raises:
-            BadInput: as there.
         """
         if not isinstance(frame_name, (str, int)):
             raise BadInput("frame_name", excerpt(frame_name), "a frame's name or id")
@@ -70,9 +67,6 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
 
         Args:
             transform_target_to_world: a `mink.SE3`, or (4, 4) in the world frame.
-
-        Raises:
-            BadInput: no rigid motion with finite numbers.
         """
         given = transform_target_to_world
         pose = arrays.pose(given.as_matrix() if isinstance(given, SE3) else given, "target")

@@ -83,9 +83,6 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
 
         Args:
             transform_target_to_world: a `pinocchio.SE3`, or (4, 4) in the world frame.
-
-        Raises:
-            BadInput: no rigid motion with finite numbers.
         """
         super().set_target(placement(transform_target_to_world, "target"))
 

@@ -120,11 +120,7 @@ class InvariantPose(PartController):  # type: ignore[misc]
         options: dict[str, Any] | None = None,
         **told: Any,
     ) -> None:
-        """As robosuite makes it; see `controller_config`.
-
-        Raises:
-            BadInput: an option that `Controller` or `HybridTask` refuses.
-        """
+        """As robosuite makes it; see `controller_config`."""
         said = {name: told.get(name) for name in ("part_name", "naming_prefix")}
         super().__init__(sim, joint_indexes, actuator_range, ref_name=ref_name, lite_physics=True, **said)
         self.control_dim = 10

@@ -13,12 +13,7 @@ from invariantqp.extras import require
 
 
 def fill_template(package: str, template: str, values: Mapping[str, Any]) -> str:
-    """The text of a package's template in Jinja's syntax with its values: escaped, unless it marks them as `safe`.
-
-    Raises:
-        MissingExtra: without Jinja.
-        ValueError: a number that the template writes as JSON is not finite.
-    """
+    """The text of a package's template in Jinja's syntax with its values: escaped, unless it marks them as `safe`."""
     require("pictures", "jinja2")
     from jinja2 import Environment, StrictUndefined
 

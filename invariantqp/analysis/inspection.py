@@ -187,9 +187,6 @@ def inspect(
             the range farthest from singularities.
         samples: states of the joint range to look at.
         progress: called with (states done, states in all).
-
-    Raises:
-        BadInput: not a robot, wrong number of joint positions, NaN, no samples.
     """
     mid = middle(require_robot(robot))
     state, where = mid, "in the middle of the joint range"

@@ -80,11 +80,7 @@ def compare(
 
 
 def _compare_stability(json_file: Path | None, quiet: bool) -> None:
-    """Run what breaks velocity control.
-
-    Raises:
-        NotAccepted: our law was not finite, or left its limits.
-    """
+    """Run what breaks velocity control; not accepted if our law was not finite, or left its limits."""
     from invariantqp.compare.method import OURS
     from invariantqp.compare.results import plain
     from invariantqp.compare.stability import compare_stability, not_installed

@@ -49,11 +49,7 @@ NUMBERS = "numbers, one for each joint, such as 0 0.5 -1"
 
 
 class NotAccepted(Exception):
-    """A run or a comparison is done, and its acceptance numbers are not met.
-
-    Attributes:
-        reasons: one sentence each.
-    """
+    """A run or a comparison is done, and its acceptance numbers are not met, for the reasons given."""
 
     def __init__(self, reasons: list[str]) -> None:
         self.reasons = reasons
@@ -61,12 +57,7 @@ class NotAccepted(Exception):
 
 
 class NotWritten(Exception):
-    """A file could not be written to its end.
-
-    Attributes:
-        file: its name.
-        why: in words.
-    """
+    """A file could not be written to its end."""
 
     def __init__(self, file: str, why: str) -> None:
         self.file = file
@@ -106,11 +97,7 @@ def percent(share: float) -> str:
 
 
 def numbers(option: str, text: str) -> list[float]:
-    """Numbers separated by commas or spaces.
-
-    Raises:
-        BadInput: something else, or none; names the option.
-    """
+    """Numbers separated by commas or spaces."""
     try:
         found = [float(word) for word in text.replace(",", " ").split()]
     except ValueError as error:
@@ -121,11 +108,7 @@ def numbers(option: str, text: str) -> list[float]:
 
 
 def writable(option: str, file: Path | None, suffixes: tuple[str, ...] = ()) -> None:
-    """Refuse a file that cannot be written, or whose ending is that of another kind of file.
-
-    Raises:
-        BadInput: why it cannot be.
-    """
+    """Refuse a file that cannot be written, or whose ending is that of another kind of file."""
     if file is None:
         return
     if not file.name or file.is_dir():
@@ -139,11 +122,7 @@ def writable(option: str, file: Path | None, suffixes: tuple[str, ...] = ()) -> 
 
 
 def folder(option: str, out: Path) -> None:
-    """Make a folder, or refuse one that cannot be had.
-
-    Raises:
-        BadInput: why it cannot be.
-    """
+    """Make a folder, or refuse one that cannot be had."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -154,11 +133,7 @@ def folder(option: str, out: Path) -> None:
 
 @contextmanager
 def writing(file: Path) -> Iterator[None]:
-    """Say which file it was that could not be written.
-
-    Raises:
-        NotWritten: the operating system refused, for lack of space for instance.
-    """
+    """Say which file it was that could not be written, for lack of space for instance: `NotWritten`."""
     try:
         yield
     except OSError as error:
@@ -166,10 +141,6 @@ def writing(file: Path) -> Iterator[None]:
 
 
 def write(file: Path, text: str) -> None:
-    """Write text to a file.
-
-    Raises:
-        NotWritten: it cannot be written to its end.
-    """
+    """Write text to a file."""
     with writing(file):
         file.write_text(text, encoding="utf-8")

@@ -55,11 +55,7 @@ def displaced(
     sensor: ArrayLike | None = None,
     contact: ArrayLike | None = None,
 ) -> Setup:
-    """The setup of a run with frames displaced in themselves, (4, 4) or None each; its plant is the new one's too.
-
-    Raises:
-        BadInput: not finite (4, 4) rigid motions.
-    """
+    """The setup of a run with frames displaced in themselves, (4, 4) or None each; its plant is the new one's too."""
     problem, plant = setup.problem, setup.plant
     if tool is not None:
         problem = _with_tool(problem, arrays.pose(tool, "tool"))
@@ -266,9 +262,6 @@ def contact_frame_check(
 
     Returns:
         One ContactFrameCheck for each controller; ours is the first.
-
-    Raises:
-        BadInput: no such plant, or one without a force sensor.
     """
     laws: dict[str, Callable[[Setup, Array | None], TaskController]] = {
         OURS: lambda setup, _: controller_for(setup.problem),  # it needs no displacement

@@ -72,11 +72,7 @@ class Joint(NamedTuple):
 
 
 def joints_of(robot: Robot) -> list[Joint]:
-    """The joints of an arm, base first.
-
-    Raises:
-        RobotModelError: a helical joint; the models of other libraries have none.
-    """
+    """The joints of an arm, base first; helical ones are refused: the models of other libraries have none."""
     found = []
     for name, screw in zip(robot.names, robot.jacobian(np.zeros(len(robot.names))).T, strict=True):
         if not screw[:3].any():
@@ -185,11 +181,7 @@ class PinkLaw(TaskLaw):
     """Pink's solve_ik on the robot's own Pinocchio model."""
 
     def __init__(self, robot: Robot, law: LawSpec) -> None:
-        """Set up Pink's tasks for the robot.
-
-        Raises:
-            RobotModelError: the robot has no Pinocchio model, or a helical joint, which Pink cannot have.
-        """
+        """Pink's tasks for the robot, which needs a Pinocchio model, without helical joints."""
         joints_of(robot)
         if getattr(robot, "model", None) is None:
             raise RobotModelError("Pink needs a robot with a Pinocchio model; this one has none")
@@ -233,11 +225,7 @@ class MinkLaw(TaskLaw):
     """mink's solve_ik on a MuJoCo model of the robot's joints."""
 
     def __init__(self, robot: Robot, law: LawSpec) -> None:
-        """Build mink's model of the robot, and its tasks.
-
-        Raises:
-            RobotModelError: the robot has a helical joint.
-        """
+        """mink's model of the robot, without helical joints, and its tasks."""
         import mink
 
         model = mujoco_model(robot, at_point(law))
@@ -274,11 +262,7 @@ class PlacoLaw:
     """
 
     def __init__(self, robot: Robot, law: LawSpec) -> None:
-        """Set up placo's tasks; of `law`, dt, gain, delay, acceleration_limit, posture, exact and point are used.
-
-        Raises:
-            RobotModelError: the robot has a helical joint.
-        """
+        """placo's model of the robot, without helical joints, and its tasks."""
         import placo
 
         self._dt, self._share, self._names = law.dt, share_of(law), robot.names

@@ -161,12 +161,7 @@ class MethodLaw:
 
 
 def controller_of(method: Method) -> MakeController:
-    """The control loop of a method: its own, or this one around its function of a tick.
-
-    Raises:
-        MissingExtra: a module that it needs is not installed.
-        BadInput: the method has neither.
-    """
+    """The control loop of a method that is installed: its own, or this one around its function of a tick."""
     require(method.extra, *method.needs)
     if method.system is not None:
         return method.system
@@ -177,11 +172,7 @@ def controller_of(method: Method) -> MakeController:
 
 
 class AccelerationReach:
-    """The velocities that acceleration limits leave after the one commanded last, for loops without such limits.
-
-    Attributes:
-        last: (m,) the velocity commanded last, zero at first.
-    """
+    """The velocities (m,) that acceleration limits leave after the `last` one commanded, zero at first."""
 
     def __init__(self, law: LawSpec, m: int) -> None:
         limit = law.acceleration_limit

@@ -62,11 +62,7 @@ class HandWritten:
     """Pinocchio and DAQP as a user writes it by hand: one call after the other, nothing shared with this library."""
 
     def __init__(self, robot: Robot, law: LawSpec) -> None:
-        """Of `law`, dt, gain, delay, acceleration_limit, posture, exact and point are used.
-
-        Raises:
-            RobotModelError: the robot has no Pinocchio model.
-        """
+        """For a robot with a Pinocchio model."""
         import pinocchio
 
         self.pin = pinocchio

@@ -25,18 +25,10 @@ def controller_named(name: str) -> MakeController:
 
 
 def chosen(names: str | Iterable[str] | None = None) -> dict[str, Method]:
-    """The methods that some names stand for, without those that are not installed.
+    """The methods that some names stand for, in the order of the table, without those that are not installed.
 
-    Args:
-        names: each the name of a method, a family such as "damped", or part of a name ("pink" is every row of
-            Pink); upper and lower case are the same. None stands for every method.
-
-    Returns:
-        {name: method} in the order of the table.
-
-    Raises:
-        UnknownName: a name stands for no method.
-        BadInput: a method given by its full name is not installed, or no name.
+    A name is that of a method, a family ("damped"), or part of a name ("pink"), in upper or lower case; None is every
+    method. One given by its full name has to be installed.
     """
     meant, given = _selected(names), {word.lower() for word in _words(names)}
     for method in meant:
@@ -69,11 +61,7 @@ def absent(methods: Iterable[Method], tasks: Iterable[str]) -> dict[str, list[st
 
 
 def without_robot(tasks: Iterable[str]) -> dict[str, MissingExtra]:
-    """The tasks whose robot is not installed, each with what says so.
-
-    Raises:
-        UnknownName: there is no such task.
-    """
+    """The tasks whose robot is not installed, each with what says so."""
     found = {}
     for task in tasks:
         try:
@@ -84,12 +72,7 @@ def without_robot(tasks: Iterable[str]) -> dict[str, MissingExtra]:
 
 
 def with_robot(tasks: Sequence[str]) -> list[str]:
-    """The tasks whose robot is installed.
-
-    Raises:
-        UnknownName: there is no such task.
-        MissingExtra: there are tasks, and the robot of none is installed.
-    """
+    """The tasks whose robot is installed; `MissingExtra` if there are tasks, and the robot of none is."""
     immobile = without_robot(dict.fromkeys(tasks))
     kept = [task for task in tasks if task not in immobile]
     if immobile and not kept:

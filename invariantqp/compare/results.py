@@ -45,11 +45,7 @@ Results = dict[str, Any]
 
 
 def load_results(file: Path) -> Results:
-    """Read results that `invariantqp compare` wrote.
-
-    Raises:
-        BadInput: there is no such file, or it is no results.json of this schema.
-    """
+    """Read results that `invariantqp compare` wrote."""
     try:
         results = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
@@ -65,9 +61,6 @@ def write_results(file: Path, results: Results) -> None:
     """Write results with one cell in a line, so that two files can be compared line by line.
 
     The file appears complete or not at all, even if the program is interrupted.
-
-    Raises:
-        BadInput: the file cannot be written.
     """
     content = plain(results)
     lines = ",\n  ".join(json.dumps(cell, allow_nan=False, separators=(",", ":")) for cell in content.pop("cells"))

@@ -60,11 +60,7 @@ def cases() -> list[Case]:
 
 
 def run_case(case: Case, make: MakeController) -> tuple[Result, Trace]:
-    """The figures of one case under one law, and its run.
-
-    Raises:
-        RobotModelError: the law cannot control this robot.
-    """
+    """The figures of one case under one law, and its run."""
     watched, trace = watched_run(prepare(load_task(case.task)), make, case.broken)
     return figures(watched, trace), trace
 
@@ -72,15 +68,9 @@ def run_case(case: Case, make: MakeController) -> tuple[Result, Trace]:
 def compare_stability(progress: Progress | None = None) -> list[Result]:
     """Run every case whose robot is installed under every law that can control it.
 
-    Args:
-        progress: called with (runs done, runs in all).
-
     Returns:
         The figures of each run, with the names of "case" and "law", and "chatter": the variation of the joint
         velocities divided by that of the yardstick in the same case.
-
-    Raises:
-        MissingExtra: no robot is installed; raised before the first run.
     """
     there = with_robot([case.task for case in cases()])
     work = [(case, law) for case in cases() if case.task in there for law in laws().items()]

@@ -46,11 +46,7 @@ def cells(
     quick: bool = False,
     only: Sequence[str] | None = None,
 ) -> list[Cell]:
-    """The cells of a sweep, with those that run alone at the end; `only` names measurements, None is all of them.
-
-    Raises:
-        UnknownName: `only` has a name that is no measurement.
-    """
+    """The cells of a sweep, with those that run alone at the end; `only` names measurements, None is all of them."""
     found = []
     for name, kind in sorted(_wanted(only).items(), key=lambda item: item[1].alone):
         if quick and kind.slow and only is None:
@@ -71,11 +67,7 @@ def _wanted(only: Sequence[str] | None) -> dict[str, Kind]:
 def not_installed(
     tasks: Sequence[str], methods: str | Sequence[str] | None, only: Sequence[str] | None = None
 ) -> dict[str, list[str]]:
-    """What a sweep with these arguments leaves out, by the extra that would install it: methods and tasks.
-
-    Raises:
-        BadInput, UnknownName: there is no such task, method or measurement.
-    """
+    """What a sweep with these arguments leaves out, by the extra that would install it: methods and tasks."""
     _wanted(only)
     return absent(left_out(methods), tasks)
 
@@ -91,7 +83,9 @@ def sweep(
     only: Sequence[str] | None = None,
     progress: Progress | None = None,
 ) -> Results:
-    """Measure every method on every task and write DIR/results.json.
+    """Measure every method on every task, write DIR/results.json and return its content.
+
+    Tasks whose robot is not installed are left out, as methods are; `not_installed` names them.
 
     Args:
         tasks: names or files of tasks.
@@ -102,15 +96,6 @@ def sweep(
         jobs: number of processes; None leaves it to joblib's back end, which has one by default.
         only: names of measurements; None is all of them.
         progress: called with (cells done, cells in all).
-
-    Returns:
-        The content of results.json.
-
-    Tasks whose robot is not installed are left out, as methods are; `not_installed` names them.
-
-    Raises:
-        BadInput, UnknownName: there is no such task, method or measurement, or a method is not installed.
-        MissingExtra: of no task is the robot installed.
     """
     table = chosen(methods)
     if quick and methods is None:

@@ -41,12 +41,7 @@ TAIL = 0.1
 
 
 class Watched:
-    """A law whose arm stops for a tick if the law raises, or if its answer is not finite.
-
-    Attributes:
-        exceptions: number of ticks in which it raised.
-        not_finite: number of ticks in which its answer was not finite.
-    """
+    """A law whose arm stops for a tick if the law raises, or if its answer is not finite; such ticks are counted."""
 
     def __init__(self, law: Controls, broken: str = "", ticks: int = 0) -> None:
         """The input named `broken` is NaN in every third tick of the first half of `ticks`; none if it is empty."""

@@ -39,11 +39,7 @@ SYMMETRY_TOLERANCE = 1e-9
 
 
 def array(value: ArrayLike, argument: str, expected: str) -> Array:
-    """`value` as a float64 array.
-
-    Raises:
-        BadInput: not real numbers; text, truth values, complex numbers and masked entries are refused, not converted.
-    """
+    """`value` as a float64 array; text, truth values, complex numbers and masked entries are refused, not converted."""
     if type(value) is np.ndarray and value.dtype is FLOAT64:
         return value
     try:
@@ -202,7 +198,7 @@ def poses(value: Array, argument: str) -> Array:
 def is_rigid(T: Array) -> bool:
     """Whether a (4, 4) matrix is a finite rigid motion: columns orthonormal and right-handed, last row (0, 0, 0, 1).
 
-    In floats, which for so few numbers is faster than in arrays.
+    In floats, faster than in arrays for so few numbers.
     """
     (a, b, c, x), (d, e, f, y), (g, h, i, z), last = T.tolist()
     tolerance = ROTATION_TOLERANCE
@@ -229,11 +225,7 @@ def number(
     positive: bool = False,
     infinite: bool = False,
 ) -> float:
-    """A float: above zero if `positive`, possibly infinite if `infinite`, never NaN.
-
-    Raises:
-        BadInput: something else; True and False are no numbers here.
-    """
+    """A float: above zero if `positive`, possibly infinite if `infinite`, never NaN, True or False."""
     x = value if type(value) is float else _as_float(value, argument, expected)
     if isnan(x) or (isinf(x) and not infinite) or (positive and x <= 0.0):
         raise BadInput(argument, f"{x!r}", f"{expected}{' above zero' if positive else ''}")

@@ -63,9 +63,6 @@ class Mesh(Shape):
             hull: take it for its convex hull, which is solid: what is inside of it is led out. Of a surface, what has
                 gone through it with its axis is not.
             name: what reasons call it.
-
-        Raises:
-            BadInput: no such file, not a mesh, NaN, a hull without volume.
         """
         solid, size = arrays.flag(hull, "hull"), arrays.number(scale, "scale", "a factor", positive=True)
         points, faces = _read(source, solid)
@@ -195,11 +192,7 @@ def _surface_of(points: Array, faces: NDArray[np.intp]) -> Any:
 
 
 def triangles(file: str) -> tuple[Array, NDArray[np.intp]]:
-    """(n, 3) corners of a mesh and (f, 3) which of them each triangle has.
-
-    Raises:
-        RobotModelError: no such file, or not a mesh.
-    """
+    """(n, 3) corners of a mesh file and (f, 3) which of them each triangle has."""
     if not Path(file).is_file():
         raise RobotModelError(f"no mesh at {file}")
     try:

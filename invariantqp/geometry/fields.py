@@ -47,7 +47,7 @@ def same(a: object, b: object) -> bool:
 class Compared:
     """Base of frozen attrs classes with arrays: `==` compares them number by number, `repr` shows them in short.
 
-    Fields declared with `eq=False` or `repr=False` are left out.
+    Fields with `eq=False` or `repr=False` are left out.
     """
 
     def __eq__(self, other: object) -> bool:

@@ -29,9 +29,6 @@ def invariant_form(alpha: float, beta: float) -> Array:
     Returns:
         (6, 6) symmetric matrix, invariant: Ad' Q Ad = Q for every rigid motion.
 
-    Raises:
-        BadInput: NaN or infinite weights.
-
     Reference: [DS] Theorem 2.1.
     """
     a, b = arrays.number(alpha, "alpha"), arrays.number(beta, "beta")
@@ -50,9 +47,6 @@ def pitch_form(h: float) -> Array:
     Returns:
         (6, 6) symmetric matrix.
 
-    Raises:
-        BadInput: h is NaN or not a number.
-
     Reference: [DS] (2.6), without its factor 1/2.
     """
     pitch = arrays.number(h, "h", "a pitch, finite or inf", infinite=True)
@@ -68,9 +62,6 @@ def pitch_form_inverse(h: float) -> Array:
     Returns:
         (6, 6) symmetric matrix, invariant under `coadjoint`.
 
-    Raises:
-        BadInput: h is not finite (the Killing form has no inverse).
-
     Reference: [DS] Sect. 6.3.
     """
     finite = finite_pitch(h)
@@ -81,11 +72,7 @@ def pitch_form_inverse(h: float) -> Array:
 
 
 def finite_pitch(h: float, argument: str = "h") -> float:
-    """h as a finite float.
-
-    Raises:
-        BadInput: not a number, or infinite: the message says why that cannot be.
-    """
+    """h as a finite float."""
     pitch = arrays.number(h, argument, "a finite pitch", infinite=True)
     if isinf(pitch):
         remedy = "The Killing form Q_inf is degenerate and has no inverse."

@@ -29,9 +29,6 @@ def helical(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: float = 
         axis: (3,) direction of the line, any non-zero length.
         point: (3,) any point of the line [length].
         pitch: translation per radian [length/rad]; inf gives the prismatic twist along the axis.
-
-    Raises:
-        BadInput: zero axis, NaN, a pitch that is not a number.
     """
     u = arrays.direction(axis, "axis")
     q = arrays.vector(point, 3, "point")
@@ -52,11 +49,7 @@ def prismatic(axis: ArrayLike) -> Array:
 
 
 def pitch(twist: ArrayLike) -> float:
-    """The pitch omega.v / omega.omega of a (6,) twist [length/rad]; inf for a pure translation.
-
-    Raises:
-        BadInput: the zero twist has no pitch.
-    """
+    """The pitch omega.v / omega.omega of a (6,) twist [length/rad]; inf for a pure translation."""
     s = arrays.twist(twist)
     if not s.any():
         raise BadInput("twist", "the zero twist", "a non-zero twist", "Only a non-zero twist has a pitch.")
@@ -66,11 +59,7 @@ def pitch(twist: ArrayLike) -> float:
 
 
 def axis(twist: ArrayLike) -> tuple[Array, Array]:
-    """The axis of a (6,) twist: its unit direction (3,) and its point (3,) nearest to the origin.
-
-    Raises:
-        BadInput: the twist has no finite axis (zero or a pure translation).
-    """
+    """The axis of a (6,) twist: its unit direction (3,) and its point (3,) nearest to the origin."""
     s = arrays.twist(twist)
     length = hypot(*s[:3].tolist())
     if length == 0.0:

@@ -78,15 +78,7 @@ def across(z: Array) -> tuple[Array, Array]:
 
 
 def inverse(pose: ArrayLike, *, check: bool = True) -> Array:
-    """The inverse (4, 4) pose.
-
-    Args:
-        pose: (4, 4) homogeneous.
-        check: whether to check the pose.
-
-    Raises:
-        BadInput: not a finite rigid motion.
-    """
+    """The inverse (4, 4) pose."""
     T: Any = pose if check is False else arrays.pose(pose)
     (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = T.tolist()
     u, v, w = a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
@@ -94,17 +86,7 @@ def inverse(pose: ArrayLike, *, check: bool = True) -> Array:
 
 
 def adjoint(pose: ArrayLike, *, check: bool = True) -> Array:
-    """Ad of a pose: moves twists from the pose's frame to the frame it is expressed in.
-
-    Args:
-        pose: (4, 4) homogeneous, a_from_b.
-        check: whether to check the pose.
-
-    Returns:
-        (6, 6) matrix [[R, 0], [p^ R, R]] with s_a = Ad s_b.
-
-    Raises:
-        BadInput: not a finite rigid motion.
+    """Ad of a pose a_from_b: the (6, 6) matrix [[R, 0], [p^ R, R]] with s_a = Ad s_b, for twists.
 
     Reference: [DS] (2.2).
     """
@@ -131,17 +113,7 @@ def inverse_adjoint(T: Array) -> Array:
 
 
 def coadjoint(pose: ArrayLike, *, check: bool = True) -> Array:
-    """Ad^-T of a pose: moves wrenches as `adjoint` moves twists, moments included; W'.s' = W.s.
-
-    Args:
-        pose: (4, 4) homogeneous, a_from_b.
-        check: whether to check the pose.
-
-    Returns:
-        (6, 6) matrix [[R, p^ R], [0, R]] with W_a = Ad* W_b.
-
-    Raises:
-        BadInput: not a finite rigid motion.
+    """Ad^-T of a pose a_from_b: the (6, 6) matrix [[R, p^ R], [0, R]] with W_a = Ad* W_b, for wrenches; W'.s' = W.s.
 
     Reference: [DS] Sect. 6.3.
     """
@@ -174,15 +146,7 @@ def lie(a: Array, b: Array) -> Array:
 
 
 def exp(twist: ArrayLike, *, check: bool = True) -> Array:
-    """The (4, 4) rigid motion reached by moving with a (6,) twist for unit time.
-
-    Args:
-        twist: (6,) angular part [rad] first.
-        check: whether to check the twist.
-
-    Raises:
-        BadInput: not six finite numbers, or numbers whose squares are not.
-    """
+    """The (4, 4) rigid motion reached by moving with a (6,) twist, angular part [rad] first, for unit time."""
     s: Any = twist if check is False else arrays.twist(twist)
     x, y, z, u, v, w = s.tolist()
     xx, yy, zz = x * x, y * y, z * z
@@ -214,16 +178,9 @@ def exp(twist: ArrayLike, *, check: bool = True) -> Array:
 
 
 def log(pose: ArrayLike, *, check: bool = True) -> Array:
-    """The (6,) twist whose unit-time motion is the pose, rotation angle in [0, pi].
+    """The (6,) twist whose unit-time motion is a (4, 4) pose, rotation angle in [0, pi].
 
     At exactly pi the axis is determined up to sign; either is a logarithm.
-
-    Args:
-        pose: (4, 4) homogeneous.
-        check: whether to check the pose.
-
-    Raises:
-        BadInput: not a finite rigid motion.
     """
     T: Any = pose if check is False else arrays.pose(pose)
     return _log(*T.tolist()[:3])
@@ -264,9 +221,7 @@ def rotation(vector: Array) -> Array:
 def rotation_vector(R: Array) -> Array:
     """The (3,) axis of a rotation matrix (3, 3) times its angle in [0, pi].
 
-    By the unit quaternion (w; v) = (cos(t/2); sin(t/2) axis), of which the largest component is taken from the diagonal
-    (Shepperd's method), so that no angle loses digits. SciPy's `Rotation` does the same in 40 times as long: a third of
-    a tick.
+    By the largest component of the unit quaternion (Shepperd), which loses no digits; SciPy's takes 40 times as long.
     """
     return np.array(_rotation_vector(*R.ravel().tolist()))
 

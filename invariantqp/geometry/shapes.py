@@ -78,9 +78,6 @@ class Shape:
                 at the identity that is the box's own pose.
             twist: (6,) of that frame, (omega; v) in the base frame [rad/s; length/s]; None is at rest. An arm makes way
                 for what comes at it only if its twist is given.
-
-        Raises:
-            BadInput: no rigid motion, NaN.
         """
         where = own(arrays.pose(pose, "pose"))
         vars(self).update(pose=where, twist=own(np.zeros(6) if twist is None else arrays.twist(twist)))
@@ -107,9 +104,6 @@ class Sphere(Shape):
             centre: (3,) [length].
             radius: [length], 0 for a point.
             name: what reasons call it.
-
-        Raises:
-            BadInput: NaN, a negative radius.
         """
         place = se3.transform(translation=arrays.vector(centre, 3, "centre"))
         super().__init__(Core.SEGMENT, _radius(radius), np.zeros(3), place, name)
@@ -126,9 +120,6 @@ class Capsule(Shape):
             b: (3,) the other end; a sphere where it is a.
             radius: [length].
             name: what reasons call it.
-
-        Raises:
-            BadInput: NaN, a negative radius.
         """
         one, other = arrays.vector(a, 3, "a"), arrays.vector(b, 3, "b")
         with np.errstate(over="ignore"):
@@ -150,9 +141,6 @@ class Box(Shape):
             pose: (4, 4) of its middle, its axes along the edges.
             size: (3,) whole lengths of its edges [length], not half of them; 0 makes it flat.
             name: what reasons call it.
-
-        Raises:
-            BadInput: no rigid motion, NaN, a negative size.
         """
         edges = arrays.vector(size, 3, "size")
         if (edges < 0.0).any():
@@ -170,9 +158,6 @@ class HalfSpace(Shape):
             point: (3,) of its plane [length].
             normal: (3,) across the plane, of any length, out of the half-space: to the side that is free.
             name: what reasons call it.
-
-        Raises:
-            BadInput: NaN, a normal of length 0.
         """
         place = se3.facing(arrays.direction(normal, "normal"), arrays.vector(point, 3, "point"))
         super().__init__(Core.HALF_SPACE, 0.0, np.zeros(3), place, name)

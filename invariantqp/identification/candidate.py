@@ -142,11 +142,7 @@ class Candidate(Compared):
         return str(gibson_hunt(np.asarray(self.contact_kind.freedoms)))
 
     def contact(self, tool: ArrayLike) -> Contact:
-        """The contact with the tool at a (4, 4) pose in the base frame.
-
-        Raises:
-            BadInput: not a finite rigid motion.
-        """
+        """The contact with the tool at a (4, 4) pose in the base frame."""
         return Contact(self.contact_kind, self.frame(arrays.pose(tool, "tool")))
 
     def frame(self, X: Array) -> Array:
@@ -207,13 +203,10 @@ class Candidate(Compared):
 
 
 def candidate(fit: Fit, reversed_: bool, press: float, size: float) -> Candidate:
-    """A candidate from its fit.
+    """A candidate from its fit, of inverse poses where the surface is fixed to the tool.
 
-    Args:
-        fit: of poses, or of inverse poses.
-        reversed_: whether it is of inverse poses, where the surface is fixed to the tool.
-        press: 1 where the fitted wrench presses along z of the base frame of the contact, -1 against it; 0 for joints.
-        size: of the motion [length].
+    `press` is 1 where the fitted wrench presses along z of the base frame of the contact, -1 against it, 0 for joints;
+    `size` is that of the motion [length].
     """
     surface, tip, extra = fit.base, fit.tool, fit.extra.copy()
     # Of inverse poses the wrench was the base's: the tool presses the other way.

@@ -44,15 +44,7 @@ class File(NamedTuple):
 
 
 def read(path: Path | str, robot: Robot | None = None) -> File:
-    """A recording from a .csv or .npz file.
-
-    Args:
-        path: of the file.
-        robot: whose joint positions these are.
-
-    Raises:
-        BadInput: no such file, another kind of file, columns that are missing or hold no numbers.
-    """
+    """A recording from a .csv or .npz file, with the robot whose joint positions it has, if any."""
     file = Path(path)
     name = str(file)
     expected = "a .csv or .npz file of numbers"

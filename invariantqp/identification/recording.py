@@ -111,11 +111,7 @@ class Recording(Compared):
 def recording(
     poses: Any, wrenches: Any, exerts: bool, noise: Any, accuracy: ArrayLike | None, sensor: WrenchSensor | None
 ) -> Recording:
-    """What `identify` takes, checked.
-
-    Raises:
-        BadInput: shapes, NaN, poses that are none, too few samples, no noise.
-    """
+    """What `identify` takes, checked."""
     X = _poses(poses)
     w = _wrenches(wrenches, X, arrays.flag(exerts, "exerts"), sensor)
     steps = twists(inverse(X[:-1]) @ X[1:])

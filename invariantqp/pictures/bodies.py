@@ -30,12 +30,6 @@ def bodies_picture(clearance: Clearance, q: ArrayLike, path: Path | str) -> Path
         clearance: of an arm.
         q: (m,) [rad, length].
         path: a .png, .svg or .pdf file.
-
-    Returns:
-        The file.
-
-    Raises:
-        BadInput: NaN or a wrong length; no bodies; a file that cannot be written.
     """
     shapes = [one for one in clearance.shapes(q) if one[2].core is not Core.HALF_SPACE]
     if not shapes:

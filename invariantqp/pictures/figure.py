@@ -27,9 +27,6 @@ def figure_file(
     """An empty figure of a size [inches] to draw on; it is written to the file when the block ends without an error.
 
     `style` has Matplotlib's rcParams that hold inside the block, `dots` is the resolution [dots per inch].
-
-    Raises:
-        BadInput: Matplotlib cannot write this format, or the file cannot be written.
     """
     ending = Path(file).suffix.lower()
     known = FigureCanvasAgg.get_supported_filetypes()

@@ -38,12 +38,6 @@ def pitch_picture(inspection: Inspection, robot: Robot, path: Path | str) -> Pat
         inspection: of `robot`.
         robot: the arm.
         path: a .png, .svg or .pdf file.
-
-    Returns:
-        The file.
-
-    Raises:
-        BadInput: Matplotlib cannot write a file with this ending, or the file cannot be written.
     """
     m = len(inspection.joints)
     low, high = joint_ranges(robot)

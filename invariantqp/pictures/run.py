@@ -41,12 +41,6 @@ def picture(trace: Trace, path: Path | str) -> Path:
     Args:
         trace: from `run_task`.
         path: a .png, .svg or .pdf file.
-
-    Returns:
-        The file.
-
-    Raises:
-        BadInput: Matplotlib cannot write a file with this ending, or the file cannot be written.
     """
     if trace.contact is not None:
         return _contact_picture(trace, trace.contact, path)
@@ -135,11 +129,7 @@ def _shade(axes: Axes, trace: Trace) -> None:
 
 
 def _contact_picture(trace: Trace, contact: ContactTrace, path: Path | str) -> Path:
-    """Write force, path error and the curve drawn in a run to a .png, .svg or .pdf file.
-
-    Raises:
-        BadInput: Matplotlib cannot write a file with this ending, or the file cannot be written.
-    """
+    """The picture of a run in contact."""
     with figure_file(path, (9.5, 5.4), {"font.size": 9}) as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.15, 1.0))
         force = figure.add_subplot(grid[0, 0])

@@ -241,11 +241,7 @@ class PoseError(NamedTuple):
 
 
 def pose_error(arm: PoseArm, target: Any, form: Form | float | None, exact: tuple[Exact, ...]) -> PoseError:
-    """The measure that `form` describes; with an exact demand on a point, c is that point.
-
-    Raises:
-        BadInput: a target that is no pose, a form that does not measure distances, demands on joint velocities.
-    """
+    """The measure that `form` describes; with an exact demand on a point, c is that point."""
     robot = arm.robot
     wanted = robot.target(target)
     if any(isinstance(demand, ExactJoints) for demand in exact):

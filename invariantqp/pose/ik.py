@@ -305,10 +305,6 @@ def solve_pose(
 
     Returns:
         PoseSolution: q is inside the limits in any case; `reason` says what is missing.
-
-    Raises:
-        BadInput: NaN or wrong shapes, a target that is no rigid motion, a form that cannot say what is close, demands
-            on joint velocities.
     """
     search = PoseSearch(
         robot,

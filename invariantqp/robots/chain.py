@@ -72,19 +72,8 @@ class Chain(Value):
     ) -> None:
         """A chain from its screws.
 
-        Args:
-            screws: (6, m) joint twists at q = 0 in the base frame, base first.
-            home: (4, 4) tool pose at q = 0.
-            names: joint names; "joint1", ... by default.
-            position_lower: (m,) or one number for all joints [rad, length], -inf where there is none.
-            position_upper: likewise, +inf where there is none.
-            velocity_limit: likewise [rad/s, length/s], positive, inf where there is none.
-            tool: what the tool frame is called.
-            places: (m, 3) where to draw the joints at q = 0; by default the points of their axes that make links short.
-            links: what it is made of, as readers of descriptions tell.
-
-        Raises:
-            BadInput: NaN, shapes, a zero screw, lower limits above upper ones, names that are not all different.
+        Names are "joint1", ... by default, all different; one limit may stand for all joints. Without `places` they are
+        the points of the axes that make links short. `links` are what readers of descriptions tell.
         """
         twists, pose = arrays.columns(screws, "screws"), arrays.pose(home, "home")
         m = twists.shape[1]
@@ -117,19 +106,11 @@ class Chain(Value):
         return np.array([T[:3, :3].dot(p) + T[:3, 3] for T, p in zip(before, self.places, strict=True)])
 
     def target(self, pose: ArrayLike) -> Target:
-        """A (4, 4) target pose, checked.
-
-        Raises:
-            BadInput: not a rigid motion.
-        """
+        """A (4, 4) target pose, checked."""
         return pose if isinstance(pose, Target) else Target(own(arrays.pose(pose, "target")))
 
     def sight(self, q: Array, target: ArrayLike | Target) -> Sighting:
-        """Joint twists and tool error, in the base frame.
-
-        Raises:
-            BadInput: a target that is not a rigid motion.
-        """
+        """Joint twists and tool error, in the base frame."""
         wanted = self.target(target).pose
         J, T, error = self._evaluated(q, wanted)
         if error is None:
@@ -157,9 +138,6 @@ class Chain(Value):
             position_lower: (m,) or one for all joints [rad, length]; None is as it was.
             position_upper: likewise.
             velocity_limit: likewise [rad/s, length/s], positive.
-
-        Raises:
-            BadInput: wrong lengths, NaN, lower above upper, a velocity limit that is not positive.
         """
         given = {"position_lower": position_lower, "position_upper": position_upper, "velocity_limit": velocity_limit}
         return self._changed(**{name: value for name, value in given.items() if value is not None})
@@ -173,9 +151,6 @@ class Chain(Value):
 
         Args:
             engine: "compiled" for the compiled core where it is installed, "python" for Python alone.
-
-        Raises:
-            BadInput: neither.
         """
         by = arrays.choice(engine, "engine", ENGINES)
         return self if by == self.engine else self._changed(by)

@@ -36,9 +36,6 @@ def rail(axis: ArrayLike, lower: float = -inf, upper: float = inf, speed: float 
         upper: likewise.
         speed: velocity limit [length/s].
         name: of the joint.
-
-    Raises:
-        BadInput: an axis of length 0, limits that are none.
     """
     screw = prismatic(arrays.direction(axis, "axis"))
     low, high = arrays.number(lower, "lower", infinite=True), arrays.number(upper, "upper", infinite=True)
@@ -55,9 +52,6 @@ def mobile_base(speed: float = inf, turn_speed: float = inf, *, name: str = "bas
         speed: velocity limit along x, and along y [length/s].
         turn_speed: velocity limit of the turn [rad/s].
         name: what the joints' names begin with.
-
-    Raises:
-        BadInput: limits that are not positive.
     """
     x, y, z = np.eye(3)
     screws = np.column_stack((prismatic(x), prismatic(y), revolute(z)))
@@ -104,9 +98,6 @@ def relative(arm: Chain, other: Chain) -> Chain:
     Returns:
         A chain whose joints are the other's, tool first, then the arm's: q = (q_other[::-1], q_arm). A joint's name
         that both have begins with "other/" where it is the other's, twice where one begins so already.
-
-    Raises:
-        BadInput: no chain.
     """
     _require_chain("arm", arm)
     _require_chain("other", other)

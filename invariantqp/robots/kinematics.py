@@ -93,11 +93,7 @@ ROBOT = ("names", "position_lower", "position_upper", "velocity_limit", "pose", 
 
 
 def require_robot(robot: Robot) -> Robot:
-    """The robot itself, once it is seen to be one.
-
-    Raises:
-        BadInput: something else, a robot's name for instance.
-    """
+    """The robot itself, once it is seen to be one and not a robot's name, for instance."""
     if isinstance(robot, type) or not all(hasattr(robot, name) for name in ROBOT):
         raise BadInput("robot", excerpt(robot), "a robot, such as load_robot returns")
     return robot
@@ -123,11 +119,7 @@ def middle(robot: Robot) -> Array:
 
 
 def joint_limits(m: int, lower: ArrayLike, upper: ArrayLike, speed: ArrayLike) -> tuple[Array, Array, Array]:
-    """Position and velocity limits of m joints as arrays.
-
-    Raises:
-        BadInput: wrong lengths, NaN, a lower limit of inf, lower above upper, a velocity limit that is not positive.
-    """
+    """Position and velocity limits of m joints as arrays (m,)."""
     limits = []
     for name, value in (("position_lower", lower), ("position_upper", upper), ("velocity_limit", speed)):
         a = arrays.array(value, name, f"{m} limits, infinite where there is none")

@@ -97,8 +97,6 @@ def load_robot(
         RobotModelError: a URDF that cannot be read or parsed, a joint without a single coordinate, a tool that no joint
             moves.
         MissingExtra: a named robot without the extra `robots`.
-        BadInput: any other source; screws or a tool pose that are not finite or of the wrong shape; speeds that are not
-            above zero.
 
     Warns:
         UserWarning: a description without speeds for joints, or with zero for them: those have no velocity limit.
@@ -197,13 +195,7 @@ def _chain(screws: ArrayLike, home: str | ArrayLike | None, names: tuple[str, ..
 
 
 def urdf_of(source: str | PathLike[str]) -> Path:
-    """The URDF file of a known name or a path.
-
-    Raises:
-        UnknownName: no such robot; near ones are listed.
-        RobotModelError: no such file, or a robot that is known without one.
-        MissingExtra: a named robot without the extra `robots`.
-    """
+    """The URDF file of a known name or a path."""
     known = IN_DATA.get(str(source))
     if known is not None:
         return _data_folder() / known.urdf

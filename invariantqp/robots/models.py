@@ -23,13 +23,7 @@ from invariantqp.robots.urdf import excluded
 
 
 def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None) -> Chain:
-    """The arm from the root of a `pinocchio.Model`, which is left as it is, to a frame; the rest is as in `load_robot`.
-
-    Raises:
-        RobotModelError: no joint moves the tool, or one that moves has not one degree of freedom.
-        UnknownName: a frame or joint is not in the model.
-        BadInput: no model, or a joint that does not move the tool.
-    """
+    """The arm from the root of a `pinocchio.Model`, which is left as it is, to a frame; else as in `load_robot`."""
     if not isinstance(model, pin.Model):
         raise BadInput("source", excerpt(model), "a pinocchio.Model")
     name = f"the model {model.name!r}"
@@ -51,10 +45,6 @@ def collision_model(robot: Chain) -> pin.GeometryModel:
     """The shapes of an arm's links as a `pinocchio.GeometryModel` beside `robot.model`, for SelfCollisionBarrier.
 
     Its pairs are those of links that are neither neighbours nor excluded by the robot's description.
-
-    Raises:
-        BadInput: a robot without collision geometry.
-        RobotModelError: geometry that cannot be read.
     """
     from invariantqp.geometry.coal import shape_of  # coal and the search for capsules are loaded where they are needed
     from invariantqp.robots.bodies import bodies_of
@@ -83,10 +73,6 @@ def chain_to(model: pin.Model, frame: str) -> tuple[Chain, NDArray[np.intp]]:
 
     A free flyer, a ball or a planar joint is as many screws as it has degrees of freedom; without limits, like every
     joint whose coordinate is not one number.
-
-    Raises:
-        UnknownName: no such frame.
-        RobotModelError: no joint moves it.
     """
     index = _frame(model, frame)
     joints = [i for i in _support(model, model.frames[index]) if model.nvs[i] > 0]

@@ -29,11 +29,7 @@ HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE
 
 
 def read_mjcf(source: Path | str) -> Any:
-    """The `mujoco.MjModel` of an MJCF file, or of its text.
-
-    Raises:
-        RobotModelError: MuJoCo cannot make a model of it.
-    """
+    """The `mujoco.MjModel` of an MJCF file, or of its text."""
     name = str(source) if isinstance(source, Path) else "the MJCF text"
     try:
         made = (
@@ -47,13 +43,7 @@ def read_mjcf(source: Path | str) -> Any:
 def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> Chain:
     """The arm from the world of a `mujoco.MjModel`, its base, to a site or, where no site is called so, a body.
 
-    Tool and joints are as in `load_robot`; joints that are held and have no single coordinate are as the model has
-    them.
-
-    Raises:
-        RobotModelError: no joint moves the tool, or one that moves has not one coordinate of its own.
-        UnknownName: a site, body or joint is not in the model.
-        BadInput: a joint that does not move the tool.
+    The rest is as in `load_robot`; joints that are held and have no single coordinate are as the model has them.
     """
     sites = [model.site(i).name for i in range(model.nsite)]
     bodies = [model.body(i).name or f"unnamed body {i}" for i in range(model.nbody)]
@@ -89,9 +79,6 @@ def chain_to(model: Any, frame: str | int, kind: str) -> tuple[Chain, NDArray[np
 
     The frame is the name or id of a "body", "geom" or "site". A free joint or a ball is as many screws as it has
     degrees of freedom, without limits. A MuJoCo model has no velocity limits.
-
-    Raises:
-        RobotModelError: no joint moves it.
     """
     data = _posed(model, range(model.njnt))
     place = getattr(data, kind)(frame)

@@ -30,11 +30,7 @@ UR_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wri
 
 
 def published(name: str) -> list[TreeJoint]:
-    """The joints of an arm of this file, base first, and the fixed one of its flange.
-
-    Raises:
-        KeyError: none of `PUBLISHED`.
-    """
+    """The joints of an arm of this file, base first, and the fixed one of its flange."""
     joints, flange = PUBLISHED[name]
     last = f"link{len(joints)}"
     return [*joints, TreeJoint("flange", "fixed", last, "tool0", _frame(flange), np.array((0.0, 0.0, 1.0)))]

@@ -49,13 +49,7 @@ def chain_to_link(
     chosen: Sequence[str] | None,
     parts: dict[str, tuple[Geometry, ...]] | None = None,
 ) -> Chain:
-    """The arm from the root of a tree of joints to a link, or to the joint that moves it; all else as in `load_robot`.
-
-    Raises:
-        RobotModelError: no tree, no joint moves the tool, or one that moves has not one coordinate of its own.
-        UnknownName: a link or joint is not there.
-        BadInput: a joint that does not move the tool.
-    """
+    """The arm from the root of a tree of joints to a link, or to the joint that moves it; else as in `load_robot`."""
     above = {joint.child: joint for joint in joints}
     if len(above) < len(joints):
         raise RobotModelError(f"{name}: a link is moved by two joints; expected a tree of links")
@@ -75,13 +69,7 @@ def chain_to_link(
 
 
 def selected(name: str, tool: str, can: list[str], known: Sequence[str], chosen: Sequence[str] | None) -> list[str]:
-    """Those joints that move the tool, `can`, and are chosen, base first; None chooses all. `name` is for messages.
-
-    Raises:
-        RobotModelError: nothing moves the tool.
-        UnknownName: no such joint.
-        BadInput: a joint that does not move the tool, or none.
-    """
+    """Those joints that move the tool, `can`, and are chosen, base first; None chooses all. `name` is for messages."""
     if not can:
         raise RobotModelError(f"{name}: no joint moves the tool frame {tool!r}; choose a frame beyond the first joint")
     if chosen is None:
@@ -97,11 +85,7 @@ def selected(name: str, tool: str, can: list[str], known: Sequence[str], chosen:
 
 
 def path_to(above: dict[str, TreeJoint], link: str, name: str) -> list[TreeJoint]:
-    """The joints from the root to a link, given the joint above each link.
-
-    Raises:
-        RobotModelError: links that stand on each other in a circle.
-    """
+    """The joints from the root to a link, given the joint above each link."""
     path: list[TreeJoint] = []
     while link in above:
         path.append(above[link])

@@ -33,11 +33,7 @@ def is_text(source: str) -> bool:
 
 
 def read_xml(source: Path | str) -> tuple[str, ET.Element]:
-    """What to call a robot in messages, and the root element of its description: the path of a file, or its text.
-
-    Raises:
-        RobotModelError: a file that cannot be read, no XML, or XML with a document type.
-    """
+    """What to call a robot in messages, and the root element of its description: the path of a file, or its text."""
     name = str(source) if isinstance(source, Path) else "the URDF text"
     parser = ET.XMLParser(target=_Tree(name))  # noqa: S314 (without a document type there are no entities)
     try:
@@ -49,11 +45,7 @@ def read_xml(source: Path | str) -> tuple[str, ET.Element]:
 
 
 def joints_of(name: str, root: ET.Element) -> list[TreeJoint]:
-    """The joints of a URDF's root element, in its order; `name` is what messages call the robot.
-
-    Raises:
-        RobotModelError: no URDF, or joints that are not what URDF says.
-    """
+    """The joints of a URDF's root element, in its order; `name` is what messages call the robot."""
     elements = root.findall("joint")
     if root.tag != "robot" or not elements:
         raise RobotModelError(f"{name}: found <{root.tag}> without joints; expected a URDF <robot> with <joint>s")
@@ -246,9 +238,6 @@ def chain_xml(path: Path, tool: str, moving: Sequence[str]) -> str:
     """The URDF text of the chain to a tool link, in which the named joints move, without meshes and branches.
 
     For other readers than Pinocchio, which reduces models itself: joints that do not move are fixed.
-
-    Raises:
-        RobotModelError: the tool is not a link of the file.
     """
     name, root = read_xml(path)
     links = {link.get("name", ""): link for link in root.findall("link")}
@@ -290,11 +279,7 @@ Exclusions = dict[frozenset[str], str]
 
 
 def excluded(robot: Chain, file: str | PathLike[str] | None = None) -> Exclusions:
-    """Pairs of links that a robot's own description excludes, and those of an SRDF file; each with its reason.
-
-    Raises:
-        RobotModelError: a file that cannot be read, or no SRDF.
-    """
+    """Pairs of links that a robot's own description excludes, and those of an SRDF file; each with its reason."""
     found: Exclusions = {}
     for link in robot.links:
         found.update({frozenset((link.name, other)): reason for other, reason in link.excludes})
@@ -311,11 +296,7 @@ def excluding(links: tuple[Link, ...], pairs: Exclusions) -> tuple[Link, ...]:
 
 
 def disabled(file: Path) -> Exclusions:
-    """The pairs of an SRDF.
-
-    Raises:
-        RobotModelError: a file that cannot be read, or no SRDF.
-    """
+    """The pairs of an SRDF."""
     name, root = read_xml(file)
     if root.tag != "robot":
         raise RobotModelError(f"{name}: found <{root.tag}>; expected the <robot> of an SRDF")

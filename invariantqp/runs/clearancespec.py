@@ -105,11 +105,7 @@ class Around:
     def __init__(
         self, robot: Any, spec: ClearanceSpec, obstacles: list[ObstacleSpec], looked_up: Callable[[str], Any]
     ) -> None:
-        """Around a robot, by a task's tables; `looked_up` looks a robot's source up.
-
-        Raises:
-            BadInput, UnknownName, RobotModelError, MissingExtra: as `limits.Clearance` and `load_robot`.
-        """
+        """Around a robot, by a task's tables; `looked_up` looks a robot's source up."""
         from invariantqp.control.clearance import Clearance, OtherArm  # only where a task asks for it
 
         self._specs = obstacles

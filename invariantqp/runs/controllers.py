@@ -154,11 +154,7 @@ class OperatorController(TaskController):
 
 
 def controller_for(problem: ControlProblem, controller: MakeController | None = None) -> TaskController:
-    """What steers a plant by a problem; `controller` makes its velocity controller, None is ours.
-
-    Raises:
-        BadInput: a controller for a task in contact, which needs a hybrid one.
-    """
+    """What steers a plant by a problem; `controller` makes its velocity controller, None is ours."""
     robot, law = problem.robot, problem.law
     limits = [] if problem.around is None else [problem.around.clearance]
     if problem.contact_task is not None:

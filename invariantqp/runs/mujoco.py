@@ -91,11 +91,7 @@ class Solids(NamedTuple):
 
 
 def solids_of(springs: SurfaceSprings, T: Array) -> Solids:
-    """The surface, and on the tool at pose T a ball, an edge or a face that touches it at the points of the springs.
-
-    Raises:
-        BadInput: a contact that has no such shapes.
-    """
+    """The surface, and on the tool at pose T a ball, an edge or a face that touches it at the points of the springs."""
     surface = springs.surface
     if not isinstance(surface, Plane) and springs.shape != "point":
         raise BadInput("physics", f"a {springs.shape} on a round bar", "a point there, or a plane, with MuJoCo")
@@ -155,12 +151,7 @@ def arm_model(
     sensor: SimulatedSensor,
     physics: Physics,
 ) -> Any:
-    """The `mujoco.MjModel` of an arm, its force sensor and what it touches.
-
-    Raises:
-        RobotModelError: MuJoCo cannot make a model of the arm.
-        BadInput: a contact that MuJoCo has no shape for.
-    """
+    """The `mujoco.MjModel` of an arm, its force sensor and what it touches."""
     tool = tool_body(robot)
     try:
         spec = mujoco.MjSpec.from_string(chain_xml(urdf, tool, robot.names))
@@ -324,10 +315,6 @@ class MujocoPlant:
         """The arm of a URDF at rest at `start` (m,); `robot` says which joints move, and which frame is the tool's.
 
         Without a sensor there is one at the tool frame, with nothing on it.
-
-        Raises:
-            RobotModelError: MuJoCo cannot make a model of the arm.
-            BadInput: a contact that MuJoCo has no shape for.
         """
         self._physics = Physics() if physics is None else physics
         sensor = SimulatedSensor(np.eye(4)) if sensor is None else sensor

@@ -70,11 +70,7 @@ class CirclePath(_Path):
     )
 
     def along(self, robot: Robot, start: Array) -> PoseAt:
-        """The pose at a time, for a robot that starts at joint positions `start`.
-
-        Raises:
-            BadInput: a centre at the start.
-        """
+        """The pose at a time, for a robot that starts at joint positions `start`."""
         T0 = robot.pose(start)
         centre, normal, rock = np.array(self.centre), np.array(self.normal), np.array(self.rock)
         if np.linalg.norm(centre) < SHORTEST:
@@ -115,11 +111,7 @@ class JointsPath(_Path):
     )
 
     def along(self, robot: Robot, start: Array) -> PoseAt:
-        """The pose at a time, for a robot that starts at joint positions `start`.
-
-        Raises:
-            BadInput: a waypoint for another number of joints.
-        """
+        """The pose at a time, for a robot that starts at joint positions `start`."""
         from scipy.interpolate import CubicSpline  # 0.3 s to import: only where it is needed
 
         for i, waypoint in enumerate(self.waypoints):

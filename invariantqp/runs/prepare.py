@@ -109,11 +109,7 @@ def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
 
 
 def overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
-    """A law with some of its keys changed, checked as those of a file are.
-
-    Raises:
-        BadInput: no such key, or a value that it does not take.
-    """
+    """A law with some of its keys changed, checked as those of a file are."""
     keys = LawSpec.model_fields
     for name in overrides:
         if name not in keys:

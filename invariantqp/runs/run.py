@@ -97,7 +97,6 @@ def run_task(
         Trace: trajectory, errors, methods, statuses, times.
 
     Raises:
-        BadInput: an override that no law has, numbers that make no sense, shapes that do not fit.
         RobotModelError, UnknownName, MissingExtra: the robot cannot be had.
     """
     setup = prepare(task, physics, **overrides)

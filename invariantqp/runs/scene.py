@@ -125,9 +125,6 @@ def scene_of(task: Task, T: Array, noise: float = 0.0) -> ContactScene | None:
     """The contact of a task whose tool starts at pose T (4, 4); None where the tool touches nothing.
 
     `noise` is the standard deviation of a force component of the plant's sensor [N].
-
-    Raises:
-        BadInput, NoProjectors: a contact that cannot be, or a complement Z that does not split it.
     """
     contact, force, sensor = task.contact, task.force, task.sensor
     if contact is None or force is None:

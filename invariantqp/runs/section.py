@@ -36,11 +36,7 @@ class Section(BaseModel):
 
 
 def checked_number(number: float) -> float:
-    """The number, infinite or not.
-
-    Raises:
-        ValueError: it is NaN.
-    """
+    """The number, infinite or not, but not NaN."""
     if isnan(number):
         raise ValueError("a limit or a pitch is a number, or inf or -inf")
     return number
@@ -51,11 +47,7 @@ OpenNumber = Annotated[float, Strict(), AfterValidator(checked_number)]
 
 
 def checked_direction(vector: Vector3) -> Vector3:
-    """The vector, if it has a direction.
-
-    Raises:
-        ValueError: it is zero.
-    """
+    """The vector, if it has a direction."""
     if sum(x * x for x in vector) < SHORTEST**2:
         raise ValueError("a direction cannot be the zero vector")
     return vector

@@ -78,12 +78,7 @@ class RobotSpec(Section):
         return self
 
     def load(self, folder: FilePath | None) -> Robot:
-        """The robot; relative URDF paths are looked up beside the task file.
-
-        Raises:
-            BadInput: a tool frame named for joint screws, which have only their own.
-            RobotModelError, UnknownName, MissingExtra: as `invariantqp.load_robot`.
-        """
+        """The robot; relative URDF paths are looked up beside the task file."""
         if self.screws is None:
             return load_robot(_looked_up(self.source, folder), self.tool, self.joints)
         if self.tool is not None:
@@ -111,11 +106,7 @@ else:
 
 
 def _form(given: Any) -> Any:
-    """A pitch, "tool" or None, as it is.
-
-    Raises:
-        ValueError: anything else.
-    """
+    """A pitch, "tool" or None, as it is."""
     if given is None or given == "tool":
         return given
     if isinstance(given, (int, float)) and not isinstance(given, bool) and abs(given) <= LARGEST:
@@ -229,11 +220,7 @@ class Task(Section):
 
     @property
     def ticks(self) -> int:
-        """How many ticks a run has.
-
-        Raises:
-            BadInput: none, or more than anyone would wait for.
-        """
+        """How many ticks a run has."""
         duration, dt = self.path.duration, self.law.dt
         ticks = (self.settle + duration) / dt
         if round(duration / dt) < 1 or ticks > MOST_TICKS:
@@ -242,24 +229,13 @@ class Task(Section):
         return round(ticks)
 
     def urdf(self) -> FilePath:
-        """The robot's URDF file.
-
-        Raises:
-            BadInput: a robot from joint screws, which has none.
-            RobotModelError, UnknownName, MissingExtra: as `invariantqp.load_robot`.
-        """
+        """The robot's URDF file."""
         if self.robot.source is None:
             raise BadInput("physics", "a robot from joint screws", "one from a URDF", "Screws have no masses.")
         return urdf_of(_looked_up(self.robot.source, self._folder))
 
     def load_robot(self, tool: str | None = None) -> Robot:
-        """The task's robot, to another tool frame where one is named.
-
-        Raises:
-            BadInput: a tool frame named for joint screws, which have only their own.
-            TaskFileError: the start does not have one number for each joint.
-            RobotModelError, UnknownName, MissingExtra: as `invariantqp.load_robot`.
-        """
+        """The task's robot, to another tool frame where one is named."""
         spec = self.robot if tool is None else self.robot.model_copy(update={"tool": tool})
         robot = spec.load(self._folder)
         n, m = len(self.robot.start), len(robot.names)
@@ -269,11 +245,7 @@ class Task(Section):
         return robot
 
     def around(self, robot: Robot) -> Around | None:
-        """What is around the arm; None where the task has neither an [[obstacle]] nor a [clearance].
-
-        Raises:
-            BadInput, UnknownName, RobotModelError, MissingExtra: as `limits.Clearance`.
-        """
+        """What is around the arm; None where the task has neither an [[obstacle]] nor a [clearance]."""
         if self.clearance is None and not self.obstacle:
             return None
         looked_up = partial(_looked_up, folder=self._folder)
@@ -290,9 +262,6 @@ def shipped_tasks(group: str = "") -> dict[str, FilePath]:
     Args:
         group: "" for the tasks to start from; "stability" for what breaks velocity control and "compare" for what the
             comparison adds, with names such as "stability/jump".
-
-    Raises:
-        BadInput: no such group.
     """
     arrays.choice(group, "group", GROUPS)
     installed = FilePath(str(resources.files("invariantqp"))) / "task_files"
@@ -328,11 +297,7 @@ def load_task(path_or_name: str | FilePath) -> Task:
 
 
 def task_from(content: dict[str, Any], source: str, folder: FilePath | None = None) -> Task:
-    """A task from decoded TOML; errors call the file `source`, relative URDF paths are looked up in `folder`.
-
-    Raises:
-        TaskFileError: every problem with its path.
-    """
+    """A task from decoded TOML; errors call the file `source`, relative URDF paths are looked up in `folder`."""
     try:
         task = Task.model_validate(content)
     except ValidationError as error:
@@ -342,12 +307,7 @@ def task_from(content: dict[str, Any], source: str, folder: FilePath | None = No
 
 
 def load_arm(source: str | FilePath, tool: str | None = None) -> Robot:
-    """The robot of a name, a URDF file, a task's name or a task file.
-
-    Raises:
-        UnknownName: none of these; similar names are listed.
-        BadInput, TaskFileError, RobotModelError, MissingExtra: as `load_task` and `load_robot`.
-    """
+    """The robot of a name, a URDF file, a task's name or a task file."""
     if tool == "":
         raise BadInput("tool", "an empty name", "the name of a frame")
     name, known = str(source), shipped_tasks()

@@ -285,9 +285,6 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
     Returns:
         GibsonHunt; near a border `.margin` is near 1 and `.next` names the type on the other side.
 
-    Raises:
-        BadInput: not finite (6, m), all twists zero, or a tolerance that is not between 0 and 1.
-
     Reference: [DS] Sect. 3, Tables 1 and 2; 4- and 5-systems by their reciprocals.
     """
     twists = arrays.columns(J)

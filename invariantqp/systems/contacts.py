@@ -78,17 +78,10 @@ class ContactKind(Value):
     ) -> None:
         """A kind of contact from what it allows.
 
-        Args:
-            name: any.
-            freedoms: (6, k) independent twists; (6, 0) for none.
-            constraints: (6, 6-k) wrenches; None is a basis of all that do no work on the freedoms.
-            unilateral: whether the tool can press but not pull.
-            out: (6,) unit twist that leads out of the contact, if there is one.
-            origin: (3,) the place of contact.
-            presses: how many of the first constraints the tool can press but not pull; None is 1 if unilateral.
+        Constraints left out are a basis of all wrenches that do no work on the freedoms, `presses` is 1 if unilateral.
 
         Raises:
-            BadInput: NaN, shapes, dependent columns, wrenches that do work on the freedoms.
+            BadInput: dependent columns, wrenches that do work on the freedoms.
         """
         pressed = arrays.flag(unilateral, "unilateral")
         S = _independent(freedoms, "freedoms")
@@ -179,16 +172,7 @@ class Contact(Value):
     edge: float | None
 
     def __init__(self, kind: ContactKind, pose: ArrayLike, edge: float | None = None) -> None:
-        """A kind of contact at a pose.
-
-        Args:
-            kind: what it is in its own frame.
-            pose: (4, 4) of its own frame in the base frame.
-            edge: how far the surface's edge is from the place of contact [length], negative beyond it.
-
-        Raises:
-            BadInput: not a finite rigid motion, an edge that is no number.
-        """
+        """A kind of contact at a pose."""
         self.__attrs_init__(kind, arrays.pose(pose), None if edge is None else arrays.number(edge, "edge", "a length"))
 
     @property
@@ -244,9 +228,6 @@ def point_contact(
         normal: (3,) outward normal of the surface, of any length.
         slip: whether it slides.
         tangent: (3,) direction of the contact's own x; None chooses one.
-
-    Raises:
-        BadInput: NaN, a zero normal, a tangent parallel to it.
     """
     return _at(POINT if arrays.flag(slip, "slip") else ROLLING_POINT, contact_frame(point, normal, tangent))
 
@@ -259,9 +240,6 @@ def line_contact(point: ArrayLike, direction: ArrayLike, normal: ArrayLike, *, s
         direction: (3,) of the edge; its part along the normal is ignored.
         normal: (3,) outward normal of the surface.
         slip: whether it slides.
-
-    Raises:
-        BadInput: NaN, a zero normal, an edge parallel to it.
     """
     return _at(
         LINE if arrays.flag(slip, "slip") else ROLLING_LINE, contact_frame(point, normal, direction, "direction")
@@ -279,9 +257,6 @@ def face_contact(
         slip: whether it slides.
         twist: whether a face that does not slide still turns about the normal through `point`.
         tangent: (3,) direction of the contact's own x; None chooses one.
-
-    Raises:
-        BadInput: NaN, a zero normal, a tangent parallel to it.
     """
     turns = arrays.flag(twist, "twist")
     kind = FACE if arrays.flag(slip, "slip") else PIVOTING_FACE if turns else STICKING_FACE
@@ -330,9 +305,6 @@ def ball_joint(point: ArrayLike) -> Contact:
 
     Args:
         point: (3,) the centre, base frame [length].
-
-    Raises:
-        BadInput: NaN, shapes.
     """
     return _at(BALL, contact_frame(point, [0.0, 0.0, -1.0], None))
 
@@ -343,9 +315,6 @@ def peg_in_hole(point: ArrayLike, axis: ArrayLike) -> Contact:
     Args:
         point: (3,) a point of the axis, about which moments are taken, base frame [length].
         axis: (3,) direction into the hole.
-
-    Raises:
-        BadInput: NaN, a zero axis.
     """
     return _at(PEG, contact_frame(point, -arrays.direction(axis, "axis"), None))
 
@@ -357,9 +326,6 @@ def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
         point: (3,) a point of the axis, base frame [length].
         axis: (3,) direction of the axis.
         pitch: translation per radian [length/rad]; inf for a slide.
-
-    Raises:
-        BadInput: NaN, a zero axis, a pitch that is no number or beyond any machine.
     """
     expected = "a pitch [length/rad], or inf for a slide"
     h = arrays.number(pitch, "pitch", expected, infinite=True)

@@ -122,9 +122,6 @@ def error_form(J: ArrayLike, twist: ArrayLike, h: float, velocity: ArrayLike) ->
     Returns:
         The value [length] and the (m,) gradient.
 
-    Raises:
-        BadInput: shapes, NaN.
-
     Reference: [DS] (6.3), and (6.4) with m, not 6, entries in the gradient.
     """
     twists, s = arrays.columns(J), arrays.twist(twist)
@@ -144,7 +141,6 @@ def stationary_point(J: ArrayLike, twist: ArrayLike, h: float) -> StationaryPoin
 
     Raises:
         NoPseudoinverse: h is a principal pitch, or no h works.
-        BadInput: shapes, NaN.
 
     Reference: [DS] Theorem 6.1.
     """

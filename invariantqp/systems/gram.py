@@ -33,9 +33,6 @@ BLIND_TOLERANCE = 1e-10
 def gram_matrix(J: ArrayLike, h: float) -> Array:
     """G_h = J'Q_h J of (6, m) twists: (m, m) symmetric, the same in every frame [length].
 
-    Raises:
-        BadInput: J is not finite (6, m), or h is NaN.
-
     Reference: [DS] Sect. 3.
     """
     twists = arrays.columns(J)
@@ -102,7 +99,6 @@ def principal_pitches(J: ArrayLike) -> Array:
 
     Raises:
         BlindSystem: no h works; carries the translations that are reciprocal to the whole system.
-        BadInput: J is not finite (6, m).
 
     Reference: [DS] Sect. 3 and 5; the reduction for systems with screws of infinite pitch is ours.
     """
@@ -130,7 +126,6 @@ def principal_screws(J: ArrayLike) -> tuple[Array, Array]:
 
     Raises:
         BlindSystem: no h works; carries the translations that are reciprocal to the whole system.
-        BadInput: J is not finite (6, m).
 
     Reference: [DS] Sect. 5.2, 5.3; proof of Theorem 3.1.
     """
@@ -159,9 +154,6 @@ def blind_directions(J: ArrayLike) -> Array:
     Returns:
         (6, b) unit columns (0; v); b = 0 iff some h works.
 
-    Raises:
-        BadInput: J is not finite (6, m).
-
     Reference: [DS] Sect. 5 (planes tangent to every q_h at an infinite pitch screw).
     """
     system = span(J)
@@ -182,9 +174,6 @@ def gram_polynomial(J: ArrayLike) -> Array:
 
     Returns:
         (m+1,) coefficients, lowest power first; that of h^i in units of length^(m-i) for angular parts without unit.
-
-    Raises:
-        BadInput: J is not finite (6, m).
 
     Reference: [DS] (5.1) and the invariants i_1, i_2, i_3 of Sect. 5.2; Sect. 5.3.
     """

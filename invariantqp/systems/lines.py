@@ -101,10 +101,6 @@ def involution(lines: ArrayLike, tolerance: float = 1.0 / LARGEST_CONDITION) -> 
         tolerance: relative error of the lines: they are in involution if such an error could have made them so. By
             default that at which `has_pseudoinverse` refuses.
 
-    Raises:
-        BadInput: shapes, NaN, fewer than 2 or more than 6 columns, a column whose pitch is not 0, a tolerance that is
-            not between 0 and 1.
-
     Reference: [DS] Sect. 4.
     """
     J = _lines(lines)
@@ -235,9 +231,6 @@ class NullPlane(Value):
         Args:
             twist: (6,), not zero.
             tolerance: relative error of the twist that must not change the answer.
-
-        Raises:
-            BadInput: not six finite numbers, the zero twist, or a tolerance that is not between 0 and 1.
         """
         s, limit = arrays.twist(twist), arrays.tolerance(tolerance)
         if not s.any():
@@ -254,9 +247,6 @@ def alpha_plane(point: ArrayLike | None = None, h: float = 0.0, *, direction: Ar
         point: (3,) the point [length].
         h: finite pitch [length/rad].
         direction: (3,) instead of a point, the direction of all axes; any non-zero length.
-
-    Raises:
-        BadInput: not one of point and direction, NaN, infinite h, a zero direction.
 
     Reference: [DS] Sect. 2.2.
     """
@@ -275,9 +265,6 @@ def beta_plane(point: ArrayLike, normal: ArrayLike, h: float = 0.0) -> NullPlane
         normal: (3,) any non-zero length.
         h: finite pitch [length/rad].
 
-    Raises:
-        BadInput: NaN, infinite h, a zero normal.
-
     Reference: [DS] Sect. 2.2.
     """
     return NullPlane("beta", finite_pitch(h), arrays.vector(point, 3, "point"), arrays.direction(normal, "normal"))
@@ -289,9 +276,6 @@ def null_plane(S: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> NullPlane | 
     Args:
         S: (6, m) spanning twists, dependent or not.
         tolerance: relative error of the twists that must not change the answer.
-
-    Raises:
-        BadInput: S is not finite (6, m), all zero, or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Table 2, types IIA to IID.
     """

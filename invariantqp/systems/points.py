@@ -86,9 +86,6 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
     Where all axes are parallel (a planar arm) the point is free along them; `twist` (6,), if given, settles it as the
     point of that line which the twist moves least, unless it is out of sight: a twist that does not turn across the
     axes moves all their points alike.
-
-    Raises:
-        BadInput: J is not finite (6, m).
     """
     twists = arrays.columns(J)
     p, free = resting_point(twists)
@@ -125,9 +122,6 @@ def reach(J: ArrayLike, point: ArrayLike) -> float:
     Returns:
         The length, in J's unit; 0.0 where all axes meet in the point, or where no joint turns. It is the same in
         every frame, the point given in that frame.
-
-    Raises:
-        BadInput: J is not finite (6, m), or the point not three finite numbers.
     """
     twists = arrays.columns(J)
     x, y, z = arrays.vector(point, 3, "point").tolist()
@@ -180,9 +174,6 @@ def motions_along(point: ArrayLike, direction: ArrayLike) -> Array:
         point: (3,) the point [length].
         direction: (3,) not zero.
 
-    Raises:
-        BadInput: not three finite numbers, or a zero direction.
-
     Reference: [DS] Example 3 (the 4-system ev_x^-1(L)).
     """
     p = arrays.vector(point, 3, "point")
@@ -203,9 +194,6 @@ def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointM
 
     Returns:
         PointMotion with bases of the joint velocities, twists and self-motions.
-
-    Raises:
-        BadInput: shapes, NaN, a zero direction.
 
     Reference: [DS] Example 3, corrected.
     """

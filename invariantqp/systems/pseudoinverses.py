@@ -90,9 +90,6 @@ def h_adjoint(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None) 
     Returns:
         (m, 6) matrix; the adjoint of Ad J, in another frame, is J^{*h} Ad^-1.
 
-    Raises:
-        BadInput: shapes, NaN, a metric that is not positive definite.
-
     Reference: [DS] (2.14).
     """
     twists = arrays.columns(J)
@@ -208,9 +205,6 @@ def _joint_units(columns: Array, rank: int, metric: Array | None) -> tuple[Array
 def has_pseudoinverse(J: ArrayLike, h: float) -> bool:
     """Whether (6, m) twists have an h-pseudoinverse that can be computed to three digits: rank(J'Q_h J) = rank(J).
 
-    Raises:
-        BadInput: J is not finite (6, m), or h is not finite.
-
     Reference: [DS] Theorem 2.2.
     """
     return factors(arrays.columns(J), finite_pitch(h)).exists
@@ -233,7 +227,6 @@ def pseudoinverse(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = No
     Raises:
         NoPseudoinverse: h is a principal pitch of the system, or too near one for three correct digits; or no h works;
             or the joints are too nearly dependent. Carries the proof.
-        BadInput: shapes, NaN, infinite h, a metric that is not positive definite.
 
     Reference: [DS] Theorem 2.2, (3.1) for independent columns, (2.15) for rank 6.
     """
@@ -307,10 +300,6 @@ def penrose_conditions(
     Returns:
         PenroseConditions; `.met` tells which hold, `.residuals` how well.
 
-    Raises:
-        BadInput: shapes, NaN, infinite h, a metric that is not positive definite, a tolerance that is not
-            between 0 and 1.
-
     Reference: [DS] (hP1)-(hP4).
     """
     twists = arrays.columns(J)
@@ -381,9 +370,6 @@ def existence(J: ArrayLike, h: float) -> Existence:
     Args:
         J: (6, m) twists. They may be dependent: rank(J) takes the place of m in the theorem.
         h: finite pitch [length/rad].
-
-    Raises:
-        BadInput: J is not finite (6, m), or h is not finite.
 
     Reference: [DS] Theorem 3.1; `certificate` is the z of its proof.
     """
@@ -474,9 +460,6 @@ def reciprocal_has_pseudoinverse(J: ArrayLike, h: float) -> bool:
     """Whether S^{perp h} has an h-pseudoinverse: by the paper's corollary, iff S has.
 
     S^{perp h} is computed from J, so its twists have larger errors than those of J; that is taken into account.
-
-    Raises:
-        BadInput: J is not finite (6, m), or h is not finite.
 
     Reference: [DS] Corollary 3.2.
     """

@@ -102,9 +102,6 @@ def describe(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> SystemReport:
     Args:
         J: (6, m) joint twists as columns.
         tolerance: relative error of the twists that must not change rank and type.
-
-    Raises:
-        BadInput: not finite (6, m), all zero, or a tolerance that is not between 0 and 1.
     """
     twists = arrays.columns(J)
     kind = gibson_hunt(twists, tolerance)

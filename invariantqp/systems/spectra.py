@@ -106,9 +106,6 @@ def hyperbolic_singular_values(J: ArrayLike, h: float, *, joint_metric: ArrayLik
         joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity. Where joints
             turn and slide, give one: without it the answer depends on the unit of length.
 
-    Raises:
-        BadInput: shapes, NaN, a metric that is not positive definite.
-
     Reference: asked for in [DS] Sect. 7; J'Q_h J is the subject of Sect. 3.
     """
     twists = arrays.columns(J)
@@ -174,7 +171,6 @@ def hyperbolic_polar(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None =
     Raises:
         NoPolarDecomposition: h is a principal pitch of the system, or too near one for three correct digits; or no h
             works; or gains differ by a factor above a million, so that the least is rounding. Carries the proof.
-        BadInput: shapes, NaN, infinite h, a metric that is not positive definite.
 
     Reference: asked for in [DS] Sect. 7.
     """
@@ -219,9 +215,6 @@ def leg_wrenches(base: ArrayLike, platform: ArrayLike) -> Array:
     Returns:
         (6, n) wrenches (m; f) in that frame.
 
-    Raises:
-        BadInput: shapes, NaN, no legs, a leg of length zero.
-
     Reference: [DS] Sect. 6.3, 7.
     """
     b = arrays.matrix(base, (None, 3), "base")
@@ -248,7 +241,6 @@ def wrench_pseudoinverse(W: ArrayLike, h: float, *, leg_metric: ArrayLike | None
 
     Raises:
         NoPseudoinverse: W'Q_h^-1 W is singular; its pitches are those of this form, its screw is Q_0 w of a wrench w.
-        BadInput: shapes, NaN, infinite h, a metric that is not positive definite.
 
     Reference: [DS] Sect. 6.3.
     """
@@ -279,9 +271,6 @@ def platform_stiffness(W: ArrayLike, leg_stiffness: ArrayLike) -> Array:
     Returns:
         (6, 6) symmetric, positive definite iff the legs have rank 6; a rigid motion takes K to Ad* K Ad*'.
 
-    Raises:
-        BadInput: shapes, NaN, a stiffness that is not above zero.
-
     Reference: asked for in [DS] Sect. 7.
     """
     wrenches = arrays.columns(W, "W")
@@ -299,9 +288,6 @@ def leg_spectrum(W: ArrayLike, h: float, leg_stiffness: ArrayLike | None = None)
         W: (6, n) unit leg wrenches (m; f).
         h: finite pitch [length/rad].
         leg_stiffness: (n,) above zero [force/length]; None is the same for each leg.
-
-    Raises:
-        BadInput: shapes, NaN, a stiffness that is not above zero.
 
     Reference: asked for in [DS] Sect. 7.
     """

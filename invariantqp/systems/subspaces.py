@@ -102,9 +102,6 @@ def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE, unit: float | None = N
         J: (6, m) twists as columns.
         tolerance: relative size below which a singular value is zero.
         unit: the length that counts as 1; by default the twists' own. Two systems to be compared need the same.
-
-    Raises:
-        BadInput: not finite (6, m) columns.
     """
     twists = arrays.columns(J)
     unit = length_unit(twists) if unit is None else unit
@@ -115,9 +112,6 @@ def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE, unit: float | None = N
 
 def screw_system(J: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
     """A basis of the screw system that (6, m) twists span: (6, k), orthonormal up to the unit of length.
-
-    Raises:
-        BadInput: J is not finite (6, m), or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Sect. 2.2.
     """
@@ -135,9 +129,6 @@ def reciprocal(S: ArrayLike, h: float = 0.0) -> Array:
     Returns:
         (6, 6-k) basis.
 
-    Raises:
-        BadInput: S is not finite (6, m), or h is not finite.
-
     Reference: [DS] (2.9), (2.10).
     """
     pitch = finite_pitch(h)
@@ -154,9 +145,6 @@ def annihilator(S: ArrayLike) -> Array:
     Returns:
         (6, 6-k) basis, wrenches (m; f).
 
-    Raises:
-        BadInput: S is not finite (6, m).
-
     Reference: [DS] Sect. 6.2 (before (6.5)), Sect. 6.3.
     """
     system = span(arrays.columns(S, "S"))
@@ -170,9 +158,6 @@ def system_sum(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOLE
         first: (6, m1) spanning twists.
         second: (6, m2) spanning twists.
         tolerance: angle below which two directions count as one.
-
-    Raises:
-        BadInput: either is not finite (6, m), or a tolerance that is not between 0 and 1.
     """
     joined, _, unit = _join(first, second, tolerance)
     return joined.basis * lengths(unit)
@@ -185,9 +170,6 @@ def system_meet(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOL
         first: (6, m1) spanning twists.
         second: (6, m2) spanning twists.
         tolerance: angle below which two directions count as one.
-
-    Raises:
-        BadInput: either is not finite (6, m), or a tolerance that is not between 0 and 1.
     """
     joined, bases, unit = _join(first, second, tolerance)
     # U1 a + U2 b = 0 means that U1 a lies in both systems; those (a; b) are the null space of (U1 U2).
@@ -214,9 +196,6 @@ def self_reciprocal(S: ArrayLike, h: float = 0.0, tolerance: float = RANK_TOLERA
         S: (6, m) spanning twists.
         h: finite pitch [length/rad].
         tolerance: angle between S and S^{perp h} below which they meet.
-
-    Raises:
-        BadInput: S is not finite (6, m), h is not finite, or a tolerance that is not between 0 and 1.
 
     Reference: [DS] Theorem 3.1 (ii).
     """

@@ -68,11 +68,7 @@ def read_appearance(file: Path, robot: Robot) -> Appearance:
 
 
 def _visuals(file: Path) -> list[Visual]:
-    """What the links of a URDF look like; none of an MJCF.
-
-    Raises:
-        RobotModelError: a file or a shape that cannot be read.
-    """
+    """What the links of a URDF look like; none of an MJCF."""
     visuals = visuals_of(*read_xml(file), file.resolve().parent)
     for visual in visuals:
         if visual.part.kind == "unreadable":

@@ -38,11 +38,7 @@ class Mesh(NamedTuple):
 
 
 def read_meshes(file: Path) -> list[Mesh]:
-    """The meshes of a file.
-
-    Raises:
-        RobotModelError: a file that is not there or not a mesh, or one without a triangle.
-    """
+    """The meshes of a file."""
     try:
         scene = trimesh.load_scene(file)
         found = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]

@@ -35,12 +35,7 @@ def page(timeline: Timeline, *, live: bool = False) -> str:
 
 
 def animation(trace: Trace, file: Path | str) -> Path:
-    """Write a run as a page that plays in any browser.
-
-    Raises:
-        BadInput: the file cannot be written.
-        RobotModelError, UnknownName, MissingExtra: the robot can no longer be loaded.
-    """
+    """Write a run as a page that plays in any browser."""
     text = page(timeline_of(trace))
     try:
         Path(file).write_text(text, encoding="utf-8")

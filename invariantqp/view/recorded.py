@@ -32,13 +32,7 @@ def timeline_of_recording(
 ) -> Timeline:
     """A recording as frames: the arm where there is one, the path of the contact, and part of the surface or the axis.
 
-    Args:
-        found: in it.
-        file: the recording.
-        sensor: whose readings it has.
-        robot: of joint positions; None where poses were recorded.
-        source: what names the robot.
-        title: of the page.
+    `source` is what names the robot, `title` that of the page.
     """
     time = seconds(file)
     n = len(time)

@@ -127,11 +127,7 @@ def _scale(vectors: Array, least: float) -> tuple[float, float]:
 
 
 def timeline_of(trace: Trace) -> Timeline:
-    """A run from `run_task` as `FRAMES` frames at most.
-
-    Raises:
-        RobotModelError, UnknownName, MissingExtra: the robot can no longer be loaded.
-    """
+    """A run from `run_task` as `FRAMES` frames at most."""
     robot = trace.task.load_robot()
     n = len(trace.velocity)
     ends = np.unique(np.linspace(0, n, min(n + 1, FRAMES)).round().astype(int))
