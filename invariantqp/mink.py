@@ -63,11 +63,7 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
         super().__init__(frame_name, frame_type, position_cost, orientation_cost, gain, lm_damping)
 
     def set_target(self, transform_target_to_world: Any) -> None:
-        """Set the wanted pose.
-
-        Args:
-            transform_target_to_world: a `mink.SE3`, or (4, 4) in the world frame.
-        """
+        """Set the wanted pose, a `mink.SE3` or (4, 4), in the world frame."""
         given = transform_target_to_world
         pose = arrays.pose(given.as_matrix() if isinstance(given, SE3) else given, "target")
         super().set_target(given if isinstance(given, SE3) else SE3.from_matrix(pose))

@@ -79,11 +79,7 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
         super().__init__(frame, position_cost, orientation_cost, lm_damping, gain)
 
     def set_target(self, transform_target_to_world: Any) -> None:
-        """Set the wanted pose.
-
-        Args:
-            transform_target_to_world: a `pinocchio.SE3`, or (4, 4) in the world frame.
-        """
+        """Set the wanted pose, a `pinocchio.SE3` or (4, 4), in the world frame."""
         super().set_target(placement(transform_target_to_world, "target"))
 
     def compute_qp_objective(self, configuration: Configuration) -> tuple[Array, Array]:

@@ -141,15 +141,8 @@ def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> 
     """Run a task under each law with its own tool frame, with one that is displaced at random, and with a start moved.
 
     The laws are ours, least squares by a QP, Moore-Penrose and damped, and for an elastic path, which the others do not
-    have, ours. Runs of such a path may differ in length: the shorter one rests at its end.
-
-    Args:
-        task: from `load_task`.
-        seed: seed of the displacement.
-        progress: called with (ticks done, ticks in all).
-
-    Returns:
-        One FrameCheck for each law.
+    have, ours. Runs of such a path may differ in length: the shorter one rests at its end. `seed` is that of the
+    displacement; `progress` is called with (ticks done, ticks in all).
     """
     tool = random_displacement(seed)
     names = (OURS, LEAST_SQUARES, PENROSE, DLS) if task.path.timing == "fixed" else (OURS,)
@@ -254,14 +247,8 @@ def contact_frame_check(
 ) -> list[ContactFrameCheck]:
     """Run a task with contact in its own frames and in frames displaced at random, under our controller and another.
 
-    Args:
-        task: a task with contact, from `load_task`.
-        seed: seed of the three displacements.
-        physics: the plant, "ideal" or "mujoco".
-        progress: called with (ticks done, ticks in all).
-
-    Returns:
-        One ContactFrameCheck for each controller; ours is the first.
+    `seed` is that of the three displacements, `physics` the plant, "ideal" or "mujoco"; `progress` is called with
+    (ticks done, ticks in all). Ours is the first.
     """
     laws: dict[str, Callable[[Setup, Array | None], TaskController]] = {
         OURS: lambda setup, _: controller_for(setup.problem),  # it needs no displacement

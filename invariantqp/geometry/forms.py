@@ -22,12 +22,7 @@ from invariantqp.geometry.arrays import Array
 def invariant_form(alpha: float, beta: float) -> Array:
     """The general member of the pencil, [[-2 alpha I, beta I], [beta I, 0]]; Q_h is alpha = h, beta = 1.
 
-    Args:
-        alpha: weight of the (half) Killing form [length].
-        beta: weight of the Klein form (dimensionless).
-
-    Returns:
-        (6, 6) symmetric matrix, invariant: Ad' Q Ad = Q for every rigid motion.
+    It is (6, 6), symmetric and invariant: Ad' Q Ad = Q for every rigid motion. alpha is a length, beta has no unit.
 
     Reference: [DS] Theorem 2.1.
     """
@@ -39,13 +34,9 @@ def invariant_form(alpha: float, beta: float) -> Array:
 
 
 def pitch_form(h: float) -> Array:
-    """Q_h, the invariant form of pitch h; its null twists are those of pitch h, and all translations.
+    """Q_h, the (6, 6) invariant form of pitch h [length/rad], +-inf for half the Killing form.
 
-    Args:
-        h: pitch [length/rad], a float, or +-inf for half the Killing form.
-
-    Returns:
-        (6, 6) symmetric matrix.
+    Its null twists are those of pitch h, and all translations.
 
     Reference: [DS] (2.6), without its factor 1/2.
     """
@@ -54,13 +45,9 @@ def pitch_form(h: float) -> Array:
 
 
 def pitch_form_inverse(h: float) -> Array:
-    """Q_h^-1, the invariant form on wrenches (m; f): W'Q_h^-1 W = 2 (m.f + h f.f).
+    """Q_h^-1, the (6, 6) invariant form on wrenches (m; f) for a finite h [length/rad]: W'Q_h^-1 W = 2 (m.f + h f.f).
 
-    Args:
-        h: finite pitch [length/rad].
-
-    Returns:
-        (6, 6) symmetric matrix, invariant under `coadjoint`.
+    It is invariant under `coadjoint`.
 
     Reference: [DS] Sect. 6.3.
     """

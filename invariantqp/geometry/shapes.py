@@ -98,13 +98,7 @@ class Sphere(Shape):
     """All points nearer to a centre than a radius."""
 
     def __init__(self, centre: ArrayLike, radius: float, *, name: str = "") -> None:
-        """A sphere.
-
-        Args:
-            centre: (3,) [length].
-            radius: [length], 0 for a point.
-            name: what reasons call it.
-        """
+        """A sphere: centre (3,) and radius [length], 0 for a point; `name` is what reasons call it."""
         place = se3.transform(translation=arrays.vector(centre, 3, "centre"))
         super().__init__(Core.SEGMENT, _radius(radius), np.zeros(3), place, name)
 
@@ -113,13 +107,9 @@ class Capsule(Shape):
     """All points nearer to a segment than a radius: a cylinder with round ends."""
 
     def __init__(self, a: ArrayLike, b: ArrayLike, radius: float, *, name: str = "") -> None:
-        """A capsule.
+        """A capsule: the ends (3,) of its axis and its radius [length]; a sphere where they are one point.
 
-        Args:
-            a: (3,) one end of its axis [length]; the round end goes beyond it by the radius.
-            b: (3,) the other end; a sphere where it is a.
-            radius: [length].
-            name: what reasons call it.
+        `name` is what reasons call it.
         """
         one, other = arrays.vector(a, 3, "a"), arrays.vector(b, 3, "b")
         with np.errstate(over="ignore"):
@@ -135,12 +125,9 @@ class Box(Shape):
     """A box, with sharp edges."""
 
     def __init__(self, pose: ArrayLike, size: ArrayLike, *, name: str = "") -> None:
-        """A box.
+        """A box: the (4, 4) pose of its middle, its axes along the edges, and the whole lengths (3,) of these [length].
 
-        Args:
-            pose: (4, 4) of its middle, its axes along the edges.
-            size: (3,) whole lengths of its edges [length], not half of them; 0 makes it flat.
-            name: what reasons call it.
+        0 makes it flat; `name` is what reasons call it.
         """
         edges = arrays.vector(size, 3, "size")
         if (edges < 0.0).any():
@@ -152,12 +139,9 @@ class HalfSpace(Shape):
     """All that lies behind a plane: a floor, a table, a wall."""
 
     def __init__(self, point: ArrayLike, normal: ArrayLike, *, name: str = "") -> None:
-        """A half-space.
+        """A half-space: a point (3,) of its plane [length], and the normal (3,) out of it, to the side that is free.
 
-        Args:
-            point: (3,) of its plane [length].
-            normal: (3,) across the plane, of any length, out of the half-space: to the side that is free.
-            name: what reasons call it.
+        `name` is what reasons call it.
         """
         place = se3.facing(arrays.direction(normal, "normal"), arrays.vector(point, 3, "point"))
         super().__init__(Core.HALF_SPACE, 0.0, np.zeros(3), place, name)

@@ -256,7 +256,7 @@ class _Look:
         return parts, None if few or not unexplained else max(unexplained, key=lambda found: found[0])[1]
 
     def segments(self, start: int, stop: int) -> list[Identification]:
-        """A stretch in contact as one contact, or as several one after the other; an error where nothing explains it."""
+        """A stretch in contact as one contact or several, one after the other; an error where nothing explains it."""
         whole = self._identified(start, stop)
         if whole.candidates:
             return [whole]

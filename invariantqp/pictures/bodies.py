@@ -24,13 +24,7 @@ ROUND = 48
 
 
 def bodies_picture(clearance: Clearance, q: ArrayLike, path: Path | str) -> Path:
-    """Write what a clearance keeps apart, at joint positions q (m,), to a file.
-
-    Args:
-        clearance: of an arm.
-        q: (m,) [rad, length].
-        path: a .png, .svg or .pdf file.
-    """
+    """Write what a clearance keeps apart, at joint positions q (m,), to a .png, .svg or .pdf file."""
     shapes = [one for one in clearance.shapes(q) if one[2].core is not Core.HALF_SPACE]
     if not shapes:
         raise BadInput("clearance", "no bodies", "a robot with collision geometry, or bodies=")

@@ -32,12 +32,9 @@ LINE, DOT, ADVICE, STATE = BLUE, SKY, VERMILION, RULE
 
 
 def pitch_picture(inspection: Inspection, robot: Robot, path: Path | str) -> Path:
-    """Write principal pitches and distance from a singularity over the range of each joint to a file.
+    """Write principal pitches and distance from a singularity over the range of each joint to a .png, .svg or .pdf file.
 
-    Args:
-        inspection: of `robot`.
-        robot: the arm.
-        path: a .png, .svg or .pdf file.
+    `inspection` is of `robot`. Returns the file.
     """
     m = len(inspection.joints)
     low, high = joint_ranges(robot)

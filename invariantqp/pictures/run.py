@@ -33,14 +33,10 @@ SHOWN = 2.0
 
 
 def picture(trace: Trace, path: Path | str) -> Path:
-    """Write the picture of a run to a file.
+    """Write the picture of a run from `run_task` to a .png, .svg or .pdf file, which is returned.
 
     Without contact it shows errors, joint positions, velocities and accelerations over time; with contact it shows the
     force, the path error, and the curve that the tool drew.
-
-    Args:
-        trace: from `run_task`.
-        path: a .png, .svg or .pdf file.
     """
     if trace.contact is not None:
         return _contact_picture(trace, trace.contact, path)

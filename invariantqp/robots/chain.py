@@ -132,13 +132,7 @@ class Chain(Value):
         position_upper: ArrayLike | None = None,
         velocity_limit: ArrayLike | None = None,
     ) -> Chain:
-        """The same chain with other limits, slower joints for instance.
-
-        Args:
-            position_lower: (m,) or one for all joints [rad, length]; None is as it was.
-            position_upper: likewise.
-            velocity_limit: likewise [rad/s, length/s], positive.
-        """
+        """The same chain with other limits, (m,) each or one for all joints; None is as it was."""
         given = {"position_lower": position_lower, "position_upper": position_upper, "velocity_limit": velocity_limit}
         return self._changed(**{name: value for name, value in given.items() if value is not None})
 
@@ -147,11 +141,7 @@ class Chain(Value):
         return self._changed(links=links)
 
     def by_engine(self, engine: Engine) -> Chain:
-        """The same chain, its kinematics, and what is made from it, by another engine.
-
-        Args:
-            engine: "compiled" for the compiled core where it is installed, "python" for Python alone.
-        """
+        """The same chain, its kinematics, and what is made from it, by another engine: "compiled" or "python"."""
         by = arrays.choice(engine, "engine", ENGINES)
         return self if by == self.engine else self._changed(by)
 
@@ -165,11 +155,7 @@ class Chain(Value):
     def model(self) -> Any:
         """These joints and the tool frame as a `pinocchio.Model` without masses, for limits and barriers made for Pink.
 
-        Made once: copy it before changing it.
-
-        Raises:
-            MissingExtra: without Pinocchio.
-            BadInput: screws that are not of unit size, which Pinocchio cannot have.
+        Made once: copy it before changing it. Screws have to be of unit size. Raises MissingExtra without Pinocchio.
         """
         from invariantqp.robots.pinocchio import model_of  # only where it is asked for
 

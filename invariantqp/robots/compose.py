@@ -28,15 +28,7 @@ OF_JOINTS = ("position_lower", "position_upper", "velocity_limit", "places")
 
 
 def rail(axis: ArrayLike, lower: float = -inf, upper: float = inf, speed: float = inf, *, name: str = "rail") -> Chain:
-    """A slide, to put an arm on.
-
-    Args:
-        axis: (3,) its direction in the base frame, of any length.
-        lower: position limit [length].
-        upper: likewise.
-        speed: velocity limit [length/s].
-        name: of the joint.
-    """
+    """A slide along an axis (3,), to put an arm on, with position limits [length] and a velocity limit [length/s]."""
     screw = prismatic(arrays.direction(axis, "axis"))
     low, high = arrays.number(lower, "lower", infinite=True), arrays.number(upper, "upper", infinite=True)
     if low > high:
@@ -48,10 +40,7 @@ def rail(axis: ArrayLike, lower: float = -inf, upper: float = inf, speed: float 
 def mobile_base(speed: float = inf, turn_speed: float = inf, *, name: str = "base") -> Chain:
     """A base that moves on the floor in any direction: joints NAME_x, NAME_y [length] and NAME_turn [rad], about z.
 
-    Args:
-        speed: velocity limit along x, and along y [length/s].
-        turn_speed: velocity limit of the turn [rad/s].
-        name: what the joints' names begin with.
+    `speed` is the velocity limit along x, and along y [length/s], `turn_speed` that of the turn [rad/s].
     """
     x, y, z = np.eye(3)
     screws = np.column_stack((prismatic(x), prismatic(y), revolute(z)))

@@ -257,11 +257,9 @@ class Task(Section):
 
 
 def shipped_tasks(group: str = "") -> dict[str, FilePath]:
-    """The tasks that come with the package, name to file.
+    """The tasks that come with the package, name to file: those to start from, or a group.
 
-    Args:
-        group: "" for the tasks to start from; "stability" for what breaks velocity control and "compare" for what the
-            comparison adds, with names such as "stability/jump".
+    "stability" is what breaks velocity control, "compare" what the comparison adds; names are such as "stability/jump".
     """
     arrays.choice(group, "group", GROUPS)
     installed = FilePath(str(resources.files("invariantqp"))) / "task_files"

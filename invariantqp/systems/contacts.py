@@ -301,11 +301,7 @@ def surface_contact(
 
 
 def ball_joint(point: ArrayLike) -> Contact:
-    """A ball in its socket, or a tool held at one point: it turns, and is held against every force.
-
-    Args:
-        point: (3,) the centre, base frame [length].
-    """
+    """A ball in its socket, or a tool held at one point (3,): it turns, and is held against every force."""
     return _at(BALL, contact_frame(point, [0.0, 0.0, -1.0], None))
 
 

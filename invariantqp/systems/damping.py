@@ -111,16 +111,9 @@ class StationaryPoint(Value):
 
 
 def error_form(J: ArrayLike, twist: ArrayLike, h: float, velocity: ArrayLike) -> tuple[float, Array]:
-    """Phi_h(x) = (s - Jx)'Q_h(s - Jx) and its gradient -2 J'Q_h(s - Jx).
+    """Phi_h(x) = (s - Jx)'Q_h(s - Jx) [length] and its gradient -2 J'Q_h(s - Jx), (m,).
 
-    Args:
-        J: (6, m) joint twists.
-        twist: (6,) the twist s wanted.
-        h: pitch [length/rad].
-        velocity: (m,) joint velocity x.
-
-    Returns:
-        The value [length] and the (m,) gradient.
+    For (6, m) joint twists, a wanted twist s (6,), a pitch h [length/rad] and a joint velocity x (m,).
 
     Reference: [DS] (6.3), and (6.4) with m, not 6, entries in the gradient.
     """
@@ -132,12 +125,7 @@ def error_form(J: ArrayLike, twist: ArrayLike, h: float, velocity: ArrayLike) ->
 
 
 def stationary_point(J: ArrayLike, twist: ArrayLike, h: float) -> StationaryPoint:
-    """The stationary point J^{+h} s of Phi_h, its value and its kind.
-
-    Args:
-        J: (6, m) joint twists.
-        twist: (6,) the twist s wanted.
-        h: finite pitch [length/rad].
+    """The stationary point J^{+h} s of Phi_h, its value and its kind; (6, m) twists, s (6,), h finite [length/rad].
 
     Raises:
         NoPseudoinverse: h is a principal pitch, or no h works.

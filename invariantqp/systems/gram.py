@@ -89,13 +89,9 @@ def _pencil(part: _Reduction) -> _Pencil:
 
 
 def principal_pitches(J: ArrayLike) -> Array:
-    """The finite pitches at which J has no h-pseudoinverse, ascending, with multiplicity.
+    """The finite pitches at which (6, m) twists have no h-pseudoinverse: (k',) ascending, with multiplicity [length/rad].
 
-    Args:
-        J: (6, m) twists, independent or not.
-
-    Returns:
-        (k',) ascending pitches [length/rad]; empty where every h works (rank 6).
+    There are none where every h works (rank 6).
 
     Raises:
         BlindSystem: no h works; carries the translations that are reciprocal to the whole system.
@@ -114,18 +110,12 @@ def pitches_or_none(J: Array) -> Array:
 
 
 def principal_screws(J: ArrayLike) -> tuple[Array, Array]:
-    """The principal pitches h_i with their screws z_i: J'Q_{h_i} z_i = 0, the proof that h_i does not work.
+    """The principal pitches h_i (k',) with their screws z_i (6, k'): J'Q_{h_i} z_i = 0, the proof that h_i does not work.
 
     The screws are mutually orthogonal axes (omega_i.omega_j = 0) of unit angular part, and of pitch h_i each.
 
-    Args:
-        J: (6, m) twists, independent or not.
-
-    Returns:
-        (k',) ascending pitches [length/rad] and (6, k') screws.
-
     Raises:
-        BlindSystem: no h works; carries the translations that are reciprocal to the whole system.
+        BlindSystem: as `principal_pitches`.
 
     Reference: [DS] Sect. 5.2, 5.3; proof of Theorem 3.1.
     """
@@ -146,13 +136,9 @@ def principal_screws(J: ArrayLike) -> tuple[Array, Array]:
 
 
 def blind_directions(J: ArrayLike) -> Array:
-    """The pure translations of the system that are reciprocal to all of it, for every h: no pitch form can see them.
+    """The pure translations of (6, m) twists that are reciprocal to all of them, for every h: no pitch form can see them.
 
-    Args:
-        J: (6, m) twists, independent or not.
-
-    Returns:
-        (6, b) unit columns (0; v); b = 0 iff some h works.
+    They are unit columns (6, b), (0; v); b = 0 iff some h works.
 
     Reference: [DS] Sect. 5 (planes tangent to every q_h at an infinite pitch screw).
     """
@@ -163,17 +149,11 @@ def blind_directions(J: ArrayLike) -> Array:
 
 
 def gram_polynomial(J: ArrayLike) -> Array:
-    """Coefficients of det(J'Q_h J) = c_0 + c_1 h + ... + c_m h^m for the columns given.
+    """Coefficients (m + 1,) of det(J'Q_h J) = c_0 + c_1 h + ... + c_m h^m for the (6, m) columns given.
 
     For other columns J A of the same system they are multiplied by det(A)^2, so their ratios and signs are invariants
     of the system; a rigid motion changes nothing. All are zero iff no h works or the columns are dependent. They are
-    not normalised: divide by the last non-zero one for a monic polynomial.
-
-    Args:
-        J: (6, m) twists.
-
-    Returns:
-        (m+1,) coefficients, lowest power first; that of h^i in units of length^(m-i) for angular parts without unit.
+    not normalised: divide by the last non-zero one for a monic polynomial. That of h^i is in units of length^(m-i).
 
     Reference: [DS] (5.1) and the invariants i_1, i_2, i_3 of Sect. 5.2; Sect. 5.3.
     """

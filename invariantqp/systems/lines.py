@@ -226,11 +226,9 @@ class NullPlane(Value):
         return np.column_stack((_screws(across, self.point, self.h), np.append(np.zeros(3), u)))
 
     def contains(self, twist: ArrayLike, tolerance: float = HINGE) -> bool:
-        """Whether a (6,) twist lies in it: whether it is h-reciprocal to all of it.
+        """Whether a (6,) twist, not zero, lies in it: whether it is h-reciprocal to all of it.
 
-        Args:
-            twist: (6,), not zero.
-            tolerance: relative error of the twist that must not change the answer.
+        `tolerance` is the relative error of the twist that must not change the answer.
         """
         s, limit = arrays.twist(twist), arrays.tolerance(tolerance)
         if not s.any():
@@ -258,12 +256,7 @@ def alpha_plane(point: ArrayLike | None = None, h: float = 0.0, *, direction: Ar
 
 
 def beta_plane(point: ArrayLike, normal: ArrayLike, h: float = 0.0) -> NullPlane:
-    """All screws of pitch h with axes in a plane, and the slide across it.
-
-    Args:
-        point: (3,) any point of the plane [length].
-        normal: (3,) any non-zero length.
-        h: finite pitch [length/rad].
+    """All screws of pitch h [length/rad] with axes in a plane, by a point (3,) of it and its normal, and the slide across.
 
     Reference: [DS] Sect. 2.2.
     """
@@ -271,11 +264,9 @@ def beta_plane(point: ArrayLike, normal: ArrayLike, h: float = 0.0) -> NullPlane
 
 
 def null_plane(S: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> NullPlane | None:
-    """The alpha- or beta-plane that (6, m) twists span; None where they span no such plane.
+    """The alpha- or beta-plane that (6, m) twists span, dependent or not; None where they span no such plane.
 
-    Args:
-        S: (6, m) spanning twists, dependent or not.
-        tolerance: relative error of the twists that must not change the answer.
+    `tolerance` is the relative error of the twists that must not change the answer.
 
     Reference: [DS] Table 2, types IIA to IID.
     """

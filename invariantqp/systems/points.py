@@ -166,13 +166,9 @@ class PointMotion(Value):
 
 
 def motions_along(point: ArrayLike, direction: ArrayLike) -> Array:
-    """S_q: a basis (6, 4) of the twists that move a point along a direction or leave it at rest.
+    """S_q: a basis (6, 4) of the twists that move a point (3,) along a direction (3,) or leave it at rest.
 
     The rotations about three axes through the point, and the translation along the direction.
-
-    Args:
-        point: (3,) the point [length].
-        direction: (3,) not zero.
 
     Reference: [DS] Example 3 (the 4-system ev_x^-1(L)).
     """
@@ -185,15 +181,7 @@ def motions_along(point: ArrayLike, direction: ArrayLike) -> Array:
 
 
 def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointMotion:
-    """Every joint velocity whose twist moves `point` along `direction`.
-
-    Args:
-        J: (6, m) joint twists, any m and rank.
-        point: (3,) point of the tool, in the frame of J [length].
-        direction: (3,) not zero, in the frame of J.
-
-    Returns:
-        PointMotion with bases of the joint velocities, twists and self-motions.
+    """Every joint velocity whose twist moves a point (3,) along a direction (3,), in the frame of the (6, m) joint twists.
 
     Reference: [DS] Example 3, corrected.
     """

@@ -50,20 +50,13 @@ LARGEST_CONDITION = 1e12
 
 
 def form_adjoint(A: ArrayLike, domain: ArrayLike, codomain: ArrayLike) -> Array:
-    """A* = M^-1 A'N, the adjoint of a map from a space with the form M to one with the form N.
+    """A* = M^-1 A'N (m, n), the adjoint of a map A (n, m) from a space with the form M to one with the form N.
 
-    (A*)* = A, and (A B)* = B* A* where the forms between A and B are the same.
-
-    Args:
-        A: (n, m) matrix of the map.
-        domain: (m, m) symmetric and not singular, M; it need not be definite.
-        codomain: (n, n) symmetric, N.
-
-    Returns:
-        (m, n) matrix.
+    (A*)* = A, and (A B)* = B* A* where the forms between A and B are the same. The forms are symmetric and need not be
+    definite.
 
     Raises:
-        BadInput: shapes, NaN, a form that is not symmetric, a singular M.
+        BadInput: M is singular, too.
 
     Reference: [DS] (2.12), (2.13).
     """
@@ -78,17 +71,15 @@ def form_adjoint(A: ArrayLike, domain: ArrayLike, codomain: ArrayLike) -> Array:
 
 
 def h_adjoint(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None) -> Array:
-    """J^{*h} = M^-1 J'Q_h, the adjoint of a Jacobian: x'M (J^{*h} s) = (J x)'Q_h s.
+    """J^{*h} = M^-1 J'Q_h (m, 6), the adjoint of a Jacobian: x'M (J^{*h} s) = (J x)'Q_h s.
 
-    Q_h s is the wrench that pairs with twists as Q_h does, so J'Q_h s are the torques that it asks of the joints.
+    Q_h s is the wrench that pairs with twists as Q_h does, so J'Q_h s are the torques that it asks of the joints. The
+    adjoint of Ad J, in another frame, is J^{*h} Ad^-1.
 
     Args:
         J: (6, m) joint twists as columns.
         h: pitch [length/rad], or inf for half the Killing form.
         joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity.
-
-    Returns:
-        (m, 6) matrix; the adjoint of Ad J, in another frame, is J^{*h} Ad^-1.
 
     Reference: [DS] (2.14).
     """
@@ -288,7 +279,7 @@ def penrose_conditions(
     joint_metric: ArrayLike | None = None,
     tolerance: float = ROUNDING,
 ) -> PenroseConditions:
-    """Test (hP1)-(hP4): whether X is the h-pseudoinverse of J.
+    """Test (hP1)-(hP4): whether X (m, 6) is the h-pseudoinverse of J (6, m), and how well.
 
     Args:
         J: (6, m) joint twists as columns.
@@ -296,9 +287,6 @@ def penrose_conditions(
         h: finite pitch [length/rad].
         joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity.
         tolerance: relative residual that counts as zero, before it is multiplied by |J||X|.
-
-    Returns:
-        PenroseConditions; `.met` tells which hold, `.residuals` how well.
 
     Reference: [DS] (hP1)-(hP4).
     """
@@ -365,11 +353,9 @@ class Existence(Value):
 
 
 def existence(J: ArrayLike, h: float) -> Existence:
-    """Evaluate the three conditions of Theorem 3.1 for (6, m) twists.
+    """Evaluate the three conditions of Theorem 3.1 for (6, m) twists and a finite pitch h [length/rad].
 
-    Args:
-        J: (6, m) twists. They may be dependent: rank(J) takes the place of m in the theorem.
-        h: finite pitch [length/rad].
+    The twists may be dependent: rank(J) takes the place of m in the theorem.
 
     Reference: [DS] Theorem 3.1; `certificate` is the z of its proof.
     """

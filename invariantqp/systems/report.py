@@ -97,12 +97,7 @@ class SystemReport(Value):
 
 
 def describe(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> SystemReport:
-    """Report on (6, m) joint twists.
-
-    Args:
-        J: (6, m) joint twists as columns.
-        tolerance: relative error of the twists that must not change rank and type.
-    """
+    """Report on (6, m) joint twists; `tolerance` is a relative error of them that must not change rank and type."""
     twists = arrays.columns(J)
     kind = gibson_hunt(twists, tolerance)
     system = span(twists)

@@ -157,16 +157,7 @@ class HyperbolicPolar(Value):
 
 
 def hyperbolic_polar(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None) -> HyperbolicPolar:
-    """The hyperbolic polar decomposition of (6, m) twists.
-
-    Args:
-        J: (6, m) joint twists as columns, dependent or not.
-        h: finite pitch [length/rad].
-        joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity. Where joints
-            turn and slide, give one: else the answer depends on the unit of length.
-
-    Returns:
-        HyperbolicPolar, in the frame of J.
+    """The hyperbolic polar decomposition of (6, m) twists; arguments are those of `hyperbolic_singular_values`.
 
     Raises:
         NoPolarDecomposition: h is a principal pitch of the system, or too near one for three correct digits; or no h
@@ -203,17 +194,10 @@ def hyperbolic_polar(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None =
 
 
 def leg_wrenches(base: ArrayLike, platform: ArrayLike) -> Array:
-    """Unit forces along legs from base points to platform points, as wrenches (b x u; u).
+    """Unit forces along legs from base points to platform points, as wrenches (6, n), (b x u; u).
 
     W' is the inverse Jacobian: leg speeds = W's for the platform twist s, and W f is the wrench on the platform of the
-    leg forces f (positive: the leg pushes).
-
-    Args:
-        base: (n, 3) points of the base, one a leg [length].
-        platform: (n, 3) points of the platform, in the same frame.
-
-    Returns:
-        (6, n) wrenches (m; f) in that frame.
+    leg forces f (positive: the leg pushes). Both are (n, 3) points, one a leg, in one frame [length].
 
     Reference: [DS] Sect. 6.3, 7.
     """
@@ -228,16 +212,13 @@ def leg_wrenches(base: ArrayLike, platform: ArrayLike) -> Array:
 
 
 def wrench_pseudoinverse(W: ArrayLike, h: float, *, leg_metric: ArrayLike | None = None) -> Array:
-    """W^{+h}, the h-pseudoinverse of (6, n) wrenches: leg forces f = W^{+h} w for the wrench w.
+    """W^{+h} (n, 6), the h-pseudoinverse of (6, n) wrenches (m; f) of any rank: leg forces f = W^{+h} w for the wrench w.
 
     Args:
-        W: (6, n) wrenches as columns (m; f), of any rank.
+        W: (6, n) wrenches as columns.
         h: finite pitch [length/rad]; wrenches are measured by Q_h^-1.
         leg_metric: (n, n) or (n,) positive definite metric on leg forces; None is the identity. It matters only where
             wrenches are dependent (redundant legs).
-
-    Returns:
-        (n, 6) matrix.
 
     Raises:
         NoPseudoinverse: W'Q_h^-1 W is singular; its pitches are those of this form, its screw is Q_0 w of a wrench w.
@@ -264,12 +245,8 @@ def wrench_pseudoinverse(W: ArrayLike, h: float, *, leg_metric: ArrayLike | None
 def platform_stiffness(W: ArrayLike, leg_stiffness: ArrayLike) -> Array:
     """The stiffness K = W diag(k) W' of a platform on unloaded legs: wrench = K s for a small displacement twist s.
 
-    Args:
-        W: (6, n) unit leg wrenches (m; f).
-        leg_stiffness: (n,) above zero [force/length].
-
-    Returns:
-        (6, 6) symmetric, positive definite iff the legs have rank 6; a rigid motion takes K to Ad* K Ad*'.
+    It is (6, 6), symmetric, positive definite iff the legs have rank 6; a rigid motion takes K to Ad* K Ad*'. W are the
+    (6, n) unit leg wrenches, k (n,) above zero [force/length].
 
     Reference: asked for in [DS] Sect. 7.
     """

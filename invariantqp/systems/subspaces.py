@@ -98,10 +98,7 @@ def rank_of(sigma: NDArray[np.floating[Any]], tolerance: float) -> int:
 def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE, unit: float | None = None) -> Span:
     """Factorise (6, m) twists; singular values below `tolerance` times the largest are taken as zero.
 
-    Args:
-        J: (6, m) twists as columns.
-        tolerance: relative size below which a singular value is zero.
-        unit: the length that counts as 1; by default the twists' own. Two systems to be compared need the same.
+    `unit` is the length that counts as 1, by default the twists' own. Two systems to be compared need the same.
     """
     twists = arrays.columns(J)
     unit = length_unit(twists) if unit is None else unit
@@ -120,14 +117,10 @@ def screw_system(J: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
 
 
 def reciprocal(S: ArrayLike, h: float = 0.0) -> Array:
-    """The h-reciprocal system S^{perp h}: all twists t with t'Q_h s = 0 for every s in S.
+    """The h-reciprocal system S^{perp h}: a basis (6, 6-k) of all twists t with t'Q_h s = 0 for every s in S.
 
-    Args:
-        S: (6, m) spanning twists of a k-system, dependent or not.
-        h: finite pitch [length/rad]; 0 is reciprocity in the ordinary sense.
-
-    Returns:
-        (6, 6-k) basis.
+    S is (6, m) spanning twists of a k-system, dependent or not, h finite [length/rad]; 0 is reciprocity in the ordinary
+    sense.
 
     Reference: [DS] (2.9), (2.10).
     """
@@ -137,13 +130,9 @@ def reciprocal(S: ArrayLike, h: float = 0.0) -> Array:
 
 
 def annihilator(S: ArrayLike) -> Array:
-    """The wrenches that do no work on any twist of S, S* = Q_0 S^{perp 0}; given wrenches, the twists they leave free.
+    """The wrenches that do no work on S, S* = Q_0 S^{perp 0}, as a basis (6, 6-k) (m; f), for (6, m) twists of a k-system.
 
-    Args:
-        S: (6, m) spanning twists of a k-system.
-
-    Returns:
-        (6, 6-k) basis, wrenches (m; f).
+    Given wrenches, it is the twists that they leave free.
 
     Reference: [DS] Sect. 6.2 (before (6.5)), Sect. 6.3.
     """
@@ -152,25 +141,16 @@ def annihilator(S: ArrayLike) -> Array:
 
 
 def system_sum(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
-    """A basis (6, k) of S1 + S2, all twists s1 + s2.
+    """A basis (6, k) of S1 + S2, all twists s1 + s2, for (6, m1) and (6, m2) spanning twists.
 
-    Args:
-        first: (6, m1) spanning twists.
-        second: (6, m2) spanning twists.
-        tolerance: angle below which two directions count as one.
+    `tolerance` is the angle below which two directions count as one.
     """
     joined, _, unit = _join(first, second, tolerance)
     return joined.basis * lengths(unit)
 
 
 def system_meet(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
-    """A basis (6, k) of S1 meet S2, the twists in both; dim meet = dim S1 + dim S2 - dim sum.
-
-    Args:
-        first: (6, m1) spanning twists.
-        second: (6, m2) spanning twists.
-        tolerance: angle below which two directions count as one.
-    """
+    """A basis (6, k) of S1 meet S2, the twists in both; dim meet = dim S1 + dim S2 - dim sum. As `system_sum`."""
     joined, bases, unit = _join(first, second, tolerance)
     # U1 a + U2 b = 0 means that U1 a lies in both systems; those (a; b) are the null space of (U1 U2).
     still, k = joined.still, bases[0].shape[1]
@@ -188,14 +168,10 @@ def _join(first: ArrayLike, second: ArrayLike, tolerance: float) -> tuple[Span, 
 
 
 def self_reciprocal(S: ArrayLike, h: float = 0.0, tolerance: float = RANK_TOLERANCE) -> Array:
-    """A basis (6, k) of S meet S^{perp h}: the twists of S that are h-reciprocal to all of S.
+    """A basis (6, k) of S meet S^{perp h}: the twists of S (6, m) that are h-reciprocal to all of S.
 
     In exact arithmetic it is the zero system iff S has an h-pseudoinverse; with rounding, ask `has_pseudoinverse`.
-
-    Args:
-        S: (6, m) spanning twists.
-        h: finite pitch [length/rad].
-        tolerance: angle between S and S^{perp h} below which they meet.
+    `tolerance` is the angle between S and S^{perp h} below which they meet, h a finite pitch [length/rad].
 
     Reference: [DS] Theorem 3.1 (ii).
     """
