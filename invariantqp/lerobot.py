@@ -53,8 +53,6 @@ STRIDE = 0.2
 # turn is weighed against the point. Measured on an SO-101: taken from one tick alone, one of six targets out of reach
 # never sees it at rest; with 0.05 all do, and a point that returns is within a micrometre after ten frames.
 MEMORY = 0.05
-# The root of the measure in which only the point counts, row by row.
-POINT_ALONE = np.repeat((0.0, 1.0), 3)[:, None]
 # A target that is nearer than this is reached [rad, length].
 ARRIVED = 1e-10
 # Singular values of a rotation may be this far from 1 in a stream of poses: LeRobot goes on with those.
@@ -177,11 +175,10 @@ class RobotKinematics:
 
     def _velocity(self, demand: Demand, here: Array, weights: tuple[float, float], *, last: bool) -> Array:
         """(m,) the joint velocity of a tick: by the weights, or the point first as far as it can be brought."""
-        weighed = demand.root * np.repeat(weights, 3)[:, None]
+        weighed, point = (demand.root * np.repeat(each, 3)[:, None] for each in (weights, (0.0, 1.0)))
         x: Array = solve(self._law, demand._replace(root=weighed)).velocity
         if not self.position_first or not all(weights):
             return x
-        point = demand.root * POINT_ALONE
         y = solve(self._law, demand._replace(root=point)).velocity
         wanted, left = point.dot(demand.s), point.dot(demand.s - demand.J.dot(y))
         lost = float(np.linalg.norm(left)) / max(float(np.linalg.norm(wanted)), ARRIVED)

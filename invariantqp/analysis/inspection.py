@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.analysis.recommendation import LARGEST_NORM, Recommendation, recommend, smallest_norm
+from invariantqp.analysis.recommendation import LARGEST_NORM, SMALL, Recommendation, recommend, smallest_norm
 from invariantqp.analysis.survey import Survey, spread, survey
 from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
@@ -24,15 +24,10 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import cross, norm
 from invariantqp.progress import PROGRESS, Progress
 from invariantqp.robots.kinematics import Robot, middle, require_robot
+from invariantqp.systems.classification import CLASS_TOLERANCE
 from invariantqp.systems.points import centre
 from invariantqp.systems.report import SystemReport, describe
 from invariantqp.velocity.measure import root_at
-
-# Default number of states: some 50 ms, and enough to distinguish properties of the arm from those of one state.
-DEFAULT_SAMPLES = 64
-# Axes off from parallel or from a right angle by something between these were written with few digits [rad]: 1.5708 is
-# off by 4e-6, 1.57 by 8e-4; what is more was meant, what is less moves no tool by a micrometre.
-TILTS = (1e-7, 1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +170,7 @@ def inspect(
     *,
     name: str = "robot",
     q: ArrayLike | None = None,
-    samples: int = DEFAULT_SAMPLES,
+    samples: int = 64,
     progress: Progress | None = None,
 ) -> Inspection:
     """Look at an arm in one state and over its joint range.
@@ -185,7 +180,7 @@ def inspect(
         name: what to call it.
         q: (m,) joint positions [rad, length]; None is the middle of each range or, where that is singular, the state of
             the range farthest from singularities.
-        samples: states of the joint range to look at.
+        samples: states of the joint range to look at; 64 take some 50 ms.
         progress: called with (states done, states in all).
     """
     mid = middle(require_robot(robot))
@@ -223,11 +218,17 @@ def inspect(
 
 
 def _tilt(robot: Robot) -> tuple[str, str, float] | None:
-    """Two joints, one after the other, whose axes are nearly parallel or at a right angle, and farthest from it."""
+    """Two joints, one after the other, whose axes are nearly parallel or at a right angle, and farthest from it.
+
+    Those were written with few digits: 1.5708 is off by 4e-6, 1.57 by 8e-4; more was meant, less moves no tool by a
+    micrometre.
+    """
     axes, found = robot.jacobian(middle(robot))[:3].T, []
     for one, two, a, b in zip(robot.names, robot.names[1:], axes, axes[1:], strict=False):
         if a.any() and b.any():
-            found += [(one, two, off) for off in (norm(cross(a, b)), abs(float(a.dot(b)))) if TILTS[0] < off < TILTS[1]]
+            found += [
+                (one, two, off) for off in (norm(cross(a, b)), abs(float(a.dot(b)))) if CLASS_TOLERANCE < off < SMALL
+            ]
     return max(found, key=lambda each: each[2], default=None)
 
 

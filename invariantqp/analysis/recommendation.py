@@ -26,10 +26,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from invariantqp.errors import listed, written
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.systems.report import along_axes
-from invariantqp.systems.subspaces import ROUNDING
 from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.measure import length_at, root_at

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from invariantqp.batches.namespace import Namespace, Rows, precision
-from invariantqp.systems.subspaces import LENGTH_LIMIT, ROUNDING
+from invariantqp.geometry.arrays import ROUNDING
+from invariantqp.geometry.sizes import LENGTH_LIMIT
 
 # A reach below this many roundings of the coordinates that it is computed from is none.
 ROUNDING_STEPS = 1e3

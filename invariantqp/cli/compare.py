@@ -84,7 +84,7 @@ def _compare_stability(json_file: Path | None, quiet: bool) -> None:
     from invariantqp.compare.method import OURS
     from invariantqp.compare.results import plain
     from invariantqp.compare.stability import compare_stability, not_installed
-    from invariantqp.compare.watched import INSIDE
+    from invariantqp.geometry.arrays import NEGLIGIBLE
 
     writable("--json", json_file)
     if not quiet:
@@ -95,7 +95,9 @@ def _compare_stability(json_file: Path | None, quiet: bool) -> None:
         write(json_file, json.dumps(plain(outcomes), indent=1) + "\n")
     if not quiet:
         print_stability(outcomes)
-    failed = [run["case"] for run in outcomes if run["law"] == OURS and (run["not_finite"] or run["excess"] > INSIDE)]
+    failed = [
+        run["case"] for run in outcomes if run["law"] == OURS and (run["not_finite"] or run["excess"] > NEGLIGIBLE)
+    ]
     if failed:
         raise NotAccepted([f"{case}: an answer of ours was not finite, or outside limits" for case in failed])
 
@@ -110,7 +112,7 @@ def print_not_installed(missing: dict[str, list[str]]) -> None:
 
 def print_stability(outcomes: list[dict[str, Any]]) -> None:
     """A table of how each law did in each difficult case, with failures in red."""
-    from invariantqp.compare.watched import INSIDE
+    from invariantqp.geometry.arrays import NEGLIGIBLE
 
     errors = ("position_mm", "orientation_deg", "final_mm", "final_deg")
     headings = ("largest mm", "deg", "last mm", "deg", "tail rad/s", "chatter", "raised")
@@ -122,7 +124,7 @@ def print_stability(outcomes: list[dict[str, Any]]) -> None:
             "" if run["case"] == before else escape(run["case"]),
             escape(run["law"]),
             f"[red]no: {broken}[/red]" if broken else "yes",
-            f"[red]{run['excess']:.1e}[/red]" if run["excess"] > INSIDE else "yes",
+            f"[red]{run['excess']:.1e}[/red]" if run["excess"] > NEGLIGIBLE else "yes",
             f"{run['peak']:.3f}",
             *(f"{run[key]:.3g}" for key in errors),
             f"{run['tail']:.1e}",

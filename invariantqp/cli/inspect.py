@@ -83,7 +83,6 @@ def inspect(
     ] = None,
 ) -> None:
     """Say what ROBOT can do and which form to give it: rank, type, pitches to stay away from, blind directions."""
-    from invariantqp.analysis.inspection import DEFAULT_SAMPLES
     from invariantqp.analysis.inspection import inspect as inspect_arm
     from invariantqp.runs.taskfile import load_arm
 
@@ -96,7 +95,8 @@ def inspect(
     loaded = load_arm(robot, tool)
     state = None if q is None else numbers("--q", q)
     with progress("inspecting", samples is None) as report:
-        found = inspect_arm(loaded, name=robot, q=state, samples=samples or DEFAULT_SAMPLES, progress=report)
+        many = {} if samples is None else {"samples": samples}
+        found = inspect_arm(loaded, name=robot, q=state, **many, progress=report)
     kept = None
     if clearance:
         from invariantqp.control.clearance import Clearance

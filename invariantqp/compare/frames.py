@@ -38,8 +38,6 @@ from invariantqp.velocity.solution import Status, VelocitySolution
 
 # Standard deviation of the random displacement along each axis [m], about the length of a tool.
 DISPLACEMENT = 0.25
-# By how much the start of the control is moved, all joints alike [rad, m].
-NUDGE = 1e-12
 # Diagonal of the selection matrix for each shape of contact, rotations first: 1 for motion, 0 for force.
 SELECTIONS = {
     "point": (1.0, 1.0, 1.0, 1.0, 1.0, 0.0),
@@ -130,7 +128,7 @@ def random_displacement(seed: int) -> Array:
 
 def moved_start(task: Task, setup: Setup) -> Setup:
     """The same motion of the tool from a start that is moved by rounding."""
-    start = [x + NUDGE for x in task.robot.start]
+    start = [x + arrays.ROUNDING for x in task.robot.start]
     other = prepare(task.model_copy(update={"robot": task.robot.model_copy(update={"start": start})}))
     same = {name: getattr(setup.problem, name) for name in ("time", "poses", "feedforward")}
     problem = replace(other.problem, **same)

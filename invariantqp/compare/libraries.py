@@ -77,7 +77,7 @@ def joints_of(robot: Robot) -> list[Joint]:
     for name, screw in zip(robot.names, robot.jacobian(np.zeros(len(robot.names))).T, strict=True):
         if not screw[:3].any():
             found.append(Joint(screw[3:] / np.linalg.norm(screw[3:]), np.zeros(3), slides=True))
-        elif abs(screws.pitch(screw)) < screws.HINGE:
+        elif abs(screws.pitch(screw)) < arrays.NEGLIGIBLE:
             found.append(Joint(*screws.axis(screw), slides=False))
         else:
             raise RobotModelError(f"joint {name} is helical; other libraries model hinges and slides only")

@@ -16,21 +16,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from invariantqp.compare.method import CANNOT, DLS, PENROSE, LoopSetting, Method, Question, Solve, Takes
-from invariantqp.geometry.arrays import Array
+from invariantqp.compare.method import CANNOT, DLS, LAMBDA, PENROSE, LoopSetting, Method, Question, Solve, Takes
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 
-# lambda as scripts choose it, in mixed units of J; also the largest of Chiaverini's damping.
-DLS_DAMPING = 0.05
 # Chiaverini's damping starts when the smallest singular value falls below this.
 NEARLY_SINGULAR = 0.04
-# What is below this share of the largest is rounding: singular values, entries, and the excess over a limit.
-ROUNDING = 1e-9
 IN_NULL_SPACE, CLIPPED = "in the null space", "clipped"
 
 
 def damped(J: Array) -> Array:
     """J'(JJ' + lambda^2 I)^-1."""
-    return np.asarray(np.linalg.solve(J.dot(J.T) + DLS_DAMPING**2 * np.eye(len(J)), J).T)
+    return np.asarray(np.linalg.solve(J.dot(J.T) + LAMBDA**2 * np.eye(len(J)), J).T)
 
 
 def chiaverini(J: Array) -> Array:
@@ -38,7 +34,7 @@ def chiaverini(J: Array) -> Array:
     U, sigma, Vt = np.linalg.svd(J, full_matrices=False)
     divisor = sigma * sigma
     near = sigma < NEARLY_SINGULAR
-    divisor[near] += DLS_DAMPING**2 * (1.0 - (sigma[near] / NEARLY_SINGULAR) ** 2)
+    divisor[near] += LAMBDA**2 * (1.0 - (sigma[near] / NEARLY_SINGULAR) ** 2)
     return np.asarray((Vt.T * (sigma / divisor)).dot(U.T))
 
 
@@ -59,10 +55,10 @@ def priority(setting: LoopSetting) -> Solve:
     def velocity(tick: Question) -> Array:
         x, N = np.zeros(setting.m), eye
         if len(tick.C):
-            x, N = chiaverini(tick.C).dot(tick.e), eye - np.linalg.pinv(tick.C, rcond=ROUNDING).dot(tick.C)
+            x, N = chiaverini(tick.C).dot(tick.e), eye - np.linalg.pinv(tick.C, rcond=NEGLIGIBLE).dot(tick.C)
         A = tick.J.dot(N)
         x = x + N.dot(chiaverini(A).dot(tick.s - tick.J.dot(x)))
-        return np.asarray(x + (N - np.linalg.pinv(A, rcond=ROUNDING).dot(A)).dot(tick.posture))
+        return np.asarray(x + (N - np.linalg.pinv(A, rcond=NEGLIGIBLE).dot(A)).dot(tick.posture))
 
     return velocity
 
@@ -86,11 +82,11 @@ def saturate(tick: Question) -> Saturated:
     size, m = float(np.linalg.norm(J, 2)), J.shape[1]
     free, fixed = np.ones(m, dtype=bool), tick.posture.copy()
     limits = np.abs(np.concatenate((lower, upper)))
-    edge = ROUNDING * float(limits[np.isfinite(limits)].max(initial=0.0))
+    edge = NEGLIGIBLE * float(limits[np.isfinite(limits)].max(initial=0.0))
     best = Saturated(np.minimum(np.maximum(np.zeros(m), lower), upper), 0.0)
     full = _rank(J, size)
     while _rank(J * free, size) == full:
-        inverse = np.linalg.pinv(J * free, rcond=ROUNDING)
+        inverse = np.linalg.pinv(J * free, rcond=NEGLIGIBLE)
         along = inverse.dot(s)
         offset = fixed - inverse.dot(J.dot(fixed))
         x = along + offset
@@ -119,7 +115,7 @@ def _largest_share(along: Array, offset: Array, lower: Array, upper: Array) -> t
 
 
 def _rank(A: Array, size: float) -> int:
-    return int(np.count_nonzero(np.linalg.svd(A, compute_uv=False) > ROUNDING * size))
+    return int(np.count_nonzero(np.linalg.svd(A, compute_uv=False) > NEGLIGIBLE * size))
 
 
 METHODS = [

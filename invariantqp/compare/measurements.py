@@ -66,8 +66,6 @@ CALIBRATION = ("compare/panda", "compare/panda_limits", "compare/ur5_limits", "c
 # How many stretches of how many consecutive ticks are timed, and how often; then the same for a quick run.
 STRETCHES, LENGTH, ROUNDS = 20, 10, 10
 QUICK_STRETCHES, QUICK_ROUNDS = 5, 3
-# First rounds that do not count: they allocate workspaces and fill caches.
-WARM_UP = 3
 
 
 @dataclass(frozen=True)
@@ -225,7 +223,7 @@ def interleaved(calls: Mapping[str, Callable[[int], object]], count: int, rounds
     before = gc.isenabled()
     gc.disable()
     try:
-        for turn in range(-min(WARM_UP, rounds), rounds):
+        for turn in range(-min(QUICK_ROUNDS, rounds), rounds):  # the first allocate workspaces and fill caches
             for name, call in calls.items():
                 times = []
                 for i in range(count):

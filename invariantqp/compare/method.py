@@ -41,6 +41,8 @@ EXTRAS = {"pinocchio": "pin", "pink": "peers", "mink": "peers", "placo": "placo"
 OURS, OURS_PYTHON, HAND_WRITTEN = "invariantqp", "invariantqp (Python)", "hand-written loop"
 LEAST_SQUARES, SCALED_LEAST_SQUARES = "least-squares QP", "QP with length and LM"
 PENROSE, DLS = "Moore-Penrose", "DLS"
+# lambda as scripts choose it, in mixed units of J, and in Lambda = lambda I of [DS] [m].
+LAMBDA = 0.05
 # What a row says where its method has no place for something that it is given.
 CANNOT = "cannot take it"
 

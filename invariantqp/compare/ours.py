@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from invariantqp.compare.method import CANNOT, OURS, OURS_PYTHON, Method, Takes
+from invariantqp.compare.method import CANNOT, LAMBDA, OURS, OURS_PYTHON, Method, Takes
 from invariantqp.control.controller import Controller
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import tracking_gain
@@ -16,9 +16,6 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.taskfile import LawSpec
 from invariantqp.velocity.damping import PaperLambda
-
-# lambda in Lambda = lambda I of [DS] [m]: the value that scripts use in damped least squares.
-PAPER_LAMBDA = 0.05
 
 
 def paper_law(robot: Robot, law: LawSpec) -> Controller:
@@ -31,7 +28,7 @@ def paper_law(robot: Robot, law: LawSpec) -> Controller:
         dt=law.dt,
         gain=tracking_gain(law.gain, law.dt, law.delay),
         form=law.form if isinstance(law.form, float) else ToolMeasure(robot, law.point).length,
-        damping=PaperLambda(PAPER_LAMBDA),
+        damping=PaperLambda(LAMBDA),
         posture=law.posture,
         posture_gain=law.posture_gain,
         acceleration_limit=law.acceleration_limit,

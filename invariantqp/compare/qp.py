@@ -35,21 +35,18 @@ from invariantqp.compare.method import (
 )
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import RobotModelError
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
 from invariantqp.velocity.backends import BoxQP, Daqp, SolverFailure
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.solution import VelocitySolution
 
-# eps where it is fixed; a usual value in scripts, and the square of Pink's cost of a posture task.
+# eps where it is fixed; a usual value in scripts, and the square of Pink's cost of a posture task. A mu below this
+# share of |A|^2 is not worth a second QP.
 FIXED_WEIGHT = 1e-6
 # Sugihara's factor, as measured to be calm and quick: of 1/2 dt |missed| |A|.
 CALM = 0.25
-# mu below this share of |A|^2 is not worth a second QP.
-NEGLIGIBLE = 1e-6
-# eps over |A|^2 where mu takes over near singularities.
-SMALL_WEIGHT = 1e-9
 # Shares of the exact rows' speed that are tried one after the other.
 SHARES = (1.0, 0.5, 0.25, 0.125, 0.0)
 # What scaling weighs the posture and the share of the twist with: the whole of the twist comes first.
@@ -139,7 +136,7 @@ def least_squares(*, scaled: bool = False) -> Callable[[LoopSetting], Solve]:
         def velocity(tick: Question) -> Array:
             A, b = (tick.J, tick.s) if root is None else (root.dot(tick.J), root.dot(tick.s))
             size = float(np.vdot(A, A))
-            weight = SMALL_WEIGHT * size if scaled else FIXED_WEIGHT
+            weight = NEGLIGIBLE * size if scaled else FIXED_WEIGHT
             H, c = A.T.dot(A) + weight * eye, A.T.dot(b) + weight * tick.posture
 
             def best(mu: float) -> Array:
@@ -150,7 +147,7 @@ def least_squares(*, scaled: bool = False) -> Callable[[LoopSetting], Solve]:
 
             x = best(0.0)
             mu = 0.5 * CALM * setting.dt * float(np.linalg.norm(b - A.dot(x))) * np.sqrt(size) if scaled else 0.0
-            return best(mu) if mu > NEGLIGIBLE * size else x
+            return best(mu) if mu > FIXED_WEIGHT * size else x
 
         return velocity
 

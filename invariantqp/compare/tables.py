@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 
 from invariantqp.compare.method import CANNOT
 from invariantqp.compare.results import Results, results_of
+from invariantqp.geometry.arrays import NEGLIGIBLE
 
 NOTHING = "-"
-# A change of a joint position above this many times the control, and above rounding [rad], is a dependence.
-ABOVE_CONTROL, ROUNDING = 100.0, 1e-9
+# A change of a joint position above this many times the control, and above rounding, is a dependence.
+ABOVE_CONTROL = 100.0
 # How reports call the tasks of a full run.
 TASKS = {
     "compare/panda": "Panda",
@@ -82,7 +83,7 @@ def not_taken(method: dict[str, Any]) -> str:
 def depends(loop: dict[str, Any]) -> bool:
     """Whether another tool frame changes a run by more than rounding in its start does."""
     frame, control = loop.get("frame"), loop.get("control")
-    return frame is None or frame > max(ROUNDING, ABOVE_CONTROL * (control or 0.0))
+    return frame is None or frame > max(NEGLIGIBLE, ABOVE_CONTROL * (control or 0.0))
 
 
 def summary(results: Results, names: Sequence[str] | None = None) -> Table:

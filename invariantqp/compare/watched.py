@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.compare.method import UNKNOWN
 from invariantqp.control.controller import Controls
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.controllers import MakeController, controller_for
 from invariantqp.runs.prepare import Setup
@@ -30,8 +30,6 @@ from invariantqp.velocity.solution import Status, VelocitySolution
 Result = dict[str, Any]
 # A broken input is NaN in every third tick of the first half of a run; the second half is time to recover.
 BROKEN_EVERY = 3
-# An excess over a limit up to this is rounding [rad, m] and [rad/s, m/s], and so is what is left below one.
-INSIDE = 1e-9
 # How long the target is at rest after a path, for the tool to settle [s].
 REST = 1.0
 # A tool nearer to its target than this has settled [m], [rad]; a first look at a run says as much.
@@ -135,9 +133,9 @@ def figures(law: Watched, trace: Trace) -> Result:
     """
     low, high = trace.position_limits
     speed, ticks = np.abs(trace.velocity), len(trace.velocity)
-    at_speed = speed >= trace.velocity_limit * (1.0 - INSIDE)
-    at_end = (trace.q[1:] <= low + INSIDE) | (trace.q[1:] >= high - INSIDE)
-    left = (np.diff(trace.outside, axis=0) > INSIDE) | (speed - trace.velocity_limit > INSIDE)
+    at_speed = speed >= trace.velocity_limit * (1.0 - NEGLIGIBLE)
+    at_end = (trace.q[1:] <= low + NEGLIGIBLE) | (trace.q[1:] >= high - NEGLIGIBLE)
+    left = (np.diff(trace.outside, axis=0) > NEGLIGIBLE) | (speed - trace.velocity_limit > NEGLIGIBLE)
     beyond = (np.diff(trace.outside, axis=0), trace.outside[-1], speed - trace.velocity_limit)
     ways: dict[str, Any] = {
         "raised": law.exceptions / ticks,

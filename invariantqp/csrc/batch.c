@@ -22,7 +22,7 @@ static bool is_sound(const Demand *demand)
     bool sound = true;
     for (int i = 0; i < 6; i++) {
         square += dot(demand->m, demand->J[i], demand->J[i]);
-        sound = sound && fabs(demand->s[i]) <= LARGEST_SPEED;
+        sound = sound && fabs(demand->s[i]) <= LENGTH_LIMIT;
     }
     for (int j = 0; j < demand->m; j++)
         sound = sound && demand->lower[j] <= demand->upper[j] && demand->lower[j] < INFINITY && demand->upper[j] > -INFINITY;

@@ -379,7 +379,6 @@ extern const Constant CONSTANTS[];
 #define ROW_ROUNDING 1e-14
 #define NEWTON_STEPS 100
 #define MOST_SHARE 1e8
-#define LARGEST_SPEED 1e12
 #define SMALLEST_SIZE 1e-30
 #define LARGEST_SIZE 1e30
 #define LENGTH_LIMIT 1000000000000.0

@@ -311,7 +311,7 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
         most = fmax(most, fabs(demand.s[i]));
         square += demand.s[i] * demand.s[i];
     }
-    if (!(square < INFINITY) || (!demand.chased && most > LARGEST_SPEED))
+    if (!(square < INFINITY) || (!demand.chased && most > LENGTH_LIMIT))
         return HAND_BACK;
     demand.has_posture = loop->has_posture || beside->posture != NULL;
     demand.paced = beside->posture == NULL;

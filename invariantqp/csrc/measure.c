@@ -91,7 +91,7 @@ Outcome measured(Demand *demand)
     const Row *J = (const Row *)demand->J;
     for (int i = 0; i < 6; i++) {
         square += dot(m, J[i], J[i]);
-        if (!(fabs(demand->s[i]) <= LARGEST_SPEED))
+        if (!(fabs(demand->s[i]) <= LENGTH_LIMIT))
             return HAND_BACK;
     }
     if (!(square >= SMALLEST_SIZE * SMALLEST_SIZE && square <= LARGEST_SIZE * LARGEST_SIZE))

@@ -32,10 +32,14 @@ MADE_OF_PARTS = (
 LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 # How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
 ROTATION_TOLERANCE = 1e-5
-# More states, tries or processes than anyone waits for: a slip of the keyboard.
-MANY = 1_000_000
-# How far a_ij and a_ji may differ, relative to sqrt(a_ii a_jj): where entries cancel, rounding is all that is left.
-SYMMETRY_TOLERANCE = 1e-9
+# More states, tries or ticks than anyone waits for: a slip of the keyboard.
+MANY = 10_000_000
+# What is below this share of what it is compared with, or this many units of a robot cell, is nothing: descriptions and
+# files have nine digits.
+NEGLIGIBLE = 1e-9
+# What is below this share of the terms that it is computed from is rounding: factorisations, products and the forward
+# kinematics of a dozen joints leave some 1e-15 of them.
+ROUNDING = 1e-12
 
 
 def array(value: ArrayLike, argument: str, expected: str) -> Array:
@@ -131,9 +135,9 @@ def matrix(value: ArrayLike, shape: tuple[int | None, int], argument: str) -> Ar
 
 
 def symmetric(value: ArrayLike, size: int, argument: str, expected: str = "", remedy: str = "") -> Array:
-    """A finite symmetric (size, size) matrix; `SYMMETRY_TOLERANCE` is relative to its largest entry."""
+    """A finite symmetric (size, size) matrix; `NEGLIGIBLE` is relative to its largest entry."""
     a = matrix(value, (size, size), argument)
-    if (np.abs(a - a.T) > SYMMETRY_TOLERANCE * np.abs(a).max(initial=0.0)).any():
+    if (np.abs(a - a.T) > NEGLIGIBLE * np.abs(a).max(initial=0.0)).any():
         expected = expected or f"a symmetric ({size}, {size}) matrix"
         raise BadInput(argument, "a matrix that is not symmetric", expected, remedy)
     return a
@@ -148,7 +152,7 @@ def positive_definite(value: ArrayLike, size: int, argument: str) -> Array:
         raise BadInput(argument, f"shape {a.shape}", expected)
     a = _finite(a, argument, expected)
     root = np.sqrt(np.abs(np.diag(a)))
-    if (np.abs(a - a.T) > SYMMETRY_TOLERANCE * np.outer(root, root)).any():
+    if (np.abs(a - a.T) > NEGLIGIBLE * np.outer(root, root)).any():
         raise BadInput(argument, "a matrix that is not symmetric", expected, "Its symmetric part is (A + A.T) / 2.")
     try:
         np.linalg.cholesky(a)

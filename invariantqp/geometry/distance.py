@@ -17,14 +17,12 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.se3 import cross, norm
 from invariantqp.geometry.shapes import Core
 
 # Segments whose squared sine is below this are parallel: their ends are as near as what is between.
 PARALLEL = 1e-14
-# Nearest points that are no farther apart than this [length] have no direction between them: cores go into each other.
-NO_DIRECTION = 1e-12
 
 
 class Place(NamedTuple):
@@ -93,7 +91,7 @@ def _other_way(found: list[Place]) -> list[Place]:
 def _between(x: Array, y: Array, meeting: Array) -> Place:
     """The place of points x and y (3,); `meeting` is its direction where they are one."""
     d = norm(y - x)
-    return Place(d, (y - x) / d if d > NO_DIRECTION else meeting, x)
+    return Place(d, (y - x) / d if d > ROUNDING else meeting, x)
 
 
 def _foot(x: Array, start: Array, u: Array) -> Array:
@@ -157,7 +155,7 @@ def _way_out(c: Array, e: Array, h: Array) -> tuple[float, Array]:
     for axis in np.eye(3):
         n = cross(axis, e)
         size = norm(n)
-        if size > NO_DIRECTION * norm(e):
+        if size > ROUNDING * norm(e):
             normals.append(n / size)
     apart = [abs(float(n.dot(c))) - abs(float(n.dot(e))) - float(np.abs(n).dot(h)) for n in normals]
     i = int(np.argmax(apart))
@@ -174,7 +172,7 @@ def _point_and_box(y: Array, b: Placed) -> Place:
     """Of a point y in the frame of box b, and the box."""
     gap = y - np.clip(y, -b.half, b.half)
     d = norm(gap)
-    if d > NO_DIRECTION:
+    if d > ROUNDING:
         return _to_base(b, d, gap / d, y)
     return _to_base(b, *_way_out(y, np.zeros(3), b.half), y)
 
@@ -188,7 +186,7 @@ def _segment_against_box(p: Array, u: Array, b: Placed, *, ends: bool) -> list[P
     t = _nearest_to_box(p, u, h)
     y = p + t * u
     gap = y - np.clip(y, -h, h)
-    if norm(gap) <= NO_DIRECTION:
+    if norm(gap) <= ROUNDING:
         return []
     at = [t]
     over = (gap == 0.0) & (u != 0.0)
@@ -212,7 +210,7 @@ def _segment_and_box(a: Placed, b: Placed) -> list[Place]:
         return found
     d, n = _way_out(c, e, b.half)
     lean = float(n.dot(e))
-    side = 0.0 if abs(lean) <= NO_DIRECTION * a.half[2] else -1.0 if lean > 0.0 else 1.0
+    side = 0.0 if abs(lean) <= ROUNDING * a.half[2] else -1.0 if lean > 0.0 else 1.0
     return [_to_base(b, d, n, c + side * e)]
 
 
@@ -250,14 +248,14 @@ def _way_apart(a: Placed, b: Placed) -> Place:
     for f, g in product(A.T, B.T):
         n = cross(f, g)
         size = norm(n)
-        if size > NO_DIRECTION:
+        if size > ROUNDING:
             normals.append(n / size)
     room = [float(np.abs(n.dot(A)).dot(a.half) + np.abs(n.dot(B)).dot(b.half)) for n in normals]
     apart = [abs(float(n.dot(w))) - r for n, r in zip(normals, room, strict=True)]
     i = int(np.argmax(apart))
     n = -normals[i] if normals[i].dot(w) < 0.0 else normals[i]
     g = n.dot(B)
-    deepest = np.where(np.abs(g) <= NO_DIRECTION, 0.0, -np.sign(g) * b.half)
+    deepest = np.where(np.abs(g) <= ROUNDING, 0.0, -np.sign(g) * b.half)
     return Place(apart[i], n, B.dot(deepest) + b.pose[:3, 3] - apart[i] * n)
 
 

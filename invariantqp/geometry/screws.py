@@ -17,10 +17,6 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
-# A joint whose pitch is below this is a hinge [length/rad], a line beside its distance from the origin: a description
-# has nine digits at best.
-HINGE = 1e-9
-
 
 def helical(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: float = 0.0) -> Array:
     """The (6,) unit twist of a screw joint about a line.

@@ -27,8 +27,6 @@ from invariantqp.geometry.arrays import Array
 # Below this angle [rad] the closed coefficients of exp and log lose digits to cancellation; three terms of their
 # series are exact to rounding there (the next term is below 1e-18).
 SMALL_ANGLE = 1e-2
-# Where a direction is this nearly parallel to x (cosine), what is chosen across it is near y.
-NEARLY_ALONG = 0.9
 
 
 def cross_matrix(a: ArrayLike) -> Array:
@@ -71,7 +69,7 @@ def facing(z: Array, point: Array) -> Array:
 
 def across(z: Array) -> tuple[Array, Array]:
     """Two unit vectors across another (3,), right-handed about it; the first is near the x axis, or else the y axis."""
-    x = np.eye(3)[0 if abs(z[0]) < NEARLY_ALONG else 1]
+    x = np.eye(3)[0 if abs(z[0]) <= max(abs(z[1]), abs(z[2])) else 1]
     x = x - z * z.dot(x)
     x /= sqrt(x.dot(x))
     return x, cross(z, x)

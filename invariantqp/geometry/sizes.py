@@ -9,9 +9,11 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
-# Of a twist that is wanted of joints. Beside velocity limits of 0.1 to 10, rounding of the twist costs 1e-11 of them at
-# this size on random joints, 1e-7 at 1e16, and all of them at 1e23.
-LARGEST_SPEED = 1e12
+# A length above this many of the caller's units, or below one over it, is not that of a machine: it is rounding where a
+# part of the twists should be zero, the rotation of a gantry or the moments of axes that meet in the origin. The same
+# holds of other quantities of a robot cell. Beside velocity limits of 0.1 to 10, rounding of a wanted twist costs 1e-11
+# of them at this size on random joints, 1e-7 at 1e16, and all of them at 1e23.
+LENGTH_LIMIT = 1e12
 # Of joint twists and lengths: their sixth powers, and one over them, have to be numbers that a computer has. A metre is
 # 1e-16 light-years and 1e10 atoms.
 SMALLEST, LARGEST = 1e-30, 1e30
@@ -19,8 +21,8 @@ REMEDY = "Choose another unit of length."
 
 
 def not_too_fast(twists: Array) -> Array:
-    """Finite wanted twists (..., 6), no entry above `LARGEST_SPEED`."""
-    return _up_to(LARGEST_SPEED, twists, "twist", "Scale it down.")
+    """Finite wanted twists (..., 6), no entry above `LENGTH_LIMIT`."""
+    return _up_to(LENGTH_LIMIT, twists, "twist", "Scale it down.")
 
 
 def not_too_far(points: Array) -> Array:

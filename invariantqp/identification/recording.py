@@ -32,12 +32,8 @@ FEWEST = 30
 BLOCKS = 150
 # The kind is decided by these; where the contact is, by so many samples at most: every one of ten seconds at 200 Hz.
 MOST_SAMPLES = 2000
-# Variance of the third differences of white noise of unit variance: 1 + 9 + 9 + 1.
-THIRD = 20.0
 # A normal (6,) vector is longer than this, squared, once in a thousand: jerks, such as impacts, are not noise.
 JERK = 22.46
-# Noise below this, relative to the largest numbers recorded, is rounding.
-ROUNDING = 1e-12
 
 
 @frozen(eq=False, slots=False)
@@ -116,7 +112,8 @@ def recording(
     w = _wrenches(wrenches, X, arrays.flag(exerts, "exerts"), sensor)
     steps = twists(inverse(X[:-1]) @ X[1:])
     turned = np.concatenate((np.zeros((1, 3)), np.cumsum(steps[:, :3], axis=0)))
-    white_pose, white_wrench = (_covariance(a) / THIRD for a in (np.diff(steps, n=2, axis=0), np.diff(w, n=3, axis=0)))
+    # Third differences of white noise have 1 + 9 + 9 + 1 times its variance.
+    white_pose, white_wrench = (_covariance(a) / 20.0 for a in (np.diff(steps, n=2, axis=0), np.diff(w, n=3, axis=0)))
     if noise is None:
         pose_noise, wrench_noise, white = white_pose, white_wrench, 1.0
     else:
@@ -132,7 +129,7 @@ def recording(
             np.concatenate([[max(float(np.abs(p).max()), 1e-300)] * 3 for p in (w[:, :3], w[:, 3:])]),
         ),
     ):
-        if not np.linalg.eigvalsh(N / np.outer(scale, scale))[0] > ROUNDING**2:
+        if not np.linalg.eigvalsh(N / np.outer(scale, scale))[0] > arrays.ROUNDING**2:
             raise BadInput(
                 name,
                 "no noise in some direction: a simulation, or numbers that stand still",

@@ -35,11 +35,9 @@ TEXT, RULE, SHADE = "#444444", "#777777", "#999999"
 
 # Curves and their colours.
 CURVES = {"position [mm]": BLUE, "orientation [deg]": ORANGE}
-# A logarithmic axis has no zero: smaller errors, below a picometre, are drawn as this [mm, deg].
-SMALLEST = 1e-9
 
 
 def errors_of(trace: Trace) -> Array:
-    """(n, 2) of each tick, in the order of CURVES."""
+    """(n, 2) of each tick, in the order of CURVES; at least what a logarithmic axis can show, a picometre."""
     errors: Array = np.column_stack((1e3 * trace.position_error, np.degrees(trace.orientation_error)))
     return errors

@@ -32,7 +32,7 @@ LINE, DOT, ADVICE, STATE = BLUE, SKY, VERMILION, RULE
 
 
 def pitch_picture(inspection: Inspection, robot: Robot, path: Path | str) -> Path:
-    """Write principal pitches and distance from a singularity over the range of each joint to a .png, .svg or .pdf file.
+    """Write principal pitches and distance from a singularity over the range of each joint to a .png, .svg or .pdf.
 
     `inspection` is of `robot`. Returns the file.
     """

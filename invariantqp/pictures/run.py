@@ -18,16 +18,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.geometry import se3
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.pictures.figure import figure_file
-from invariantqp.pictures.palette import BLACK, BLUE, COLOURS, CURVES, RULE, SHADE, SKY, SMALLEST, VERMILION, errors_of
+from invariantqp.pictures.palette import BLACK, BLUE, COLOURS, CURVES, RULE, SHADE, SKY, VERMILION, errors_of
 from invariantqp.runs.trace import ContactTrace, PathTrace, Trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# A direction whose largest component is this close to 1 is called x, y or z.
-ALONG = 1e-9
 # The force axis ends at this multiple of the wanted force, so that noisy readings do not hide the force.
 SHOWN = 2.0
 
@@ -195,11 +193,11 @@ def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
 def _named(axis: Array) -> str:
     """A direction as "x", "-y", "z", or by its components."""
     i = int(np.abs(axis).argmax())
-    along = abs(axis[i]) > 1.0 - ALONG
+    along = abs(axis[i]) > 1.0 - NEGLIGIBLE
     return f"{'-' if axis[i] < 0.0 else ''}{'xyz'[i]}" if along else f"({', '.join(f'{a:.2f}' for a in axis)})"
 
 
 def _plot_errors(axes: Axes, trace: Trace) -> None:
     """Draw both curves."""
     for values, (label, colour) in zip(errors_of(trace).T, CURVES.items(), strict=True):
-        axes.semilogy(trace.time[1:], np.maximum(values, SMALLEST), color=colour, linewidth=1.1, label=label)
+        axes.semilogy(trace.time[1:], np.maximum(values, NEGLIGIBLE), color=colour, linewidth=1.1, label=label)

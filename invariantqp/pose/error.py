@@ -21,8 +21,7 @@ from invariantqp.control.demands import Exact, ExactJoints, ExactPoint, View, ro
 from invariantqp.engine import core, core_for
 from invariantqp.errors import BadInput
 from invariantqp.geometry import se3
-from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.screws import HINGE
+from invariantqp.geometry.arrays import NEGLIGIBLE, ROUNDING, Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot, middle, remembered
 from invariantqp.systems.points import centre
@@ -31,9 +30,6 @@ from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 
 if TYPE_CHECKING:
     from invariantqp.engine import Arm
-
-# A joint this near its limit, relative to 1 + |q|, is at it: a step to the limit is rounded.
-ROUNDING = 1e-14
 
 
 class JointSpace:
@@ -54,7 +50,7 @@ class JointSpace:
         self.upper: Array = np.minimum(robot.position_upper, UNBOUNDED)
         J = robot.jacobian(self.middle)
         speed, drift = np.linalg.norm(J[:3], axis=0), np.linalg.norm(J[3:], axis=0)
-        hinge = (speed > 0.0) & (np.abs((J[:3] * J[3:]).sum(axis=0)) <= HINGE * speed * drift)
+        hinge = (speed > 0.0) & (np.abs((J[:3] * J[3:]).sum(axis=0)) <= NEGLIGIBLE * speed * drift)
         self.turn: Array = np.where(hinge, 2.0 * np.pi / np.where(hinge, speed, 1.0), 1.0)
         self.whole: Array = hinge & (self.upper - self.lower >= self.turn)
         self._turning = bool(self.whole.any())
@@ -88,7 +84,7 @@ class JointSpace:
         return self.inside(q + turns * self.turn)
 
     def at_limits(self, q: Array) -> tuple[int, ...]:
-        """The joints at a limit."""
+        """The joints at a limit, but for the rounding of a step to it, relative to 1 + |q|."""
         room = np.minimum(q - self.lower, self.upper - q)
         return tuple(np.flatnonzero(room <= ROUNDING * (1.0 + np.abs(q))).tolist())
 

@@ -45,8 +45,6 @@ GOAL_SHARE = 1e-3
 SEARCH_SHARE, EXACT_SHARE, CLOSEST = 0.8, 0.6, 4
 # The last digits are begun again at most so often, while that brings the merit below this share of itself.
 AGAIN, GAIN = 8, 0.999
-# Poses whose f is this near the least count as equally close, so that rounding does not choose between mirror images.
-ALIKE = 1.0 + 1e-9
 # Tries after the first, by default: of 4 000 random targets on each of five arms, half of them with two
 # joints at their limits, 4 were not reached with as many.
 RESTARTS = 100
@@ -189,9 +187,9 @@ class PoseSearch:
         return tried
 
     def _closest(self, finished: list[Try]) -> Try:
-        """The first of the tries that are as near as the nearest, to rounding."""
+        """The first of the tries that are as near as the nearest: rounding does not choose between mirror images."""
         least = min(map(self._rank, finished))
-        return next(one for one in finished if self._rank(one) <= (least[0], ALIKE * least[1]))
+        return next(one for one in finished if self._rank(one) <= (least[0], (1.0 + arrays.NEGLIGIBLE) * least[1]))
 
     def _is_good(self, one: Try) -> bool:
         """Whether a try ended on the target, where nothing is too near."""

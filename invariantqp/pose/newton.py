@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from invariantqp.engine import core
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, ROUNDING, Array
 from invariantqp.pose.error import JointSpace, Linearization, PoseError
 from invariantqp.systems.subspaces import rank_of
 from invariantqp.velocity.backends import BoxQP, Daqp, SolverFailure
@@ -42,13 +42,7 @@ LONGEST, PATIENCE = 100, 1000
 AT_A_TIME = 25
 # A try ends where even steps with this much damping do not make the error smaller: rounding is all that is left.
 STIFFEST = 1e8
-# A try whose merit fell by no more than this share of itself in as many steps is at rest.
-AT_REST = 1e-12
-# The least damping of the exact rows, relative to their largest squared singular value.
-ROW_FLOOR = 1e-9
 TINY = float(np.finfo(float).tiny)
-# A joint this near a limit, relative, is held by it.
-AT_LIMIT = 1e-9
 # Multipliers are bounded by this many |A| |r| / |C|: those of rows that the limits forbid have no meaning.
 DEAREST = 10.0
 # The penalty is kept above the multipliers of the exact rows by this factor.
@@ -100,7 +94,7 @@ def descend(
         before = past[-1 - window] if steps > window else inf
         if not patient and merit > 0.5 * before:
             return _ended(state, merit, steps, met=False, at_rest=False)
-        if damping > STIFFEST or before - merit <= AT_REST * merit:
+        if damping > STIFFEST or before - merit <= ROUNDING * merit:
             return _ended(state, merit, steps, met=False, at_rest=True)
         H = error.curvature(state) if patient and state.C is None else None
         room, price = space.steps(state.q, turning=turning), 0.0
@@ -164,7 +158,7 @@ def _exact_step(state: Linearization, C: Array, damping: float, lower: Array, up
     sigma, wanted, size = np.zeros(m), np.zeros(m), float(np.vdot(A, A))
     sigma[:rank], wanted[:rank] = singular[:rank], b.dot(U[:, :rank])
     B = Vt[rank:].T
-    weights = sigma * sigma + max(damping * float(b.dot(b)), ROW_FLOOR * float(singular[0]) ** 2, TINY)
+    weights = sigma * sigma + max(damping * float(b.dot(b)), NEGLIGIBLE * float(singular[0]) ** 2, TINY)
     first = (sigma * wanted / weights).dot(Vt)
     AB = A.dot(B)
     H = AB.T.dot(AB)
@@ -182,7 +176,7 @@ def _exact_step(state: Linearization, C: Array, damping: float, lower: Array, up
 
 def _price(state: Linearization, C: Array, pull: Array, x: Array, lower: Array, upper: Array) -> float:
     """|y|, the multiplier of the rows: C'y is what is left of the gradient where no limit holds a joint."""
-    margin = AT_LIMIT * (1.0 + np.abs(x))
+    margin = NEGLIGIBLE * (1.0 + np.abs(x))
     free = (x > lower + margin) & (x < upper - margin)
     if not C[:, free].any():
         return 0.0

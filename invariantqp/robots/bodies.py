@@ -26,8 +26,6 @@ from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot, remembered
 from invariantqp.robots.links import Geometry, Link
 
-# Capsules of a link, at most: each is a pair more with everything around.
-MOST_CAPSULES = 3
 # Two capsules replace one where they have less than this share of its volume.
 WORTHWHILE = 0.7
 # Corners of the prism about a cylinder.
@@ -40,8 +38,7 @@ SOME = 4
 # A direction that tells points apart: no two of a mesh are equally far along it.
 APART = np.array([0.5477225575051661, 0.31622776601683794, 0.7745966692414834])
 # The search for a capsule's axis, in units of its size: how it begins, and that it ends where a step saves less volume.
-AT_FIRST = 0.2 * np.vstack((np.zeros(4), np.eye(4)))
-SEARCH = {"maxiter": 300, "fatol": 1e-3, "xatol": 1e-2, "initial_simplex": AT_FIRST}
+SEARCH = {"maxiter": 300, "fatol": 1e-3, "xatol": 1e-2, "initial_simplex": 0.2 * np.vstack((np.zeros(4), np.eye(4)))}
 Bodies = dict[str, list[Shape]]
 
 
@@ -132,8 +129,8 @@ def _hull(points: Array) -> Array:
     return np.asarray(points[hull.simplices])
 
 
-def capsules(triangles: Array, most: int = MOST_CAPSULES) -> list[Shape]:
-    """Capsules that contain all triangles (f, 3, 3), few and small; `most` is how many, at most."""
+def capsules(triangles: Array, most: int = 3) -> list[Shape]:
+    """Capsules that contain all triangles (f, 3, 3), few and small: each is a pair more with all around."""
     few = _thinned(triangles)
     made = [(triangles, few, capsule(few.reshape(-1, 3)))]
     tried: list[tuple[Array, list[Array], list[Capsule]] | None] = []
@@ -191,7 +188,7 @@ def capsule(points: Array, *, searched: bool = True) -> Capsule:
         def volume(x: Array, axis: Callable[[Array], Array] = axis) -> float:
             return _around(V, axis(x))[0]
 
-        x = minimize(volume, AT_FIRST[0], method="Nelder-Mead", options=SEARCH).x if searched else AT_FIRST[0]
+        x = minimize(volume, np.zeros(4), method="Nelder-Mead", options=SEARCH).x if searched else np.zeros(4)
         found.append((volume(x), axis(x)))
     best = min(found, key=lambda one: one[0])[1]
     _, a, b = _around(V, best)

@@ -14,7 +14,7 @@ from invariantqp.errors import BadInput
 from invariantqp.extras import optional
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.screws import HINGE, pitch
+from invariantqp.geometry.screws import pitch
 from invariantqp.robots.kinematics import UNLIMITED
 
 with optional("pin", "Pinocchio"):
@@ -56,7 +56,7 @@ def model_of(
     joint = 0
     for i, (screw, place) in enumerate(zip(screws.T, places, strict=True)):
         along = screw[:3] if screw[:3].any() else screw[3:]
-        if abs(np.linalg.norm(along) - 1.0) > HINGE:
+        if abs(np.linalg.norm(along) - 1.0) > arrays.NEGLIGIBLE:
             raise BadInput(
                 "screws", f"a joint {names[i]} that is not a unit screw", "unit screws for a pinocchio.Model"
             )
@@ -76,4 +76,4 @@ def _kind(screw: Array) -> pin.JointModel:
     h = pitch(screw)
     if np.isinf(h):
         return pin.JointModelPZ()
-    return pin.JointModelRZ() if abs(h) < HINGE else pin.JointModelHZ(h)
+    return pin.JointModelRZ() if abs(h) < arrays.NEGLIGIBLE else pin.JointModelHZ(h)

@@ -20,7 +20,7 @@ from invariantqp.errors import BadInput, RobotModelError
 from invariantqp.extras import optional
 from invariantqp.force.sensor import GRAVITY
 from invariantqp.geometry import screws, se3
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.urdf import chain_xml
 from invariantqp.runs.contactspec import Physics
@@ -34,6 +34,7 @@ from invariantqp.runs.plant import (
     Surface,
     SurfaceSprings,
 )
+from invariantqp.systems.contacts import SIX_DIGITS
 
 with optional("sim", "mujoco"):
     import mujoco
@@ -42,9 +43,6 @@ with optional("sim", "mujoco"):
 TIP = 2e-3
 # Half the length of a bar, and of a side of a table that has an edge elsewhere; half the thickness of a table [m].
 FAR = 1.0
-THICK = 0.05
-# Edges of a table this far from a right angle, as the sine of the angle, make no box.
-SQUARE = 1e-6
 
 SolidKind = Literal["plane", "sphere", "capsule", "cylinder", "box"]
 # MuJoCo's impedance d of a contact. Its spring is solref / ((1 - d) A), A the inverse mass it assumes, and a mass of
@@ -65,9 +63,6 @@ GEOMS = {kind: getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}") for kind in get
 # How fast a nut follows its thread [s] and the damping ratio, and how little it gives: it pushes both ways, so that the
 # mass of MuJoCo's stiff constraints does no harm.
 THREAD = {"solref": (2e-3, 1.0), "solimp": (0.999, 0.999, 1e-3, 0.5, 2.0)}
-# Mass and inertia given to a massless link, without which MuJoCo cannot move it [kg, kg m^2].
-LEAST_MASS = 1e-6
-LEAST_INERTIA = 1e-9
 # Longest step of the engine [s]: contact and velocity loops are ten times slower.
 SUBSTEP = 5e-4
 # Time [s] in which a joint's servo brings its inertia to the commanded speed, short beside the lag.
@@ -115,14 +110,14 @@ def _surface(surface: Surface) -> Solid:
     for edge in surface.edges:
         inside = edge.dot(R)[:2]
         i = int(np.abs(inside).argmax())
-        if abs(inside[1 - i]) > SQUARE * abs(inside[i]):
+        if abs(inside[1 - i]) > SIX_DIGITS * abs(inside[i]):
             raise BadInput("contact.edges", "edges at another angle", "edges at right angles, with MuJoCo")
         if inside[i] > 0.0:
             high[i] = min(high[i], inside[i])
         else:
             low[i] = max(low[i], inside[i])
-    middle = surface.point + R.dot([*(0.5 * (low + high)), -THICK])
-    return Solid("box", (*(0.5 * (high - low)).tolist(), THICK), se3.transform(R, middle))
+    middle = surface.point + R.dot([*(0.5 * (low + high)), -FAR])
+    return Solid("box", (*(0.5 * (high - low)).tolist(), FAR), se3.transform(R, middle))
 
 
 def _tip(springs: SurfaceSprings, T: Array) -> Solid:
@@ -220,8 +215,7 @@ def _settings(spec: Any, timestep: float) -> None:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 100.0  # a pen at rest does not creep
-    spec.compiler.boundmass = LEAST_MASS
-    spec.compiler.boundinertia = LEAST_INERTIA
+    spec.compiler.boundmass, spec.compiler.boundinertia = SIX_DIGITS, NEGLIGIBLE  # of massless links [kg, kg m^2]
     for body in spec.bodies:
         body.gravcomp = 1.0
 
@@ -271,7 +265,7 @@ def _add_door(spec: Any, springs: HingeSprings, sensor: SimulatedSensor, physics
         explicitinertial=True,
     )
     door.add_joint(name="hinge", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, frictionloss=physics.hinge_friction)
-    if abs(pitch) > screws.HINGE:
+    if abs(pitch) > NEGLIGIBLE:
         door.add_joint(name="lead", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
         screw = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1="lead", name2="hinge", **THREAD)
         screw.data[:5] = (0.0, pitch, 0.0, 0.0, 0.0)

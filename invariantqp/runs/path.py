@@ -15,9 +15,9 @@ from pydantic import Field, StrictBool, model_validator
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import screws, se3
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.section import SHORTEST, Direction, NotNegative, Number, Positive, Section, Vector3
+from invariantqp.runs.section import Direction, NotNegative, Number, Positive, Section, Vector3
 
 PoseAt = Callable[[float], Array]
 
@@ -73,7 +73,7 @@ class CirclePath(_Path):
         """The pose at a time, for a robot that starts at joint positions `start`."""
         T0 = robot.pose(start)
         centre, normal, rock = np.array(self.centre), np.array(self.normal), np.array(self.rock)
-        if np.linalg.norm(centre) < SHORTEST:
+        if np.linalg.norm(centre) < NEGLIGIBLE:
             raise BadInput("path.centre", "the start itself", "a centre away from the start, such as [0.0, 0.05, 0.0]")
         normal = normal / np.linalg.norm(normal)
 

@@ -26,10 +26,8 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import across
 from invariantqp.robots.kinematics import Robot
 
-# Gauss-Newton steps for the angle of a hinge: two reach rounding from the angle of a tick ago.
-ANGLE_STEPS = 3
-# The wrench on a tool that touches nothing.
-NO_WRENCH = np.zeros(6)
+# Steps for the angle of a hinge, where two reach rounding from a tick ago, and onto a surface: a round bar takes a few.
+NEWTON_STEPS = 6
 
 
 class Measurement(NamedTuple):
@@ -140,7 +138,7 @@ class HingeSprings:
     def angle(self, T: Array, guess: float) -> float:
         """The angle [rad] of a door that only the springs hold, with the tool at pose T: where they stretch least."""
         p = self.points.dot(T[:3, :3].T) + T[:3, 3]
-        for _ in range(ANGLE_STEPS):
+        for _ in range(NEWTON_STEPS):
             g = self.handle(guess)
             along = np.cross(self.screw[:3], g) + self.screw[3:]
             guess += float(np.vdot(along, p - g) / np.vdot(along, along))
@@ -220,7 +218,7 @@ class IdealPlant:
 
     def _wrench(self, T: Array) -> Array:
         if self._springs is None:
-            return NO_WRENCH
+            return np.zeros(6)
         if isinstance(self._springs, SurfaceSprings):
             return self._springs.wrench(T)
         self._angle = self._springs.angle(T, self._angle)

@@ -25,17 +25,30 @@ from invariantqp.force.sensor import Wrench, WrenchSensor
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.runs.contactspec import ContactSpec, ForceSpec, SensorSpec
-from invariantqp.runs.plant import Cylinder, HingeSprings, Plane, SimulatedSensor, Springs, Surface, SurfaceSprings
+from invariantqp.runs.plant import (
+    NEWTON_STEPS,
+    Cylinder,
+    HingeSprings,
+    Plane,
+    SimulatedSensor,
+    Springs,
+    Surface,
+    SurfaceSprings,
+)
 from invariantqp.runs.taskfile import Task
-from invariantqp.systems.contacts import Contact, ContactKind, face_contact, hinge, line_contact, point_contact
+from invariantqp.systems.contacts import (
+    SIX_DIGITS,
+    Contact,
+    ContactKind,
+    face_contact,
+    hinge,
+    line_contact,
+    point_contact,
+)
 from invariantqp.systems.projectors import dual_projectors
 
-# Newton steps that move a wanted point onto the surface: a plane takes one, a round bar a few.
-DROP_STEPS = 6
 # The length over which a point contact is taken to extend, where moments are weighed against forces [m].
 POINT_SIZE = 0.05
-# If a handle is nearer to its hinge than this [m], or an edge nearer to the normal [rad], rounding chose its direction.
-LEAST_ARM = 1e-6
 # The corners of a face or a handle in order, and the ends of an edge, in halves of its sides.
 CORNERS = {
     "point": ((0, 0),),
@@ -63,7 +76,7 @@ class ContactScene:
         if self.surface is None:
             return T
         on = T.copy()
-        for _ in range(DROP_STEPS):
+        for _ in range(NEWTON_STEPS):
             depth, normal = self.surface.depth(on[:3, 3])
             on[:3, 3] += depth / normal.dot(self.normal) * self.normal
         return on
@@ -183,7 +196,7 @@ def _surface(contact: ContactSpec, T: Array) -> _Touched:
     R, tilt = T[:3, :3], se3.rotation(np.asarray(contact.tilt))
     n = np.array(contact.normal) / np.linalg.norm(contact.normal)
     x = np.array(contact.along) - n * n.dot(contact.along)
-    if not np.linalg.norm(x) > LEAST_ARM * np.linalg.norm(contact.along):
+    if not np.linalg.norm(x) > SIX_DIGITS * np.linalg.norm(contact.along):
         raise BadInput("contact.along", f"{list(contact.along)} along the normal", "a direction in the surface")
     x /= np.linalg.norm(x)
     y = np.cross(n, x)
@@ -217,7 +230,7 @@ def _shaped(foot: Array, normal: Array, along: Array, radius: float | None, edge
 
 def _in_plane(edge: Array, normal: Array) -> Array:
     across: Array = edge - normal * normal.dot(edge)
-    if not np.linalg.norm(across) > LEAST_ARM:
+    if not np.linalg.norm(across) > SIX_DIGITS:
         raise BadInput(
             "contact.edges",
             f"{edge.tolist()} along the normal or too short",
@@ -233,7 +246,7 @@ def _hinge(contact: ContactSpec, T: Array) -> _Touched:
     to_axis = np.array(contact.point)
     foot = p + to_axis - axis * axis.dot(to_axis)
     arm = p - foot
-    if not np.linalg.norm(arm) > LEAST_ARM:
+    if not np.linalg.norm(arm) > SIX_DIGITS:
         raise BadInput("contact.point", f"{list(contact.point)}, the tool on the axis", "an axis beside the tool")
     x = arm / np.linalg.norm(arm)
     handle = se3.transform(np.column_stack((x, np.cross(axis, x), axis)), p)

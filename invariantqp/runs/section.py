@@ -16,12 +16,10 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 from pydantic import AfterValidator, AllowInfNan, BaseModel, ConfigDict, Field, Strict, ValidationError
 
-# Any quantity of a robot cell is far below this in SI units; a larger one is a typing error.
-LARGEST = 1e12
-# A vector shorter than this has no direction that can be trusted.
-SHORTEST = 1e-9
+from invariantqp.geometry.arrays import NEGLIGIBLE
+from invariantqp.geometry.sizes import LENGTH_LIMIT
 
-Number = Annotated[float, Strict(), AllowInfNan(False), Field(ge=-LARGEST, le=LARGEST)]
+Number = Annotated[float, Strict(), AllowInfNan(False), Field(ge=-LENGTH_LIMIT, le=LENGTH_LIMIT)]
 Positive = Annotated[Number, Field(gt=0.0)]
 NotNegative = Annotated[Number, Field(ge=0.0)]
 Vector3 = tuple[Number, Number, Number]
@@ -48,7 +46,7 @@ OpenNumber = Annotated[float, Strict(), AfterValidator(checked_number)]
 
 def checked_direction(vector: Vector3) -> Vector3:
     """The vector, if it has a direction."""
-    if sum(x * x for x in vector) < SHORTEST**2:
+    if sum(x * x for x in vector) < NEGLIGIBLE**2:
         raise ValueError("a direction cannot be the zero vector")
     return vector
 

@@ -19,6 +19,7 @@ from pydantic import Field, PlainValidator, PrivateAttr, StrictBool, ValidationE
 from invariantqp.errors import BadInput, TaskFileError, UnknownName, excerpt
 from invariantqp.geometry import arrays, screws, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import KNOWN, load_robot, urdf_of
@@ -26,7 +27,6 @@ from invariantqp.runs.clearancespec import Around, ClearanceSpec, ObstacleSpec
 from invariantqp.runs.contactspec import ContactSpec, ForceSpec, OperatorSpec, Physics, SensorSpec
 from invariantqp.runs.path import Path
 from invariantqp.runs.section import (
-    LARGEST,
     Direction,
     NotNegative,
     Number,
@@ -37,8 +37,6 @@ from invariantqp.runs.section import (
     problems,
 )
 
-# A run of more ticks than this would take hours and gigabytes: its duration or its tick is a typing error.
-MOST_TICKS = 10_000_000
 # Folders of tasks that come with the package.
 GROUPS = ("", "stability", "compare")
 
@@ -109,7 +107,7 @@ def _form(given: Any) -> Any:
     """A pitch, "tool" or None, as it is."""
     if given is None or given == "tool":
         return given
-    if isinstance(given, (int, float)) and not isinstance(given, bool) and abs(given) <= LARGEST:
+    if isinstance(given, (int, float)) and not isinstance(given, bool) and abs(given) <= LENGTH_LIMIT:
         return float(given)
     raise ValueError(f'a pitch h in metres per radian or "tool" is expected, not {given!r}')
 
@@ -223,8 +221,8 @@ class Task(Section):
         """How many ticks a run has."""
         duration, dt = self.path.duration, self.law.dt
         ticks = (self.settle + duration) / dt
-        if round(duration / dt) < 1 or ticks > MOST_TICKS:
-            expected = f"1 to {MOST_TICKS} ticks of {dt:g} s each"
+        if round(duration / dt) < 1 or ticks > arrays.MANY:
+            expected = f"1 to {arrays.MANY} ticks of {dt:g} s each"
             raise BadInput("path.duration", f"{duration:g} s, {ticks:.3g} ticks", expected, "Change it, or law.dt.")
         return round(ticks)
 

@@ -33,7 +33,8 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.screws import helical
-from invariantqp.systems.subspaces import LENGTH_LIMIT, annihilator, span
+from invariantqp.geometry.sizes import LENGTH_LIMIT
+from invariantqp.systems.subspaces import annihilator, span
 
 # Contacts are given with six digits: W'S beside |W||S| below this is zero, a tangent at such an angle to the normal is
 # parallel to it, and two ways out of unit speed whose sum is slower lead nowhere.
@@ -126,12 +127,12 @@ def _independent(columns: ArrayLike, argument: str) -> Array:
     return a
 
 
-def _kind(name: str, freedoms: str, constraints: str) -> ContactKind:
-    """A unilateral kind from coordinate names: rx for a turn about x, mx for a moment, x for a slide or a force."""
+def _kind(name: str, freedoms: str, constraints: str, presses: int = 1) -> ContactKind:
+    """A kind from coordinate names: rx for a turn about x, mx for a moment, x for a slide or a force."""
     names = {"rx": 0, "ry": 1, "rz": 2, "mx": 0, "my": 1, "mz": 2, "x": 3, "y": 4, "z": 5}
     E = np.eye(6)
     S, W = (E[:, [names[n] for n in text.split()]] for text in (freedoms, constraints))
-    return ContactKind(name, S, W, unilateral=True, out=-E[5])
+    return ContactKind(name, S, W, presses > 0, None if name == "ball" else -E[5], presses=presses)
 
 
 POINT = _kind("point", "rx ry rz x y", "z")
@@ -141,8 +142,8 @@ ROLLING_LINE = _kind("rolling line", "rx", "z my x y mz")
 FACE = _kind("face", "rz x y", "z mx my")
 PIVOTING_FACE = _kind("pivoting face", "rz", "z mx my x y")
 STICKING_FACE = _kind("sticking face", "", "z mx my x y mz")
-BALL = ContactKind("ball", np.eye(6)[:, :3], np.eye(6)[:, 3:])
-PEG = ContactKind("peg", np.eye(6)[:, [2, 5]], np.eye(6)[:, [3, 4, 0, 1]], out=-np.eye(6)[5])
+BALL = _kind("ball", "rx ry rz", "x y z", presses=0)
+PEG = _kind("peg", "rz z", "x y mx my", presses=0)
 
 
 @lru_cache(maxsize=16)

@@ -89,9 +89,9 @@ def _pencil(part: _Reduction) -> _Pencil:
 
 
 def principal_pitches(J: ArrayLike) -> Array:
-    """The finite pitches at which (6, m) twists have no h-pseudoinverse: (k',) ascending, with multiplicity [length/rad].
+    """The finite pitches at which (6, m) twists have no h-pseudoinverse: (k',) ascending, with multiplicity.
 
-    There are none where every h works (rank 6).
+    In length/rad; there are none where every h works (rank 6).
 
     Raises:
         BlindSystem: no h works; carries the translations that are reciprocal to the whole system.
@@ -110,7 +110,7 @@ def pitches_or_none(J: Array) -> Array:
 
 
 def principal_screws(J: ArrayLike) -> tuple[Array, Array]:
-    """The principal pitches h_i (k',) with their screws z_i (6, k'): J'Q_{h_i} z_i = 0, the proof that h_i does not work.
+    """The principal pitches h_i (k',) with their screws z_i (6, k'): J'Q_{h_i} z_i = 0 proves that h_i does not work.
 
     The screws are mutually orthogonal axes (omega_i.omega_j = 0) of unit angular part, and of pitch h_i each.
 
@@ -136,7 +136,7 @@ def principal_screws(J: ArrayLike) -> tuple[Array, Array]:
 
 
 def blind_directions(J: ArrayLike) -> Array:
-    """The pure translations of (6, m) twists that are reciprocal to all of them, for every h: no pitch form can see them.
+    """The pure translations of (6, m) twists that are reciprocal to all of them for every h: no pitch form sees them.
 
     They are unit columns (6, b), (0; v); b = 0 iff some h works.
 

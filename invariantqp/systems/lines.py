@@ -54,7 +54,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
-from invariantqp.geometry.screws import HINGE, pitch
+from invariantqp.geometry.screws import pitch
 from invariantqp.systems.classification import CLASS_TOLERANCE, gibson_hunt
 from invariantqp.systems.gram import gram_matrix
 from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, factors
@@ -144,7 +144,7 @@ def _lines(value: ArrayLike) -> Array:
     for i, s in enumerate(J.T):
         h = pitch(s) if s.any() else inf
         w = float(np.linalg.norm(s[:3]))
-        if h == inf or abs(h) > HINGE * max(1.0, float(np.linalg.norm(s[3:])) / w):
+        if h == inf or abs(h) > arrays.NEGLIGIBLE * max(1.0, float(np.linalg.norm(s[3:])) / w):
             found = f"a column {i} of pitch {h:.4g}" if s.any() else f"a zero column {i}"
             raise BadInput("lines", found, expected, "Only revolute joints are lines; for others has_pseudoinverse.")
     return J
@@ -225,7 +225,7 @@ class NullPlane(Value):
             return np.column_stack((_screws(u[:, None], np.zeros(3), self.h), slides))
         return np.column_stack((_screws(across, self.point, self.h), np.append(np.zeros(3), u)))
 
-    def contains(self, twist: ArrayLike, tolerance: float = HINGE) -> bool:
+    def contains(self, twist: ArrayLike, tolerance: float = arrays.NEGLIGIBLE) -> bool:
         """Whether a (6,) twist, not zero, lies in it: whether it is h-reciprocal to all of it.
 
         `tolerance` is the relative error of the twist that must not change the answer.
@@ -256,7 +256,7 @@ def alpha_plane(point: ArrayLike | None = None, h: float = 0.0, *, direction: Ar
 
 
 def beta_plane(point: ArrayLike, normal: ArrayLike, h: float = 0.0) -> NullPlane:
-    """All screws of pitch h [length/rad] with axes in a plane, by a point (3,) of it and its normal, and the slide across.
+    """All screws of pitch h [length/rad] with axes in a plane, by a point (3,) of it and its normal; the slide across.
 
     Reference: [DS] Sect. 2.2.
     """

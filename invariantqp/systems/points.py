@@ -22,10 +22,11 @@ from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.systems.subspaces import LENGTH_LIMIT, ROUNDING, span, system_meet
+from invariantqp.geometry.sizes import LENGTH_LIMIT
+from invariantqp.systems.subspaces import span, system_meet
 
 # det A over its trace cubed (at most 1/27): above this the adjugate loses less than four digits.
 WELL_POSED = 1e-4
@@ -181,7 +182,7 @@ def motions_along(point: ArrayLike, direction: ArrayLike) -> Array:
 
 
 def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointMotion:
-    """Every joint velocity whose twist moves a point (3,) along a direction (3,), in the frame of the (6, m) joint twists.
+    """Every joint velocity whose twist moves a point (3,) along a direction (3,), in the frame of J (6, m).
 
     Reference: [DS] Example 3, corrected.
     """

@@ -28,12 +28,11 @@ from numpy.typing import ArrayLike
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, BlindSystem, NoPseudoinverse
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.gram import pitches_or_none, principal_screws
 from invariantqp.systems.subspaces import (
-    ROUNDING,
     Span,
     length_unit,
     lengths,

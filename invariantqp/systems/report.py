@@ -17,9 +17,10 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import adjoint, inverse, velocity_at
+from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.systems.classification import CLASS_TOLERANCE, GibsonHunt, gibson_hunt, own_point
 from invariantqp.systems.gram import blind_directions, principal_screws
-from invariantqp.systems.subspaces import LENGTH_LIMIT, annihilator, span
+from invariantqp.systems.subspaces import annihilator, span
 
 
 @frozen(eq=False, repr=False, slots=False)

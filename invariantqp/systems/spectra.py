@@ -212,10 +212,10 @@ def leg_wrenches(base: ArrayLike, platform: ArrayLike) -> Array:
 
 
 def wrench_pseudoinverse(W: ArrayLike, h: float, *, leg_metric: ArrayLike | None = None) -> Array:
-    """W^{+h} (n, 6), the h-pseudoinverse of (6, n) wrenches (m; f) of any rank: leg forces f = W^{+h} w for the wrench w.
+    """W^{+h} (n, 6), the h-pseudoinverse of (6, n) wrenches (m; f): leg forces f = W^{+h} w for the wrench w.
 
     Args:
-        W: (6, n) wrenches as columns.
+        W: (6, n) wrenches as columns, of any rank.
         h: finite pitch [length/rad]; wrenches are measured by Q_h^-1.
         leg_metric: (n, n) or (n,) positive definite metric on leg forces; None is the identity. It matters only where
             wrenches are dependent (redundant legs).

@@ -23,17 +23,11 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.geometry.forms import finite_pitch, pitch_form
+from invariantqp.geometry.sizes import LENGTH_LIMIT
 
 # A singular value below this fraction of the largest counts as zero: forward kinematics in float64 leaves a few 1e-16
 # where a joint axis is exactly dependent, and cond(J) = 1e7 must still count as full rank.
 RANK_TOLERANCE = 1e-13
-# What is below this share of the terms that it is computed from is rounding: factorisations, products and the forward
-# kinematics of a dozen joints leave some 1e-15 of them.
-ROUNDING = 1e-12
-
-# A length above this many of the caller's units, or below one over it, is not that of a machine: it is rounding where a
-# part of the twists should be zero, the rotation of a gantry or the moments of axes that meet in the origin.
-LENGTH_LIMIT = 1e12
 TINY = float(np.finfo(float).tiny)
 
 
@@ -130,7 +124,7 @@ def reciprocal(S: ArrayLike, h: float = 0.0) -> Array:
 
 
 def annihilator(S: ArrayLike) -> Array:
-    """The wrenches that do no work on S, S* = Q_0 S^{perp 0}, as a basis (6, 6-k) (m; f), for (6, m) twists of a k-system.
+    """The wrenches (m; f) that do no work on S, S* = Q_0 S^{perp 0}: a basis (6, 6-k), for (6, m) twists of a k-system.
 
     Given wrenches, it is the twists that they leave free.
 

@@ -14,10 +14,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.se3 import velocity_at
+from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.systems.points import WELL_POSED, centre, reach
-from invariantqp.systems.subspaces import LENGTH_LIMIT, ROUNDING
 
 
 def root_at(point: Array, length: float) -> Array:

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from invariantqp.geometry import se3
-from invariantqp.geometry.arrays import Array
-from invariantqp.pictures.palette import BLUE, CURVES, GREEN, SCREEN_COLOURS, SKY, SMALLEST, VERMILION, errors_of
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
+from invariantqp.pictures.palette import BLUE, CURVES, GREEN, SCREEN_COLOURS, SKY, VERMILION, errors_of
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import ClearanceTrace, ContactTrace, Trace
@@ -236,7 +236,7 @@ def colours(joints: int) -> tuple[str, ...]:
 
 
 def _error_chart(trace: Trace, ends: Array) -> CurveChart:
-    values = np.maximum(extremes(errors_of(trace), ends), SMALLEST).T
+    values = np.maximum(extremes(errors_of(trace), ends), NEGLIGIBLE).T
     return CurveChart(ERROR, tuple(CURVES), values, tuple(CURVES.values()), log=True)
 
 

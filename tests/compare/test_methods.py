@@ -6,7 +6,7 @@ from support.arms import ready
 import invariantqp as iq
 from invariantqp import extras
 from invariantqp.compare.linear import (
-    DLS_DAMPING,
+    LAMBDA,
     NEARLY_SINGULAR,
     chiaverini,
     saturate,
@@ -181,7 +181,7 @@ def test_chiaverini_damps_small_singular_values_alone(last):
     U, _, Vt = np.linalg.svd(J, full_matrices=False)
     sigma = np.r_[np.linspace(2.0, 1.0, 5), last]
     gains = np.linalg.svd(chiaverini(U * sigma @ Vt), compute_uv=False)
-    assert gains.max() <= (1.0 if last > NEARLY_SINGULAR else 0.0) / max(last, 1e-9) + 1.0 / DLS_DAMPING
+    assert gains.max() <= (1.0 if last > NEARLY_SINGULAR else 0.0) / max(last, 1e-9) + 1.0 / LAMBDA
     assert np.isclose(gains, 0.5).any()
 
 
@@ -189,7 +189,7 @@ def test_chiaverini_damps_small_singular_values_alone(last):
 def test_damped_least_squares_is_the_minimum_of_its_cost(m):
     J, s = problem(2, m)
     x = solved("DLS", J, s)
-    np.testing.assert_allclose(J.T @ (s - J @ x), DLS_DAMPING**2 * x, atol=1e-12)
+    np.testing.assert_allclose(J.T @ (s - J @ x), LAMBDA**2 * x, atol=1e-12)
 
 
 def largest_share(J, s, reach):
