@@ -58,17 +58,20 @@ def compare(
         _compare_stability(json_file, quiet)
         return
     require("pictures", "matplotlib", "jinja2")
+    from invariantqp.compare.registry import chosen, not_installed
     from invariantqp.compare.report import write_report
-    from invariantqp.compare.sweep import DEFAULT_TASKS, not_installed, sweep
+    from invariantqp.compare.sweep import DEFAULT_TASKS, cells, sweep
 
     if json_file is not None:
         raise BadInput("--json", "no --stability beside it", "--out DIR", "It writes results.json into DIR.")
     if jobs < -1 or jobs == 0:
         raise BadInput("--jobs", f"{jobs}", "a number of processes, or -1 for all cores")
     kinds = None if only is None else [word.strip() for word in only.split(",")]
-    missing = not_installed(tasks or DEFAULT_TASKS, methods, kinds)  # a wrong name is refused before a folder is made
+    rows = chosen(methods)  # a wrong name is refused before a folder is made
+    for cell in cells(tasks or DEFAULT_TASKS, [row.name for row in rows[:1]], only=kinds):
+        cell.load()
     if not quiet:
-        print_not_installed(missing)
+        print_not_installed(not_installed(rows))
     folder("--out", out)
     with progress("measuring", quiet) as report:
         results = sweep(
@@ -82,13 +85,14 @@ def compare(
 def _compare_stability(json_file: Path | None, quiet: bool) -> None:
     """Run what breaks velocity control; not accepted if our law was not finite, or left its limits."""
     from invariantqp.compare.method import OURS
+    from invariantqp.compare.registry import not_installed
     from invariantqp.compare.results import plain
-    from invariantqp.compare.stability import compare_stability, not_installed
+    from invariantqp.compare.stability import compare_stability, rows
     from invariantqp.geometry.arrays import NEGLIGIBLE
 
     writable("--json", json_file)
     if not quiet:
-        print_not_installed(not_installed())
+        print_not_installed(not_installed(rows()))
     with progress("comparing", quiet) as report:
         outcomes = compare_stability(report)
     if json_file is not None:

@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from invariantqp.compare.method import SCALED_LEAST_SQUARES, Method
-from invariantqp.compare.registry import absent, chosen, controller_named, left_out, with_robot
+from invariantqp.compare.registry import chosen, controller_named
 from invariantqp.compare.watched import Result, figures, watched_run
 from invariantqp.errors import RobotModelError
 from invariantqp.progress import Progress
@@ -39,18 +39,14 @@ class Case(NamedTuple):
 ALSO = "[DS] Lambda"
 
 
+def rows() -> list[Method]:
+    """The rows of the first table and one more, installed or not; ours is the first."""
+    return [row for row in chosen() if row.shown or row.name == ALSO]
+
+
 def laws() -> dict[str, MakeController]:
-    """The loops by name, as far as they are installed: the rows of the first table and one more; ours is the first."""
-    return {name: controller_named(name) for name, row in chosen().items() if _compared(row)}
-
-
-def _compared(row: Method) -> bool:
-    return row.shown or row.name == ALSO
-
-
-def not_installed() -> dict[str, list[str]]:
-    """What a comparison leaves out, by the extra that would install it: laws, and cases whose robot is missing."""
-    return absent(filter(_compared, left_out()), [case.task for case in cases()])
+    """The loops of the rows that are installed, by name."""
+    return {row.name: controller_named(row.name) for row in rows() if row.installed}
 
 
 def cases() -> list[Case]:
@@ -66,14 +62,15 @@ def run_case(case: Case, make: MakeController) -> tuple[Result, Trace]:
 
 
 def compare_stability(progress: Progress | None = None) -> list[Result]:
-    """Run every case whose robot is installed under every law that can control it.
+    """Run every case under every law that can control it.
 
     Returns:
         The figures of each run, with the names of "case" and "law", and "chatter": the variation of the joint
         velocities divided by that of the yardstick in the same case.
     """
-    there = with_robot([case.task for case in cases()])
-    work = [(case, law) for case in cases() if case.task in there for law in laws().items()]
+    for case in cases():
+        load_task(case.task).load_robot()  # what is not installed ends it before the first run
+    work = [(case, law) for case in cases() for law in laws().items()]
     outcomes: list[Result] = []
     for i, (case, (law, make)) in enumerate(work, 1):
         with suppress(RobotModelError):  # Pink cannot control a robot that is given by joint screws

@@ -19,11 +19,12 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from invariantqp.compare.measurements import KINDS, Cell, Kind
 from invariantqp.compare.method import kinematics
-from invariantqp.compare.registry import absent, chosen, left_out, with_robot, without_robot
+from invariantqp.compare.registry import chosen
 from invariantqp.compare.results import SCHEMA, Results, machine, plain, versions, write_results
 from invariantqp.compare.watched import Result
 from invariantqp.errors import UnknownName
 from invariantqp.progress import Progress
+from invariantqp.runs.taskfile import load_task
 
 # Seven, six and five joints, each on a path that meets no limit and on one that meets some.
 DEFAULT_TASKS = (
@@ -64,17 +65,9 @@ def _wanted(only: Sequence[str] | None) -> dict[str, Kind]:
     return {name: kind for name, kind in KINDS.items() if only is None or name in only}
 
 
-def not_installed(
-    tasks: Sequence[str], methods: str | Sequence[str] | None, only: Sequence[str] | None = None
-) -> dict[str, list[str]]:
-    """What a sweep with these arguments leaves out, by the extra that would install it: methods and tasks."""
-    _wanted(only)
-    return absent(left_out(methods), tasks)
-
-
 def sweep(
     tasks: Sequence[str],
-    methods: str | Sequence[str] | None,
+    methods: Sequence[str] | None,
     out: Path,
     *,
     seed: int = 0,
@@ -85,7 +78,8 @@ def sweep(
 ) -> Results:
     """Measure every method on every task, write DIR/results.json and return its content.
 
-    Tasks whose robot is not installed are left out, as methods are; `not_installed` names them.
+    Methods that are not installed are left out. A wrong name, or a robot that is not installed, ends it before the
+    first measurement.
 
     Args:
         tasks: names or files of tasks.
@@ -97,13 +91,10 @@ def sweep(
         only: names of measurements; None is all of them.
         progress: called with (cells done, cells in all).
     """
-    table = chosen(methods)
-    if quick and methods is None:
-        table = {name: method for name, method in table.items() if method.shown}
-    tasks = with_robot(tasks)  # a wrong name ends the sweep before its first measurement
-    work = cells(tasks, list(table), seed=seed, quick=quick, only=only)
-    immobile = without_robot(dict.fromkeys(cell.task for cell in work))
-    work = [cell for cell in work if cell.task not in immobile]
+    rows = [method for method in chosen(methods) if method.installed and (method.shown or not quick or methods)]
+    work = cells(tasks, [method.name for method in rows], seed=seed, quick=quick, only=only)
+    for task in dict.fromkeys(cell.task for cell in work):
+        load_task(task).load_robot()
     found: dict[Cell, dict[str, Result]] = {}
     for cell, result in _attempts(work, jobs):
         found[cell] = result
@@ -118,7 +109,7 @@ def sweep(
             "seed": seed,
             "quick": quick,
             "tasks": list(tasks),
-            "methods": [{**m.as_json(), "shown": m.shown or methods is not None} for m in table.values()],
+            "methods": [{**m.as_json(), "shown": m.shown or methods is not None} for m in rows],
             "cells": [
                 {"kind": cell.kind, "task": cell.task, "method": method, "result": result}
                 for cell in work
