@@ -124,11 +124,9 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             double coming = presses == 1 && lag_known && now->went == n ? now->ways[i].coming : 0.0;
             drives[i] = struck(drive, coming, error, known, setting, OUTWARDS * fastest, eased);
         } else {
-            double beside = check == NULL ? 0.0 : unseen(press, check);
+            double beside = check == NULL ? 0.0 : unseen(press, check, felt[i]);
             double inwards = fmax(gentle, inward_speed(press, most_force - felt[i] - beside, setting->late));
-            double kept = check != NULL && check->silent > SINCE ? exp(-setting->dt / SINCE) : 1.0;
-            const Drive faded = {drive->speed, kept * drive->slope};
-            drives[i] = pressed(&faded, error, wished, known, setting, inwards, OUTWARDS * fastest, eased, grows);
+            drives[i] = pressed(drive, error, wished, known, setting, inwards, OUTWARDS * fastest, eased, grows);
         }
     }
     return acts;

@@ -56,14 +56,12 @@ static bool is_astray(const Press *press, const PressTick *tick, Approach *appro
            approach->way > press->approach_distance || approach->waited > press->approach_time;
 }
 
-static bool stirred(const Evidence *evidence) { return evidence->stirs[0] > STIRRED * evidence->stirs[1] + CHI; }
-
 /* Evidence.after */
 static void followed(const Stiffness *known, double noise, double wanted, double shared, double dt, Evidence *evidence)
 {
     double way = known->way, force = known->force, share = 1.0 - fmin(0.5, dt / PASSES), left = exp(-dt / SINCE);
     if (isnan(evidence->last[0])) {
-        *evidence = (Evidence){{way, 0.0, force}, {0.0, 0.0, 0.0, 1.0}, {{0.0}}, {0.0, 0.0}};
+        *evidence = (Evidence){{way, 0.0, force}, {0.0, 0.0, 0.0, 1.0}, {{0.0}}, 0.0};
         return;
     }
     double speed = (way - evidence->last[0]) / dt;
@@ -78,48 +76,75 @@ static void followed(const Stiffness *known, double noise, double wanted, double
     for (int i = 0; i < 4; i++)
         for (int j = 0; j < 4; j++)
             evidence->sums[i][j] = left * evidence->sums[i][j] + weight * (evidence->high[i] * evidence->high[j]);
-    double kept = stirred(evidence) ? 0.0 : exp(-dt / PATIENT_FOR);
-    evidence->stirs[0] = kept * evidence->stirs[0] + weight * (evidence->high[2] * evidence->high[2]);
-    evidence->stirs[1] = kept * evidence->stirs[1] + weight * noise * noise;
+    evidence->noise = left * evidence->noise + weight * noise * noise;
     evidence->last[0] = way;
     evidence->last[1] = speed;
     evidence->last[2] = force;
 }
 
-/* Whether a spring, or a damper, explains the force by the way. */
-static bool explains(const Evidence *evidence)
+/* Evidence.stiffness */
+static double explaining(const Evidence *evidence)
 {
     double s[3][3];
     if (evidence->sums[3][3] == 0.0)
-        return false;
+        return 0.0;
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
             s[i][j] = evidence->sums[i][j] - evidence->sums[i][3] * evidence->sums[3][j] / evidence->sums[3][3];
     if (s[2][2] < CHI)
-        return false;
+        return 0.0;
     for (int k = 0; k < 3; k++) {
         double a = s[0][0] + DAMPERS[k] * (2.0 * s[0][1] + DAMPERS[k] * s[1][1]), b = s[0][2] + DAMPERS[k] * s[1][2];
-        if (b > 0.0 && b * b > fmax(CHI, EXPLAINED * s[2][2]) * a)
-            return true;
+        if (a > 0.0 && b > 0.0 && b * b > fmax(CHI, EXPLAINED * (s[2][2] - evidence->noise)) * a)
+            return b / a - 1.0 / sqrt(a);
     }
-    return false;
+    return 0.0;
 }
 
-static void answers_begun(double shown, double moves, Answers *check)
+/* Answers.begun, of what was known before or of nothing */
+static void answers_begun(const Answers *before, Answers *check)
 {
-    *check = (Answers){.evidence = {.last = {NAN, NAN, NAN}},
-                       .rest = {NAN, NAN, NAN, NAN},
-                       .asked = {NAN, NAN},
-                       .fell = NAN,
-                       .shown = shown,
-                       .moves = moves};
+    Answers none = {.shown = INFINITY};
+    const Answers *known = before == NULL ? &none : before;
+    Answers begun = {.evidence = {.last = {NAN, NAN, NAN}},
+                     .rest = {NAN, NAN, NAN, NAN},
+                     .release = {NAN, NAN, NAN, NAN},
+                     .shown = known->shown,
+                     .moves = known->moves};
+    memcpy(begun.grade, known->grade, sizeof begun.grade);
+    *check = begun;
 }
 
 /* What may be pressed more or less than is read. */
-double unseen(const Press *press, const Answers *check)
+double unseen(const Press *press, const Answers *check, double felt)
 {
-    double way = fabs(check->depth - check->since);
-    return check->stiff * fmax(0.0, way - press->slope * check->far[1] - press->yields - check->moves);
+    double way = check->depth - check->since[0] - dot(3, check->grade, check->across);
+    double slope = check->silent < EXCUSED ? press->slope * norm(3, check->across) : 0.0;
+    double room = check->stiff * (press->yields + check->moves + slope);
+    return fmax(0.0, fabs(check->stiff * way - (felt - check->since[1])) - room);
+}
+
+/* Answers.heard */
+static void heard(const Press *press, const Stiffness *known, double felt, double shown, Answers *check)
+{
+    double k = is_known(known) ? known->found[0] : 0.0;
+    if (k > 0.0) {
+        double sinks = (felt - check->since[1]) / k, least = LEAST_ASKED * press->size + fabs(sinks) / press->slope;
+        double rise = check->depth - check->since[0] - sinks - dot(3, check->grade, check->across);
+        double share = rise / (dot(3, check->across, check->across) + least * least);
+        for (int i = 0; i < 3; i++)
+            check->grade[i] += share * check->across[i];
+        share = fmin(1.0, press->slope / fmax(norm(3, check->grade), TINY));
+        for (int i = 0; i < 3; i++)
+            check->grade[i] *= share;
+    }
+    if (shown > 0.0)
+        check->stiff = fmax(fmax(fmin(2.0 * shown, check->stiff), 2.0 * k), SOFTER * check->stiff);
+    check->since[0] = check->depth;
+    check->since[1] = felt;
+    check->across[0] = check->across[1] = check->across[2] = 0.0;
+    check->silent = 0.0;
+    check->evidence = (Evidence){.last = {NAN, NAN, NAN}};
 }
 
 /* Answers.at_rest */
@@ -136,54 +161,50 @@ static void rests(const Press *press, double dt, double felt, double wanted, dou
             return;
         }
         const double rest[4] = {check->depth, felt,
-                                fmax(felt - check->touched, 0.0) / (fmax(check->depth, finest) + press->slope * check->far[0]),
+                                fmax(felt - check->touched, 0.0) / (fmax(check->depth, finest) + press->slope * check->far),
                                 wanted};
         memcpy(check->rest, rest, sizeof rest);
-        check->across[0][0] = check->across[0][1] = check->across[0][2] = check->far[0] = 0.0;
+        check->slid[0] = check->slid[1] = check->slid[2] = check->far = 0.0;
     } else {
         double least = check->rest[2], way = check->depth - check->rest[0], rise = felt - check->rest[1];
-        double room = press->slope * check->far[0] + press->yields + check->moves + finest;
-        double missing = least > 0.0 ? least * fmax(fabs(way - rise / least) - room, 0.0) : 0.0;
-        check->off = missing > fmax(SHORT * wanted, FELL_NOISE * noise) ? check->off + dt : 0.0;
+        double room = press->slope * check->far + press->yields + check->moves + finest;
+        double low = (way > room ? least : check->stiff) * (way - room);
+        double high = (way < -room ? least : check->stiff) * (way + room);
+        check->off = fmax(low - rise, rise - high) > fmax(SHORT * wanted, FELL_NOISE * noise) ? check->off + dt : 0.0;
     }
 }
 
-/* Answers.update; whether the tool is to ask, which is Python's. */
+/* Answers.update; whether the tool is to let go, which is Python's. */
 static bool unanswered(const Press *press, const PressTick *tick, const Stiffness *known, double felt, double wanted, double noise,
                        double shared, Answers *check)
 {
     double dt = tick->dt, stiff = press->stiffness > 0.0 ? press->stiffness : STIFF;
     if (tick->touch.touching == 0.0 || wanted <= 0.0) {
-        answers_begun(check->shown, check->moves, check);
+        answers_begun(check, check);
         return false;
     }
     if (check->stiff == 0.0) {
         check->stiff = isnan(known->stiff) ? PRESENT * stiff : fmin(known->stiff, check->shown);
-        check->touched = felt;
+        check->since[0] = 0.0;
+        check->since[1] = check->touched = felt;
         return false;
     }
-    double creep = CREEP * wanted / check->stiff * dt;
     check->depth += tick->came;
-    for (int k = 0; k < 2; k++) {
-        for (int i = 0; i < 3; i++)
-            check->across[k][i] += tick->across[i];
-        check->far[k] = fmax(check->far[k], norm(3, check->across[k]));
+    for (int i = 0; i < 3; i++) {
+        check->across[i] += tick->across[i];
+        check->slid[i] += tick->across[i];
     }
+    check->far = fmax(check->far, norm(3, check->slid));
+    check->silent += dt;
     followed(known, noise, wanted, shared, dt, &check->evidence);
-    check->since += fmin(fmax(check->depth - check->since, -creep), creep);
-    check->silent = stirred(&check->evidence) ? 0.0 : check->silent + dt;
     bool rested = !isnan(check->rest[0]);
     rests(press, dt, felt, wanted, noise, check);
-    if (explains(&check->evidence) || known->rose != 0.0) {
-        if (is_known(known))
-            check->stiff = fmax(2.0 * fmax(known->found[0], SOFTEST * STIFF), SOFTER * check->stiff);
-        check->since = check->depth;
-        check->across[1][0] = check->across[1][1] = check->across[1][2] = check->far[1] = check->silent = 0.0;
-        check->evidence = (Evidence){.last = {NAN, NAN, NAN}};
-    }
+    double k = explaining(&check->evidence);
+    if (k > 0.0 || check->evidence.sums[2][2] > STIRRED * check->evidence.noise + CHI || known->rose != 0.0)
+        heard(press, known, felt, k, check);
     bool begun = tick->noise > 0.0 && !rested && !isnan(check->rest[0]);
     bool unshown = begun && isnan(known->stiff) && check->silent >= PATIENT_FOR;
-    return unshown || unseen(press, check) > PRESSES * wanted || check->off > AVERAGED_FOR;
+    return unshown || unseen(press, check, felt) > PRESSES * wanted || check->off > AVERAGED_FOR;
 }
 
 /* Ages a tick later, those that are still remembered. */
@@ -279,13 +300,13 @@ Outcome monitored(const Press *press, const PressTick *tick, int presses, const 
 {
     bool pressing = tick->limit > 0.0 && (isnan(tick->felt) || tick->wanted > 0.0);
     for (int i = 0; i < (int)monitor->asked; i++)
-        if (!isnan(monitor->answers[i].asked[0])) /* while the tool lets go Python says what is found */
+        if (!isnan(monitor->answers[i].release.depth)) /* while the tool lets go Python says what is found */
             return HAND_BACK;
     if (overloaded(tick, monitor->overload) || is_dead(tick, &monitor->dead) || is_pulled(tick, &monitor->pulls) ||
         is_astray(press, tick, &monitor->approach))
         return HAND_BACK;
     for (int i = 0; pressing && (int)monitor->asked != presses && i < presses; i++)
-        answers_begun(INFINITY, 0.0, &monitor->answers[i]);
+        answers_begun(NULL, &monitor->answers[i]);
     monitor->asked = pressing ? presses : 0;
     for (int i = 0; pressing && i < presses; i++) /* a late reading cannot have answered yet */
         if (monitor->dead.unchanged == 0.0 &&

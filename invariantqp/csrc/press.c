@@ -317,7 +317,7 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     if (unstable(&state->monitor.settling, rests))
         pressing->eased = fmax(LEAST_EASED, EASES * pressing->eased);
     for (int i = 0; i < (int)state->monitor.asked; i++)
-        asks = asks || !isnan(state->monitor.answers[i].asked[0]);
+        asks = asks || !isnan(state->monitor.answers[i].release.depth);
     answer->touch = tick->touch;
     bool touching = tick->touch.touching != 0.0, there = touching || tick->touch.airborne <= press->lost_after;
     bool lost = !there && tick->touch.airborne < INFINITY;

@@ -68,13 +68,19 @@ typedef struct {
 } Approach;
 
 typedef struct {
-    double last[3], high[4], sums[4][4], stirs[2];
+    double last[3], high[4], sums[4][4], noise;
 } Evidence;
 
 typedef struct {
-    double stiff, depth, since, across[2][3], far[2], silent;
+    double depth, force, slid, fell;
+} Release;
+
+typedef struct {
+    double stiff, depth, since[2], across[3], grade[3], silent;
     Evidence evidence;
-    double rested, rest[4], off, touched, asked[2], fell, shown, moves;
+    double touched, rested, rest[4], slid[3], far, off;
+    Release release;
+    double shown, moves;
 } Answers;
 
 typedef struct {
@@ -170,7 +176,7 @@ bool stands(const Press *press, const double place[3], const double motion[6], c
 /* monitor.c */
 Outcome monitored(const Press *press, const PressTick *tick, int presses, const Stiffness *known, const double *felt,
                   const double *asked, double noise, double shared, Monitor *monitor);
-double unseen(const Press *press, const Answers *check);
+double unseen(const Press *press, const Answers *check, double felt);
 bool unstable(const Settling *settling, bool rests);
 void after_motion(const Touch *touch, double out, Monitor *monitor);
 
@@ -247,14 +253,15 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define LED 0.5
 #define FOLLOWED 0.2
 #define PRESSES 2.0
-#define CREEP 0.05
 #define PRESENT 0.1
+#define LEAST_ASKED 0.02
 #define FELL_NOISE 6.0
-#define CHI 16.0
+#define CHI 4.0
 #define EXPLAINED 0.5
 #define STIRRED 2.0
 #define SOFTER 0.5
 #define SINCE 2.0
+#define EXCUSED 0.5
 #define PASSES 0.3
 #define CHATTER 4
 #define LOSSES_FOR 1.0

@@ -61,7 +61,6 @@ from invariantqp.force.estimate import (
 from invariantqp.force.law import (
     GAIN,
     LET_GO,
-    LETS_GO,
     MOST,
     Drive,
     Stand,
@@ -522,7 +521,7 @@ class HybridController:
         # The law.
         waits = (presses > 0 and monitor.dead.stale) or said.beyond
         kept, trembles = self._kept_gain(sighting.J, here, now, setting, noise)
-        drives, acts = self._driven(now, monitor, here, setting, kept, tick.most[0], slow=said.action == SLOW)
+        drives, acts = self._driven(now, monitor, here, setting, kept, tick, slow=said.action == SLOW)
         chase = tracking_twist(sighting.error, delay.gain(loop.gain))
         motion, force = self._twists(here, said, monitor, chase, ahead, drives, waits=waits)
         # What is held stays where it is: the arm is looked at where it will be when this command acts.
@@ -790,7 +789,7 @@ class HybridController:
         return kept * eased, gain * kept * share
 
     def _driven(
-        self, now: Pressing, monitor: Monitor, here: Placed, setting: Setting, eased: float, most: float, *, slow: bool
+        self, now: Pressing, monitor: Monitor, here: Placed, setting: Setting, eased: float, tick: Tick, *, slow: bool
     ) -> tuple[tuple[Drive, ...], bool]:
         """The law of each constraint, and whether it acts in full.
 
@@ -800,7 +799,7 @@ class HybridController:
             here: what is measured and wanted.
             setting: of this tick.
             eased: share of the gain that noise and chatter leave.
-            most: force that is an overload.
+            tick: what the checks are told.
             slow: whether contact is looked for.
         """
         task, dt = self.task, self.loop.dt
@@ -817,11 +816,8 @@ class HybridController:
             press, error = i < here.presses, float(here.wanted[i] - here.force[i])
             wanted = float(here.wanted[i]) if press else 0.0
             gentle = approach_speed(task, wanted, striking) if press else 0.0
-            released = monitor.let_go(i) if press else None
-            if released is not None:
-                drives.append(Drive(-gentle - setting.slope_speed - LETS_GO * released))
-                acts = False
-            elif task.compliance is not None:
+            released = monitor.release(i, setting.late, tick.across / dt) if press else None
+            if task.compliance is not None:
                 top = fastest if slow and press else inf
                 drives.append(fixed(drive, error, here.split.gain, stiffest, wanted, dt, top, grows=grows))
                 acts = acts and drives[-1].rate < top
@@ -839,10 +835,14 @@ class HybridController:
                 coming = now.ways[i][1] if here.presses == 1 and self._delay.lag is not None else 0.0
                 drives.append(struck(drive, coming, error, known, setting, LET_GO * fastest, eased))
             else:
-                room = most - float(here.force[i]) - monitor.unseen(task, i)
+                force = float(here.force[i])
+                room = tick.most[0] - force - monitor.unseen(task, i, force)
                 speeds = max(gentle, inward_speed(task, room, setting.late)), LET_GO * fastest
-                kept = drive._replace(slope=monitor.believed(i, dt) * drive.slope)
-                drives.append(pressed(kept, error, wanted, known, setting, speeds, eased, grows=grows))
+                drives.append(pressed(drive, error, wanted, known, setting, speeds, eased, grows=grows))
+            if released is not None:
+                acts = False
+                if drives[i].rate > -released:  # the law itself may let go faster
+                    drives[i] = Drive(-released - drive.slope, drive.slope)
         return tuple(drives), acts
 
     def _twists(

@@ -46,10 +46,8 @@ APPROACHED = 0.5
 STRUCK = 0.01
 # The share of its speed at which an approach goes on while it is not decided whether there is contact.
 IN_DOUBT = 0.3
-# How much faster than an approach the law may let go; and by how much of the way that was let go already each second,
-# where the tool lets go to see whether readings fall [1/s].
+# How much faster than an approach the law may let go.
 LET_GO = 2.5
-LETS_GO = 5.0
 # With a fixed compliance on a declared stiffness k: c k times the time constant of the integral.
 OVERDAMPED = 5.0
 # An error above this share of the wanted press counts as this much in an integral: until the press was reached once,

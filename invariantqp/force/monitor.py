@@ -20,13 +20,12 @@ from typing import Annotated, NamedTuple, Protocol
 import numpy as np
 
 from invariantqp.errors import written
-from invariantqp.force.contact import HybridTask
+from invariantqp.force.contact import TINY, HybridTask
 from invariantqp.force.estimate import (
     CERTAIN,
     LEAST_WAY,
     RESOLVED,
     SHORT,
-    SOFTEST,
     STIFF,
     STIFFER,
     Stiffness,
@@ -62,30 +61,32 @@ LED = 0.5
 JUDGED = 1.0 - exp(-1.0)
 FOLLOWED = 0.2
 MOVED = 0.02
+# By how much of the way that was let go already a release goes on each second [1/s].
+LETS_GO = 5.0
 # A retreat is over at this share of its distance: the rest is rounding.
 ALL_THE_WAY = 1.0 - 1e-9
 
-# Readings that answer. Unanswered way inwards may be worth so many presses, and so many a second for ever: a surface
-# that creeps.
+# Readings that answer. Unanswered way may be worth so many presses.
 PRESSES = 2.0
-CREEP = 0.05
 # A contact that was there from the first reading on is taken for this share of where an estimate begins.
 PRESENT = 0.1
 # In sizes of the contact: how far beyond the touch, and how far at most, the tool lets go to see whether readings fall.
 LEAST_ASKED, MOST_ASKED = 0.02, 0.4
-# A reading that changes by this share, and so many standard deviations, while the tool lets go has answered.
-FELT = 0.25
+# A reading that changes by so many standard deviations while the tool lets go has answered.
 FELL_NOISE = 6.0
-# An answer: the way explains the force so much better than nothing does (chi squared), and this share of it, by a
-# spring or by a damper of one of these times its stiffness [s]. What is longer ago than this [s] counts no more.
-CHI = 16.0
+# An answer: the way explains so much of the squared force over four variances of noise, four standard errors of k, and
+# this share of what noise does not, by a spring or by a damper of one of these times its stiffness [s]. What is longer
+# ago than this [s] counts no more.
+CHI = 4.0
 EXPLAINED = 0.5
+DAMPERS = (0.0, 0.01, 0.06)
+SINCE = 2.0
 # What is not stuck changes by this multiple of the square that noise has.
 STIRRED = 2.0
 # An answer shows a contact no softer than this share of what was shown before: a sensor that sticks looks soft, too.
 SOFTER = 0.5
-DAMPERS = (0.0, 0.01, 0.06)
-SINCE = 2.0
+# So long after readings have answered, or changed, a slope is an excuse [s].
+EXCUSED = 0.5
 # Time constant of the high-pass [s]: slower motion may be the surface's.
 PASSES = 0.3
 
@@ -290,13 +291,13 @@ class Evidence(NamedTuple):
         last: way, speed and force of the last tick; None before the first.
         high: the same, high-passed, and a step.
         sums: (4, 4) products of way, speed, force and the step.
-        stirs: square of the force, of a shorter time, and what noise alone makes of it.
+        noise: what of the square of the force is noise.
     """
 
     last: tuple[float, float, float] | None = None
     high: Annotated[Array, 4] = np.zeros(4)
     sums: Annotated[Array, 4, 4] = np.zeros((4, 4))
-    stirs: tuple[float, float] = (0.0, 0.0)
+    noise: float = 0.0
 
     def after(self, known: Stiffness, noise: float, wanted: float, shared: float, dt: float) -> Evidence:
         """The same after one more reading; the arguments as in `Answers.update`."""
@@ -308,79 +309,101 @@ class Evidence(NamedTuple):
         steps = np.array((way - self.last[0], 0.0 if first else speed - self.last[1], force - self.last[2], 0.0))
         high = (1.0 - min(0.5, dt / PASSES)) * (self.high + steps)
         weight = shared / (4.0 * noise * noise + (0.01 * wanted) ** 2)
-        sums = exp(-dt / SINCE) * self.sums + weight * np.outer(high, high)
-        square, expected = (0.0, 0.0) if self.stirred else self.stirs
-        left = exp(-dt / PATIENCE)
-        stirs = left * square + weight * float(high[2] ** 2), left * expected + weight * noise * noise
-        return Evidence((way, speed, force), high, sums, stirs)
+        left = exp(-dt / SINCE)
+        sums = left * self.sums + weight * np.outer(high, high)
+        return Evidence((way, speed, force), high, sums, left * self.noise + weight * noise * noise)
 
     @property
-    def stirred(self) -> bool:
+    def stirs(self) -> bool:
         """Whether the force changes, by whatever, by more than noise does: it is not stuck."""
-        return self.stirs[0] > STIRRED * self.stirs[1] + CHI
+        return bool(self.sums[2, 2] > STIRRED * self.noise + CHI)
 
     @property
-    def answers(self) -> bool:
-        """Whether a spring, or a damper of one of DAMPERS, explains the force by the way."""
+    def stiffness(self) -> float:
+        """Of the spring, or spring and damper of one of DAMPERS, that explains the force by the way; 0 for none.
+
+        Less two standard errors: an answer that noise helped shows more than there is.
+        """
         s = self.sums
         if s[3, 3] == 0.0:
-            return False
+            return 0.0
         s = s[:3, :3] - np.outer(s[:3, 3], s[3, :3]) / s[3, 3]
         if s[2, 2] < CHI:  # no more can be explained than there is; what is less is rounding, too
-            return False
+            return 0.0
         for damper in DAMPERS:
             a = s[0, 0] + damper * (2.0 * s[0, 1] + damper * s[1, 1])
             b = s[0, 2] + damper * s[1, 2]
-            if b > 0.0 and b * b > max(CHI, EXPLAINED * s[2, 2]) * a:
-                return True
-        return False
+            if a > 0.0 and b > 0.0 and b * b > max(CHI, EXPLAINED * (s[2, 2] - self.noise)) * a:
+                return float(b / a - 1.0 / sqrt(a))
+        return 0.0
+
+
+class Release(NamedTuple):
+    """A press that is let go to see whether its readings fall.
+
+    Attributes:
+        depth, force: where it began [length], [force].
+        slid: how long a way across has been since then [length].
+        fell: depth where the readings had fallen to nothing; None before.
+    """
+
+    depth: float
+    force: float
+    slid: float = 0.0
+    fell: float | None = None
 
 
 class Answers(NamedTuple):
     """Whether readings and way agree: one account with a sign, for way that readings do not show and for the reverse.
 
-        since the last answer     k (way - slope (how far it has been from there) - what the surface may do)
-        since it has rested       the same - change of the force
+        since the last answer     |k (way - grade . way across) - change of the force|
+        since it has rested       how far the change of the force is outside what k of the way may be
 
-    On a contact readings follow f = k x + b x'. Way, in or out, that they have not answered is worth at most two
-    presses of the stiffest contact that the touch can have shown; and where the force stands, k of the softest one
-    times the way that the law took for it stays below SHORT of the press: a bias that drifts or jumps moves the tool,
-    as a surface would that moves. A sensor's press that was there from the first reading on, and does not stir, no
-    way has shown: in the air it would be a bias. What the readings cannot tell the tool asks: it lets go. On a contact
-    they fall, where they have moved the tool to nothing, and the surface is known to move; a sensor that is stuck, off
-    or not tared reads something, and that is a fault.
+    On a contact readings follow f = k x + b x'. What they have not answered of the way, in or out, is worth at most two
+    presses of the stiffest contact that the touch can have shown. That the surface rises where the tool slides is an
+    excuse for half a second: then it has to have been answered, `grade`, or a sensor that is stuck would be a slope
+    that is followed. Where the force stands, it changes with the way as on a contact between the softest and the
+    stiffest that was shown, within SHORT of the press: a bias that drifts or jumps moves the tool, as a surface would
+    that moves. A sensor's press that was there from the first reading on, and does not stir, no way has shown: in the
+    air it would be a bias.
+
+    What the readings cannot tell the tool asks: it lets go. On a contact they fall, where they have moved the tool to
+    nothing, and the surface is known to move; a sensor that is stuck, off or not tared reads something, and that is a
+    fault.
 
     Attributes:
         stiff: bound of the stiffness as the touch or the last answer showed it [force/length].
         depth: way in since the touch [length].
-        since: depth at the last answer, and what crept since then [length].
-        across: (3,) since the touch or since it has rested, and since the last answer [length].
-        far: how far it has been from there [length].
-        silent: for how long the readings have neither answered nor stirred [s].
+        since: depth and force at the last answer, or at the touch.
+        across: (3,) since then [length].
+        grade: (3,) how much the surface rises towards the tool for a way across, as answers showed it.
+        silent: for how long readings have neither answered nor stirred [s].
         evidence: of an answer.
+        touched: force at the touch.
         rested: for how long the force has been near the wanted one [s].
         rest: depth, force and least stiffness, and the wanted force they are of; None before it has rested.
+        slid: (3,) across since the touch or since it has rested [length].
+        far: how far that has been [length].
         off: for how long the way has not been what the force says [s].
-        touched: force at the touch [force].
-        asked: depth and force where the tool began to let go; None where it does not.
-        fell: depth where the readings had fallen to nothing then; None before.
+        release: of the press; None where it is not let go.
         shown: bound of the stiffness where letting go has lost the contact [force/length].
         moves: how far the surface is known to move, by having asked [length].
     """
 
     stiff: float = 0.0
     depth: float = 0.0
-    since: float = 0.0
-    across: tuple[Annotated[Array, 3], Annotated[Array, 3]] = (np.zeros(3), np.zeros(3))
-    far: tuple[float, float] = (0.0, 0.0)
+    since: tuple[float, float] = (0.0, 0.0)
+    across: Annotated[Array, 3] = np.zeros(3)
+    grade: Annotated[Array, 3] = np.zeros(3)
     silent: float = 0.0
     evidence: Evidence = Evidence()
+    touched: float = 0.0
     rested: float = 0.0
     rest: tuple[float, float, float, float] | None = None
+    slid: Annotated[Array, 3] = np.zeros(3)
+    far: float = 0.0
     off: float = 0.0
-    touched: float = 0.0
-    asked: tuple[float, float] | None = None
-    fell: float | None = None
+    release: Release | None = None
     shown: float = inf
     moves: float = 0.0
 
@@ -400,97 +423,117 @@ class Answers(NamedTuple):
             task: slope, size, and how far its surface may move.
             tick: of all checks.
             known: stiffness of this press, with its smoothed force and the commanded way.
-            press: felt, smoothed [force].
+            press: measured, smoothed [force].
             wanted: [force].
             noise: of the smoothed press [force].
             shared: how independent one reading is of the last.
         """
-        depth = self.depth + tick.came
-        if self.asked is not None and wanted > 0.0:
-            slid = self.far[1] + _length(tick.across)
-            return self._replace(depth=depth, far=(0.0, slid)).asking(task, tick, known, press, wanted, noise)
-        if not tick.touch.touching or wanted <= 0.0:
-            return Answers(shown=self.shown, moves=self.moves), None
+        if not (tick.touch.touching or self.release) or wanted <= 0.0:
+            return self.begun(), None
         if self.stiff == 0.0:
             stiff = PRESENT * (task.stiffness or STIFF) if known.stiff is None else min(known.stiff, self.shown)
-            return self._replace(stiff=stiff, touched=press), None
-        across = self.across[0] + tick.across, self.across[1] + tick.across
-        far = max(self.far[0], _length(across[0])), max(self.far[1], _length(across[1]))
+            return self._replace(stiff=stiff, since=(0.0, press), touched=press), None
+        now = self._replace(depth=self.depth + tick.came, across=self.across + tick.across)
+        if self.release is not None:
+            release = self.release._replace(slid=self.release.slid + _length(tick.across))
+            return now.released(release, task, tick, known, press, wanted, noise)
+        slid = self.slid + tick.across
         evidence = self.evidence.after(known, noise, wanted, shared, tick.dt)
-        creep = CREEP * wanted / self.stiff * tick.dt
-        now = self._replace(
-            depth=depth,
-            since=self.since + min(max(depth - self.since, -creep), creep),
-            across=across,
-            far=far,
-            silent=0.0 if evidence.stirred else self.silent + tick.dt,
-            evidence=evidence,
-        ).at_rest(task, tick.dt, press, wanted, noise)
-        if evidence.answers or known.rose:
-            stiff = now.shows(known)
-            across, far = (now.across[0], np.zeros(3)), (now.far[0], 0.0)
-            now = now._replace(stiff=stiff, since=depth, across=across, far=far, silent=0.0, evidence=Evidence())
+        silent = self.silent + tick.dt
+        now = now._replace(slid=slid, far=max(self.far, _length(slid)), evidence=evidence, silent=silent)
+        now = now.at_rest(task, tick.dt, press, wanted, noise)
+        k = evidence.stiffness
+        if k > 0.0 or evidence.stirs or known.rose:
+            now = now.heard(task, known, press, k)
         begun = tick.noise > 0.0 and self.rest is None and now.rest is not None
         unshown = begun and known.stiff is None and now.silent >= PATIENCE
-        if unshown or now.unseen(task) > PRESSES * wanted or now.off > AVERAGED:
-            return now._replace(asked=(depth, press), far=(0.0, 0.0)), None
+        if unshown or now.unseen(task, press) > PRESSES * wanted or now.off > AVERAGED:
+            return now._replace(release=Release(now.depth, press)), None
         return now, None
+
+    def begun(self) -> Answers:
+        """Of a contact that is touched anew."""
+        return Answers(shown=self.shown, moves=self.moves, grade=self.grade)
+
+    def heard(self, task: HybridTask, known: Stiffness, press: float, shown: float) -> Answers:
+        """The same after readings that have answered or changed: how the surface rises where the tool slid.
+
+        Args:
+            task: slope and size.
+            known: stiffness.
+            press: measured [force].
+            shown: the stiffness that an answer shows [force/length]; 0 for a change that is none.
+        """
+        k, grade = known.known, self.grade
+        if k is not None:  # where the force changes, too, the way says less of the surface
+            sinks = (press - self.since[1]) / k
+            rise = self.depth - self.since[0] - sinks - float(grade.dot(self.across))
+            least = LEAST_ASKED * task.size + abs(sinks) / task.slope
+            grade = grade + rise / (float(self.across.dot(self.across)) + least * least) * self.across
+            grade = grade * min(1.0, task.slope / max(_length(grade), TINY))
+        return self._replace(
+            stiff=max(min(2.0 * shown, self.stiff), 2.0 * (k or 0.0), SOFTER * self.stiff) if shown else self.stiff,
+            since=(self.depth, press),
+            across=np.zeros(3),
+            grade=grade,
+            silent=0.0,
+            evidence=Evidence(),
+        )
+
+    def unseen(self, task: HybridTask, press: float) -> float:
+        """What may be pressed more or less than is read, by way that was not answered [force]."""
+        way = self.depth - self.since[0] - float(self.grade.dot(self.across))
+        slope = task.slope * _length(self.across) if self.silent < EXCUSED else 0.0
+        room = self.stiff * (task.yields + self.moves + slope)
+        return max(0.0, abs(self.stiff * way - (press - self.since[1])) - room)
 
     def at_rest(self, task: HybridTask, dt: float, press: float, wanted: float, noise: float) -> Answers:
         """The same with what is known of the force that stands."""
         if self.rest is not None and self.rest[3] != wanted:
             return self._replace(rested=0.0, rest=None, off=0.0)
+        finest = LEAST_WAY * RESOLVED * task.size
         if self.rest is None:
             rested = self.rested + dt if abs(press - wanted) < SHORT * wanted else 0.0
             if rested < PATIENCE:
                 return self._replace(rested=rested)
-            way = max(self.depth, LEAST_WAY * RESOLVED * task.size) + task.slope * self.far[0]
-            least = max(press - self.touched, 0.0) / way
-            rest = (self.depth, press, least, wanted)
-            return self._replace(rest=rest, across=(np.zeros(3), self.across[1]), far=(0.0, self.far[1]))
+            least = max(press - self.touched, 0.0) / (max(self.depth, finest) + task.slope * self.far)
+            return self._replace(rest=(self.depth, press, least, wanted), slid=np.zeros(3), far=0.0)
         depth, force, least, _ = self.rest
-        room = task.slope * self.far[0] + task.yields + self.moves + LEAST_WAY * RESOLVED * task.size
-        way, rise = self.depth - depth, press - force
-        missing = least * max(abs(way - rise / least) - room, 0.0) if least > 0.0 else 0.0
+        way, room = self.depth - depth, task.slope * self.far + task.yields + self.moves + finest
+        low = (least if way > room else self.stiff) * (way - room)
+        high = (least if way < -room else self.stiff) * (way + room)
+        missing = max(low - (press - force), (press - force) - high)
         return self._replace(off=self.off + dt if missing > max(SHORT * wanted, FELL_NOISE * noise) else 0.0)
 
-    def asking(
-        self, task: HybridTask, tick: Tick, known: Stiffness, press: float, wanted: float, noise: float
+    def released(
+        self,
+        release: Release,
+        task: HybridTask,
+        tick: Tick,
+        known: Stiffness,
+        press: float,
+        wanted: float,
+        noise: float,
     ) -> tuple[Answers, Finding | None]:
         """The same while the tool lets go: until readings fall, or to nothing where they have rested."""
-        (began, before), rested = self.asked or (0.0, 0.0), self.off > AVERAGED
-        if tick.touch.touching and self.fell is None:
-            if not rested and abs(press - before) > max(FELT * before, FELL_NOISE * noise):
-                return Answers(self.shows(known), self.depth, self.depth, shown=self.shown, moves=self.moves), None
-            most = min(max(began, 0.0) + LEAST_ASKED * task.size, MOST_ASKED * task.size) + task.slope * self.far[1]
-            if self.let_go > most and tick.touch.evidence == CERTAIN:
-                said = (
-                    f"let go by {written(self.let_go, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
-                )
-                away = max(0.0, self.depth + 2.0 * LEAST_ASKED * task.size)
-                return self, Finding(Status.FAULT, f"{said}: {NO_ANSWER}", away)
-            return self, None
-        fell = self.depth if self.fell is None else self.fell
-        if rested and fell - self.depth < max(0.5 * (began - fell), LEAST_ASKED * task.size):
-            return self._replace(fell=fell), None
-        shown = STIFFER * before / max(began - fell, LEAST_ASKED * task.size)
-        moved = 2.0 * abs(began - self.rest[0]) if rested and self.rest is not None else 0.0
-        return Answers(shown=shown, moves=max(self.moves, moved)), None
-
-    def shows(self, known: Stiffness) -> float:
-        """The bound of the stiffness that an answer shows [force/length]."""
-        k = known.known
-        return self.stiff if k is None else max(2.0 * max(k, SOFTEST * STIFF), SOFTER * self.stiff)
-
-    @property
-    def let_go(self) -> float:
-        """How far the tool has let go [length]."""
-        return 0.0 if self.asked is None else max(0.0, self.asked[0] - self.depth)
-
-    def unseen(self, task: HybridTask) -> float:
-        """What may be pressed more or less than is read, by way that was not answered [force]."""
-        way = abs(self.depth - self.since)
-        return self.stiff * max(0.0, way - task.slope * self.far[1] - task.yields - self.moves)
+        rested, gone, size = self.off > AVERAGED, release.depth - self.depth, task.size
+        if tick.touch.touching and release.fell is None:
+            if not rested and abs(press - release.force) > FELL_NOISE * noise:
+                shown = max((release.force - press) / gone, 0.0) if gone > 0.0 else 0.0
+                now = self.heard(task, known, press, shown)
+                return self.begun()._replace(stiff=now.stiff, depth=now.depth, since=now.since, grade=now.grade), None
+            most = min(max(release.depth, 0.0) + LEAST_ASKED * size, MOST_ASKED * size) + task.slope * release.slid
+            if gone > most and tick.touch.evidence == CERTAIN:
+                said = f"let go by {written(gone, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
+                away = max(0.0, self.depth + 2.0 * LEAST_ASKED * size)
+                return self._replace(release=release), Finding(Status.FAULT, f"{said}: {NO_ANSWER}", away)
+            return self._replace(release=release), None
+        fell = self.depth if release.fell is None else release.fell
+        down = max(release.depth - fell, LEAST_ASKED * size)
+        if rested and fell - self.depth < max(0.5 * (release.depth - fell), LEAST_ASKED * size):
+            return self._replace(release=release._replace(fell=fell)), None
+        moved = 2.0 * abs(release.depth - self.rest[0]) if rested and self.rest is not None else 0.0
+        return self.begun()._replace(shown=STIFFER * release.force / down, moves=max(self.moves, moved)), None
 
 
 # What a reading without an answer may be.
@@ -682,24 +725,32 @@ class Monitor(NamedTuple):
         back = self.pushed + (self.approached if found.back else 0.0)
         return self._replace(found=found, left=(-min(back, task.approach_distance), task.retreat_distance))
 
-    def unseen(self, task: HybridTask, press: int) -> float:
+    def unseen(self, task: HybridTask, press: int, read: float) -> float:
         """What a press may be beside what is read [force]."""
-        return self.answers[press].unseen(task) if press < len(self.answers) else 0.0
+        return self.answers[press].unseen(task, read) if press < len(self.answers) else 0.0
 
-    def believed(self, press: int, dt: float) -> float:
-        """The share of a slope that is kept in a tick of dt [s]: where a press has long been silent it may be none."""
-        silent = press < len(self.answers) and self.answers[press].silent > SINCE
-        return exp(-dt / SINCE) if silent else 1.0
+    def release(self, press: int, late: float, slides: Array) -> float | None:
+        """The rate at which a press is let go to see whether readings fall [length/s]; None where it is not.
 
-    def let_go(self, press: int) -> float | None:
-        """How far the tool has let go of a press to see whether readings fall [length]; None where it does not."""
+        So slowly at first that they fall by a fifth of it before that shows, and faster and faster, from a surface that
+        goes on as it was answered.
+
+        Args:
+            press: which.
+            late: after which time it shows [s].
+            slides: (3,) how fast the tool moves across [length/s].
+        """
         check = self.answers[press] if press < len(self.answers) else Answers()
-        return None if check.asked is None else check.let_go
+        if check.release is None:
+            return None
+        gone = max(0.0, check.release.depth - check.depth)
+        rate = SHORT * check.release.force / (check.stiff * late) + LETS_GO * gone
+        return rate - float(check.grade.dot(slides))
 
     @property
     def asks(self) -> bool:
         """Whether the tool lets go to see whether readings fall."""
-        return any(check.asked is not None for check in self.answers)
+        return any(check.release is not None for check in self.answers)
 
     def after_motion(self, touch: Touch, out: float, *, beyond: bool) -> Monitor:
         """The monitor after a tick that moved the place of contact outwards by a distance [length], or off an edge."""

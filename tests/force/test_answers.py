@@ -127,10 +127,12 @@ def test_a_contact_that_is_pressed_as_wanted_from_the_start_is_asked_once_and_be
     assert {status for status, _ in run.said[max(asked) + 200 :]} == {"ok"}
 
 
-@pytest.mark.parametrize(("speed", "seed"), [(0.02, 0), (0.06, 1)])
-def test_a_reading_stuck_in_its_noise_while_the_tool_slides_presses_a_few_times_more_at_most(speed, seed):
-    run = press_on_damper(stiffness=2e4, speed=speed, reads=Held(), since=3.0, seconds=6.0, seed=seed)
-    assert run.press.max() < 6.0 * PRESS
+@pytest.mark.parametrize(("speed", "stiffness", "seed"), [(0.02, 2e4, 0), (0.06, 2e4, 1), (0.04, 8e4, 2)])
+def test_a_reading_stuck_in_its_noise_while_the_tool_slides_is_no_slope_that_is_followed(speed, stiffness, seed):
+    """It pressed with up to 11 times the press, "ok"."""
+    run = press_on_damper(stiffness=stiffness, speed=speed, reads=Held(), since=3.0, seconds=20.0, seed=seed)
+    assert run.said[-1][0] == "fault"
+    assert run.press.max() < 4.0 * PRESS
 
 
 @pytest.mark.parametrize(("slope", "stiffness"), [(-0.08, 2e3), (0.08, 2e4)])
@@ -159,4 +161,4 @@ def test_two_readings_of_a_force_that_stays_are_no_answer():
         for tick in range(3):
             now = known._replace(way=way + 0.01 * tick * speed, force=force + 0.02 * random.normal())
             evidence = evidence.after(now, 0.05, PRESS, 1.0, 0.01)
-            assert not evidence.answers
+            assert evidence.stiffness == 0.0
