@@ -53,8 +53,6 @@ STRIDE = 0.2
 # turn is weighed against the point. Measured on an SO-101: taken from one tick alone, one of six targets out of reach
 # never sees it at rest; with 0.05 all do, and a point that returns is within a micrometre after ten frames.
 MEMORY = 0.05
-# A target that is nearer than this is reached [rad, length].
-ARRIVED = 1e-10
 # Singular values of a rotation may be this far from 1 in a stream of poses: LeRobot goes on with those.
 NEARLY_RIGID = 1e-2
 
@@ -159,7 +157,7 @@ class RobotKinematics:
             here, there = self.robot.points(sighting, target, np.zeros(3))
             turn = same_turn(error, self._turn)[:3]
             self._turn = turn.copy()
-            if np.abs(np.concatenate((weights[0] * turn, weights[1] * (there - here)))).max() <= ARRIVED:
+            if np.abs(np.concatenate((weights[0] * turn, weights[1] * (there - here)))).max() <= arrays.NEGLIGIBLE:
                 break
             # The straight way, on which the point's velocity does not depend on how far the tool has to turn.
             way = there - here
@@ -181,7 +179,7 @@ class RobotKinematics:
             return x
         y = solve(self._law, demand._replace(root=point)).velocity
         wanted, left = point.dot(demand.s), point.dot(demand.s - demand.J.dot(y))
-        lost = float(np.linalg.norm(left)) / max(float(np.linalg.norm(wanted)), ARRIVED)
+        lost = float(np.linalg.norm(left)) / max(float(np.linalg.norm(wanted)), arrays.NEGLIGIBLE)
         self._lost += MEMORY * (min(1.0, lost) - self._lost)
         share = self._lost
         if last:  # the turn of the ticks before has moved the point, to second order

@@ -33,18 +33,12 @@ from invariantqp.runs.plant import Measurement, Plant, PlantState
 from invariantqp.runs.prepare import ControlProblem, Goal, Setup, prepare
 from invariantqp.runs.run import run
 from invariantqp.runs.taskfile import Task
+from invariantqp.systems.contacts import SIX_DIGITS
 from invariantqp.velocity.limits import JointBox
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 # Standard deviation of the random displacement along each axis [m], about the length of a tool.
 DISPLACEMENT = 0.25
-# Diagonal of the selection matrix for each shape of contact, rotations first: 1 for motion, 0 for force.
-SELECTIONS = {
-    "point": (1.0, 1.0, 1.0, 1.0, 1.0, 0.0),
-    "edge": (1.0, 0.0, 1.0, 1.0, 1.0, 0.0),
-    "face": (0.0, 0.0, 1.0, 1.0, 1.0, 0.0),
-    "hinge": (0.0, 0.0, 1.0, 0.0, 1.0, 0.0),
-}
 
 
 def displaced(
@@ -213,7 +207,9 @@ class RaibertCraig(TaskController):
         robot, law = problem.robot, problem.law
         self._robot, self._sensor, self._contact_at = robot, problem.sensor, scene.task.contact_at
         self._back = np.eye(4) if tool is None else se3.inverse(tool)
-        self._selection, self._wanted = np.array(SELECTIONS[scene.springs.shape]), scene.wanted
+        # 1 for motion along an axis of the task frame, 0 for force
+        self._selection = (np.abs(scene.kind.freedoms).max(axis=1) > SIX_DIGITS).astype(float)
+        self._wanted = scene.wanted
         self._gain, self._compliance = tracking_gain(law.gain, law.dt), np.diag(np.asarray(scene.task.compliance))
         self._sensor_axes = np.asarray(problem.sensor.mount)[:3, :3]
         self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, law.dt)

@@ -81,7 +81,6 @@ class Question(NamedTuple):
 
 
 Solve = Callable[[Question], Array]
-UNKNOWN = np.full(6, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +112,11 @@ class Method:
         return {**row, "takes": asdict(self.takes)}
 
 
-def answer(x: Array, method: str, solver: str = "") -> VelocitySolution:
+def answer(
+    x: Array, method: str, solver: str = "", *, status: Status = Status.OK, reason: str = ""
+) -> VelocitySolution:
     """A velocity (m,) as the answer of a tick; what else an answer says is not known of the method."""
-    return VelocitySolution(np.asarray(x), method, Status.OK, "", (), UNKNOWN, 1.0, 0.0, 0.0, solver)
+    return VelocitySolution(np.asarray(x), method, status, reason, (), np.full(6, np.nan), 1.0, 0.0, 0.0, solver)
 
 
 def posture_of(robot: Robot, law: LawSpec) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.compare.method import UNKNOWN
+from invariantqp.compare.method import answer
 from invariantqp.control.controller import Controls
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.robots.kinematics import Robot
@@ -60,11 +60,11 @@ class Watched:
             solution = self._law.step(q, target, feedforward)
         except Exception as error:  # noqa: BLE001 (exceptions are counted)
             self.exceptions += 1
-            return _stopped(still, f"{type(error).__name__}: {error}")
+            return answer(still, "hold", status=Status.HELD, reason=f"{type(error).__name__}: {error}")
         if np.isfinite(solution.velocity).all():
             return solution
         self.not_finite += 1
-        return _stopped(still, "the answer was not finite")
+        return answer(still, "hold", status=Status.HELD, reason="the answer was not finite")
 
 
 def _spoilt(broken: str, q: ArrayLike, target: Any, feedforward: ArrayLike | None) -> tuple[Any, Any, Any]:
@@ -76,10 +76,6 @@ def _spoilt(broken: str, q: ArrayLike, target: Any, feedforward: ArrayLike | Non
     spoilt = target.pose.copy()
     spoilt[:3, 3] = np.nan
     return q, target._replace(pose=spoilt), feedforward
-
-
-def _stopped(still: Array, reason: str) -> VelocitySolution:
-    return VelocitySolution(still, "hold", Status.HELD, reason, (), UNKNOWN, 0.0, 0.0, 0.0, "")
 
 
 def watched_run(setup: Setup, make: MakeController, broken: str = "") -> tuple[Watched, Trace]:

@@ -74,8 +74,6 @@ HOPELESS, SLOW = 8.0, 0.1
 NORMALS = 80
 # A tool that turns by less than this [rad] has no axis of its own: the axis is taken along its slide.
 STRAIGHT = 1e-2
-# Directions of an edge in its plane, where the tool never tilts: 30 degrees apart.
-_DIRECTIONS = [(np.cos(t), np.sin(t)) for t in np.arange(6) * np.pi / 6.0]
 
 
 Start = tuple[Array, Array, Array]  # A, B, and curvature or pitch
@@ -485,7 +483,9 @@ def _tip(model: Model, R: Array, t: Array, n: Array, found: Array) -> list[Start
         edge, z = directions[:, 0], u.mean(axis=0)
         if spread[1] > STRAIGHT**2:
             return [(base, framed(z - edge * (edge @ z), p, edge), np.zeros(0))]
-        return [(base, framed(z, p, c * edge + s * np.cross(z, edge)), np.zeros(0)) for c, s in _DIRECTIONS]
+        # The tool never tilts: directions of the edge in its plane, 30 degrees apart.
+        other, turns = np.cross(z, edge), np.arange(6) * np.pi / 6.0
+        return [(base, framed(z, p, np.cos(t) * edge + np.sin(t) * other), np.zeros(0)) for t in turns]
     tool = poses(np.eye(3), p)
     return [(base, tool, np.zeros(0) if model.kind == "point" else np.array([_ball_under(x, base)]))]
 

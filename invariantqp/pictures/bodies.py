@@ -15,12 +15,10 @@ from invariantqp.geometry.distance import Placed
 from invariantqp.geometry.shapes import Core
 from invariantqp.pictures.figure import figure_file
 from invariantqp.pictures.palette import BLUE, RULE, SKY, TEXT, VERMILION
+from invariantqp.robots.bodies import SIDES
 
 if TYPE_CHECKING:
     from invariantqp.control.clearance import Clearance
-
-# Corners of a circle.
-ROUND = 48
 
 
 def bodies_picture(clearance: Clearance, q: ArrayLike, path: Path | str) -> Path:
@@ -46,7 +44,7 @@ def bodies_picture(clearance: Clearance, q: ArrayLike, path: Path | str) -> Path
 
 def _outline(placed: Placed, seen: list[int]) -> Array:
     """(n, 2) corners of a shape's shadow."""
-    turn = np.linspace(0.0, 2.0 * np.pi, ROUND, endpoint=False)
+    turn = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
     if placed.solid is not None:
         flat = placed.solid.drawn().reshape(-1, 3).dot(placed.pose[:3, :3].T)[:, seen] + placed.pose[seen, 3]
         return np.asarray(flat[ConvexHull(flat).vertices])

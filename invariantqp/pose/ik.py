@@ -48,8 +48,6 @@ AGAIN, GAIN = 8, 0.999
 # Tries after the first, by default: of 4 000 random targets on each of five arms, half of them with two
 # joints at their limits, 4 were not reached with as many.
 RESTARTS = 100
-# Targets handed to a worker process at a time.
-CHUNK = 50
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -352,12 +350,16 @@ def solve_poses(
     path = arrays.flag(along, "along")
     starts = _starts(q0, len(wanted), len(robot.names), along=path)
     processes = _processes(jobs, along=path)
-    parts = (
-        _in_turn(search, wanted, starts, along=path) if processes == 1 else _parallel(search, wanted, starts, processes)
-    )
+    if processes == 1:
+        found = _in_turn(search, wanted, starts, along=path)
+    else:
+        from joblib import Parallel, delayed
+
+        work = (delayed(search.solve)(target, start) for target, start in zip(wanted, starts, strict=True))
+        found = Parallel(n_jobs=processes, return_as="generator")(work)
     solutions: list[PoseSolution] = []
-    for part in parts:
-        solutions.extend(part)
+    for solution in found:
+        solutions.append(solution)
         if progress is not None:
             progress(len(solutions), len(wanted))
     return solutions
@@ -375,29 +377,13 @@ def _processes(jobs: int, *, along: bool) -> int:
 
 def _in_turn(
     search: PoseSearch, targets: list[Array], starts: list[Array | None], *, along: bool
-) -> Iterator[list[PoseSolution]]:
+) -> Iterator[PoseSolution]:
     """One solution at a time; along a path each begins where the one before ended."""
     before: Array | None = None
     for target, start in zip(targets, starts, strict=True):
         solution = search.solve(target, start if before is None else before)
         before = solution.q if along else None
-        yield [solution]
-
-
-def _parallel(
-    search: PoseSearch, targets: list[Array], starts: list[Array | None], processes: int
-) -> Iterator[list[PoseSolution]]:
-    """The solutions of one chunk of targets after the other."""
-    from joblib import Parallel, delayed
-
-    pieces = [slice(i, i + CHUNK) for i in range(0, len(targets), CHUNK)]
-    work = (delayed(_piece)(search, targets[piece], starts[piece]) for piece in pieces)
-    yield from Parallel(n_jobs=processes, return_as="generator")(work)
-
-
-def _piece(search: PoseSearch, targets: list[Array], starts: list[Array | None]) -> list[PoseSolution]:
-    """Some of the targets, in a worker process."""
-    return [search.solve(target, start) for target, start in zip(targets, starts, strict=True)]
+        yield solution
 
 
 def _starts(q0: ArrayLike | None, n: int, m: int, *, along: bool) -> list[Array | None]:

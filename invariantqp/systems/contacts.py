@@ -127,12 +127,16 @@ def _independent(columns: ArrayLike, argument: str) -> Array:
     return a
 
 
-def _kind(name: str, freedoms: str, constraints: str, presses: int = 1) -> ContactKind:
-    """A kind from coordinate names: rx for a turn about x, mx for a moment, x for a slide or a force."""
+def _kind(name: str, freedoms: str, constraints: str) -> ContactKind:
+    """A kind from coordinate names: rx for a turn about x, mx for a moment, x for a slide or a force.
+
+    It is pressed where the first constraint is along z; along z leads the way out, if it is that or free.
+    """
     names = {"rx": 0, "ry": 1, "rz": 2, "mx": 0, "my": 1, "mz": 2, "x": 3, "y": 4, "z": 5}
     E = np.eye(6)
     S, W = (E[:, [names[n] for n in text.split()]] for text in (freedoms, constraints))
-    return ContactKind(name, S, W, presses > 0, None if name == "ball" else -E[5], presses=presses)
+    pressed = constraints.startswith("z")
+    return ContactKind(name, S, W, pressed, -E[5] if pressed or "z" in freedoms.split() else None)
 
 
 POINT = _kind("point", "rx ry rz x y", "z")
@@ -142,8 +146,8 @@ ROLLING_LINE = _kind("rolling line", "rx", "z my x y mz")
 FACE = _kind("face", "rz x y", "z mx my")
 PIVOTING_FACE = _kind("pivoting face", "rz", "z mx my x y")
 STICKING_FACE = _kind("sticking face", "", "z mx my x y mz")
-BALL = _kind("ball", "rx ry rz", "x y z", presses=0)
-PEG = _kind("peg", "rz z", "x y mx my", presses=0)
+BALL = _kind("ball", "rx ry rz", "x y z")
+PEG = _kind("peg", "rz z", "x y mx my")
 
 
 @lru_cache(maxsize=16)

@@ -21,13 +21,9 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BlindSystem
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.forms import pitch_form
 from invariantqp.systems.subspaces import Span, span
-
-# A direction of the orthonormal basis with an angular part below this is a pure translation, and a coupling C below it
-# counts as zero: for control a pitch of 1e10 units of length is infinite.
-BLIND_TOLERANCE = 1e-10
 
 
 def gram_matrix(J: ArrayLike, h: float) -> Array:
@@ -63,12 +59,13 @@ class _Pencil(NamedTuple):
 
 
 def _reduction(system: Span) -> _Reduction:
+    # A direction whose angular part is negligible is a pure translation: a pitch of 1e9 units of length is infinite.
     B = system.basis
     _, sigma, Vt = np.linalg.svd(B[:3])
-    e = int(np.count_nonzero(sigma > BLIND_TOLERANCE))
+    e = int(np.count_nonzero(sigma > NEGLIGIBLE))
     F, N = B.dot(Vt[:e].T), B.dot(Vt[e:].T)
     left, coupling, right_t = np.linalg.svd(F[:3].T.dot(N[3:]))
-    return _Reduction(F, N, left, coupling, right_t, int(np.count_nonzero(coupling > BLIND_TOLERANCE)))
+    return _Reduction(F, N, left, coupling, right_t, int(np.count_nonzero(coupling > NEGLIGIBLE)))
 
 
 def _blind(part: _Reduction) -> Array:

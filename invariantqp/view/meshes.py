@@ -23,9 +23,7 @@ with optional("meshes", "trimesh, pycollada or fast-simplification"):
 # Cells along a mesh's longest side: at the first, half a millimetre of an arm's link; at a millimetre what is behind
 # the shell of a Panda's wrist comes through.
 CELLS = (400, 200, 100, 50)
-# How many times the wanted triangles are few enough.
-ENOUGH = 1.1
-# No mesh is reduced to fewer triangles.
+# No mesh is reduced to fewer triangles, and no count is met more nearly.
 FEWEST = 24
 
 
@@ -83,7 +81,7 @@ def _fewer(mesh: Mesh, most: int) -> Mesh:
         return mesh._replace(faces=mesh.faces[:0])
     for cells in CELLS:
         mesh = _snapped(mesh, size / cells)
-        if len(mesh.faces) <= ENOUGH * most:
+        if len(mesh.faces) <= most + FEWEST:
             break
         vertices, faces = fast_simplification.simplify(
             np.ascontiguousarray(mesh.vertices, np.float32),
