@@ -24,7 +24,7 @@ from invariantqp.force.contact import HybridTask
 from invariantqp.force.sensor import Wrench, WrenchSensor
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.runs.contactspec import ContactSpec, ForceSpec, SensorSpec
+from invariantqp.runs.contactspec import SIDES, ContactSpec, ForceSpec, SensorSpec
 from invariantqp.runs.plant import (
     NEWTON_STEPS,
     Cylinder,
@@ -176,7 +176,7 @@ def _wanted(contact: ContactSpec, force: ForceSpec) -> list[float] | Wrench:
     """The press as a part in the contact's constraints, or on a hinge as a wrench."""
     if contact.kind == "hinge":
         return Wrench(moment=[0.0, 0.0, 0.0], force=[force.press, 0.0, 0.0])  # away from the axis
-    return [force.press] + [0.0] * {"point": 0, "edge": 1, "face": 2}[contact.kind]
+    return [force.press] + [0.0] * SIDES[contact.kind]
 
 
 def _believed_sensor(sensor: SensorSpec, mount: Array, noise: float) -> WrenchSensor:

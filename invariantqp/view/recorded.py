@@ -18,7 +18,7 @@ from invariantqp.pictures.palette import ORANGE, SKY
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of
 from invariantqp.view.appearance import Appearance, appearance_of
-from invariantqp.view.scenery import SIDE, Surroundings, tiles
+from invariantqp.view.scenery import Surroundings, patch, tiles
 from invariantqp.view.timeline import FORCE, FRAMES, CurveChart, Timeline, arm_in, limit_charts
 
 # How much of a surface is drawn beyond the path of the contact, and half of an axis, relative to that path's reach.
@@ -44,7 +44,6 @@ def timeline_of_recording(
     w = np.array([sensor.wrench(r, pose) for r, pose in zip(file.readings[at], file.poses[at], strict=True)])
     arm = _no_arm(tool) if robot is None or file.q is None else arm_in(robot, file.q[at])
     q = arm["q"]
-    nothing = Surroundings(np.empty((0, 4, 3)))
     timeline = Timeline(
         title=title,
         about=f"A recording: {'; '.join(_kind_of(p) for p in found.segments)}.",
@@ -55,7 +54,7 @@ def timeline_of_recording(
         limit_active=[False] * len(at),
         status=[_status(found, k) for k in at.tolist()],
         charts=(),
-        surroundings=nothing if shown is None else _surface(shown, file.poses[part.start : part.stop]),
+        surroundings=Surroundings() if shown is None else _surface(shown, file.poses[part.start : part.stop]),
         travel=np.gradient(tool[:, :3, 3], time[at], axis=0),
         force=w[:, 3:],
         recorded=True,
@@ -116,26 +115,18 @@ def _surface(c: Candidate, poses: Array) -> Surroundings:
     reach = max(
         float(np.linalg.norm(path - middle, axis=1).max()), LEAST * float(np.linalg.norm(travelled, axis=1).max())
     )
-    none = np.empty((0, 4, 3))
     if c.kind in ("ball", "peg", "hinge", "screw", "slide") or c.fixed_to == "tool":
         half = max(reach, MARGIN * float(np.linalg.norm(travelled - middle, axis=1).max()))
         along = c.surface[:3, 2] if c.fixed_to != "tool" and c.kind != "ball" else frames[len(frames) // 2, :3, 2]
         half = 0.2 * half if c.kind == "ball" or c.fixed_to == "tool" else half
-        return Surroundings(none, np.stack((middle - half * along, middle + half * along)))
-    x, y = se3.across(c.surface[:3, 2])
+        return Surroundings(axis=np.stack((middle - half * along, middle + half * along)))
     z = c.surface[:3, 2]
-    from_middle = path - middle
-    spans = [
-        np.linspace((from_middle @ u).min() - MARGIN * reach, (from_middle @ u).max() + MARGIN * reach, SIDE + 1)
-        for u in (x, y)
-    ]
-    corners = middle + spans[0][:, None, None] * x + spans[1][None, :, None] * y
-    base = c.surface[:3, 3]
+    corners = patch(path, middle, *se3.across(z), MARGIN * reach)
     if c.kind == "sphere" and c.centre is not None and c.radius is not None:
         off = corners - c.centre
         aside = off - (off @ z)[..., None] * z
         depth = np.sqrt(np.maximum(c.radius**2 - (aside**2).sum(axis=-1), 0.0))
         corners = c.centre + aside - np.sign(c.radius) * depth[..., None] * z
     else:
-        corners = corners + ((base - corners) @ z)[..., None] * z
+        corners = corners + ((c.surface[:3, 3] - corners) @ z)[..., None] * z
     return Surroundings(tiles(corners))

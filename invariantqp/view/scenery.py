@@ -36,7 +36,7 @@ WIDE, TILES = 0.8, 6
 class Surroundings(NamedTuple):
     """What a robot's tool touches."""
 
-    faces: Array  # (p, 4, 3) corners, in order, of what does not move
+    faces: Array = np.empty((0, 4, 3))  # corners, in order, of what does not move
     axis: Array | None = None  # (2, 3) the ends of the axis of a door; None without one
 
 
@@ -45,13 +45,13 @@ def surroundings(task: Task, robot: Robot, path: Array) -> Surroundings:
     T = robot.pose(task.start())
     scene = scene_of(task, T)
     if scene is None:
-        return Surroundings(np.empty((0, 4, 3)))
+        return Surroundings()
     margin = MARGIN * float(np.linalg.norm(T[:3, 3]))
     springs = scene.springs
     if isinstance(springs, HingeSprings):
         along, foot = screws.axis(springs.screw)
         middle = foot + along * along.dot(T[:3, 3])
-        return Surroundings(np.empty((0, 4, 3)), np.stack((middle - margin * along, middle + margin * along)))
+        return Surroundings(axis=np.stack((middle - margin * along, middle + margin * along)))
     return Surroundings(_faces(springs.surface, path, margin))
 
 
@@ -61,17 +61,20 @@ def _faces(surface: Surface, path: Array, margin: float) -> Array:
         u, v = se3.across(surface.normal)
     else:
         u, v = surface.axis, surface.depth(path.mean(axis=0))[1]
-    from_point = path - surface.point
-    a = _along(from_point.dot(u), margin)
     if isinstance(surface, Plane):
-        b = _along(from_point.dot(v), margin)
-        corners = surface.point + a[:, None, None] * u + b[None, :, None] * v
+        corners = patch(path, surface.point, u, v, margin)
         for edge in surface.edges:
             beyond = np.maximum((corners - surface.point - edge).dot(edge) / edge.dot(edge), 0.0)
             corners = corners - beyond[..., None] * edge
     else:
-        corners = _bent(surface, a, v)
+        corners = _bent(surface, _along((path - surface.point).dot(u), margin), v)
     return tiles(corners)
+
+
+def patch(path: Array, foot: Array, u: Array, v: Array, margin: float) -> Array:
+    """(SIDE + 1, SIDE + 1, 3) points of the plane through a foot (3,) along u and v, about a path (n, 3)."""
+    a, b = (_along((path - foot).dot(along), margin) for along in (u, v))
+    return np.asarray(foot + a[:, None, None] * u + b[None, :, None] * v)
 
 
 def _bent(bar: Cylinder, along: Array, outward: Array) -> Array:
