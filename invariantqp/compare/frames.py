@@ -140,15 +140,7 @@ def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> 
     names = (OURS, LEAST_SQUARES, PENROSE, DLS) if task.path.timing == "fixed" else (OURS,)
     laws: dict[str, MakeController] = {name: controller_named(name) for name in names}
     checks = []
-    done = 0
-    total = 3 * len(laws) * task.ticks
-
-    def count(_: int, __: int) -> None:
-        nonlocal done
-        done += 1
-        if progress is not None:
-            progress(min(done, total), total)
-
+    count = _counted(progress, 3 * len(laws) * task.ticks)
     for name, make in laws.items():
         plain_setup, moved = prepare(task), displaced(prepare(task), tool)
         plain, other, nudged = (
@@ -158,6 +150,19 @@ def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> 
         change, control = (largest_change(plain.q, trace.q) for trace in (other, nudged))
         checks.append(FrameCheck(name, change, control, 1e3 * float(plain.position_error.max())))
     return checks
+
+
+def _counted(progress: Progress | None, total: int) -> Progress:
+    """Progress of several runs one after the other, tick by tick."""
+    done = 0
+
+    def count(_: int, __: int) -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(min(done, total), total)
+
+    return count
 
 
 def largest_change(a: Array, b: Array) -> float:
@@ -250,18 +255,10 @@ def contact_frame_check(
     }
     tool, sensor, contact = (random_displacement(seed + i) for i in range(3))
     checks = []
-    runs = 0
-
-    def count(done: int, total: int) -> None:
-        if progress is not None:
-            progress(runs * total + done, 2 * len(laws) * total)
-
+    count = _counted(progress, 2 * len(laws) * task.ticks)
     for name, make in laws.items():
         plain_setup, moved = prepare(task, physics), displaced(prepare(task, physics), tool, sensor, contact)
-        plain = run(plain_setup, make(plain_setup, None), count)
-        runs += 1
-        other = run(moved, make(moved, tool), count)
-        runs += 1
+        plain, other = run(plain_setup, make(plain_setup, None), count), run(moved, make(moved, tool), count)
         change = float(np.abs(plain.velocity - other.velocity).max())
         errors = [1e3 * float(trace.position_error[trace.counted_from :].max()) for trace in (plain, other)]
         checks.append(ContactFrameCheck(name, change, errors[0], plain.force_error, errors[1], other.force_error))
