@@ -22,9 +22,8 @@ from invariantqp.errors import BadInput, RobotModelError, excerpt
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.shapes import Box, Capsule, HalfSpace, Shape, Sphere
-from invariantqp.robots.chain import Chain
+from invariantqp.robots.chain import Chain, Geometry, Link
 from invariantqp.robots.kinematics import Robot, remembered
-from invariantqp.robots.links import Geometry, Link
 
 # Two capsules replace one where they have less than this share of its volume.
 WORTHWHILE = 0.7

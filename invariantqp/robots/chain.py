@@ -23,11 +23,30 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.screws import axis
 from invariantqp.robots.kinematics import Sighting, joint_limits
-from invariantqp.robots.links import Link
 
 # What a chain is made from, besides the engine that computes it.
 LIMITS = ("position_lower", "position_upper", "velocity_limit")
 ARGUMENTS = ("screws", "home", "names", *LIMITS, "tool", "places", "links")
+
+
+class Geometry(NamedTuple):
+    """A part of a link."""
+
+    kind: str  # "sphere", "capsule", "cylinder", "box", "plane", "mesh", or "unreadable"
+    size: tuple[float, ...]  # radius; radius and length of the straight part, along z; whole edges; a mesh's scale
+    pose: Array  # (4, 4) in the link's frame
+    mesh: Any = None  # path of its file, or (n, 3) points of which it is the hull; of the unreadable, why
+
+
+class Link(NamedTuple):
+    """A link of an arm; a chain needs it only where it is asked what must not touch: meshes are not opened before."""
+
+    name: str
+    body: int  # it is moved by the first so many joints; 0 is the base
+    frame: Array  # (4, 4) at q = 0, in the base frame
+    parts: tuple[Geometry, ...] = ()
+    unknown: str = ""  # the joint that it is behind and that is not one of the arm's: where it is, is not known
+    excludes: tuple[tuple[str, str], ...] = ()  # links that its description lets it touch, and why
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)

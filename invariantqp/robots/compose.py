@@ -20,8 +20,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import prismatic, revolute
-from invariantqp.robots.chain import Chain
-from invariantqp.robots.links import Link, renamed
+from invariantqp.robots.chain import Chain, Link
 
 # What a chain has of each joint besides its screw and name.
 OF_JOINTS = ("position_lower", "position_upper", "velocity_limit", "places")
@@ -99,7 +98,7 @@ def relative(arm: Chain, other: Chain) -> Chain:
     turned = _carried(other, back)
     kept = {name: getattr(turned, name)[::-1] for name in OF_JOINTS}
     n = len(names)
-    links = tuple(link._replace(body=n - link.body) for link in renamed(turned.links, arm.links, "other/"))
+    links = tuple(link._replace(body=n - link.body) for link in _renamed(turned.links, arm.links, "other/"))
     reverse = Chain(-turned.screws[:, ::-1], np.eye(4), names[::-1], **kept, links=links)
     return _chain([reverse, _carried(arm, back)], back.dot(arm.home), arm.tool)
 
@@ -115,7 +114,7 @@ def _carried(arm: Chain, place: Array) -> Chain:
     screws = se3.adjoint(place, check=False).dot(arm.screws)
     places = arm.places.dot(place[:3, :3].T) + place[:3, 3]
     limits = (arm.position_lower, arm.position_upper, arm.velocity_limit)
-    links = tuple(link.carried(place) for link in arm.links)
+    links = tuple(link._replace(frame=place.dot(link.frame)) for link in arm.links)
     return Chain(screws, place.dot(arm.home), arm.names, *limits, tool=arm.tool, places=places, links=links)
 
 
@@ -129,9 +128,21 @@ def _chain(parts: Sequence[Chain], home: Array, tool: str) -> Chain:
     links: tuple[Link, ...] = ()
     first = 0
     for part in parts:
-        links += tuple(link._replace(body=link.body + first) for link in renamed(part.links, links, "arm/"))
+        links += tuple(link._replace(body=link.body + first) for link in _renamed(part.links, links, "arm/"))
         first += len(part.names)
     return Chain(np.hstack([part.screws for part in parts]), home, names, tool=tool, links=links, **joined)
+
+
+def _renamed(links: tuple[Link, ...], taken: tuple[Link, ...], prefix: str) -> tuple[Link, ...]:
+    """Links under names that others have not: with a prefix where they have."""
+    names = {link.name for link in taken}
+    made = []
+    for link in links:
+        name = link.name
+        while name in names:
+            name = prefix + name
+        made.append(link._replace(name=name))
+    return tuple(made)
 
 
 def _require_chain(argument: str, value: object) -> None:

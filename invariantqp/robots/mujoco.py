@@ -17,8 +17,7 @@ from invariantqp.errors import RobotModelError, UnknownName
 from invariantqp.extras import optional
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.chain import Chain
-from invariantqp.robots.links import Geometry, Link
+from invariantqp.robots.chain import Chain, Geometry, Link
 from invariantqp.robots.tree import cannot_move, selected
 
 with optional("sim", "mujoco"):

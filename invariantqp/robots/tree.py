@@ -17,8 +17,7 @@ import numpy as np
 from invariantqp.errors import BadInput, RobotModelError, UnknownName
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.chain import Chain
-from invariantqp.robots.links import Geometry, Link
+from invariantqp.robots.chain import Chain, Geometry, Link
 
 # Types of joints with one coordinate, without one, and with several.
 MOVING = ("revolute", "continuous", "prismatic")

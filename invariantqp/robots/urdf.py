@@ -18,9 +18,8 @@ import numpy as np
 
 from invariantqp.errors import RobotModelError
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.chain import Chain
+from invariantqp.robots.chain import Chain, Geometry, Link
 from invariantqp.robots.kinematics import UNLIMITED
-from invariantqp.robots.links import Geometry, Link
 from invariantqp.robots.tree import MOVING, TYPES, TreeJoint, displacement, path_to, rest
 
 # What may stand before the "<" of a text.

@@ -14,9 +14,8 @@ import numpy as np
 
 from invariantqp.errors import BadInput, MissingExtra, RobotModelError
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.chain import Chain
+from invariantqp.robots.chain import Chain, Geometry, Link
 from invariantqp.robots.kinematics import Robot
-from invariantqp.robots.links import Geometry, Link
 from invariantqp.robots.urdf import Visual, read_xml, visuals_of
 
 if TYPE_CHECKING:

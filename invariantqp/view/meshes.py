@@ -49,7 +49,7 @@ def read_meshes(file: Path) -> list[Mesh]:
 
 
 def plain(kind: str, size: Sequence[float]) -> Mesh:
-    """A box, sphere, cylinder or capsule about the origin, of a size as `robots.links.Geometry` has it."""
+    """A box, sphere, cylinder or capsule about the origin, of a size as `robots.chain.Geometry` has it."""
     create = trimesh.creation
     if kind == "box":
         part = create.box(size)
