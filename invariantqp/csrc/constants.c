@@ -81,7 +81,6 @@ const Constant CONSTANTS[] = {
     ONE("pose.newton", FINISHED),
     ONE("pose.newton", LONGEST),
     ONE("pose.newton", PATIENCE),
-    ONE("pose.newton", AT_A_TIME),
     ONE("pose.newton", STIFFEST),
     {"geometry.arrays.ROUNDING", AT_REST},
     {"control.frame_cost.NULL_WEIGHT", FREE_WEIGHT},

@@ -40,6 +40,7 @@ Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, b
 #define FINISHED 3
 #define LONGEST 100
 #define PATIENCE 1000
+/* Steps between two looks at the clock: a search with 7 joints was late by 1 ms at most, 14 by 2.4. */
 #define AT_A_TIME 25
 #define STIFFEST 1e8
 #define AT_REST 1e-12

@@ -38,8 +38,6 @@ FLOOR, QP_FLOOR = 1e-13, 1e-8
 STALLED, FINISHED = 6, 3
 # The most steps in a try, and in one for the last digits; an error that falls more slowly counts as at rest.
 LONGEST, PATIENCE = 100, 1000
-# Steps of the compiled core between two looks at the clock: a search with 7 joints was late by 1 ms at most, 14 by 2.4.
-AT_A_TIME = 25
 # A try ends where even steps with this much damping do not make the error smaller: rounding is all that is left.
 STIFFEST = 1e8
 TINY = float(np.finfo(float).tiny)
