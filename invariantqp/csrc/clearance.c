@@ -12,7 +12,8 @@ enum { ROUND, BLOCK, FREE_SIDE, MESH };                                         
 /* control/clearance_rows.py: rows at most, and its constants. */
 #define KEPT_ROWS 16
 #define SWEEPS 20
-static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, AHEAD = 1.01, NEARER = 0.7, DEEP = 0.05, MOST_OF_IT = 0.5;
+#define PASSED 2.0
+static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, AHEAD = 1.01, NEARER = 0.7, DEEP = 0.05;
 /* geometry/distance.py: below these shares, lines are parallel, and a normal has no direction. */
 static const double PARALLEL_LINES = 1e-14, NO_DIRECTION = 1e-12;
 #define MOST_SHAPES 256
@@ -667,7 +668,7 @@ static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *f
 static void ask_what_is_possible(int m, const States *joints, Rows *rows)
 {
     double z[MOST] = {0.0}, asked[KEPT_ROWS], got[KEPT_ROWS], share = 1.0;
-    bool any = false, enough = true;
+    bool any = false;
     for (int i = 0; i < rows->count; i++) {
         asked[i] = rows->lower[i] - dot(m, rows->C[i], joints->braked);
         any = any || asked[i] > 0.0;
@@ -677,19 +678,17 @@ static void ask_what_is_possible(int m, const States *joints, Rows *rows)
     for (int sweep = 0; sweep < SWEEPS; sweep++)
         for (int i = 0; i < rows->count; i++) {
             const double *C = rows->C[i];
-            double step = fmax(asked[i] - dot(m, C, z), 0.0) / dot(m, C, C);
+            double step = PASSED * fmax(asked[i] - dot(m, C, z), 0.0) / dot(m, C, C);
             for (int j = 0; j < m; j++)
                 z[j] = clamp(z[j] + step * C[j], -joints->free[0][j], joints->free[1][j]);
         }
     for (int i = 0; i < rows->count; i++) {
         got[i] = dot(m, rows->C[i], z);
-        if (!(asked[i] > 0.0) && got[i] < asked[i])
-            share = fmin(share, asked[i] / got[i]);
+        if (got[i] < fmin(asked[i], 0.0))
+            share = fmin(share, fmin(asked[i], 0.0) / got[i]);
     }
     for (int i = 0; i < rows->count; i++)
-        enough = enough && (!(asked[i] > 0.0) || share * got[i] >= MOST_OF_IT * asked[i]);
-    for (int i = 0; i < rows->count; i++)
-        if (asked[i] > 0.0 && enough)
+        if (asked[i] > 0.0)
             rows->lower[i] += fmin(asked[i], share * got[i]) - asked[i];
 }
 
