@@ -18,8 +18,8 @@ and every joint limit. So rows contradict nothing, but where a start did or some
 Another arm that brakes is in each of these states where its own joints have braked to.
 
 Joints that stop at once may be anywhere in a tick, and rows linear about x = 0 do not see how their ways turn: at
-3 rad/s and 10 ms, by 3 mm. Where a tick ends is what counts: an answer x that ends nearer than d_min, or than it began
-inside, is made once more, beside rows
+3 rad/s and 10 ms, by 3 mm. What that takes of d_min is led back, a tenth in a tick; an answer x that ends nearer than
+d_min, or than it began inside, by over 0.5 % of d_min is made once more, beside rows
 
     d(q + dt x) + dt C (x' - x) >= d_min,    C at q + dt x
 
@@ -62,6 +62,8 @@ BRAKING = 0.7
 # Inside the distance, bodies are led apart at the first share of the joints' velocity limits, and no joint is faster
 # than the second: an arm that begins inside comes out in a second or three, without a kick.
 ESCAPE, CALM = 0.06, 0.09
+# Ways that turn within a tick take this share of the distance at most: an answer that takes more is made once more.
+CURVED = 0.005
 # Two arms that do not know each other's velocity may each take half of the room between them.
 HALF = 0.5
 # Where a joint moves nothing in this very state, a state is looked at that is so many seconds at full speed away [s]:
@@ -206,8 +208,8 @@ class Clearance(Limit):
         self._unjudged = self._around != 0
         self.nearest = Near("", "", inf)
         self._distances_now = np.zeros(0)
-        levers = self._found.levers[:, : len(self.robot.names)]
-        self._longest = np.minimum(levers.max(axis=0, initial=0.0), BOUNDLESS)
+        self._levers = self._levers_of_pairs()
+        self._enough = self.distance - max(CURVED * self.distance, ACTIVE_TOLERANCE)
         self._still = self._at_rate(0.0, 0.0)  # all distances, and no rows that matter
         self._refresh(0.0)
         self._judge(self._unjudged)
@@ -272,7 +274,7 @@ class Clearance(Limit):
         """The rows at joint positions q (m,) after a velocity `before` (m,), None where nothing is near enough."""
         C, lower, of_pair, distances = self._asked(arrays.vector(q, len(self.robot.names), "q"), rate, before)
         self.nearest, self._distances_now = self._nearest(distances), distances
-        inside = self._is_inside(self.nearest)
+        inside = self.nearest.distance < self._enough
         if not (len(lower) or inside):
             return None
         upper, names = np.full(len(lower), inf), self._called(of_pair, distances)
@@ -285,36 +287,38 @@ class Clearance(Limit):
         return LimitRows.trusted(C, lower, upper, tuple(names)) if len(lower) else None
 
     def rows_after(self, q: Array, x: Array, rate: Rate) -> LimitRows | None:
-        """Rows about the velocity x (m,) of a tick from q (m,) on that ends too near; None where it does not.
-
-        Velocities of joints with brakes are so near the last one that rows about that one will do.
-        """
+        """Rows about the velocity x (m,) of a tick from q (m,) on that ends too near; None where it does not."""
         dt, d = float(rate.settings[3]), self._distances_now
-        way = dt * float(np.abs(x).dot(self._longest))
-        if self.nearest.distance - way >= self.distance or not np.isinf(rate.limits[1]).all():
+        if (d - self._levers.dot(dt * np.abs(x))).min(initial=inf) >= self.distance:
             return None
+        kept = np.minimum(d, self.distance) - self.distance
+        if self._arms:  # another one may take its share of the room
+            kept += (1.0 - self._pairs[:, 2]) * np.where(np.isinf(d), 0.0, np.maximum(d - self.distance, 0.0))
         to_its_end = rate._replace(settings=np.array((self.distance, 1.0 / dt, inf, 0.0, BRAKING)))
-        C, lower, of_pair, _ = self._asked(q + dt * x, to_its_end, shared=False)
-        room = np.where(np.isinf(d), 0.0, d - self.distance)  # another arm may take its share of it
-        kept = np.minimum(room, (1.0 - self._pairs[:, 2]) * room)[of_pair.astype(int)] / dt
-        lost = dt * (lower + kept) > ACTIVE_TOLERANCE * max(self.distance, 1.0)
+        C, lower, of_pair, ends = self._asked(q + dt * x, to_its_end, shared=False)
+        if (ends - kept).min() >= self._enough:
+            return None
+        asked = lower + kept[of_pair.astype(int)] / dt
+        lost = asked > 0.0
         if not lost.any():
             return None
-        lower = (lower + kept + C.dot(x))[lost]
+        lower = asked[lost] + C[lost].dot(x)
         return LimitRows.trusted(C[lost], lower, np.full(len(lower), inf), self._called(of_pair[lost], d))
 
     def _called(self, of_pair: Array, distances: Array) -> list[str]:
         """What reasons call rows of pairs (r,), those of all being at some distances (k,)."""
-        called = {}
-        for i in set(of_pair.tolist()):
-            near = Near(*self._names(int(i)), float(distances[int(i)]))
-            inside = f" (nearer than {1e3 * self.distance:.1f})" if self._is_inside(near) else ""
-            called[i] = f"clearance: {near}{inside}"
+        called: dict[float, str] = {}
+        for i in of_pair.tolist():
+            if i not in called:
+                (one, other), d = self._names(int(i)), float(distances[int(i)])
+                inside = f" (nearer than {1e3 * self.distance:.1f})" if self._is_inside(d) else ""
+                called[i] = f"clearance: {one} and {other}, {1e3 * d:.1f} mm{inside}"
         return [called[i] for i in of_pair.tolist()]
 
     def _calm(self, rate: Rate, before: Array | None) -> Array:
         """(m,) how fast joints may be, the nearest bodies being nearer than the distance, and no brakes too weak."""
-        deep = _depth(self.distance - self.nearest.distance, self.distance)
+        shallow = DEEP * self.distance
+        deep = min(1.0, (self.distance - self.nearest.distance) / shallow) if shallow > 0.0 else 1.0
         speed: Array = max(CALM, 1.0 - deep) * self.robot.velocity_limit
         return speed if before is None else np.maximum(speed, rate.braked(before, deep))
 
@@ -338,13 +342,13 @@ class Clearance(Limit):
         near = self._nearest(np.where(still, self._distances(q), inf))
         return (
             f"{near.first} and {near.second} are nearer than {1e3 * self.distance:.1f} mm"
-            if self._is_inside(near)
+            if self._is_inside(near.distance)
             else ""
         )
 
-    def _is_inside(self, near: Near) -> bool:
-        """Whether two bodies are nearer than the distance, but for rounding."""
-        return near.distance < self.distance - ACTIVE_TOLERANCE * max(self.distance, 1.0)
+    def _is_inside(self, d: float) -> bool:
+        """Whether two bodies so far apart are nearer than the distance, but for rounding."""
+        return d < self.distance - ACTIVE_TOLERANCE * max(self.distance, 1.0)
 
     def distances(self, q: ArrayLike) -> dict[tuple[str, str], float]:
         """The distance of each pair of bodies at joint positions q (m,) [length]; negative inside.
@@ -400,8 +404,14 @@ class Clearance(Limit):
         speed = self.robot.velocity_limit
         step = ASIDE * np.where(np.isfinite(speed), speed, USUAL_SPEED) / np.sqrt(np.arange(1.0, len(speed) + 1.0))
         aside = self._asked(positions + step, self._still).distances
-        moved = self._found.levers[:, : len(step)].dot(step)[self._pairs[:, :2].astype(int)].max(axis=1, initial=0.0)
-        return np.asarray(np.where(np.isinf(here) | (aside < here - moved), aside, here))
+        return np.asarray(np.where(np.isinf(here) | (aside < here - self._levers.dot(step)), aside, here))
+
+    def _levers_of_pairs(self) -> Array:
+        """(k, m) how much nearer the shapes of a pair come at most for a radian or length of each own joint."""
+        m, two = len(self.robot.names), self._pairs[:, :2].astype(int)
+        levers = np.minimum(self._found.levers[two, :m].max(axis=1, initial=0.0), BOUNDLESS)
+        inner = np.where(self._around == 0, self._numbers[two, 0].min(axis=1, initial=m), 0.0)
+        return np.where(np.arange(m) < inner[:, None], 0.0, levers)
 
     def _asked(self, q: Array, rate: Rate, before: Array | None = None, *, shared: bool = True) -> Found:
         """Rows, their lower limits, the pair of each, and the distance of each pair; of rooms that are shared, all."""
@@ -444,7 +454,7 @@ class Clearance(Limit):
         """Where obstacles are, when a command of now acts; what has moved is judged anew."""
         for i in self._found.moving:
             shape, seen = self._parts[i].shape, self._seen.get(i)
-            late = delay if shape.twist.any() else 0.0
+            late = delay if delay and shape.twist.any() else 0.0
             if seen and seen[0] is shape.pose and seen[1] is shape.twist and seen[2] == late:
                 continue
             self._seen[i] = shape.pose, shape.twist, late
@@ -496,17 +506,14 @@ class _InLoop(Limit):
 
     def __init__(self, clearance: Clearance, rate: Rate) -> None:
         self._clearance, self._rate = clearance, rate
+        self._stops_at_once = bool(np.isinf(rate.limits[1]).all())
 
     def rows(self, q: Array, velocity: Array) -> LimitRows | None:
         return self._clearance.rows_at(q, self._rate, velocity)
 
     def after(self, q: Array, velocity: Array) -> LimitRows | None:
-        return self._clearance.rows_after(q, velocity, self._rate)
+        # Velocities of joints with brakes are so near the last one that rows about that one will do.
+        return self._clearance.rows_after(q, velocity, self._rate) if self._stops_at_once else None
 
     def blocked(self, q: Array) -> str:
         return self._clearance.blocked(q)
-
-
-def _depth(depth: float, distance: float) -> float:
-    """How far inside a distance bodies are, 1 where all of what leads them out applies."""
-    return min(1.0, depth / (DEEP * distance)) if distance > 0.0 else 1.0
