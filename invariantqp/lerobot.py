@@ -116,11 +116,7 @@ class RobotKinematics:
         self._lost = 0.0
 
     def forward_kinematics(self, joint_pos_deg: ArrayLike) -> Array:
-        """(4, 4) pose of the frame in the base frame.
-
-        Args:
-            joint_pos_deg: positions of `joint_names`, more may follow [deg].
-        """
+        """(4, 4) pose of the frame in the base frame; positions of `joint_names` [deg], more may follow."""
         return self.robot.pose(np.radians(self._positions(joint_pos_deg, "joint_pos_deg")[self.moving]))
 
     def inverse_kinematics(
@@ -255,11 +251,7 @@ class ActionFollower:
         self._chunk: tuple[Array, Array] | None = None  # stamps, and actions of what does not move the frame
 
     def reset(self, action: ArrayLike) -> None:
-        """Say where the robot is, at the start and after it was moved by hand.
-
-        Args:
-            action: (n,) as measured, in the order of `joint_names` [deg].
-        """
+        """Say where the robot is, at the start and after it was moved by hand: (n,), as `joint_names` are [deg]."""
         now = arrays.vector(action, len(self._kinematics.joint_names), "action")
         self.follower.controller.believed(np.radians(now[self._kinematics.moving]), "action")
         self.action, self._chunk = now.copy(), None
@@ -267,13 +259,12 @@ class ActionFollower:
     def follow(self, chunk: Any, observed: float) -> None:
         """Follow a chunk in place of what was followed before; what of it is over already is skipped.
 
+        After an error the follower is as it was.
+
         Args:
             chunk: (n, actions) or (1, n, actions) as `predict_action_chunk` returns it, in degrees, in the order of
                 `joint_names`; a tensor of torch, too. A gripper goes straight from one action to the next.
             observed: when the observation was made that it answers [s], the time of its first action.
-
-        Raises:
-            BadInput: another shape, NaN; the follower is as it was.
         """
         count = len(self._kinematics.joint_names)
         given = chunk.detach().cpu().numpy() if hasattr(chunk, "detach") else chunk
@@ -289,14 +280,11 @@ class ActionFollower:
         self._chunk = stamps, actions
 
     def add(self, point: Any, stamp: float | None = None) -> None:
-        """Follow a teleoperator: one more sample of a stream.
+        """Follow a teleoperator: one more sample of a stream. After an error the follower is as it was.
 
         Args:
             point: (n,) an action, of a leader arm [deg], or a (4, 4) pose of the frame in the base frame.
             stamp: when it was so [s]; None is now.
-
-        Raises:
-            BadInput: neither, NaN; the follower is as it was.
         """
         given = arrays.array(arrays.matrix_of(point), "point", "an action [deg], or a pose (4, 4)")
         if given.ndim == 2:
@@ -309,11 +297,8 @@ class ActionFollower:
     def step(self, now: float | None = None) -> Array:
         """(n,) the action for the next period, in the order of `joint_names` [deg]; what it told is in `told`.
 
-        Args:
-            now: the time [s], by the clock of the stamps; None counts periods.
-
-        Raises:
-            BadInput: NaN, or before `reset` has said where the robot is.
+        `now` is the time [s], by the clock of the stamps; None counts periods. `reset` has to say first where the robot
+        is.
         """
         if self.action is None:
             raise BadInput("now", "a tick before it is known where the robot is", "reset(measured) first")

@@ -69,13 +69,7 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
         super().set_target(given if isinstance(given, SE3) else SE3.from_matrix(pose))
 
     def compute_qp_objective(self, configuration: Configuration) -> Objective:
-        """(H, c) of minimise 1/2 dq'H dq + c'dq, dq (nv,) the displacement of a step.
-
-        Raises:
-            BadInput: NaN in configuration or target; a form beside a cost of zero.
-            RobotModelError: no joint moves the frame.
-            mink.TargetNotSet: no target.
-        """
+        """(H, c) of minimise 1/2 dq'H dq + c'dq, dq (nv,) the displacement of a step, once there is a target."""
         error = self.compute_error(configuration)
         pose = configuration.get_transform_frame_to_world(self.frame_name, self.frame_type).as_matrix()
         model = configuration.model

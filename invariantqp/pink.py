@@ -83,13 +83,7 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
         super().set_target(placement(transform_target_to_world, "target"))
 
     def compute_qp_objective(self, configuration: Configuration) -> tuple[Array, Array]:
-        """(H, c) of minimise 1/2 dq'H dq + c'dq, dq (nv,) the displacement of a step.
-
-        Raises:
-            BadInput: NaN in configuration or target; a form beside a cost of zero.
-            RobotModelError: no joint moves the frame.
-            pink.exceptions.TargetNotSet: no target.
-        """
+        """(H, c) of minimise 1/2 dq'H dq + c'dq, dq (nv,) the displacement of a step, once there is a target."""
         error = self.compute_error(configuration)
         pose = configuration.get_transform_frame_to_world(self.frame).homogeneous
         model = configuration.model

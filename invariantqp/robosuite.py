@@ -138,14 +138,11 @@ class InvariantPose(PartController):  # type: ignore[misc]
         self.solution: VelocitySolution | HybridSolution | None = None
 
     def set_goal(self, action: ArrayLike) -> None:
-        """A policy's action.
+        """A policy's action, for an arm whose base stands still.
 
         Args:
             action: (10,) position [m] and rotation vector [rad] of the tool in the world, the speed of that position
                 [m/s], and the force [N] to press with along the z axis of this pose; 0 presses nothing.
-
-        Raises:
-            BadInput: NaN, another length; an arm whose base has moved.
         """
         told = arrays.vector(action, self.control_dim, "action")
         self.update()

@@ -180,12 +180,8 @@ class Candidate(Compared):
     def task(self, press: float | ArrayLike = 0.0, **options: Any) -> HybridTask:
         """A task that presses on this contact, or moves along it without forcing it.
 
-        Args:
-            press: the force to press with; of a joint the parts in its constraints, 0 for all by default.
-            options: of `HybridTask`.
-
-        Raises:
-            BadInput: a joint and one number that is not 0; what `HybridTask` does not take.
+        `press` is the force to press with; of a joint the parts in its constraints, 0 for all by default. `options` are
+        of `HybridTask`.
         """
         kind = self.contact_kind
         count = kind.constraints.shape[1]

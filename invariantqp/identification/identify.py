@@ -149,15 +149,10 @@ class Identification(Compared):
         return self.best.contact(tool)
 
     def task(self, press: float | ArrayLike = 0.0, **options: Any) -> HybridTask:
-        """A task for `HybridController`: to press on this contact, or to move along it without forcing it.
-
-        Args:
-            press: the force to press with; of a joint the parts in its constraints, 0 for all by default.
-            options: of `HybridTask`.
+        """`Candidate.task` of the kind that is determined.
 
         Raises:
             NoContactFound: the kind is not determined.
-            BadInput: a joint and one number that is not 0; what `HybridTask` does not take.
         """
         return self.best.task(press, **options)
 

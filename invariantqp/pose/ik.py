@@ -325,22 +325,18 @@ def solve_poses(
     progress: Progress | None = None,
     **options: Any,
 ) -> list[PoseSolution]:
-    """`solve_pose` for many targets.
+    """`solve_pose` for many targets: one PoseSolution each, in order.
+
+    All arguments are checked before anything is solved.
 
     Args:
         robot: the arm.
         targets: tool poses, as `solve_pose` takes them.
         q0: (m,) where to begin, or (n, m), one for each target; None is the middle of the joint range.
-        along: whether the targets are a path, each begun where the one before ended.
+        along: whether the targets are a path, each begun where the one before ended; on one process.
         jobs: processes; -1 is one a core.
         progress: called with (targets done, targets in all).
         options: of `solve_pose`: form, exact, tolerance, time_limit, restarts, seed.
-
-    Returns:
-        One PoseSolution a target, in order; without `along`, what `solve_pose` returns for each.
-
-    Raises:
-        BadInput: as `solve_pose`, and before anything is solved; a path on several processes.
     """
     search = PoseSearch(robot, **options)
     if progress is not None:

@@ -44,10 +44,7 @@ Bodies = dict[str, list[Shape]]
 def bodies_of(robot: Robot) -> Bodies:
     """The shapes of each link in its frame, in the order of the links; those without geometry are left out.
 
-    They are computed once for each arm: capsules for meshes take a tenth of a second a link.
-
-    Args:
-        robot: from a URDF or MJCF, or a name that stands for one.
+    They are computed once for each arm of a URDF or MJCF: capsules for meshes take a tenth of a second a link.
 
     Raises:
         BadInput: a robot whose description has no collision geometry.

@@ -50,17 +50,9 @@ def mobile_base(speed: float = inf, turn_speed: float = inf, *, name: str = "bas
 
 
 def stand_on(base: Chain | ArrayLike, arm: Chain) -> Chain:
-    """An arm whose base frame is the tool frame of another chain, or at a pose.
+    """An arm whose base frame is the tool frame of another chain, or at a (4, 4) pose in a new base frame.
 
-    Args:
-        base: a chain, such as `rail` or another arm, or a (4, 4) pose in the new base frame.
-        arm: what stands on it.
-
-    Returns:
-        The chain of both, the base's joints first, with the arm's tool.
-
-    Raises:
-        BadInput: no chain, no rigid motion, or a joint name that both have.
+    The base's joints come first; the tool is the arm's. No two joints may have one name.
     """
     _require_chain("arm", arm)
     if isinstance(base, Chain):
@@ -77,15 +69,9 @@ def relative(arm: Chain, other: Chain) -> Chain:
 
         J = (-Ad(B^-1) J_other, Ad(B^-1) J_arm),    B the pose of the other's tool, with the other's columns reversed,
 
-    so that J x is the relative twist. Put arms where they stand with `stand_on` or `load_robot(base=)` first.
-
-    Args:
-        arm: what is seen, the one that welds for instance.
-        other: from where, the one that holds the part.
-
-    Returns:
-        A chain whose joints are the other's, tool first, then the arm's: q = (q_other[::-1], q_arm). A joint's name
-        that both have begins with "other/" where it is the other's, twice where one begins so already.
+    so that J x is the relative twist, q = (q_other[::-1], q_arm). Put arms where they stand with `stand_on` or
+    `load_robot(base=)` first. A joint's name that both have begins with "other/" where it is the other's, twice where
+    one begins so already.
     """
     _require_chain("arm", arm)
     _require_chain("other", other)

@@ -47,18 +47,8 @@ def new_task(
 ) -> str:
     """The text of a task file, with every key of its tables explained, to be changed by hand.
 
-    The arm starts in the best-conditioned of a few states around the middle of its range.
-
-    Args:
-        name: of the task.
-        robot: a known name, or the path of a URDF or MJCF.
-        path: kind of path, as in a task file.
-        contact: kind of contact, as in a task file; None is none.
-
-    Raises:
-        BadInput: no such kind of path or contact.
-        TaskFileError: values that no task file may have.
-        RobotModelError, UnknownName, MissingExtra: as `invariantqp.load_robot`.
+    The arm, a known name or the path of a URDF or MJCF, starts in the best-conditioned of a few states around the
+    middle of its range. Kinds of path and contact are those of task files; None is no contact.
     """
     for argument, text in (("name", name), ("robot", robot)):
         if not isinstance(text, str) or not text:

@@ -270,7 +270,6 @@ def load_task(path_or_name: str | FilePath) -> Task:
     """A task from a TOML file, or by name one that comes with the package ("panda_path").
 
     Raises:
-        BadInput: neither text nor a path.
         UnknownName: no such file and no such name; similar names are listed.
         TaskFileError: a file that cannot be read, is not TOML, or has keys and values that do not fit: every problem
             with its path.

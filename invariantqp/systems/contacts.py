@@ -366,20 +366,14 @@ def _at(kind: ContactKind, pose: Array, edge: float | None = None) -> Contact:
 
 
 def two_contacts(first: Contact, second: Contact) -> Contact:
-    """Two contacts of one tool as one, in the frame of the first.
+    """Two contacts of one tool as one, in the frame of the first, whose place counts for moments and speeds.
 
     Contact is lost when either is, and the nearer of their edges counts. In a loop make it once and put it where the
-    tool is with `moved`, or, because that keeps the edge, with `Contact(both.kind, pose, edge)` where there is one.
-
-    Args:
-        first: the contact whose place counts for moments and speeds.
-        second: the other, in the same base frame.
-
-    Returns:
-        Contact: its first constraints are the presses, the first's before the second's; then the other ones.
+    tool is with `moved`, or, because that keeps the edge, with `Contact(both.kind, pose, edge)` where there is one. Its
+    first constraints are the presses, the first's before the second's.
 
     Raises:
-        BadInput: not contacts, or contacts of which one presses where the other does already.
+        BadInput: one presses where the other does already.
     """
     for name, contact in (("first", first), ("second", second)):
         if not isinstance(contact, Contact):

@@ -42,7 +42,7 @@ from invariantqp.systems.subspaces import span
 
 
 def psi(J: ArrayLike, h: float, Lambda: ArrayLike) -> Array:
-    """psi = J (J'Q_h J + Lambda)^-1 J'Q_h, [DS]'s "modified projection operator".
+    """psi = J (J'Q_h J + Lambda)^-1 J'Q_h, (6, 6), [DS]'s "modified projection operator".
 
     It tends to the projector J J^{+h} as Lambda tends to 0, where that exists. Q_h psi is symmetric, so psi is its own
     h-adjoint; a rigid change of frame takes psi to Ad psi Ad^-1, so its eigenvalues are the same in every frame. It is
@@ -53,11 +53,8 @@ def psi(J: ArrayLike, h: float, Lambda: ArrayLike) -> Array:
         h: finite pitch [length/rad], or inf for half the Killing form.
         Lambda: (m, m) symmetric, definite or not; a (m,) vector is its diagonal, a number a multiple of I [unit of G].
 
-    Returns:
-        (6, 6) matrix on twists.
-
     Raises:
-        BadInput: shapes, NaN, a Lambda that is not symmetric, or one at a pole, where G + Lambda is singular.
+        BadInput: Lambda is at a pole, where G + Lambda is singular.
 
     Reference: [DS] Sect. 6.2.
     """
@@ -144,21 +141,14 @@ def stationary_point(J: ArrayLike, twist: ArrayLike, h: float) -> StationaryPoin
 
 
 def vanishing_pitches(J: ArrayLike, twist: ArrayLike) -> Array:
-    """The pitches h at which the stationary error Phi_h(J^{+h} s) is zero although J cannot achieve s.
+    """The pitches h at which the stationary error Phi_h(J^{+h} s) is zero although J cannot achieve s: (n,) ascending.
 
-    They are the principal pitches of the system that J and s span together. If one of them is also a principal pitch of
-    J, there is no J^{+h} at that h.
-
-    Args:
-        J: (6, m) joint twists.
-        twist: (6,) the twist s wanted, not in the span of J.
-
-    Returns:
-        (n,) ascending pitches [length/rad].
+    They are the principal pitches [length/rad] of the system that J (6, m) and s (6,) span together. If one of them is
+    also a principal pitch of J, there is no J^{+h} at that h.
 
     Raises:
         BlindSystem: the error is zero for every h, since a translation is reciprocal to J and s together.
-        BadInput: s is in the span of J, where the error is zero for every h; shapes, NaN.
+        BadInput: s is in the span of J, where the error is zero for every h.
 
     Reference: [DS] Example 4 ("two values of h where the error vanishes").
     """

@@ -106,23 +106,15 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
 def reach(J: ArrayLike, point: ArrayLike) -> float:
     """The length of the broken line from a point to the first turning axis, by way of all the others.
 
-    The line starts at `point`, goes to its foot on the last turning axis, from there to its foot on the axis before,
-    and so on to the first. Joints that only slide are skipped. With revolute joints no leg of it depends on the joint
-    positions: the first leg joins two points of the last link, which moves as a rigid body; its end lies on the last
-    axis, which that joint leaves where it is, so it is also a point of the link before; and the same holds there. A
-    slide moves its link against the one before, and a helical joint moves its link along its own axis: where either
-    stands between two turning axes, the leg between them changes with its position.
+    The line starts at `point` (3,), goes to its foot on the last turning axis of J (6, m), from there to its foot on
+    the axis before, and so on to the first; joints that only slide are skipped. With revolute joints no leg of it
+    depends on the joint positions: the first joins two points of the last link; its end lies on the last axis, so it is
+    also a point of the link before; and so on. Where a slide or a helical joint stands between two turning axes, the
+    leg between them changes with its position.
 
     No revolute joint moves the point faster than `reach` times its own rate, in any position of the joints, since
-    the distance from the point to an axis is at most the length of the line up to there.
-
-    Args:
-        J: (6, m) joint twists as columns, the joint at the base first.
-        point: (3,) in the frame of J [length].
-
-    Returns:
-        The length, in J's unit; 0.0 where all axes meet in the point, or where no joint turns. It is the same in
-        every frame, the point given in that frame.
+    the distance from the point to an axis is at most the length of the line up to there. It is the same in every frame,
+    the point given in that frame; 0 where all axes meet in the point, or where no joint turns.
     """
     twists = arrays.columns(J)
     x, y, z = arrays.vector(point, 3, "point").tolist()

@@ -55,7 +55,7 @@ def form_adjoint(A: ArrayLike, domain: ArrayLike, codomain: ArrayLike) -> Array:
     definite.
 
     Raises:
-        BadInput: M is singular, too.
+        BadInput: M is singular.
 
     Reference: [DS] (2.12), (2.13).
     """

@@ -256,15 +256,11 @@ def platform_stiffness(W: ArrayLike, leg_stiffness: ArrayLike) -> Array:
 
 
 def leg_spectrum(W: ArrayLike, h: float, leg_stiffness: ArrayLike | None = None) -> HyperbolicSpectrum:
-    """The conditioning of legs, the same in every frame: the eigenvalues of (W'Q_h^-1 W, diag(1/k)).
+    """The conditioning of (6, n) unit leg wrenches, the same in every frame: eigenvalues of (W'Q_h^-1 W, diag(1/k)).
 
     `.condition` tells how near the legs are to singular, `.joint_directions` are leg forces, and `.twists` are the
-    principal wrenches W v_i with their halves swapped: the screws along which they act.
-
-    Args:
-        W: (6, n) unit leg wrenches (m; f).
-        h: finite pitch [length/rad].
-        leg_stiffness: (n,) above zero [force/length]; None is the same for each leg.
+    principal wrenches W v_i with their halves swapped: the screws along which they act. h is finite [length/rad], the
+    stiffness k (n,) above zero [force/length], the same for each leg if left out.
 
     Reference: asked for in [DS] Sect. 7.
     """

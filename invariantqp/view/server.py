@@ -60,13 +60,7 @@ class Viewer:
     """
 
     def __init__(self, task: Task, port: int = PORT) -> None:
-        """Serve what is known before the run: the arm at its start, and its path.
-
-        Raises:
-            MissingExtra: Jinja is not installed.
-            RobotModelError, UnknownName: the robot cannot be loaded.
-            BadInput: a port that there is not, or none is free.
-        """
+        """Serve what is known before the run, the arm and its path, at a port or the next one that is free."""
         self._dt = task.law.dt
         self._before = timeline_before(task)
         self._done: Timeline | None = None
