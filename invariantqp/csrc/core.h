@@ -374,6 +374,7 @@ extern const Constant CONSTANTS[];
 #define WIDENING 1e-7
 #define FASTER 1e-4
 #define EXACT_CALM 1.0
+#define LEAST_SHARE 1e-15
 #define WHOLE (1.0 - 1e-8)
 #define INTERIOR (0.5 * ACTIVE_TOLERANCE)
 #define ROW_ROUNDING 1e-14

@@ -503,10 +503,9 @@ static void precise_speed(const Quadratic *problem, const Cone *cone, const Slow
         z[j] -= over / square * dot(n, problem->T[j], free);
 }
 
-/* Whether z is inside all limits but for rounding of it and of what exact rows fix. */
-bool inside_limits(const Polytope *limits, int n, const Row z)
+/* Whether z is inside all limits but for rounding of what exact rows fix, and of terms of this size of which z is the sum. */
+static bool inside_but(const Polytope *limits, int n, double size, const Row z)
 {
-    double size = norm(n, z);
     for (int i = 0; i < limits->count; i++) {
         double value = limits->box ? z[i] : dot(n, limits->A[i], z), length = limits->box ? 1.0 : norm(n, limits->A[i]);
         double margin = QP_ROUNDING * length * size + limits->rounding[i];
@@ -514,6 +513,32 @@ bool inside_limits(const Polytope *limits, int n, const Row z)
             return false;
     }
     return true;
+}
+
+bool inside_limits(const Polytope *limits, int n, const Row z) { return inside_but(limits, n, norm(n, z), z); }
+
+/* velocity/qp.py, _kept: the z found or, where rounding has it outside, the last one inside on the way there from one that is. */
+static Outcome kept(const Quadratic *problem, const Polytope *limits, const Row inside, Row z)
+{
+    int n = problem->n;
+    if (!inside_but(limits, n, norm(n, z) + norm(n, problem->centre), z))
+        return HAND_BACK;
+    for (int twice = 0; twice < 2 && !inside_limits(limits, n, z); twice++) { /* the first cut may make z much shorter */
+        Row way;
+        double size = norm(n, z), part = 1.0;
+        for (int j = 0; j < n; j++)
+            way[j] = z[j] - inside[j];
+        for (int i = 0; i < limits->count; i++) {
+            double on = limits->box ? way[i] : dot(n, limits->A[i], way), from = limits->box ? inside[i] : dot(n, limits->A[i], inside);
+            double margin = QP_ROUNDING * (limits->box ? 1.0 : norm(n, limits->A[i])) * size + limits->rounding[i];
+            double room = on > 0.0 ? limits->upper[i] + margin - from : limits->lower[i] - margin - from;
+            if (fabs(on) > fabs(room))
+                part = fmin(part, fmax(room / on, 0.0));
+        }
+        for (int j = 0; j < n; j++)
+            z[j] = inside[j] + part * way[j];
+    }
+    return DONE;
 }
 
 /* velocity/qp.py: the speed limit on e, and the largest multiplier tried. */
@@ -595,7 +620,7 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
         found->multipliers[of[k]] = y[k] / room.length[k];
         found->met = found->met || y[k] != 0.0;
     }
-    return inside_limits(limits, n, found->z) ? DONE : HAND_BACK;
+    return kept(problem, limits, inside, found->z);
 }
 
 /* The same without a speed limit and without multipliers. */

@@ -106,6 +106,10 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     double value = within(found.z[0] / length);
     if (value < LOOSE && found.nu > 0.0 && norm(m, reduction->start) > 0.0)
         return HAND_BACK;
+    if (value < LEAST_SHARE) {
+        share->value = 0.0;
+        return DONE;
+    }
     joint(reduction, m, found.z + 1, found.z[0] / length, velocity);
     double given = value >= WHOLE ? 1.0 : 1.0 - INTERIOR * (1.0 - value);
     for (int j = 0; j < m; j++)

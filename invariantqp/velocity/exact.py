@@ -48,6 +48,8 @@ REGULARISATION = 1e-9
 EXACT_CALM = 1.0
 # A share above this counts as 1.
 WHOLE = 1.0 - 1e-8
+# A share below this counts as 0: it is rounding of 1, beside which it is found.
+LEAST_SHARE = 1e-15
 # Where limits bind, the share is reduced by this part of 1 - share, so that the next problem has an interior, and what
 # holds it still counts as a limit that is met.
 INTERIOR = 0.5 * ACTIVE_TOLERANCE
@@ -343,6 +345,8 @@ def share_of(
     if nu > REGULARISATION:
         found = best(nu)
     value = min(max(found.z[0] / length, 0.0), 1.0)
+    if value < LEAST_SHARE:
+        return Share(0.0, inside)
     velocity = start + basis.dot(found.z)
     if value >= WHOLE:
         return Share(1.0, velocity)

@@ -240,6 +240,21 @@ def test_python_says_what_is_wrong(panda):
             controller.step(q, target)
 
 
+def test_exact_demands_of_which_ends_of_ranges_allow_nothing_are_the_cores():
+    robot, rng = iq.load_robot("so101"), np.random.default_rng(0)
+    low, high = robot.position_lower, robot.position_upper
+    for _ in range(3):
+        q = np.where(rng.random(5) < 0.5, low, high)
+        q[:2] = rng.uniform(low[:2], high[:2])
+        controller = iq.Controller(robot, dt=0.002, exact="position")
+        target = robot.pose(rng.uniform(low, high)) @ iq.transform(translation=[0.3, 0.0, 0.3])
+        for tick in range(60):
+            assert compiled_tick(controller.compiled, controller.kept.copy(), q, target, None, None) is not None
+            if tick % 10 == 9:
+                assert_same(controller, q, target)
+            q = q + 0.002 * controller.step(q, target).velocity
+
+
 @pytest.mark.parametrize("angle", [0.79 * np.pi, 0.81 * np.pi, np.pi - 1e-6])
 def test_turns_near_half_a_turn(panda, angle):
     controller, q = panda
