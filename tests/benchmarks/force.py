@@ -35,7 +35,7 @@ ARMS = {
 LEVER, MASS, CENTRE = 0.1, 0.3, 0.04  # of the tip before the sensor [m]; what it carries [kg], where [m]
 PUSHED, HANGING = (np.vstack((np.eye(3), [[0.0, -z, 0.0], [z, 0.0, 0.0], [0.0, 0.0, 0.0]])) for z in (LEVER, CENTRE))
 CUTOFF = 50.0  # of the sensor's low-pass [Hz]
-WAY = 0.15  # straight slides go to and fro over it [m]
+WAY, RAMP = 0.075, 0.2  # straight slides go to and fro, so far each way [m]; a slide begins within this time [s]
 SUBSTEP = 5e-4  # [s]
 
 
@@ -105,9 +105,9 @@ def healthy(kind, dt, arm, random):
         elif surface == 2:
             length = between(0.03, 0.1)
             given |= {"wave": (slope * length / (2.0 * pi), length)}
-        # By that much the delays and the damper press where the way begins: beyond half of the press it is the path's fault.
+        # A speed at which what is late, and the damper, press by a fifth of the press: beyond, it is the path's fault.
         late = dt + given["dead"] + given["lag"] + given["late"] + 1.0 / (2.0 * pi * CUTOFF)
-        most = 0.5 * given["press"] / ((late * k + min(damper * k, 2e3)) * abs(slope))
+        most = 0.2 * given["press"] / ((late * k + min(damper * k, 2e3)) * abs(slope))
         given["speed"] = given["speed"] if surface == 3 else min(given["speed"], most)
     elif kind == "foam":
         soft = float(pick([500.0, 1000.0, 2000.0]))
@@ -229,12 +229,12 @@ def run(scene, dt, seconds, trace=0, *, defined=False):
     pace = min(0.02, scene.press / 1e5 / 0.012)
 
     def way(t):
-        arc = scene.speed * max(0.0, t - scene.slides_from)
+        t = max(0.0, t - scene.slides_from)
+        arc = scene.speed * (t - RAMP * (1.0 - exp(-t / RAMP)))
         if scene.circle > 0.0:
-            return np.array(
-                [scene.circle * sin(arc / scene.circle), scene.circle * (1.0 - cos(arc / scene.circle)), 0.0]
-            )
-        return np.array([0.0, 0.5 * WAY - abs((arc + 0.5 * WAY) % (2.0 * WAY) - WAY), 0.0])
+            angle = arc / scene.circle
+            return scene.circle * np.array([sin(angle), 1.0 - cos(angle), 0.0])
+        return np.array([0.0, WAY * sin(arc / WAY), 0.0])
 
     for i in range(ticks):
         t, tool, on = i * dt, robot.pose(q), i * dt >= scene.since
