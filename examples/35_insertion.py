@@ -42,7 +42,9 @@ def inserted(arm, seed):
     hole = iq.transform(translation=mouth) @ iq.exp([TILT * np.cos(b), TILT * np.sin(b), 0.0, 0.0, 0.0, 0.0])
     cell = PegCell(arm, hole, 0.5 * PEG, CLEARANCE, mass=0.3, seed=seed)
     told = {"dt": DT, "sensor": cell.sensor, "delay": DELAY}
-    flat = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], [0, 0, 1]), [PRESS], max_force=30.0)
+    flat = iq.HybridTask(
+        lambda tool: iq.point_contact(tool[:3, 3], [0, 0, 1]), [PRESS], max_force=30.0, slide_speed=SEARCH
+    )
     peg = iq.HybridTask(lambda tool: iq.contacts.peg_in_hole(tool[:3, 3], tool[:3, 2]), np.zeros(4), max_force=30.0)
     search, push = iq.HybridController(cell.robot, flat, **told), iq.HybridController(cell.robot, peg, **told)
     since, pushed, fell, most, height, deep, seconds, reason = None, None, False, 0.0, 0.0, 0.0, 0.0, "time"
