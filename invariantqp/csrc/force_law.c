@@ -75,16 +75,10 @@ static Drive fixed(const Drive *drive, double error, double gain, double stiffne
     return (Drive){fmin(gain * error, fmax(most - slope, 0.0)), slope};
 }
 
-static double approach_speed(const Press *press, double wanted, double late)
+static double touch_speed(const Press *press, double force, double late)
 {
     double stiff = press->stiffness > 0.0 ? press->stiffness : APPROACHED * STIFF;
-    return fmin(press->approach_speed, wanted / (stiff * late + fmin(stiff, APPROACHED * STIFF) * STRUCK));
-}
-
-static double inward_speed(const Press *press, double room, double late)
-{
-    double stiff = press->stiffness > 0.0 ? press->stiffness : APPROACHED * STIFF;
-    return fmin(press->approach_speed, fmax(room, 0.0) / (stiff * late));
+    return fmin(press->approach_speed, fmax(force, 0.0) / (stiff * late + fmin(stiff, APPROACHED * STIFF) * STRUCK));
 }
 
 /* HybridController._driven: the law of each constraint; whether it acts in full. */
@@ -104,7 +98,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
         const Stiffness *known = &now->known[i];
         const Answers *check = i < presses && i < (int)monitor->asked ? &monitor->answers[i] : NULL;
         double error = asked[i] - felt[i], wished = i < presses ? asked[i] : 0.0;
-        double gentle = i < presses ? approach_speed(press, asked[i], striking) : 0.0;
+        double gentle = i < presses ? touch_speed(press, asked[i], striking) : 0.0;
         if (press->has_compliance) {
             double top = slow && i < presses ? fastest : INFINITY;
             drives[i] = fixed(drive, error, split->gain, press->stiffness, wished, setting->dt, top, grows);
@@ -124,8 +118,9 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             double coming = presses == 1 && lag_known && now->went == n ? now->ways[i].coming : 0.0;
             drives[i] = struck(drive, coming, error, known, setting, OUTWARDS * fastest, eased);
         } else {
-            double beside = check == NULL ? 0.0 : unseen(press, check, felt[i]);
-            double inwards = fmax(gentle, inward_speed(press, most_force - felt[i] - beside, setting->late));
+            double room = most_force - felt[i] - (check == NULL ? 0.0 : unseen(press, check, felt[i]));
+            double inwards = touch_speed(press, room, setting->late) - press->slope * now->along - fmax(drive->slope, 0.0);
+            inwards = fmax(gentle, inwards);
             drives[i] = pressed(drive, error, wished, known, setting, inwards, OUTWARDS * fastest, eased, grows);
         }
     }

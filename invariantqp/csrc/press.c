@@ -100,6 +100,13 @@ static void load_of(const Press *press, const Placed *placed, const double wrenc
     load[1] = fmin(load[1], other[1]);
 }
 
+/* Of a force the larger of its parts along the way out and across that. */
+static double larger_part(const double force[3], const double out[3])
+{
+    double along = dot(3, out, force);
+    return fmax(fabs(along), sqrt(fmax(dot(3, force, force) - along * along, 0.0)));
+}
+
 /* HybridController._read: what a tick tells the checks, and what is touched after it. */
 static void read_tick(const Press *press, const Split *split, const Hybrid *now, double dt, const double reading[6],
                       const Placed *placed, const double wanted[6], const double missing[6], double noise, Pressed *state,
@@ -144,7 +151,7 @@ static void read_tick(const Press *press, const Split *split, const Hybrid *now,
         tick->across[i] = moved[i] + tick->came * placed->out[i];
     overload_of(press, split, placed, wanted, noise, tick->most);
     load_of(press, placed, placed->raw, load);
-    tick->force = load[0];
+    tick->force = press->max_force < 0.0 ? larger_part(placed->raw + 3, placed->out) : load[0];
     tick->moment = load[1];
     load_of(press, placed, missing, load);
     tick->missing = presses == 0 ? fmax(load[0] / tick->most[0], load[1] / tick->most[1]) : 0.0;

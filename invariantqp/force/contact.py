@@ -175,8 +175,9 @@ class HybridTask(Value):
             slide_speed: the most that an error of the target moves the tool along the contact [length/s], its turning
                 counted over `size`; inf is any. A feedforward is not limited: a path that comes with one is followed.
             max_force: force [N] above which the status is "overload"; None is 2.5 times the wanted one, the task's or
-                the tick's, whichever is larger, 20 N where none is wanted; inf is never. Where a press is lowered, the
-                limit falls with what is felt.
+                the tick's, whichever is larger, 20 N where none is wanted, for the press and for what is felt across it
+                (friction above all), each by itself; inf is never. Where a press is lowered, the limit falls with what
+                is felt.
             max_moment: moment likewise, about the place of contact or the grip, where it is less [N length]; None is
                 2.5 times the wanted one, or `size` times the force where that is more.
             on_overload: "hold" or "retreat", until `HybridController.reset`, at an overload or a sensor's fault; None
@@ -480,6 +481,12 @@ def load_at(wrench: Array, *places: Array) -> tuple[float, float]:
         i, j, k = a - y * w + z * v, b - z * u + x * w, c - x * v + y * u
         least = min(least, i * i + j * j + k * k)
     return sqrt(u * u + v * v + w * w), sqrt(least)
+
+
+def larger_part(force: Array, out: Array) -> float:
+    """Of a force (3,) the larger of its parts along the way out (3,), a unit vector or zero, and across that."""
+    along = float(out.dot(force))
+    return max(abs(along), sqrt(max(float(force.dot(force)) - along * along, 0.0)))
 
 
 def weakest(parts: Array, felt: Array, exert: Array) -> tuple[float, float] | None:

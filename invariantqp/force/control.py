@@ -33,6 +33,7 @@ from invariantqp.force.contact import (
     can_yield,
     contact_now,
     force_rows,
+    larger_part,
     load_at,
     moved_between,
     pressed_by,
@@ -64,9 +65,7 @@ from invariantqp.force.law import (
     MOST,
     Drive,
     Stand,
-    approach_speed,
     fixed,
-    inward_speed,
     kept_of,
     lowered,
     mass_and_damper,
@@ -75,6 +74,7 @@ from invariantqp.force.law import (
     slid,
     sought,
     struck,
+    touch_speed,
     trembling,
 )
 from invariantqp.force.monitor import FOLLOW, HOLD, RETREAT, SLOW, Monitor, Tick, Verdict, overload_of, verdict
@@ -723,11 +723,13 @@ class HybridController:
         if press is None:
             lacks = load_at(contact.coadjoint.dot(here.error), contact.point, grip)
             missing = max(lacks[0] / most[0], lacks[1] / most[1])
+        force, moment = load_at(here.raw, contact.point, grip)
         tick = Tick(
             dt,
             reading,
             press,
-            *load_at(here.raw, contact.point, grip),
+            larger_part(here.raw[3:], here.out) if task.max_force is None else force,
+            moment,
             most,
             missing,
             noise,
@@ -815,7 +817,7 @@ class HybridController:
         for i, (drive, known) in enumerate(zip(now.drives, now.known, strict=True)):
             press, error = i < here.presses, float(here.wanted[i] - here.force[i])
             wanted = float(here.wanted[i]) if press else 0.0
-            gentle = approach_speed(task, wanted, striking) if press else 0.0
+            gentle = touch_speed(task, wanted, striking) if press else 0.0
             released = monitor.release(i, setting.late, tick.across / dt) if press else None
             if task.compliance is not None:
                 top = fastest if slow and press else inf
@@ -837,7 +839,8 @@ class HybridController:
             else:
                 force = float(here.force[i])
                 room = tick.most[0] - force - monitor.unseen(task, i, force)
-                speeds = max(gentle, inward_speed(task, room, setting.late)), LET_GO * fastest
+                inwards = touch_speed(task, room, setting.late) - task.slope * now.along - max(drive.slope, 0.0)
+                speeds = max(gentle, inwards), LET_GO * fastest
                 drives.append(pressed(drive, error, wanted, known, setting, speeds, eased, grows=grows))
             if released is not None:
                 acts = False

@@ -176,20 +176,15 @@ def _integrated(error: float, wanted: float, *, reached: bool) -> float:
     return min(max(error, -most), most)
 
 
-def approach_speed(task: HybridTask, wanted: float, late: float) -> float:
-    """The speed at which contact is looked for [length/s], for a wanted press [force] and what is late [s]."""
-    stiff = APPROACHED * STIFF if task.stiffness is None else task.stiffness
-    damping = min(stiff, APPROACHED * STIFF) * STRUCK
-    return min(task.approach_speed, wanted / (stiff * late + damping))
+def touch_speed(task: HybridTask, press: float, late: float) -> float:
+    """The speed at which a table is struck with no more than a press [force], after what is late [s]; [length/s].
 
-
-def inward_speed(task: HybridTask, room: float, late: float) -> float:
-    """The speed at which a tool that touches goes on inwards at most [length/s].
-
-    A table behind foam then presses by less than `room` [force], what is left to an overload, after `late` [s].
+    Contact is looked for with what is wanted, and soft things are pressed in with what is left to an overload: a table
+    may be behind them.
     """
     stiff = APPROACHED * STIFF if task.stiffness is None else task.stiffness
-    return min(task.approach_speed, max(room, 0.0) / (stiff * late))
+    damping = min(stiff, APPROACHED * STIFF) * STRUCK
+    return min(task.approach_speed, max(press, 0.0) / (stiff * late + damping))
 
 
 def slid(task: HybridTask, contact: Contact, error: Array, ahead: Array) -> Array:

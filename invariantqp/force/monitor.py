@@ -1,8 +1,9 @@
 """What stops a press: checks, each a value whose `update` gives the next one and what it found.
 
 Always on:
-overload    |f| > max_force or |m about the place of contact or the grip| > max_moment; until `reset`. Where less is
-            wanted than before, the limit falls with what is felt
+overload    |f| > max_force or |m about the place of contact or the grip| > max_moment; until `reset`. Without a
+            max_force what is wanted limits the press, and what is felt across it, each by itself: friction is no part
+            of a press. Where less is wanted than before, the limit falls with what is felt
 dead        a sensor that has noise reads exactly the same for a tenth of a second
 pulls       a contact that can only push is read to pull by half of the wanted press
 approach    an approach that meets nothing within approach_distance or approach_time, or in which the tool never comes
@@ -112,7 +113,8 @@ class Tick(NamedTuple):
         dt: tick [s].
         reading: (6,) as it came.
         press: felt, raw, and wanted [force]; None where the contact cannot be lost. Of several the weakest.
-        force, moment: about the place of contact.
+        force, moment: about the place of contact; where no max_force is declared, the larger part of the force along
+            the way out and across it.
         most: force and moment that are an overload of what is wanted now.
         missing: from the wanted wrench, smoothed, its force or its moment, as a share of an overload.
         noise: standard deviation of a force component [force].

@@ -132,6 +132,20 @@ def test_an_overload_is_said_at_once_and_stays_until_reset(panda, on_overload, s
     assert again.status == "ok"
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize(
+    ("across", "press", "status"),
+    [(11.0, 12.0, "ok"), (0.0, 13.0, "overload"), (9.0, 13.0, "overload"), (13.0, 5.0, "overload")],
+)
+def test_what_is_wanted_limits_the_press_and_what_is_across_it_each_by_itself(panda, across, press, status, compiled):
+    """Friction of 1 at twice the press is none; being held sideways by as much as is too much of a press is."""
+    loop = iq.HybridController(panda, iq.HybridTask(surface, [5.0]), dt=DT, order="moment first")
+    if not compiled:
+        loop._core = None
+    p, f = panda.pose(READY)[:3, 3], np.array([0.6 * across, -0.8 * across, -press])
+    assert loop.step(READY, panda.pose(READY), np.concatenate((np.cross(p, f), f))).status == status
+
+
 def test_a_moment_is_counted_about_the_place_of_contact(panda):
     fine, _ = fed(panda, [TOUCH] * 3, max_moment=0.1)  # 5 N half a metre from the base: 2.5 N m about its origin
     assert {s.status for s in fine} == {"ok"}
