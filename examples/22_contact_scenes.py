@@ -3,10 +3,10 @@
 Surfaces, a corner, an edge, a peg, a door, a screw. The controller is told the contact, except where the table says
 that it is told wrong, and the stiffness only where the table says so. A second after the touch the path begins, and
 half a second later errors count: of the path in the directions that the contact leaves free, of the true force against
-the wanted one, none in a peg, a door and a screw. MuJoCo adds friction 0.3 (none at 1e6 N/m), motors that lag 10 ms
-and yield, commands 4 ms late and 0.3 N of noise; lag and dead time are told. `frames` is the largest change of a joint
-velocity where frames of tool, sensor and contact are displaced and readings are the same. `shared/contact_scenes.py`
-has the scenes.
+the wanted one, none in a peg, a door and a screw. MuJoCo adds friction 0.3 (none from 1e5 N/m on), motors that lag by
+10 ms and yield, commands 4 ms late and 0.3 N of noise; lag and dead time are told. `frames` is the largest change of a
+joint velocity where frames of tool, sensor and contact are displaced and readings are the same.
+`shared/contact_scenes.py` has the scenes.
 
 Run: python examples/22_contact_scenes.py [arm ...] [--physics mujoco] [--seconds 5] [--scene NAME]
 """
@@ -26,7 +26,7 @@ TOUCH, SETTLED, STARTED, LONGEST = 0.3, 1.0, 0.5, 20.0  # [s] of a touch, after 
 PHYSICS = Physics(delay=0.004, force_noise=0.3, moment_noise=0.01)
 LATE = {"ideal": 0.0, "mujoco": PHYSICS.lag + PHYSICS.delay}  # [s]
 NOISE = {"ideal": 0.1, "mujoco": PHYSICS.force_noise}  # [N] a force component
-SLIPPERY = 1e6  # [N/m]: MuJoCo's friction lifts a tip at 47 mm/s by 7 micrometres, here more than the whole press
+SLIPPERY = 1e5  # [N/m]: MuJoCo presses what slides with friction x speed x damper at least, here 7 N of a wanted 5
 ARMATURE = {"so101": 0.028}  # inertia of the motors' rotors [kg m^2], as published models have it; 0.1 elsewhere
 ARMS = {  # joint positions at the start [rad], radius of the circle [m]
     "panda": ([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8], 0.03),
