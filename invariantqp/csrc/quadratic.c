@@ -328,11 +328,14 @@ static Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e,
         for (int j = 0; j < n; j++)
             step[j] = face->e[j] - e[j];
         along(n, face->k, (const Row *)face->Q, step); /* the rest is rounding, and would meet rows that depend on these */
-        double first = 1.0, length = norm(n, step);
+        double first = 1.0, least = 1.0; /* how much the active rows leave of each other tells how well their step is known */
+        for (int l = 0; l < face->k; l++)
+            least = fmin(least, face->R[l][l]);
+        double rounding = fmax(QP_ROUNDING, COSINE_ROUNDING / least) * norm(n, step);
         int meets = 0;
         for (int i = 0; i < room->count; i++) {
             double change = dot(n, room->N[i], step), value = dot(n, room->N[i], e);
-            if (side[i] != 0 || fabs(change) <= QP_ROUNDING * length)
+            if (side[i] != 0 || fabs(change) <= rounding)
                 continue;
             double share = ((change > 0.0 ? room->upper[i] : room->lower[i]) - value) / change;
             if (share < first) {
