@@ -267,8 +267,8 @@ def test_a_late_chunk_that_disagrees_is_joined_where_it_is_due(so101):
     driven(follower, 0.9)
     other = ramp() + np.array([5.0, -5.0, 5.0, 0.0, 0.0, 0.0], dtype=np.float32)
     follower.follow(other, 0.2)  # observed 0.7 s ago
-    actions = driven(follower, 0.5, now=0.9)
-    due = [np.interp(1.4, 0.2 + np.arange(50) / 30, x) for x in other[0].T]
+    actions = driven(follower, 0.8, now=0.9)  # the first ends at 1.63 s
+    due = [np.interp(1.7, 0.2 + np.arange(50) / 30, x) for x in other[0].T]
     np.testing.assert_allclose(actions[-1], due, atol=0.3)
     assert np.abs(np.diff(actions[:, :5], axis=0)).max() < 1.0  # no leap
 

@@ -52,11 +52,11 @@ from invariantqp.velocity.solution import Status
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
 RISE = 0.02
-# A splice takes the first [s], and a stop after the last point no less than twice that; a splice to a chunk takes the
-# second, one that a single sample makes the third. Over 56 runs of chunks the second has a seventh less joint jerk than
-# 0.3 for 1 % more error, and that stop 0.97 of the error of one of 0.3 s. With 0.3 for the third a hand is caught up
-# with later after a gap, by 0.06 s at most, and 0.2 changes nothing. Joints that catch up take no more than that: what
-# takes longer from there goes past the hand, and back.
+# A splice takes the first [s], and a stop after the last point no less than twice that; a splice to points takes the
+# second, one that a single sample makes the third. With 0.3 for the second chunks have 1 to 4 % less error, and after a
+# gap joints hurry at their limits of jerk: in one run to 30 times the truth's, not 3. With 0.3 for the third a hand is
+# caught up with later after a gap, by 0.06 s at most, and 0.2 changes nothing. Joints that catch up take no more than
+# that: what takes longer from there goes past the hand, and back.
 EASE, EASE_CHUNK, EASE_SAMPLE = 0.3, 0.45, 0.1
 # A clock that differs by more than this from the sum of the ticks [s] has jumped.
 SKEW = 0.02
@@ -172,7 +172,7 @@ class Follower:
         self._some_missed = False
         self._last: tuple[Array, float, float] | None = None  # (m,) the last of them, its stamp, when to go back to it
         self._ease = EASE  # how long it takes to go over to them, at least
-        self._next: tuple[Given, Array, float] | None = None
+        self._next: tuple[Given, Array, float, bool] | None = None  # with stamps, when, whether alone
         self._function: Callable[[float], Any] | None = None
         self._looked = 0.0
         self._samples: deque[tuple[Any, float | None]] = deque(maxlen=MOST_WAITING)
@@ -194,17 +194,20 @@ class Follower:
     # What comes in
 
     def follow(self, points: Any, stamps: ArrayLike | None = None, *, at: float | None = None) -> None:
-        """Follow points, or a function of time, in place of all that was followed before.
+        """Follow points, or a function of time, in place of what was followed before.
 
-        The arm goes over from the motion it has, with bounded jerk. Of points whose order is mixed up on their way, the
-        newest are followed. Points that are over already still say where the last of them is, for a second.
+        The arm goes over from the motion it has, with bounded jerk. Points with stamps are one more sight of the motion
+        that those before them were of, as the chunks of a policy are: where both say something, the new take over
+        evenly, from nothing now to all at the end of the overlap, or in the time of a splice. With `at` they are
+        another motion, and take over at once. Of sights whose order is mixed up on their way, the newest is followed.
+        Points that are over already still say where the last of them is, for a second.
 
         Args:
             points: (n, 4, 4) poses in the base frame, (n, m) joint positions, or a function of time [s] that returns
                 one pose or one position. Where the shape is kept: poses, two or more.
             stamps: (n,) when each is wanted [s], increasing, by the clock of `step`'s `now`; of a function, none. Where
                 the shape is kept they may be left out: the joints then go as fast as their limits let them.
-            at: when to go over [s]; None is now.
+            at: when to go over to another motion [s], `now` for at once; None is now, to one more sight of the same.
 
         Raises:
             BadInput: neither poses nor joints, NaN, no rigid motion, stamps that do not increase; the follower is as it
@@ -238,7 +241,7 @@ class Follower:
             raise BadInput("stamps", "None", f"({len(given)},) times in seconds, one for each point, increasing")
         times = _increasing(stamps, len(given))
         self._forget()
-        self._next = given, times, when
+        self._next = given, times, when, at is not None
 
     def add(self, point: Any, stamp: float | None = None) -> None:
         """One more point of a stream, as a hand's tracker sends them.
@@ -699,13 +702,13 @@ class Follower:
             reference.source = self._source = shape.order(now, share)
             return
         if self._next is not None and now >= self._next[2]:
-            given, stamps, _ = self._next
+            given, stamps, _, alone = self._next
             self._next = None
-            self._take_points(given, stamps, smooth=True)
+            self._take_points(given, stamps, alone=alone)
         elif self._function is not None and now >= self._looked + 0.5 * AHEAD:
             stamps = np.arange(now - 8.0 * SAMPLING, now + AHEAD, SAMPLING)
             self._looked = now
-            self._take_points(sampled(self._function, stamps, self._m), stamps, smooth=False)
+            self._take_points(sampled(self._function, stamps, self._m), stamps)
         elif self._last is not None and now >= self._due:
             self._source, self._last, self._ease = resting(self._last[0], now), None, EASE
         if self._samples:
@@ -736,13 +739,14 @@ class Follower:
         self._late = not reference.splice(source, self._time, self._motion(reference), ease)
         self._twist = None
 
-    def _take_points(self, given: Given, stamps: Array, *, smooth: bool) -> None:
-        """Points with stamps, from now on."""
-        now = self._time
+    def _take_points(self, given: Given, stamps: Array, *, alone: bool | None = None) -> None:
+        """Points with stamps, from now on: one more sight of the motion followed, or `alone`; None is a function."""
+        now, smooth, followed = self._time, alone is not None, self._source
         if now - stamps[-1] > ANOTHER_CLOCK:
             self._why = "the points were over when they came"
             return
-        if self._given is not None and stamps[0] < self._given[1][0] and stamps[-1] <= self._given[1][-1]:
+        older = self._given[1] if alone is False and self._last and self._given else None
+        if older is not None and stamps[0] < older[0] and stamps[-1] <= older[-1]:
             return  # newer points came before these
         # Newer ones may be as late as these and, in a stream, lost for as long as these last: until then the arm does
         # not go back to the last of them.
@@ -752,12 +756,16 @@ class Follower:
         kept[-min(3, len(kept)) :] = True
         if kept.sum() > MOST_POINTS:  # the rest when half of these are driven
             first = int(kept.argmax())
-            self._next = given, stamps, float(stamps[first + MOST_POINTS // 2])
+            self._next = given, stamps, float(stamps[first + MOST_POINTS // 2]), bool(alone)
             kept[first + MOST_POINTS :] = False
         given, stamps = given.chosen(kept), stamps[kept]
-        near = self._q if not isinstance(self._source, Motion) else self._source.at(stamps[:1])[0, 0]
+        near = self._q if not isinstance(followed, Motion) else followed.at(stamps[:1])[0, 0]
         joints, missed = self._solver.points(given, near, stamps)
         self._ease = EASE_CHUNK
+        end = now if older is None else min(older[-1], stamps[-1])
+        if isinstance(followed, Motion) and end > now + EASE_CHUNK:  # what is shorter, a splice does as well
+            left = np.clip((end - stamps) / (end - now), 0.0, 1.0)[:, None]
+            joints += left * (followed.at(stamps)[:, 0] - joints)
         self._given, self._newest, self._last = (
             (given, stamps),
             None,
@@ -788,6 +796,7 @@ class Follower:
             self._newest = given, joint, when
             window = self._source
             if not isinstance(window, Window) or gap:
+                self._last = None
                 late = window.transport if isinstance(window, Window) else max(now - when, 0.0)
                 self._source = Window(self.cutoff, self.controller.dt, when, joint, late)
                 continue

@@ -75,6 +75,44 @@ def test_a_gap_between_chunks_does_not_turn_the_arm_back():
     assert {a.status for a in answers[round(1.78 / arm.dt) : round(1.82 / arm.dt)]} == {"waiting"}
 
 
+@pytest.mark.parametrize("again", [False, True])
+def test_points_that_overlap_take_over_evenly_unless_they_are_another_motion(again):
+    arm = Arm("ur5")
+    old, new = (np.tile(arm.start + away, (41, 1)) for away in (0.0, 0.1))
+    stamps, now = np.arange(41) / 20, 0.5  # the old are for two seconds, the new for 2.5 s
+    replace = {} if again else {"at": now}
+    events = [(0.0, lambda f: f.follow(old, stamps)), (now, lambda f: f.follow(new, stamps + now, **replace))]
+    Q, _ = driven(arm, arm.follower(), events, 2.4)
+    arm.held(Q)
+    share = (Q - arm.start).mean(axis=1) / 0.1
+    for t in (1.0, 1.25, 1.5, 1.75):
+        assert abs(share[round(t / arm.dt)] - ((t - now) / (2.0 - now) if again else 1.0)) < 0.02
+    assert np.abs(share[round(2.1 / arm.dt) :] - 1.0).max() < 0.02
+
+
+def test_points_that_hardly_overlap_take_over_no_faster_than_others():
+    arm = Arm("ur5")
+    stamps = np.arange(21) / 20
+    events = [
+        (now, lambda f, k=k, now=now: f.follow(np.tile(arm.start + k, (21, 1)), stamps + now))
+        for k, now in ((0.0, 0.0), (0.1, 0.9))
+    ]
+    Q, _ = driven(arm, arm.follower(), events, 2.0)
+    arm.held(Q)
+    assert np.abs(np.diff(Q, 2, axis=0)).max() / arm.dt**2 < 1.05 * 5.774 * 0.1 / 0.45**2  # a quintic's
+
+
+def test_a_hand_after_points_is_not_taken_back_to_the_last_of_them():
+    arm = Arm("ur5")
+    stamps = np.arange(19) / 20
+    events = [(0.4, lambda f: f.follow(np.tile(arm.start + 0.1, (19, 1)), stamps))]  # the last is waited at till 1.3 s
+    events += [(t, lambda f, t=t: f.add(arm.start, t)) for t in np.arange(0.5, 2.0, 1 / 60)]
+    Q, answers = driven(arm, arm.follower(), events, 2.0)
+    arm.held(Q)
+    assert {a.status for a in answers[round(0.95 / arm.dt) :]} == {"moving"}
+    assert np.abs(Q[round(1.0 / arm.dt) :] - arm.start).max() < 1e-3
+
+
 @pytest.mark.parametrize("over", [0.02, 0.8, 1.2])
 def test_points_that_are_over_when_they_come_still_say_where_the_last_is(over):
     arm = Arm("ur5")
