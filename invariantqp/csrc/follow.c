@@ -1,4 +1,4 @@
-/* Twin of a tick of paths/driver.py in which nothing new comes, and of paths/twist.py.
+/* Twin of a tick of paths/driver.py in which nothing new comes.
 
        v = (r(t + dt) - q) / dt, or towards r where joints catch up, or towards what the law makes of a twist,
        inside the joints' limits,     command = v + the way back to q

@@ -56,11 +56,10 @@ TURNING = 0.1
 # Where an error of this size stays, relative, the slope is probed this share of a step ahead, until it changes by less
 # than this share of it.
 UNMET, PROBE, PROBED = 1e-6, 1e-3, 1e-6
-# A joint this close to a position limit [rad, length] is at it where the path may be left.
-RESTS = 1e-8
 # Corrections at a knot.
 CORRECTIONS = 8
-# A place that the arm comes no closer to than this, relative, cannot be reached: ten micrometres for a metre.
+# A place that the arm comes no closer to than this, relative, cannot be reached: ten micrometres for a metre. Within as
+# much the tool is at the path's start, or its end.
 OFF_PATH = 1e-5
 # A joint this close to a position limit [rad, length] is at it.
 AT_LIMIT = 1e-6
@@ -92,149 +91,6 @@ class Knot(NamedTuple):
     slope: Array  # (m,) q', per unit of the path's parameter
     off: float  # how far the tool is off the path in what is wanted of it, in the measure
     ratio: float  # smallest singular value of the measured joint twists over the largest: how far from a singularity
-
-
-class KnotFinder:
-    """Finds knots of one path."""
-
-    def __init__(
-        self, controller: Controller, scale: float, longest: float, *, rate: float | None = None, stops: bool = True
-    ) -> None:
-        """What all knots have in common: steps of `longest` at most, and the rate [1/s] of the drive or None.
-
-        Lengths along the path are shares of `scale` of its parameter. With `stops` a knot has to be on the path;
-        otherwise it is as near as the law goes.
-        """
-        self._controller = controller
-        self._scale = scale
-        self._longest = longest
-        self._stops = stops
-        self._length = controller.measure.length
-        self._law = self._back = controller.law.planned
-        if controller.exact or not stops:
-            calming = CALMING_ROWS if controller.exact else CALMING
-            self._law = replace(controller.law, dt=calming * longest, damping=PASSING)
-        if controller.exact:
-            self._back = self._law
-        self._pace = 0.0 if rate is None else 1.0 / rate  # time per unit of the parameter
-        speed = controller.box.velocity_limit
-        self._speed = np.where(np.isfinite(speed), speed, 1.0)
-
-    def knot(self, curve: Curve, at: float, q: Array, before: Knot | None, step: float) -> Knot:
-        """The arm at a place, from q (m,) near it; for `step` the slope has to stay inside the position limits."""
-        controller = self._controller
-        robot, box = controller.robot, controller.box
-        q = np.minimum(np.maximum(q, box.position_lower), box.position_upper)
-        q, seen, size = self._corrected(
-            q, robot.target(curve.pose(at)), CLOSE if before is None or before.off <= BACK * self._length else BACK
-        )
-        if not self._stops:  # what little a correction leaves to a limit would make the slope go to and fro
-            q = np.where(q < box.position_lower + RESTS, box.position_lower, q)
-            q = np.where(q > box.position_upper - RESTS, box.position_upper, q)
-        _, root, demands, _, part, error = seen
-        tangent = curve.tangent(at)
-        if demands is not None or not self._stops:  # back to the path a little at a time
-            met = error if demands is None else part.dot(error)
-            share = TURNING if self._stops else REJOIN * max(sqrt(min(size / (NEAR * self._length), 1.0)), LAST)
-            tangent = tangent + (met / share + (error - met) / TURNING) / self._scale
-        ahead = self._answer(q, seen, tangent, step, None) if before is None else before.slope
-        slope = self._answer(q, seen, tangent, step, self._posture(q, ahead))
-        unmet = root.dot(error)
-        if self._stops and demands is None and sqrt(float(unmet.dot(unmet))) > UNMET * self._length:
-            slope = self._bent(curve, at, q, slope, self._answer(q, seen, error, 1.0, None))
-        return Knot(at, q, slope, size, _ratio(seen))
-
-    def _corrected(self, q: Array, target: Any, close: float) -> tuple[Array, TaskError, float]:
-        """Joint positions with the tool on its target, or near it; the arm there, and how far off it is."""
-        box = self._controller.box
-        at_limit = (q <= box.position_lower) | (q >= box.position_upper)
-        seen = task_error(self._controller, q, target)
-        size = seen.off
-        given = q, seen, size
-        if not self._stops and (size > close * self._length or _ratio(seen) < PASSING.threshold):
-            return given
-        for k in range(CORRECTIONS):
-            if size <= ON_PATH * self._length:
-                return q, seen, size
-            back, still = seen.error, None
-            if seen.demands is not None and len(seen.rows) < 6:
-                # A correction turns the tool the least, and takes a joint off its limit only where nothing else does:
-                # turning towards the path is up to the slope.
-                back = seen.part.dot(back)
-                still = at_limit if k < CORRECTIONS // 2 else None
-            q = q + solve(self._back, self._demand(q, seen, back, 1.0, None, still)).velocity
-            seen = task_error(self._controller, q, target)
-            size = seen.off
-        return (q, seen, size) if self._stops or size <= ON_PATH * self._length else given
-
-    def _bent(self, curve: Curve, at: float, q: Array, slope: Array, here: Array) -> Array:
-        """The slope (m,) at which the least error is kept, from the one (m,) that least squares give for the tangent.
-
-        Where part of an error stays, its size times the bend of the tool's motion counts too; `here` (m,) is the
-        correction at the place.
-        """
-        ahead = PROBE * self._longest
-        if at + ahead > curve.end:
-            ahead = -ahead
-        target = self._controller.robot.target(curve.pose(at + ahead))
-        for _ in range(CORRECTIONS):
-            there = q + ahead * slope
-            seen = task_error(self._controller, there, target)
-            change = (self._answer(there, seen, seen.error, 1.0, None) - here) / ahead
-            slope = slope + change
-            if float(np.abs(change).max()) <= PROBED * float(np.abs(slope).max()):
-                break
-        return slope
-
-    def _posture(self, q: Array, before: Array) -> Array:
-        """The posture's velocity per unit of the parameter, from the slope of the knot before."""
-        pull = self._controller.posture_pull(q)
-        if pull is None:
-            return before
-        if self._pace == 0.0:
-            self._pace = float((np.abs(before) / self._speed).max())
-        return pull * self._pace
-
-    def _answer(self, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None) -> Array:
-        """The law's answer (m,) for a twist, such that q + h x is inside the position limits."""
-        demand = self._demand(q, seen, twist, h, posture)
-        if demand.exact is None or self._stops:
-            return solve(self._law, demand).velocity
-        return self._passing(demand, demand.exact, seen.rows, seen.part)
-
-    def _demand(
-        self,
-        q: Array,
-        seen: TaskError,
-        twist: Array,
-        h: float,
-        posture: Array | None,
-        still: NDArray[np.bool_] | None = None,
-    ) -> Demand:
-        """The demand on the law for a twist, inside the position limits; `still` joints rest."""
-        controller = self._controller
-        lower, upper = (controller.box.position_lower - q) / h, (controller.box.position_upper - q) / h
-        if still is not None:
-            lower, upper = np.where(still, 0.0, lower), np.where(still, 0.0, upper)
-        exact = seen.demands
-        if exact is not None and exact.of_twist is not None:
-            D = exact.of_twist
-            exact = exact.demanding(np.where(D.any(axis=1), D.dot(twist), exact.b))
-        return Demand(seen.sighting.J, twist, seen.root, lower, upper, exact, posture, row_rank=controller.row_rank)
-
-    def _passing(self, demand: Demand, exact: ExactRows, rows: Array, part: Array) -> Array:
-        """The law's answer (m,) where exact rows need not be met; in the measure they are `rows`."""
-        alone = demand._replace(exact=_joint_rows(exact), row_rank=None)
-        only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
-        nearest = solve(replace(self._law, form=None), alone._replace(root=only, posture=None)).velocity
-        wanted = rows.dot(demand.s)
-        missed = wanted - rows.dot(demand.J.dot(nearest))
-        size = float(np.linalg.norm(wanted))
-        t = min(float(np.linalg.norm(missed)) / size, 1.0) if size > 0.0 else 0.0
-        met = ExactRows(exact.A, np.asarray(exact.A).dot(nearest), exact.of_twist)
-        weighted = demand.root.dot(part + REST * (np.eye(6) - part))
-        x: Array = (1.0 - t) * solve(self._law, demand._replace(exact=met)).velocity
-        return x + t * solve(self._law, alone._replace(root=weighted)).velocity if t > 0.0 else x
 
 
 def _ratio(seen: TaskError) -> float:
@@ -287,7 +143,13 @@ class JointPath:
         self._reachable = OFF_PATH * self._length
         self._scale: float = curve.end
         self._longest = self._scale / LEAST_STEPS
-        self._finder = KnotFinder(controller, self._scale, self._longest, rate=rate, stops=stops)
+        self._law = self._back = controller.law.planned
+        if controller.exact or not stops:
+            calming = CALMING_ROWS if controller.exact else CALMING
+            self._law = replace(controller.law, dt=calming * self._longest, damping=PASSING)
+        if controller.exact:
+            self._back = self._law
+        self._pace = 0.0 if rate is None else 1.0 / rate  # time per unit of the parameter
         self._step = self._longest
         self._first = q.copy()
         speed = controller.box.velocity_limit
@@ -308,7 +170,7 @@ class JointPath:
     def extend(self) -> None:
         """Try a step to the next knot: it is taken, or halved where the slope has turned too much."""
         if not self.knots:
-            self.knots.append(self._finder.knot(self.curve, 0.0, self._first, None, self._step))
+            self.knots.append(self._knot(0.0, self._first, None, self._step))
             if self._stops and self.knots[0].off > self._reachable:
                 self.blocked = self._cause(self.knots[0].q)
             return
@@ -319,7 +181,7 @@ class JointPath:
         h = left if left <= self._step else min(self._step, 0.5 * left)
         expected = (last.slope - before.slope) * (h / (last.at - before.at))
         at = last.at + h if h < left else end
-        knot = self._finder.knot(self.curve, at, last.q + h * (last.slope + 0.5 * expected), last, self._step)
+        knot = self._knot(at, last.q + h * (last.slope + 0.5 * expected), last, self._step)
         if self._stops and (why := self._obstacle(knot)):
             if h > SHORTEST * self._scale:
                 self._step = 0.5 * h
@@ -370,3 +232,121 @@ class JointPath:
         why = " and ".join(at) or "it is out of reach"
         few = len(names) < 6 and not self.controller.exact
         return f'{why} (exact="position" would turn the tool instead)' if few else why
+
+    # A knot
+
+    def _knot(self, at: float, q: Array, before: Knot | None, step: float) -> Knot:
+        """The arm at a place, from q (m,) near it; for `step` the slope has to stay inside the position limits."""
+        controller = self.controller
+        robot, box = controller.robot, controller.box
+        q = np.minimum(np.maximum(q, box.position_lower), box.position_upper)
+        q, seen, size = self._corrected(
+            q, robot.target(self.curve.pose(at)), CLOSE if before is None or before.off <= BACK * self._length else BACK
+        )
+        if not self._stops:  # what little a correction leaves to a limit would make the slope go to and fro
+            q = np.where(q < box.position_lower + AT_LIMIT, box.position_lower, q)
+            q = np.where(q > box.position_upper - AT_LIMIT, box.position_upper, q)
+        _, root, demands, _, part, error = seen
+        tangent = self.curve.tangent(at)
+        if demands is not None or not self._stops:  # back to the path a little at a time
+            met = error if demands is None else part.dot(error)
+            share = TURNING if self._stops else REJOIN * max(sqrt(min(size / (NEAR * self._length), 1.0)), LAST)
+            tangent = tangent + (met / share + (error - met) / TURNING) / self._scale
+        ahead = self._answer(q, seen, tangent, step, None) if before is None else before.slope
+        slope = self._answer(q, seen, tangent, step, self._posture(q, ahead))
+        unmet = root.dot(error)
+        if self._stops and demands is None and sqrt(float(unmet.dot(unmet))) > UNMET * self._length:
+            slope = self._bent(at, q, slope, self._answer(q, seen, error, 1.0, None))
+        return Knot(at, q, slope, size, _ratio(seen))
+
+    def _corrected(self, q: Array, target: Any, close: float) -> tuple[Array, TaskError, float]:
+        """Joint positions with the tool on its target, or near it; the arm there, and how far off it is."""
+        box = self.controller.box
+        at_limit = (q <= box.position_lower) | (q >= box.position_upper)
+        seen = task_error(self.controller, q, target)
+        size = seen.off
+        given = q, seen, size
+        if not self._stops and (size > close * self._length or _ratio(seen) < PASSING.threshold):
+            return given
+        for k in range(CORRECTIONS):
+            if size <= ON_PATH * self._length:
+                return q, seen, size
+            back, still = seen.error, None
+            if seen.demands is not None and len(seen.rows) < 6:
+                # A correction turns the tool the least, and takes a joint off its limit only where nothing else does:
+                # turning towards the path is up to the slope.
+                back = seen.part.dot(back)
+                still = at_limit if k < CORRECTIONS // 2 else None
+            q = q + solve(self._back, self._demand(q, seen, back, 1.0, None, still)).velocity
+            seen = task_error(self.controller, q, target)
+            size = seen.off
+        return (q, seen, size) if self._stops or size <= ON_PATH * self._length else given
+
+    def _bent(self, at: float, q: Array, slope: Array, here: Array) -> Array:
+        """The slope (m,) at which the least error is kept, from the one (m,) that least squares give for the tangent.
+
+        Where part of an error stays, its size times the bend of the tool's motion counts too; `here` (m,) is the
+        correction at the place.
+        """
+        ahead = PROBE * self._longest
+        if at + ahead > self.curve.end:
+            ahead = -ahead
+        target = self.controller.robot.target(self.curve.pose(at + ahead))
+        for _ in range(CORRECTIONS):
+            there = q + ahead * slope
+            seen = task_error(self.controller, there, target)
+            change = (self._answer(there, seen, seen.error, 1.0, None) - here) / ahead
+            slope = slope + change
+            if float(np.abs(change).max()) <= PROBED * float(np.abs(slope).max()):
+                break
+        return slope
+
+    def _posture(self, q: Array, before: Array) -> Array:
+        """The posture's velocity per unit of the parameter, from the slope of the knot before."""
+        pull = self.controller.posture_pull(q)
+        if pull is None:
+            return before
+        if self._pace == 0.0:
+            self._pace = float((np.abs(before) / self._speed).max())
+        return pull * self._pace
+
+    def _answer(self, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None) -> Array:
+        """The law's answer (m,) for a twist, such that q + h x is inside the position limits."""
+        demand = self._demand(q, seen, twist, h, posture)
+        if demand.exact is None or self._stops:
+            return solve(self._law, demand).velocity
+        return self._passing(demand, demand.exact, seen.rows, seen.part)
+
+    def _demand(
+        self,
+        q: Array,
+        seen: TaskError,
+        twist: Array,
+        h: float,
+        posture: Array | None,
+        still: NDArray[np.bool_] | None = None,
+    ) -> Demand:
+        """The demand on the law for a twist, inside the position limits; `still` joints rest."""
+        controller = self.controller
+        lower, upper = (controller.box.position_lower - q) / h, (controller.box.position_upper - q) / h
+        if still is not None:
+            lower, upper = np.where(still, 0.0, lower), np.where(still, 0.0, upper)
+        exact = seen.demands
+        if exact is not None and exact.of_twist is not None:
+            D = exact.of_twist
+            exact = exact.demanding(np.where(D.any(axis=1), D.dot(twist), exact.b))
+        return Demand(seen.sighting.J, twist, seen.root, lower, upper, exact, posture, row_rank=controller.row_rank)
+
+    def _passing(self, demand: Demand, exact: ExactRows, rows: Array, part: Array) -> Array:
+        """The law's answer (m,) where exact rows need not be met; in the measure they are `rows`."""
+        alone = demand._replace(exact=_joint_rows(exact), row_rank=None)
+        only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
+        nearest = solve(replace(self._law, form=None), alone._replace(root=only, posture=None)).velocity
+        wanted = rows.dot(demand.s)
+        missed = wanted - rows.dot(demand.J.dot(nearest))
+        size = float(np.linalg.norm(wanted))
+        t = min(float(np.linalg.norm(missed)) / size, 1.0) if size > 0.0 else 0.0
+        met = ExactRows(exact.A, np.asarray(exact.A).dot(nearest), exact.of_twist)
+        weighted = demand.root.dot(part + REST * (np.eye(6) - part))
+        x: Array = (1.0 - t) * solve(self._law, demand._replace(exact=met)).velocity
+        return x + t * solve(self._law, alone._replace(root=weighted)).velocity if t > 0.0 else x

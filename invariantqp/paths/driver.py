@@ -45,7 +45,6 @@ from invariantqp.paths.reference import (
 from invariantqp.paths.shape import ASTRAY, PAUSE, Shape, Told
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.time_law import ROUNDING, JointLimits
-from invariantqp.paths.twist import towards_twist
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.reasons import row_name, sentences
 from invariantqp.velocity.solution import Status
@@ -419,13 +418,8 @@ class Follower:
         until = min(until, inf if self._next is None else self._next[2])
         if self._turns or (self._twist is None and isinstance(self._source, Window)):
             until = min(until, self._heard + self.timeout)
-        numbers = reference.course(None if shape is None else loop.gain)
+        numbers = reference.course(gain=None if shape is None else loop.gain)
         return None if numbers is None or until <= self._time else (reference, numbers, until)
-
-    @property
-    def _over(self) -> bool:
-        """Whether the last point has been passed, and newer ones are waited for."""
-        return self._last is not None and self._time >= self._last[1]
 
     @property
     def _due(self) -> float:
@@ -812,7 +806,7 @@ class Follower:
         """(m,) the joint velocity that is wanted in this tick."""
         dt = self.controller.dt
         if self._twist is not None:
-            return towards_twist(self._unbraked, self._q, self._v, self._twist, self._limits)
+            return _towards_twist(self._unbraked, self._q, self._v, self._twist, self._limits)
         if self._late:
             there = reference.at(np.array((self._time + dt,)))[0]
             return self._v + dt * self._limits.catching_up(self._q + dt * self._v, self._v, there)
@@ -885,7 +879,7 @@ class Follower:
 
     def _on_the_way(self, end: float, place: float) -> tuple[Status, str]:
         """The same while points or samples are followed, which end at a time."""
-        if self._over:
+        if self._last is not None and self._time >= self._last[1]:
             return Status.WAITING, "for newer points"
         missed = self._missed_at(place) if self._some_missed else 0.0
         if self._time >= end and self._still:
@@ -974,6 +968,22 @@ class PathFollower(Follower):
             BadInput: not a number.
         """
         return self._kept_shape("place").given.pose(arrays.number(place, "place", "the path's parameter"))
+
+
+def _towards_twist(unbraked: Controller, q: Array, v: Array, twist: Array, limits: JointLimits) -> Array:
+    """(m,) joint velocity of the next tick, at q and v (m,) now, on the way to what a loop makes of a twist (6,).
+
+        x = law(J, s, box),     dv/dt = min(A / |d|, sqrt(2 J / |d|)) d,   d = x - v
+
+    All joints change together, along d: the direction of what is done goes straight from one twist to the next.
+    """
+    x = unbraked.follow(q, twist, v).velocity if twist.any() else np.zeros(len(q))
+    d, a = x - v, limits.towards(v, x)
+    away = d != 0.0
+    if not away.any():
+        return x
+    share = float((a[away] / d[away]).min())
+    return x if share * limits.dt >= 1.0 else v + limits.dt * share * d
 
 
 def _increasing(stamps: ArrayLike, count: int) -> Array:

@@ -15,6 +15,7 @@ Reference: Pham & Pham 2018, A new approach to time-optimal path parameterizatio
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from math import inf
 from typing import NamedTuple
 
@@ -58,6 +59,7 @@ class PathPlan(NamedTuple):
         off: (n,) how far the tool is off the path at each knot, in the measure.
         blocked: why the path ends at the last knot, in words; "" where it does not.
         motion: of the joints and, last, the place, in time; it begins at 0 and at rest.
+        middles: (n - 1,) the parameter half way between knots.
     """
 
     at: Array
@@ -66,6 +68,7 @@ class PathPlan(NamedTuple):
     off: Array
     blocked: str
     motion: Motion
+    middles: list[float]
 
     @property
     def end(self) -> float:
@@ -74,8 +77,7 @@ class PathPlan(NamedTuple):
 
     def nearest(self, at: float) -> int:
         """The number of the knot nearest a place."""
-        i = int(np.clip(np.searchsorted(self.at, at), 1, len(self.at) - 1))
-        return i if self.at[i] - at < at - self.at[i - 1] else i - 1
+        return bisect_left(self.middles, at)
 
     def time(self, place: float) -> float:
         """When it is at a place."""
@@ -138,7 +140,8 @@ def plan_of(
         bounds = JointLimits(-none, none, fastest, limits / ACCELERATION_SHARE, jerks, controller.dt)
         motion = _eased(at, q, slopes, top, bounds)
     off = np.array([k.off for k in knots])
-    return PathPlan(at, CubicHermiteSpline(at, q[:, :-1], slopes[:, :-1]), ruling, off, blocked, motion)
+    joints = CubicHermiteSpline(at, q[:, :-1], slopes[:, :-1])
+    return PathPlan(at, joints, ruling, off, blocked, motion, (0.5 * (at[1:] + at[:-1])).tolist())
 
 
 def accelerations_of(controller: Controller) -> Array:

@@ -352,7 +352,7 @@ class Reference:
 
     def at(self, times: Array) -> Array:
         """(k, 4, m) position, velocity, acceleration and jerk at times (k,)."""
-        if len(times) == 1 and (numbers := self._numbers(self.source)) is not None and core is not None:
+        if len(times) == 1 and (numbers := self.course()) is not None and core is not None:
             motion: Array = core.motion(numbers, float(times[0]))[None, :, : len(self._limits.lower)]
             return motion
         answer = self.source.at(times)
@@ -372,15 +372,12 @@ class Reference:
             there = there + (time - self._start) ** np.arange(6) @ self._residual
         return there
 
-    def course(self, gain: float | None) -> Array | None:
-        """What is followed as the compiled core takes it; None for what it does not have.
+    def course(self, source: Source | None = None, gain: float | None = None) -> Array | None:
+        """What is followed, or would be with a source, as the compiled core takes it; None for what it does not have.
 
         `gain` is that towards a path whose shape is kept; None keeps time.
         """
-        return self._numbers(self.source, gain)
-
-    def _numbers(self, source: Source, gain: float | None = None) -> Array | None:
-        """The same with another source."""
+        source = self.source if source is None else source
         limits = self._limits
         m = len(limits.lower)
         clock = Clock(0.0, 0.0, 1.0, 0.0, 1.0)
@@ -411,7 +408,7 @@ class Reference:
             Whether that keeps the limits together with the source; if not, the source is followed without a splice,
             which the joints cannot do.
         """
-        numbers = self._numbers(source)
+        numbers = self.course(source)
         D = max(duration, SHORTEST_STOP * self._limits.dt)
         self.source = source
         if core is not None and numbers is not None:

@@ -9,7 +9,6 @@ they were sent.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Callable
 from math import inf
 from typing import Any, Literal, NamedTuple
@@ -31,8 +30,6 @@ from invariantqp.velocity.solution import Status
 
 # Look-ahead steps for each second of ticks, at least one a tick: a step takes a third of a millisecond or so.
 STEPS = 1500.0
-# The tool is at the path's start, or at its end, within this, relative to the measure.
-AT_PLACE = 1e-5
 # A tool on its way to the path whose joints rest for this long [s], its distance falling at less than this share of
 # the gain, does not get there.
 PATIENCE, STUCK = 1.0, 0.1
@@ -95,7 +92,7 @@ class Shape:
         self._jerk = joint_jerk
         self._stops = arrays.choice(blocked, "blocked", ("stop", "leave")) == "stop"
         self._length: float = loop.measure.length
-        self._tolerance = AT_PLACE * self._length
+        self._tolerance = OFF_PATH * self._length
         if tolerance is not None:
             self._tolerance = arrays.number(tolerance, "tolerance", "a distance", positive=True)
         self.given: GivenPath = given_path(loop.robot, loop.measure, path, end, times, timed=rate is not None)
@@ -114,22 +111,21 @@ class Shape:
         self._few = len(loop.robot.names) < 6 and not loop.exact
         self._off = self._stood = 0.0  # on the way to the path: how far off it is, and for how long it gets no nearer
         self._ticks = 0  # since it set out
-        self._plain, self._middles = False, [0.0]  # whether no place is left, and where the next knot is nearer
+        self._plain = False  # whether no place is left
 
     # Setting out
 
     def prepare(self, q: Array) -> None:
         """Find the joint motion from joint positions (m,) near the path's start."""
-        self._search = self._searching(q)
-        while not self._search.done:
-            self._search.extend()
-        self.plan = self._planned(self._search)
+        self._search = self.plan = None
+        while self.plan is None:
+            self.look_on(q)
 
     def set_out(self, q: Array, before: Array) -> tuple[Array, Told]:
         """A tick of the way to the path's start, and of looking along it: the joint velocity (m,), and the solution."""
         loop, dt = self._loop, self._loop.dt
         off = task_error(loop, q, self._goal).off
-        if self._search is None and off > AT_PLACE * self._length:
+        if self._search is None and off > OFF_PATH * self._length:
             answer = loop.step(q, self._goal, velocity=before)
             still = self._stands(answer.velocity)
             if self._stops or not still:  # a path that may be left may start out of reach
@@ -146,15 +142,12 @@ class Shape:
     def look_on(self, q: Array) -> None:
         """Look a little farther along the path, from joint positions (m,) near its start; make the plan at its end."""
         if self._search is None:
-            self._search = self._searching(q)
+            self._search = JointPath(self._loop, self.given.curve, q, rate=self._rate, stops=self._stops)
         for _ in range(max(round(STEPS * self._loop.dt), 1)):
             if self._search.done:
                 self.plan = self._planned(self._search)
                 return
             self._search.extend()
-
-    def _searching(self, q: Array) -> JointPath:
-        return JointPath(self._loop, self.given.curve, q, rate=self._rate, stops=self._stops)
 
     def on_the_way(self, q: Array) -> Told:
         """The solution on the way to the path's start, at q (m,)."""
@@ -168,7 +161,6 @@ class Shape:
         rate = inf if self._rate is None else self._share * self._rate
         along = (rate, self._along[0], self._along[1])
         plan = plan_of(self._loop, self.given.curve, search.knots, search.blocked, along=along, jerk=self._jerk)
-        self._middles = (0.5 * (plan.at[1:] + plan.at[:-1])).tolist()
         self._plain = bool((plan.off <= OFF_PATH * self._length).all())
         return plan
 
@@ -318,7 +310,7 @@ class Shape:
         if plan.end - after <= near or motion.clock.rate < 0.0:
             return None
         self._ticks += 1
-        ruling = plan.ruling[bisect_left(self._middles, before)]
+        ruling = plan.ruling[plan.nearest(before)]
         if ruling != ON_TIME and override < 1.0:
             ruling = OVERRIDDEN
         status = Status.MOVING if ruling == ON_TIME else Status.SLOWED

@@ -54,30 +54,16 @@ def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
     root, error = controller.measure.root_for(sighting.J, sighting.pose), sighting.error
     if controller.exact:
         demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, AT_REST))
-        rows, back, weights = measured_rows(demands, root)
-        if demands.of_twist is not None:
-            error = error + back.dot((demands.b - demands.of_twist.dot(error)).dot(weights))
+        D = demands.of_twist
+        if D is None:  # joint rows ask for nothing of the twist
+            return TaskError(sighting, root, demands, np.zeros((0, 6)), np.zeros((6, 6)), error)
+        inverse = np.linalg.inv(root)
+        U, sigma, Vt = np.linalg.svd(D.dot(inverse), full_matrices=False)
+        k = np.count_nonzero(sigma > ROW_RATIO * max(float(sigma[0]), TINY))
+        rows, back = Vt[:k].dot(root), inverse.dot(Vt[:k].T)
+        error = error + back.dot((demands.b - D.dot(error)).dot(U[:, :k] / sigma[:k]))
         return TaskError(sighting, root, demands, rows, back.dot(rows), error)
     asked = root
     if sighting.J.shape[1] < 6:  # all of them, however weak: at the edge of its reach an arm is still asked to go on
         asked = np.linalg.svd(root.dot(sighting.J), full_matrices=False)[0].T.dot(root)
     return TaskError(sighting, root, None, asked, np.eye(6), error)
-
-
-class MeasuredRows(NamedTuple):
-    """The part of a twist that exact rows ask for."""
-
-    rows: Array  # (k, 6) R, orthonormal in the measure
-    back: Array  # (6, k) with R back = 1, orthogonal to the rest of the twist: back R is the projector on that part
-    weights: Array  # (n, k) what demands d of the n rows ask for is d.weights, along R
-
-
-def measured_rows(rows: ExactRows, root: Array) -> MeasuredRows:
-    """What exact rows ask for; joint rows ask for nothing."""
-    D, inverse = rows.of_twist, np.linalg.inv(root)
-    if D is None:
-        return MeasuredRows(np.zeros((0, 6)), np.zeros((6, 0)), np.zeros((len(rows.b), 0)))
-    U, sigma, Vt = np.linalg.svd(D.dot(inverse), full_matrices=False)
-    k = np.count_nonzero(sigma > ROW_RATIO * max(float(sigma[0]), TINY))
-    V = Vt[:k]
-    return MeasuredRows(V.dot(root), inverse.dot(V.T), U[:, :k] / sigma[:k])
