@@ -9,8 +9,8 @@
 #include "core.h"
 #include <string.h>
 
-/* Steps, at most, and one for each row. */
-#define PASSES_MORE 8
+/* Steps, at most, and one for each row: seven rows that lead out of a clearance have needed more than 15. */
+#define PASSES_MORE 60
 /* A decision that rounding may make: within this factor of a tolerance. */
 static const double CLOSE = 10.0;
 /* Rows that give way by less than this share of the velocity are Python's to tell from rows that meet. */
