@@ -110,7 +110,8 @@ static void answers_begun(const Answers *before, Answers *check)
                      .rest = {NAN, NAN, NAN, NAN},
                      .release = {NAN, NAN, NAN, NAN},
                      .shown = known->shown,
-                     .moves = known->moves};
+                     .moves = known->moves,
+                     .read = -CERTAIN};
     memcpy(begun.grade, known->grade, sizeof begun.grade);
     *check = begun;
 }
@@ -179,7 +180,9 @@ static bool unanswered(const Press *press, const PressTick *tick, const Stiffnes
                        double shared, Answers *check)
 {
     double dt = tick->dt, stiff = press->stiffness > 0.0 ? press->stiffness : STIFF;
-    if (tick->touch.touching == 0.0 || wanted <= 0.0) {
+    check->read = weighed(check->read, felt, tick->limit / 2.0, tick->noise);
+    bool left = tick->touch.touching == 0.0 && (check->stiff == 0.0 || check->read == -CERTAIN);
+    if (left || wanted <= 0.0) {
         answers_begun(check, check);
         return false;
     }
@@ -187,6 +190,7 @@ static bool unanswered(const Press *press, const PressTick *tick, const Stiffnes
         check->stiff = isnan(known->stiff) ? PRESENT * stiff : fmin(known->stiff, check->shown);
         check->since[0] = 0.0;
         check->since[1] = check->touched = felt;
+        check->read = CERTAIN;
         return false;
     }
     check->depth += tick->came;

@@ -80,7 +80,7 @@ typedef struct {
     Evidence evidence;
     double touched, rested, rest[4], slid[3], far, off;
     Release release;
-    double shown, moves;
+    double shown, moves, read;
 } Answers;
 
 typedef struct {

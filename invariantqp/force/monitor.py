@@ -82,10 +82,10 @@ CHI = 4.0
 EXPLAINED = 0.5
 DAMPERS = (0.0, 0.01, 0.06)
 SINCE = 2.0
-# What is not stuck changes by this multiple of the square that noise has.
-STIRRED = 2.0
 # An answer shows a contact no softer than this share of what was shown before: a sensor that sticks looks soft, too.
 SOFTER = 0.5
+# What is not stuck changes by this multiple of the square that noise has.
+STIRRED = 2.0
 # So long after readings have answered, or changed, a slope is an excuse [s].
 EXCUSED = 0.5
 # Time constant of the high-pass [s]: slower motion may be the surface's.
@@ -390,6 +390,7 @@ class Answers(NamedTuple):
         release: of the press; None where it is not let go.
         shown: bound of the stiffness where letting go has lost the contact [force/length].
         moves: how far the surface is known to move, by having asked [length].
+        read: evidence that the limit between air and contact is read, and not nothing: then the account ends.
     """
 
     stiff: float = 0.0
@@ -408,6 +409,7 @@ class Answers(NamedTuple):
     release: Release | None = None
     shown: float = inf
     moves: float = 0.0
+    read: float = -CERTAIN
 
     def update(
         self,
@@ -430,15 +432,17 @@ class Answers(NamedTuple):
             noise: of the smoothed press [force].
             shared: how independent one reading is of the last.
         """
-        if not (tick.touch.touching or self.release) or wanted <= 0.0:
+        read = weighed(self.read, press, tick.limit / 2.0, tick.noise)
+        left = not (tick.touch.touching or self.release) and (self.stiff == 0.0 or read == -CERTAIN)
+        if left or wanted <= 0.0:
             return self.begun(), None
         if self.stiff == 0.0:
             stiff = PRESENT * (task.stiffness or STIFF) if known.stiff is None else min(known.stiff, self.shown)
-            return self._replace(stiff=stiff, since=(0.0, press), touched=press), None
-        now = self._replace(depth=self.depth + tick.came, across=self.across + tick.across)
+            return self._replace(stiff=stiff, since=(0.0, press), touched=press, read=CERTAIN), None
+        now = self._replace(depth=self.depth + tick.came, across=self.across + tick.across, read=read)
         if self.release is not None:
             release = self.release._replace(slid=self.release.slid + _length(tick.across))
-            return now.released(release, task, tick, known, press, wanted, noise)
+            return now.released(release, task, known, press, wanted, noise)
         slid = self.slid + tick.across
         evidence = self.evidence.after(known, noise, wanted, shared, tick.dt)
         silent = self.silent + tick.dt
@@ -511,7 +515,6 @@ class Answers(NamedTuple):
         self,
         release: Release,
         task: HybridTask,
-        tick: Tick,
         known: Stiffness,
         press: float,
         wanted: float,
@@ -519,23 +522,24 @@ class Answers(NamedTuple):
     ) -> tuple[Answers, Finding | None]:
         """The same while the tool lets go: until readings fall, or to nothing where they have rested."""
         rested, gone, size = self.off > AVERAGED, release.depth - self.depth, task.size
-        if tick.touch.touching and release.fell is None:
+        if self.read > -CERTAIN and release.fell is None:
             if not rested and abs(press - release.force) > FELL_NOISE * noise:
                 shown = max((release.force - press) / gone, 0.0) if gone > 0.0 else 0.0
                 now = self.heard(task, known, press, shown)
-                return self.begun()._replace(stiff=now.stiff, depth=now.depth, since=now.since, grade=now.grade), None
+                none: Array = np.zeros(3)
+                return now._replace(touched=0.0, rested=0.0, rest=None, slid=none, far=0.0, off=0.0, release=None), None
             most = min(max(release.depth, 0.0) + LEAST_ASKED * size, MOST_ASKED * size) + task.slope * release.slid
-            if gone > most and tick.touch.evidence == CERTAIN:
+            if gone > most and self.read == CERTAIN:
                 said = f"let go by {written(gone, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
                 away = max(0.0, self.depth + 2.0 * LEAST_ASKED * size)
                 return self._replace(release=release), Finding(Status.FAULT, f"{said}: {NO_ANSWER}", away)
             return self._replace(release=release), None
         fell = self.depth if release.fell is None else release.fell
-        down = max(release.depth - fell, LEAST_ASKED * size)
         if rested and fell - self.depth < max(0.5 * (release.depth - fell), LEAST_ASKED * size):
             return self._replace(release=release._replace(fell=fell)), None
-        moved = 2.0 * abs(release.depth - self.rest[0]) if rested and self.rest is not None else 0.0
-        return self.begun()._replace(shown=STIFFER * release.force / down, moves=max(self.moves, moved)), None
+        began = self.rest if rested and self.rest is not None else self.since
+        most = STIFFER * max(release.force, FELL_NOISE * noise) / max(release.depth - fell, LEAST_WAY * RESOLVED * size)
+        return self.begun()._replace(shown=most, moves=max(self.moves, 2.0 * abs(release.depth - began[0]))), None
 
 
 # What a reading without an answer may be.

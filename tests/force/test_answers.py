@@ -162,3 +162,13 @@ def test_two_readings_of_a_force_that_stays_are_no_answer():
             now = known._replace(way=way + 0.01 * tick * speed, force=force + 0.02 * random.normal())
             evidence = evidence.after(now, 0.05, PRESS, 1.0, 0.01)
             assert evidence.stiffness == 0.0
+
+
+@pytest.mark.parametrize(
+    ("share", "arm", "dt", "seed"), [(0.06, "ur5", 0.01, 0), (0.104, "panda", 0.002, 1), (0.09, "gantry", 0.01, 2)]
+)
+def test_a_reading_that_sticks_about_the_loss_limit_is_a_fault(share, arm, dt, seed):
+    """Contact counted as lost, or as new again and again: 15 to 44 times the press."""
+    run = press_on_damper(arm, stiffness=3.5e4, dt=dt, reads=Held(share), since=3.0, seconds=8.0, seed=seed)
+    assert run.said[-1][0] == "fault"
+    assert run.press.max() < 4.0 * PRESS
