@@ -230,8 +230,6 @@ class Press:
     max_moment: float  # likewise [N length]
     grip: Array  # (3,) where the tool holds what it moves, in the tool frame [length]
     retreat_distance: float  # [length]
-    checks_noise: bool  # whether more noise than told is told
-    checks_settling: bool  # whether swings and presses not reached are
     force_first: bool  # whether the force part of a twist is met exactly
     at_contact: bool  # whether twists are measured at the place of contact
     def __init__(
@@ -266,8 +264,6 @@ class Press:
         max_moment: float | None = None,
         grip: Array | None = None,
         retreat_distance: float,
-        checks_noise: bool | None = None,
-        checks_settling: bool | None = None,
         force_first: bool | None = None,
         at_contact: bool | None = None,
     ) -> None: ...

@@ -198,8 +198,6 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     NUMBER(max_moment, -1.0, "likewise [N length]") \
     VECTOR(grip, 3, DEFAULT(0.0), "where the tool holds what it moves, in the tool frame [length]") \
     NUMBER(retreat_distance, NEEDED, "[length]") \
-    FLAG(checks_noise, false, "whether more noise than told is told") \
-    FLAG(checks_settling, false, "whether swings and presses not reached are") \
     FLAG(force_first, true, "whether the force part of a twist is met exactly") \
     FLAG(at_contact, true, "whether twists are measured at the place of contact")
 

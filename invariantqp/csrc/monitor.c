@@ -316,8 +316,6 @@ Outcome monitored(const Press *press, const PressTick *tick, int presses, const 
         if (monitor->dead.unchanged == 0.0 &&
             unanswered(press, tick, &known[i], felt[i], asked[i], noise, shared, &monitor->answers[i]))
             return HAND_BACK;
-    if (!press->checks_settling)
-        return DONE;
     if (isnan(tick->felt))
         missed(tick, &monitor->settling);
     else if (tick->limit != 0.0)

@@ -392,7 +392,7 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     const Settling *settling = &state->monitor.settling;
     bool told = there && !asks; /* whether the tick has no status of its own */
     bool unsettled = (int)settling->losses.count >= CHATTER || settling->swung < SWUNG || settling->missed > PATIENT_FOR;
-    answer->speaks = (press->checks_noise && state->noise.found != 0.0) || (told && unsettled) ||
+    answer->speaks = state->noise.found != 0.0 || (told && unsettled) ||
                      (answer->kept < LOWERED && touching) || state->stand > PATIENT_FOR || wrong || (there && asks);
     return DONE;
 }

@@ -208,8 +208,6 @@ def core_press(
         max_moment=-1.0 if task.max_moment is None else task.max_moment,
         grip=task.grip,
         retreat_distance=task.retreat_distance,
-        checks_noise="noise" in task.checks,
-        checks_settling="settling" in task.checks,
         force_first=force_first,
         at_contact=at_contact,
         **fields,

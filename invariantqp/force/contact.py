@@ -13,7 +13,7 @@ Reference: [DS] Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import acos, degrees, hypot, inf, pi, sqrt, tan
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -36,8 +36,6 @@ from invariantqp.velocity.measure import root_at
 
 OnLoss = Literal["approach", "hold", "retreat", "continue"]
 OnOverload = Literal["hold", "retreat"]
-# Checks of a run that are not needed to press, each by its name; the core ones cannot be switched off.
-Optional = Literal["noise", "settling"]
 
 # How far a normal may be corrected [rad]: beyond it the told one says nothing.
 MOST_TILT = pi / 4.0
@@ -79,7 +77,6 @@ class HybridTask(Value):
         grip: (3,) where the tool holds what it moves, in the tool frame.
         slide_speed: how fast an error of the target moves the tool along it.
         retreat_speed, retreat_distance: how a contact is left.
-        checks: which optional checks are on.
     """
 
     contact: Contact | Callable[[Array], Contact]
@@ -106,7 +103,6 @@ class HybridTask(Value):
     grip: Array = field(converter=own, repr=False)
     retreat_speed: float = field(repr=False)
     retreat_distance: float = field(repr=False)
-    checks: tuple[str, ...] = field(repr=False)
 
     def __init__(
         self,
@@ -135,7 +131,6 @@ class HybridTask(Value):
         grip: ArrayLike = (0.0, 0.0, 0.0),
         retreat_speed: float = 0.02,
         retreat_distance: float = 0.02,
-        checks: Sequence[Optional] = ("noise", "settling"),
     ) -> None:
         """The task for one contact. Defaults of lengths and speeds are metres and m/s; in another unit give them all.
 
@@ -185,8 +180,6 @@ class HybridTask(Value):
             grip: (3,) where the tool holds a handle, which may be far from its hinge, in the tool frame [length].
             retreat_speed: along the contact's way out [length/s].
             retreat_distance: so far from the touch, after a fault from where the approach began, stand still [length].
-            checks: names of the optional checks: "noise" (more of it than the sensor is said to have), "settling" (the
-                press swings, chatters or is not reached).
 
         Raises:
             BadInput: more than one of h, complement and metric, NaN, shapes, "retreat" from a contact that cannot be
@@ -227,7 +220,6 @@ class HybridTask(Value):
             grip=arrays.vector(grip, 3, "grip"),
             retreat_speed=arrays.number(retreat_speed, "retreat_speed", "a speed", positive=True),
             retreat_distance=arrays.number(retreat_distance, "retreat_distance", "a length", positive=True),
-            checks=_checks(checks),
         )
         if isinstance(contact, Contact):
             self.split(contact.kind)
@@ -306,12 +298,6 @@ class _Relabelled(Compared):
     def __call__(self, tool: Array) -> Contact:
         """The contact for a tool's pose in the new tool frame."""
         return self.function(tool.dot(se3.inverse(self.tool_offset, check=False))).relabelled(self.offset)
-
-
-def _checks(names: Any) -> tuple[str, ...]:
-    if isinstance(names, str) or not isinstance(names, Sequence):
-        raise BadInput("checks", excerpt(names), f"a list of names out of {', '.join(get_args(Optional))}")
-    return tuple(arrays.choice(name, "checks", get_args(Optional)) for name in names)
 
 
 def _angle(value: float) -> float:

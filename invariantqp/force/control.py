@@ -657,7 +657,7 @@ class HybridController:
         late, noise = delay.whole + (delay.late or 0.0), max(self._noise, memory.noise.found)
         rests = pressing.rests(task)
         doubts = (
-            memory.noise.trouble(self._noise) if "noise" in task.checks else "",
+            memory.noise.trouble(self._noise),
             "" if said.status else settling.trouble(settling.wanted if presses else None, late),
             delay.trouble(self.loop.gain),
             lowered(answer.kept, noise) if answer.touch.touching else "",

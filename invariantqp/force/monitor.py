@@ -1,6 +1,5 @@
 """What stops a press: checks, each a value whose `update` gives the next one and what it found.
 
-Always on:
 overload    |f| > max_force or |m about the place of contact or the grip| > max_moment; until `reset`. Without a
             max_force what is wanted limits the press, and what is felt across it, each by itself: friction is no part
             of a press. Where less is wanted than before, the limit falls with what is felt
@@ -9,8 +8,7 @@ pulls       a contact that can only push is read to pull by half of the wanted p
 approach    an approach that meets nothing within approach_distance or approach_time, or in which the tool never comes
             nearer as commanded, stands still until `reset`
 answers     readings and way have to agree, `Answers`; what they cannot tell is asked by letting go
-By name (`HybridTask(checks=...)`):
-settling    the press swings, chatters or is not reached
+settling    the press swings, chatters or is not reached; told, and no reason to stop
 """
 
 from __future__ import annotations
@@ -82,10 +80,10 @@ CHI = 4.0
 EXPLAINED = 0.5
 DAMPERS = (0.0, 0.01, 0.06)
 SINCE = 2.0
-# An answer shows a contact no softer than this share of what was shown before: a sensor that sticks looks soft, too.
-SOFTER = 0.5
 # What is not stuck changes by this multiple of the square that noise has.
 STIRRED = 2.0
+# An answer shows a contact no softer than this share of what was shown before: a sensor that sticks looks soft, too.
+SOFTER = 0.5
 # So long after readings have answered, or changed, a slope is an excuse [s].
 EXCUSED = 0.5
 # Time constant of the high-pass [s]: slower motion may be the surface's.
@@ -683,7 +681,7 @@ class Monitor(NamedTuple):
         """The monitor after a tick.
 
         Args:
-            task: says what is too much, and which optional checks are on.
+            task: says what is too much.
             tick: of all checks.
             presses: of each press what is known of its stiffness, what is felt (smoothed) and wanted, and the noise
                 of that [force].
@@ -710,7 +708,7 @@ class Monitor(NamedTuple):
                 after, wrong = check.update(task, tick, known, felt, wanted, noise, shared)
                 answers.append(after)
                 found = found or wrong
-        settling = self._settled(task, tick) if "settling" in task.checks else self.settling
+        settling = self._settled(task, tick)
         now = now._replace(dead=dead, pulls=pulls, approach=approach, answers=tuple(answers), settling=settling)
         return now if found is None and lost is None else now.stopping(task, found or lost)
 

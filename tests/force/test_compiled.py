@@ -24,7 +24,6 @@ EACH = np.repeat((0.03, 1.0), 3)
 NEAR = 1e-8
 TICKS = 500  # where a normal is looked for, rounding grows by ten in a hundred ticks
 OPTIONS = {
-    "checks": ("noise", "settling"),
     "lost_below": 0.0,
     "on_loss": "continue",
     "slide_speed": 0.02,

@@ -327,7 +327,6 @@ CONTROL = {
             "size": 0.05,
             "normal_within": None,
             "slide_speed": 0.1,
-            "checks": ["noise", "settling"],
             "lost_below": None,
             "lost_after": 0.1,
             "on_loss": "approach",
