@@ -119,7 +119,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             drives[i] = struck(drive, coming, error, known, setting, OUTWARDS * fastest, eased);
         } else {
             double room = most_force - felt[i] - (check == NULL ? 0.0 : unseen(press, check, felt[i]));
-            double inwards = touch_speed(press, room, setting->late) - press->slope * now->along - fmax(drive->slope, 0.0);
+            double inwards = touch_speed(press, room, setting->late) - fmax(drive->slope, 0.0);
             inwards = fmax(gentle, inwards);
             drives[i] = pressed(drive, error, wished, known, setting, inwards, OUTWARDS * fastest, eased, grows);
         }
