@@ -9,8 +9,8 @@
 #include "core.h"
 #include <string.h>
 
-/* Steps, at most, and one for each row: seven rows that lead out of a clearance have needed more than 15. */
-#define PASSES_MORE 60
+/* Steps, at most, and one for each row. */
+#define PASSES_MORE 8
 /* A decision that rounding may make: within this factor of a tolerance. */
 static const double CLOSE = 10.0;
 /* Rows that give way by less than this share of the velocity are Python's to tell from rows that meet. */
@@ -170,6 +170,18 @@ static Outcome shortest_inside(int m, const Polytope *limits, Row y)
     return minimise_from(&problem, limits, y, y);
 }
 
+/* Whether y meets rows m, m + 1, ...: then none of them gives way. */
+static bool meets(int m, int k, const Polytope *limits, const Row y)
+{
+    double size = MEETING * norm(m, y);
+    for (int i = m; i < m + k; i++) {
+        double value = dot(m, limits->A[i], y), rounding = size * norm(m, limits->A[i]);
+        if (!(value >= limits->lower[i] - rounding && value <= limits->upper[i] + rounding))
+            return false;
+    }
+    return inside_limits(limits, m, y);
+}
+
 /* Rows are limits m, m + 1, ... of both; they are moved, and `yielded` says by how much. `y` is in the box, then inside all. */
 Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, Row y, Yielded *yielded)
 {
@@ -178,6 +190,11 @@ Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, Row y, Yielded
     double t[MOST_LIMITS], most = 0.0, size = 0.0;
     Optimum found;
     Row first;
+    memcpy(first, y, sizeof first);
+    if (shortest_inside(m, limits, first) == DONE && meets(m, k, limits, first)) {
+        memcpy(y, first, sizeof first);
+        return DONE;
+    }
     box.box = true;
     for (int j = 0; j < m; j++)
         for (int l = 0; l < m; l++) {

@@ -98,6 +98,26 @@ def test_rows_are_exceeded_by_one_rounding_at_most_or_the_tick_is_handed_back():
     assert answered > 100
 
 
+def test_rows_that_ask_for_a_motion_are_met_by_the_core():
+    """As of a clearance that is a little inside: standing still is no answer, and nothing has to give way."""
+    rng, handed_back, m = np.random.default_rng(3), 0, 7
+    for trial in range(1000):
+        C = rng.normal(size=(rng.integers(3, 12), m)) + 3.0 * rng.normal(size=m) * rng.integers(2)
+        possible = C.dot(0.01 * rng.normal(size=m)) - 1e-4 * rng.random(len(C)) * rng.integers(2, size=len(C))
+        rows = iq.limits.LimitRows(C, possible, np.full(len(C), np.inf))
+        wide = np.full(m, 2.0)
+        demand = Demand(rng.normal(size=(6, m)), 0.3 * rng.normal(size=6), np.eye(6), -wide, wide, rows=rows)
+        law = VelocityLaw(dt=0.002)
+        found = native_answer(law, demand)
+        handed_back += found is None
+        if found is not None:
+            assert (rows.excess(found.velocity) >= -1e-9 * np.linalg.norm(C, axis=1)).all()
+            assert "contradict" not in found.reason
+            if trial % 20 == 0:
+                assert disagreements(law, demand, found, python_answer(law, demand)) == []
+    assert handed_back <= 5
+
+
 def test_rows_hold_to_rounding_beside_a_tool_speed_that_gives_way(tick):
     """Rows that the velocity without them exceeds by less than the tolerance of a solver."""
     law, demand = tick
