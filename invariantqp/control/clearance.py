@@ -19,7 +19,7 @@ Another arm that brakes is in each of these states where its own joints have bra
 
 Joints that stop at once may be anywhere in a tick, and rows linear about x = 0 do not see how their ways turn: at
 3 rad/s and 10 ms, by 3 mm. What that takes of d_min is led back, a tenth in a tick; an answer x that ends nearer than
-d_min, or than it began inside, by over 0.5 % of d_min is made once more, beside rows
+99.5 % of d_min, and than it began, is made once more, beside rows
 
     d(q + dt x) + dt C (x' - x) >= d_min,    C at q + dt x
 
@@ -296,7 +296,7 @@ class Clearance(Limit):
             kept += (1.0 - self._pairs[:, 2]) * np.where(np.isinf(d), 0.0, np.maximum(d - self.distance, 0.0))
         to_its_end = rate._replace(settings=np.array((self.distance, 1.0 / dt, inf, 0.0, BRAKING)))
         C, lower, of_pair, ends = self._asked(q + dt * x, to_its_end, shared=False)
-        if (ends - kept).min() >= self._enough:
+        if (ends - np.maximum(kept, 0.0) >= np.minimum(d, self._enough)).all():
             return None
         asked = lower + kept[of_pair.astype(int)] / dt
         lost = asked > 0.0

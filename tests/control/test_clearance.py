@@ -164,6 +164,21 @@ def test_where_a_tick_ends_is_what_counts(ur5, by):
     assert loop.memory.convergence.ticks == 0.0  # the first answer is forgotten
 
 
+def test_what_ticks_may_take_of_the_distance_does_not_add_up(panda):
+    """Of 20 mm a tick may leave 19.9: one that began at 19.95 is answered once more where it would end at 19.87."""
+    limit, dt = Clearance(panda, HAND, [TABLE]), 0.01
+    near, _ = run(iq.Controller(panda, dt=DT, limits=[limit]), READY, below(panda, READY, 0.8), 400)
+    one_joint = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    slope = (limit.at(near + 1e-6 * one_joint).distance - limit.at(near - 1e-6 * one_joint).distance) / 2e-6
+    q = near + (0.01995 - limit.at(near).distance) / slope * one_joint
+    kept = limit.for_loop(loop_of(panda, dt, 0.0))
+    kept.rows(q, np.zeros(7))
+    small, large = -0.03e-3 / slope / dt * one_joint, -0.08e-3 / slope / dt * one_joint
+    assert kept.after(q, small) is None
+    rows = kept.after(q, large)
+    assert (rows.C.dot(large) < rows.lower).any()
+
+
 class Linear(Limit):
     """A clearance whose ticks are answered once."""
 
