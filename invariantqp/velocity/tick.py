@@ -33,7 +33,7 @@ from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
-from invariantqp.velocity.backends import Daqp
+from invariantqp.velocity.backends import Daqp, SolverFailure
 from invariantqp.velocity.damping import CALM, Damping, calm, worth
 from invariantqp.velocity.exact import Reduction, Share, counted_from_least, reduce, share_of
 from invariantqp.velocity.forms import PitchForm, attempted
@@ -408,6 +408,14 @@ def _rows_given_way(
     """
     k, m = rows.C.shape
     T = np.eye(m) if to_joint is None else to_joint
+    shortest, still = Quadratic.diagonal(np.ones(m), np.zeros(m)), np.zeros(m)
+    try:  # where some velocity meets all
+        least = minimise(Daqp(), shortest, rows.with_box(lower, upper).on(still, T)).z
+        x = np.asarray(np.clip(T.dot(least), lower, upper))
+        if (np.abs(rows.excess(x)) <= DECREASE_ROUNDING * np.linalg.norm(rows.C, axis=1) * norm(x)).all():
+            return rows, x, ()
+    except SolverFailure:
+        pass
     N = rows.C.dot(T)
     lengths = np.linalg.norm(N, axis=1)
     lengths[lengths == 0.0] = 1.0
@@ -422,14 +430,8 @@ def _rows_given_way(
     moved: NDArray[np.bool_] = np.abs(t) > ROUNDING * np.linalg.norm(z)
     t = lengths * np.where(moved, t + np.sign(t) * WIDENING * size, 0.0)
     wider = LimitRows(rows.C, rows.lower + np.minimum(t, 0.0), rows.upper + np.maximum(t, 0.0))
-    least = minimise(
-        Daqp(),
-        Quadratic.diagonal(np.ones(m), np.zeros(m)),
-        wider.with_box(lower, upper).on(np.zeros(m), T),
-        None,
-        z[:m],
-    )
-    x = np.asarray(np.clip(T.dot(least.z), lower, upper))
+    least = minimise(Daqp(), shortest, wider.with_box(lower, upper).on(still, T), None, z[:m]).z
+    x = np.asarray(np.clip(T.dot(least), lower, upper))
     if not moved.any():
         return wider, x, ()
     pulls = np.abs(found.multipliers[:m]) * np.linalg.norm(T, axis=1) > ROUNDING * size
