@@ -11,7 +11,7 @@ class with one method. Where limits contradict each other, they give way by the 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 from math import inf
 from operator import le
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
@@ -581,7 +581,7 @@ class RowLimits:
         return rows.called(_names_of(limit.name, k))
 
 
-@cache
+@lru_cache
 def _names_of(limit: str, k: int) -> tuple[str, ...]:
     """What k rows of a limit are called."""
     return (limit,) if k == 1 else tuple(f"{limit} row {i}" for i in range(k))

@@ -195,7 +195,6 @@ Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, Row y, Yielded
         memcpy(y, first, sizeof first);
         return DONE;
     }
-    box.box = true;
     for (int j = 0; j < m; j++)
         for (int l = 0; l < m; l++) {
             box.A[j][l] = limits->box ? (j == l) : limits->A[j][l];

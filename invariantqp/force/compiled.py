@@ -63,25 +63,25 @@ def _array(shape: tuple[int, ...]) -> Coding:
     return Coding(prod(shape), lambda value: value.ravel().tolist(), lambda numbers: np.array(numbers).reshape(shape))
 
 
-def _maybe(kind: Coding) -> Coding:
-    none = [nan] * kind.size
+def _maybe(coding: Coding) -> Coding:
+    none = [nan] * coding.size
     return Coding(
-        kind.size,
-        lambda value: none if value is None else kind.write(value),
-        lambda numbers: None if not numbers or isnan(numbers[0]) else kind.read(numbers),
+        coding.size,
+        lambda value: none if value is None else coding.write(value),
+        lambda numbers: None if not numbers or isnan(numbers[0]) else coding.read(numbers),
     )
 
 
-def _several(kind: Coding, most: int) -> Coding:
-    size = kind.size
+def _several(coding: Coding, most: int) -> Coding:
+    size = coding.size
 
     def write(value: Any) -> list[float]:
         if len(value) > most:
             raise ValueError("more than there is room for")
-        return [len(value), *chain.from_iterable(map(kind.write, value)), *[0.0] * (size * (most - len(value)))]
+        return [len(value), *chain.from_iterable(map(coding.write, value)), *[0.0] * (size * (most - len(value)))]
 
     def read(numbers: list[float]) -> Any:
-        return tuple([kind.read(numbers[k : k + size]) for k in range(1, 1 + int(numbers[0]) * size, size)])
+        return tuple([coding.read(numbers[k : k + size]) for k in range(1, 1 + int(numbers[0]) * size, size)])
 
     return Coding(1 + most * size, write, read)
 
@@ -89,14 +89,14 @@ def _several(kind: Coding, most: int) -> Coding:
 def _fields(made: Callable[[list[Any]], Any], hints: tuple[Any, ...]) -> Coding:
     if str in hints:  # words are no numbers
         return Coding(0, _refused, _refused)
-    kinds = [coding_of(hint) for hint in hints]
-    ends = list(accumulate(kind.size for kind in kinds))
+    codings = [coding_of(hint) for hint in hints]
+    ends = list(accumulate(coding.size for coding in codings))
 
     def write(value: Any) -> list[float]:
-        return [number for kind, one in zip(kinds, value, strict=True) for number in kind.write(one)]
+        return [number for coding, one in zip(codings, value, strict=True) for number in coding.write(one)]
 
     def read(numbers: list[float]) -> Any:
-        return made([kind.read(numbers[end - kind.size : end]) for kind, end in zip(kinds, ends, strict=True)])
+        return made([coding.read(numbers[end - coding.size : end]) for coding, end in zip(codings, ends, strict=True)])
 
     return Coding(ends[-1], write, read)
 
@@ -110,19 +110,19 @@ class Packing:
 
     def __init__(self, made: type) -> None:
         """Of this one."""
-        self._kind = coding_of(made)
-        self._struct = Struct(f"{self._kind.size}d")
+        self._coding = coding_of(made)
+        self._struct = Struct(f"{self._coding.size}d")
 
     def packed(self, value: Any) -> bytes | None:
         """The numbers of a value; None for one that the core does not have."""
         try:
-            return self._struct.pack(*self._kind.write(value))
+            return self._struct.pack(*self._coding.write(value))
         except ValueError:
             return None
 
     def unpacked(self, numbers: bytes) -> Any:
         """The value that these numbers are."""
-        return self._kind.read(list(self._struct.unpack(numbers)))
+        return self._coding.read(list(self._struct.unpack(numbers)))
 
 
 def core_split(split: Split) -> CoreSplit | None:

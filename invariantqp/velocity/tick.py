@@ -401,7 +401,7 @@ def _rows_given_way(
         minimise |t|^2   over   lower <= N y - t <= upper,   x = T y in the box;   then |y|^2
 
     N are the rows on y at length one: neither the scale of a row nor a unit decides which of them gives way. Rows that
-    some velocity in the box satisfies never do.
+    some velocity in the box satisfies never do: so the least velocity inside all limits is tried first.
 
     Raises:
         SolverFailure: none was found.
