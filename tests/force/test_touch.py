@@ -130,7 +130,7 @@ def test_what_is_soft_and_suddenly_stiff_is_met_no_faster_than_told():
 def test_a_reading_that_rises_no_further_is_not_pressed_on():
     """A sensor that saturates, with noise."""
     presses, speeds, statuses, _ = press_at_rest(
-        lambda x: 1e3 * x, 4000, lambda press: min(press, 1.5), approach_distance=0.01
+        lambda x: 1e3 * x, 2500, lambda press: min(press, 1.5), approach_distance=0.01
     )
     assert "ok" not in statuses[1000:]  # it lets go again and again, and says so
     assert max(speeds) <= 0.02 * (1.0 + 1e-9)

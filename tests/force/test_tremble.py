@@ -1,7 +1,5 @@
 """Noise of the force at acceleration limits: a tool in contact stays on its path, driven as fast as it can be."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 from support.spring_plane import PANDA, UP, exerted
@@ -13,7 +11,6 @@ from invariantqp.force.law import ABOVE, kept_of, lowered, trembling
 DT = 0.002
 
 
-@cache
 def wiped(noise, acceleration, stiffness=1e4, cutoff=np.inf, told=None):
     """A circle of 120 mm, pressed with 5 N: off the path [mm], seconds, hybrid statuses, last answer."""
     rng, robot, q = np.random.default_rng(0), iq.load_robot("panda"), PANDA.copy()
@@ -49,7 +46,7 @@ def wiped(noise, acceleration, stiffness=1e4, cutoff=np.inf, told=None):
 
 @pytest.mark.parametrize(
     ("noise", "acceleration", "stiffness", "seconds"),
-    [(0.1, 5.0, 1e4, 2.0), (0.3, 20.0, 1e4, 1.2), (0.1, 5.0, 1e3, 3.0)],
+    [(0.3, 20.0, 1e4, 1.2), (0.1, 5.0, 1e3, 3.0)],
 )
 def test_noise_takes_a_tool_not_off_its_path(noise, acceleration, stiffness, seconds):
     """Off by 0.4 to 35 mm before, and slower: after 12 s the last one had not arrived."""
@@ -59,13 +56,12 @@ def test_noise_takes_a_tool_not_off_its_path(noise, acceleration, stiffness, sec
     assert time < seconds
 
 
-def test_a_gain_that_is_lowered_for_noise_is_told_and_a_low_pass_or_less_noise_needs_none():
+def test_a_gain_that_is_lowered_for_noise_is_told_and_a_low_pass_needs_none():
     assert kept_of(2.0, 0.125) == 1.0
     assert kept_of(2.0, 1.0) == 0.25
     assert "0.25 of the force gain is left; give the sensor a lower cutoff=" in lowered(0.25, 0.3)
-    for noise, cutoff in ((0.1, 20.0), (0.0, np.inf)):
-        *_, said, _ = wiped(noise, 5.0, cutoff=cutoff)
-        assert not any("of the force gain is left" in why for _, why in said)
+    *_, said, _ = wiped(0.1, 5.0, cutoff=20.0)
+    assert not any("of the force gain is left" in why for _, why in said)
 
 
 def test_the_share_is_what_noise_asks_of_the_joint_that_has_least():

@@ -282,6 +282,10 @@ def test_an_approach_that_the_arm_does_not_follow_ends_and_says_so(follows, on_l
         solution = bench.tick()
         bench.q = q + follows * (bench.q - q)
         said.append((solution.status, solution.reason))
+        if said[-500:-499] and {status for status, _ in said[-500:]} == {"ok"}:
+            break
+        if said[-20:-19] == said[-1:] and "until reset" in solution.reason:
+            break
     if follows > 0.2:
         assert said[-1][0] == "ok"
         return
@@ -301,6 +305,8 @@ def test_a_tool_that_stops_on_its_way_while_nothing_is_felt_retreats():
         asked += -bench.dt * solution.velocity[2] if bench.q[2] < -gap else 0.0
         bench.q[2] = max(bench.q[2], -gap)
         said.append((solution.status, solution.reason))
+        if said[-20:-19] == said[-1:] and "until reset" in solution.reason:
+            break
     assert said[-1][0] == "fault"
     assert "nearer, the tool came" in said[-1][1]
     assert "something holds it, or the sensor is stuck: standing still until reset" in said[-1][1]

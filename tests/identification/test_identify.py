@@ -217,7 +217,7 @@ def test_a_tool_in_the_air_touches_nothing():
 
 @cache
 def hostile():
-    X, w, _ = record("point", SEED, duration=4.0)
+    X, w, _ = record("point", SEED, duration=3.0)
     rng = np.random.default_rng(1)
     n = len(X)
     still = np.tile(X[:1], (n, 1, 1))
@@ -350,10 +350,10 @@ def test_what_wrenches_alone_refute_is_refuted_by_the_best_fit_too(kind, monkeyp
 
 
 def test_a_touch_that_nothing_explains_hides_no_contact_unless_it_is_long():
-    X, w, truth = record("point", SEED, duration=5.0)
+    X, w, truth = record("point", SEED, duration=3.0)
     air = record("free", SEED, duration=1.0)
     rng = np.random.default_rng(0)
-    for samples, told in ((45, True), (400, False)):
+    for samples, told in ((45, True), (250, False)):
         off = X[:samples].copy()
         off[:, :3, 3] += 0.02 * np.cumsum(rng.normal(size=(samples, 3)), axis=0) / np.sqrt(samples)  # on nothing flat
         Y, u = np.concatenate((off, air[0], X)), np.concatenate((w[:samples], air[1], w))

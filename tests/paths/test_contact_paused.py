@@ -65,7 +65,7 @@ def test_back_to_the_start_and_forward_to_the_end():
     drive = Drive()
     drive.tick(100)
     start = drive.bench.start[:2, 3]
-    drive.tick(200)
+    drive.tick(100)
     drive.follower.reverse()
     told = drive.until("paused")
     assert min(s.speed for s in drive.told) < 0.0
@@ -75,8 +75,6 @@ def test_back_to_the_start_and_forward_to_the_end():
     assert drive.tick(25).status == "paused"
     drive.follower.reverse()
     assert drive.until("done").place == pytest.approx(PERIOD / 2, rel=1e-6)
-    drive.follower.reverse()  # from its end, too
-    assert drive.until("paused").place < 1e-6 * PERIOD
     drive.check()
 
 

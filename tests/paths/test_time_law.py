@@ -16,7 +16,7 @@ def limits(rng, m=6, dt=0.002):
 @pytest.mark.parametrize(("kind", "dt"), [("noise", 0.002), ("steps", 0.001), ("steps", 0.008), ("away", 0.002)])
 def test_no_limit_is_ever_broken(kind, dt):
     rng = np.random.default_rng(len(kind))
-    law = limits(rng, repeats(960, 16), dt)  # each joint by itself: as many runs as joints
+    law = limits(rng, repeats(960, 8), dt)  # each joint by itself: as many runs as joints
     m = len(law.lower)
     q, v, a = np.zeros(m), np.zeros(m), np.zeros(m)
     wanted = np.zeros(m)
@@ -36,7 +36,7 @@ def test_no_limit_is_ever_broken(kind, dt):
 
 
 def test_what_is_inside_the_limits_is_done():
-    law = limits(np.random.default_rng(0), 36)
+    law = limits(np.random.default_rng(0), 12)
     # A slow sine needs a hundredth of each limit.
     size = 0.01 * np.minimum(law.upper, law.acceleration)
     t = np.arange(3000) * law.dt

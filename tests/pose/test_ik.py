@@ -183,7 +183,7 @@ def test_out_of_reach_the_closest_pose_is_the_one_scipy_finds(name):
     assert found.error <= closest_by_scipy(robot, r, [found.q]) * (1.0 + 1e-9)  # SciPy goes no further from there
     free = [i for i in range(len(found.q)) if i not in found.active]
     assert np.abs(slope(r, found.q)[free]).max() < 1e-7
-    elsewhere = closest_by_scipy(robot, r, states(robot, repeats(6, 3), 9))
+    elsewhere = closest_by_scipy(robot, r, states(robot, repeats(6, 2), 9))
     assert found.error <= elsewhere * (1.0 + 1e-3)  # nor finds a better place
 
 
@@ -197,7 +197,7 @@ def test_a_metric_of_ones_own_says_what_is_close():
     r = rest(PANDA, target, np.array([0.0, 0.1, -0.2]), root)
     assert found.error == pytest.approx(np.linalg.norm(r(found.q)), rel=1e-9)
     assert found.error <= closest_by_scipy(PANDA, r, [found.q]) * (1.0 + 1e-9)
-    assert found.error <= closest_by_scipy(PANDA, r, states(PANDA, 3, 12)) * (1.0 + 1e-3)
+    assert found.error <= closest_by_scipy(PANDA, r, states(PANDA, 2, 12)) * (1.0 + 1e-3)
 
 
 def test_the_tools_metric_brings_the_tool_nearer_than_the_arms_own():

@@ -78,7 +78,6 @@ def largest_error(name, solve):
 @pytest.mark.parametrize(
     ("task", "method", "solve"),
     [
-        ("compare/panda_limits", "hand-written loop", least_squares_qp),
         ("compare/ur5_limits", "Moore-Penrose", gradient_projection),
         ("compare/panda", "DLS", damped),
         ("compare/so101_limits", "hand-written loop", least_squares_qp),

@@ -48,7 +48,9 @@ def imports(monkeypatch):
 
 @pytest.mark.parametrize("name", TASKS)
 def test_no_tick_imports_anything(imports, name):
-    iq.run_task(iq.load_task(name), dt=0.05, gain=None)
+    task = iq.load_task(name)
+    short = task.path.model_copy(update={"duration": 0.3 * task.path.duration})
+    iq.run_task(task.model_copy(update={"path": short}), dt=0.05, gain=None)
     assert imports == set()
 
 
