@@ -121,27 +121,32 @@ class PoseSearch:
         # An arm with joints to spare can follow a path past a limit without turning a joint by 2 pi: try that first.
         spare = len(start) > 6 or bool(self._exact)
         first = descend(error, space, start, goal, deadline, turning=q0 is None or not spare)
-        finished = []
-        if not first.met and q0 is not None and self._exact:
-            finished = [self._ended(error, first.q, goal, last)]
-            if finished[0].unmet <= self._tolerance and finished[0].at_rest:
-                return self._answer(error, finished[0], start, first.steps + finished[0].steps, 1, late=False)
+        ended: list[Try] = []
+        downhill = q0 is not None and bool(self._exact) and not first.met
+        if downhill:
+            ended = [self._ended(error, first.q, goal, last)]
+            if ended[0].unmet <= self._tolerance and ended[0].at_rest:
+                return self._answer(error, ended[0], start, first.steps + ended[0].steps, 1, late=False)
         tried = self._tries(error, first, goal, deadline)
-        best, late = tried[-1], perf_counter() > deadline
-        steps = sum(one.steps for one in (*tried, *finished))
-        if not self._is_good(best):
-            met = [one for one in tried if one.met]
-            if met:  # each with bodies too near to each other
-                best = max(met, key=self._room)
-            else:
-                # From a given start, the closest pose is the one downhill from there.
-                alone = q0 is not None and not finished
-                nearest = tried[:1] if alone else sorted(tried, key=self._rank)[:CLOSEST]
-                ended = [self._ended(error, one.q, goal, last) for one in nearest]
-                steps += sum(one.steps for one in ended)
-                # From q0, and not to what is exact: only a try that met that is nearer.
-                best = self._closest(finished + [one for one in ended if not finished or one.unmet <= self._tolerance])
-        return self._answer(error, best, start, steps, len(tried), late=late)
+        late = perf_counter() > deadline
+        if not any(one.met for one in tried):
+            # From a given start, the closest pose is the one downhill from there.
+            alone = q0 is not None and not downhill
+            nearest = tried[:1] if alone else sorted(tried, key=self._rank)[:CLOSEST]
+            ended += [self._ended(error, one.q, goal, last) for one in nearest]
+        best = self._best(tried, ended, downhill)
+        return self._answer(error, best, start, sum(one.steps for one in (*tried, *ended)), len(tried), late=late)
+
+    def _best(self, tried: list[Try], ended: list[Try], downhill: bool) -> Try:
+        """The one that met the target with most room; or of those `ended`, whose first may be downhill from q0."""
+        met = [one for one in tried if one.met]
+        if met:
+            return met[-1] if self._is_good(met[-1]) else max(met, key=self._room)
+        # From q0, and not to what is exact: only a try that met that is nearer.
+        kept = [one for i, one in enumerate(ended) if not (downhill and i) or one.unmet <= self._tolerance]
+        least = min(map(self._rank, kept))
+        # The first that is as near as the nearest: rounding does not choose between mirror images.
+        return next(one for one in kept if self._rank(one) <= (least[0], (1.0 + arrays.NEGLIGIBLE) * least[1]))
 
     def met(self, target: Array, q0: Array) -> Array | None:
         """Joint positions (m,) on a pose (4, 4), both checked, by one try of the core from q0; None for none.
@@ -183,11 +188,6 @@ class PoseSearch:
                     break
                 tried.append(descend(error, self._space, state, goal, deadline))
         return tried
-
-    def _closest(self, finished: list[Try]) -> Try:
-        """The first of the tries that are as near as the nearest: rounding does not choose between mirror images."""
-        least = min(map(self._rank, finished))
-        return next(one for one in finished if self._rank(one) <= (least[0], (1.0 + arrays.NEGLIGIBLE) * least[1]))
 
     def _is_good(self, one: Try) -> bool:
         """Whether a try ended on the target, where nothing is too near."""
