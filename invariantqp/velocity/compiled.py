@@ -228,7 +228,7 @@ def compiled_rows(
     if core is None or fixed is None or fixed.form == "brought" or m > core.MOST_JOINTS:
         return None
     lower, upper = box
-    made = {"velocity": np.empty((n, m)), "residual": np.empty((n, 6)), "numbers": np.empty((n, 6))}
+    made = {"velocity": np.empty((n, m)), "residual": np.empty((n, 6)), "numbers": np.zeros((n, 6))}
     made["records"], taken = np.empty((n, core.RECORD)), np.zeros(2, np.int32)
     fields = {"J": J, "s": s, "roots": roots, "lower": lower, "upper": upper, "posture": posture, **made}
     ticks = partial(core.ticks, fixed, taken, ROWS_AT_A_TIME, **fields)
