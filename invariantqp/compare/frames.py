@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from invariantqp.compare.method import DLS, LEAST_SQUARES, OURS, PENROSE
+from invariantqp.compare.method import DLS, OURS, PENROSE
 from invariantqp.compare.registry import controller_named
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
@@ -132,12 +132,12 @@ def moved_start(task: Task, setup: Setup) -> Setup:
 def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> list[FrameCheck]:
     """Run a task under each law with its own tool frame, with one that is displaced at random, and with a start moved.
 
-    The laws are ours, least squares by a QP, Moore-Penrose and damped, and for an elastic path, which the others do not
+    The laws are ours, Moore-Penrose and damped, and for an elastic path, which the others do not
     have, ours. Runs of such a path may differ in length: the shorter one rests at its end. `seed` is that of the
     displacement; `progress` is called with (ticks done, ticks in all).
     """
     tool = random_displacement(seed)
-    names = (OURS, LEAST_SQUARES, PENROSE, DLS) if task.path.timing == "fixed" else (OURS,)
+    names = (OURS, PENROSE, DLS) if task.path.timing == "fixed" else (OURS,)
     laws: dict[str, MakeController] = {name: controller_named(name) for name in names}
     checks = []
     count = _counted(progress, 3 * len(laws) * task.ticks)

@@ -39,7 +39,7 @@ FAMILIES: tuple[Family, ...] = ("invariant", "QP", "Moore-Penrose", "damped", "l
 EXTRAS = {"pinocchio": "pin", "pink": "peers", "mink": "peers", "placo": "placo", "pydrake": "drake"}
 # Names of the rows that charts, tables and sentences refer to.
 OURS, OURS_PYTHON, HAND_WRITTEN = "invariantqp", "invariantqp (Python)", "hand-written loop"
-LEAST_SQUARES, SCALED_LEAST_SQUARES = "least-squares QP", "QP with length and LM"
+SCALED_LEAST_SQUARES = "QP with length and LM"
 PENROSE, DLS = "Moore-Penrose", "DLS"
 # lambda as scripts choose it, in mixed units of J, and in Lambda = lambda I of [DS] [m].
 LAMBDA = 0.05

@@ -1,19 +1,18 @@
-"""One quadratic program a tick: a loop written by hand, least squares in its usual variants, levels, and scaling.
+"""One quadratic program a tick: a loop written by hand, least squares at a point, and scaling.
 
     minimise |A x - b|^2 + eps |x - x_p|^2 + mu |x|^2    inside the limits, with the exact rows C x = e
-    A = J, b = s with metres and radians alike;  or root J, root s at the given point with the given length
-    eps = 1e-6, mu = 0;  or eps = 1e-9 |A|^2, mu = 1/8 dt |b - A x_0| |A|, x_0 that for mu = 0        (Sugihara)
+    by hand   A = J, b = s with metres and radians alike,  eps = 1e-6,  mu = 0
+    else      root J, root s at the given point with the given length,  eps = 1e-9 |A|^2,
+              mu = 1/8 dt |b - A x_0| |A|,  x_0 that for mu = 0                                       (Sugihara)
 
 The posture x_p is zero for arms with up to six joints: eps is then the usual damping. Limits that forbid exact rows
 slow them down by halves. All are solved by DAQP.
 
-Reference: the examples of Pinocchio (inverse kinematics) and of DAQP; Escande, Mansard & Wieber 2014; Arnstrom,
-Bemporad & Axehill 2022 (DAQP); Sugihara 2011.
+Reference: the examples of Pinocchio (inverse kinematics) and of DAQP; Sugihara 2011.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -22,7 +21,6 @@ import numpy as np
 
 from invariantqp.compare.method import (
     HAND_WRITTEN,
-    LEAST_SQUARES,
     SCALED_LEAST_SQUARES,
     AccelerationReach,
     LoopSetting,
@@ -124,34 +122,26 @@ class HandWritten:
         return answer(x, "hand-written", "daqp")
 
 
-def least_squares(*, scaled: bool = False) -> Callable[[LoopSetting], Solve]:
-    """A maker of least squares inside the limits; `scaled` measures at the given point with the given length, and adds
-    a mu that grows with what is missed.
-    """
+def least_squares(setting: LoopSetting) -> Solve:
+    """Least squares inside the limits, at the given point with the given length; mu grows with what is missed."""
+    root, solver, eye = root_at(setting.point, setting.length), Daqp(), np.eye(setting.m)
 
-    def make(setting: LoopSetting) -> Solve:
-        root = root_at(setting.point, setting.length) if scaled else None
-        solver, eye = Daqp(), np.eye(setting.m)
+    def velocity(tick: Question) -> Array:
+        A, b = root.dot(tick.J), root.dot(tick.s)
+        size = float(np.vdot(A, A))
+        H, c = A.T.dot(A) + NEGLIGIBLE * size * eye, A.T.dot(b) + NEGLIGIBLE * size * tick.posture
 
-        def velocity(tick: Question) -> Array:
-            A, b = (tick.J, tick.s) if root is None else (root.dot(tick.J), root.dot(tick.s))
-            size = float(np.vdot(A, A))
-            weight = NEGLIGIBLE * size if scaled else FIXED_WEIGHT
-            H, c = A.T.dot(A) + weight * eye, A.T.dot(b) + weight * tick.posture
+        def best(mu: float) -> Array:
+            K = (H + mu * eye) / size
+            if not len(tick.C):
+                return solver.solve(BoxQP(K, c / size, tick.lower, tick.upper, None))
+            return slowed(solver, K, c / size, tick)
 
-            def best(mu: float) -> Array:
-                K = (H + mu * eye) / size
-                if not len(tick.C):
-                    return solver.solve(BoxQP(K, c / size, tick.lower, tick.upper, None))
-                return slowed(solver, K, c / size, tick)
+        x = best(0.0)
+        mu = 0.5 * CALM * setting.dt * float(np.linalg.norm(b - A.dot(x))) * np.sqrt(size)
+        return best(mu) if mu > FIXED_WEIGHT * size else x
 
-            x = best(0.0)
-            mu = 0.5 * CALM * setting.dt * float(np.linalg.norm(b - A.dot(x))) * np.sqrt(size) if scaled else 0.0
-            return best(mu) if mu > FIXED_WEIGHT * size else x
-
-        return velocity
-
-    return make
+    return velocity
 
 
 def slowed(solver: Daqp, H: Array, c: Array, tick: Question) -> Array:
@@ -186,60 +176,21 @@ def scaling(setting: LoopSetting) -> Solve:
     return velocity
 
 
-def levels(setting: LoopSetting) -> Solve:
-    """Limits > exact rows > J x = s > x = x_p, each level as far as those above allow, by DAQP's own hierarchies.
-
-    Within a level DAQP weighs every row by one over its norm: what it misses of a twist is least in these units.
-    """
-    m, eye = setting.m, np.eye(setting.m)
-
-    def velocity(tick: Question) -> Array:
-        # With exact rows the turn alone is left of the twist; rows given twice would take the posture's level away.
-        k, left = len(tick.C), 3 if len(tick.C) else 6
-        ends = np.cumsum([m, k, left, m] if k else [m, left, m]).astype(np.intc)
-        rows = np.vstack((tick.C, tick.J[:left], eye))
-        wanted = np.concatenate((tick.e, tick.s[:left], tick.posture))
-        upper, lower = np.concatenate((tick.upper, wanted)), np.concatenate((tick.lower, wanted))
-        x, _, flag, _ = daqp.solve(None, None, rows, upper, lower, np.zeros(ends[-1], dtype=np.intc), ends)
-        if flag <= 0:
-            raise SolverFailure("daqp", f"exit flag {flag}")
-        return np.asarray(x)
-
-    return velocity
-
-
-PLAIN = Takes("in the objective", "equality rows", "inside the QP", "weight 1e-6")
-DAMPED = Takes("in the objective", "equality rows", "inside the QP", "grows with what is missed (Sugihara 2011)")
-
 row = partial(Method, family="QP")
 METHODS = [
     row(
         name=HAND_WRITTEN,
         why="Pinocchio and DAQP called one after the other in forty lines, least squares with metres and radians alike",
-        takes=PLAIN,
+        takes=Takes("in the objective", "equality rows", "inside the QP", "weight 1e-6"),
         system=HandWritten,
         needs=("pinocchio",),
-    ),
-    row(
-        name=LEAST_SQUARES,
-        why="least squares inside the limits, metres and radians alike, as scripts write it",
-        takes=PLAIN,
-        make=least_squares(),
-        shown=False,
     ),
     row(
         name=SCALED_LEAST_SQUARES,
         why="with Levenberg and Marquardt's damping (Sugihara 2011), at the given point, and a radian counting as the "
         "arm's reach: the nearest to this library's law",
-        takes=DAMPED,
-        make=least_squares(scaled=True),
-    ),
-    row(
-        name="hierarchical QP",
-        why="DAQP's own strict hierarchy: limits, exact rows, twist, posture (Escande, Mansard & Wieber 2014)",
-        takes=Takes("lowest level", "second level", "first level", "none"),
-        make=levels,
-        shown=False,
+        takes=Takes("in the objective", "equality rows", "inside the QP", "grows with what is missed (Sugihara 2011)"),
+        make=least_squares,
     ),
     row(
         name="scaling",

@@ -26,14 +26,14 @@ def limited():
     """What a quick run of two methods finds at the limits of five joints."""
     return {
         name: loops(Cell("loop", "compare/so101_limits", (name,), quick=True))[name]
-        for name in ("invariantqp", "least-squares QP", "QP with length and LM")
+        for name in ("invariantqp", "hand-written loop", "QP with length and LM")
     }
 
 
 def test_a_frame_changes_who_measures_in_it_and_nobody_else(limited):
     assert limited["invariantqp"]["frame"] < 1e-11
     assert limited["QP with length and LM"]["frame"] < 1e-11  # told point and length, a QP is free of frames too
-    assert limited["least-squares QP"]["frame"] > 1e-3
+    assert limited["hand-written loop"]["frame"] > 1e-3
     assert all(found["control"] < 1e-10 for found in limited.values())
     assert all(found["limits_met"] > 0.5 for found in limited.values())
 

@@ -12,7 +12,6 @@ from invariantqp.compare.linear import (
     saturate,
 )
 from invariantqp.compare.method import CANNOT, FAMILIES, OURS, OURS_PYTHON, LoopSetting, Question
-from invariantqp.compare.qp import levels
 from invariantqp.compare.registry import chosen, controller_named, methods, not_installed
 from invariantqp.errors import BadInput, MissingExtra, UnknownName
 from invariantqp.runs.taskfile import LawSpec
@@ -159,20 +158,10 @@ def test_moore_penrose_is_the_shortest_least_squares_velocity(name, m):
 def test_priorities_come_one_after_the_other():
     J, s = problem(2, 8)
     posture, C = np.linspace(-1.0, 1.0, 8), J[3:]
-    for name in ("task priority", "hierarchical QP"):
-        x = solved(name, J, s, C=C, e=s[3:], posture=posture)
-        null_space = np.linalg.svd(J)[2][6:]
-        np.testing.assert_allclose(J @ x, s, atol=1e-5)
-        np.testing.assert_allclose(null_space @ (x - posture), 0.0, atol=1e-5)
-
-
-def test_the_hierarchy_gives_up_the_lower_level_first():
-    J, s = problem(3, 5)
-    tick = plain(J, s, np.full(5, -9.0), np.full(5, 9.0))._replace(C=J[3:], e=s[3:])
-    x = levels(setting(5))(tick)
-    np.testing.assert_allclose(J[3:] @ x, s[3:], atol=1e-8)
-    N, W = np.linalg.svd(J[3:])[2][3:].T, np.diag(1.0 / (J[:3] ** 2).sum(axis=1))  # DAQP's own weights
-    np.testing.assert_allclose(N.T @ J[:3].T @ W @ (s - J @ x)[:3], 0.0, atol=1e-6)
+    x = solved("task priority", J, s, C=C, e=s[3:], posture=posture)
+    null_space = np.linalg.svd(J)[2][6:]
+    np.testing.assert_allclose(J @ x, s, atol=1e-5)
+    np.testing.assert_allclose(null_space @ (x - posture), 0.0, atol=1e-5)
 
 
 @pytest.mark.parametrize("last", [0.0, 1e-9, 1e-3, 0.5])
@@ -251,7 +240,7 @@ def test_exact_rows_that_limits_forbid_are_slowed_down_by_halves():
     J, s = problem(5, 6)
     row = np.zeros((1, 6))
     row[0, 0] = 1.0
-    make = ROWS["least-squares QP"].make(LoopSetting(6, 0.01, np.zeros(3), 0.5))
+    make = ROWS["QP with length and LM"].make(LoopSetting(6, 0.01, np.zeros(3), 0.5))
     for wanted, share in ((0.9, 1.0), (1.5, 0.5), (3.9, 0.25), (7.9, 0.125), (9.0, 0.0)):
         x = make(Question(J, s, -np.ones(6), np.ones(6), np.zeros(6), row, np.array([wanted]), np.zeros(6)))
         assert x[0] == pytest.approx(share * wanted, abs=1e-9)

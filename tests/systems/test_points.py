@@ -208,22 +208,6 @@ def test_all_joint_velocities_and_no_others(m, rank):
         assert found.moves == (min(m, rank) >= 3)
 
 
-def test_example_3_corrected_for_three_joints():
-    """[DS] Example 3 prints J^{+h}(S), which is every joint velocity here; J^{+h}(S meet im J) is a line."""
-    rng = np.random.default_rng(33)
-    J = rng.normal(size=(6, 3))
-    p, q = rng.normal(size=(2, 3))
-    S = iq.systems.motions_along(p, q)
-    inverse = iq.pseudoinverse(J, 0.7)
-    assert np.linalg.matrix_rank(inverse @ S) == 3
-    found = iq.systems.point_motion(J, p, q)
-    assert found.velocities.shape == (3, 1)
-    assert distance(inverse @ found.twists, found.velocities) < 1e-12
-    velocity = velocity_at(J @ found.velocities, p)[:, 0]
-    np.testing.assert_allclose(np.cross(velocity, q), 0.0, atol=1e-12)
-    assert np.linalg.norm(velocity) > 1e-3
-
-
 def test_the_four_system_is_reciprocal_to_a_plane_pencil():
     S = iq.systems.motions_along((0.3, -0.2, 0.5), (1.0, 2.0, -1.0))
     kind = iq.gibson_hunt(S)

@@ -62,6 +62,7 @@ def test_the_four_conditions(seed, m, rank):
             metric = np.eye(m) if M is None else M
             on_joints = metric @ P @ J
             np.testing.assert_allclose(on_joints, on_joints.T, **close)
+        assert all(penrose_conditions(J, P, h, joint_metric=M).met)
 
 
 @pytest.mark.parametrize("m", [6, 7, 9])
@@ -71,13 +72,6 @@ def test_at_rank_six_it_is_moore_penrose_for_every_pitch(m):
     for h in (-1e3, -0.2, 0.0, 0.3, 1e3):
         np.testing.assert_allclose(iq.pseudoinverse(J, h), np.linalg.pinv(J), atol=1e-13 * np.linalg.cond(J))
         assert iq.has_pseudoinverse(J, h)
-
-
-def test_below_rank_six_it_is_not():
-    rng = np.random.default_rng(0)
-    J = rng.normal(size=(6, 5))
-    change = np.linalg.norm(iq.pseudoinverse(J, 0.7) - np.linalg.pinv(J)) / np.linalg.norm(np.linalg.pinv(J))
-    assert change > 0.1
 
 
 @EXAMPLES
@@ -532,19 +526,6 @@ def regular(rng, m, rank):
     return J, pitch_away(rng, J)
 
 
-@settings(max_examples=80, deadline=None)
-@given(seed=SEEDS, m=st.integers(1, 8), rank=st.integers(1, 6), unit=st.sampled_from([1e-3, 1.0, 1e3]))
-def test_the_pseudoinverse_meets_all_four(seed, m, rank, unit):
-    rng = np.random.default_rng(seed)
-    J, h = regular(rng, m, min(m, rank))
-    J, h = np.repeat([1.0, unit], 3)[:, None] * (iq.adjoint(motion(rng)) @ J), unit * h
-    A = rng.normal(size=(m, m))
-    for M in (None, A @ A.T + np.eye(m)):
-        found = penrose_conditions(J, iq.pseudoinverse(J, h, joint_metric=M), h, joint_metric=M)
-        assert all(found.met)
-        assert found.residuals.max() <= 1e-13 * max(1.0, found.magnification)
-
-
 @settings(max_examples=40, deadline=None)
 @given(seed=SEEDS)
 def test_each_condition_is_missed_by_itself(seed):
@@ -568,14 +549,6 @@ def test_moore_penrose_is_one_at_rank_six_only():
     assert all(penrose_conditions(J, np.linalg.pinv(J), 0.4).met)
     J = rng.normal(size=(6, 5))
     assert penrose_conditions(J, np.linalg.pinv(J), 0.4).met == (True, True, False, True)
-
-
-def test_condition_three_is_the_h_adjoint():
-    rng = np.random.default_rng(3)
-    J, h = regular(rng, 3, 3)
-    P = J @ iq.pseudoinverse(J, h)
-    Q = iq.pitch_form(h)
-    np.testing.assert_allclose(form_adjoint(P, Q, Q), P, atol=1e-11)
 
 
 def test_an_error_shows_in_the_residuals():
@@ -627,14 +600,6 @@ def test_near_a_principal_pitch_the_numbers_are_small_together():
             assert said.certificate is None
             for number in (said.gram_eigenvalue, said.angle, said.pitch_distance):
                 assert off * 1e-3 < number < off * 1e3
-
-
-def test_the_answer_moves_with_the_frame_and_its_numbers_do_not_matter_there():
-    rng = np.random.default_rng(6)
-    J = rng.normal(size=(6, 3))
-    Ad = iq.adjoint(motion(rng))
-    for h in (0.3, float(iq.principal_pitches(J)[0]) + 1e-5):
-        assert iq.systems.existence(J, h).exists == iq.systems.existence(Ad @ J, h).exists
 
 
 def test_rank_six_and_zero_always_exist():
