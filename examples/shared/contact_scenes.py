@@ -16,7 +16,7 @@ import numpy as np
 import invariantqp as iq
 from invariantqp.geometry.se3 import cross, displacement, facing
 from invariantqp.runs.mujoco import Solid, Solids, ball_at
-from invariantqp.runs.plant import Cylinder, HingeSprings, Plane, SurfaceSprings
+from invariantqp.runs.plant import HingeSprings, Plane, SurfaceSprings
 
 TURN, RIGHT, CREEP = 4.0, np.array([0.05**2] * 3 + [1.0] * 3), 1e-3  # [s] a turn; what a twist weighs; [m/s]
 
@@ -214,7 +214,8 @@ def scenes(start, radius):
             solids(Solid("sphere", (0.15,), iq.transform(translation=foot - 0.15 * z))),
         ),
         "bar of 100 mm": curved(
-            lambda p: np.linalg.norm(np.cross(x, p - foot + 0.1 * z)) - 0.1, pen(Cylinder(foot - 0.1 * z, x, 0.1))
+            lambda p: np.linalg.norm(np.cross(x, p - foot + 0.1 * z)) - 0.1,
+            solids(Solid("cylinder", (0.1, 1.0), facing(x, foot - 0.1 * z))),
         ),
         "waves, by a function": curved(lambda p: floor(p) + 0.01 * sin(40.0 * x @ (p - foot)), None),
         "over an edge and back": surface(

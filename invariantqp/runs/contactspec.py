@@ -38,9 +38,6 @@ class ContactSpec(Section):
         examples=[[0.08, 0.05]],
     )
     gap: Number = Field(0.0, description="distance between tool and surface at the start [m]", examples=[0.003])
-    radius: Positive | None = Field(
-        None, description="of a round bar along `along`, for a point; left out: a plane [m]", examples=[0.3]
-    )
     edges: list[Vector3] = Field(
         [],
         description="of a plane that ends, each the way from the tool at the start to a straight edge and across it "
@@ -77,11 +74,8 @@ class ContactSpec(Section):
         if given != wanted:
             article = "an" if self.kind == "edge" else "a"
             raise ValueError(f"size of {article} {self.kind} has {wanted} number{'s' * (wanted != 1)}, not {given}")
-        if self.radius is not None and self.kind != "point":
-            raise ValueError(f"radius is for a point on a round bar, not for kind = {self.kind!r}")
-        if self.edges and (self.kind == "hinge" or self.radius is not None):
-            what = "a hinge" if self.kind == "hinge" else "a round bar"
-            raise ValueError(f"edges are those of a plane; {what} has none, leave them out")
+        if self.edges and self.kind == "hinge":
+            raise ValueError("edges are those of a plane; a hinge has none, leave them out")
         if self.normal_within is not None and self.kind == "hinge":
             raise ValueError("normal_within is for a surface; a hinge has no normal, leave it out")
         return self

@@ -31,7 +31,6 @@ from invariantqp.runs.plant import (
     PlantState,
     SimulatedSensor,
     Springs,
-    Surface,
     SurfaceSprings,
 )
 from invariantqp.systems.contacts import SIX_DIGITS
@@ -41,7 +40,7 @@ with optional("sim", "mujoco"):
 
 # Radius of the tip of a pen and of an edge, thickness of a face [m].
 TIP = 2e-3
-# Half the length of a bar, and of a side of a table that has an edge elsewhere; half the thickness of a table [m].
+# Half of a side of a table that has an edge elsewhere, and of the thickness of a table [m].
 FAR = 1.0
 
 SolidKind = Literal["plane", "sphere", "capsule", "cylinder", "box"]
@@ -87,10 +86,7 @@ class Solids(NamedTuple):
 
 def solids_of(springs: SurfaceSprings, T: Array) -> Solids:
     """The surface, and on the tool at pose T a ball, an edge or a face that touches it at the points of the springs."""
-    surface = springs.surface
-    if not isinstance(surface, Plane) and springs.shape != "point":
-        raise BadInput("physics", f"a {springs.shape} on a round bar", "a point there, or a plane, with MuJoCo")
-    return Solids((_surface(surface),), (_tip(springs, T),), springs.stiffness / len(springs.points))
+    return Solids((_surface(springs.surface),), (_tip(springs, T),), springs.stiffness / len(springs.points))
 
 
 def ball_at(point: Array, outwards: Array) -> Solid:
@@ -98,10 +94,8 @@ def ball_at(point: Array, outwards: Array) -> Solid:
     return Solid("sphere", (TIP,), se3.transform(None, point + TIP * outwards))
 
 
-def _surface(surface: Surface) -> Solid:
-    """A plane, a table with its edges, or a round bar, in the base frame."""
-    if not isinstance(surface, Plane):
-        return Solid("cylinder", (surface.radius, FAR), se3.facing(surface.axis, surface.point))
+def _surface(surface: Plane) -> Solid:
+    """A plane, or a table with its edges, in the base frame."""
     if not surface.edges:
         return Solid("plane", (), se3.facing(surface.normal, surface.point))
     x = surface.edges[0] / np.linalg.norm(surface.edges[0])
@@ -123,8 +117,7 @@ def _surface(surface: Surface) -> Solid:
 def _tip(springs: SurfaceSprings, T: Array) -> Solid:
     """The part of the tool that touches, in the tool frame."""
     p = springs.points.mean(axis=0)
-    _, normal = springs.surface.depth(T[:3, :3].dot(p) + T[:3, 3])
-    up = T[:3, :3].T.dot(normal)  # in the tool frame
+    up = T[:3, :3].T.dot(springs.surface.normal)  # in the tool frame
     if springs.shape == "point":
         return ball_at(p, up)
     if springs.shape == "edge":

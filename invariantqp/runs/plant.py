@@ -4,8 +4,7 @@ A controller only sees measurements. The ideal plant moves exactly as commanded,
 one point, the two ends of an edge, the four corners of a face or a handle. It has no inertia, no actuator lag, no
 friction and no noise; a dead time only where one is asked for.
 
-    on a plane:    depth = -n.(p - p0),     on a round bar:    depth = r - |distance from the axis|
-    on a surface:  f_i = (k / n) max(depth_i, 0) normal_i,     on a hinge:  f_i = (k / n) (g_i(angle) - p_i)
+    on a plane:  f_i = (k / n) max(-n.(p_i - p0), 0) n,     on a hinge:  f_i = (k / n) (g_i(angle) - p_i)
 
 Wrenches are what the surroundings exert on the tool, about the origin of the base frame. How strongly an edge or a face
 resists being tilted follows from where its points are: k L^2 / 4 for an edge of length L.
@@ -23,10 +22,9 @@ import numpy as np
 from invariantqp.force.sensor import GRAVITY
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.se3 import across
 from invariantqp.robots.kinematics import Robot
 
-# Steps for the angle of a hinge, where two reach rounding from a tick ago, and onto a surface: a round bar takes a few.
+# Steps for the angle of a hinge, where two reach rounding from a tick ago.
 NEWTON_STEPS = 6
 
 
@@ -71,32 +69,13 @@ class Plane(NamedTuple):
     normal: Array
     edges: tuple[Array, ...] = ()
 
-    def depth(self, p: Array) -> tuple[float, Array]:
-        """How deep p (3,) is [length], negative outside, and the unit normal there."""
-        return float(self.normal.dot(self.point - p)), self.normal
+    def depth(self, p: Array) -> float:
+        """How deep p (3,) is [length], negative outside."""
+        return float(self.normal.dot(self.point - p))
 
     def extent(self, p: Array) -> float:
         """How far the nearest edge is from p (3,) [length], negative beyond it; inf without edges."""
         return min((float(e.dot(self.point + e - p)) / hypot(*e.tolist()) for e in self.edges), default=inf)
-
-
-class Cylinder(NamedTuple):
-    """A round bar about the axis through a point (3,) along a unit direction (3,), touched from outside."""
-
-    point: Array
-    axis: Array
-    radius: float
-
-    def depth(self, p: Array) -> tuple[float, Array]:
-        """How deep p (3,) is [length], negative outside, and the unit normal there."""
-        r = p - self.point
-        out = r - self.axis.dot(r) * self.axis
-        distance = hypot(*out.tolist())
-        # On the axis every direction across it leads out.
-        return self.radius - distance, out / distance if distance else across(self.axis)[0]
-
-
-Surface = Plane | Cylinder
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +84,7 @@ class SurfaceSprings:
 
     shape: Literal["point", "edge", "face"]  # the part of the tool that touches
     points: Array  # (n, 3) in the tool frame [m]: one, the two ends of an edge, or the four corners of a face in order
-    surface: Surface  # what they touch
+    surface: Plane  # what they touch
     stiffness: float  # of all points together [N/m]
 
     def wrench(self, T: Array) -> Array:
@@ -113,9 +92,9 @@ class SurfaceSprings:
         total = np.zeros(6)
         each = self.stiffness / len(self.points)
         for p in self.points.dot(T[:3, :3].T) + T[:3, 3]:
-            depth, normal = self.surface.depth(p)
-            if depth > 0.0 and (not isinstance(self.surface, Plane) or self.surface.extent(p) > 0.0):
-                total += force_at(each * depth * normal, p)
+            depth = self.surface.depth(p)
+            if depth > 0.0 and self.surface.extent(p) > 0.0:
+                total += force_at(each * depth * self.surface.normal, p)
         return total
 
 

@@ -25,16 +25,7 @@ from invariantqp.force.sensor import Wrench, WrenchSensor
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.runs.contactspec import SIDES, ContactSpec, ForceSpec, SensorSpec
-from invariantqp.runs.plant import (
-    NEWTON_STEPS,
-    Cylinder,
-    HingeSprings,
-    Plane,
-    SimulatedSensor,
-    Springs,
-    Surface,
-    SurfaceSprings,
-)
+from invariantqp.runs.plant import HingeSprings, Plane, SimulatedSensor, Springs, SurfaceSprings
 from invariantqp.runs.taskfile import Task
 from invariantqp.systems.contacts import (
     SIX_DIGITS,
@@ -69,16 +60,14 @@ class ContactScene:
     sensor: WrenchSensor  # what the controller knows of its force sensor
     stiffness: Array  # (6,) in the contact's frame, angular first [N m/rad, N/m]
     normal: Array  # (3,) of the plane in which the path is drawn
-    surface: Surface | None  # the surface as the controller believes it to be; None for a hinge
+    surface: Plane | None  # the surface as the controller believes it to be; None for a hinge
 
     def on_surface(self, T: Array) -> Array:
         """A wanted tool pose (4, 4) with its point moved onto the surface, along the plane's normal."""
         if self.surface is None:
             return T
         on = T.copy()
-        for _ in range(NEWTON_STEPS):
-            depth, normal = self.surface.depth(on[:3, 3])
-            on[:3, 3] += depth / normal.dot(self.normal) * self.normal
+        on[:3, 3] += self.surface.depth(T[:3, 3]) * self.normal
         return on
 
     def motion_error(self, contact: Contact, T: Array, wanted: Array) -> tuple[float, float]:
@@ -131,7 +120,7 @@ class _Touched(NamedTuple):
     stiffness: Array  # (6,) in the contact's frame
     contact_at: Callable[[Array], Contact]  # the contact that the controller believes in, for a tool at a (4, 4) pose
     normal: Array  # (3,) of the plane in which the path is drawn
-    surface: Surface | None  # as the controller believes it to be; None for a hinge
+    surface: Plane | None  # as the controller believes it to be; None for a hinge
 
 
 def scene_of(task: Task, T: Array, noise: float = 0.0) -> ContactScene | None:
@@ -192,7 +181,7 @@ def _believed_sensor(sensor: SensorSpec, mount: Array, noise: float) -> WrenchSe
 
 
 def _surface(contact: ContactSpec, T: Array) -> _Touched:
-    """A plane or a round bar below a tool at pose T."""
+    """A plane below a tool at pose T."""
     R, tilt = T[:3, :3], se3.rotation(np.asarray(contact.tilt))
     n = np.array(contact.normal) / np.linalg.norm(contact.normal)
     x = np.array(contact.along) - n * n.dot(contact.along)
@@ -202,8 +191,8 @@ def _surface(contact: ContactSpec, T: Array) -> _Touched:
     y = np.cross(n, x)
     foot = T[:3, 3] - contact.gap * n
     edges = tuple(_in_plane(np.array(edge), n) for edge in contact.edges)
-    believed = _shaped(foot, n, x, contact.radius, edges)
-    real = _shaped(foot, tilt.dot(n), tilt.dot(x), contact.radius, tuple(tilt.dot(edge) for edge in edges))
+    believed = Plane(foot, n, edges)
+    real = Plane(foot, tilt.dot(n), tuple(tilt.dot(edge) for edge in edges))
     a, b = [*(0.5 * s for s in contact.size or ()), 0.0, 0.0][:2]
     points = np.array([R.T.dot(i * a * x + j * b * y) for i, j in CORNERS[contact.kind]])
     along = R.T.dot(x)
@@ -211,21 +200,17 @@ def _surface(contact: ContactSpec, T: Array) -> _Touched:
     def contact_at(tool: Array) -> Contact:
         p = tool[:3, 3]
         if contact.kind == "point":
-            here = point_contact(p, believed.depth(p)[1], tangent=x)
+            here = point_contact(p, n, tangent=x)
         elif contact.kind == "edge":
             here = line_contact(p, tool[:3, :3].dot(along), n)
         else:
             here = face_contact(p, n, tangent=tool[:3, :3].dot(along))
-        return Contact(here.kind, here.pose, believed.extent(p)) if edges and isinstance(believed, Plane) else here
+        return Contact(here.kind, here.pose, believed.extent(p)) if edges else here
 
     lever = b or a or POINT_SIZE, a or POINT_SIZE, a or POINT_SIZE
     shape: Literal["point", "edge", "face"] = contact.kind  # type: ignore[assignment]
     stiffness = contact.stiffness * np.array([*np.square(lever), 1.0, 1.0, 1.0])
     return _Touched(SurfaceSprings(shape, points, real, contact.stiffness), stiffness, contact_at, n, believed)
-
-
-def _shaped(foot: Array, normal: Array, along: Array, radius: float | None, edges: tuple[Array, ...]) -> Surface:
-    return Plane(foot, normal, edges) if radius is None else Cylinder(foot - radius * normal, along, radius)
 
 
 def _in_plane(edge: Array, normal: Array) -> Array:

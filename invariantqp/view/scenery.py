@@ -1,7 +1,7 @@
 """What is around an arm, as faces to draw: what its tool touches, and the shapes that a clearance keeps apart.
 
-A tool touches part of a plane or of a round bar near its path, or turns a door about an axis. Bodies of the arm are
-seen through; obstacles may move.
+A tool touches part of a plane near its path, or turns a door about an axis. Bodies of the arm are seen through;
+obstacles may move.
 """
 
 from __future__ import annotations
@@ -16,17 +16,15 @@ from invariantqp.geometry.distance import Placed
 from invariantqp.geometry.shapes import Core
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.clearancespec import Around
-from invariantqp.runs.plant import Cylinder, HingeSprings, Plane, Surface
+from invariantqp.runs.plant import HingeSprings, Plane
 from invariantqp.runs.scene import scene_of
 from invariantqp.runs.taskfile import Task
 
 # Faces along each side: small ones, because viewers sort faces by depth.
 SIDE = 8
-# How much of a plane or a bar is drawn beyond the path, and half the height of a door, relative to the distance of the
+# How much of a plane is drawn beyond the path, and half the height of a door, relative to the distance of the
 # tool from the base.
 MARGIN = 0.13
-# How much of a bar is drawn to either side of where it is touched [rad].
-ROUND = 1.3
 # Faces about a round shape, and over half of one of its ends.
 SIDES, CAP = 12, 3
 # How far a half-space is drawn to each side of the arm, by its reach, and in how many faces a side.
@@ -55,38 +53,20 @@ def surroundings(task: Task, robot: Robot, path: Array) -> Surroundings:
     return Surroundings(_faces(springs.surface, path, margin))
 
 
-def _faces(surface: Surface, path: Array, margin: float) -> Array:
+def _faces(surface: Plane, path: Array, margin: float) -> Array:
     """(SIDE^2, 4, 3) of a surface near a path."""
-    if isinstance(surface, Plane):
-        u, v = se3.across(surface.normal)
-    else:
-        u, v = surface.axis, surface.depth(path.mean(axis=0))[1]
-    if isinstance(surface, Plane):
-        corners = patch(path, surface.point, u, v, margin)
-        for edge in surface.edges:
-            beyond = np.maximum((corners - surface.point - edge).dot(edge) / edge.dot(edge), 0.0)
-            corners = corners - beyond[..., None] * edge
-    else:
-        corners = _bent(surface, _along((path - surface.point).dot(u), margin), v)
+    corners = patch(path, surface.point, *se3.across(surface.normal), margin)
+    for edge in surface.edges:
+        beyond = np.maximum((corners - surface.point - edge).dot(edge) / edge.dot(edge), 0.0)
+        corners = corners - beyond[..., None] * edge
     return tiles(corners)
 
 
 def patch(path: Array, foot: Array, u: Array, v: Array, margin: float) -> Array:
     """(SIDE + 1, SIDE + 1, 3) points of the plane through a foot (3,) along u and v, about a path (n, 3)."""
-    a, b = (_along((path - foot).dot(along), margin) for along in (u, v))
+    ways = ((path - foot).dot(along) for along in (u, v))
+    a, b = (np.linspace(way.min() - margin, way.max() + margin, SIDE + 1) for way in ways)
     return np.asarray(foot + a[:, None, None] * u + b[None, :, None] * v)
-
-
-def _bent(bar: Cylinder, along: Array, outward: Array) -> Array:
-    """(SIDE + 1, SIDE + 1, 3) points of a bar: at places along it, at angles about where it is touched."""
-    angle = np.linspace(-ROUND, ROUND, SIDE + 1)[:, None]
-    rim = bar.radius * (np.cos(angle) * outward + np.sin(angle) * np.cross(bar.axis, outward))
-    points: Array = bar.point + along[:, None, None] * bar.axis + rim[None]
-    return points
-
-
-def _along(values: Array, margin: float) -> Array:
-    return np.linspace(values.min() - margin, values.max() + margin, SIDE + 1)
 
 
 class Solid(NamedTuple):

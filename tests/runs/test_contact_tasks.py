@@ -119,15 +119,6 @@ def test_no_pitch_does_for_a_face():
         iq.run_task(short("wipe_table", force={"h": 0.3}))
 
 
-def test_a_pen_follows_a_round_bar():
-    task = short(duration=2.0, contact={"radius": 0.15, "along": (0.0, 1.0, 0.0), "tilt": (0.0, 0.0, 0.0)})
-    trace = iq.run_task(task)
-    assert np.ptp(trace.contact.drawn[:, 2]) > 0.004  # over the top and down the side
-    assert trace.summary()["position_error_mm"]["max"] < 0.5
-    last = trace.contact.wrench[-1, 3:]
-    assert np.linalg.norm(last) == pytest.approx(5.0, rel=0.02)
-
-
 @pytest.mark.parametrize("physics", ["ideal", "mujoco"])
 def test_a_pen_that_leaves_its_table_says_so_first_and_presses_again(physics):
     """The same edge as springs that end and as a box of MuJoCo's."""

@@ -94,12 +94,6 @@ PROBLEMS |= {
     ),
     "a sized point": (pen(contact={"size": [0.1]}), "$.contact", "size of a point has 0 numbers, not 1", ""),
     "an edge without size": (pen(contact={"kind": "edge"}), "$.contact", "size of an edge has 1 number, not 0", ""),
-    "a round face": (
-        pen(contact={"kind": "face", "size": [0.1, 0.1], "radius": 0.3}),
-        "$.contact",
-        "radius is for a point on a round bar",
-        "",
-    ),
     "soft": (pen(contact={"stiffness": 0.0}), "$.contact.stiffness", "greater than 0", "= 20000.0)"),
     "no press": ({"contact": PEN["contact"], "force": {}}, "$.force.press", "required", "(for example: press = 5.0)"),
     "force typo": (pen(force={"presss": 5.0}), "$.force.presss", "not permitted", "(did you mean 'press'?)"),

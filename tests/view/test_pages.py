@@ -172,10 +172,10 @@ def touched(**contact):
 
 def distances(surface, points):
     """Of points from a surface."""
-    return np.array([surface.depth(p)[0] for p in points.reshape(-1, 3)])
+    return np.array([surface.depth(p) for p in points.reshape(-1, 3)])
 
 
-@pytest.mark.parametrize("shape", [{}, {"radius": 0.2}, {"normal": [0.3, -0.2, 1.0]}], ids=["plane", "bar", "slope"])
+@pytest.mark.parametrize("shape", [{}, {"normal": [0.3, -0.2, 1.0]}], ids=["plane", "slope"])
 def test_faces_lie_on_what_is_touched_and_cover_the_path(shape):
     task = touched(kind="point", tilt=[0.02, -0.01, 0.0], **shape)
     robot = task.load_robot()
