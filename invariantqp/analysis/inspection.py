@@ -16,18 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.analysis.recommendation import LARGEST_NORM, SMALL, Recommendation, recommend, smallest_norm
+from invariantqp.analysis.recommendation import LARGEST_NORM, Recommendation, recommend, smallest_norm
 from invariantqp.analysis.survey import Survey, spread, survey
 from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.se3 import cross, norm
 from invariantqp.progress import PROGRESS, Progress
 from invariantqp.robots.kinematics import Robot, middle, require_robot
-from invariantqp.systems.classification import CLASS_TOLERANCE
 from invariantqp.systems.points import centre
 from invariantqp.systems.report import SystemReport, describe
-from invariantqp.velocity.measure import root_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +43,7 @@ class Inspection:
             axes meet.
         norm: the smallest |P_h| of the pitches tried in this state: how many times the least-squares error it leaves.
         recommended: the pitch to split twists by, if any serves.
-        manipulability: sqrt(det(J J')) of the tool point in this state, or of what fewer joints can do, a radian
-            counted as the arm's reach L.
         unlimited: names of the joints without a velocity limit.
-        tilt: two joints whose axes are nearly parallel or at a right angle, and by how much they are not [rad]; None
-            where no axes are.
     """
 
     robot: str
@@ -63,9 +56,7 @@ class Inspection:
     own_length: float
     norm: float
     recommended: Recommendation
-    manipulability: float
     unlimited: tuple[str, ...]
-    tilt: tuple[str, str, float] | None
 
     def use_words(self) -> tuple[str, ...]:
         """What to tell a controller of this arm, one fact a sentence."""
@@ -83,12 +74,6 @@ class Inspection:
             sentences.append(f"Of the joints {more} left over: posture= says where to.")
         if self.unlimited:
             sentences.append(f"No velocity limit is known for {', '.join(self.unlimited)}: say velocity_limit=.")
-        if self.tilt is not None:
-            one, two, by = self.tilt
-            sentences.append(
-                f"The axes of {one} and {two} are not parallel or at a right angle by {by:.1e} rad: too few digits in "
-                "its description, such as 1.5708?"
-            )
         return tuple(sentences)
 
     def state_words(self) -> tuple[str, ...]:
@@ -101,10 +86,6 @@ class Inspection:
             sentences = (sentences[0], note, *sentences[1:])
         elif self.report.singular:
             sentences = (*sentences, "No state does better: the joints are redundant, this is no singularity.")
-        sentences = (
-            *sentences,
-            f"Manipulability {self.manipulability:.3g}, a radian counted as {self.recommended.length:.3g}.",
-        )
         if self.norm > LARGEST_NORM and not self.report.blind_directions.shape[1]:
             sentences = (
                 *sentences,
@@ -151,7 +132,6 @@ class Inspection:
             "principal_screws": self.report.principal_screws.T.tolist(),
             "blind_directions": self.report.blind_directions.T.tolist(),
             "singularity_distance": self.report.singularity_distance,
-            "manipulability": self.manipulability,
             "attainable_rank": self.survey.attainable_rank,
             "own_length": self.own_length if isfinite(self.own_length) else None,
             "recommended": {
@@ -198,8 +178,6 @@ def inspect(
         report = describe(robot.jacobian(state))
         where = "in a regular state, since the middle of the joint range is singular"
     advice = recommend(robot, seen.q)
-    measured = root_at(robot.pose(state)[:3, 3], advice.length).dot(robot.jacobian(state))
-    sizes = np.linalg.svd(measured, compute_uv=False)[: seen.attainable_rank]
     return Inspection(
         robot=name,
         tool=str(getattr(robot, "tool", "tool_point")),
@@ -211,25 +189,8 @@ def inspect(
         own_length=centre(robot.jacobian(mid)).length,
         norm=smallest_norm(robot, state, advice.length),
         recommended=advice,
-        manipulability=float(np.prod(sizes)),
         unlimited=tuple(name for name, v in zip(robot.names, robot.velocity_limit, strict=True) if not isfinite(v)),
-        tilt=_tilt(robot),
     )
-
-
-def _tilt(robot: Robot) -> tuple[str, str, float] | None:
-    """Two joints, one after the other, whose axes are nearly parallel or at a right angle, and farthest from it.
-
-    Those were written with few digits: 1.5708 is off by 4e-6, 1.57 by 8e-4; more was meant, less moves no tool by a
-    micrometre.
-    """
-    axes, found = robot.jacobian(middle(robot))[:3].T, []
-    for one, two, a, b in zip(robot.names, robot.names[1:], axes, axes[1:], strict=False):
-        if a.any() and b.any():
-            found += [
-                (one, two, off) for off in (norm(cross(a, b)), abs(float(a.dot(b)))) if CLASS_TOLERANCE < off < SMALL
-            ]
-    return max(found, key=lambda each: each[2], default=None)
 
 
 def _percent(flags: Array) -> str:

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import joblib
 from joblib.externals.loky import ProcessPoolExecutor
-from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from invariantqp.compare.measurements import KINDS, Cell, Kind
 from invariantqp.compare.method import kinematics
@@ -126,29 +125,12 @@ def _attempts(work: list[Cell], jobs: int | None) -> Iterator[tuple[Cell, dict[s
     """The results of every cell in the order in which they are finished; see `attempt`."""
     beside = [cell for cell in work if not KINDS[cell.kind].alone]
     if beside:
-        yield from in_parallel(beside, jobs)
+        work_beside = (joblib.delayed(attempt)(KINDS[cell.kind], cell) for cell in beside)
+        yield from joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(work_beside)
     alone = [cell for cell in work if KINDS[cell.kind].alone]
     if alone:
         with ProcessPoolExecutor(1, env=dict.fromkeys(ONE_THREAD, "1")) as process:
             yield from process.map(attempt, [KINDS[cell.kind] for cell in alone], alone)
-
-
-def in_parallel(work: list[Cell], jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result]]]:
-    """`attempt` on every cell; a method that ends its process, as a division by zero in C does, is a failed one."""
-    left = dict.fromkeys(work)
-    parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
-    try:
-        for cell, result in parallel(joblib.delayed(attempt)(KINDS[cell.kind], cell) for cell in work):
-            del left[cell]
-            yield cell, result
-    except TerminatedWorkerError:
-        for cell in left:
-            with ProcessPoolExecutor(1) as process:
-                try:
-                    yield process.submit(attempt, KINDS[cell.kind], cell).result()
-                except TerminatedWorkerError as error:
-                    ended = {"failed": f"its process ended: {str(error).splitlines()[-1]}"}
-                    yield cell, dict.fromkeys(cell.methods, ended)
 
 
 def attempt(kind: Kind, cell: Cell) -> tuple[Cell, dict[str, Result]]:

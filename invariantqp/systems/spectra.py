@@ -211,14 +211,12 @@ def leg_wrenches(base: ArrayLike, platform: ArrayLike) -> Array:
     return np.vstack((np.cross(b, u).T, u.T))
 
 
-def wrench_pseudoinverse(W: ArrayLike, h: float, *, leg_metric: ArrayLike | None = None) -> Array:
+def wrench_pseudoinverse(W: ArrayLike, h: float) -> Array:
     """W^{+h} (n, 6), the h-pseudoinverse of (6, n) wrenches (m; f): leg forces f = W^{+h} w for the wrench w.
 
     Args:
         W: (6, n) wrenches as columns, of any rank.
         h: finite pitch [length/rad]; wrenches are measured by Q_h^-1.
-        leg_metric: (n, n) or (n,) positive definite metric on leg forces; None is the identity. It matters only where
-            wrenches are dependent (redundant legs).
 
     Raises:
         NoPseudoinverse: W'Q_h^-1 W is singular; its pitches are those of this form, its screw is Q_0 w of a wrench w.
@@ -227,10 +225,9 @@ def wrench_pseudoinverse(W: ArrayLike, h: float, *, leg_metric: ArrayLike | None
     """
     wrenches = arrays.columns(W, "W")
     pitch = finite_pitch(h)
-    metric = None if leg_metric is None else arrays.positive_definite(leg_metric, wrenches.shape[1], "leg_metric")
     swap = pitch_form(0.0)
     try:
-        result: Array = pseudoinverse(swap.dot(wrenches), -pitch, joint_metric=metric).dot(swap)
+        result: Array = pseudoinverse(swap.dot(wrenches), -pitch).dot(swap)
     except NoPseudoinverse as error:
         raise NoPseudoinverse(
             h=pitch,

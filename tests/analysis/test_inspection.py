@@ -342,33 +342,6 @@ def test_it_says_how_to_use_the_arm():
     assert seven == six.replace("6", "7", 1) + " Of the joints one is left over: posture= says where to."
 
 
-def test_manipulability_is_the_textbook_s():
-    robot, found = load_arm("panda"), inspected("panda")
-    J = robot.jacobian(found.q)
-    v = J[3:] + np.cross(J[:3].T, robot.pose(found.q)[:3, 3]).T
-    A = np.vstack((found.recommended.length * J[:3], v))
-    assert found.manipulability == pytest.approx(np.sqrt(np.linalg.det(A @ A.T)))
-    assert f"Manipulability {found.manipulability:.3g}" in words(found)
-
-
-@pytest.mark.parametrize("right_angle", ["1.5708", "1.57", "1.5707963267948966"])
-def test_a_right_angle_of_few_digits_is_told(right_angle):
-    """A URDF written by hand."""
-    text = f"""<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
-    <joint name="one" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
-      <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-    <joint name="two" type="continuous"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/>
-      <origin xyz="0.3 0 0" rpy="{right_angle} 0 0"/><limit effort="1" velocity="1"/></joint></robot>"""
-    found = iq.analysis.inspect(iq.load_robot(text))
-    off = abs(float(right_angle) - np.pi / 2)
-    if off < 1e-9:
-        assert found.tilt is None
-    else:
-        assert found.tilt == ("one", "two", pytest.approx(off, rel=1e-6))
-        assert f"not parallel or at a right angle by {off:.1e} rad" in " ".join(found.use_words())
-    assert found.unlimited == ()
-
-
 def test_joints_without_a_velocity_limit_are_named():
     found = iq.analysis.inspect(five())
     assert "No velocity limit is known for" in " ".join(found.use_words())

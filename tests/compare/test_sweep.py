@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 from invariantqp import extras
 from invariantqp.cli import app
 from invariantqp.compare import sweep as module
-from invariantqp.compare.measurements import Cell, Kind, interleaved, spread
+from invariantqp.compare.measurements import Kind, interleaved, spread
 from invariantqp.compare.registry import methods
 from invariantqp.compare.results import LIBRARIES, load_results, plain, results_of, versions
-from invariantqp.compare.sweep import cells, in_parallel, sweep
+from invariantqp.compare.sweep import cells, sweep
 from invariantqp.errors import BadInput, MissingExtra, UnknownName, install_command
 from invariantqp.robots import load
 
@@ -97,22 +97,6 @@ def test_a_sweep_tells_its_progress_and_keeps_what_it_found(toys, tmp_path):
     assert seen[-1] == (6, 6)
     assert len(MEASURED) == 6
     assert first == load_results(tmp_path / "results.json")
-
-
-def test_a_method_that_ends_its_process_is_a_row_and_not_an_end(toys):
-    def measure(cell):
-        if cell.method == "DLS":
-            import os
-            import signal
-
-            os.kill(os.getpid(), signal.SIGKILL)
-        return {cell.method: {"x": 1.0}}
-
-    toys["ending"] = Kind(measure)
-    work = [Cell("ending", "so101_line", (name,)) for name in FEW]
-    found = dict(in_parallel(work, 2))
-    assert set(found) == set(work)
-    assert all(("failed" in found[cell][cell.method]) == (cell.method == "DLS") for cell in work)
 
 
 def test_wrong_settings_are_told_before_the_work(toys, tmp_path):

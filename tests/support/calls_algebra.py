@@ -87,7 +87,7 @@ ALGEBRA = {
     ),
     "leg_spectrum": lambda: (iq.systems.leg_spectrum, {"W": J, "h": H, "leg_stiffness": None}),
     "platform_stiffness": lambda: (iq.systems.platform_stiffness, {"W": J, "leg_stiffness": np.ones(6)}),
-    "wrench_pseudoinverse": lambda: (iq.systems.wrench_pseudoinverse, {"W": S, "h": H, "leg_metric": None}),
+    "wrench_pseudoinverse": lambda: (iq.systems.wrench_pseudoinverse, {"W": S, "h": H}),
     "dual_projectors": lambda: (
         iq.dual_projectors,
         {"S": S, "wrenches": None, "h": None, "complement": None, "metric": np.ones(6)},
