@@ -372,17 +372,23 @@ def splice(course: Array, time: float, state: Array, duration: float, /) -> Arra
 def through(
     limits: Array, dt: float, stamps: Array, positions: Array, strength: float, ease: float, /
 ) -> tuple[Array, Array]: ...
-def clearance(
+def scene(
     screws: Array,
     starts: Array,
-    q: Array,
-    before: Array,
     shapes: Array,
     twists: Array,
     pairs: Array,
     levers: Array,
+    unjudged: NDArray[np.bool_],
+    /,
+) -> object | None: ...
+def clearance(
+    scene: object,
+    q: Array,
+    before: Array,
     limits: Array,
     settings: Array,
+    shares: Array | None,
     places: Callable[[int, int, Array, Array], Array] | None,
     /,
 ) -> tuple[Array, Array, Array, Array] | None: ...

@@ -42,7 +42,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.control.clearance_pairs import Dropped, Pairs, Part, chain_of, frame_of, shapes_of
 from invariantqp.control.clearance_rows import DEEP, USUAL_SPEED, Found, Rate, moved_by, placed_at, rows_of
-from invariantqp.control.limits import Limit, Loop, boxes
+from invariantqp.control.limits import ForCore, Limit, Loop, boxes
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
@@ -195,9 +195,9 @@ class Clearance(Limit):
             raise BadInput("obstacles", excerpt(obstacles), "a list of shapes and OtherArm")
         self.obstacles: tuple[Shape | OtherArm, ...] = tuple(obstacles)
         self._rate = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
-        self._arms = [arm for arm in self.obstacles if isinstance(arm, OtherArm)]
+        self.arms = [arm for arm in self.obstacles if isinstance(arm, OtherArm)]
         self._found = Pairs(
-            [self.robot, *(arm.robot for arm in self._arms)], self._listed(), self.distance, pairs, exclude
+            [self.robot, *(arm.robot for arm in self.arms)], self._listed(), self.distance, pairs, exclude
         )
         self._parts, self._numbers, self._of_pair = self._found.parts, self._found.numbers, self._found.of_shapes
         self._twists = np.zeros((len(self._parts), 6))
@@ -206,13 +206,23 @@ class Clearance(Limit):
         self._seen: dict[int, Any] = {}
         self._reasons: list[str] = [""] * len(self._of_pair)  # why they are not kept apart as obstacles are now
         self._unjudged = self._around != 0
-        self.nearest = Near("", "", inf)
+        self._nearest_now: tuple[int, float] = -1, inf
         self._distances_now = np.zeros(0)
+        self._scene: Any = None  # for the core; made when it is first asked for
         self._levers = self._levers_of_pairs()
         self._enough = self.distance - max(CURVED * self.distance, ACTIVE_TOLERANCE)
         self._still = self._at_rate(0.0, 0.0)  # all distances, and no rows that matter
         self._refresh(0.0)
         self._judge(self._unjudged)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_scene": None}
+
+    @property
+    def nearest(self) -> Near:
+        """Which two bodies were the nearest in the last tick that asked for rows, and their `distance`."""
+        k, distance = self._nearest_now
+        return Near(*self._names(k), distance) if k >= 0 else Near("", "", inf)
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -273,12 +283,12 @@ class Clearance(Limit):
     def rows_at(self, q: Array, rate: Rate, before: Array | None = None) -> LimitRows | None:
         """The rows at joint positions q (m,) after a velocity `before` (m,), None where nothing is near enough."""
         C, lower, of_pair, distances = self._asked(arrays.vector(q, len(self.robot.names), "q"), rate, before)
-        self.nearest, self._distances_now = self._nearest(distances), distances
-        inside = self.nearest.distance < self._enough
+        self._nearest_now, self._distances_now = self._least(distances), distances
+        inside = self._nearest_now[1] < self._enough
         if not (len(lower) or inside):
             return None
-        upper, names = np.full(len(lower), inf), self._called(of_pair, distances)
-        if inside and not (self._twists.any() or any(arm.velocity.any() for arm in self._arms)):
+        upper, names = np.full(len(lower), inf), self._called(of_pair, distances[of_pair.astype(int)])
+        if inside and not (self._twists.any() or any(arm.velocity.any() for arm in self.arms)):
             speed = self._calm(rate, before)
             limited = np.isfinite(speed)
             C = np.vstack((C, np.eye(len(speed))[limited]))
@@ -288,37 +298,53 @@ class Clearance(Limit):
 
     def rows_after(self, q: Array, x: Array, rate: Rate) -> LimitRows | None:
         """Rows about the velocity x (m,) of a tick from q (m,) on that ends too near; None where it does not."""
-        dt, d = float(rate.settings[3]), self._distances_now
-        if (d - self._levers.dot(dt * np.abs(x))).min(initial=inf) >= self.distance:
+        dt, d, shares = float(rate.settings[3]), self._distances_now, self._pairs[:, 2]
+        kept, others = np.minimum(d, self.distance) - self.distance, np.zeros(len(d))
+        if self.arms:  # another one may take its share of the room
+            others = (1.0 - shares) * np.where(np.isinf(d), 0.0, np.maximum(d - self.distance, 0.0))
+        may = (d - self._levers.dot(dt * np.abs(x)) < self.distance + others) & (shares > 0.0)
+        if not may.any():
             return None
-        kept = np.minimum(d, self.distance) - self.distance
-        if self._arms:  # another one may take its share of the room
-            kept += (1.0 - self._pairs[:, 2]) * np.where(np.isinf(d), 0.0, np.maximum(d - self.distance, 0.0))
         to_its_end = rate._replace(settings=np.array((self.distance, 1.0 / dt, inf, 0.0, BRAKING)))
-        C, lower, of_pair, ends = self._asked(q + dt * x, to_its_end, shared=False)
-        if (ends - np.maximum(kept, 0.0) >= np.minimum(d, self._enough)).all():
+        C, lower, of_pair, ends = self._asked(q + dt * x, to_its_end, shares=may.astype(np.float64))
+        if (ends - others >= np.minimum(d, self._enough))[may].all():
             return None
-        asked = lower + kept[of_pair.astype(int)] / dt
+        kept += others
+        of_pair = of_pair.astype(int)
+        asked = lower + kept[of_pair] / dt
         lost = asked > 0.0
         if not lost.any():
             return None
         lower = asked[lost] + C[lost].dot(x)
-        return LimitRows.trusted(C[lost], lower, np.full(len(lower), inf), self._called(of_pair[lost], d))
+        names = self._called(of_pair[lost], d[of_pair[lost]])
+        return LimitRows.trusted(C[lost], lower, np.full(len(lower), inf), names)
+
+    def given(self, rate: Rate, limits: Array) -> tuple[Any, Array, Array, Array | None] | None:
+        """What a tick of the core is given, with limits of all joints; None for meshes, which Python asks for."""
+        scene = None if self._found.solids else self.scene()
+        if scene is None:
+            return None
+        self._refresh(rate.delay)
+        return scene, limits, rate.settings, self._others(rate.delay) if self.arms else None
+
+    def told(self, k: int, distance: float, of_rows: tuple[Any, ...]) -> tuple[str, ...]:
+        """What the core found in a tick: the nearest pair, and the pair and distance of each row; the rows' names."""
+        self._nearest_now = (k, distance) if self._of_pair else (-1, inf)
+        return tuple(map(self._row_name, of_rows[::2], of_rows[1::2])) if of_rows else ()
 
     def _called(self, of_pair: Array, distances: Array) -> list[str]:
-        """What reasons call rows of pairs (r,), those of all being at some distances (k,)."""
-        called: dict[float, str] = {}
-        for i in of_pair.tolist():
-            if i not in called:
-                (one, other), d = self._names(int(i)), float(distances[int(i)])
-                inside = f" (nearer than {1e3 * self.distance:.1f})" if self._is_inside(d) else ""
-                called[i] = f"clearance: {one} and {other}, {1e3 * d:.1f} mm{inside}"
-        return [called[i] for i in of_pair.tolist()]
+        """What reasons call rows of pairs (r,) at some distances (r,)."""
+        return [self._row_name(int(k), d) for k, d in zip(of_pair.tolist(), distances.tolist(), strict=True)]
+
+    def _row_name(self, k: int, d: float) -> str:
+        one, other = self._names(k)
+        inside = f" (nearer than {1e3 * self.distance:.1f})" if self._is_inside(d) else ""
+        return f"clearance: {one} and {other}, {1e3 * d:.1f} mm{inside}"
 
     def _calm(self, rate: Rate, before: Array | None) -> Array:
         """(m,) how fast joints may be, the nearest bodies being nearer than the distance, and no brakes too weak."""
         shallow = DEEP * self.distance
-        deep = min(1.0, (self.distance - self.nearest.distance) / shallow) if shallow > 0.0 else 1.0
+        deep = min(1.0, (self.distance - self._nearest_now[1]) / shallow) if shallow > 0.0 else 1.0
         speed: Array = max(CALM, 1.0 - deep) * self.robot.velocity_limit
         return speed if before is None else np.maximum(speed, rate.braked(before, deep))
 
@@ -374,7 +400,7 @@ class Clearance(Limit):
         """
         positions = arrays.vector(q, len(self.robot.names), "q")
         self._refresh(0.0)
-        motions = moved_by(self._found.robots, np.concatenate((positions, *(arm.q for arm in self._arms))))[1]
+        motions = moved_by(self._found.robots, np.concatenate((positions, *(arm.q for arm in self.arms))))[1]
         placed = placed_at(self._numbers, motions, (), self._found.solids)
         return [
             (part.name, None if part.frame is None or part.around < 0 else part.body, at)
@@ -389,10 +415,14 @@ class Clearance(Limit):
         return Rate(limits, np.array((self.distance, alpha, ESCAPE, dt, BRAKING)), delay)
 
     def _nearest(self, distances: Array) -> Near:
-        if not len(distances):
-            return Near("", "", inf)
-        k = int(distances.argmin())
-        return Near(*self._names(k), float(distances[k]))
+        k, d = self._least(distances)
+        return Near(*self._names(k), d) if k >= 0 else Near("", "", inf)
+
+    @staticmethod
+    def _least(distances: Array) -> tuple[int, float]:
+        """Which is the least of distances (k,), and what it is."""
+        k = int(distances.argmin()) if len(distances) else -1
+        return k, float(distances[k]) if k >= 0 else inf
 
     def _distances(self, q: ArrayLike) -> Array:
         """(k,) distances of the pairs, of what some joint moves.
@@ -413,28 +443,44 @@ class Clearance(Limit):
         inner = np.where(self._around == 0, self._numbers[two, 0].min(axis=1, initial=m), 0.0)
         return np.where(np.arange(m) < inner[:, None], 0.0, levers)
 
-    def _asked(self, q: Array, rate: Rate, before: Array | None = None, *, shared: bool = True) -> Found:
-        """Rows, their lower limits, the pair of each, and the distance of each pair; of rooms that are shared, all."""
+    def _asked(self, q: Array, rate: Rate, before: Array | None = None, shares: Array | None = None) -> Found:
+        """Rows, their lower limits, pairs, and the distance of each pair, at shares (k,) or the usual ones."""
         self._refresh(rate.delay)
         velocity, limits = np.zeros(len(q)) if before is None else before, rate.limits
-        if self._arms:
-            q = np.concatenate((q, *(arm.q + rate.delay * arm.velocity for arm in self._arms)))
-            velocity = np.concatenate((velocity, *(arm.velocity for arm in self._arms)))
-            limits = np.hstack((limits, *(arm.limits for arm in self._arms)))
-        pairs, shares = self._found, self._pairs if shared else np.ceil(self._pairs)
-        given = np.ascontiguousarray(q), velocity, self._numbers, self._twists, shares
-        found, places_of = None, self._places if pairs.solids else None
-        if core is not None:
-            told = limits, rate.settings, places_of
-            found = core.clearance(pairs.screws, pairs.starts, *given, pairs.levers, *told)
-        made = rows_of(pairs.robots, *given, limits, rate.settings, pairs.solids) if found is None else Found(*found)
+        if self.arms:
+            around = self._others(rate.delay)
+            q, velocity = np.concatenate((q, around[0])), np.concatenate((velocity, around[1]))
+            limits = np.hstack((limits, *(arm.limits for arm in self.arms)))
+        pairs, found, at = self._found, None, np.ascontiguousarray(q)
+        scene = None if core is None else self.scene()
+        if scene is not None and core is not None:
+            told = self._places if pairs.solids else None
+            found = core.clearance(scene, at, velocity, limits, rate.settings, shares, told)
+        if found is None:
+            table = self._pairs if shares is None else np.column_stack((self._pairs[:, :2], shares))
+            given = at, velocity, self._numbers, self._twists, table
+            made = rows_of(pairs.robots, *given, limits, rate.settings, pairs.solids)
+        else:
+            made = Found(*found)
         near = made.distances < self.distance
         own = q[: len(self.robot.names)]
-        return self._asked(own, rate, before, shared=shared) if near.any() and self._judge(near) else made
+        return self._asked(own, rate, before, shares) if near.any() and self._judge(near) else made
+
+    def _others(self, delay: float) -> Array:
+        """(2, M) where the joints of other arms are when a command of now acts, and how fast."""
+        return np.hstack([np.array((arm.q + delay * arm.velocity, arm.velocity)) for arm in self.arms])
+
+    def scene(self) -> Any:
+        """What of it does not change, for the core; None where that does not have it."""
+        if self._scene is None and core is not None:
+            of = self._found
+            tables = self._numbers, self._twists, self._pairs, of.levers, self._unjudged
+            self._scene = core.scene(of.screws, of.starts, *tables)
+        return self._scene
 
     def _judge(self, near: NDArray[np.bool_]) -> bool:
         """Whether some obstacles are always near the arm where they are now; they do not count until they move."""
-        found, others = False, np.concatenate([np.zeros(0), *(arm.q for arm in self._arms)])
+        found, others = False, np.concatenate([np.zeros(0), *(arm.q for arm in self.arms)])
         for k in np.flatnonzero(near & self._unjudged).tolist():
             self._unjudged[k] = False
             if reason := self._found.always_near(*self._of_pair[k], self._numbers, others):
@@ -462,7 +508,7 @@ class Clearance(Limit):
             place, self._twists[i] = pose.dot(shape.place), shape.twist
             self._numbers[i, 6:15], self._numbers[i, 15:] = place[:3, :3].ravel(), place[:3, 3]
             self._renewed(self._pairs[:, 1] == i, 1.0)
-        for a, arm in enumerate(self._arms):
+        for a, arm in enumerate(self.arms):
             if self._seen.get(-1 - a) is not arm.q:
                 self._seen[-1 - a] = arm.q
                 self._renewed(self._around == -1 - a, HALF if arm.yields else 1.0)
@@ -499,7 +545,7 @@ class Clearance(Limit):
         return parts
 
 
-class _InLoop(Limit):
+class _InLoop(ForCore):
     """A clearance at the rate of a loop."""
 
     name = "clearance"
@@ -507,6 +553,7 @@ class _InLoop(Limit):
     def __init__(self, clearance: Clearance, rate: Rate) -> None:
         self._clearance, self._rate = clearance, rate
         self._stops_at_once = bool(np.isinf(rate.limits[1]).all())
+        self._limits = np.hstack((rate.limits, *(arm.limits for arm in clearance.arms)))
 
     def rows(self, q: Array, velocity: Array) -> LimitRows | None:
         return self._clearance.rows_at(q, self._rate, velocity)
@@ -517,3 +564,11 @@ class _InLoop(Limit):
 
     def blocked(self, q: Array) -> str:
         return self._clearance.blocked(q)
+
+    def for_core(self) -> tuple[Any, Array, Array, Array | None] | None:
+        """What a tick of the core is given of it; None where the core has it row by row alone."""
+        return self._clearance.given(self._rate, self._limits)
+
+    def told(self, k: int, distance: float, of_rows: tuple[Any, ...]) -> tuple[str, ...]:
+        """What the rows of a tick of the core are called; k is the nearest pair."""
+        return self._clearance.told(k, distance, of_rows)

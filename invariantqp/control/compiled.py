@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 # given; without a target (None), what `follow` is. The solution, and what of joints is to be said beside it, if any;
 # None where Python has to answer, or to say what is wrong with an argument.
 compiled_tick: Callable[..., tuple[VelocitySolution, Written | None] | None] = getattr(core, "step", lambda *_: None)
+# The same beside a limit whose rows the core finds itself, and what is to be told of that (`ForCore.told`).
+tick_beside: Callable[..., tuple[Any, ...] | None] = compiled_tick
 
 
 def compiled_loop(

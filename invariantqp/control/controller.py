@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.compiled import compiled_loop, compiled_tick
+from invariantqp.control.compiled import compiled_loop, compiled_tick, tick_beside
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
 from invariantqp.control.limits import (
     AccelerationLimit,
@@ -439,6 +439,8 @@ class Controller:
         other = {} if now is None else now.for_core(self._limits.loop)
         if other is None:
             return None
+        if now is None and (beside := self._beside(core, q, target, feedforward, velocity)) is not None:
+            return beside
         rows: LimitRows | None = None
         if self.varies or (now is not None and now.joint_rows):
             positions = arrays.vector(q, self._count, "q")
@@ -464,6 +466,19 @@ class Controller:
                 rows, self.kept[:] = more, kept
                 found = tick(G=rows.C, least=rows.lower, most=rows.upper)
         return (found[0]._replace(row_names=rows.names), found[1]) if found is not None and rows.names else found
+
+    def _beside(
+        self, core: Loop, q: ArrayLike, target: Any, feedforward: ArrayLike | None, velocity: ArrayLike | None
+    ) -> tuple[VelocitySolution, Written | None] | None:
+        """A tick by the core beside a limit whose rows it finds itself; None where Python gives it rows, or answers."""
+        alone = None if self.joint_rows is None else self.joint_rows.alone
+        given = None if alone is None else alone.for_core()
+        found = None if given is None else tick_beside(core, self.kept, q, target, feedforward, velocity, *given)
+        if found is None or alone is None:
+            return None
+        answer, troubles, *told = found
+        names = alone.told(*told)
+        return answer._replace(row_names=names) if names else answer, troubles
 
     def named(self, found: tuple[VelocitySolution, Written | None]) -> VelocitySolution:
         """The solution of a tick by the core, with the names of rows, and of joints in what it says beside it."""

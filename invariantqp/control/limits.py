@@ -130,6 +130,18 @@ class Limit:
         return ""
 
 
+class ForCore(Limit):
+    """A limit whose rows the compiled core finds itself in a tick in which there are no others."""
+
+    def for_core(self) -> tuple[Any, ...] | None:
+        """What the core is given in a tick; None where Python has to give it rows."""
+        raise NotImplementedError
+
+    def told(self, *found: Any) -> tuple[str, ...]:
+        """What the core told of it in a tick; the names of its rows."""
+        raise NotImplementedError
+
+
 @frozen(init=False, eq=False, repr=False, slots=False)
 class JointLimits(Value, Limit):
     """Position and velocity limits beside the robot's own; the narrower counts. They never give way.
@@ -495,6 +507,8 @@ class RowLimits:
                 self._limits.append(made)
                 if type(made).after is not Limit.after:
                     self.looking.append(made)
+        alone = self._limits[0] if len(self._limits) == 1 else None
+        self.alone = alone if isinstance(alone, ForCore) else None
 
     def __bool__(self) -> bool:
         return bool(self._limits)

@@ -70,6 +70,11 @@ PyObject *pseudoinverse(PyObject *module, PyObject *const *arguments, Py_ssize_t
 PyObject *dual_projectors(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
 /* clearance.c */
+bool apart_from(PyObject *const *given, int m, Apart *apart);
+bool apart_begun(Apart *apart);
+void apart_ended(Apart *apart);
+void apart_told(const Apart *apart, PyObject *found[3]);
+PyObject *scene(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
 /* sight.c */

@@ -6,26 +6,23 @@
    A pure function of arrays: `rows_of` says what goes in and out. */
 
 #include "boundary.h"
+#include <stdlib.h>
 
 enum { BODY, KIND, RADIUS, HALF, TURN = HALF + 3, PLACE = TURN + 9, OF_SHAPE = PLACE + 3 }; /* numbers of a shape */
 enum { ROUND, BLOCK, FREE_SIDE, MESH };                                                      /* kinds of core */
-/* control/clearance_rows.py: rows at most, and its constants. */
-#define KEPT_ROWS 16
+/* control/clearance_rows.py and clearance.py: their constants. */
 #define SWEEPS 20
 #define PASSED 2.0
-static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, AHEAD = 1.01, NEARER = 0.7, DEEP = 0.05;
+static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, AHEAD = 1.01, NEARER = 0.7, DEEP = 0.05, CURVED = 0.005;
 /* geometry/distance.py: below these shares, lines are parallel, and a normal has no direction. */
 static const double PARALLEL_LINES = 1e-14, NO_DIRECTION = 1e-12;
 #define MOST_SHAPES 256
-/* Joints of the arm and of those around it, together. */
-#define ALL_JOINTS (4 * MOST)
-typedef double Wide[ALL_JOINTS];
 /* Edge pairs of two boxes, twice, each with its shadow, and all corners. */
 #define MOST_PLACES 96
 
 typedef struct {
     int body, kind;
-    double radius, half[3], R[3][3], p[3]; /* R: columns are the shape's axes */
+    double radius, half[3], R[3][3], p[3], ball; /* R: columns are the shape's axes; ball: radius of one about it */
 } Shape;
 
 /* A place where two shapes are near: how far, the direction from the first to the second, a point of that line. */
@@ -404,12 +401,8 @@ static void places(const Shape *a, const Shape *b, Places *found)
     }
 }
 
-static void shape_from(const double *numbers, const Pose *T, Shape *s)
+static void shape_at(const double *numbers, const Pose *T, Shape *s)
 {
-    s->body = (int)numbers[BODY];
-    s->kind = (int)numbers[KIND];
-    s->radius = numbers[RADIUS];
-    memcpy(s->half, numbers + HALF, sizeof s->half);
     const double *R = numbers + TURN;
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++)
@@ -420,8 +413,8 @@ static void shape_from(const double *numbers, const Pose *T, Shape *s)
 
 typedef struct {
     bool valid; /* of nothing that moves itself, and inside by no more than curvature takes */
-    int count, pair[KEPT_ROWS];
-    double C[KEPT_ROWS][MOST], lower[KEPT_ROWS], urgency[KEPT_ROWS];
+    int count, pair[APART_ROWS];
+    double C[APART_ROWS][MOST], lower[APART_ROWS], urgency[APART_ROWS];
 } Rows;
 
 /* Keep a row among the most urgent, each pair's nearest before all others; of equal ones the one that asks for more. */
@@ -442,7 +435,7 @@ static void keep(Rows *rows, int m, const double *C, double lower, double urgenc
         if (rows->urgency[i] < rows->urgency[last])
             last = i;
     }
-    if (at == KEPT_ROWS) {
+    if (at == APART_ROWS) {
         if (rows->urgency[last] >= urgency)
             return;
         at = last;
@@ -470,9 +463,9 @@ static double at_least(const Shape *a, const Shape *b)
     for (int i = 0; i < 3; i++)
         w[i] = other->p[i] - (plane != NULL ? plane->p[i] : b->p[i]);
     if (plane == NULL)
-        return norm(3, w) - norm(3, a->half) - a->radius - norm(3, b->half) - b->radius;
+        return norm(3, w) - a->ball - b->ball;
     column(plane, 2, 1.0, normal);
-    return dot(3, normal, w) - norm(3, other->half) - other->radius;
+    return dot(3, normal, w) - other->ball;
 }
 
 /* Twin of States.ahead: the states in which distances are looked at, and how they change with the velocity. */
@@ -544,7 +537,7 @@ static void set_free(int m, const double *q, const double *before, Wide limits[4
 }
 
 /* Joint twists J and the motions of the world and of all bodies at joint positions q. */
-static void moved_by(int all, Wide screws[6], const double *starts, const double *q, Wide J[6], Pose *motions)
+static void moved_by(int all, const Wide screws[6], const int *starts, const double *q, Wide J[6], Pose *motions)
 {
     static const Pose HERE = {{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}, {0.0, 0.0, 0.0}};
     motions[0] = HERE;
@@ -566,30 +559,12 @@ static void moved_by(int all, Wide screws[6], const double *starts, const double
 }
 
 /* Two shapes, and which joints move each of them alone. */
-typedef struct {
+typedef struct Pair {
     int of[2], index, from[2], to[2];
     double share, far; /* in the first state they are at least so far apart */
     bool still;        /* neither moves by itself */
     const double *levers[2], *twists[2];
 } Pair;
-
-static Pair pair_of(int index, int all, const double *pair, const double *numbers, const double *twists,
-                    const double *levers, const double *starts)
-{
-    Pair made = {.index = index, .share = pair[2], .still = true};
-    for (int e = 0; e < 2; e++) {
-        int of = (int)pair[e];
-        made.of[e] = of;
-        made.to[e] = (int)numbers[of * OF_SHAPE + BODY];
-        made.from[e] = (int)starts[made.to[e]];
-        made.levers[e] = levers + (npy_intp)of * all;
-        made.twists[e] = twists + 6 * of;
-        made.still = made.still && is_still(made.twists[e]);
-    }
-    if (made.from[0] == made.from[1])
-        made.from[0] = made.from[1] = made.to[0] < made.to[1] ? made.to[0] : made.to[1];
-    return made;
-}
 
 /* What rows of a state are made by. */
 typedef struct {
@@ -667,7 +642,7 @@ static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *f
    beside all others. */
 static void ask_what_is_possible(int m, const States *joints, Rows *rows)
 {
-    double z[MOST] = {0.0}, asked[KEPT_ROWS], got[KEPT_ROWS], share = 1.0;
+    double z[MOST] = {0.0}, asked[APART_ROWS], got[APART_ROWS], share = 1.0;
     bool any = false;
     for (int i = 0; i < rows->count; i++) {
         asked[i] = rows->lower[i] - dot(m, rows->C[i], joints->braked);
@@ -717,13 +692,12 @@ static double swept(const Pair *pair, const Shape *shapes, const Wide J[6], cons
     double most = 0.0;
     for (int e = 0; e < 2; e++) {
         const Shape *s = &shapes[pair->of[e]];
-        double ball = norm(3, s->half) + s->radius;
         for (int j = pair->from[e]; j < pair->to[e]; j++) {
             double omega[3] = {J[0][j], J[1][j], J[2][j]}, v[3];
             cross(omega, s->p, v);
             for (int i = 0; i < 3; i++)
                 v[i] += J[3 + i][j];
-            most += fast[j] * (norm(3, v) + norm(3, omega) * ball);
+            most += fast[j] * (norm(3, v) + norm(3, omega) * s->ball);
         }
     }
     return most;
@@ -761,74 +735,55 @@ static bool told_places(PyObject *tell, const Pair *pair, const Shape *a, const 
     return right;
 }
 
-/* clearance(screws, starts, q, before, shapes, twists, pairs, levers, limits, settings, places): what rows_of in
-   control/clearance_rows.py says. A pair that is so far that no row of it matters in some state is not looked at there: its
-   distance has changed by at most what joints have turned times their levers. Distances of pairs that are neither the nearest
-   nor near are infinite, unless the rate is 0. None where it has no such problem. */
-PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+/* What of a clearance does not change from tick to tick, and the arrays in which Python says where obstacles are, how they
+   move, what share of each room may be taken, and which pairs are not judged yet. */
+enum { SHAPES, TWISTS, PAIRS, LEVERS, UNJUDGED, HELD };
+struct Scene {
+    int all, m, shapes, pairs;
+    bool meshes, others;
+    Wide screws[6];
+    int starts[ALL_JOINTS + 1];
+    PyObject *held[HELD];
+    const double *table[HELD];
+    Shape of[MOST_SHAPES];
+    Pair pair[];
+};
+
+static double share_of_pair(const Scene *scene, int k) { return scene->table[PAIRS][3 * k + 2]; }
+
+/* rows_of in control/clearance_rows.py. A pair that is so far that no row of it matters in some state is not looked at there:
+   its distance has changed by at most what joints have turned times their levers. Distances of pairs that are neither the
+   nearest nor near are infinite, unless the rate is 0. `shares` are NULL for those of the scene. False with an error of a
+   function of Python's. */
+static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const double *before, Wide limits[4], const double settings[5],
+                    const double *shares, Pair *of_pairs, double *least, Rows *rows)
 {
-    (void)module;
-    static const char *const USE =
-        "clearance(screws, starts of arms by body, q, velocity before, (n, 18) shapes, (n, 6) twists, (k, 3) pairs and share, "
-        "(n, M) levers, (4, M) limits of speed, acceleration and position, (distance, rate, escape, tick, share of braking), "
-        "places of meshes)";
-    if (count != 11 || !is_table(arguments[4], OF_SHAPE) || !is_table(arguments[5], 6) || !is_table(arguments[6], 3) ||
-        !PyArray_Check(arguments[0]) || PyArray_NDIM((PyArrayObject *)arguments[0]) != 2)
-        return refused(USE);
-    npy_intp joints = PyArray_DIM((PyArrayObject *)arguments[0], 1);
-    const double *numbers = PyArray_DATA((PyArrayObject *)arguments[4]), *twists = PyArray_DATA((PyArrayObject *)arguments[5]);
-    const double *pairs = PyArray_DATA((PyArrayObject *)arguments[6]);
-    npy_intp n = PyArray_DIM((PyArrayObject *)arguments[4], 0), k = PyArray_DIM((PyArrayObject *)arguments[6], 0);
-    if (PyArray_DIM((PyArrayObject *)arguments[5], 0) != n || !is_table(arguments[7], joints) ||
-        PyArray_DIM((PyArrayObject *)arguments[7], 0) != n)
-        return refused(USE);
-    int all = (int)joints, m = 0;
-    const double *levers = PyArray_DATA((PyArrayObject *)arguments[7]);
-    Wide screws[6], limits[4], q, before, J[6];
-    double settings[5], starts[ALL_JOINTS + 1];
-    if (joints < 1 || joints > ALL_JOINTS || n > MOST_SHAPES || !matrix(arguments[0], 6, all, ALL_JOINTS, screws[0]) ||
-        !vector(arguments[1], all + 1, starts) || !vector(arguments[2], all, q) || !vector(arguments[3], all, before) ||
-        !all_finite(all, q) || !all_finite(all, before) || !matrix(arguments[8], 4, all, ALL_JOINTS, limits[0]) ||
-        !vector(arguments[9], 5, settings))
-        return left_to_python();
-    while (m < all && starts[m + 1] == 0.0)
-        m++;
-    if (m > MOST)
-        return left_to_python();
-    for (npy_intp i = 0; i < n; i++)
-        if (!within(numbers[i * OF_SHAPE + BODY], 0, all) || !within(numbers[i * OF_SHAPE + KIND], ROUND, MESH))
-            return refused(USE);
-    for (npy_intp i = 0; i < k; i++)
-        if (!within(pairs[3 * i], 0, (int)n - 1) || !within(pairs[3 * i + 1], 0, (int)n - 1))
-            return refused(USE);
-    for (int i = 0; i <= all; i++)
-        if (!within(starts[i], 0, i))
-            return refused(USE);
+    int all = scene->all, m = scene->m, k = scene->pairs, seen_in[MOST_SHAPES];
+    const double *numbers = scene->table[SHAPES];
+    double smallest = INFINITY, wanted = settings[0], rate = settings[1], enough = AHEAD * wanted;
+    bool brakes = false, still[MOST_SHAPES];
+    Shape shapes[MOST_SHAPES];
     States states;
+    Places found;
+    Wide J[6];
+    rows->count = 0;
+    rows->valid = true;
     own_state(m, all, q, before, &states);
-    bool brakes = false;
     for (int j = 0; j < m; j++)
         brakes = brakes || isfinite(limits[1][j]);
     if (brakes)
         braked_states(all, q, before, limits, settings[3], settings[4], &states);
     set_free(m, q, before, limits, settings[3], &states);
-    Shape shapes[MOST_SHAPES];
-    int seen_in[MOST_SHAPES];
-    Rows rows = {.count = 0, .valid = true};
-    Places found;
-    PyObject *distances = PyArray_SimpleNew(1, &k, NPY_DOUBLE);
-    Pair *of_pairs = malloc((k > 0 ? (size_t)k : 1) * sizeof *of_pairs);
-    if (distances == NULL || of_pairs == NULL) {
-        Py_XDECREF(distances);
-        free(of_pairs);
-        return PyErr_NoMemory();
-    }
-    for (npy_intp i = 0; i < k; i++)
-        of_pairs[i] = pair_of((int)i, all, pairs + 3 * i, numbers, twists, levers, starts);
-    double *least = PyArray_DATA((PyArrayObject *)distances), smallest = INFINITY, wanted = settings[0], rate = settings[1];
-    double enough = AHEAD * wanted;
-    for (int i = 0; i < n; i++)
+    for (int i = 0; i < scene->shapes; i++) {
         seen_in[i] = -1;
+        still[i] = is_still(scene->table[TWISTS] + 6 * i);
+    }
+    memcpy(of_pairs, scene->pair, (size_t)k * sizeof *of_pairs);
+    for (int i = 0; i < k; i++) {
+        of_pairs[i].share = shares != NULL ? shares[i] : share_of_pair(scene, i);
+        of_pairs[i].still = still[of_pairs[i].of[0]] && still[of_pairs[i].of[1]];
+        least[i] = INFINITY;
+    }
     for (int s = 0; s < states.count; s++) {
         bool moved = false, leaving = brakes && s == 0;
         Pose motions[ALL_JOINTS + 1], step, motion;
@@ -837,28 +792,27 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
             approach[j] = j < m ? states.weight[s][j] * fmax(states.free[0][j], states.free[1][j]) : fabs(states.going[s > 0][j]);
             since[j] = approach[j] + rate * fabs(states.q[s][j] - q[j]);
         }
-        for (npy_intp i = 0; i < k; i++) {
+        for (int i = 0; i < k; i++) {
             Pair *pair = &of_pairs[i];
             double near_by = rate * pair->share;
-            bool still = pair->still && rate > 0.0;
-            if (s == 0)
-                least[i] = INFINITY;
-            if (!(pair->share > 0.0) || (s > 0 && still && near_by * (pair->far - enough) > nearer(pair, since)))
+            bool skips = pair->still && rate > 0.0;
+            if (!(pair->share > 0.0) || (s > 0 && skips && near_by * (pair->far - enough) > nearer(pair, since)))
                 continue;
             if (!moved)
-                moved_by(all, screws, starts, states.q[s], J, motions);
+                moved_by(all, scene->screws, scene->starts, states.q[s], J, motions);
             moved = true;
             for (int e = 0; e < 2; e++) {
                 int of = pair->of[e];
                 if (seen_in[of] == s)
                     continue;
-                const double *own = numbers + of * OF_SHAPE;
-                motion = motions[(int)own[BODY]];
-                if (states.time[s] > 0.0 && !is_still(pair->twists[e])) {
+                if (seen_in[of] < 0)
+                    shapes[of] = scene->of[of];
+                motion = motions[shapes[of].body];
+                if (states.time[s] > 0.0 && !still[of]) {
                     exponential(pair->twists[e], pair->twists[e] + 3, states.time[s], &step);
-                    product(&step, &motions[(int)own[BODY]], &motion);
+                    product(&step, &motions[shapes[of].body], &motion);
                 }
-                shape_from(own, &motion, &shapes[of]);
+                shape_at(numbers + of * OF_SHAPE, &motion, &shapes[of]);
                 seen_in[of] = s;
             }
             const Shape *a = &shapes[pair->of[0]], *b = &shapes[pair->of[1]];
@@ -866,18 +820,23 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
             if (s == 0)
                 pair->far = far;
             /* Too far for any row, and for the least distance: where rows are asked for, a pair is not looked at closer. */
-            double room = near_by * (far - enough);
-            double fastest = nearer(pair, approach);
-            if (room > 0.0 && room <= fastest)
-                fastest = fmin(fastest, swept(pair, shapes, (const Wide *)J, approach));
-            if (still && far > enough && (s > 0 || far > smallest) && (leaving || room > fastest))
+            double room = near_by * (far - enough), fastest = INFINITY;
+            bool apart = skips && far > enough && (s > 0 || far > smallest);
+            if (apart && leaving)
                 continue;
+            if (skips) {
+                fastest = nearer(pair, approach);
+                if (room > 0.0 && room <= fastest)
+                    fastest = fmin(fastest, swept(pair, shapes, (const Wide *)J, approach));
+                if (apart && room > fastest)
+                    continue;
+            }
             Asked asked = {.m = m,
                            .distance = wanted,
                            .wanted = fmin(s > 1 ? enough : wanted, s > 0 ? least[i] : INFINITY),
                            .rate = rate,
                            .escape = settings[2],
-                           .fastest = still ? fastest : INFINITY,
+                           .fastest = fastest,
                            .J = (const Wide *)J,
                            .weight = states.weight[s],
                            .going = states.going[s > 0],
@@ -886,12 +845,9 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
                            .leaving = leaving};
             if (a->kind != MESH && b->kind != MESH)
                 places(a, b, &found);
-            else if (!told_places(arguments[10], pair, a, b, &found)) {
-                Py_DECREF(distances);
-                free(of_pairs);
-                return NULL;
-            }
-            double nearest = rows_of_pair(pair, &asked, &found, &rows);
+            else if (!told_places(tell, pair, a, b, &found))
+                return false;
+            double nearest = rows_of_pair(pair, &asked, &found, rows);
             if (s == 0) {
                 least[i] = nearest;
                 pair->far = found.count > 0 ? found.at[0].d : far;
@@ -899,11 +855,254 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
             }
         }
     }
-    free(of_pairs);
-    ask_what_is_possible(m, &states, &rows);
-    double of_pair[KEPT_ROWS];
+    ask_what_is_possible(m, &states, rows);
+    return true;
+}
+
+static bool room_for(int pairs, ApartRoom *room)
+{
+    size_t count = pairs > 0 ? (size_t)pairs : 1;
+    double *numbers = malloc(3 * count * sizeof *numbers);
+    *room = (ApartRoom){.least = numbers, .ends = numbers + count, .shares = numbers + 2 * count, .pairs = malloc(count * sizeof(Pair))};
+    return numbers != NULL && room->pairs != NULL;
+}
+
+static void emptied(ApartRoom *room)
+{
+    free(room->least);
+    free(room->pairs);
+}
+
+static void added(Apart *apart, const Rows *rows, int i, double least, Demand *demand)
+{
+    int at = demand->limits++;
+    memcpy(demand->G[at], rows->C[i], sizeof(Row));
+    demand->least[at] = least;
+    demand->most[at] = INFINITY;
+    apart->pair[apart->count] = rows->pair[i];
+    apart->distance[apart->count++] = apart->room.least[rows->pair[i]];
+}
+
+/* control/clearance.py, rows_at, for a tick of a loop in which nothing is too near, and all that is near is judged. */
+Outcome apart_now(Apart *apart, const double *there, const double *before, Demand *demand)
+{
+    const Scene *scene = apart->scene;
+    double wanted = apart->settings[0], enough = wanted - fmax(CURVED * wanted, ACTIVE_TOLERANCE), *least = apart->room.least;
+    const npy_bool *unjudged = (const npy_bool *)scene->table[UNJUDGED];
+    Rows rows;
+    memcpy(apart->q, there, (size_t)scene->m * sizeof(double));
+    memcpy(apart->velocity, before, (size_t)scene->m * sizeof(double));
+    if (!rows_at(scene, NULL, apart->q, apart->velocity, apart->limits, apart->settings, NULL, apart->room.pairs, least, &rows) ||
+        demand->limits + rows.count > MOST_LIMITS)
+        return HAND_BACK;
+    apart->nearest = apart->count = 0;
+    for (int k = 0; k < scene->pairs; k++) {
+        if (least[k] < wanted && unjudged[k])
+            return HAND_BACK;
+        apart->nearest = least[k] < least[apart->nearest] ? k : apart->nearest;
+    }
+    if (scene->pairs > 0 && least[apart->nearest] < enough)
+        return HAND_BACK;
     for (int i = 0; i < rows.count; i++)
-        of_pair[i] = rows.pair[i];
-    return Py_BuildValue("(NNNN)", new_matrix(rows.count, m, MOST, rows.C[0]), new_vector(rows.count, rows.lower),
-                         new_vector(rows.count, of_pair), distances);
+        added(apart, &rows, i, rows.lower[i], demand);
+    return DONE;
+}
+
+/* The same, rows_after: whether a velocity ends too near, and there are rows about it. */
+bool apart_after(Apart *apart, const double *there, const double *x, Demand *demand)
+{
+    const Scene *scene = apart->scene;
+    int m = scene->m;
+    double wanted = apart->settings[0], dt = apart->settings[3], enough = wanted - fmax(CURVED * wanted, ACTIVE_TOLERANCE);
+    double to_its_end[5] = {wanted, 1.0 / dt, INFINITY, 0.0, apart->settings[4]};
+    ApartRoom *room = &apart->room;
+    Wide turned = {0.0}, still = {0.0};
+    bool any = false, all = true;
+    Rows rows;
+    for (int j = 0; j < m; j++) {
+        if (isfinite(apart->limits[1][j]))
+            return false;
+        turned[j] = dt * fabs(x[j]);
+        apart->q[j] = there[j] + dt * x[j];
+    }
+    for (int j = m; j < scene->all; j++)
+        still[j] = apart->velocity[j];
+    for (int k = 0; k < scene->pairs; k++) {
+        double d = room->least[k], share = share_of_pair(scene, k), kept = scene->others ? (1.0 - share) * fmax(d - wanted, 0.0) : 0.0;
+        bool may = share > 0.0 && isfinite(d) && !(d - nearer(&scene->pair[k], turned) >= wanted + kept);
+        room->shares[k] = may ? 1.0 : 0.0;
+        any = any || may;
+    }
+    if (!any || !rows_at(scene, NULL, apart->q, still, apart->limits, to_its_end, room->shares, room->pairs, room->ends, &rows))
+        return false;
+    for (int k = 0; k < scene->pairs; k++) {
+        double d = room->least[k], kept = scene->others ? (1.0 - share_of_pair(scene, k)) * fmax(d - wanted, 0.0) : 0.0;
+        all = all && (room->shares[k] == 0.0 || room->ends[k] - kept >= fmin(d, enough));
+    }
+    any = false;
+    for (int i = 0; i < rows.count && !all && demand->limits < MOST_LIMITS; i++) {
+        double d = room->least[rows.pair[i]], kept = fmin(d, wanted) - wanted;
+        kept += scene->others ? (1.0 - share_of_pair(scene, rows.pair[i])) * fmax(d - wanted, 0.0) : 0.0;
+        double asked = rows.lower[i] + kept / dt;
+        if (!(asked > 0.0))
+            continue;
+        added(apart, &rows, i, asked + dot(m, rows.C[i], x), demand);
+        any = true;
+    }
+    return any;
+}
+
+static void let_go(PyObject *capsule)
+{
+    Scene *scene = PyCapsule_GetPointer(capsule, "scene");
+    for (int i = 0; i < HELD; i++)
+        Py_DECREF(scene->held[i]);
+    free(scene);
+}
+
+static const Scene *scene_of(PyObject *object) { return PyCapsule_IsValid(object, "scene") ? PyCapsule_GetPointer(object, "scene") : NULL; }
+
+/* scene(screws, starts, shapes, twists, pairs, levers, unjudged): what of a clearance does not change, for `clearance` and
+   `step`, which read shapes, twists, shares and what is unjudged where Python writes them. None where it is too large. */
+PyObject *scene(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    static const char *const USE = "scene(screws, starts of arms by body, (n, 18) shapes, (n, 6) twists, (k, 3) pairs and share, "
+                                   "(n, M) levers, (k,) which are not judged)";
+    PyArrayObject *unjudged = count == 7 ? (PyArrayObject *)arguments[6] : NULL;
+    if (count != 7 || !is_table(arguments[2], OF_SHAPE) || !is_table(arguments[3], 6) || !is_table(arguments[4], 3) ||
+        !PyArray_Check(arguments[0]) || PyArray_NDIM((PyArrayObject *)arguments[0]) != 2 || !PyArray_CheckExact(arguments[6]) ||
+        PyArray_TYPE(unjudged) != NPY_BOOL || !PyArray_ISCARRAY_RO(unjudged) || PyArray_NDIM(unjudged) != 1)
+        return refused(USE);
+    npy_intp joints = PyArray_DIM((PyArrayObject *)arguments[0], 1), n = PyArray_DIM((PyArrayObject *)arguments[2], 0);
+    npy_intp k = PyArray_DIM((PyArrayObject *)arguments[4], 0);
+    if (PyArray_DIM((PyArrayObject *)arguments[3], 0) != n || !is_table(arguments[5], joints) ||
+        PyArray_DIM((PyArrayObject *)arguments[5], 0) != n || PyArray_DIM(unjudged, 0) != k)
+        return refused(USE);
+    if (joints < 1 || joints > ALL_JOINTS || n > MOST_SHAPES || k > n * n)
+        Py_RETURN_NONE;
+    int all = (int)joints;
+    double starts[ALL_JOINTS + 1];
+    Scene *made = malloc(sizeof *made + (size_t)k * sizeof(Pair));
+    if (made == NULL)
+        return PyErr_NoMemory();
+    made->all = all;
+    made->m = 0;
+    made->shapes = (int)n;
+    made->pairs = (int)k;
+    made->meshes = false;
+    bool good = matrix(arguments[0], 6, all, ALL_JOINTS, made->screws[0]) && vector(arguments[1], all + 1, starts);
+    for (int i = 0; i < HELD; i++)
+        made->table[i] = PyArray_DATA((PyArrayObject *)arguments[2 + i]);
+    for (int i = 0; good && i <= all; i++) {
+        good = within(starts[i], 0, i);
+        made->starts[i] = (int)starts[i];
+    }
+    while (good && made->m < all && starts[made->m + 1] == 0.0)
+        made->m++;
+    made->others = made->m < all;
+    for (int i = 0; good && i < n; i++) {
+        const double *numbers = made->table[SHAPES] + i * OF_SHAPE;
+        good = within(numbers[BODY], 0, all) && within(numbers[KIND], ROUND, MESH);
+        Shape *s = &made->of[i];
+        *s = (Shape){.body = (int)numbers[BODY], .kind = (int)numbers[KIND], .radius = numbers[RADIUS]};
+        memcpy(s->half, numbers + HALF, sizeof s->half);
+        s->ball = norm(3, s->half) + s->radius;
+        made->meshes = made->meshes || s->kind == MESH;
+    }
+    for (int i = 0; good && i < k; i++) {
+        const double *numbers = made->table[PAIRS] + 3 * i;
+        good = within(numbers[0], 0, (int)n - 1) && within(numbers[1], 0, (int)n - 1);
+        Pair *pair = &made->pair[i];
+        *pair = (Pair){.index = i};
+        for (int e = 0; good && e < 2; e++) {
+            int of = pair->of[e] = (int)numbers[e];
+            pair->to[e] = made->of[of].body;
+            pair->from[e] = made->starts[pair->to[e]];
+            pair->levers[e] = made->table[LEVERS] + of * all;
+            pair->twists[e] = made->table[TWISTS] + 6 * of;
+        }
+        if (pair->from[0] == pair->from[1])
+            pair->from[0] = pair->from[1] = pair->to[0] < pair->to[1] ? pair->to[0] : pair->to[1];
+    }
+    if (!good || made->m > MOST) {
+        free(made);
+        return good ? Py_NewRef(Py_None) : refused(USE);
+    }
+    PyObject *capsule = PyCapsule_New(made, "scene", let_go);
+    for (int i = 0; i < HELD; i++)
+        made->held[i] = Py_NewRef(arguments[2 + i]);
+    return capsule;
+}
+
+/* clearance(scene, q, before, limits, settings, shares, places): what rows_of in control/clearance_rows.py says. None where
+   numbers are not finite. */
+PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    const Scene *scene = count == 7 ? scene_of(arguments[0]) : NULL;
+    if (scene == NULL || (scene->meshes && arguments[6] == Py_None))
+        return refused("clearance(a scene, q, velocity before, (4, M) limits of speed, acceleration and position, "
+                       "(distance, rate, escape, tick, share of braking), (k,) shares or None, places of meshes)");
+    int all = scene->all;
+    npy_intp k = scene->pairs;
+    Wide limits[4], q, before;
+    double settings[5];
+    ApartRoom room;
+    if (!room_for(scene->pairs, &room)) {
+        emptied(&room);
+        return PyErr_NoMemory();
+    }
+    bool shared = arguments[5] == Py_None;
+    PyObject *found = NULL, *distances = NULL;
+    if (!vector(arguments[1], all, q) || !vector(arguments[2], all, before) || !all_finite(all, q) || !all_finite(all, before) ||
+        !matrix(arguments[3], 4, all, ALL_JOINTS, limits[0]) || !vector(arguments[4], 5, settings) ||
+        (!shared && !vector(arguments[5], (int)k, room.shares)))
+        found = left_to_python();
+    else if ((distances = PyArray_SimpleNew(1, &k, NPY_DOUBLE)) != NULL) {
+        double *least = PyArray_DATA((PyArrayObject *)distances), of_pair[APART_ROWS];
+        Rows rows;
+        if (rows_at(scene, arguments[6], q, before, limits, settings, shared ? NULL : room.shares, room.pairs, least, &rows)) {
+            for (int i = 0; i < rows.count; i++)
+                of_pair[i] = rows.pair[i];
+            found = Py_BuildValue("(NNNN)", new_matrix(rows.count, scene->m, MOST, rows.C[0]), new_vector(rows.count, rows.lower),
+                                  new_vector(rows.count, of_pair), distances);
+        } else
+            Py_DECREF(distances);
+    }
+    emptied(&room);
+    return found;
+}
+
+/* What a tick of a loop beside a scene is given: (4, M) limits, settings, and (2, M - m) where others are and how fast. */
+bool apart_from(PyObject *const *given, int m, Apart *apart)
+{
+    const Scene *scene = apart->scene = scene_of(given[0]);
+    if (scene == NULL || scene->meshes || scene->m != m || !matrix(given[1], 4, scene->all, ALL_JOINTS, apart->limits[0]) ||
+        !vector(given[2], 5, apart->settings))
+        return false;
+    int others = scene->all - m;
+    Wide around[2];
+    if (others > 0 && (!matrix(given[3], 2, others, ALL_JOINTS, around[0]) || !all_finite(others, around[0]) || !all_finite(others, around[1])))
+        return false;
+    memcpy(apart->q + m, around[0], (size_t)others * sizeof(double));
+    memcpy(apart->velocity + m, around[1], (size_t)others * sizeof(double));
+    return true;
+}
+
+bool apart_begun(Apart *apart) { return room_for(apart->scene->pairs, &apart->room); }
+
+void apart_ended(Apart *apart) { emptied(&apart->room); }
+
+/* The nearest pair, its distance, and a tuple of the pair and the distance of each row. */
+void apart_told(const Apart *apart, PyObject *found[3])
+{
+    PyObject *of_rows[4 * APART_ROWS];
+    found[0] = PyLong_FromLong(apart->nearest);
+    found[1] = PyFloat_FromDouble(apart->scene->pairs > 0 ? apart->room.least[apart->nearest] : INFINITY);
+    for (int i = 0; i < apart->count; i++) {
+        of_rows[2 * i] = PyLong_FromLong(apart->pair[i]);
+        of_rows[2 * i + 1] = PyFloat_FromDouble(apart->distance[i]);
+    }
+    found[2] = named(&PyTuple_Type, 2 * apart->count, of_rows);
 }

@@ -338,7 +338,11 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
         slowed(&demand, speed);
     if (now != NULL && now->has_brought)
         memcpy(demand.brought, now->brought, sizeof demand.brought);
-    if (solve_measured(&demand, (const Row *)A, &tick->solution) == HAND_BACK)
+    if ((beside->apart != NULL && apart_now(beside->apart, there, before, &demand) == HAND_BACK) ||
+        solve_measured(&demand, (const Row *)A, &tick->solution) == HAND_BACK)
+        return HAND_BACK;
+    if (beside->apart != NULL && apart_after(beside->apart, there, tick->solution.velocity, &demand) &&
+        solve_measured(&demand, (const Row *)A, &tick->solution) == HAND_BACK)
         return HAND_BACK;
     for (int j = 0; j < m && !loop->has_braking; j++) {
         double outside = tick->solution.active[j] ? outside_by(loop, q, j) : 0.0;

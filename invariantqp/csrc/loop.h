@@ -20,6 +20,26 @@ typedef struct {
     Row outside, acceleration;
 } Tick;
 
+/* clearance.c: a clearance in a tick of a loop, beside arms of others, and what of it is to be told: the pair of each row and
+   its distance, and which pair is the nearest. */
+#define ALL_JOINTS (4 * MOST) /* of the arm and of those around it */
+#define APART_ROWS 16
+typedef double Wide[ALL_JOINTS];
+typedef struct Scene Scene;
+typedef struct {
+    double *least, *ends, *shares;
+    struct Pair *pairs;
+} ApartRoom;
+typedef struct {
+    const Scene *scene;
+    Wide limits[4], q, velocity;
+    double settings[5], distance[2 * APART_ROWS];
+    int count, pair[2 * APART_ROWS], nearest;
+    ApartRoom room; /* of each pair */
+} Apart;
+Outcome apart_now(Apart *apart, const double *there, const double *before, Demand *demand);
+bool apart_after(Apart *apart, const double *there, const double *x, Demand *demand);
+
 /* control/controller.py, follow: joint twists and tool pose as the arm was seen, the point to measure at, a posture, each of
    which may be NULL, and more exact rows, parts D of the twist. */
 typedef struct {
@@ -28,6 +48,7 @@ typedef struct {
     const double *at, *posture;
     int rows;
     const double (*D)[6];
+    Apart *apart;
 } Beside;
 
 /* braking.c, demands.c, loop.c */

@@ -112,16 +112,21 @@ bool target_pose(PyObject *object, Pose *T)
 
 /* step(loop, memory, q, target, feedforward, velocity, ...): a VelocitySolution, and what of joints is to be said beside
    its reasons, None for nothing; the memory is written. Without a target (None), `Controller.follow` for the twist `feedforward`. By name, what is other in
-   this tick. None, and the memory as it was, where Python has to answer, or to say what is wrong. */
+   this tick. With a clearance, its scene, limits, settings and others after the velocity, and then also the nearest pair, its
+   distance, and pair and distance of each row. None, and the memory as it was, where Python has to answer, or to say what is
+   wrong. */
 static PyObject *controller_step(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names)
 {
     (void)module;
-    const Loop *fixed = count == 6 ? loop_of(arguments[0]) : NULL;
+    bool apart = count == 10;
+    const Loop *fixed = count == 6 || apart ? loop_of(arguments[0]) : NULL;
     double *kept = fixed == NULL ? NULL : memory_of(arguments[1], fixed);
-    if (kept == NULL)
-        return refused("step(loop, memory, q, target, feedforward, velocity)");
+    Apart clearance;
+    Beside beside = {.apart = apart ? &clearance : NULL};
+    if (kept == NULL || (apart && !apart_from(arguments + 6, fixed->joints, &clearance)))
+        return refused("step(loop, memory, q, target, feedforward, velocity), or with a scene, its limits, settings and others");
     Now other, *now = names == NULL ? NULL : &other;
-    Fit fit = now == NULL ? FITS : called_by_name(&TABLE_now, arguments + 6, names, now);
+    Fit fit = now == NULL ? FITS : called_by_name(&TABLE_now, arguments + count, names, now);
     if (fit == WRONG)
         return NULL;
     if (fit == UNFIT || (now != NULL && now->joints != 0 && now->joints != fixed->joints) ||
@@ -137,15 +142,29 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
         memcpy(before, kept + KEPT + m, (size_t)m * sizeof(double));
     if ((arguments[5] != Py_None && (!vector(arguments[5], m, before) || !all_finite(m, before))) ||
         !vector(arguments[2], m, q) || !all_finite(m, q) || (towards && !target_pose(arguments[3], &target)) ||
-        (ahead && (!vector(arguments[4], 6, feedforward) || !all_finite(6, feedforward))) || (!towards && !ahead) ||
-        step(fixed, now, q, towards ? &target : NULL, ahead ? feedforward : NULL, before, kept, &tick) == HAND_BACK)
+        (ahead && (!vector(arguments[4], 6, feedforward) || !all_finite(6, feedforward))) || (!towards && !ahead))
         Py_RETURN_NONE;
-    PyObject *found[] = {fields(m, &tick.solution), joint_troubles(fixed, &tick, towards)};
+    if (apart && !apart_begun(&clearance)) {
+        apart_ended(&clearance);
+        return PyErr_NoMemory();
+    }
+    Outcome outcome = step_beside(fixed, now, &beside, q, towards ? &target : NULL, ahead ? feedforward : NULL, before, kept, &tick);
+    PyObject *found[5] = {NULL};
+    if (outcome == DONE) {
+        found[0] = fields(m, &tick.solution);
+        found[1] = joint_troubles(fixed, &tick, towards);
+        if (apart)
+            apart_told(&clearance, found + 2);
+    }
+    if (apart)
+        apart_ended(&clearance);
+    if (outcome == HAND_BACK)
+        Py_RETURN_NONE;
     if (found[0] != NULL) {
         memcpy(kept, &tick.memory, sizeof tick.memory);
         remembered(fixed, q, tick.solution.velocity, kept);
     }
-    return named(&PyTuple_Type, 2, found);
+    return named(&PyTuple_Type, apart ? 5 : 2, found);
 }
 
 #define CALLED(name, function, does) {name, (PyCFunction)(void (*)(void))function, METH_FASTCALL, does}
@@ -162,6 +181,7 @@ static PyMethodDef methods[] = {
     CALLED("motion", motion, "Position, velocity, acceleration and jerk of what is followed."),
     CALLED("splice", splice, "The residual of a splice, or None where it leaves the limits."),
     CALLED("through", through, "Knots and powers of a curve through smoothed positions, from rest to rest."),
+    CALLED("scene", scene, "What of a clearance does not change from tick to tick, or None where it is too large."),
     CALLED("clearance", clearance, "Rows that keep distances of shapes, and the distances."),
     CALLED("sight", sight,
            "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."),

@@ -319,6 +319,30 @@ def test_the_core_gives_the_rows_of_its_definition(panda):
     assert alike > 5
 
 
+@pytest.mark.skipif(engine.core is None, reason="one engine alone")
+@pytest.mark.parametrize("options", [{"acceleration_limit": 10.0}, {"dt": 0.01}, {"dt": 0.01, "delay": 0.02}])
+def test_a_tick_in_which_the_core_finds_the_rows_is_one_in_which_it_is_given_them(ur5, options):
+    other = OtherArm(iq.load_robot("ur5", base=iq.transform(np.diag([-1.0, -1.0, 1.0]), [0.9, 0.0, 0.0])))
+    limit = Clearance(ur5, None, [Box(iq.transform(translation=[0.45, 0.1, 0.1]), [0.2, 0.3, 0.2]), other])
+    by_itself = iq.Controller(ur5, limits=[limit], **{"dt": 0.002, **options})
+    given = iq.Controller(ur5, limits=[limit], **{"dt": 0.002, **options})
+    given.joint_rows.alone = None
+    q, rng, led = np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0]), np.random.default_rng(4), 0
+    for tick in range(1200):
+        if tick % 100 == 0:
+            target = ur5.pose(rng.uniform(-np.pi, np.pi, 6))
+            target[:3, 3] = rng.uniform([0.35, -0.1, 0.0], [0.55, 0.3, 0.2])
+        other.move([0.3 * np.sin(0.01 * tick), -1.2, 1.4, -1.7, -1.57, 0.0], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+        given.kept[:] = by_itself.kept
+        wanted, nearest = given.step(q, target), limit.nearest
+        found = by_itself.step(q, target)
+        np.testing.assert_array_equal(found.velocity, wanted.velocity)
+        assert (found.row_names, found.reason, limit.nearest) == (wanted.row_names, wanted.reason, nearest)
+        led += len(found.row_names) > 0
+        q = q + by_itself.dt * found.velocity
+    assert led > 30
+
+
 def test_who_brakes_on_goes_through_the_states_that_were_looked_at(ur5):
     """Joints far from their ranges' ends and near them, of an arm and of another one: no row can contradict braking."""
     rng, dt, near = np.random.default_rng(0), 0.001, 0

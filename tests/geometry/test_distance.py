@@ -82,14 +82,11 @@ def by_core(a: Shape, b: Shape) -> float:
     free = np.full(3, np.inf)
     pairs, limits = np.array([[0.0, 1.0, 1.0]]), np.array((free, free, -free, free))
     settings = np.array([1.0, 1.0, 1.0, 0.0, 1.0])
-    given, told = (np.zeros(3), np.zeros(3), table, np.zeros((2, 6)), pairs), (limits, settings)
-    levers = np.full((2, 3), np.inf)
-    found = (
-        rows_of([slides], *given, *told)
-        if core is None
-        else core.clearance(slides.screws, np.zeros(4), *given, levers, *told, None)
-    )
-    return float(found[3][0])
+    shapes, still = (table, np.zeros((2, 6)), pairs), np.zeros(3)
+    if core is None:
+        return float(rows_of([slides], still, still, *shapes, limits, settings)[3][0])
+    scene = core.scene(slides.screws, np.zeros(4), *shapes, np.full((2, 3), np.inf), np.zeros(1, bool))
+    return float(core.clearance(scene, still, still, limits, settings, None, None)[3][0])
 
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)
