@@ -119,6 +119,13 @@ typedef struct {
     Row K[MOST], T[MOST], centre;
 } Quadratic;
 
+/* quadratic.c: rows A T of limits, each divided by its length; `rows` is 0 where they are not made yet */
+typedef struct {
+    int rows;
+    Row N[LIMITS];
+    double length[LIMITS];
+} Turned;
+
 /* velocity/qp.py: the minimiser and its multipliers, zero where a limit is not active */
 typedef struct {
     Row z;
@@ -299,6 +306,8 @@ double worth(const Demand *demand, const Row A[6], const double wanted[6]);
 double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt);
 Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
                  Optimum *found);
+Outcome minimise_turned(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
+                        Turned *turned, Optimum *found);
 bool inside_limits(const Polytope *limits, int n, const Row z);
 double tool_speed(const Cone *cone, int n, const Row x);
 void cone_on(const Cone *cone, int m, const Row origin, int n, const Row *basis, Cone *result);

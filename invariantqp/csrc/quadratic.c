@@ -12,12 +12,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Centred: lower <= N e <= upper, each row of N divided by its length. Rows of a Room and of a Face are zero after their n
-   numbers, for steps. */
+/* Centred: lower <= N e <= upper. Rows of N and of a Face are zero after their n numbers, for steps. */
 typedef struct {
     int n, count;
-    Row N[LIMITS];
-    double lower[LIMITS], upper[LIMITS], length[LIMITS];
+    const Row *N;
+    const double *length;
+    double lower[LIMITS], upper[LIMITS];
 } Room;
 
 /* The e with N_a e = b_a; at[i] is a limit and bound[i] its b, N_a' = Q R by orthonormal rows Q[i]; the shortest e is
@@ -415,19 +415,15 @@ static void columns_of(const Quadratic *problem, Row lengths)
     }
 }
 
-/* The limits on e; rows that no e moves are left out, HAND_BACK where one of those is exceeded. */
-static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *room, int *of)
+/* The rows of limits on e, which do not depend on the centre. */
+static void turned_by(const Quadratic *problem, const Polytope *limits, Turned *turned)
 {
     int n = problem->n;
     Row columns;
     columns_of(problem, columns);
-    room->n = n;
-    room->count = 0;
+    turned->rows = limits->count;
     for (int i = 0; i < limits->count; i++) {
-        double value = limits->box ? problem->centre[i] : dot(n, limits->A[i], problem->centre);
-        double lower = limits->lower[i] - value, upper = limits->upper[i] - value;
-        int k = room->count;
-        double *row = room->N[k];
+        double *row = turned->N[i];
         memset(row, 0, sizeof(Row));
         for (int l = 0; l < n && !limits->box; l++)
             for (int j = 0; j < n; j++)
@@ -435,19 +431,27 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, Room *r
         for (int j = 0; j < n && limits->box; j++)
             row[j] = problem->T[i][j];
         without_rounding(n, limits->box ? 1.0 : norm(n, limits->A[i]), columns, row);
-        double length = norm(n, row);
-        if (!(length > 0.0)) {
-            if (fmax(lower, -upper) > limits->rounding[i])
-                return HAND_BACK;
-            continue;
-        }
-        for (int j = 0; j < n; j++)
+        double length = turned->length[i] = norm(n, row);
+        for (int j = 0; j < n && length > 0.0; j++)
             row[j] /= length;
-        room->lower[k] = lower / length;
-        room->upper[k] = upper / length;
-        room->length[k] = length;
-        of[k] = i;
-        room->count++;
+    }
+}
+
+/* The limits on e; rows that no e moves limit nothing, HAND_BACK where one of those is exceeded. */
+static Outcome centred(const Quadratic *problem, const Polytope *limits, const Turned *turned, Room *room)
+{
+    room->n = problem->n;
+    room->count = limits->count;
+    room->N = (const Row *)turned->N;
+    room->length = turned->length;
+    for (int i = 0; i < limits->count; i++) {
+        double value = limits->box ? problem->centre[i] : dot(problem->n, limits->A[i], problem->centre);
+        double lower = limits->lower[i] - value, upper = limits->upper[i] - value, length = turned->length[i];
+        bool still = !(length > 0.0);
+        if (still && fmax(lower, -upper) > limits->rounding[i])
+            return HAND_BACK;
+        room->lower[i] = still ? -INFINITY : lower / length;
+        room->upper[i] = still ? INFINITY : upper / length;
     }
     return DONE;
 }
@@ -473,15 +477,15 @@ void polytope_on(const Polytope *limits, int m, const Row origin, const Row insi
 }
 
 /* z of the e on a face, on its active limits to rounding in z, whatever the condition of T. */
-static void precise(const Quadratic *problem, const Polytope *limits, const Room *room, const int *of, const int *side,
-                    const Face *face, Row z)
+static void precise(const Quadratic *problem, const Polytope *limits, const Room *room, const int *side, const Face *face,
+                    Row z)
 {
     int n = problem->n;
     Row missing = {0.0}, e;
     for (int j = 0; j < n; j++)
         z[j] = problem->centre[j] + dot(n, problem->T[j], face->e);
     for (int k = 0; k < face->k; k++) {
-        int i = of[face->at[k]];
+        int i = face->at[k];
         double value = limits->box ? z[i] : dot(n, limits->A[i], z);
         missing[k] = ((side[face->at[k]] > 0 ? limits->upper[i] : limits->lower[i]) - value) / room->length[face->at[k]];
     }
@@ -582,8 +586,16 @@ static Outcome searched(const Quadratic *problem, const double *inside, const Ro
 Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
                  Optimum *found)
 {
+    Turned turned = {.rows = 0};
+    return minimise_turned(problem, limits, cone, inside, near, &turned, found);
+}
+
+/* The same where `turned` is of another centre and other bounds, or of no rows yet. */
+Outcome minimise_turned(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
+                        Turned *turned, Optimum *found)
+{
     Slow slow;
-    int n = problem->n, of[LIMITS], side[LIMITS];
+    int n = problem->n, side[LIMITS];
     Room room;
     Face face;
     double y[LIMITS], guess[LIMITS];
@@ -602,10 +614,12 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
     }
     if (limited)
         slow_on(problem, cone, &slow);
-    if (centred(problem, limits, &room, of) == HAND_BACK)
+    if (turned->rows == 0)
+        turned_by(problem, limits, turned);
+    if (centred(problem, limits, turned, &room) == HAND_BACK)
         return HAND_BACK;
-    for (int k = 0; k < room.count; k++)
-        side[k] = (guess[of[k]] > 0.0) - (guess[of[k]] < 0.0);
+    for (int i = 0; i < room.count; i++)
+        side[i] = room.length[i] > 0.0 ? (guess[i] > 0.0) - (guess[i] < 0.0) : 0;
     double nu = 0.0;
     if (corrected(&room, NULL, side, &face, y, &nu) == HAND_BACK &&
         searched(problem, inside, &room, NULL, side, &face, y, &nu) == HAND_BACK)
@@ -614,14 +628,14 @@ Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *c
         corrected(&room, &slow, side, &face, y, &nu) == HAND_BACK &&
         searched(problem, inside, &room, &slow, side, &face, y, &nu) == HAND_BACK)
         return HAND_BACK;
-    precise(problem, limits, &room, of, side, &face, found->z);
+    precise(problem, limits, &room, side, &face, found->z);
     if (nu > 0.0)
         precise_speed(problem, cone, &slow, &face, found->z);
     found->nu = nu;
     found->met = nu > 0.0;
-    for (int k = 0; k < room.count; k++) {
-        found->multipliers[of[k]] = y[k] / room.length[k];
-        found->met = found->met || y[k] != 0.0;
+    for (int i = 0; i < room.count; i++) {
+        found->multipliers[i] = y[i] != 0.0 ? y[i] / room.length[i] : 0.0;
+        found->met = found->met || y[i] != 0.0;
     }
     return kept(problem, limits, inside, found->z);
 }

@@ -275,6 +275,7 @@ static bool is_allowed(const Room *room, int n, const Row z)
 typedef struct {
     const Room *room;
     Quadratic *cost;
+    Turned *turned;
     Optimum *found;
     Row z0, way, u;
     double delta;
@@ -287,8 +288,8 @@ static Outcome missed(Slowed *slowed, double pace, double *by)
     int n = cost->n;
     for (int j = 0; j < n; j++)
         cost->centre[j] = slowed->z0[j] + pace * slowed->way[j];
-    if (minimise(cost, slowed->room->limits, &slowed->room->cone, slowed->room->inside, slowed->found, slowed->found) ==
-        HAND_BACK)
+    if (minimise_turned(cost, slowed->room->limits, &slowed->room->cone, slowed->room->inside, slowed->found, slowed->turned,
+                        slowed->found) == HAND_BACK)
         return HAND_BACK;
     *by = -slowed->delta;
     for (int j = 0; j < n; j++)
@@ -388,6 +389,7 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
     int n = objective->n, m = demand->m;
     static const Cone NONE = {.limit = 0.0};
     double length = 0.0, size = 0.0;
+    Turned turned = {.rows = 0}; /* limits of both rooms have the same rows */
     Quadratic cost;
     Row z1, unchased, whole, part;
     *pace = 1.0;
@@ -395,7 +397,7 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
     quadratic(objective, &cost);
     memcpy(whole, cost.centre, sizeof whole);
     if (demand->chased) {
-        if (minimise(&cost, room->placed, &NONE, room->inside, found, found) == HAND_BACK)
+        if (minimise_turned(&cost, room->placed, &NONE, room->inside, found, &turned, found) == HAND_BACK)
             return HAND_BACK;
         if (is_allowed(room, n, found->z)) {
             joints(problem, found->z, room->share->value, y);
@@ -404,11 +406,11 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
         memcpy(z1, found->z, sizeof z1);
         Objective rest = *objective;
         Optimum still;
-        Slowed way = {.room = room, .cost = &cost, .found = found, .delta = demand->chase.slack};
+        Slowed way = {.room = room, .cost = &cost, .turned = &turned, .found = found, .delta = demand->chase.slack};
         memcpy(rest.optimum, objective->still, sizeof rest.optimum);
         centre(&rest, unchased);
         memcpy(cost.centre, unchased, sizeof unchased);
-        if (minimise(&cost, room->placed, &NONE, room->inside, NULL, &still) == HAND_BACK)
+        if (minimise_turned(&cost, room->placed, &NONE, room->inside, NULL, &turned, &still) == HAND_BACK)
             return HAND_BACK;
         memcpy(way.z0, still.z, sizeof way.z0);
         for (int j = 0; j < n; j++)
@@ -436,7 +438,7 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
         if (demand->rows == 0)
             memcpy(slowed, part, sizeof(Row));
     }
-    if (minimise(&cost, room->limits, &room->cone, room->inside, found, found) == HAND_BACK)
+    if (minimise_turned(&cost, room->limits, &room->cone, room->inside, found, &turned, found) == HAND_BACK)
         return HAND_BACK;
     joints(problem, found->z, room->share->value, y);
     return DONE;
