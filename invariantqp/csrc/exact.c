@@ -8,9 +8,9 @@
 #include "core.h"
 #include <string.h>
 
-/* A singular value above the first share of the largest counts, below the second, hardly less than ROW_TOLERANCE, it is
-   zero; between them, Python decides. */
-static const double INDEPENDENT = 1e-7, DEPENDENT_ROW = 9.9e-11;
+/* ROW_TOLERANCE, but for what rounding makes of it: a singular value above the first share of the largest counts, below the
+   second it is zero; between them, Python decides. */
+static const double INDEPENDENT = 1.01e-10, DEPENDENT_ROW = 9.9e-11;
 /* A decision that rounding may make: within this factor of a tolerance. */
 static const double CLOSE = 10.0;
 

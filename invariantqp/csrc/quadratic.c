@@ -181,7 +181,7 @@ static Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Ro
 static const double WRONG_SIGN = 1e-13;
 /* A row that others leave so much of is orthogonal to them to a few roundings (Kahan's criterion). */
 static const double NEARLY_WHOLE = 0.1;
-/* A limit exceeded by less than this share of |e| and of itself is rounding. */
+/* A limit exceeded by less than this share of the terms of its row, and of itself, is rounding. */
 static const double EXCEEDED = 1e-13;
 
 /* The shortest e with N_a e = b. */
@@ -373,15 +373,19 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
     for (int tried = 0; tried < CORRECTIONS * room->count; tried++) {
         if (on_face(slow, room->n, face, pull, nu) == HAND_BACK)
             return HAND_BACK;
-        double outside = 0.0, size = norm(room->n, face->e);
+        double outside = 0.0;
         int worst = 0; /* i + 1 above its upper limit, -(i + 1) below the lower one */
         for (int i = 0; i < room->count; i++) {
             if (side[i] != 0)
                 continue;
             double value = dot_in_steps(room->n, room->N[i], face->e), lower = room->lower[i], upper = room->upper[i];
             double by = room->length[i] * (value > upper ? value - upper : lower - value);
-            if (by > outside)
-                by -= room->length[i] * EXCEEDED * (size + fmin(fabs(lower), fabs(upper)));
+            if (by > outside) {
+                double terms = fmin(fabs(lower), fabs(upper));
+                for (int j = 0; j < room->n; j++)
+                    terms += fabs(room->N[i][j] * face->e[j]);
+                by -= room->length[i] * EXCEEDED * terms;
+            }
             if (by > outside) {
                 outside = by;
                 worst = value > upper ? i + 1 : -i - 1;

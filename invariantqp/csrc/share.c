@@ -78,6 +78,10 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     share->near.met = false;
     if (length == 0.0)
         return DONE;
+    if (dot(m, reduction->start, d) < -QP_ROUNDING * length * norm(m, share->inside)) { /* as limits lead away */
+        share->value = 0.0;
+        return DONE;
+    }
     for (int j = 0; j < m; j++) {
         basis[0][j] = d[j] / length;
         for (int i = 0; i < reduction->n; i++)

@@ -317,6 +317,9 @@ def share_of(
         inside: (m,) a y inside both that moves the rows by `reduction.start`.
         dt: tick [s].
         backend: the solver asked first.
+
+    `start` is nearest to zero in a convex set, what rows make of the velocities inside. So a start'(full - start) >= 0
+    for every share a inside: where start'(full - start) < 0 there is none but 0.
     """
     if reduction.contradicts:  # the share tends to zero as the joints lose a direction of the rows
         return Share(0.0, inside)
@@ -325,6 +328,8 @@ def share_of(
     length = norm(d)
     if length <= ROUNDING * max(norm(reduction.full), norm(inside)):  # what limits require is what the rows ask for
         return Share(1.0, inside)
+    if float(start.dot(d)) < -ROUNDING * length * norm(inside):
+        return Share(0.0, inside)
     basis = np.column_stack((d / length, reduction.basis))
     n = basis.shape[1]
     room = limits.on(start, basis, inside)

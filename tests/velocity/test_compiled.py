@@ -119,6 +119,43 @@ def test_rows_that_ask_for_a_motion_are_met_by_the_core():
     assert handed_back <= 5
 
 
+def test_exact_rows_that_hardly_any_velocity_moves_are_met_by_the_core():
+    """As of an arm at rest that is nearly stretched: singular values down to where a row depends on the others."""
+    rng = np.random.default_rng(7)
+    for share in 10.0 ** rng.uniform(-9.9, -7.0, 100):
+        J, m = rng.normal(size=(6, 6)), 6
+        U, _, Vt = np.linalg.svd(J[3:])
+        J[3:] = (U * (1.0, 0.7, share)).dot(Vt[:3])
+        x = 0.1 * rng.normal(size=m)
+        law, exact = VelocityLaw(dt=0.002), ExactRows.of(J, np.eye(6)[3:], J[3:].dot(x))
+        demand = Demand(J, J.dot(x), np.eye(6), -np.ones(m), np.ones(m), exact=exact)
+        native, answer = native_answer(law, demand), python_answer(law, demand)
+        assert native is not None
+        assert native.scale == answer.scale == 1.0
+        np.testing.assert_allclose(native.velocity, answer.velocity, rtol=0.0, atol=1e-14 / share)
+
+
+def test_limits_that_lead_away_from_what_exact_rows_ask_for_leave_none_of_it():
+    """As of joints that brake: in the core, too, though more limits meet there than hold the joints."""
+    rng, law, away = np.random.default_rng(11), VelocityLaw(dt=0.002), 0
+    for _ in range(400):
+        J, m = rng.normal(size=(6, 5)), 5
+        moving = rng.normal(size=m)
+        exact = ExactRows.of(J, np.eye(6)[3:], rng.normal(size=3))
+        demand = Demand(J, rng.normal(size=6), np.eye(6), moving - 0.02, moving + 0.02, exact=exact)
+        free = np.linalg.svd(J[3:])[2][:3]
+        full = np.linalg.pinv(J[3:]).dot(exact.b)
+        least = lsq_linear(free, np.zeros(3), (demand.lower, demand.upper), tol=1e-14).x
+        start = free.T.dot(free.dot(least))
+        if start.dot(full - start) > -1e-3 * np.linalg.norm(start) * np.linalg.norm(full - start):
+            continue
+        away += 1
+        native, answer = native_answer(law, demand), python_answer(law, demand)
+        assert native is not None
+        assert native.scale == answer.scale == 0.0
+    assert away > 100
+
+
 def test_rows_hold_to_rounding_beside_a_tool_speed_that_gives_way(tick):
     """Rows that the velocity without them exceeds by less than the tolerance of a solver."""
     law, demand = tick
@@ -425,9 +462,17 @@ def test_exact_rows_of_an_arm_that_can_keep_fewer(tick):
 def test_exact_rows_that_it_does_not_have_are_handed_back(tick):
     law, demand = tick
     many = iq.ExactRows(np.ones((9, 7)), np.ones(9))
-    nearly = iq.ExactRows(np.vstack((np.eye(7)[:1], np.eye(7)[:1] + 1e-9 * np.eye(7)[1:2])), np.ones(2))
-    for rows in (many, nearly):
+    for rows in (many, nearly_alike(2e-10)):  # at the tolerance
         assert native_answer(law, demand._replace(exact=rows)) is None
+    for apart in (1.9e-10, 2.1e-10):  # beside it
+        near = demand._replace(exact=nearly_alike(apart))
+        assert native_answer(law, near) is not None
+        assert disagreements(law, near, native_answer(law, near), python_answer(law, near)) == []
+
+
+def nearly_alike(apart):
+    """Two rows whose singular values are nearly 1 : apart / 2."""
+    return iq.ExactRows(np.vstack((np.eye(7)[:1], np.eye(7)[:1] + apart * np.eye(7)[1:2])), np.ones(2))
 
 
 def test_arrays_of_any_layout_and_no_others(tick):
