@@ -540,11 +540,11 @@ static Outcome kept(const Quadratic *problem, const Polytope *limits, const Row 
         for (int j = 0; j < n; j++)
             way[j] = z[j] - inside[j];
         for (int i = 0; i < limits->count; i++) {
-            double on = limits->box ? way[i] : dot(n, limits->A[i], way), from = limits->box ? inside[i] : dot(n, limits->A[i], inside);
+            double on = limits->box ? way[i] : dot(n, limits->A[i], way), value = limits->box ? z[i] : dot(n, limits->A[i], z);
             double margin = QP_ROUNDING * (limits->box ? 1.0 : norm(n, limits->A[i])) * size + limits->rounding[i];
-            double room = on > 0.0 ? limits->upper[i] + margin - from : limits->lower[i] - margin - from;
-            if (fabs(on) > fabs(room))
-                part = fmin(part, fmax(room / on, 0.0));
+            double over = value - limits->upper[i], under = limits->lower[i] - value;
+            if (over > margin || under > margin)
+                part = fmin(part, on != 0.0 ? between(1.0 - (fmax(over, under) - 0.5 * margin) / fabs(on), 0.0, 1.0) : 0.0);
         }
         for (int j = 0; j < n; j++)
             z[j] = inside[j] + part * way[j];

@@ -212,14 +212,18 @@ def minimise(
 
 
 def _kept(z: Array, limits: Polytope, cone: Cone | None, inside: Array) -> Array:
-    """The z found, or where that is outside the limits the last one inside on the way there from one that is."""
-    for _ in range(2):  # the rounding that is allowed is that of z: the first cut may be much shorter
-        if limits.allows(z):
+    """The z found, or where that is outside the limits the last one inside on the way there from one that is.
+
+    What is allowed for rounding is that of z, which the cut makes shorter: so it is cut to half of it, and twice.
+    """
+    for _ in range(2):
+        value, margin = limits.A.dot(z), limits.margin(z)
+        over = np.maximum(value - limits.upper, limits.lower - value)
+        out = over > margin
+        if not out.any():
             break
-        way, margin = limits.A.dot(z - inside), limits.margin(z)
-        room = np.where(way > 0.0, limits.upper + margin, limits.lower - margin) - limits.A.dot(inside)
-        out = np.abs(way) > np.abs(room)
-        z = inside + (room[out] / way[out]).clip(0.0, 1.0).min(initial=1.0) * (z - inside)
+        way, back = np.abs(limits.A[out].dot(z - inside)), (over - 0.5 * margin)[out]
+        z = z - np.divide(back, way, out=np.ones(len(way)), where=way > 0.0).clip(0.0, 1.0).max() * (z - inside)
     if cone is None or cone.allows(z, ROUNDING):
         return z
     v, d = cone.velocity(inside), cone.J.dot(z - inside)
