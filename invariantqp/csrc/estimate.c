@@ -164,6 +164,8 @@ void known_after(Stiffness *known, double force, double way, const Setting *sett
         known->bound = fmax(2.0 * begins, known->bound);
         memset(known->seen, 0, sizeof known->seen);
         memset(known->sums, 0, sizeof known->sums);
+        memcpy(known->mean, read, sizeof known->mean);
+        memset(known->means, 0, sizeof known->means);
     } else {
         bool soft = lacks != 0 && (known->reached == 0.0 || fabs(known->lacked) > PERSISTS * setting->late);
         if (soft)

@@ -120,7 +120,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
         } else {
             double room = most_force - felt[i] - (check == NULL ? 0.0 : unseen(press, check, felt[i]));
             double inwards = touch_speed(press, room, setting->late) - fmax(drive->slope, 0.0);
-            inwards = fmax(gentle, inwards);
+            inwards = fmax(touch_speed(press, wished, setting->late), inwards);
             drives[i] = pressed(drive, error, wished, known, setting, inwards, OUTWARDS * fastest, eased, grows);
         }
     }

@@ -840,7 +840,7 @@ class HybridController:
                 force = float(here.force[i])
                 room = tick.most[0] - force - monitor.unseen(task, i, force)
                 inwards = touch_speed(task, room, setting.late) - max(drive.slope, 0.0)
-                speeds = max(gentle, inwards), LET_GO * fastest
+                speeds = max(touch_speed(task, wanted, setting.late), inwards), LET_GO * fastest
                 drives.append(pressed(drive, error, wanted, known, setting, speeds, eased, grows=grows))
             if released is not None:
                 acts = False

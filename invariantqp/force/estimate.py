@@ -349,6 +349,7 @@ class Stiffness(NamedTuple):
         if surprised:
             begins = min(10.0 * begins, max(begins, STIFF))
             bound, seen, sums = max(2.0 * begins, bound), np.zeros((3, 3)), np.zeros(3)
+            mean, means = read, np.zeros(4)  # they hold the other contact
         else:
             soft = short != 0 and (not self.reached or abs(lacked) > PERSISTS * setting.late)
             begins = max(begins * exp(-dt / (SOFTENS * setting.late)), SOFTEST * setting.begins) if soft else begins

@@ -72,6 +72,20 @@ def test_a_plate_behind_foam_is_a_surprise_upwards_and_nothing_is_known_then():
     assert estimate.bound > 1e5
 
 
+def test_a_plate_behind_foam_is_found_though_the_tool_came_through_the_foam():
+    """High-passed ways still held those through the foam: a negative stiffness was found, and a bound of 3 N/m."""
+    setting, estimate, random, bounds = setting_of(), Stiffness.of(STIFF), np.random.default_rng(0), []
+    for tick in range(1400):
+        t, since = DT * tick, max(0.0, DT * tick - 2.0)
+        foam = 0.035 * (1.0 - np.exp(-min(t, 2.0) / 4.0))
+        plate = 1e-4 * (1.0 - np.exp(-20.0 * since) * np.cos(30.0 * since))
+        f = 500.0 * foam + 1e5 * plate + random.normal(0.0, 0.1)
+        estimate = estimate.after(f, foam + plate, setting, short=since == 0.0)
+        bounds.append(estimate.bound)
+    assert max(bounds[800:1000]) < 1e3
+    assert min(bounds[1020:]) > 1e4
+
+
 def test_a_lag_that_is_found_later_takes_back_the_damping_that_it_passed_for():
     """Ways thought to show 20 ms late make a spring look damped by 20 ms of its stiffness."""
     k, lag, setting, estimate, shown = 1e4, 0.02, setting_of(0.01), Stiffness.of(STIFF), 0.0
