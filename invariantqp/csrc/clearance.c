@@ -412,6 +412,7 @@ static void shape_at(const double *numbers, const Pose *T, Shape *s)
 }
 
 typedef struct {
+    Row inside; /* where valid, a velocity that keeps all rows and joint limits */
     bool valid; /* of nothing that moves itself, and inside by no more than curvature takes */
     int count, pair[APART_ROWS];
     double C[APART_ROWS][MOST], lower[APART_ROWS], urgency[APART_ROWS];
@@ -648,6 +649,7 @@ static void ask_what_is_possible(int m, const States *joints, Rows *rows)
         asked[i] = rows->lower[i] - dot(m, rows->C[i], joints->braked);
         any = any || asked[i] > 0.0;
     }
+    memcpy(rows->inside, joints->braked, (size_t)m * sizeof(double));
     if (!any || !rows->valid)
         return;
     for (int sweep = 0; sweep < SWEEPS; sweep++)
@@ -662,6 +664,8 @@ static void ask_what_is_possible(int m, const States *joints, Rows *rows)
         if (got[i] < fmin(asked[i], 0.0))
             share = fmin(share, fmin(asked[i], 0.0) / got[i]);
     }
+    for (int j = 0; j < m; j++)
+        rows->inside[j] += share * z[j];
     for (int i = 0; i < rows->count; i++)
         if (asked[i] > 0.0)
             rows->lower[i] += fmin(asked[i], share * got[i]) - asked[i];
@@ -905,6 +909,8 @@ Outcome apart_now(Apart *apart, const double *there, const double *before, Deman
         return HAND_BACK;
     for (int i = 0; i < rows.count; i++)
         added(apart, &rows, i, rows.lower[i], demand);
+    demand->hinted = rows.valid;
+    memcpy(demand->hint, rows.inside, (size_t)scene->m * sizeof(double));
     return DONE;
 }
 
