@@ -53,7 +53,7 @@ SAYS = {
 ONE = ("--tasks", "1", "--jobs", "1")
 SHORTER = {
     "11_which_pitch": ("20",),
-    "14_defaults": (*ONE, "--only", "posture"),
+    "14_defaults": (*ONE, "--only", "posture_gain"),
     "15_elastic_paths": ONE,
     "25_pink_scripts": ("--short",),
     "22_contact_scenes": ("so101", "--physics", "mujoco", "--seconds", "0.3", "--scene", "bar"),

@@ -78,7 +78,7 @@ def test_a_stiff_hinge_that_is_told_wrong_presses_little_where_its_stiffness_is_
 def test_five_joints_wind_up_no_integral_against_a_screw_that_they_cannot_follow():
     robot = iq.load_robot("so101")
     scene = SHARED["scenes"](robot.pose(SO101), 0.015)["screw, 63 mm a turn"]
-    said, forces, _ = run(robot, SO101, scene, 2.5)
+    said, forces, _ = run(robot, SO101, scene, 1.8)
     assert {status for status, _ in said} == {"ok", "degraded"}
     assert max(forces) < 4.0
 

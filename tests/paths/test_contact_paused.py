@@ -91,7 +91,7 @@ def test_without_a_rate_an_override_slows_and_never_hastens():
     places = {}
     for part in (0.8, 1.0, 1.5):
         drive = Drive()
-        places[part] = drive.tick(200, override=part).place
+        places[part] = drive.tick(140, override=part).place
         drive.check()
     assert places[1.5] == places[1.0] > places[0.8] > 0.1 * PERIOD
 
