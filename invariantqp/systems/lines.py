@@ -209,11 +209,6 @@ class NullPlane(Value):
     direction: Array | None = field(converter=optional(own))
 
     @property
-    def at_infinity(self) -> bool:
-        """Whether the point, or the plane, is at infinity."""
-        return self.point is None
-
-    @property
     def basis(self) -> Array:
         """(6, 3) screws that span it."""
         if self.direction is None:
@@ -224,18 +219,6 @@ class NullPlane(Value):
             slides = np.vstack((np.zeros((3, 2)), across))
             return np.column_stack((_screws(u[:, None], np.zeros(3), self.h), slides))
         return np.column_stack((_screws(across, self.point, self.h), np.append(np.zeros(3), u)))
-
-    def contains(self, twist: ArrayLike, tolerance: float = arrays.NEGLIGIBLE) -> bool:
-        """Whether a (6,) twist, not zero, lies in it: whether it is h-reciprocal to all of it.
-
-        `tolerance` is the relative error of the twist that must not change the answer.
-        """
-        s, limit = arrays.twist(twist), arrays.tolerance(tolerance)
-        if not s.any():
-            raise BadInput("twist", "the zero twist", "a non-zero twist", "Zero lies in every system.")
-        form, screws = pitch_form(0.0 if self.h == inf else self.h), self.basis
-        terms = np.abs(screws.T).dot(np.abs(form)).dot(np.abs(s))
-        return bool((np.abs(screws.T.dot(form).dot(s)) <= limit * terms).all())
 
 
 def alpha_plane(point: ArrayLike | None = None, h: float = 0.0, *, direction: ArrayLike | None = None) -> NullPlane:

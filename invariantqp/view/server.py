@@ -32,6 +32,7 @@ from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.view.page import drawn, page
 from invariantqp.view.timeline import (
     FORCE,
+    FRAMES,
     CurveChart,
     Timeline,
     extremes,
@@ -43,8 +44,6 @@ from invariantqp.view.timeline import (
 
 # The port to serve at, or the next one of so many that is free; the last that there is.
 PORT, PORTS, LAST_PORT = 8080, 100, 65535
-# Frames of a run that is running.
-COARSE = 200
 # Environment variables that say that nobody looks at this machine's screen, if it has one.
 ELSEWHERE = ("CI", "SSH_CONNECTION", "SSH_TTY")
 # Environment variables of which Linux and the BSDs set one where there is a screen.
@@ -126,7 +125,7 @@ class Viewer:
         """The first n ticks of the run."""
         q, speed, force, place, status, limited = zip(*self._seen[:n], strict=True)
         before, push = self._before, np.array(force)
-        ends = np.unique(np.linspace(0, n, min(n + 1, COARSE)).round().astype(int))
+        ends = np.unique(np.linspace(0, n, min(n + 1, FRAMES)).round().astype(int))
         time = self._dt * ends
         then = [before.frame(t) for t in time.tolist()]
         places = np.vstack((before.tool[0, :3, 3], place))[ends]

@@ -70,10 +70,6 @@ ALGEBRA = {
     "alpha_plane": lambda: (iq.systems.alpha_plane, {"point": POINT, "h": H, "direction": None}),
     "beta_plane": lambda: (iq.systems.beta_plane, {"point": POINT, "normal": AXIS, "h": H}),
     "null_plane": lambda: (iq.systems.null_plane, {"S": S, "tolerance": 1e-10}),
-    "NullPlane.contains": lambda: (
-        iq.systems.alpha_plane(POINT, H).contains,
-        {"twist": TWIST, "tolerance": 1e-10},
-    ),
     "hyperbolic_polar": lambda: (iq.systems.hyperbolic_polar, {"J": S, "h": H, "joint_metric": None}),
     "involution": lambda: (iq.involution, {"lines": np.array([iq.revolute(AXIS)] * 2).T, "tolerance": 1e-10}),
     "reach": lambda: (iq.systems.reach, {"J": J, "point": POINT}),

@@ -353,36 +353,17 @@ def test_they_are_recognised_wherever_they_are(seed, h, unit):
         J = np.repeat([1.0, unit], 3)[:, None] * (iq.adjoint(T) @ plane.basis) @ rng.normal(size=(3, 4))
         found = null_plane(J)
         assert found.family == plane.family
-        assert found.at_infinity == plane.at_infinity
+        assert (found.point is None) == (plane.point is None)
         assert distance(found.basis, J) < 1e-7
         if name == "alpha":
             np.testing.assert_allclose(found.point, unit * (T[:3, :3] @ plane.point + T[:3, 3]), atol=1e-6 * unit)
             assert found.h == pytest.approx(unit * h, abs=1e-6 * unit)
-        assert found.contains(J[:, 0], 1e-6)
 
 
 @pytest.mark.parametrize("key", CLASSES, ids=lambda c: f"{c[0]}-{c[1]}")
 def test_no_other_system_is_one(key):
     J, _ = sample(np.random.default_rng(1), key)
     assert (null_plane(J) is not None) == (key in {(3, "IIA"), (3, "IIB"), (3, "IIC"), (3, "IID")})
-
-
-@settings(max_examples=40, deadline=None)
-@given(seed=SEEDS, h=PITCHES, unit=st.sampled_from([1e-3, 1.0, 1e3]))
-def test_membership(seed, h, unit):
-    rng = np.random.default_rng(seed)
-    p, n = rng.normal(size=(2, 3)) * unit
-    u = rng.normal(size=3)
-    plane, flat = alpha_plane(p, unit * h), beta_plane(p, n, unit * h)
-    across = np.cross(n, u)
-    assert plane.contains(iq.se3.helical(u, p, unit * h))
-    assert not plane.contains(iq.se3.helical(u, p + 1e-3 * across, unit * h))
-    assert not plane.contains(iq.se3.helical(u, p, unit * (h + 1e-3)))
-    assert not plane.contains(iq.se3.prismatic(u))
-    assert flat.contains(iq.se3.helical(across, p + 0.3 * np.cross(n, across), unit * h))
-    assert flat.contains(iq.se3.prismatic(n))
-    assert not flat.contains(iq.se3.helical(across, p + 1e-3 * n, unit * h))
-    assert not flat.contains(iq.se3.prismatic(across))
 
 
 def test_those_that_are_groups_of_motions_close_under_the_bracket():
@@ -409,7 +390,6 @@ def test_those_that_are_groups_of_motions_close_under_the_bracket():
         (lambda: alpha_plane((0, 0, 0), np.inf), "h"),
         (lambda: alpha_plane(direction=(0, 0, 0)), "direction"),
         (lambda: beta_plane((0, 0, 0), (0, 0, 0)), "normal"),
-        (lambda: alpha_plane((0, 0, 0)).contains(np.zeros(6)), "twist"),
         (lambda: null_plane(np.zeros((6, 3))), "J"),
     ],
 )
