@@ -239,7 +239,7 @@ class Explained:
     @property
     def reason(self) -> str:
         """Why, in words, "" where there is nothing to report."""
-        return sentences(self.reasons)
+        return sentences(self.reasons) if self._items()[self._at()] else ""
 
     row_names: tuple[str, ...]
 
