@@ -244,35 +244,6 @@ class Placed(NamedTuple):
         return np.asarray(A.dot(self.split.projectors.motion.dot(B.T.dot(twist))))
 
 
-class Answer(NamedTuple):
-    """A tick as either engine answers it; fields as in `HybridSolution`, and what its status and reason come from.
-
-    Attributes:
-        touch: whether there is contact.
-        kept: share of the gain that noise leaves.
-        verdict: None from the core, which answers no tick that stops.
-        few: what fewer than six joints make of the motion, in words.
-        speaks: whether there is something to say of what is kept.
-        silent: whether there is nothing to say beside the velocity law's own status.
-    """
-
-    velocity_solution: VelocitySolution
-    motion: Array
-    force: Array
-    wrench: Array
-    error: Array
-    intensities: Array
-    wanted: Array
-    contact: Contact
-    J: Array
-    touch: Touch
-    kept: float
-    verdict: Verdict | None = None
-    few: str = ""
-    speaks: bool = True
-    silent: bool = False
-
-
 @frozen(eq=False, repr=False, slots=False)
 class HybridSolution(Compared):
     """A joint velocity for a force/motion task, and how it was found; all twists and wrenches in the base frame.
@@ -457,28 +428,13 @@ class HybridController:
         Raises:
             BadInput: NaN or wrong shapes; the controller's state is as it was.
         """
-        answer = None
         if self._core is not None:
             if contact is None:
                 contact = self.task.contact_at(self._tool(q))
-            answer = self._by_core(self._core, q, target, wrench, feedforward, contact, velocity, wanted, posture)
-        if answer is None:
-            answer = self._by_python(q, target, wrench, feedforward, contact, velocity, wanted, posture)
-        status, reason = self._said(answer)
-        return HybridSolution(
-            velocity=answer.velocity_solution.velocity,
-            status=status,
-            reason=reason,
-            motion=answer.motion,
-            force=answer.force,
-            wrench=answer.wrench,
-            error=answer.error,
-            intensities=answer.intensities,
-            wanted=answer.wanted,
-            contact=answer.contact,
-            velocity_solution=answer.velocity_solution,
-            J=answer.J,
-        )
+            found = self._by_core(self._core, q, target, wrench, feedforward, contact, velocity, wanted, posture)
+            if found is not None:
+                return found
+        return self._by_python(q, target, wrench, feedforward, contact, velocity, wanted, posture)
 
     def _by_python(
         self,
@@ -490,7 +446,7 @@ class HybridController:
         velocity: ArrayLike | None,
         wanted: ArrayLike | Wrench | None,
         posture: ArrayLike | None,
-    ) -> Answer:
+    ) -> HybridSolution:
         """A tick in Python, the definition."""
         task, loop, memory, dt, delay = self.task, self.loop, self.memory, self.loop.dt, self._delay
         robot, joints = loop.robot, len(loop.robot.names)
@@ -565,8 +521,10 @@ class HybridController:
         )
         self.room = max(1.0 - trembles, 1.0 - MOST)
         B, split = here.contact.coadjoint, here.split
-        return Answer(
-            inner,
+        few = pressed_by(task, split, here.contact, tool, sighting.J, motion)
+        return HybridSolution(
+            inner.velocity,
+            *self._said(inner, here.contact, tick.touch, kept / now.eased, said, few),
             motion,
             force,
             here.measured.copy(),
@@ -574,11 +532,8 @@ class HybridController:
             split.intensities.dot(here.W),
             B.dot(here.W_d),
             here.contact,
+            inner,
             sighting.J,
-            tick.touch,
-            kept / now.eased,
-            said,
-            pressed_by(task, split, here.contact, tool, sighting.J, motion),
         )
 
     def _tool(self, q: ArrayLike) -> Array:
@@ -596,7 +551,7 @@ class HybridController:
         velocity: ArrayLike | None,
         wanted: ArrayLike | Wrench | None,
         posture: ArrayLike | None,
-    ) -> Answer | None:
+    ) -> HybridSolution | None:
         """A tick by the core; None where Python has to answer, or to say what is wrong with an argument."""
         task, loop, delay = self.task, self.loop, self._delay
         kept = self._kept if isinstance(self._kept, bytes) else PACKING.packed(self._kept)
@@ -641,28 +596,46 @@ class HybridController:
         if task.normal_within is not None:
             k = task.stiffness or bound
             self._normal = self._normal.found(task, declared, shown, (press, goal), k, touching=touching)
-        touch = Touch(touching=touching, airborne=airborne)
-        silent = touching and not speaks and not delay.late and not self._normal.held
-        found = inner, motion, force, measured, error, parts, exert, here, J, touch, kept_share
-        return Answer(*found, speaks=speaks, silent=silent)
+        said = inner.status, inner.reason
+        if not touching or speaks or delay.late or self._normal.held:
+            said = self._said(inner, here, Touch(touching=touching, airborne=airborne), kept_share, speaks=speaks)
+        return HybridSolution(inner.velocity, *said, motion, force, measured, error, parts, exert, here, inner, J)
 
-    def _said(self, answer: Answer) -> tuple[Status, str]:
-        """Status and reason of a tick."""
-        inner, task, delay = answer.velocity_solution, self.task, self._delay
-        if answer.silent:
-            return inner.status, inner.reason
-        memory = self.memory if answer.speaks else Memory()
-        said = answer.verdict or verdict(memory.monitor, answer.touch, task, answer.contact)
-        settling, pressing, presses = memory.monitor.settling, memory.pressing, answer.contact.kind.presses
+    def _said(
+        self,
+        inner: VelocitySolution,
+        contact: Contact,
+        touch: Touch,
+        kept: float,
+        said: Verdict | None = None,
+        few: str = "",
+        *,
+        speaks: bool = True,
+    ) -> tuple[Status, str]:
+        """Status and reason of a tick.
+
+        Args:
+            inner: the velocity law's answer.
+            contact: of this tick.
+            touch: whether there is contact.
+            kept: share of the gain that noise leaves.
+            said: the verdict; None from the core, which answers no tick that stops.
+            few: what fewer than six joints make of the motion, in words.
+            speaks: whether there is something to say of what is kept.
+        """
+        task, delay = self.task, self._delay
+        memory = self.memory if speaks else Memory()
+        said = said or verdict(memory.monitor, touch, task, contact)
+        settling, pressing, presses = memory.monitor.settling, memory.pressing, contact.kind.presses
         late, noise = delay.whole + (delay.late or 0.0), max(self._noise, memory.noise.found)
         rests = pressing.rests(task)
         doubts = (
             memory.noise.trouble(self._noise),
             "" if said.status else settling.trouble(settling.wanted if presses else None, late),
             delay.trouble(self.loop.gain),
-            lowered(answer.kept, noise) if answer.touch.touching else "",
+            lowered(kept, noise) if touch.touching else "",
             memory.stand.trouble(),
-            answer.few,
+            few,
             self._normal.trouble(),
             pressing.known[0].trouble(task.stiffness) if rests and presses == len(pressing.known) == 1 else "",
         )
@@ -896,12 +869,13 @@ class HybridController:
         )
         return after, still * self.memory.coming + dt * velocity_at(twist, here.contact.point)
 
-    def _halted(self, q: Array, velocity: Array | None, sighting: Sighting, contact: Contact | None) -> Answer:
+    def _halted(self, q: Array, velocity: Array | None, sighting: Sighting, contact: Contact | None) -> HybridSolution:
         """A tick whose joint positions cannot be true, nor where wrenches act; what is kept stays."""
         inner, none, unknown = self.loop.rest(q, "", velocity, sighting), np.zeros(6), np.full(6, np.nan)
         here = contact_now(self.task, self.robot.pose(q), contact)
         parts = np.full(here.constraints.shape[1], np.nan)
-        return Answer(inner, none, none, unknown, unknown, parts, unknown, here, sighting.J, Touch(), 1.0, silent=True)
+        found = none, none, unknown, unknown, parts, unknown, here, inner, sighting.J
+        return HybridSolution(inner.velocity, inner.status, inner.reason, *found)
 
     def _turned(self, contact: Contact) -> tuple[Contact, Array]:
         """The contact with the normal found, and its normal as declared, zero where that is trusted."""
