@@ -141,7 +141,7 @@ def print_stability(outcomes: list[dict[str, Any]]) -> None:
     console.print(
         "finite: number of ticks without a finite answer; inside limits: largest excess over a limit; largest, last: "
         "errors of the run; tail: largest joint speed in its last tenth; chatter: total variation of the velocity "
-        "relative to the least-squares QP that is given the same; raised: number of ticks in which the law raised."
+        "relative to the QP with length and LM, given the same; raised: number of ticks in which the law raised."
     )
 
 
