@@ -335,15 +335,21 @@ def rows_a_second(width):
         for i, (H, f) in enumerate(zip(hessians, gradients, strict=True)):
             found[i] = daqp.solve(H, f, none, limit, least, sense)[0]
 
-    def rate(call, rows=ROWS):
-        return 1e6 * rows / min(timed(call, ()) for _ in range(5))
+    def spent(calls, clock):
+        """The least seconds of each of some calls, in turn: the machine's speed changes from one to the next."""
+        took = [[] for _ in calls]
+        for _ in range(5):
+            for call, all_of_it in zip(calls, took, strict=True):
+                start = clock()
+                call()
+                all_of_it.append(1e-9 * (clock() - start))
+        return map(min, took)
 
-    many, rates = compiled.ROWS_A_THREAD, []
-    for rows in (many, ROWS + 1):  # two threads where there are two cores, then one
-        compiled.ROWS_A_THREAD = rows
-        rates.append(rate(solve))
+    (both,), many = spent([solve], perf_counter_ns), compiled.ROWS_A_THREAD
+    compiled.ROWS_A_THREAD = ROWS + 1  # on one core
+    one, looped, python = spent([solve, loop, partial(solve, "python", FEW)], thread_time_ns)
     compiled.ROWS_A_THREAD = many
-    return [*rates, rate(partial(solve, "python", FEW), FEW), rate(loop)]
+    return ROWS / both, ROWS / one, FEW / python, ROWS / looped
 
 
 def single_calls():
