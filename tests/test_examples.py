@@ -53,6 +53,7 @@ SAYS = {
 ONE = ("--tasks", "1", "--jobs", "1")
 SHORTER = {
     "11_which_pitch": ("20",),
+    "13_pose_ik": ("2",),
     "14_defaults": (*ONE, "--only", "posture_gain"),
     "15_elastic_paths": ONE,
     "25_pink_scripts": ("--short",),
