@@ -200,6 +200,13 @@ def test_a_contact_after_another_is_one_of_its_own():
     assert all(v < MOST[n] for part, truth in ((first, one), (second, two)) for n, v in errors(part, truth).items())
 
 
+def test_a_face_that_is_turned_onto_its_edge_is_two_contacts():
+    (X, w, _), (Y, u, _) = record("face", SEED, duration=4.0), record("line", SEED + 1, duration=4.0)
+    found = identify(np.concatenate((X, X[-1] @ iq.inverse(Y[0]) @ Y)), np.concatenate((w, u)))
+    assert [part.kind for part in found.segments] == ["face", "line"]
+    assert abs(found.segments[0].stop - len(X)) < 15
+
+
 def test_the_same_contact_again_is_one():
     X, w, truth = record("point", SEED, duration=6.0)
     air, nothing, _ = record("free", SEED, duration=1.0)
