@@ -343,6 +343,26 @@ def test_a_tick_in_which_the_core_finds_the_rows_is_one_in_which_it_is_given_the
     assert led > 30
 
 
+@pytest.mark.skipif(engine.core is None, reason="one engine alone")
+@pytest.mark.parametrize(
+    ("q", "before"),
+    [
+        ([-1.27123828, -0.88620148, 2.6663245, -2.53628703, -0.19540069, 2.36883186],
+         [-0.14232527, 0.0112766, -0.01305654, -2.52311524, -1.32759244, 3.2]),
+        ([-3.12664722, -1.14846926, 2.70019527, -3.10640535, -3.41185179, 5.13649445],
+         [-0.56248417, 0.32456181, -0.01700218, 1.92540192, 0.03417243, 2.84475224]),
+    ],
+)  # fmt: skip
+def test_the_core_answers_where_braking_alone_keeps_the_rows(ur5, q, before):
+    box = Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box")
+    options = {"dt": 0.001, "acceleration_limit": 10.0, "limits": [Clearance(ur5, None, [box])]}
+    loop, target, q, before = iq.Controller(ur5, **options), ur5.pose(q), np.array(q), np.array(before)
+    found = loop._beside(loop.compiled, q, target, None, before)
+    assert found is not None
+    wanted = iq.Controller(ur5, engine="python", **options).step(q, target, None, before)
+    np.testing.assert_allclose(found[0].velocity, wanted.velocity, atol=1e-6)
+
+
 def test_who_brakes_on_goes_through_the_states_that_were_looked_at(ur5):
     """Joints far from their ranges' ends and near them, of an arm and of another one: no row can contradict braking."""
     rng, dt, near = np.random.default_rng(0), 0.001, 0
