@@ -204,15 +204,19 @@ def run(name, ticks, dt, delay, acceleration, seed=0, *, clear=True):
         print(f"    {count} x {reason}")
 
 
-def meet(ticks, dt, acceleration, seed=0):
-    """Two UR5s, each with the other one as an obstacle, each told the other's joints and velocity a tick late."""
+def meet(ticks, dt, acceleration, seed=0, delay=0.0):
+    """Two UR5s, each with the other one as an obstacle, each told the other's joints and velocity a tick late.
+
+    With a delay, each is told the other's last command, and its joints so that they are where commands in flight lead.
+    """
     places = np.eye(4), iq.transform(np.diag([-1.0, -1.0, 1.0]), [0.9, 0.0, 0.0])
     arms = [iq.load_robot("ur5", base=T) for T in places]
     brakes = {} if acceleration is None else {"acceleration_limit": acceleration}
     others = [OtherArm(arm, iq.robots.bodies_of(arm), **brakes) for arm in arms[::-1]]
     limits = [Clearance(arm, iq.robots.bodies_of(arm), [other]) for arm, other in zip(arms, others, strict=True)]
-    loops = [iq.Controller(arm, dt=dt, acceleration_limit=acceleration, limits=[limit])
+    loops = [iq.Controller(arm, dt=dt, delay=delay, acceleration_limit=acceleration, limits=[limit])
              for arm, limit in zip(arms, limits, strict=True)]  # fmt: skip
+    flying = [[np.zeros(6)] * round(delay / dt) for _ in arms]
     start = np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0])
     q, x, rng = [start.copy(), start.copy()], [np.zeros(6), np.zeros(6)], np.random.default_rng(seed)
     told = bool(brakes)  # arms that stop at once share the room without it
@@ -227,15 +231,19 @@ def meet(ticks, dt, acceleration, seed=0):
                 T[:3, 3] = rng.uniform([0.1, -0.35, 0.05], [0.8, 0.35, 0.75])
                 wanted.append(arm.target(T))
         for k in (0, 1):
-            others[k].move(q[1 - k], x[1 - k] if told else None)
+            there = q[1 - k] + dt * np.sum(flying[1 - k], axis=0) - delay * x[1 - k]
+            others[k].move(there, x[1 - k] if told else None)
         found = [loops[k].step(q[k], wanted[k]) for k in (0, 1)]
         x = [solution.velocity for solution in found]
-        q = [a + dt * b for a, b in zip(q, x, strict=True)]
+        for queue, command in zip(flying, x, strict=True):
+            queue.append(command)
+        shown = [queue.pop(0) for queue in flying]
+        q = [a + dt * b for a, b in zip(q, shown, strict=True)]
         for solution in found:
             statuses[str(solution.status)] = statuses.get(str(solution.status), 0) + 1
         others[0].move(q[1], x[1])
-        least = min(least, judge(q[0], dt * REACH * float(np.abs(x).sum())))
-    print(f"two UR5s that know each other: {ticks} ticks of {dt * 1e3:g} ms, acceleration {acceleration}; least distance "
+        least = min(least, judge(q[0], dt * REACH * float(np.abs(shown).sum())))
+    print(f"two UR5s that know each other: {ticks} ticks of {dt * 1e3:g} ms, delay {delay * 1e3:g} ms, acceleration {acceleration}; least distance "
           f"{least * 1e3:.3f} of 20 mm, seen by coal in {judge.seen} ticks; {statuses}", flush=True)  # fmt: skip
 
 
@@ -444,7 +452,7 @@ def main():
     if given.what == "run":
         run(given.scene, given.ticks, given.dt, given.delay, given.acceleration, given.seed, clear=not given.without)
     elif given.what == "meet":
-        meet(given.ticks, given.dt, given.acceleration, given.seed)
+        meet(given.ticks, given.dt, given.acceleration, given.seed, given.delay)
     elif given.what == "peers":
         peers(given.ticks)
     elif given.what == "reach":
