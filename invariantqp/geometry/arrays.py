@@ -66,7 +66,7 @@ def _as_float64(value: Any) -> Array | str:
         return "complex numbers"
     if a.dtype.kind not in REAL_KINDS:
         return f"{excerpt(value)}, which is not numeric"
-    return a.astype(np.float64)
+    return a.astype(np.float64, copy=False)
 
 
 def _finite(a: Array, argument: str, expected: str) -> Array:

@@ -353,8 +353,8 @@ def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None
         raise BadInput(argument, "a direction parallel to the normal", "one along the surface")
     a, b, c = a / length, b / length, c / length
     x, y, z = arrays.vector(point, 3, "point").tolist()
-    rows = (a, v * c - w * b, u, x), (b, w * a - u * c, v, y), (c, u * b - v * a, w, z), (0.0, 0.0, 0.0, 1.0)
-    return np.array(rows)
+    rows = (a, v * c - w * b, u, x, b, w * a - u * c, v, y, c, u * b - v * a, w, z, 0.0, 0.0, 0.0, 1.0)
+    return np.array(rows).reshape(4, 4)
 
 
 def _at(kind: ContactKind, pose: Array, edge: float | None = None) -> Contact:
