@@ -72,7 +72,7 @@ typedef struct {
 } Evidence;
 
 typedef struct {
-    double depth, force, slid, fell;
+    double depth, force, most, slid, fell;
 } Release;
 
 typedef struct {

@@ -343,14 +343,20 @@ class Release(NamedTuple):
 
     Attributes:
         depth, force: where it began [length], [force].
+        most: way that is let go, on a surface that stands: LEAST_ASKED beyond where nothing was felt last [length].
         slid: how long a way across has been since then [length].
         fell: depth where the readings had fallen to nothing; None before.
     """
 
     depth: float
     force: float
+    most: float
     slid: float = 0.0
     fell: float | None = None
+
+    def bound(self, task: HybridTask) -> float:
+        """The way that is let go at most before the readings have fallen to nothing [length]."""
+        return self.most + task.slope * self.slid
 
 
 class Answers(NamedTuple):
@@ -452,7 +458,11 @@ class Answers(NamedTuple):
         begun = tick.noise > 0.0 and self.rest is None and now.rest is not None
         unshown = begun and known.stiff is None and now.silent >= PATIENCE
         if unshown or now.unseen(task, press) > PRESSES * wanted or now.off > AVERAGED:
-            return now._replace(release=Release(now.depth, press)), None
+            most = MOST_ASKED * task.size
+            if press > FELL_NOISE * noise:  # less would fall unseen, and how far it reached is not known either
+                since_quiet = now.depth if known.quiet is None else max(now.depth, known.way - known.quiet)
+                most = min(max(since_quiet, 0.0) + LEAST_ASKED * task.size, most)
+            return now._replace(release=Release(now.depth, press, most)), None
         return now, None
 
     def begun(self) -> Answers:
@@ -526,8 +536,7 @@ class Answers(NamedTuple):
                 now = self.heard(task, known, press, shown)
                 none: Array = np.zeros(3)
                 return now._replace(touched=0.0, rested=0.0, rest=None, slid=none, far=0.0, off=0.0, release=None), None
-            most = min(max(release.depth, 0.0) + LEAST_ASKED * size, MOST_ASKED * size) + task.slope * release.slid
-            if gone > most and self.read == CERTAIN:
+            if gone > release.bound(task) and self.read == CERTAIN:
                 said = f"let go by {written(gone, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
                 away = max(0.0, self.depth + 2.0 * LEAST_ASKED * size)
                 return self._replace(release=release), Finding(Status.FAULT, f"{said}: {NO_ANSWER}", away)
@@ -733,22 +742,26 @@ class Monitor(NamedTuple):
         """What a press may be beside what is read [force]."""
         return self.answers[press].unseen(task, read) if press < len(self.answers) else 0.0
 
-    def release(self, press: int, late: float, slides: Array) -> float | None:
+    def release(self, task: HybridTask, press: int, late: float, slides: Array, most: float) -> float | None:
         """The rate at which a press is let go to see whether readings fall [length/s]; None where it is not.
 
         So slowly at first that they fall by a fifth of it before that shows, and faster and faster, from a surface that
-        goes on as it was answered.
+        goes on as it was answered; no further than `Release.bound` until they have fallen, and no faster than the way
+        back allows.
 
         Args:
+            task: says how far.
             press: which.
             late: after which time it shows [s].
             slides: (3,) how fast the tool moves across [length/s].
+            most: speed at most on a surface that stands [length/s].
         """
         check = self.answers[press] if press < len(self.answers) else Answers()
         if check.release is None:
             return None
         gone = max(0.0, check.release.depth - check.depth)
-        rate = SHORT * check.release.force / (check.stiff * late) + LETS_GO * gone
+        waits = check.release.fell is None and gone > check.release.bound(task)
+        rate = 0.0 if waits else min(SHORT * check.release.force / (check.stiff * late) + LETS_GO * gone, most)
         return rate - float(check.grade.dot(slides))
 
     @property
