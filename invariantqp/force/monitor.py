@@ -343,7 +343,8 @@ class Release(NamedTuple):
 
     Attributes:
         depth, force: where it began [length], [force].
-        most: way that is let go, on a surface that stands: LEAST_ASKED beyond where nothing was felt last [length].
+        most: way that is let go, on a surface that stands: LEAST_ASKED beyond where nothing was felt last, and
+            MOST_ASKED where noise would hide that less is read [length].
         slid: how long a way across has been since then [length].
         fell: depth where the readings had fallen to nothing; None before.
     """
