@@ -42,7 +42,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.control.clearance_pairs import Dropped, Pairs, Part, chain_of, frame_of, shapes_of
 from invariantqp.control.clearance_rows import DEEP, USUAL_SPEED, Found, Rate, moved_by, placed_at, rows_of
-from invariantqp.control.limits import ForCore, Limit, Loop, boxes
+from invariantqp.control.limits import Limit, Loop, boxes
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
@@ -545,7 +545,7 @@ class Clearance(Limit):
         return parts
 
 
-class _InLoop(ForCore):
+class _InLoop(Limit):
     """A clearance at the rate of a loop."""
 
     name = "clearance"

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property, lru_cache
 from math import inf
 from operator import le
-from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
+from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from attrs import field, frozen
@@ -130,16 +130,15 @@ class Limit:
         return ""
 
 
-class ForCore(Limit):
+@runtime_checkable
+class ForCore(Protocol):
     """A limit whose rows the compiled core finds itself in a tick in which there are no others."""
 
     def for_core(self) -> tuple[Any, ...] | None:
         """What the core is given in a tick; None where Python has to give it rows."""
-        raise NotImplementedError
 
-    def told(self, *found: Any) -> tuple[str, ...]:
+    def told(self, k: int, distance: float, of_rows: tuple[Any, ...], /) -> tuple[str, ...]:
         """What the core told of it in a tick; the names of its rows."""
-        raise NotImplementedError
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)

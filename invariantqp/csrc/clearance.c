@@ -3,7 +3,8 @@
 
        C (x - y) >= -alpha (d - d_min) - n'(v_b - v_a),     C = w'J on the joints between two bodies,  w = (p x n; n)
 
-   A pure function of arrays: `rows_of` says what goes in and out. */
+   `clearance` is a pure function of arrays and a scene. `apart_now` and `apart_after` are twins of rows_at and rows_after in
+   control/clearance.py, for a tick of a loop. */
 
 #include "boundary.h"
 #include <stdlib.h>
@@ -887,11 +888,21 @@ static void added(Apart *apart, const Rows *rows, int i, double least, Demand *d
     apart->distance[apart->count++] = apart->room.least[rows->pair[i]];
 }
 
+/* What is not told as too near: curvature and rounding take as much. */
+static double enough_of(double wanted) { return wanted - fmax(CURVED * wanted, ACTIVE_TOLERANCE); }
+
+/* By how much the distance of a pair may fall for its other arm's share of the room. */
+static double for_others(const Apart *apart, int k)
+{
+    const Scene *scene = apart->scene;
+    return scene->others ? (1.0 - share_of_pair(scene, k)) * fmax(apart->room.least[k] - apart->settings[0], 0.0) : 0.0;
+}
+
 /* control/clearance.py, rows_at, for a tick of a loop in which nothing is too near, and all that is near is judged. */
 Outcome apart_now(Apart *apart, const double *there, const double *before, Demand *demand)
 {
     const Scene *scene = apart->scene;
-    double wanted = apart->settings[0], enough = wanted - fmax(CURVED * wanted, ACTIVE_TOLERANCE), *least = apart->room.least;
+    double wanted = apart->settings[0], enough = enough_of(wanted), *least = apart->room.least;
     const npy_bool *unjudged = (const npy_bool *)scene->table[UNJUDGED];
     Rows rows;
     memcpy(apart->q, there, (size_t)scene->m * sizeof(double));
@@ -919,7 +930,7 @@ bool apart_after(Apart *apart, const double *there, const double *x, Demand *dem
 {
     const Scene *scene = apart->scene;
     int m = scene->m;
-    double wanted = apart->settings[0], dt = apart->settings[3], enough = wanted - fmax(CURVED * wanted, ACTIVE_TOLERANCE);
+    double wanted = apart->settings[0], dt = apart->settings[3], enough = enough_of(wanted);
     double to_its_end[5] = {wanted, 1.0 / dt, INFINITY, 0.0, apart->settings[4]};
     ApartRoom *room = &apart->room;
     Wide turned = {0.0}, still = {0.0};
@@ -934,21 +945,21 @@ bool apart_after(Apart *apart, const double *there, const double *x, Demand *dem
     for (int j = m; j < scene->all; j++)
         still[j] = apart->velocity[j];
     for (int k = 0; k < scene->pairs; k++) {
-        double d = room->least[k], share = share_of_pair(scene, k), kept = scene->others ? (1.0 - share) * fmax(d - wanted, 0.0) : 0.0;
-        bool may = share > 0.0 && isfinite(d) && !(d - nearer(&scene->pair[k], turned) >= wanted + kept);
+        double d = room->least[k];
+        bool may = share_of_pair(scene, k) > 0.0 && isfinite(d) &&
+                   !(d - nearer(&scene->pair[k], turned) >= wanted + for_others(apart, k));
         room->shares[k] = may ? 1.0 : 0.0;
         any = any || may;
     }
     if (!any || !rows_at(scene, NULL, apart->q, still, apart->limits, to_its_end, room->shares, room->pairs, room->ends, &rows))
         return false;
     for (int k = 0; k < scene->pairs; k++) {
-        double d = room->least[k], kept = scene->others ? (1.0 - share_of_pair(scene, k)) * fmax(d - wanted, 0.0) : 0.0;
-        all = all && (room->shares[k] == 0.0 || room->ends[k] - kept >= fmin(d, enough));
+        all = all && (room->shares[k] == 0.0 || room->ends[k] - for_others(apart, k) >= fmin(room->least[k], enough));
     }
     any = false;
     for (int i = 0; i < rows.count && !all && demand->limits < MOST_LIMITS; i++) {
-        double d = room->least[rows.pair[i]], kept = fmin(d, wanted) - wanted;
-        kept += scene->others ? (1.0 - share_of_pair(scene, rows.pair[i])) * fmax(d - wanted, 0.0) : 0.0;
+        int k = rows.pair[i];
+        double kept = fmin(room->least[k], wanted) - wanted + for_others(apart, k);
         double asked = rows.lower[i] + kept / dt;
         if (!(asked > 0.0))
             continue;
