@@ -1,8 +1,7 @@
-"""`invariantqp compare`: our law and other methods on the same tasks, in charts; or difficult tasks in a table."""
+"""`invariantqp compare`: our law and other methods on the same tasks, in charts and tables."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from invariantqp.cli.console import WIDEST, NotAccepted, Quiet, folder, progress, writable, write
+from invariantqp.cli.console import WIDEST, NotAccepted, Quiet, folder, progress
 from invariantqp.errors import BadInput, install_command
 from invariantqp.extras import require
 
@@ -38,35 +37,27 @@ def compare(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of states, twists and displacements.", min=0)] = 0,
     stability: Annotated[
-        bool, typer.Option("--stability", help="Run difficult tasks under our law and the usual ones.")
+        bool, typer.Option("--stability", help="Instead, tasks at which methods fail, and inputs with NaN.")
     ] = False,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="With --stability: write every figure as JSON.")
-    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Compare time and accuracy of our law and other methods on each TASK, in a chart, tables and a page.
 
-    With --stability, print how each law does in difficult tasks; the exit status is 0 if our answers are always finite
-    and inside the limits, 1 if not.
+    With --stability the exit status is 0 if our answers are always finite and inside the limits, 1 if not.
     """
-    if stability:
-        ignored = {"TASK": tasks, "--methods": methods, "--only": only, "--seed": seed}
-        for option, value in (ignored | {"--quick": quick}).items():
-            if value:
-                raise BadInput(option, "--stability too", "one of them: --stability has its own tasks and laws")
-        _compare_stability(json_file, quiet)
-        return
+    for option, value in {"TASK": tasks, "--only": only}.items():
+        if stability and value:
+            raise BadInput(option, "--stability too", "one of them: --stability has its own tasks and measurements")
     require("pictures", "matplotlib", "jinja2")
+    from invariantqp.compare.measurements import STABILITY
     from invariantqp.compare.registry import chosen, not_installed
     from invariantqp.compare.report import write_report
     from invariantqp.compare.sweep import DEFAULT_TASKS, cells, sweep
+    from invariantqp.compare.tables import failed_stability
 
-    if json_file is not None:
-        raise BadInput("--json", "no --stability beside it", "--out DIR", "It writes results.json into DIR.")
     if jobs < -1 or jobs == 0:
         raise BadInput("--jobs", f"{jobs}", "a number of processes, or -1 for all cores")
-    kinds = None if only is None else [word.strip() for word in only.split(",")]
+    kinds = list(STABILITY) if stability else None if only is None else [word.strip() for word in only.split(",")]
     rows = chosen(methods)  # a wrong name is refused before a folder is made
     for cell in cells(tasks or DEFAULT_TASKS, [row.name for row in rows[:1]], only=kinds):
         cell.load()
@@ -80,30 +71,9 @@ def compare(
     files = write_report(results, out)
     if not quiet:
         print_comparison(results, files)
-
-
-def _compare_stability(json_file: Path | None, quiet: bool) -> None:
-    """Run what breaks velocity control; not accepted if our law was not finite, or left its limits."""
-    from invariantqp.compare.method import OURS
-    from invariantqp.compare.registry import not_installed
-    from invariantqp.compare.results import plain
-    from invariantqp.compare.stability import compare_stability, rows
-    from invariantqp.geometry.arrays import NEGLIGIBLE
-
-    writable("--json", json_file)
-    if not quiet:
-        print_not_installed(not_installed(rows()))
-    with progress("comparing", quiet) as report:
-        outcomes = compare_stability(report)
-    if json_file is not None:
-        write(json_file, json.dumps(plain(outcomes), indent=1) + "\n")
-    if not quiet:
-        print_stability(outcomes)
-    failed = [
-        run["case"] for run in outcomes if run["law"] == OURS and (run["not_finite"] or run["excess"] > NEGLIGIBLE)
-    ]
+    failed = failed_stability(results) if stability else []
     if failed:
-        raise NotAccepted([f"{case}: an answer of ours was not finite, or outside limits" for case in failed])
+        raise NotAccepted([f"{task}: an answer of ours was not finite, or outside limits" for task in failed])
 
 
 def print_not_installed(missing: dict[str, list[str]]) -> None:
@@ -114,48 +84,18 @@ def print_not_installed(missing: dict[str, list[str]]) -> None:
         console.print(f"not installed, so left out: {listed}. Run: {install_command(extra)}", markup=False)
 
 
-def print_stability(outcomes: list[dict[str, Any]]) -> None:
-    """A table of how each law did in each difficult case, with failures in red."""
-    from invariantqp.geometry.arrays import NEGLIGIBLE
-
-    errors = ("position_mm", "orientation_deg", "final_mm", "final_deg")
-    headings = ("largest mm", "deg", "last mm", "deg", "tail rad/s", "chatter", "raised")
-    table = Table("case", "law", "finite", "inside limits", "peak/limit", *headings, box=None)
-    before = ""
-    for run in outcomes:
-        broken, raised = (round(run[key] * run["ticks"]) for key in ("not_finite", "raised"))
-        table.add_row(
-            "" if run["case"] == before else escape(run["case"]),
-            escape(run["law"]),
-            f"[red]no: {broken}[/red]" if broken else "yes",
-            f"[red]{run['excess']:.1e}[/red]" if run["excess"] > NEGLIGIBLE else "yes",
-            f"{run['peak']:.3f}",
-            *(f"{run[key]:.3g}" for key in errors),
-            f"{run['tail']:.1e}",
-            f"{run['chatter']:.2f}",
-            f"{raised or ''}",
-        )
-        before = run["case"]
-    console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
-    console.print(table)
-    console.print(
-        "finite: number of ticks without a finite answer; inside limits: largest excess over a limit; largest, last: "
-        "errors of the run; tail: largest joint speed in its last tenth; chatter: total variation of the velocity "
-        "relative to the QP with length and LM, given the same; raised: number of ticks in which the law raised."
-    )
-
-
 def print_comparison(results: dict[str, Any], files: list[Path]) -> None:
     """The tables of a comparison, its verdict, and the files that were written."""
     from invariantqp.compare.report import verdict
     from invariantqp.compare.results import kinds_in
-    from invariantqp.compare.tables import EVERYDAY_CELLS, everyday, summary
+    from invariantqp.compare.tables import EVERYDAY_CELLS, STABILITY_CELLS, everyday, stability, summary
 
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
-    parts = [(summary(results), "")] if {"loop", "tick"} & kinds_in(results) else []
-    if "everyday" in kinds_in(results):
-        parts.append((everyday(results), EVERYDAY_CELLS.replace("*", "")))
+    parts = [(summary(results), "")] if {"loop", "tick"} & kinds_in(results).keys() else []
+    parts += [(everyday(results), EVERYDAY_CELLS.replace("*", "")), (stability(results), STABILITY_CELLS)]
     for found, cells in parts:
+        if not found.rows:
+            continue
         table = Table(*found.columns, box=None)
         for row in found.rows:
             table.add_row(*(escape(cell) for cell in row))

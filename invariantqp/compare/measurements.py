@@ -8,6 +8,7 @@
     everyday    what users meet first, without a frame put elsewhere: stay, jump, turn in place, a singularity, too
                 fast, out of reach and back, a late arm; errors beyond those that the target's own jump makes
     calibration an arm whose joints are not where its model says, and a camera that sees the tool
+    stability   tasks/stability, at which methods fail; `NaN in q` and its like: the one with a jump, an input broken
     tick        how long a tick takes: pose, Jacobian, law and limits, in states of a run of the task
 
 A tick fails if the method raises, if its answer is not finite, or if the arm is further outside its limits after it.
@@ -39,7 +40,7 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.plant import IdealPlant
 from invariantqp.runs.prepare import prepare
 from invariantqp.runs.run import run_task
-from invariantqp.runs.taskfile import Task, load_task
+from invariantqp.runs.taskfile import Task, load_task, shipped_tasks
 from invariantqp.velocity.solution import VelocitySolution
 
 # In a quick run ticks are this many times longer.
@@ -100,6 +101,7 @@ class Kind:
     alone: bool = False
     tasks: tuple[str, ...] | None = None  # the measurement's own tasks; None for the tasks of the sweep
     slow: bool = False  # whether a quick run leaves it out
+    asked: bool = False  # whether every run leaves it out that does not ask for it by name
 
 
 def loops(cell: Cell) -> dict[str, Result]:
@@ -123,6 +125,12 @@ def everyday(cell: Cell) -> dict[str, Result]:
     moved = float(np.degrees(np.abs(trace.q - trace.q[0]).max()))
     found = {**figures(law, trace), "grown_mm": float(mm), "grown_deg": float(deg), "joints_deg": moved}
     return {cell.method: found}
+
+
+def stability(cell: Cell, broken: str = "") -> dict[str, Result]:
+    """The figures of `loop`, never quick, in which an input of `step` is sometimes NaN if one is named."""
+    run = watched_run(prepare(load_task(cell.task)), controller_named(cell.method), broken)
+    return {cell.method: figures(*run)}
 
 
 class CameraFeedback:
@@ -249,4 +257,11 @@ KINDS = {
     "everyday": Kind(everyday, tasks=EVERYDAY),
     "calibration": Kind(calibration, tasks=CALIBRATION, slow=True),
     "tick": Kind(tick_times, alone=True),
+    "stability": Kind(stability, tasks=tuple(shipped_tasks("stability")), asked=True),
+    **{
+        f"NaN in {name}": Kind(partial(stability, broken=name), tasks=("stability/jump",), asked=True)
+        for name in ("q", "target", "feedforward")
+    },
 }
+# What breaks velocity control.
+STABILITY = tuple(name for name, kind in KINDS.items() if kind.asked)

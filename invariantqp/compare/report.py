@@ -32,7 +32,7 @@ def write_report(results: Results, out: Path) -> list[Path]:
     """Write report.html and the chart into a folder that exists: the files, the report first, then the chart if any."""
     drawn = []
     inline = ""
-    if {"loop", "tick"} <= kinds_in(results):
+    if {"loop", "tick"} <= kinds_in(results).keys():
         drawn.append(out / "speed_and_accuracy.svg")
         chart.draw(results, drawn[0])
         with tempfile.TemporaryDirectory() as folder:
@@ -66,7 +66,7 @@ def html(results: Results, svg: str) -> str:
         "light": chart.LIGHT._asdict(),
         "dark": chart.DARK._asdict(),
         "caption": caption(),
-        "summary": tables.summary(results) if {"loop", "tick"} & kinds_in(results) else None,
+        "summary": tables.summary(results) if {"loop", "tick"} & kinds_in(results).keys() else None,
         "everyday": tables.everyday(results),
         "cells": tables.EVERYDAY_CELLS.replace("*", ""),
         "folded": folded(results),
@@ -81,6 +81,8 @@ def folded(results: Results) -> list[tuple[str, Table]]:
     found = []
     if (moved := tables.motion(results)).rows:
         found.append((tables.MOTION_CELLS, moved))
+    if (hard := tables.stability(results)).rows:
+        found.append((tables.STABILITY_CELLS, hard))
     names = [m["name"] for m in results["methods"]]
     if names != tables.shown(results):
         found.append(("Every method", tables.summary(results, names)))

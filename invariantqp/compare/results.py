@@ -93,9 +93,9 @@ def results_of(results: Results, kind: str) -> dict[tuple[str, str], dict[str, A
     }
 
 
-def kinds_in(results: Results) -> set[str]:
-    """The measurements that the results contain."""
-    return {cell["kind"] for cell in results["cells"]}
+def kinds_in(results: Results) -> dict[str, None]:
+    """The measurements that the results contain, in their order."""
+    return dict.fromkeys(cell["kind"] for cell in results["cells"])
 
 
 @cache

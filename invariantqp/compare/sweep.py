@@ -46,10 +46,10 @@ def cells(
     quick: bool = False,
     only: Sequence[str] | None = None,
 ) -> list[Cell]:
-    """The cells of a sweep, with those that run alone at the end; `only` names measurements, None is all of them."""
+    """The cells of a sweep, with those that run alone at the end; `only` names measurements, None is the usual ones."""
     found = []
     for name, kind in sorted(_wanted(only).items(), key=lambda item: item[1].alone):
-        if quick and kind.slow and only is None:
+        if only is None and (kind.asked or (quick and kind.slow)):
             continue
         groups = [tuple(methods)] if kind.alone else [(method,) for method in methods]
         places = tasks if kind.tasks is None else kind.tasks
@@ -87,7 +87,7 @@ def sweep(
         seed: seed of states, twists and displacements.
         quick: whether to measure fewer states and longer ticks.
         jobs: number of processes; None leaves it to joblib's back end, which has one by default.
-        only: names of measurements; None is all of them.
+        only: names of measurements; None is the usual ones.
         progress: called with (cells done, cells in all).
     """
     rows = [method for method in chosen(methods) if method.installed and (method.shown or not quick or methods)]

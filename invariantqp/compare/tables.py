@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Any, NamedTuple
 
-from invariantqp.compare.method import CANNOT
-from invariantqp.compare.results import Results, results_of
+from invariantqp.compare.method import CANNOT, OURS, SCALED_LEAST_SQUARES
+from invariantqp.compare.results import Results, kinds_in, results_of
 from invariantqp.geometry.arrays import NEGLIGIBLE
 
 NOTHING = "-"
@@ -45,6 +45,11 @@ EVERYDAY_CELLS = (
 MOTION_CELLS = (
     "In each cell: largest joint acceleration after the first tick [rad/s^2] · settling time after the path, to 1 mm "
     "and 1 deg [s]."
+)
+STABILITY_CELLS = (
+    "Where methods fail. not finite, raised: ticks; excess: the largest over a limit; largest, last: errors of the run "
+    "[mm], [deg]; tail: largest joint speed in its last tenth [rad/s]; chatter: total variation of the velocity over "
+    f"that of the {SCALED_LEAST_SQUARES}, which is given the same."
 )
 
 
@@ -128,6 +133,34 @@ def everyday(results: Results) -> Table:
             ]
             rows.append([name, *cells, figure(found.get(("compare/stay", name), {}).get("joints_deg"))])
     return Table(["method", *(EVERYDAY[task] for task in tasks), "joints, deg"], rows)
+
+
+def stability(results: Results) -> Table:
+    """How each method does where methods fail; no rows where that was not measured."""
+    rows = []
+    for kind in (kind for kind in kinds_in(results) if kind == "stability" or kind.startswith("NaN in ")):
+        found = results_of(results, kind)
+        for (task, name), run in found.items():
+            case = task.removeprefix("stability/") + ("" if kind == "stability" else f", {kind}")
+            ticks = (f"{round(run[key] * run['ticks']) or ''}" for key in ("not_finite", "raised"))
+            excess = "" if kept_limits(run) else figure(run["excess"])
+            errors = (figure(run[key]) for key in ("position_mm", "orientation_deg", "final_mm", "final_deg", "tail"))
+            least = found.get((task, SCALED_LEAST_SQUARES), {}).get("variation")
+            chatter = figure(run["variation"] / least if least and run["variation"] is not None else None)
+            rows.append([case, name, *ticks, excess, figure(run["peak"], "{:.3f}"), *errors, chatter])
+    heads = ("not finite", "raised", "excess", "peak/limit", "largest mm", "deg", "last mm", "deg", "tail", "chatter")
+    return Table(("case", "method", *heads), rows)
+
+
+def kept_limits(run: dict[str, Any]) -> bool:
+    """Whether a run was always inside its limits."""
+    return run["excess"] is not None and run["excess"] <= NEGLIGIBLE
+
+
+def failed_stability(results: Results) -> list[str]:
+    """The tasks in which ours was not always finite and inside its limits, or could not be run."""
+    mine = [(cell["task"], cell["result"]) for cell in results["cells"] if cell["method"] == OURS]
+    return [task for task, run in mine if "failed" in run or run["not_finite"] or not kept_limits(run)]
 
 
 def _moved(run: dict[str, Any]) -> str:

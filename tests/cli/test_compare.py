@@ -11,10 +11,8 @@ REFUSED = [
     (["--jobs", "-3"], "--jobs: found -3"),
     (["--jobs", "0"], "--jobs: found 0; expected a number of processes, or -1 for all cores"),
     (["--out", "{file}"], "--out: found {file}: File exists; expected a folder"),
-    (["--json", "{file}"], "--json: found no --stability beside it"),
     (["--stability", "arm_3r"], "TASK: found --stability too; expected one of them"),
     (["--stability", "--only", "time"], "--only: found --stability too"),
-    (["--stability", "--json", "/nowhere/at/all.json"], "in a folder that does not exist"),
     (["--seed", "-1"], "--seed"),
 ]
 

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import os
 import subprocess
@@ -12,7 +13,9 @@ from typer.testing import CliRunner
 from invariantqp import extras
 from invariantqp.cli import app
 from invariantqp.compare import sweep as module
-from invariantqp.compare.measurements import Kind, interleaved, spread
+from invariantqp.compare import tables
+from invariantqp.compare.measurements import KINDS, STABILITY, Kind, interleaved, spread
+from invariantqp.compare.method import OURS, SCALED_LEAST_SQUARES
 from invariantqp.compare.registry import methods
 from invariantqp.compare.results import LIBRARIES, load_results, plain, results_of, versions
 from invariantqp.compare.sweep import cells, sweep
@@ -54,6 +57,8 @@ def test_cells_are_kinds_times_tasks_times_methods(toys):
     assert [(c.task, c.methods) for c in by_kind["timed"]] == [("t", tuple(FEW)), ("u", tuple(FEW))]
     assert [c.kind for c in work[-2:]] == ["timed", "timed"]
     assert {c.seed for c in work} == {3}
+    toys["asked"] = Kind(counted, asked=True)
+    assert "asked" not in {c.kind for c in cells(["t"], FEW)}
     toys["slow"] = Kind(counted, slow=True)
     assert "slow" not in {c.kind for c in cells(["t"], FEW, quick=True)}
     assert "slow" in {c.kind for c in cells(["t"], FEW)}
@@ -168,6 +173,47 @@ def test_everyday_tasks_alone_are_a_table_and_a_page(tmp_path):
     found = results_of(load_results(tmp_path / "results.json"), "everyday")
     assert len(found) == 7
     assert found["compare/stay", "invariantqp"]["settling_s"] == 0.0
+
+
+@pytest.fixture(scope="module")
+def hard_run(tmp_path_factory):
+    """Where methods fail, run by the command, of a few tasks."""
+    out = tmp_path_factory.mktemp("stability")
+    few = {name: dataclasses.replace(kind, tasks=kind.tasks[-1:]) for name, kind in KINDS.items() if kind.asked}
+    words = ["compare", "--stability", "--jobs", "1", "--out", str(out)]
+    chosen = [word for name in (OURS, SCALED_LEAST_SQUARES, "Pink") for word in ("--methods", name)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "KINDS", {**KINDS, **few})
+        done = CliRunner().invoke(app, [*words, *chosen])
+    return done, load_results(out / "results.json"), (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_stability_is_a_table_of_every_method_in_every_case(hard_run):
+    done, results, html = hard_run
+    assert done.exit_code == 0, done.output
+    found = {kind: results_of(results, kind) for kind in STABILITY}
+    names = [OURS, SCALED_LEAST_SQUARES, "Pink"]
+    table = tables.stability(results)
+    for kind, runs in found.items():
+        told = [row[1] for row in table.rows if (kind in row[0] if kind != "stability" else "NaN" not in row[0])]
+        assert told == names == [name for _, name in runs]
+    assert [row[-1] for row in table.rows if row[1] == SCALED_LEAST_SQUARES] == ["1"] * 4
+    spoilt, ours = (found["NaN in target"]["stability/jump", name] for name in ("Pink", OURS))
+    assert spoilt["not_finite"] > 0.0 == spoilt["raised"]
+    assert ours["not_finite"] == 0.0
+    assert ours["raised"] == spoilt["not_finite"]
+    for text in (done.output, html):
+        assert "jump, NaN in target" in text
+        assert "chatter" in text
+
+
+def test_the_status_tells_when_ours_leaves_its_limits_or_is_not_finite(hard_run):
+    _, results, _ = hard_run
+    assert tables.failed_stability(results) == []
+    for wrong in ({"excess": 1e-3}, {"excess": None}, {"not_finite": 0.01}, {"failed": "why"}):
+        first, *rest = results["cells"]
+        worse = {**first, "result": {**first["result"], **wrong}}
+        assert tables.failed_stability({**results, "cells": [worse, *rest]}) == [first["task"]]
 
 
 def test_what_is_not_installed_is_left_out_by_name(toys, tmp_path, monkeypatch):
