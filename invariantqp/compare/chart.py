@@ -33,13 +33,11 @@ VISIBLE = 1e-4
 # What is never worth it, and what is only where nothing else is left [line heights].
 COVERED, CROSSED = 1000.0, 15.0
 # How far from its point a name may be, and the steps of its places [line heights].
-FARTHEST, STEP = 8.0, 0.5
+FARTHEST, STEP = 5.0, 0.5
 # Orders in which names are moved, and rounds of moving them in each.
 ORDERS, ROUNDS = 10, 20
 # Room between two names beside and above each other, and the length of a line that is seen [line heights].
 MARGIN, SEEN = (0.5, 0.15), 0.8
-# So many of the places nearest to a point are looked at before all.
-FEW = 80
 
 Mask = NDArray[np.bool_]
 
@@ -198,74 +196,59 @@ def placed(points: Array, sizes: Array, room: Area, radius: float) -> Array:
                  + CROSSED for each line to a name across another name, line or point, and for each point beside a name
                    that is not its own, where the line to its own is too short to see
 
-    Names are moved one at a time to the best place beside all others, until none moves; from several beginnings.
+    Names are moved one at a time to the best place beside all others, until none moves; in several orders.
     """
-    choices = [_Choices(i, points, size, room, radius) for i, size in enumerate(sizes)]
-    rng, n = np.random.default_rng(0), len(points)
-    least, best = np.inf, np.array([choice.first for choice in choices])
+    n, rng = len(points), np.random.default_rng(0)
+    choices = [_places(i, points, size, room, radius) for i, size in enumerate(sizes)]
+    found = []
     for _ in range(ORDERS):
-        names = np.array([choice.first for choice in choices])
+        names, costs = np.array([places[cost.argmin()] for places, cost in choices]), np.full(n, np.inf)
         for _ in range(ROUNDS):
             before = names.copy()
-            costs = np.zeros(n)
             for i in rng.permutation(n):
-                names[i], costs[i] = choices[i].best(names)
+                (places, alone), rest = choices[i], np.arange(n) != i
+                cost = alone + _beside(points[i], places, sizes[i], points[rest], names[rest])
+                names[i], costs[i] = places[cost.argmin()], cost.min()
             if np.array_equal(names, before):
                 break
-        if costs.sum() < least:
-            least, best = float(costs.sum()), names
-    return best
+        found.append((costs.sum(), names))
+    return min(found, key=lambda one: one[0])[1]
 
 
 def nearest(names: Array, point: Array) -> Array:
     """(k, 2) the places of (k, 4) names that are nearest to a point (2,), or each to its own (k, 2)."""
-    return np.asarray(np.clip(point, names[:, :2], names[:, 2:]))
+    return np.asarray(np.clip(point, names[..., :2], names[..., 2:]))
 
 
-class _Choices:
-    """Where one name may be, and what each place costs by itself."""
+def _places(i: int, points: Array, size: Array, room: Area, radius: float) -> tuple[Array, Array]:
+    """Where the name of a point may be (k, 4), and what each place costs by itself (k,)."""
+    point, (width, height) = points[i], size
+    along, up = np.arange(0.0, FARTHEST, 2.0 * STEP), np.arange(-FARTHEST, FARTHEST + STEP, STEP)
+    right = 1.5 * radius + along * height
+    left = point[0] + np.concatenate((right, -right - width, -0.5 * width + right, -0.5 * width - right))
+    x, y = (grid.ravel() for grid in np.meshgrid(left, point[1] + (up - 0.5) * height))
+    places = np.column_stack((x, y, x + width, y + height))
+    inside = (x >= room.left) & (places[:, 2] <= room.right) & (y >= room.bottom) & (places[:, 3] <= room.top)
+    places = places[inside] if inside.any() else places[:1]
+    ends = nearest(places, point)
+    own = np.linalg.norm(ends - point, axis=1)
+    cost = own / height
+    for j, other in enumerate(points):
+        disc = np.concatenate((other - radius, other + radius))
+        cost += COVERED * _covered(places, disc, np.zeros(2))
+        if j != i:
+            theirs = np.linalg.norm(nearest(places, other) - other, axis=1)
+            ambiguous = (own < radius + SEEN * height) & (theirs < own + SEEN * height)
+            cost += CROSSED * (ambiguous | _through(point, ends, disc))
+    return places, cost
 
-    def __init__(self, i: int, points: Array, size: Array, room: Area, radius: float) -> None:
-        self.i, self.points = i, points
-        point, (width, height) = points[i], size
-        self.margin = np.array(MARGIN) * height
-        along, up = np.arange(0.0, FARTHEST, 2.0 * STEP), np.arange(-FARTHEST, FARTHEST + STEP, STEP)
-        right = 1.5 * radius + along * height
-        left = point[0] + np.concatenate((right, -right - width, -0.5 * width + right, -0.5 * width - right))
-        x, y = (grid.ravel() for grid in np.meshgrid(left, point[1] + (up - 0.5) * height))
-        names = np.column_stack((x, y, x + width, y + height))
-        inside = (x >= room.left) & (names[:, 2] <= room.right) & (y >= room.bottom) & (names[:, 3] <= room.top)
-        self.names = names[inside] if inside.any() else names[:1]
-        self.ends = nearest(self.names, point)
-        own = np.linalg.norm(self.ends - point, axis=1)
-        cost = own / height
-        for j, other in enumerate(points):
-            disc = np.concatenate((other - radius, other + radius))
-            cost += COVERED * _covered(self.names, disc, np.zeros(2))
-            if j != i:
-                theirs = np.linalg.norm(nearest(self.names, other) - other, axis=1)
-                ambiguous = (own < radius + SEEN * height) & (theirs < own + SEEN * height)
-                cost += CROSSED * (ambiguous | _through(point, self.ends, disc))
-        order = np.argsort(cost, kind="stable")
-        self.names, self.ends, self.cost = self.names[order], self.ends[order], cost[order]
-        self.first = self.names[0]
 
-    def best(self, others: Array) -> tuple[Array, float]:
-        """The best place beside the other names, and its cost."""
-        found = self._beside(others, slice(FEW))
-        # A place costs no less beside others than by itself.
-        more = slice(FEW, int(np.searchsorted(self.cost, found[1])))
-        return min(found, self._beside(others, more), key=lambda one: one[1]) if more.stop > FEW else found
-
-    def _beside(self, others: Array, part: slice) -> tuple[Array, float]:
-        names, ends, point = self.names[part, None], self.ends[part, None], self.points[self.i]
-        rest = np.arange(len(others)) != self.i
-        others, points = others[rest], self.points[rest]
-        tips = nearest(others, points)
-        across = _through(point, ends, others) | _crossed(point, ends, points, tips) | _through(points, tips, names)
-        cost = self.cost[part] + (COVERED * _covered(names, others, self.margin) + CROSSED * across).sum(axis=1)
-        k = int(np.argmin(cost))
-        return self.names[part][k], float(cost[k])
+def _beside(point: Array, places: Array, size: Array, points: Array, names: Array) -> Array:
+    """(k,) what places (k, 4) of a name cost beside other names (n, 4) with their points (n, 2)."""
+    places, ends, tips = places[:, None], nearest(places, point)[:, None], nearest(names, points)
+    across = _through(point, ends, names) | _crossed(point, ends, points, tips) | _through(points, tips, places)
+    margin = np.array(MARGIN) * size[1]
+    return np.asarray((COVERED * _covered(places, names, margin) + CROSSED * across).sum(axis=1))
 
 
 def _covered(names: Array, others: Array, margin: Array) -> Mask:
