@@ -219,7 +219,7 @@ def kinematics() -> str:
 
 
 def _read_by_pinocchio(robot: Any) -> ReadState:
-    from invariantqp.robots.pinocchio import ANGULAR_FIRST, pin
+    from invariantqp.robots.pinocchio import pin
 
     model, data = robot.model, robot.model.createData()
     frame = model.getFrameId(robot.tool)
@@ -227,12 +227,12 @@ def _read_by_pinocchio(robot: Any) -> ReadState:
     def read(q: Array, target: Any, feedforward: Any) -> ToolState:
         pin.forwardKinematics(model, data, q)
         tool = pin.updateFramePlacement(model, data, frame)
-        J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL).take(ANGULAR_FIRST, axis=0)
+        J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL).take(se3.SWAPPED, axis=0)
         gap = tool.actInv(target if isinstance(target, pin.SE3) else pin.SE3(pose_of(target)))
-        error = pin.log6(gap).vector.take(ANGULAR_FIRST)
+        error = pin.log6(gap).vector.take(se3.SWAPPED)
         if feedforward is None:
             return ToolState(J, error, np.zeros(6), gap.homogeneous)
-        ahead = tool.actInv(pin.Motion(feedforward[3:], feedforward[:3])).vector.take(ANGULAR_FIRST)
+        ahead = tool.actInv(pin.Motion(feedforward[3:], feedforward[:3])).vector.take(se3.SWAPPED)
         return ToolState(J, error, ahead, gap.homogeneous)
 
     return read

@@ -91,12 +91,9 @@ class Controller:
     Its attributes do not change: make another one instead. A copy, shallow or deep, is a loop of its own.
 
     Attributes:
-        robot: the arm.
+        robot, dt, gain, delay: as given.
         law: form, damping, guard, joint metric and solver, fixed for the loop.
         measure: the point and length by which twists are measured.
-        dt: tick [s].
-        gain: [1/s].
-        delay: dead time of the robot beyond one tick [s].
         posture_gain: [1/s], 0 where the null space has no posture.
         exact: what is met exactly.
         row_rank: how many independent rows of it the arm can keep in its best state; None is all.
@@ -261,14 +258,7 @@ class Controller:
         )
 
     def by_engine(self, engine: Engine) -> Controller:
-        """A copy of the loop as it is now, computed by another engine.
-
-        Args:
-            engine: as in `Controller`.
-
-        Raises:
-            BadInput: neither "compiled" nor "python".
-        """
+        """A copy of the loop as it is now, computed by another engine, as in `Controller`."""
         robot = self.robot.by_engine(engine) if isinstance(self.robot, Chain) else self.robot
         law = replace(self.law, engine=arrays.choice(engine, "engine", ENGINES))
         return self._but(robot=robot, law=law)
@@ -609,9 +599,6 @@ def posture_of(posture: ArrayLike | bool, gain: float, robot: Robot) -> tuple[Ar
     """The joint positions (m,) and the gain (m,) [1/s] of each joint, 0 where there is no posture.
 
     True is the middle of the ranges of an arm with more than six joints; a joint without a range has none.
-
-    Raises:
-        BadInput: neither positions, True nor False; a gain below zero.
     """
     m = len(robot.names)
     strength = arrays.not_negative(gain, "posture_gain", "a gain in 1/s")

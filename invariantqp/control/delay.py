@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import ROUNDING, Array
 
 # The longest delay beyond the declared one that is looked for [s].
 LONGEST = 0.25
@@ -19,8 +19,6 @@ LEAST_SHARE, MOST_SHARE = 0.5, 1.2
 UNEXPLAINED = 0.1
 # It has to have passed so often since the first command, and so many ticks more.
 PASSED, MORE_TICKS = 2, 10
-# Squares below this share of the whole are rounding.
-ROUNDING = 1e-12
 
 
 class DelayEstimate:

@@ -20,15 +20,12 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting
 from invariantqp.velocity.exact import ExactRows
 
-# Below this sine two directions count as parallel: no axis of the turn from one to the other can be computed.
-PARALLEL = 1e-12
-ORIGIN = (0.0, 0.0, 0.0)
 # Random states in which rows are counted: one that is not singular is enough.
 STATES = 4
 # A singular value of rows below this share of the terms they sum is rounding, that of a rounded robot model included.
@@ -61,11 +58,7 @@ class Exact(Protocol):
         ...
 
     def moved(self, offset: ArrayLike) -> Exact:
-        """The same demand for a tool frame displaced in itself by a (4, 4) offset.
-
-        Raises:
-            BadInput: not a rigid motion.
-        """
+        """The same demand for a tool frame displaced in itself by a (4, 4) offset."""
         ...
 
 
@@ -74,20 +67,13 @@ class ExactPoint(Value):
     """A point of the tool follows its target exactly.
 
     Attributes:
-        point: (3,) in the tool frame [length].
+        point: (3,) in the tool frame [length]; its origin by default.
     """
 
     point: Array = field(converter=own)
 
-    def __init__(self, point: ArrayLike = ORIGIN) -> None:
-        """A point of the tool.
-
-        Args:
-            point: (3,) in the tool frame [length]; its origin by default.
-
-        Raises:
-            BadInput: not three finite numbers.
-        """
+    def __init__(self, point: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        """As its attributes."""
         self.__attrs_init__(arrays.vector(point, 3, "point"))
 
     def rows(self, view: View) -> ExactRows:
@@ -113,14 +99,7 @@ class ExactAxis(Value):
     axis: Array = field(converter=own)
 
     def __init__(self, axis: ArrayLike) -> None:
-        """A direction of the tool.
-
-        Args:
-            axis: (3,) in the tool frame, of any length.
-
-        Raises:
-            BadInput: the zero vector, or not three finite numbers.
-        """
+        """A direction (3,) in the tool frame, of any length but zero."""
         self.__attrs_init__(arrays.direction(axis, "axis"))
 
     def rows(self, view: View) -> ExactRows:
@@ -130,7 +109,7 @@ class ExactAxis(Value):
         here, there = tips[0] - roots[0], tips[1] - roots[1]
         turn = np.cross(here, there)
         sine, cosine = float(np.linalg.norm(turn)), float(here.dot(there))
-        if sine > PARALLEL:
+        if sine > ROUNDING:  # else they are parallel, or opposite
             turn *= np.arctan2(sine, cosine) / sine
         elif cosine < 0.0:  # opposite: half a turn about one axis across, always the same
             turn = np.pi * np.linalg.svd(here.reshape(1, 3))[2][1]
@@ -147,22 +126,14 @@ class ExactPlane(Value):
 
     Attributes:
         normal: (3,) unit normal of the plane, in the base frame.
-        point: (3,) in the tool frame [length].
+        point: (3,) in the tool frame [length]; its origin by default.
     """
 
     normal: Array = field(converter=own)
     point: Array = field(converter=own)
 
-    def __init__(self, normal: ArrayLike, point: ArrayLike = ORIGIN) -> None:
-        """A point of the tool and the planes it is to stay in.
-
-        Args:
-            normal: (3,) in the base frame, of any length.
-            point: (3,) in the tool frame [length]; its origin by default.
-
-        Raises:
-            BadInput: a zero normal, or not three finite numbers.
-        """
+    def __init__(self, normal: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        """A normal (3,) of any length but zero, and the point."""
         self.__attrs_init__(arrays.direction(normal, "normal"), arrays.vector(point, 3, "point"))
 
     def rows(self, view: View) -> ExactRows:
@@ -190,15 +161,7 @@ class ExactJoints(Value):
     b: Array = field(converter=own)
 
     def __init__(self, A: ArrayLike, b: ArrayLike = 0.0) -> None:
-        """Rows on the joint velocities.
-
-        Args:
-            A: (k, m), or (m,) for one row.
-            b: (k,) [rad/s, length/s], or one number for all rows.
-
-        Raises:
-            BadInput: NaN, or shapes that do not fit.
-        """
+        """Rows (k, m), or (m,) for one, and (k,) numbers, or one for all."""
         rows = arrays.array(A, "A", "a (k, m) matrix")
         rows = rows.reshape(1, -1) if rows.ndim == 1 else rows
         demands = arrays.array(b, "b", "k numbers")
@@ -208,11 +171,7 @@ class ExactJoints(Value):
         self.__attrs_init__(np.asarray(checked.A), np.asarray(checked.b))
 
     def rows(self, view: View) -> ExactRows:
-        """The rows as they are.
-
-        Raises:
-            BadInput: they are for another number of joints.
-        """
+        """The rows as they are."""
         m = len(view.robot.names)
         if self.A.shape[1] != m:
             raise BadInput("exact", f"rows on {self.A.shape[1]} joints", f"rows on {m}, one for each joint")
@@ -224,11 +183,7 @@ class ExactJoints(Value):
 
 
 def require_rows(rows: object, m: int) -> None:
-    """Refuse what is not exact rows on m joints.
-
-    Raises:
-        BadInput: something else, or rows on another number of joints.
-    """
+    """Refuse what is not exact rows on m joints."""
     if not isinstance(rows, ExactRows):
         raise BadInput("rows", excerpt(rows), "ExactRows(A, b)")
     if np.shape(rows.A)[1] != m:
@@ -238,11 +193,7 @@ def require_rows(rows: object, m: int) -> None:
 def demands_of(
     exact: Exact | ExactRows | Sequence[Exact | ExactRows] | Literal["position"] | None,
 ) -> tuple[Exact, ...]:
-    """The demands as a tuple; "position" is an ExactPoint at the tool frame's origin, ExactRows are ExactJoints.
-
-    Raises:
-        BadInput: something that has no rows.
-    """
+    """The demands as a tuple; "position" is an ExactPoint at the tool frame's origin, ExactRows are ExactJoints."""
     if exact is None:
         return ()
     if isinstance(exact, str) and exact == "position":

@@ -25,7 +25,7 @@ from invariantqp.engine import Engine, core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.se3 import adjoint
+from invariantqp.geometry.se3 import SWAPPED, adjoint
 from invariantqp.robots.chain import Chain
 from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
@@ -37,8 +37,6 @@ from invariantqp.velocity.tick import posed
 # The cost of a joint direction that does not move the frame, relative to the largest: a few thousandths of what a
 # posture task with Pink's usual cost of 1e-3 gives it, and enough for DAQP where there is no such task.
 NULL_WEIGHT = 3e-10
-# Linear parts first, as both libraries have them, from angular parts first.
-LINEAR_FIRST = [3, 4, 5, 0, 1, 2]
 
 
 class FrameCost:
@@ -166,7 +164,7 @@ class FrameCost:
             return found
         H, c = np.zeros((jacobian.shape[1],) * 2), np.zeros(jacobian.shape[1])
         unit = float(self.cost[:3].max()) or float(self.cost[3:].max())
-        carry = adjoint(pose, check=False)[:, LINEAR_FIRST]
+        carry = adjoint(pose, check=False)[:, SWAPPED]
         s = arrays.twist(carry.dot(self.gain * error), "target" if np.isfinite(pose).all() else "configuration")
         J = arrays.columns(-carry.dot(jacobian[:, indices]), "configuration")
         if unit == 0.0:
@@ -188,7 +186,7 @@ class FrameCost:
             return None
         if self.form is not None and not self.cost.all():
             return None  # which Python refuses
-        cost = self.cost[LINEAR_FIRST] / unit  # angular parts first, as everywhere here
+        cost = self.cost[SWAPPED] / unit  # angular parts first, as everywhere here
         root = cost[:, None] * root_at(measure.point, 1.0)
         fields = {"gain": self.gain, "unit": unit, "lm_damping": self.lm_damping}
         made: tuple[Array, Array] | None

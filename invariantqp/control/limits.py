@@ -30,7 +30,6 @@ from invariantqp.velocity.qp import Cone
 from invariantqp.velocity.reasons import Code, Reason, by_joint
 from invariantqp.velocity.solution import VelocitySolution, both, with_trouble
 
-ORIGIN = np.zeros(3)
 # A joint that turns is never this far outside its position range [rad]: its position is no measurement in radians.
 FAR_OUTSIDE = 0.5
 LIMITS = (
@@ -164,17 +163,7 @@ class JointLimits(Value, Limit):
         velocity_limit: ArrayLike = inf,
         margin: float = 0.0,
     ) -> None:
-        """Joint limits.
-
-        Args:
-            position_lower: (m,) or one for all joints [rad, length], -inf where there is none.
-            position_upper: likewise, +inf.
-            velocity_limit: likewise [rad/s, length/s], zero or more, inf where there is none.
-            margin: distance kept from position limits, the robot's too [rad, length].
-
-        Raises:
-            BadInput: NaN, a velocity limit below zero, a lower limit above the upper one.
-        """
+        """As its attributes; no lower limit is above the upper one."""
         low, high = _numbers(position_lower, "position_lower"), _numbers(position_upper, "position_upper")
         if low.ndim == high.ndim == 1 and low.shape != high.shape:
             raise BadInput("position_upper", f"{len(high)} limits", f"{len(low)}, one for each lower limit")
@@ -223,23 +212,12 @@ class AccelerationLimit(Value, Limit):
     limit: Array = field(converter=own)
 
     def __init__(self, limit: ArrayLike) -> None:
-        """Acceleration limits.
-
-        Args:
-            limit: (m,) or one for all joints [rad/s^2, length/s^2], above zero, inf where there is none.
-
-        Raises:
-            BadInput: not above zero.
-        """
+        """As its attribute."""
         a = _numbers(limit, "limit")
         self.__attrs_init__(accelerations(a, a.size, "limit").reshape(a.shape))
 
     def narrowed(self, loop: Loop) -> Loop:
-        """The loop inside these limits.
-
-        Raises:
-            BadInput: another number of joints.
-        """
+        """The loop inside these limits."""
         a = accelerations(self.limit, len(loop.acceleration), "limits")
         return loop._replace(acceleration=np.minimum(loop.acceleration, a))
 
@@ -252,11 +230,9 @@ class _OfTool(Limit):
 
     def narrowed(self, loop: Loop) -> Loop:
         known, limit = loop.tool_speed, self._limit
-        if known is not None and limit.point is not None:
-            at = ORIGIN if known.point is None else known.point
-            if not np.array_equal(at, limit.point):
-                raise BadInput("limits", "tool speeds of two points", "those of one point of the tool")
         if known is not None:
+            if limit.point is not None and not np.array_equal(_limited_point(known), limit.point):
+                raise BadInput("limits", "tool speeds of two points", "those of one point of the tool")
             limit = ToolSpeed(min(known.limit, limit.limit), known.point)
         return loop._replace(tool_speed=limit)
 
@@ -277,21 +253,13 @@ class PinkLimit(Limit):
     `limits=[barrier]` is short for `limits=[PinkLimit(barrier)]`.
 
     Attributes:
-        limit: Pink's.
-        collision_model: a `pinocchio.GeometryModel` on the joints of `robot.model`, or None.
+        limit: Pink's, anything with `compute_qp_inequalities(configuration, dt)`.
+        collision_model: a `pinocchio.GeometryModel` on the joints of `robot.model` where the limit reads one, or None.
         name: the name of its class.
     """
 
     def __init__(self, limit: ForPink, collision_model: Any = None) -> None:
-        """A limit of Pink's.
-
-        Args:
-            limit: anything with `compute_qp_inequalities(configuration, dt)`.
-            collision_model: a `pinocchio.GeometryModel` on the joints of `robot.model`, for `SelfCollisionBarrier`.
-
-        Raises:
-            BadInput: not a limit of Pink's.
-        """
+        """As its attributes."""
         if not _is_pinks(limit):
             raise BadInput("limit", excerpt(limit), "a limit made for Pink: compute_qp_inequalities(...)")
         self.limit = limit
@@ -420,11 +388,7 @@ class _Unusable(Exception):
 
 
 def limits_of(limits: Sequence[AnyLimit]) -> list[Limit]:
-    """Everything that `limits=` takes, as limits.
-
-    Raises:
-        BadInput: something that is not a limit.
-    """
+    """Everything that `limits=` takes, as limits."""
     if not isinstance(limits, (list, tuple)):
         raise BadInput("limits", excerpt(limits), f"a list: {LIMITS}")
     return [_limit_of(limit) for limit in limits]
@@ -443,11 +407,7 @@ def _limit_of(limit: object) -> Limit:
 
 
 def row_limit(rows: Rows) -> Limit:
-    """What `rows=` takes, as a limit.
-
-    Raises:
-        BadInput: neither rows nor a function.
-    """
+    """What `rows=` takes, as a limit."""
     if isinstance(rows, LimitRows):
         return _Fixed(rows, "rows")
     if isinstance(rows, type) or not callable(rows):
@@ -489,11 +449,7 @@ class RowLimits:
     """All limits of a loop that answer with rows, in their order."""
 
     def __init__(self, given: Sequence[Limit], loop: Loop) -> None:
-        """As they are in a loop.
-
-        Raises:
-            BadInput: rows on another number of joints.
-        """
+        """As they are in a loop."""
         self._given, self._loop = tuple(given), loop
         self._m = len(loop.velocity_limit)
         self._limits: list[Limit | LimitRows] = []
@@ -517,22 +473,14 @@ class RowLimits:
         return RowLimits(self._given, self._loop)
 
     def at(self, q: Array, velocity: Array) -> TickRows:
-        """The rows at joint positions q (m,), coming from a joint velocity (m,).
-
-        Raises:
-            BadInput: something else than rows on the arm's joints.
-        """
+        """The rows at joint positions q (m,), coming from a joint velocity (m,)."""
         try:
             return TickRows(self._asked("rows", self._limits, q, velocity))
         except _Unusable as trouble:
             return TickRows(None, trouble.reason)
 
     def after(self, q: Array, x: Array) -> LimitRows | None:
-        """More rows, where the answer x (m,) of a tick at q (m,) does not keep some limit to its end.
-
-        Raises:
-            BadInput: as from `at`.
-        """
+        """More rows, where the answer x (m,) of a tick at q (m,) does not keep some limit to its end."""
         try:
             return self._asked("after", self.looking, q, x)
         except _Unusable:
@@ -578,11 +526,7 @@ class RowLimits:
         return _stacked(found)
 
     def _named(self, rows: object, limit: Limit) -> LimitRows:
-        """Rows on the arm's joints, by the name of their limit where they have none.
-
-        Raises:
-            BadInput: something else.
-        """
+        """Rows on the arm's joints, by the name of their limit where they have none."""
         argument = getattr(limit, "argument", "limits")
         if not isinstance(rows, LimitRows):
             raise BadInput(argument, type(rows).__name__, "LimitRows(C, lower, upper), or None for no limit")
@@ -633,7 +577,7 @@ class Changes(NamedTuple):
         """The same but rows, for the core; None for ranges, accelerations or points of the tool other than usual."""
         loop, told = self.loop, self.loop.tool_speed
         fields = ("position_lower", "position_upper", "acceleration", "margin")
-        here, there = (ORIGIN if s is None or s.point is None else s.point for s in (told, usual.tool_speed))
+        here, there = map(_limited_point, (told, usual.tool_speed))
         alike = all(np.array_equal(getattr(loop, field), getattr(usual, field)) for field in fields)
         if self.speed == 0.0 or not alike or (told is not None and not np.array_equal(here, there)):
             return None
@@ -700,11 +644,7 @@ class LoopLimits(NamedTuple):
         tool_speed: float | None,
         limits: Sequence[AnyLimit],
     ) -> Changes | None:
-        """What a tick changes; None for nothing.
-
-        Raises:
-            BadInput: a speed outside [0, 1], a limit below zero, a tool speed that is not above zero, no limit.
-        """
+        """What a tick changes; None for nothing."""
         if type(speed) is float and speed == 1.0 and velocity_limit is None and tool_speed is None and limits == ():
             return None
         share = arrays.not_negative(speed, "speed", "a share of the speed, from 0 to 1")
@@ -734,7 +674,7 @@ class LoopLimits(NamedTuple):
         cone = None
         speed = self.tool_speed if now is None else now.loop.tool_speed
         if speed is not None:
-            point = self.loop.robot.points(sighting, target, ORIGIN if speed.point is None else speed.point)[0]
+            point = self.loop.robot.points(sighting, target, _limited_point(speed))[0]
             cone = speed.cone(sighting.J, point)
             cone = cone if now is None else now.cone(cone, (lower, upper), before)
         rows, trouble = self.rows(q, before, now)
@@ -780,14 +720,15 @@ class LoopLimits(NamedTuple):
 
 
 def tool_speed_of(limit: ToolSpeed | float) -> Limit:
-    """A tool speed, or a number for one of the tool frame's origin, as a limit.
-
-    Raises:
-        BadInput: a number that is not above zero.
-    """
+    """A tool speed, or a number for one of the tool frame's origin, as a limit."""
     if not isinstance(limit, ToolSpeed):
         limit = ToolSpeed(arrays.number(limit, "tool_speed", "a speed", positive=True))
     return _OfTool(limit)
+
+
+def _limited_point(limit: ToolSpeed | None) -> Array:
+    """(3,) in the tool frame, of a limit's point; its origin for none."""
+    return np.zeros(3) if limit is None or limit.point is None else np.asarray(limit.point)
 
 
 def _slower(value: ArrayLike, m: int) -> JointLimits:

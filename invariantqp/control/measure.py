@@ -36,9 +36,6 @@ class ToolMeasure:
 
         The point is (3,) in the tool frame, None its origin, "own" the arm's own point; the length L, None the arm's
         reach to it; or a metric is carried by a body, or by the tool.
-
-        Raises:
-            BadInput: not a point, or not a positive length.
         """
         if isinstance(point, str) and point != "own":
             raise BadInput("point", excerpt(point), '"own" or (3,) in the tool frame')

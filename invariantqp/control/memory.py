@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.reasons import Code, Reason
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
@@ -33,8 +33,6 @@ MEMORY = 50
 KEPT_SHARE = 0.2
 # Below this share of full speed, on average, an arm does not oscillate: a small share is then noise.
 FAST_SHARE = 0.02
-# A delay this near to a whole number of ticks is one: quotients of decimals are.
-WHOLE_TICKS = 1e-9
 # A robot that is later than this many ticks is none: a delay in milliseconds, say.
 MOST_LATE = 10_000
 HEADER = 7
@@ -49,7 +47,7 @@ def ticks_late(delay: float, dt: float) -> tuple[int, float]:
     late = delay / dt
     if late > MOST_LATE:
         raise BadInput("delay", f"{delay:g} s, {late:.0f} ticks", f"seconds, at most {MOST_LATE} ticks")
-    whole = int(late + WHOLE_TICKS)
+    whole = int(late + NEGLIGIBLE)  # quotients of decimals are nearly whole
     return whole, max(0.0, late - whole)
 
 
@@ -116,11 +114,7 @@ class Memory(NamedTuple):
         return np.concatenate((self.convergence, self.turn, self.positions, self.commands.ravel()))
 
     def now(self, velocity: ArrayLike | None) -> Array:
-        """(m,) the joint velocity that the next command follows: as measured, or else the one commanded last.
-
-        Raises:
-            BadInput: NaN or another shape.
-        """
+        """(m,) the joint velocity that the next command follows: as measured, or else the one commanded last."""
         last = self.commands[0]
         return last if velocity is None else arrays.vector(velocity, len(last), "velocity")
 

@@ -47,8 +47,6 @@ LONGEST_TOLD = 10.0
 LATE_TICKS = 1.5
 # Time over which the robot's answer is remembered [s]: a few swings of a hand.
 REMEMBERED = 2.0
-# A delay that was declared counts as that many ticks, but for rounding.
-TICK_ROUNDING = 1e-9
 
 
 @frozen(eq=False, slots=False)
@@ -75,10 +73,7 @@ class LinkEnd:
     """One end of a link, at the robot or at the operator's device; `step` is one tick.
 
     Attributes:
-        dt: tick [s].
-        passes: "twist" at the robot, "wrench" at the device.
-        store: energy that may leave before any has come in [N length].
-        timeout: how old a packet may be [s].
+        dt, passes, store, timeout: as given.
         came_in: energy that has come in here [N length]: send it along, to be `received` at the other end.
         went_out: energy that has left here [N length].
     """
@@ -155,9 +150,6 @@ class LinkEnd:
                 from the future, is not believed: nothing is passed on.
             done: (6,) at the robot, the twist that the tool had in the last tick, measured (J q'), in the same part and
                 frame. None: what was passed on `delay` before. A robot that is later than declared is seen by it.
-
-        Raises:
-            BadInput: NaN, shapes, a negative energy, `done` at the device.
         """
         v, w = arrays.twist(twist), arrays.twist(wrench, "wrench")
         told = arrays.not_negative(received, "received", "an energy")
@@ -253,7 +245,7 @@ class InFlight:
     def __init__(self, dt: float, delay: float, stiffness: float) -> None:
         """Nothing on its way, for ticks of dt [s], a declared delay [s] and a stiffness [N/length]."""
         self.late: float = 0.0
-        self._dt, self._told = dt, ceil(delay / dt - TICK_ROUNDING)
+        self._dt, self._told = dt, ceil(delay / dt - arrays.NEGLIGIBLE)
         self.stiffness: float = stiffness
         self._passed = np.zeros((1 + self._told + round(LONGEST / dt), 6))  # the latest last
         self._delay = DelayEstimate(dt, self._told * dt, 3, 1.0 - dt / REMEMBERED)

@@ -33,8 +33,8 @@ class SharedTask(Value):
     Attributes:
         S1: (6, m) twists the robot moves along, base frame.
         S2: (6, n) twists the operator moves along, or None for all that h or the metric leaves, S1^{perp h}.
-        h: pitch [length/rad], or None.
-        metric: (6, 6) positive definite, base frame, or None.
+        h: pitch [length/rad] for what neither may move, or None.
+        metric: (6, 6) positive definite, base frame, instead of h, or None.
         robot_projector: (6, 6) P1.
         operator_projector: (6, 6) P2.
     """
@@ -47,13 +47,7 @@ class SharedTask(Value):
     operator_projector: Array = field(converter=own, repr=False)
 
     def __init__(self, S1: ArrayLike, S2: ArrayLike | None = None, h: float | None = None, metric: Any = None) -> None:
-        """The projectors for two systems of twists.
-
-        Args:
-            S1: (6, m) twists the robot moves along, base frame.
-            S2: (6, n) twists the operator moves along; None is all that h or the metric leaves.
-            h: pitch [length/rad] for what neither may move; not needed where S1 and S2 fill six dimensions.
-            metric: (6, 6) or (6,) positive definite, base frame, or a CarriedMetric, instead of h.
+        """As its attributes, or a CarriedMetric; neither h nor metric is needed where S1 and S2 fill six dimensions.
 
         Raises:
             BadInput: S1 and S2 share a twist, both h and metric, or neither where one is needed.
@@ -74,11 +68,7 @@ class SharedTask(Value):
         self.__attrs_init__(twists, others, pitch, M, robot, operator)
 
     def twist(self, robot: ArrayLike, operator: ArrayLike) -> Array:
-        """The (6,) twist of the tool for what each of the two wants, (6,) twists in the base frame.
-
-        Raises:
-            BadInput: NaN, shapes.
-        """
+        """The (6,) twist of the tool for what each of the two wants, (6,) twists in the base frame."""
         s1, s2 = arrays.twist(robot, "robot"), arrays.twist(operator, "operator")
         twist: Array = self.robot_projector.dot(s1) + self.operator_projector.dot(s2)
         return twist

@@ -27,8 +27,6 @@ from invariantqp.velocity.objective import least_squares, spectrum_of
 # Share of the error removed in a tick where no gain is given. A velocity held for dt leaves the path by half of
 # acceleration times dt^2 in every tick, and feedback holds that to 1 / share of it: 25 micrometres at 5 m/s^2 and 1 ms.
 TRACKING_SHARE = 0.1
-# The largest share of the error that a tick may remove: all of it, give or take the rounding of gain * dt.
-WHOLE_ERROR = 1.0 + 1e-9
 # A gain of at most this [1/s] beside a tick of at most this [s] takes a second or more to close an error, in 50 ticks
 # or more: it is questioned, since other libraries' gains are shares of the error in a tick.
 QUESTIONED_GAIN, QUESTIONED_TICK = 1.0, 0.02
@@ -53,7 +51,7 @@ def tracking_gain(gain: float | None, dt: float, delay: float = 0.0) -> float:
     """
     if gain is not None:
         asked = arrays.number(gain, "gain", positive=True)
-        if asked * dt > WHOLE_ERROR:
+        if asked * dt > 1.0 + arrays.NEGLIGIBLE:  # a tick removes all of the error, at most
             raise BadInput("gain", f"{asked:g} 1/s with dt = {dt:g} s", "at most 1/dt", "More overshoots.")
         return asked
     usual = TRACKING_SHARE / dt

@@ -58,7 +58,7 @@ const Constant CONSTANTS[] = {
     ONE("velocity.exact", INTERIOR),
     ONE("velocity.exact", TERMS),
     ONE("velocity.qp", MOST_SHARE),
-    ONE("control.memory", WHOLE_TICKS),
+    {"geometry.arrays.NEGLIGIBLE", WHOLE_TICKS},
     ONE("control.memory", MOST_LATE),
     ONE("control.memory", MEMORY),
     ONE("control.memory", KEPT_SHARE),

@@ -27,6 +27,8 @@ from invariantqp.geometry.arrays import Array
 # Below this angle [rad] the closed coefficients of exp and log lose digits to cancellation; three terms of their
 # series are exact to rounding there (the next term is below 1e-18).
 SMALL_ANGLE = 1e-2
+# Angular parts first from linear parts first, as other libraries have them, and back; twists as wrenches Q_0 s.
+SWAPPED = np.array([3, 4, 5, 0, 1, 2])
 
 
 def cross_matrix(a: ArrayLike) -> Array:

@@ -20,10 +20,7 @@ from invariantqp.robots.kinematics import UNLIMITED
 with optional("pin", "Pinocchio"):
     import pinocchio as pin
 
-__all__ = ["ANGULAR_FIRST", "joint_twists", "model_of", "pin", "placement"]
-
-# Rows of Pinocchio's spatial vectors, linear part first, in the order this library uses, angular part first.
-ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
+__all__ = ["joint_twists", "model_of", "pin", "placement"]
 
 
 def placement(pose: ArrayLike | pin.SE3, argument: str) -> pin.SE3:
@@ -37,7 +34,7 @@ def placement(pose: ArrayLike | pin.SE3, argument: str) -> pin.SE3:
 
 def joint_twists(model: pin.Model, data: pin.Data, q: Array) -> Array:
     """(6, nv) twists of all joints of a model at its configuration q, in the world frame."""
-    J: Array = pin.computeJointJacobians(model, data, q).take(ANGULAR_FIRST, axis=0)
+    J: Array = pin.computeJointJacobians(model, data, q).take(se3.SWAPPED, axis=0)
     return J if J.ndim == 2 else J.reshape(6, 1)  # Pinocchio leaves the second dimension out for one joint
 
 

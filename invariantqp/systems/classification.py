@@ -34,7 +34,7 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.se3 import across, cross, velocity_at
+from invariantqp.geometry.se3 import SWAPPED, across, cross, velocity_at
 from invariantqp.systems.points import resting_point
 from invariantqp.systems.subspaces import orthogonal, span
 
@@ -351,7 +351,7 @@ def _decide(basis: Array, singular: Array, tolerance: float) -> _Decision:
         return _Decision("SE3", 6, Parts(np.eye(3), np.eye(3), np.eye(3), np.empty(0)), borders)
     B = basis[:, :k]
     if k > 3:
-        B = orthogonal(B[[3, 4, 5, 0, 1, 2]])
+        B = orthogonal(B[SWAPPED])
     W, sigma, Vt = np.linalg.svd(B[:3], full_matrices=False)
     n = B.shape[1]
     e = int(np.count_nonzero(sigma * trust > tolerance))

@@ -190,7 +190,7 @@ def _refuse_pitch(given: Array, h: float, freedoms: Array, twists: bool) -> None
     if not given.shape[1]:
         return
     # Wrenches W are the twists Q_0 W measured by -h: W'Q_h^-1 W = (Q_0 W)'Q_{-h}(Q_0 W).
-    columns, pitch = (given, h) if twists else (given[[3, 4, 5, 0, 1, 2]], -h)
+    columns, pitch = (given, h) if twists else (given[se3.SWAPPED], -h)
     if core is not None and core.pseudoinverse(columns, pitch) is not None:  # where it is well conditioned
         return
     found = factors(columns, pitch)
