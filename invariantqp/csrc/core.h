@@ -328,7 +328,9 @@ Outcome reduce(const Demand *demand, const Row *C, Reduction *reduction);
 void origin(const Reduction *reduction, int m, double share, Row y);
 void joint(const Reduction *reduction, int m, const double *z, double share, Row y);
 void freed(const Reduction *reduction, int m, const Row y, double share, Row z);
-Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Row inside);
+Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Row inside, Optimum *found);
+Outcome at_least_share(Reduction *reduction, int m, Polytope *limits, Polytope *placed, Cone *cone, const Row inside,
+                       const Optimum *found);
 Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, Share *share);
 void governed(const Law *law, Demand *demand);
 Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], const double wanted[6], Solution *solution);
@@ -386,6 +388,7 @@ extern const Constant CONSTANTS[];
 #define FASTER 1e-4
 #define EXACT_CALM 1.0
 #define LEAST_SHARE 1e-15
+#define LEAST_GAIN 1e-8
 #define WHOLE (1.0 - 1e-8)
 #define INTERIOR (0.5 * ACTIVE_TOLERANCE)
 #define ROW_ROUNDING 1e-14

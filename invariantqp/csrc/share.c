@@ -28,12 +28,12 @@ static Outcome best(const Polytope *room, const Cone *slow, const Row first, int
 static double within(double share) { return between(share, 0.0, 1.0); }
 
 /* exact.py, counted_from_least: the velocity inside the limits that moves the rows least, from one that is inside; the rows
-   count from its part that they fix. */
-Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Row inside)
+   count from its part that they fix. `found` is the optimum. */
+Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Row inside, Optimum *found)
 {
     Objective still = {.n = m};
     Quadratic cost;
-    Optimum found = {.met = true};
+    found->met = true;
     int k = m - reduction->n;
     for (int i = 0; i < m; i++) {
         memcpy(still.V[i], i < k ? reduction->span[i] : reduction->basis[i - k], sizeof(Row));
@@ -41,11 +41,11 @@ Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone 
     }
     quadratic(&still, &cost);
     for (int i = 0; i < limits->count; i++) /* active at first: limits that do not allow standing still */
-        found.multipliers[i] = (limits->upper[i] < 0.0) - (limits->lower[i] > 0.0);
+        found->multipliers[i] = (limits->upper[i] < 0.0) - (limits->lower[i] > 0.0);
     for (int pass = 0; pass < 2; pass++) {
-        if (minimise(&cost, limits, cone, inside, &found, &found) == HAND_BACK)
+        if (minimise(&cost, limits, cone, inside, found, found) == HAND_BACK)
             return HAND_BACK;
-        memcpy(inside, found.z, (size_t)m * sizeof(double));
+        memcpy(inside, found->z, (size_t)m * sizeof(double));
         for (int i = 0; i < m; i++)
             still.optimum[i] = (i < k ? REGULARISATION : 1.0) * dot(m, still.V[i], inside);
         centre(&still, cost.centre);
@@ -62,6 +62,70 @@ Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone 
     if (left <= NOTHING * size)
         memcpy(reduction->start, reduction->full, (size_t)m * sizeof(double));
     return left <= NOTHING * size || left > UNDECIDED * size ? DONE : HAND_BACK;
+}
+
+/* Add a row of length one, of `length` on y. */
+static void add_held(Squares *held, const Row row, double length)
+{
+    Row unit;
+    for (int j = 0; j < held->n; j++)
+        unit[j] = length > 0.0 ? row[j] / length : 0.0;
+    add_square(held, unit, 0.0);
+}
+
+/* exact.py, at_least_share: of the velocities at share 0, among them one `inside`, those that what holds the rows there leaves
+   free; these limits have no bounds any more. `found` is of `counted`. */
+Outcome at_least_share(Reduction *reduction, int m, Polytope *limits, Polytope *placed, Cone *cone, const Row inside,
+                       const Optimum *found)
+{
+    static const Row NONE = {0.0};
+    int n = reduction->n, held = 0;
+    double size = norm(m, reduction->start), least = QP_ROUNDING * size;
+    Row pull = {0.0}, basis[MOST];
+    Polytope room;
+    Squares all;
+    Spectrum of;
+    if (size <= QP_ROUNDING * norm(m, inside)) /* the rows can stand still */
+        return DONE;
+    begun(n, 0.0, NULL, &all);
+    polytope_on(limits, m, inside, inside, n, (const Row *)reduction->basis, &room);
+    for (int i = 0; i < limits->count; i++) {
+        double length = limits->box ? 1.0 : norm(m, limits->A[i]);
+        if (!(fabs(found->multipliers[i]) * length > least))
+            continue;
+        add_held(&all, room.A[i], length);
+        limits->lower[i] = placed->lower[i] = -INFINITY;
+        limits->upper[i] = placed->upper[i] = INFINITY;
+    }
+    if (cone->limit > 0.0 && found->nu > 0.0) {
+        Cone slow;
+        cone_on(cone, m, inside, n, (const Row *)reduction->basis, &slow);
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < m; j++)
+                pull[j] += slow.start[i] * cone->J[i][j];
+        bool slowed = found->nu * norm(m, pull) > least;
+        for (int i = 0; i < 3 && slowed; i++)
+            add_held(&all, slow.J[i], norm(m, cone->J[i]));
+        cone->limit = slowed ? 0.0 : cone->limit;
+    }
+    if (spectrum(n, n, (const Row *)all.R, NONE, NULL, &of) == HAND_BACK)
+        return HAND_BACK;
+    while (held < n && of.sigma[held] > QP_ROUNDING)
+        held++;
+    memset(basis, 0, sizeof basis);
+    for (int k = held; k < n; k++)
+        for (int j = 0; j < m; j++)
+            for (int i = 0; i < n; i++)
+                basis[k - held][j] += of.V[k][i] * reduction->basis[i][j];
+    reduction->n = n - held;
+    memcpy(reduction->basis, basis, sizeof basis);
+    memcpy(reduction->start, inside, (size_t)m * sizeof(double));
+    for (int i = 0; i < reduction->n; i++) {
+        double along = dot(m, basis[i], inside);
+        for (int j = 0; j < m; j++)
+            reduction->start[j] -= along * basis[i][j];
+    }
+    return DONE;
 }
 
 /* From a velocity share->inside that moves the rows least. `limits` and `cone` are on y, dt is the tick. */
@@ -110,7 +174,7 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     double value = within(found.z[0] / length);
     if (value < LOOSE && found.nu > 0.0 && norm(m, reduction->start) > 0.0)
         return HAND_BACK;
-    if (value < LEAST_SHARE) {
+    if (value < LEAST_SHARE || value * length <= LEAST_GAIN * norm(m, share->inside)) {
         share->value = 0.0;
         return DONE;
     }

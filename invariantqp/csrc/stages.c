@@ -113,6 +113,21 @@ static Outcome pace(Posed *problem, double *share)
     return DONE;
 }
 
+/* The spectrum of the velocities that exact rows leave free, compared with that of all. */
+static Outcome free_spectrum(Posed *problem)
+{
+    const Reduction *reduction = &problem->reduction;
+    double largest = problem->spectrum.largest;
+    Row AB[6];
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < reduction->n; j++)
+            AB[i][j] = dot(problem->demand->m, problem->A[i], reduction->basis[j]);
+    if (spectrum(6, reduction->n, (const Row *)AB, NULL, NULL, &problem->spectrum) == HAND_BACK)
+        return HAND_BACK;
+    problem->spectrum.largest = largest;
+    return DONE;
+}
+
 static Outcome posed(const Demand *demand, const Regular *regular, const Row A[6], const double wanted[6], Posed *problem)
 {
     int m = demand->m;
@@ -168,16 +183,8 @@ static Outcome posed(const Demand *demand, const Regular *regular, const Row A[6
         if (memcmp(problem->instead, wanted, sizeof problem->instead) != 0)
             problem->attempt = problem->instead;
     }
-    if (demand->rows > 0) {
-        double largest = found->largest;
-        Row AB[6];
-        for (int i = 0; i < 6; i++)
-            for (int j = 0; j < problem->reduction.n; j++)
-                AB[i][j] = dot(m, problem->A[i], problem->reduction.basis[j]);
-        if (spectrum(6, problem->reduction.n, (const Row *)AB, NULL, NULL, found) == HAND_BACK)
-            return HAND_BACK;
-        found->largest = largest;
-    }
+    if (demand->rows > 0 && free_spectrum(problem) == HAND_BACK)
+        return HAND_BACK;
     double share = 1.0;
     if (demand->has_posture && demand->paced && pace(problem, &share) == HAND_BACK)
         return HAND_BACK;
@@ -527,13 +534,19 @@ static Outcome roomy(Posed *problem, Share *share, Yielded *yielded)
     if (demand->rows == 0)
         return DONE;
     share->near.met = false;
-    if (!still && counted(&problem->reduction, m, &problem->limits, &problem->cone, share->inside) == HAND_BACK)
+    Reduction *reduction = &problem->reduction;
+    Optimum least;
+    if (!still && counted(reduction, m, &problem->limits, &problem->cone, share->inside, &least) == HAND_BACK)
         return HAND_BACK;
-    if (problem->reduction.unmet > QP_ROUNDING) { /* the share tends to zero as the joints lose a direction */
+    if (reduction->unmet > QP_ROUNDING) /* the share tends to zero as the joints lose a direction */
         share->value = 0.0;
+    else if (share_of(reduction, m, &problem->limits, &problem->cone, demand->dt, share) == HAND_BACK)
+        return HAND_BACK;
+    if (still || share->value > 0.0)
         return DONE;
-    }
-    return share_of(&problem->reduction, m, &problem->limits, &problem->cone, demand->dt, share);
+    if (at_least_share(reduction, m, &problem->limits, &problem->placed, &problem->cone, share->inside, &least) == HAND_BACK)
+        return HAND_BACK;
+    return free_spectrum(problem);
 }
 
 /* How far a motion that limits require takes each exact row off its share of the speed. */
@@ -599,6 +612,7 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
     moved(demand, y, x);
     if (!all_finite(m, x))
         return HAND_BACK;
+    const double *reachable = possible(&problem, done);
     bool blocked = demand->rows > 0 && problem.reduction.unmet > QP_ROUNDING;
     bool free = !blocked && allows(demand, x);
     if (free)
@@ -624,7 +638,7 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
     solution->row_rank = demand->row_rank;
     moved(demand, y, x);
     found.met = found.met || pace < 1.0;
-    if (reported(demand, A, wanted, possible(&problem, done), &cost, x, &share, pace, &found,
+    if (reported(demand, A, wanted, reachable, &cost, x, &share, pace, &found,
                  demand->form == NULL ? 0.0 : blended, solution) == HAND_BACK)
         return HAND_BACK;
     beside(&problem, &share, solution);

@@ -10,9 +10,14 @@ construction, in their direction, at the share a of their speed that limits allo
 
 a_max is the largest share, the solution with nu nearly 0. Where it is below one, the problem is solved again with
 nu > 0, which grows with the unmet part of the rows and with the joint motion that the rows need (`Reduction.effort`).
-This damps the loop as `calm` does: joints do not move at full speed for a thousandth of the rows' speed. Where standing
-still is outside the limits, y0 and y count from the velocity that moves the rows least. Both problems are strictly
-convex, so the share is continuous in limits and demand.
+This damps the loop as `calm` does: joints do not move at full speed for a thousandth of the rows' speed.
+
+Where standing still is outside the limits, y0 and y count from the velocity that moves the rows least. At a share of 0
+rows move no more than that, and what keeps them from moving less is fixed as rows are (`at_least_share`).
+
+Both problems are strictly convex, so the share is continuous in limits and demand where standing still is inside the
+limits. Where it is not it jumps, from 0 to as much as 1, as a demand turns inwards over the facet of the limits that
+the least motion is on: a direction that leads outwards from there cannot be kept at any share.
 """
 
 from __future__ import annotations
@@ -23,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from attrs import field, frozen
 from attrs.converters import optional
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
 from invariantqp.errors import BadInput, excerpt
@@ -34,7 +39,17 @@ from invariantqp.geometry.se3 import cross, norm
 from invariantqp.systems.subspaces import TINY, rank_of
 from invariantqp.velocity.backends import Backend
 from invariantqp.velocity.measure import root_at
-from invariantqp.velocity.qp import ACTIVE_TOLERANCE, ROUNDING, Cone, Optimum, Polytope, Quadratic, minimise, svd
+from invariantqp.velocity.qp import (
+    ACTIVE_TOLERANCE,
+    ROUNDING,
+    Cone,
+    Optimum,
+    Polytope,
+    Quadratic,
+    minimise,
+    product,
+    svd,
+)
 
 # A singular value of the rows below this share of the largest is zero: its row depends on the others.
 ROW_TOLERANCE = 1e-10
@@ -50,6 +65,8 @@ EXACT_CALM = 1.0
 WHOLE = 1.0 - 1e-8
 # A share below this counts as 0: it is rounding of 1, beside which it is found.
 LEAST_SHARE = 1e-15
+# What a share moves of the rows counts as nothing below this part of the motion that limits require: it is rounding.
+LEAST_GAIN = 1e-8
 # Where limits bind, the share is reduced by this part of 1 - share, so that the next problem has an interior, and what
 # holds it still counts as a limit that is met.
 INTERIOR = 0.5 * ACTIVE_TOLERANCE
@@ -203,6 +220,14 @@ class Reduction(NamedTuple):
         return y
 
 
+class Least(NamedTuple):
+    """A velocity inside the limits that moves the rows least, and what keeps it from moving them less."""
+
+    inside: Array  # (m,)
+    limits: NDArray[np.bool_]  # (k,) which limits on y
+    cone: bool  # whether the tool's speed does, too
+
+
 class Share(NamedTuple):
     """The part of the exact rows' speed that the limits allow."""
 
@@ -244,7 +269,7 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | No
         bend=whole / float(sigma[r - 1]) if r else 1.0,
         unmet=max(_share(lost[:here], wanted), contrary),
         beyond=_share(lost[here:], wanted),
-        start=np.zeros(len(full)),
+        start=np.zeros(m),
     )
 
 
@@ -283,7 +308,7 @@ def _share(part: Array, whole: Array) -> float:
 
 def counted_from_least(
     reduction: Reduction, limits: Polytope, cone: Cone | None, inside: Array, backend: Backend
-) -> tuple[Reduction, Array]:
+) -> tuple[Reduction, Least]:
     """The rows, counted from the velocity (m,) that moves them least inside the limits, and that velocity.
 
     Args:
@@ -293,16 +318,43 @@ def counted_from_least(
         inside: (m,) a y inside both.
         backend: the solver asked first.
     """
+    least = Least(inside, np.zeros(len(limits.lower), bool), False)
     if not inside.any() or reduction.basis.shape[1] == len(inside):
-        return reduction, inside
+        return reduction, least
     free = reduction.basis.dot(reduction.basis.T)
     fixed = np.eye(len(inside)) - free
-    most, least = sqrt(1.0 + REGULARISATION), sqrt(REGULARISATION)
-    still, y = Quadratic(most * fixed + least * free, fixed / most + free / least, np.zeros(len(inside))), inside
+    most, little = sqrt(1.0 + REGULARISATION), sqrt(REGULARISATION)
+    still, y = Quadratic(most * fixed + little * free, fixed / most + free / little, np.zeros(len(inside))), inside
     for _ in range(2):  # what keeps it convex moves the rows by its weight; around the first answer, by its square
-        y = minimise(backend, still, limits, cone, y).z
+        found = minimise(backend, still, limits, cone, y)
+        y = found.z
         still = still._replace(centre=free.dot(y) + REGULARISATION * fixed.dot(y))
-    return reduction._replace(start=fixed.dot(y)), y
+    start = fixed.dot(y)
+    reduction, least = reduction._replace(start=start), least._replace(inside=y)
+    size = norm(start)
+    if size <= ROUNDING * norm(y):  # the rows can stand still
+        return reduction, least
+    pulls = np.abs(found.multipliers) * np.linalg.norm(limits.A, axis=1)
+    slowed = cone is not None and found.nu * norm(cone.velocity(y).dot(cone.J)) > ROUNDING * size
+    return reduction, least._replace(limits=pulls > ROUNDING * size, cone=slowed)
+
+
+def at_least_share(reduction: Reduction, limits: Polytope, cone: Cone | None, least: Least) -> Reduction:
+    """The velocities that move the rows no more than the least one does; `limits` and `cone` are on y.
+
+    What keeps the rows from moving less has one value in all of them inside the limits. So these have no interior, and
+    rounding would decide where in them the answer is; they have one beside what is fixed here.
+    """
+    held = [limits.A[least.limits]]
+    if cone is not None and least.cone:
+        held.append(cone.J)
+    rows = np.vstack(held)
+    if not len(rows):
+        return reduction
+    lengths = np.linalg.norm(rows, axis=1, keepdims=True)
+    _, sizes, Vt = svd(product(rows, reduction.basis) / np.where(lengths > 0.0, lengths, 1.0))
+    basis = reduction.basis.dot(Vt[np.count_nonzero(sizes > ROUNDING) :].T)
+    return reduction._replace(basis=basis, start=least.inside - basis.dot(least.inside.dot(basis)))
 
 
 def share_of(
@@ -350,7 +402,7 @@ def share_of(
     if nu > REGULARISATION:
         found = best(nu)
     value = min(max(found.z[0] / length, 0.0), 1.0)
-    if value < LEAST_SHARE:
+    if value < LEAST_SHARE or value * length <= LEAST_GAIN * norm(inside):
         return Share(0.0, inside)
     velocity = start + basis.dot(found.z)
     if value >= WHOLE:

@@ -70,6 +70,10 @@ class Polytope(NamedTuple):
         lower, upper = np.minimum(self.lower, value - margin), np.maximum(self.upper, value + margin)
         return self._replace(lower=lower, upper=upper)
 
+    def without(self, some: NDArray[np.bool_]) -> Polytope:
+        """The limits but for some (k,), which are left without bounds."""
+        return self._replace(lower=np.where(some, -inf, self.lower), upper=np.where(some, inf, self.upper))
+
     def on(self, origin: Array, basis: Array, inside: Array | None = None) -> Polytope:
         """The same limits on z, x = origin + basis z; rounding is that of an x `inside`, of the origin by default."""
         value, margin = self.A.dot(origin), self.margin(origin if inside is None else inside)

@@ -35,7 +35,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.backends import Daqp, SolverFailure
 from invariantqp.velocity.damping import CALM, Damping, calm, worth
-from invariantqp.velocity.exact import Reduction, Share, counted_from_least, reduce, share_of
+from invariantqp.velocity.exact import Least, Reduction, Share, at_least_share, counted_from_least, reduce, share_of
 from invariantqp.velocity.forms import PitchForm, attempted
 from invariantqp.velocity.law import Demand, Guard, VelocityLaw
 from invariantqp.velocity.limits import LimitRows
@@ -84,6 +84,13 @@ class Problem(NamedTuple):
         ahead = None if self.ahead is None else share * self.ahead - fixed
         return least_squares(self.spectrum, share * self.attempt - fixed, posture, self.damping, ahead)
 
+    def on(self, reduction: Reduction) -> Problem:
+        """The same for velocities of which less is free."""
+        if self.spectrum is None or reduction.basis is self.reduction.basis:
+            return self._replace(reduction=reduction)
+        spectrum = spectrum_of(self.A.dot(reduction.basis), self.spectrum.largest)
+        return self._replace(reduction=reduction, spectrum=spectrum)
+
     def possible(self) -> Array:
         """(6,) the part of the measured twist that the joints can do at all, beside the exact rows."""
         rows = self.demand.exact is not None
@@ -104,6 +111,11 @@ class Limits(NamedTuple):
     cone: Cone | None
     troubles: tuple[Reason, ...]
     inside: Array
+
+    def beside(self, least: Least) -> Limits:
+        """Those that do not keep exact rows from moving less."""
+        polytope, position = self.polytope.without(least.limits), self.position.without(least.limits)
+        return self._replace(polytope=polytope, position=position, cone=None if least.cone else self.cone)
 
 
 class Room(NamedTuple):
@@ -167,7 +179,7 @@ def answered(law: VelocityLaw, problem: Problem) -> Answer:
     else:
         room = room_within(law, demand, reduction)
         if room.share.value < 1.0:
-            problem = problem._replace(reduction=room.reduction)
+            problem = problem.on(room.reduction)
             objective = problem.objective(room.share.value)
         first = _chasing(law, problem, room, objective)
     mu = 0.0
@@ -259,8 +271,10 @@ def limits_of(law: VelocityLaw, demand: Demand) -> tuple[Polytope, Polytope, Con
 def room_within(law: VelocityLaw, demand: Demand, reduction: Reduction) -> Room:
     """The velocities at the share of the exact rows' speed that the limits allow, after contradictions gave way."""
     limits = _given_way(law, demand)
-    reduction, inside = counted_from_least(reduction, limits.polytope, limits.cone, limits.inside, law.backend)
-    share = share_of(reduction, limits.polytope, limits.cone, inside, law.dt, law.backend)
+    reduction, least = counted_from_least(reduction, limits.polytope, limits.cone, limits.inside, law.backend)
+    share = share_of(reduction, limits.polytope, limits.cone, least.inside, law.dt, law.backend)
+    if share.value == 0.0:
+        reduction, limits = at_least_share(reduction, limits.polytope, limits.cone, least), limits.beside(least)
     return room_of(reduction, limits, share)
 
 

@@ -57,6 +57,8 @@ def tick():
 @example(500571970)  # damped beside exact rows, in an arm that is not, at rest
 @example(700075262)  # a tool speed that hardly any of the joints' directions feels
 @example(910019844)  # rows that contradict nothing, but are met by 15 000 rad/s alone
+@example(1300003995)  # limits that let rows move no less leave one velocity
+@example(1300003375)  # and one of them depends on the joints that are left by a ten-trillionth
 @example([424242, 5574])  # the weakest of the limits that hold the rows moves what they leave free by rounding
 def test_both_answer_the_same(seed):
     law, demand = random_tick(np.random.default_rng(seed))

@@ -271,6 +271,23 @@ def test_rows_that_limits_move_against_their_demand_are_told(engine):
         )
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_keeps_rows_from_moving_less_leaves_one_velocity(engine):
+    """Only joint 3 brings the tool's speed, (q0' + q1', q2' + q3'), to where it lets the row move least."""
+    J = np.zeros((6, 4))
+    J[3, :2] = J[4, 2:] = 1.0
+    solution = iq.solve_velocity(
+        J,
+        [0.0, 0.0, 0.0, -1.0, -1.0, 0.0],
+        exact=iq.ExactRows([[1.0, -1.0, 1.0, 0.0]], [0.0]),
+        bounds=([0.9, -1.0, -1.0, -1.0], np.ones(4)),
+        tool_speed=iq.limits.ToolSpeed(0.3, np.zeros(3)),
+        engine=engine,
+    )
+    np.testing.assert_allclose(solution.velocity, [0.9, -0.6, -1.0, 1.0], atol=1e-12)
+    assert solution.scale == 0.0
+
+
 def test_with_open_sides_too():
     rng = np.random.default_rng(15)
     J, s, _ = regular_problem(rng, 7)
