@@ -49,20 +49,16 @@ void add_square(Squares *sum, const Row a, double b)
 void solved_by(const Squares *sum, Quadratic *problem)
 {
     int n = problem->n = sum->n;
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++) {
-            problem->K[i][j] = sum->R[i][j];
-            problem->T[i][j] = 0.0;
-        }
-    for (int j = 0; j < n; j++)
-        for (int i = j; i >= 0; i--) {
-            double left = i == j ? 1.0 : 0.0;
-            for (int l = i + 1; l <= j; l++)
-                left -= sum->R[i][l] * problem->T[l][j];
-            problem->T[i][j] = left / sum->R[i][i];
-        }
-    for (int i = 0; i < n; i++)
-        problem->centre[i] = dot(n, problem->T[i], sum->d);
+    memset(problem->centre, 0, sizeof problem->centre);
+    for (int j = 0; j < n; j++) {
+        double *t = problem->T[j];
+        memset(problem->K[j], 0, sizeof(Row));
+        memcpy(problem->K[j], sum->R[j], (size_t)n * sizeof(double));
+        memset(t, 0, sizeof(Row));
+        for (int i = j; i >= 0; i--)
+            t[i] = ((i == j ? 1.0 : 0.0) - dot(j - i, sum->R[i] + i + 1, t + i + 1)) / sum->R[i][i];
+        add_in_steps(n, sum->d[j], t, problem->centre);
+    }
 }
 
 /* Rows of length one. */

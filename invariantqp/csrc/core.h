@@ -86,25 +86,26 @@ typedef struct {
     Row V[MOST]; /* V[i] is direction i, for steps */
     Row weights, optimum, still; /* still: the optimum without the chase */
     double damping, ratio;
-    bool regular; /* K = L V in the first six directions */
-    Row L[6];
+    bool regular; /* K = L V and T = V'X in the first six directions, X = L^-1 */
+    Row L[6], X[6];
 } Objective;
 
 /* spectrum.c: A = U diag(sigma) V', wanted = U'b; U[i] is direction i, where it is asked for.
-   regular.c: A = L V, wanted = L^-1 b, and no sigma but the largest. V has zeros after the n numbers of a row, for steps. */
+   regular.c: A = L V, wanted = X b, X = L^-1, and no sigma but the largest. V has zeros after the n numbers of a row, for
+   steps. */
 typedef struct {
     Row V[MOST];
     Row sigma, wanted, ahead; /* U'b, and U' of what is not chased */
     double largest; /* singular value that all are compared with */
     double U[6][6];
     bool regular;
-    Row L[6];
+    Row L[6], X[6];
 } Spectrum;
 
-/* regular.c: S = AA', its lower triangle, and S = LL' where nothing is damped */
+/* regular.c: S = AA', its lower triangle, S = LL', and X = L^-1 where nothing is damped */
 typedef struct {
     bool holds;
-    Row S[6], L[6];
+    Row S[6], L[6], X[6];
 } Regular;
 
 /* Rows are worked on in steps of STEP numbers, those after the last one zero. */
@@ -115,7 +116,8 @@ typedef struct {
     double with[MOST + STEP];
 } Rotated;
 
-/* velocity/qp.py: 1/2 |e|^2 = 1/2 |K (z - centre)|^2 at z = centre + T e */
+/* velocity/qp.py: 1/2 |e|^2 = 1/2 |K (z - centre)|^2 at z = centre + T e; T[i] is column i. All have zeros after their n
+   numbers, for steps. */
 typedef struct {
     int n;
     Row K[MOST], T[MOST], centre;
@@ -227,10 +229,15 @@ static inline double dot(int n, const double *a, const double *b)
     return i < n ? even + a[i] * b[i] + odd : even + odd;
 }
 
-/* Rows whose numbers after the last one are zero, in steps of STEP. */
+/* Rows whose numbers after the last one are zero, in steps of STEP; two of them, which are usual, in one line. */
 static inline double dot_in_steps(int n, const double *p, const double *q)
 {
     double sums[STEP] = {0.0};
+    if (n > STEP && n <= 2 * STEP) {
+        for (int j = 0; j < STEP; j++)
+            sums[j] = p[j] * q[j] + p[STEP + j] * q[STEP + j];
+        return (sums[0] + sums[2]) + (sums[1] + sums[3]);
+    }
     for (; n > 0; n -= STEP, p += STEP, q += STEP)
         for (int j = 0; j < STEP; j++)
             sums[j] += p[j] * q[j];
@@ -240,6 +247,11 @@ static inline double dot_in_steps(int n, const double *p, const double *q)
 /* y += a x, likewise. */
 static inline void add_in_steps(int n, double a, const double *restrict x, double *restrict y)
 {
+    if (n > STEP && n <= 2 * STEP) {
+        for (int j = 0; j < 2 * STEP; j++)
+            y[j] += a * x[j];
+        return;
+    }
     for (; n > 0; n -= STEP, x += STEP, y += STEP)
         for (int j = 0; j < STEP; j++)
             y[j] += a * x[j];

@@ -36,7 +36,7 @@ bool usual(int n, const double *a)
     return most == 0.0 || most >= SMALLEST;
 }
 
-/* D J */
+/* D J, with zeros after its m numbers */
 void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row *C)
 {
     for (int i = 0; i < rows; i++) {
@@ -48,7 +48,7 @@ void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row 
             for (int j = 0; j < m; j++)
                 sum[j] += d * J[k][j];
         }
-        memcpy(C[i], sum, (size_t)m * sizeof(double));
+        memcpy(C[i], sum, sizeof sum);
     }
 }
 

@@ -33,8 +33,10 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
     objective->n = n;
     objective->rank = 0;
     objective->regular = found->regular;
-    if (found->regular)
+    if (found->regular) {
         memcpy(objective->L, found->L, sizeof found->L);
+        memcpy(objective->X, found->X, sizeof found->X);
+    }
     for (int i = 0; i < n; i++) {
         double *v = objective->V[i], sigma = found->sigma[i], wanted = found->wanted[i];
         memcpy(v, found->V[i], sizeof(Row));
@@ -79,26 +81,21 @@ void centre(const Objective *objective, Row z)
 void quadratic(const Objective *objective, Quadratic *problem)
 {
     int n = problem->n = objective->n, regular = objective->regular ? 6 : 0;
-    const Row *L = objective->L, *V = objective->V;
+    const Row *L = objective->L, *X = objective->X, *V = objective->V;
     centre(objective, problem->centre);
-    Row X[6];
-    inverse_triangle(regular, L, X);
-    for (int i = 0; i < regular; i++) {
-        Row k_i = {0.0}, t_i = {0.0}; /* a row of K and a column of T */
-        for (int k = 0; k <= i; k++)
-            add_in_steps(n, L[i][k], V[k], k_i);
-        for (int k = i; k < 6; k++)
-            add_in_steps(n, X[k][i], V[k], t_i);
-        memcpy(problem->K[i], k_i, sizeof k_i);
-        for (int j = 0; j < n; j++)
-            problem->T[j][i] = t_i[j];
-    }
-    for (int i = regular; i < n; i++) {
-        double root = sqrt(objective->weights[i]);
-        for (int j = 0; j < n; j++) {
-            problem->K[i][j] = root * V[i][j];
-            problem->T[j][i] = V[i][j] / root;
+    for (int i = 0; i < n; i++) {
+        double root = i < regular ? 0.0 : sqrt(objective->weights[i]);
+        memset(problem->K[i], 0, sizeof(Row));
+        memset(problem->T[i], 0, sizeof(Row));
+        if (i >= regular) {
+            add_in_steps(n, root, V[i], problem->K[i]);
+            add_in_steps(n, 1.0 / root, V[i], problem->T[i]);
+            continue;
         }
+        for (int k = 0; k <= i; k++)
+            add_in_steps(n, L[i][k], V[k], problem->K[i]);
+        for (int k = i; k < 6; k++)
+            add_in_steps(n, X[k][i], V[k], problem->T[i]);
     }
 }
 
@@ -139,6 +136,7 @@ void calmed(Objective *objective, double mu)
             for (int k = i; k < 6; k++)
                 L[k][i] = H[5 - i][5 - k];
         }
+        inverse_triangle(6, (const Row *)L, objective->X);
     }
     for (int i = regular; i < objective->n; i++) {
         double weight = objective->weights[i] + mu;

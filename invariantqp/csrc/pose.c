@@ -111,7 +111,7 @@ void quadratic_of(int n, const Row *L, const Row g, Quadratic *problem)
     for (int i = 0; i < n; i++)
         for (int k = i; k < n; k++) {
             problem->K[i][k] = L[k][i];
-            problem->T[i][k] = X[k][i];
+            problem->T[k][i] = X[k][i];
         }
 }
 

@@ -42,10 +42,10 @@ static void without_rounding(int n, double length, const Row columns, Row row)
 {
     Row cosine;
     bool large = true;
-    for (int j = 0; j < n; j++) {
+    for (int j = 0; j < n; j++)
+        large &= fabs(row[j]) >= 2.0 * COSINE_ROUNDING * length * columns[j];
+    for (int j = 0; j < n && !large; j++)
         cosine[j] = row[j] / (length * columns[j] + TINY);
-        large = large && fabs(cosine[j]) >= 2.0 * COSINE_ROUNDING;
-    }
     for (int j = 0; j < n && !large; j++) {
         double square = 0.0;
         for (int l = 0; l < n; l++)
@@ -183,6 +183,8 @@ static const double WRONG_SIGN = 1e-13;
 static const double NEARLY_WHOLE = 0.1;
 /* A limit exceeded by less than this share of the terms of its row, and of itself, is rounding. */
 static const double EXCEEDED = 1e-13;
+/* Those terms are at most so many |e|, but for what the limit is exceeded by. */
+static const double SURELY = 4.0;
 
 /* The shortest e with N_a e = b. */
 static void shortest(const Face *face, int n, const double *b, Row e)
@@ -215,44 +217,57 @@ static void multipliers(const Face *face, const Room *room, const Row pull, doub
     }
 }
 
-/* Add a limit to a face, e excepted; HAND_BACK where it depends on those before it. */
-static Outcome appended(const Room *room, int i, int side, Face *face)
+/* What k orthonormal rows Q leave of a row, and its parts along them; its length. */
+static inline double left_of(int n, int k, const Row *Q, Row row, Row parts)
 {
-    int n = room->n, k = face->k;
-    if (k == n)
-        return HAND_BACK;
-    double *q = face->Q[k];
-    memcpy(q, room->N[i], sizeof(Row));
     for (int l = 0; l < k; l++)
-        face->R[l][k] = 0.0;
-    double length = 1.0;
-    for (int pass = 0; pass < (k > 0 ? 2 : 0); pass++) {
-        for (int l = 0; l < k; l++) {
-            double share = dot_in_steps(n, face->Q[l], q);
-            face->R[l][k] += share;
-            add_in_steps(n, -share, face->Q[l], q);
-        }
-        length = sqrt(dot_in_steps(n, q, q));
-        if (length > NEARLY_WHOLE)
-            break;
+        parts[l] = dot_in_steps(n, Q[l], row);
+    for (int l = 0; l < k; l++)
+        add_in_steps(n, -parts[l], Q[l], row);
+    return sqrt(dot_in_steps(n, row, row));
+}
+
+/* Add a limit to a face, e excepted; HAND_BACK where it depends on those before it. n is that of the rows, or more. */
+static inline Outcome appended_in(int n, const Room *room, int i, int side, Face *face)
+{
+    int k = face->k;
+    if (k == room->n)
+        return HAND_BACK;
+    const Row *Q = (const Row *)face->Q;
+    Row q, parts, rest;
+    memcpy(q, room->N[i], (size_t)n * sizeof(double));
+    double length = k == 0 ? 1.0 : left_of(n, k, Q, q, parts), w = side > 0 ? room->upper[i] : room->lower[i];
+    if (length <= NEARLY_WHOLE) {
+        length = left_of(n, k, Q, q, rest);
+        for (int l = 0; l < k; l++)
+            parts[l] += rest[l];
     }
-    face->R[k][k] = length;
-    double least = length, most = length, w = side > 0 ? room->upper[i] : room->lower[i];
+    double least = length, most = length;
     face->bound[k] = w;
     for (int l = 0; l < k; l++) {
         least = face->R[l][l] < least ? face->R[l][l] : least;
         most = face->R[l][l] > most ? face->R[l][l] : most;
-        w -= face->R[l][k] * face->w[l];
+        face->R[l][k] = parts[l];
+        w -= parts[l] * face->w[l];
     }
     if (!(least > DEPENDENT * most))
         return HAND_BACK;
-    w = face->w[k] = w / length;
-    for (int j = 0; j < n; j++)
-        q[j] /= length;
-    add_in_steps(n, w, q, face->shortest);
+    double over = 1.0 / length;
+    face->R[k][k] = length;
+    face->w[k] = w *= over;
+    for (int j = 0; j < n; j++) {
+        q[j] *= over;
+        face->shortest[j] += w * q[j];
+    }
+    memcpy(face->Q[k], q, (size_t)n * sizeof(double));
     face->at[k] = i;
     face->k++;
     return DONE;
+}
+
+static Outcome appended(const Room *room, int i, int side, Face *face)
+{
+    return room->n <= 2 * STEP ? appended_in(2 * STEP, room, i, side, face) : appended_in(MOST, room, i, side, face);
 }
 
 /* The face of all active limits; HAND_BACK where they depend on each other. */
@@ -364,6 +379,14 @@ static Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e,
 
 /* Corrections of the active set for each limit, at most, before the primal method takes over. */
 #define CORRECTIONS 3
+static double rounding_of(const Room *room, int i, const Row e)
+{
+    double terms = fmin(fabs(room->lower[i]), fabs(room->upper[i]));
+    for (int j = 0; j < room->n; j++)
+        terms += fabs(room->N[i][j] * e[j]);
+    return EXCEEDED * terms;
+}
+
 /* The shortest e inside, from a guess at its active set that is corrected; HAND_BACK where that does not end. */
 static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *face, double *y, double *nu)
 {
@@ -373,22 +396,16 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
     for (int tried = 0; tried < CORRECTIONS * room->count; tried++) {
         if (on_face(slow, room->n, face, pull, nu) == HAND_BACK)
             return HAND_BACK;
-        double outside = 0.0;
+        double outside = 0.0, size = sqrt(dot_in_steps(room->n, face->e, face->e));
         int worst = 0; /* i + 1 above its upper limit, -(i + 1) below the lower one */
         for (int i = 0; i < room->count; i++) {
             if (side[i] != 0)
                 continue;
-            double value = dot_in_steps(room->n, room->N[i], face->e), lower = room->lower[i], upper = room->upper[i];
-            double by = room->length[i] * (value > upper ? value - upper : lower - value);
-            if (by > outside) {
-                double terms = fmin(fabs(lower), fabs(upper));
-                for (int j = 0; j < room->n; j++)
-                    terms += fabs(room->N[i][j] * face->e[j]);
-                by -= room->length[i] * EXCEEDED * terms;
-            }
-            if (by > outside) {
-                outside = by;
-                worst = value > upper ? i + 1 : -i - 1;
+            double value = dot_in_steps(room->n, room->N[i], face->e);
+            double over = value - room->upper[i], under = room->lower[i] - value, by = over > under ? over : under;
+            if (room->length[i] * by > outside && (by > SURELY * EXCEEDED * size || by > rounding_of(room, i, face->e))) {
+                outside = room->length[i] * by;
+                worst = over > under ? i + 1 : -i - 1;
             }
         }
         if (worst != 0) {
@@ -409,35 +426,22 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
     return HAND_BACK;
 }
 
-static void columns_of(const Quadratic *problem, Row lengths)
-{
-    Row column;
-    for (int j = 0; j < problem->n; j++) {
-        for (int i = 0; i < problem->n; i++)
-            column[i] = problem->T[i][j];
-        lengths[j] = norm(problem->n, column);
-    }
-}
-
 /* The rows of limits on e, which do not depend on the centre. */
 static void turned_by(const Quadratic *problem, const Polytope *limits, Turned *turned)
 {
     int n = problem->n;
     Row columns;
-    columns_of(problem, columns);
+    for (int j = 0; j < n; j++)
+        columns[j] = sqrt(dot_in_steps(n, problem->T[j], problem->T[j]));
     turned->rows = limits->count;
     for (int i = 0; i < limits->count; i++) {
-        double *row = turned->N[i];
-        memset(row, 0, sizeof(Row));
-        for (int l = 0; l < n && !limits->box; l++)
-            for (int j = 0; j < n; j++)
-                row[j] += limits->A[i][l] * problem->T[l][j];
-        for (int j = 0; j < n && limits->box; j++)
-            row[j] = problem->T[i][j];
+        Row row = {0.0};
+        for (int j = 0; j < n; j++)
+            row[j] = limits->box ? problem->T[j][i] : dot(n, limits->A[i], problem->T[j]);
         without_rounding(n, limits->box ? 1.0 : norm(n, limits->A[i]), columns, row);
-        double length = turned->length[i] = norm(n, row);
-        for (int j = 0; j < n && length > 0.0; j++)
-            row[j] /= length;
+        double length = turned->length[i] = sqrt(dot_in_steps(n, row, row)), over = length > 0.0 ? 1.0 / length : 0.0;
+        for (int j = 0; j < MOST; j++)
+            turned->N[i][j] = row[j] * over;
     }
 }
 
@@ -450,12 +454,12 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, const T
     room->length = turned->length;
     for (int i = 0; i < limits->count; i++) {
         double value = limits->box ? problem->centre[i] : dot(problem->n, limits->A[i], problem->centre);
-        double lower = limits->lower[i] - value, upper = limits->upper[i] - value, length = turned->length[i];
-        bool still = !(length > 0.0);
+        double lower = limits->lower[i] - value, upper = limits->upper[i] - value, over = 1.0 / turned->length[i];
+        bool still = !(turned->length[i] > 0.0);
         if (still && fmax(lower, -upper) > limits->rounding[i])
             return HAND_BACK;
-        room->lower[i] = still ? -INFINITY : lower / length;
-        room->upper[i] = still ? INFINITY : upper / length;
+        room->lower[i] = still ? -INFINITY : lower * over;
+        room->upper[i] = still ? INFINITY : upper * over;
     }
     return DONE;
 }
@@ -486,8 +490,9 @@ static void precise(const Quadratic *problem, const Polytope *limits, const Room
 {
     int n = problem->n;
     Row missing = {0.0}, e;
+    memcpy(z, problem->centre, sizeof(Row));
     for (int j = 0; j < n; j++)
-        z[j] = problem->centre[j] + dot(n, problem->T[j], face->e);
+        add_in_steps(n, face->e[j], problem->T[j], z);
     for (int k = 0; k < face->k; k++) {
         int i = face->at[k];
         double value = limits->box ? z[i] : dot(n, limits->A[i], z);
@@ -495,7 +500,7 @@ static void precise(const Quadratic *problem, const Polytope *limits, const Room
     }
     shortest(face, n, missing, e);
     for (int j = 0; j < n; j++)
-        z[j] += dot(n, problem->T[j], e);
+        add_in_steps(n, e[j], problem->T[j], z);
 }
 
 /* The same at an active speed limit: v of z has digits that v of e has lost. */
@@ -511,7 +516,7 @@ static void precise_speed(const Quadratic *problem, const Cone *cone, const Slow
     along(n, face->k, (const Row *)face->Q, free);
     double speed = norm(3, v), over = speed * (speed - cone->limit), square = dot(n, free, free);
     for (int j = 0; j < n && fabs(over) <= QP_ROUNDING * sqrt(square) * norm(n, face->e); j++)
-        z[j] -= over / square * dot(n, problem->T[j], free);
+        add_in_steps(n, -over / square * free[j], problem->T[j], z);
 }
 
 /* Whether z is inside all limits but for rounding of what exact rows fix, and of terms of this size of which z is the sum. */
@@ -532,6 +537,8 @@ bool inside_limits(const Polytope *limits, int n, const Row z) { return inside_b
 static Outcome kept(const Quadratic *problem, const Polytope *limits, const Row inside, Row z)
 {
     int n = problem->n;
+    if (inside_limits(limits, n, z))
+        return DONE;
     if (!inside_but(limits, n, norm(n, z) + norm(n, problem->centre), z))
         return HAND_BACK;
     for (int twice = 0; twice < 2 && !inside_limits(limits, n, z); twice++) { /* the first cut may make z much shorter */
@@ -558,16 +565,13 @@ static void slow_on(const Quadratic *problem, const Cone *cone, Slow *slow)
     int n = problem->n;
     double size = 0.0;
     Row columns;
-    columns_of(problem, columns);
+    lengths_of(n, n, problem->T, columns);
     slow->limit = cone->limit;
     for (int i = 0; i < 3; i++) {
         slow->start[i] = cone->start[i] + dot(n, cone->J[i], problem->centre);
         size += dot(n, cone->J[i], cone->J[i]);
-        for (int j = 0; j < n; j++) {
-            slow->M[i][j] = 0.0;
-            for (int l = 0; l < n; l++)
-                slow->M[i][j] += cone->J[i][l] * problem->T[l][j];
-        }
+        for (int j = 0; j < n; j++)
+            slow->M[i][j] = dot(n, cone->J[i], problem->T[j]);
         without_rounding(n, norm(n, cone->J[i]), columns, slow->M[i]);
     }
     double whole = norm_of_rows(n, n, problem->K);

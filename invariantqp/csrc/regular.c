@@ -15,17 +15,16 @@ bool is_regular(const Demand *demand, const Row A[6], Regular *regular)
         return false;
     for (int i = 0; i < 6; i++)
         for (int j = 0; j <= i; j++) {
-            double entry = dot(demand->m, A[i], A[j]);
+            double entry = dot_in_steps(demand->m, A[i], A[j]);
             squares += (i == j ? 1.0 : 2.0) * entry * entry;
             L[i][j] = regular->S[i][j] = entry;
         }
     if (!factored(6, L))
         return false;
     /* trace (AA')^-1 = |L^-1|^2 bounds its norm. */
-    Row inverse[6];
-    inverse_triangle(6, (const Row *)L, inverse);
+    inverse_triangle(6, (const Row *)L, regular->X);
     for (int i = 0; i < 6; i++)
-        inverse_squares += dot(i + 1, inverse[i], inverse[i]);
+        inverse_squares += dot_in_steps(6, regular->X[i], regular->X[i]);
     double smallest = 1.0 / inverse_squares, largest = sqrt(squares);
     double share = demand->threshold > ACCURATE_SHARE ? demand->threshold : ACCURATE_SHARE;
     return regular->holds = smallest >= share * share * largest;
@@ -93,26 +92,18 @@ static double largest_eigenvalue(const Row lower[6])
     return x;
 }
 
-/* In place of `spectrum`: A = L V. */
+/* In place of `spectrum`: A = L V, V orthonormal but for rounding times the condition of S. */
 void regular_spectrum(int n, const Regular *regular, const Row A[6], const double b[6], const double *ahead, Spectrum *found)
 {
     memset(found->sigma, 0, sizeof found->sigma);
     memset(found->wanted, 0, sizeof found->wanted);
     memset(found->ahead, 0, sizeof found->ahead);
-    memset(found->L, 0, sizeof found->L);
-    for (int i = 0; i < 6; i++) { /* orthonormal to rounding: that of S = LL' would move what moves nothing */
-        double *v = found->V[i];
-        memset(v, 0, sizeof(Row));
-        memcpy(v, A[i], (size_t)n * sizeof(double));
-        for (int twice = 0; twice < 2; twice++)
-            for (int k = 0; k < i; k++) {
-                double share = dot_in_steps(n, v, found->V[k]);
-                found->L[i][k] += share;
-                add_in_steps(n, -share, found->V[k], v);
-            }
-        double length = found->L[i][i] = norm(n, v);
-        for (int j = 0; j < n; j++)
-            v[j] /= length;
+    memcpy(found->L, regular->L, sizeof found->L);
+    memcpy(found->X, regular->X, sizeof found->X);
+    for (int i = 0; i < 6; i++) {
+        memset(found->V[i], 0, sizeof(Row));
+        for (int k = 0; k <= i; k++)
+            add_in_steps(n, regular->X[i][k], A[k], found->V[i]);
     }
     completed(n, 6, found->V);
     found->regular = true;

@@ -78,29 +78,31 @@ Outcome sorted_rows(int rows, int n, int with, Rotated *R, double *sigma)
     return DONE;
 }
 
-/* Complete V[0..rank), zero after their n numbers, to an orthonormal basis of n dimensions. Each new direction is what is left of the axis that is
-   farthest from those before: of its square 1/n at least is left, so once is enough. */
+/* Complete V[0..rank), zero after their n numbers, to an orthonormal basis of n dimensions. Each new direction is what is
+   left of the axis that is farthest from those before: of its square 1/n at least is left. A second time takes what is left
+   because those given are not quite orthonormal. */
 void completed(int n, int rank, Row *V)
 {
+    Row left;
+    for (int axis = 0; axis < n && rank < n; axis++) {
+        left[axis] = 1.0;
+        for (int i = 0; i < rank; i++)
+            left[axis] -= V[i][axis] * V[i][axis];
+    }
     for (int k = rank; k < n; k++) {
         int best = 0;
-        double most = -1.0;
-        for (int axis = 0; axis < n; axis++) {
-            double left = 1.0;
-            for (int i = 0; i < k; i++)
-                left -= V[i][axis] * V[i][axis];
-            if (left > most) {
-                most = left;
-                best = axis;
-            }
-        }
+        for (int axis = 1; axis < n; axis++)
+            best = left[axis] > left[best] ? axis : best;
         memset(V[k], 0, sizeof(Row));
         V[k][best] = 1.0;
-        for (int i = 0; i < k; i++)
-            add_in_steps(n, -dot_in_steps(n, V[i], V[k]), V[i], V[k]);
-        double length = norm(n, V[k]);
-        for (int j = 0; j < n; j++)
-            V[k][j] /= length;
+        for (int twice = 0; twice < 2; twice++)
+            for (int i = 0; i < k; i++)
+                add_in_steps(n, -dot_in_steps(n, V[i], V[k]), V[i], V[k]);
+        double over = 1.0 / norm(n, V[k]);
+        for (int j = 0; j < n; j++) {
+            V[k][j] *= over;
+            left[j] -= V[k][j] * V[k][j];
+        }
     }
 }
 
@@ -112,9 +114,7 @@ void want(Spectrum *found, const double b[6], const double *ahead)
     double *into[] = {found->wanted, found->ahead};
     for (int k = 0; k < 2; k++) {
         for (int i = 0; i < 6; i++)
-            into[k][i] = found->regular ? from[k][i] : dot(6, found->U[i], from[k]);
-        if (found->regular)
-            forward(6, (const Row *)found->L, into[k]);
+            into[k][i] = dot(6, found->regular ? found->X[i] : found->U[i], from[k]);
     }
 }
 

@@ -317,11 +317,8 @@ static double slope(const Slowed *slowed)
     for (int i = 0; i < limits->count && k < n; i++) {
         if (slowed->found->multipliers[i] == 0.0)
             continue;
-        for (int j = 0; j < n; j++) {
-            Q[k][j] = limits->box ? cost->T[i][j] : 0.0;
-            for (int l = 0; l < n && !limits->box; l++)
-                Q[k][j] += limits->A[i][l] * cost->T[l][j];
-        }
+        for (int j = 0; j < n; j++)
+            Q[k][j] = limits->box ? cost->T[j][i] : dot(n, limits->A[i], cost->T[j]);
         double whole = norm(n, Q[k]);
         for (int twice = 0; twice < 2; twice++)
             for (int l = 0; l < k; l++) {
@@ -396,10 +393,11 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
     int n = objective->n, m = demand->m;
     static const Cone NONE = {.limit = 0.0};
     double length = 0.0, size = 0.0;
-    Turned turned = {.rows = 0}; /* limits of both rooms have the same rows */
+    Turned turned; /* limits of both rooms have the same rows */
     Quadratic cost;
     Row z1, unchased, whole, part;
     *pace = 1.0;
+    turned.rows = 0;
     memset(slowed, 0, sizeof(Row));
     quadratic(objective, &cost);
     memcpy(whole, cost.centre, sizeof whole);
