@@ -29,14 +29,18 @@ static double sure(const Stiffness *known) { return fmax(known->found[0] - known
 static Drive pressed(const Drive *drive, double error, double wanted, const Stiffness *known, const Setting *setting,
                      double inwards, double outwards, double eased, bool grows)
 {
-    double M, D, before = known->rose != 0.0 ? fmin(drive->speed, 0.0) : drive->speed, slope = drive->slope;
+    bool rose = known->rose != 0.0, rises = wanted > 0.0 && known->reached == 0.0;
+    double M, D, before = rose ? fmin(drive->speed, 0.0) : drive->speed, slope = rose ? fmin(drive->slope, 0.0) : drive->slope;
+    double bound = setting->slope_speed;
     mass_and_damper(known, setting, eased, &M, &D);
-    double per_tick = M / setting->dt, speed = fmin(fmax((per_tick * before + error) / (per_tick + D), -outwards), inwards);
+    double per_tick = M / setting->dt;
     if (grows) {
         double share = wanted > 0.0 ? fmin(fmax(SURE * sure(known), UNSURE), 1.0) : 1.0;
         slope += setting->dt * share * integrated(error, wanted, known->reached != 0.0) * known->bound / (INTEGRAL * D * D);
     }
-    return (Drive){speed, fmin(fmax(slope, -setting->slope_speed), setting->slope_speed)};
+    slope = fmin(fmax(slope, -bound), rises ? fmin(bound, inwards) : bound);
+    double fastest = rises ? inwards - fmax(slope, 0.0) : inwards;
+    return (Drive){fmin(fmax((per_tick * before + error) / (per_tick + D), -outwards), fastest), slope};
 }
 
 /* In a touch, outwards alone. */
@@ -119,8 +123,9 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             drives[i] = struck(drive, coming, error, known, setting, OUTWARDS * fastest, eased);
         } else {
             double room = most_force - felt[i] - (check == NULL ? 0.0 : unseen(press, check, felt[i]));
-            double inwards = touch_speed(press, room, setting->late) - fmax(drive->slope, 0.0);
-            inwards = fmax(touch_speed(press, wished, setting->late), inwards);
+            double inwards = touch_speed(press, room, setting->late) - (known->reached != 0.0 ? fmax(drive->slope, 0.0) : 0.0);
+            inwards = fmax(touch_speed(press, wished, setting->late), inwards)
+                    + (known->reached != 0.0 ? 0.0 : press->slope * now->along);
             drives[i] = pressed(drive, error, wished, known, setting, inwards, OUTWARDS * fastest, eased, grows);
         }
     }

@@ -812,8 +812,10 @@ class HybridController:
             else:
                 force = float(here.force[i])
                 room = tick.most[0] - force - monitor.unseen(task, i, force)
-                inwards = touch_speed(task, room, setting.late) - max(drive.slope, 0.0)
-                speeds = max(touch_speed(task, wanted, setting.late), inwards), LET_GO * fastest
+                inwards = touch_speed(task, room, setting.late) - (max(drive.slope, 0.0) if known.reached else 0.0)
+                inwards = max(touch_speed(task, wanted, setting.late), inwards)
+                # Until the press was reached, speed and slope together: beside a touch what the way along may ask for.
+                speeds = inwards + (0.0 if known.reached else task.slope * now.along), LET_GO * fastest
                 drives.append(pressed(drive, error, wanted, known, setting, speeds, eased, grows=grows))
             if released is not None:
                 acts = False

@@ -112,17 +112,17 @@ def pressed(
         grows: whether the slope may change: limits and a touch hold it.
     """
     M, D = mass_and_damper(known, setting, eased)
-    before = min(drive.speed, 0.0) if known.rose else drive.speed
-    per_tick = M / setting.dt
-    speed = min(max((per_tick * before + error) / (per_tick + D), -most[1]), most[0])
-    slope = drive.slope
+    before, slope = (min(drive.speed, 0.0), min(drive.slope, 0.0)) if known.rose else drive
+    per_tick, bound = M / setting.dt, setting.slope_speed
+    rises = wanted > 0.0 and not known.reached
     if grows:
         sure = min(max(SURE * known.sure, UNSURE), 1.0) if wanted > 0.0 else 1.0
         slope += (
             setting.dt * sure * _integrated(error, wanted, reached=known.reached) * known.bound / (INTEGRAL * D * D)
         )
-    bound = setting.slope_speed
-    return Drive(speed, min(max(slope, -bound), bound))
+    slope = min(max(slope, -bound), min(bound, most[0]) if rises else bound)
+    fastest = most[0] - max(slope, 0.0) if rises else most[0]
+    return Drive(min(max((per_tick * before + error) / (per_tick + D), -most[1]), fastest), slope)
 
 
 def struck(

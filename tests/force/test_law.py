@@ -75,3 +75,16 @@ def test_a_contact_lost_for_moments_is_approached_from_rest():
         touch = Touch(airborne=airborne)
         speeds.append(sought(Drive(), 0.01, setting, 0.02, touch, task).rate)
     assert speeds == pytest.approx([0.0002, 0.005, 0.01, 0.01, 0.01])
+
+
+def test_until_the_press_was_reached_speed_and_slope_together_are_no_faster_than_a_touch():
+    """A surface that may move lets the slope grow in foam; a plate behind it was struck with both, and overloaded."""
+    random = np.random.default_rng(5)
+    for _ in range(200):
+        k, dt, late, most, moves = 10 ** random.uniform([2.0, -3.0, -2.0, -3.0, -3.0], [6.0, -1.5, -1.0, -1.5, -1.5])
+        setting, drive, error = setting_of(dt, late, moves), Drive(), random.uniform(1.0, 10.0)
+        for _ in range(100):
+            drive = pressed(drive, error, 10.0, knows(k, 0.0), setting, (most, 1.0), 1.0, grows=True)
+            assert drive.rate <= most * (1.0 + 1e-12)
+        struck = knows(k, 0.0)._replace(rose=True)
+        assert pressed(drive, -5.0, 10.0, struck, setting, (most, 1.0), 1.0, grows=True).rate <= 0.0
