@@ -242,7 +242,7 @@ def at_speed_limit(
 
     Where the same limits stay active, v(nu') = (I + (nu' - nu) C)^-1 v(nu), and C = U diag(gains) U' is how the point
     yields to forces there. So each step goes to where the speed would then be the limit, or halves what is left where
-    that has been excluded.
+    that has been excluded, or steps do not become half as long.
 
     Args:
         cone: J and the limit.
@@ -255,8 +255,8 @@ def at_speed_limit(
         SolverFailure: not even the largest nu is enough.
     """
     typical = weight / float(np.vdot(cone.J, cone.J))  # the speed weighs as much as all the rest
-    most = MOST_SHARE * typical
-    size, low, high, nu = float(np.linalg.norm(cone.J)), 0.0, inf, 0.0
+    halfway, most = sqrt(MOST_SHARE) * typical, MOST_SHARE * typical
+    size, low, high, nu, step = float(np.linalg.norm(cone.J)), 0.0, inf, 0.0, inf
     for _ in range(MOST_PRICES):
         v = cone.velocity(found.z)
         over = norm(v) - cone.limit
@@ -268,9 +268,12 @@ def at_speed_limit(
             break
         low, high = (nu, high) if over > 0.0 else (low, nu)
         U, sizes, _ = svd(cone.J.dot(found.free))
-        ahead = min(nu + _price(v, U, sizes * sizes, cone.limit, most), most)
-        if not low < ahead < high:
+        ahead = nu + _price(v, U, sizes * sizes, cone.limit, most)
+        if ahead > most:
+            ahead = most if nu >= halfway else halfway
+        if not low < ahead < high or (high < inf and abs(ahead - nu) > 0.5 * step):
             ahead = sqrt(low * high) if low > 0.0 else min(typical, 0.5 * high)
+        step = abs(ahead - nu)
         if not low < ahead < high or abs(ahead - nu) <= COSINE_ROUNDING * nu:  # rounding of the speed
             break
         nu, found = ahead, at(ahead)
