@@ -62,12 +62,10 @@ class RobotKinematics:
 
     Attributes:
         robot: the arm.
-        target_frame_name: the frame whose pose is meant.
-        joint_names: the joints that positions are told of, in their order.
+        target_frame_name, joint_names, position_first: as given.
         position_error: how far the tool of the last answer is from its target [length].
         moving: (m,) which of them move the frame, base first.
         speed: (m,) their velocity limits [rad/s].
-        position_first: as told.
     """
 
     def __init__(
@@ -269,9 +267,8 @@ class ActionFollower:
         count = len(self._kinematics.joint_names)
         given = chunk.detach().cpu().numpy() if hasattr(chunk, "detach") else chunk
         actions = arrays.array(given, "chunk", f"actions (n, {count}) or (1, n, {count}) [deg]")
-        actions = arrays.matrix(
-            actions[0] if actions.ndim == 3 and len(actions) == 1 else actions, (None, count), "chunk"
-        )
+        actions = actions[0] if actions.ndim == 3 and len(actions) == 1 else actions
+        actions = arrays.matrix(actions, (None, count), "chunk")
         begins = arrays.number(observed, "observed", "a time in seconds")
         if begins + self._gap == begins:
             raise BadInput("observed", f"{begins:g}", "a time in seconds")

@@ -17,7 +17,7 @@ from rich.table import Table
 from invariantqp.cli.compare import compare
 from invariantqp.cli.console import HELP, Exit, NotAccepted, NotWritten, say, writable, write
 from invariantqp.cli.identify import identify
-from invariantqp.cli.inspect import ManyNumbers, inspect
+from invariantqp.cli.inspect import inspect
 from invariantqp.cli.run import ViewAlone, run
 from invariantqp.engine import engine
 from invariantqp.errors import BadInput, InvariantQPError
@@ -133,7 +133,7 @@ def tasks() -> None:
 
 
 app.command(cls=ViewAlone, epilog=HELP)(run)
-app.command(cls=ManyNumbers, epilog=HELP)(inspect)
+app.command(epilog=HELP)(inspect)
 app.command(epilog=HELP)(identify)
 app.command(epilog=HELP)(compare)
 

@@ -45,7 +45,7 @@ PICTURES = (".png", ".svg", ".pdf")
 PAGES = (".html",)
 # Width of paragraphs and of tables where no terminal says how wide it is.
 PLAIN_WIDTH, WIDEST = 100, 180
-NUMBERS = "numbers, one for each joint, such as 0 0.5 -1"
+NUMBERS = "numbers, such as 0,0.5,-1"
 
 
 class NotAccepted(Exception):

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 from rich.markup import escape
-from typer.core import TyperCommand
 
 from invariantqp.cli.console import (
     PICTURES,
@@ -33,34 +32,12 @@ if TYPE_CHECKING:
     from invariantqp.geometry.arrays import Array
 
 
-class ManyNumbers(TyperCommand):
-    """A command in which every number after --q belongs to it: --q 0 0.5 -1 means --q 0,0.5,-1."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Join the numbers before anything else reads the arguments: -1 is not an option."""
-        joined: list[str] = []
-        for word in args:
-            before = joined[-2:]
-            if len(before) == 2 and before[0] == "--q" and _is_numbers(before[1]) and _is_numbers(word):
-                joined[-1] += f",{word}"
-            else:
-                joined.append(word)
-        return super().parse_args(ctx, joined)
-
-
-def _is_numbers(text: str) -> bool:
-    try:
-        numbers("--q", text)
-    except BadInput:
-        return False
-    return True
-
-
 def inspect(
     robot: Annotated[str, typer.Argument(help="A robot's name, a URDF file, a task's name or a task file.")],
     tool: ToolFrame = None,
     q: Annotated[
-        str | None, typer.Option("--q", metavar="NUMBERS", help="Joint positions; the middle of the range if left out.")
+        str | None,
+        typer.Option("--q", metavar="NUMBERS", help="Joint positions, 0,0.5,-1; the middle of the range if left out."),
     ] = None,
     samples: Annotated[
         int | None, typer.Option(metavar="N", help="How many states of the joint range to look at.", min=1)

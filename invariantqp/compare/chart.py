@@ -35,7 +35,7 @@ COVERED, CROSSED = 1000.0, 15.0
 # How far from its point a name may be, and the steps of its places [line heights].
 FARTHEST, STEP = 5.0, 0.5
 # Orders in which names are moved, and rounds of moving them in each.
-ORDERS, ROUNDS = 10, 20
+ORDERS, ROUNDS = 4, 20
 # Room between two names beside and above each other, and the length of a line that is seen [line heights].
 MARGIN, SEEN = (0.5, 0.15), 0.8
 

@@ -142,17 +142,15 @@ def _read(source: Any, solid: bool) -> tuple[Array, NDArray[np.intp]]:
 
 
 def _points(value: Any) -> Array:
-    points = arrays.array(value, "source", SOURCE)
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 3:
-        raise BadInput("source", f"shape {points.shape}", SOURCE)
-    if not np.isfinite(points).all():
-        raise BadInput("source", "NaN or infinity", SOURCE)
+    points = arrays.matrix(value, (None, 3), "source")
+    if len(points) < 3:
+        raise BadInput("source", f"{len(points)} points", SOURCE)
     return points
 
 
 def _indices(value: Any) -> NDArray[np.intp]:
-    given = arrays.array(value, "source", SOURCE)
-    if given.ndim != 2 or given.shape[1] != 3 or not (given == np.round(given)).all():
+    given = arrays.matrix(value, (None, 3), "source")
+    if not (given == np.round(given)).all():
         raise BadInput("source", excerpt(value), SOURCE)
     return given.astype(np.intp)
 

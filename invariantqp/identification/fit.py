@@ -170,9 +170,8 @@ def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED,
     for step in range(steps):
         H, g, now = _normal_equations(state)
         before, cost = cost, now
-        if (
-            kept is not None or now < NEAR**2 * count
-        ):  # nearly linear: poses are corrected, and what is worse is taken back
+        # Nearly linear: poses are corrected, and what is worse is taken back.
+        if kept is not None or now < NEAR**2 * count:
             if kept is None or now < kept[-1] * (1.0 + RELINEARISED):
                 kept, held = (state, H, g, now), max(0.1 * held, LEAST_DAMPING)
             else:
@@ -188,11 +187,8 @@ def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED,
         while damping < MOST_DAMPING:
             delta = _step(H, g, damping, alike)
             trial = _state(model, samples, friction, *_moved(state, delta), zero, zero)
-            found = sum(
-                _squares(e, V).sum()
-                for (e, *_), (*_, V, _) in zip(trial.rows.values(), state.rows.values(), strict=True)
-            )
-            if found < cost:
+            pairs = zip(trial.rows.values(), state.rows.values(), strict=True)
+            if sum(_squares(e, V).sum() for (e, *_), (*_, V, _) in pairs) < cost:
                 break
             damping *= 10.0
         else:
@@ -317,18 +313,9 @@ def _finished(model: Model, state: _State) -> Fit:
         sqrt(float(squares[name].sum()) / state.rows[name][0].size) if name in squares else 0.0
         for name in ("moments", "friction")
     )
-    return Fit(
-        model,
-        state.base,
-        state.tool,
-        state.extra,
-        np.asarray(H),
-        sqrt(float(squares["poses"].sum()) / max(1, e.size - determined)),
-        wrench,
-        friction,
-        np.sqrt(squares["poses"] / e.shape[1]),
-        _alike(np.asarray(np.linalg.cholesky(V)).swapaxes(-1, -2), e),
-    )
+    motion = sqrt(float(squares["poses"].sum()) / max(1, e.size - determined))
+    off, alike = np.sqrt(squares["poses"] / e.shape[1]), _alike(np.asarray(np.linalg.cholesky(V)).swapaxes(-1, -2), e)
+    return Fit(model, state.base, state.tool, state.extra, H, motion, wrench, friction, off, alike)
 
 
 def _alike(whitening: Array, e: Array) -> float:
@@ -431,11 +418,8 @@ def _tips(model: Model, samples: Samples, R: Array, t: Array, w: Array) -> list[
     F = skew(f)
     H_w = weight_f * np.einsum("nij,nik->jk", F, F)  # of |m + f x p|^2
     g_w = -weight_f * np.einsum("nij,ni->j", F, m)
-    if model.kind == "line":
-        H_w, g_w = (
-            1e-3 * H_w,
-            1e-3 * g_w,
-        )  # an edge's moments are not all zero; they only place it where nothing else does
+    # An edge's moments are not all zero; they only place it where nothing else does.
+    share_w = 1e-3 if model.kind == "line" else 1.0
     travel = np.linalg.svd(t - t.mean(axis=0), full_matrices=False)[2][0]
     normals = np.stack((pushed, unit(pushed - travel * travel.dot(pushed) + 1e-12), *(_half_sphere() @ axes)))
     G = np.einsum("nji,kj->kni", R, normals)  # R' n
@@ -443,26 +427,16 @@ def _tips(model: Model, samples: Samples, R: Array, t: Array, w: Array) -> list[
     y = -np.einsum("ni,ki->kn", t, normals)
     H = weight_t * np.einsum("kni,knj->kij", G, G)
     g = weight_t * np.einsum("kni,kn->ki", G, y)
-    H[:, :3, :3] += H_w
-    g[:, :3] += g_w
+    H[:, :3, :3] += share_w * H_w
+    g[:, :3] += share_w * g_w
     # Where neither motion nor wrench say anything, stay where one is.
     H += 1e-9 * np.trace(H, axis1=1, axis2=2)[:, None, None] * np.eye(4)
     found = np.linalg.solve(H, g[..., None])[..., 0]
     left = weight_t * ((np.einsum("kni,ki->kn", G, found) - y) ** 2).sum(axis=1)
-    left += (
-        weight_f
-        * ((m[None] + np.einsum("nij,kj->kni", F, found[:, :3])) ** 2).sum(axis=(1, 2))
-        * (1e-3 if model.kind == "line" else 1.0)
-    )
+    left += share_w * weight_f * ((m[None] + np.einsum("nij,kj->kni", F, found[:, :3])) ** 2).sum(axis=(1, 2))
     if model.kind == "line":
-        u = G[..., :3]
-        left = (
-            left
-            + weight_t
-            * (t - t.mean(axis=0)).var()
-            * len(t)
-            * np.linalg.eigvalsh(np.einsum("kni,knj->kij", u, u) / len(t))[:, 0]
-        )
+        spread = np.linalg.eigvalsh(np.einsum("kni,knj->kij", G[..., :3], G[..., :3]))[:, 0]
+        left += weight_t * (t - t.mean(axis=0)).var() * spread
     friction = across_the_slide(samples, found[0, :3])
     if friction is not None:
         left = left + ((normals @ friction[1].T) ** 2).sum(axis=1)

@@ -72,11 +72,8 @@ class Identification(Compared):
         if self._parts:
             return f"Identification({', '.join(f'{s.start}-{s.stop}: {s.kind}' for s in self._parts)})"
         others = [c.kind for c in self.candidates if c.kind != self.kind]
-        return (
-            f"Identification({self.kind!r}, candidates={self.candidates!r})"
-            if others or not self.kind
-            else (f"Identification({self.kind!r})")
-        )
+        others_too = f", candidates={self.candidates!r}" if others or not self.kind else ""
+        return f"Identification({self.kind!r}{others_too})"
 
     @property
     def segments(self) -> tuple[Identification, ...]:
@@ -339,7 +336,9 @@ def _identification(samples: Samples, verdicts: list[Verdict], start: int, stop:
     left = sorted((v for v in verdicts if not v.why), key=lambda v: (v.model.freedoms, v.fit.motion))
     sides = every, every.reversed if any(v.reversed for v in left) else every
     left = [v._replace(fit=fit(v.model, sides[v.reversed], v.fit.start)) for v in left]
-    candidates = tuple(candidate(v.fit, v.reversed, v.press, _size(v, size)) for v in left)
+    # A place is well known or not by the motion, or by the arm that turns.
+    lengths = [max(size, 1e-3 * float(np.linalg.norm(v.fit.tool[:3, 3])), 1e-12) for v in left]
+    candidates = tuple(candidate(v.fit, v.reversed, v.press, n) for v, n in zip(left, lengths, strict=True))
     refuted = {v.key: v.why for v in verdicts if v.why}
     if not candidates:
         return Identification(None, (), refuted, np.zeros((6, 0)), "no kind explains it", start, stop)
@@ -357,12 +356,6 @@ def _identification(samples: Samples, verdicts: list[Verdict], start: int, stop:
         pressed = next(v.model.kind for v in left if v.model.pressed)
         reason = f"a {best.kind}, or a {pressed} held by friction: pull it as well, and push sideways"
     return Identification(None if reason else best.kind, candidates, refuted, unexcited, reason, start, stop)
-
-
-def _size(verdict: Verdict, size: float) -> float:
-    """The length by which a place is well known or not: of the motion, or of the arm that turns."""
-    arms = [float(np.linalg.norm(verdict.fit.tool[:3, 3]))]
-    return max(size, *(1e-3 * a for a in arms), 1e-12)
 
 
 def _tried(candidate_: Candidate, samples: Samples) -> tuple[int, int, Array]:

@@ -70,10 +70,6 @@ def _rows(*parts: tuple[Array, Array], extra: Array | None = None) -> Rows:
     return Rows(values, by_twist, np.zeros((*values.shape, 0)) if extra is None else extra)
 
 
-def _point(C: Array, _: Array, __: Array) -> Rows:
-    return _rows(_height(C))
-
-
 def _sphere(C: Array, extra: Array, _: Array) -> Rows:
     (z, by_twist), p, k = _height(C), C[:, :3, 3], extra[0]
     half = 0.5 * (p * p).sum(axis=1)[:, None]
@@ -82,24 +78,8 @@ def _sphere(C: Array, extra: Array, _: Array) -> Rows:
     return Rows(z + k * half, by_twist, half[..., None])
 
 
-def _line(C: Array, _: Array, __: Array) -> Rows:
-    return _rows(_height(C), _tilt(C, 0, slice(2, 3)))
-
-
-def _face(C: Array, _: Array, __: Array) -> Rows:
-    return _rows(_height(C), _tilt(C, 2, slice(0, 2)))
-
-
-def _ball(C: Array, _: Array, __: Array) -> Rows:
-    return _rows(_place(C, slice(0, 3)))
-
-
-def _peg(C: Array, _: Array, __: Array) -> Rows:
-    return _rows(_place(C, slice(0, 2)), _tilt(C, 2, slice(0, 2)))
-
-
-def _hinge(C: Array, _: Array, __: Array) -> Rows:
-    return _rows(_place(C, slice(0, 3)), _tilt(C, 2, slice(0, 2)))
+def _hinge(C: Array) -> Rows:
+    return _rows(_place(C, slice(0, 3)), _tilt(C, 2, slice(2)))
 
 
 def angles(C: Array, turned: Array) -> Array:
@@ -113,7 +93,7 @@ def angles(C: Array, turned: Array) -> Array:
 
 
 def _screw(C: Array, extra: Array, turned: Array) -> Rows:
-    rows, turned = _hinge(C, extra, turned), angles(C, turned)
+    rows, turned = _hinge(C), angles(C, turned)
     values, by_twist, by_pitch = rows.values.copy(), rows.by_twist.copy(), np.zeros((len(C), 5, 1))
     values[:, 2] -= extra[0] * turned
     by_twist[:, 2, 2] -= extra[0]
@@ -123,20 +103,30 @@ def _screw(C: Array, extra: Array, turned: Array) -> Rows:
 
 def _slide(C: Array, _: Array, __: Array) -> Rows:
     turned = np.broadcast_to(np.eye(3, 6), (len(C), 3, 6))
-    return _rows(_place(C, slice(0, 2)), (rotation_vectors(C[:, :3, :3]), turned))
+    return _rows(_place(C, slice(2)), (rotation_vectors(C[:, :3, :3]), turned))
 
 
 MODELS: dict[str, Model] = {
     model.kind: model
     for model in (
         Model("slide", 1, _slide, (), 0, pressed=False, reversible=False),
-        Model("hinge", 1, _hinge, (), 0, pressed=False, reversible=False),
+        Model("hinge", 1, lambda C, *_: _hinge(C), (), 0, pressed=False, reversible=False),
         Model("screw", 1, _screw, (), 1, pressed=False, reversible=False),
-        Model("peg", 2, _peg, (), 0, pressed=False, reversible=False),
-        Model("ball", 3, _ball, (), 0, pressed=False, reversible=False),
-        Model("face", 3, _face, (), 0, pressed=True, reversible=False),
-        Model("line", 4, _line, (0,), 0, pressed=True, reversible=True),
-        Model("point", 5, _point, (0, 1, 2), 0, pressed=True, reversible=True),
+        Model(
+            "peg",
+            2,
+            lambda C, *_: _rows(_place(C, slice(2)), _tilt(C, 2, slice(2))),
+            (),
+            0,
+            pressed=False,
+            reversible=False,
+        ),
+        Model("ball", 3, lambda C, *_: _rows(_place(C, slice(0, 3))), (), 0, pressed=False, reversible=False),
+        Model("face", 3, lambda C, *_: _rows(_height(C), _tilt(C, 2, slice(2))), (), 0, pressed=True, reversible=False),
+        Model(
+            "line", 4, lambda C, *_: _rows(_height(C), _tilt(C, 0, slice(2, 3))), (0,), 0, pressed=True, reversible=True
+        ),
+        Model("point", 5, lambda C, *_: _rows(_height(C)), (0, 1, 2), 0, pressed=True, reversible=True),
         Model("sphere", 5, _sphere, (0, 1, 2), 1, pressed=True, reversible=True),
     )
 }

@@ -63,9 +63,7 @@ class Recording(Compared):
         blocks, samples = self.blocks(start, stop), self._samples(start, stop, MOST_SAMPLES)
         after = np.searchsorted(blocks.at, samples.at).clip(1, len(blocks.at) - 1)
         near = (samples.at >= blocks.at[after - 1]) & (samples.at <= blocks.at[after])
-        near &= blocks.at[after] - blocks.at[after - 1] <= 2 * max(
-            1, (stop - start) // BLOCKS | 1
-        )  # next to each other
+        near &= np.diff(blocks.at)[after - 1] <= 2 * ((stop - start) // BLOCKS | 1)  # next to each other
         samples = Samples(*(part[near] for part in samples))
         if self.allowed is None:
             return samples
@@ -120,15 +118,10 @@ def recording(
         pose_noise, wrench_noise = _given(noise)
         white = float(np.clip(np.trace(np.linalg.solve(wrench_noise, white_wrench)) / 6.0, 0.0, 1.0))
     pose_noise, wrench_noise, allowed = _allowed(accuracy, pose_noise, wrench_noise)
-    size = float(np.abs(X[:, :3, 3]).max()) or 1.0
-    for name, N, scale in (
-        ("poses", pose_noise, np.array([1.0] * 3 + [size] * 3)),
-        (
-            "wrenches",
-            wrench_noise,
-            np.concatenate([[max(float(np.abs(p).max()), 1e-300)] * 3 for p in (w[:, :3], w[:, 3:])]),
-        ),
-    ):
+    of_poses = 1.0, float(np.abs(X[:, :3, 3]).max()) or 1.0
+    of_wrenches = [float(np.abs(part).max()) or 1.0 for part in (w[:, :3], w[:, 3:])]
+    for name, N, sizes in (("poses", pose_noise, of_poses), ("wrenches", wrench_noise, of_wrenches)):
+        scale = np.repeat(sizes, 3)
         if not np.linalg.eigvalsh(N / np.outer(scale, scale))[0] > arrays.ROUNDING**2:
             raise BadInput(
                 name,

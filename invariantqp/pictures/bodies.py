@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.distance import Placed
+from invariantqp.geometry.distance import Placed, corners
 from invariantqp.geometry.shapes import Core
 from invariantqp.pictures.figure import figure_file
 from invariantqp.pictures.palette import BLUE, RULE, SKY, TEXT, VERMILION
@@ -31,9 +31,8 @@ def bodies_picture(clearance: Clearance, q: ArrayLike, path: Path | str) -> Path
         for panel, axis, title in zip(figure.subplots(1, 2), (1, 0), ("along y", "along x"), strict=True):
             seen = [i for i in range(3) if i != axis]
             for name, body, placed in shapes:
-                corners = _outline(placed, seen)
                 hue = RULE if body is None else VERMILION if name in near[:2] else BLUE if body % 2 else SKY
-                panel.fill(*corners.T, facecolor=hue, edgecolor=TEXT, alpha=0.45, linewidth=0.8)
+                panel.fill(*_outline(placed, seen).T, facecolor=hue, edgecolor=TEXT, alpha=0.45, linewidth=0.8)
             panel.set_aspect("equal", "datalim")
             panel.set_xlabel("xyz"[seen[0]])
             panel.set_ylabel("xyz"[seen[1]])
@@ -48,9 +47,7 @@ def _outline(placed: Placed, seen: list[int]) -> Array:
     if placed.solid is not None:
         flat = placed.solid.drawn().reshape(-1, 3).dot(placed.pose[:3, :3].T)[:, seen] + placed.pose[seen, 3]
         return np.asarray(flat[ConvexHull(flat).vertices])
-    signs = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-    corners = (signs * placed.half).dot(placed.pose[:3, :3].T) + placed.pose[:3, 3]
+    ends = np.array(corners(placed.half)).dot(placed.pose[:3, :3].T) + placed.pose[:3, 3]
     circle = placed.radius * np.stack((np.cos(turn), np.sin(turn)), axis=1)
-    points = (corners[:, None, seen] + circle[None]).reshape(-1, 2)
-    hull = ConvexHull(points)
-    return np.asarray(points[hull.vertices])
+    points = (ends[:, None, seen] + circle[None]).reshape(-1, 2)
+    return np.asarray(points[ConvexHull(points).vertices])

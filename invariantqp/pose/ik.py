@@ -36,6 +36,7 @@ from invariantqp.velocity.forms import Form
 
 if TYPE_CHECKING:
     from invariantqp.control.clearance import Clearance
+    from invariantqp.engine import Arm
 
 # Newton goes on to this share of the tolerance, so that a tool frame far from the last link meets it too, and the tool
 # frame does not decide which step is the last.
@@ -153,13 +154,10 @@ class PoseSearch:
 
         With exact demands these are met, and the rest as well as it is downhill from q0.
         """
-        if self._plain is None:
-            self._plain = pose_error(self._arm, target, self._form, self._exact)
-        error = self._plain
-        if core is None or error.compiled is None:
+        arm, goal, turning = self._of_core(target)
+        if core is None or arm is None:
             return None
-        turning, goal = len(q0) <= 6 and not self._exact, GOAL_SHARE * self._tolerance * error.least
-        found = core.descend(error.compiled, target, q0, goal, turning, False, None)
+        found = core.descend(arm, target, q0, goal, turning, False, None)
         if found is None or not (found[5] or (self._exact and found[7] is None and found[2] <= goal)):
             return None
         return self._space.near(found[0], q0)
@@ -170,14 +168,19 @@ class PoseSearch:
         As far as they are met as in `met`, and joints no faster than their limits (m,) reach each in its step (n,) [s]
         from the one before; with whole turns they are not.
         """
-        if self._plain is None and len(targets):
-            self._plain = pose_error(self._arm, targets[0], self._form, self._exact)
-        if core is None or self._plain is None or self._plain.compiled is None:
+        arm, goal, turning = self._of_core(targets[0]) if len(targets) else (None, 0.0, False)
+        if core is None or arm is None:
             return np.zeros((0, len(q0)))
-        turning, goal = len(q0) <= 6 and not self._exact, GOAL_SHARE * self._tolerance * self._plain.least
-        all_of_them, met = core.descents(self._plain.compiled, targets, q0, goal, turning, fastest, steps)
+        all_of_them, met = core.descents(arm, targets, q0, goal, turning, fastest, steps)
         found: Array = all_of_them[:met]
         return found
+
+    def _of_core(self, target: Array) -> tuple[Arm | None, float, bool]:
+        """What the core needs besides targets: the arm as measured, |r| that meets one, whether joints turn over."""
+        if self._plain is None:
+            self._plain = pose_error(self._arm, target, self._form, self._exact)
+        goal = GOAL_SHARE * self._tolerance * self._plain.least
+        return self._plain.compiled, goal, len(self._robot.names) <= 6 and not self._exact
 
     def _tries(self, error: PoseError, first: Try, goal: float, deadline: float) -> list[Try]:
         """The first try, and others from states spread over the joint range until one is good or the time is over."""

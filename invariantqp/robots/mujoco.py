@@ -31,12 +31,11 @@ def read_mjcf(source: Path | str) -> Any:
     """The `mujoco.MjModel` of an MJCF file, or of its text."""
     name = str(source) if isinstance(source, Path) else "the MJCF text"
     try:
-        made = (
-            mujoco.MjModel.from_xml_path(name) if isinstance(source, Path) else mujoco.MjModel.from_xml_string(source)
-        )
+        if isinstance(source, Path):
+            return mujoco.MjModel.from_xml_path(name)
+        return mujoco.MjModel.from_xml_string(source)
     except ValueError as error:
         raise RobotModelError(f"{name}: MuJoCo cannot make a model of it ({error})") from error
-    return made
 
 
 def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> Chain:
@@ -147,10 +146,8 @@ def _joints_to(model: Any, body: int) -> list[int]:
 def _require_one_coordinate(model: Any, joint: int, name: str) -> None:
     if model.jnt_type[joint] not in (HINGE, SLIDE):
         raise cannot_move(MODEL, name, "has no single coordinate; only hinges and slides are modelled")
-    coupled = (
-        (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & (model.eq_obj1id == joint) & model.eq_active0.astype(bool)
-    )
-    if coupled.any():
+    coupled = (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & (model.eq_obj1id == joint)
+    if (coupled & model.eq_active0.astype(bool)).any():
         raise cannot_move(MODEL, name, "is coupled to another and has no coordinate of its own")
 
 

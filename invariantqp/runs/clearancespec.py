@@ -106,12 +106,10 @@ class Around:
         self, robot: Any, spec: ClearanceSpec, obstacles: list[ObstacleSpec], looked_up: Callable[[str], Any]
     ) -> None:
         """Around a robot, by a task's tables; `looked_up` looks a robot's source up."""
-        from invariantqp.control.clearance import Clearance, OtherArm  # only where a task asks for it
+        from invariantqp.control.clearance import Clearance
 
         self._specs = obstacles
-        self.obstacles: list[Shape | OtherArm] = [
-            _arm(spec, looked_up, OtherArm) if spec.kind == "arm" else _shape(spec, looked_up) for spec in obstacles
-        ]
+        self.obstacles: list[Shape | OtherArm] = [_obstacle(spec, looked_up) for spec in obstacles]
         bodies: dict[str, list[Shape]] | None = None
         if spec.body is not None:
             bodies = {}
@@ -138,24 +136,21 @@ class Around:
         return any(spec.end is not None or any(spec.moves) for spec in self._specs)
 
 
-def _arm(spec: ObstacleSpec, looked_up: Callable[[str], Any], make: Callable[..., OtherArm]) -> OtherArm:
-    place = se3.transform(se3.rotation(np.array(spec.turn)), spec.at)
-    robot = load_robot(looked_up(str(spec.source)), base=place)
-    return make(robot, name=spec.name or "other")
+def _obstacle(spec: ObstacleSpec, looked_up: Callable[[str], Any]) -> Shape | OtherArm:
+    from invariantqp.control.clearance import OtherArm  # only where a task asks for it
 
-
-def _shape(spec: ObstacleSpec, looked_up: Callable[[str], Any]) -> Shape:
     at: Array = np.array(spec.at)
+    place = se3.transform(se3.rotation(np.array(spec.turn)), at)
+    if spec.kind == "arm":
+        return OtherArm(load_robot(looked_up(str(spec.source)), base=place), name=spec.name or "other")
     if spec.kind == "mesh":
         from invariantqp.geometry.coal import Mesh  # coal is loaded where there is a mesh
 
-        place = se3.transform(se3.rotation(np.array(spec.turn)), at)
         return Mesh(looked_up(str(spec.source)), place, scale=spec.scale, hull=spec.hull, name=spec.name)
     if spec.kind == "sphere":
         return Sphere(at, spec.radius or 0.0, name=spec.name)
     if spec.kind == "capsule":
         return Capsule(at, spec.to or spec.at, spec.radius or 0.0, name=spec.name)
     if spec.kind == "box":
-        place = se3.transform(se3.rotation(np.array(spec.turn)), at)
         return Box(place, spec.size or (0.0, 0.0, 0.0), name=spec.name)
     return HalfSpace(at, spec.normal, name=spec.name)

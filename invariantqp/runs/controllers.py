@@ -21,9 +21,7 @@ from invariantqp.control.shared import SharedTask
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.engine import Engine
 from invariantqp.errors import BadInput
-from invariantqp.force.contact import HybridTask
 from invariantqp.force.control import HybridController
-from invariantqp.force.sensor import WrenchSensor
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.driver import PathFollower
@@ -46,13 +44,6 @@ PATH_SAMPLES = 1500
 def our_controller(robot: Robot, law: LawSpec, limits: Sequence[Limit] = (), engine: Engine = "compiled") -> Controller:
     """The velocity controller that a [law] describes, with more limits."""
     return Controller(robot, limits=limits, **law_options(robot, law), engine=engine)
-
-
-def our_hybrid(
-    robot: Robot, law: LawSpec, task: HybridTask, sensor: WrenchSensor | None, limits: Sequence[Limit] = ()
-) -> HybridController:
-    """The hybrid controller that a [law] and a contact describe, with more limits."""
-    return HybridController(robot, task, sensor=sensor, limits=limits, **law_options(robot, law))
 
 
 def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
@@ -161,14 +152,15 @@ def controller_for(problem: ControlProblem, controller: MakeController | None = 
         if controller is not None:
             found = "a velocity controller for a task in contact"
             raise BadInput("controller", found, "a task without [contact]", "A contact needs a hybrid controller.")
-        return ContactController(our_hybrid(robot, law, problem.contact_task, problem.sensor, limits))
+        options = law_options(robot, law)
+        return ContactController(
+            HybridController(robot, problem.contact_task, sensor=problem.sensor, limits=limits, **options)
+        )
     loop = our_controller(robot, law, limits) if controller is None else controller(robot, law)
     if problem.elastic is not None:
         if not isinstance(loop, Controller):
-            expected = "ours, or none"
-            raise BadInput(
-                "controller", f"{type(loop).__name__} on an elastic path", expected, "Others keep its timing."
-            )
+            found = f"{type(loop).__name__} on an elastic path"
+            raise BadInput("controller", found, "ours, or none", "Others keep its timing.")
         return ElasticPathController(loop, problem, problem.elastic)
     if problem.operator is not None and isinstance(loop, Controller):
         return OperatorController(loop, problem.operator, np.array(law.point))

@@ -24,7 +24,7 @@ from invariantqp.force.contact import HybridTask
 from invariantqp.force.sensor import Wrench, WrenchSensor
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.runs.contactspec import SIDES, ContactSpec, ForceSpec, SensorSpec
+from invariantqp.runs.contactspec import SIDES, ContactSpec, ForceSpec
 from invariantqp.runs.plant import HingeSprings, Plane, SimulatedSensor, Springs, SurfaceSprings
 from invariantqp.runs.taskfile import Task
 from invariantqp.systems.contacts import (
@@ -138,7 +138,15 @@ def scene_of(task: Task, T: Array, noise: float = 0.0) -> ContactScene | None:
         springs=touched.springs,
         simulated_sensor=SimulatedSensor(mount, sensor.mass, sensor.centre),
         task=_hybrid_task(contact, force, touched),
-        sensor=_believed_sensor(sensor, mount, noise),
+        sensor=WrenchSensor(
+            mount,
+            order="moment first",
+            reads="reaction",
+            cutoff=inf if sensor.cutoff is None else sensor.cutoff,
+            **sensor.model_dump(include={"mass", "centre", "force_deadband", "moment_deadband"}),
+            noise=noise,
+            origin=se3.inverse(mount)[:3, 3],
+        ),
         stiffness=touched.stiffness,
         normal=touched.normal,
         surface=touched.surface,
@@ -147,9 +155,12 @@ def scene_of(task: Task, T: Array, noise: float = 0.0) -> ContactScene | None:
 
 def _hybrid_task(contact: ContactSpec, force: ForceSpec, touched: _Touched) -> HybridTask:
     by_stiffness = force.h is None and force.complement is None
+    press: list[float] | Wrench = [force.press] + [0.0] * SIDES[contact.kind]
+    if contact.kind == "hinge":
+        press = Wrench(moment=[0.0, 0.0, 0.0], force=[force.press, 0.0, 0.0])  # away from the axis
     return HybridTask(
         touched.contact_at,
-        _wanted(contact, force),
+        press,
         compliance=force.rate / touched.stiffness,
         stiffness=contact.stiffness,
         size=POINT_SIZE if contact.size is None else 0.5 * max(contact.size),
@@ -158,25 +169,6 @@ def _hybrid_task(contact: ContactSpec, force: ForceSpec, touched: _Touched) -> H
         metric=touched.stiffness if by_stiffness else None,
         **force.model_dump(exclude={"press", "rate", "h", "complement"}),
         **contact.model_dump(include={"normal_within", "yields"}),
-    )
-
-
-def _wanted(contact: ContactSpec, force: ForceSpec) -> list[float] | Wrench:
-    """The press as a part in the contact's constraints, or on a hinge as a wrench."""
-    if contact.kind == "hinge":
-        return Wrench(moment=[0.0, 0.0, 0.0], force=[force.press, 0.0, 0.0])  # away from the axis
-    return [force.press] + [0.0] * SIDES[contact.kind]
-
-
-def _believed_sensor(sensor: SensorSpec, mount: Array, noise: float) -> WrenchSensor:
-    return WrenchSensor(
-        mount,
-        order="moment first",
-        reads="reaction",
-        cutoff=inf if sensor.cutoff is None else sensor.cutoff,
-        **sensor.model_dump(include={"mass", "centre", "force_deadband", "moment_deadband"}),
-        noise=noise,
-        origin=se3.inverse(mount)[:3, 3],
     )
 
 
@@ -216,11 +208,8 @@ def _surface(contact: ContactSpec, T: Array) -> _Touched:
 def _in_plane(edge: Array, normal: Array) -> Array:
     across: Array = edge - normal * normal.dot(edge)
     if not np.linalg.norm(across) > SIX_DIGITS:
-        raise BadInput(
-            "contact.edges",
-            f"{edge.tolist()} along the normal or too short",
-            "a way along the surface from the tool to an edge",
-        )
+        found = f"{edge.tolist()} along the normal or too short"
+        raise BadInput("contact.edges", found, "a way along the surface from the tool to an edge")
     return across
 
 

@@ -100,23 +100,14 @@ def distance(T: Array, wanted: Array) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class PathTrace:
-    """What happened along the path, tick by tick.
+    """What happened along the path, tick by tick."""
 
-    Attributes:
-        place: (n,) by the path's own timing [s].
-        speed: (n,) over that of its timing.
-        lag: (n,) how late the tool is [s].
-        ruling: (n,) what rules the speed, in words.
-        poses: (n + 1, 4, 4) of the path where the tool is, before the first tick and after each.
-        status: in the last tick, as in `FollowerSolution`.
-    """
-
-    place: Array
-    speed: Array
-    lag: Array
-    ruling: list[str]
-    poses: Array
-    status: str
+    place: Array  # (n,) by the path's own timing [s]
+    speed: Array  # (n,) over that of its timing
+    lag: Array  # (n,) how late the tool is [s]
+    ruling: list[str]  # (n,) what rules the speed, in words
+    poses: Array  # (n + 1, 4, 4) of the path where the tool is, before the first tick and after each
+    status: str  # in the last tick, as in `FollowerSolution`
 
     @property
     def driven(self) -> Array:
@@ -321,8 +312,4 @@ class Trace:
 
 
 def _spread(values: Array) -> dict[str, float]:
-    return {
-        "median": float(np.median(values)),
-        "p99": float(np.percentile(values, 99)),
-        "max": float(values.max()),
-    }
+    return {"median": float(np.median(values)), "p99": float(np.percentile(values, 99)), "max": float(values.max())}

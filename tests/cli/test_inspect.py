@@ -48,7 +48,7 @@ def test_an_arm_without_a_pitch(monkeypatch, capsys):
         assert said in " ".join(out.split())
 
 
-@pytest.mark.parametrize("q", [["--q", "-0.1", "1.2", "-3e-1"], ["--q=-0.1,1.2,-0.3"], ["--q", "-0.1 1.2 -0.3"]])
+@pytest.mark.parametrize("q", [["--q", "-0.1,1.2,-3e-1"], ["--q=-0.1,1.2,-0.3"], ["--q", "-0.1 1.2 -0.3"]])
 def test_a_state_in_every_spelling(monkeypatch, capsys, q):
     status, out, _ = call(monkeypatch, capsys, "inspect", *q, "planar_3r")
     assert status == 0
@@ -61,8 +61,8 @@ REFUSED = [
     (["so10"], "error: unknown robot 'so10'; did you mean so101"),
     (["so101", "--tool", "gripper_frame"], "unknown frame 'gripper_frame'; did you mean gripper_frame_link"),
     (["scara", "--tool", "tool0"], "tool: found 'tool0'; expected none with joint screws"),
-    (["planar_3r", "--q", "0.1", "0.2"], "q: found shape (2,)"),
-    (["planar_3r", "--q", "0.1", "nan", "0.2"], "q: found NaN"),
+    (["planar_3r", "--q", "0.1,0.2"], "q: found shape (2,)"),
+    (["planar_3r", "--q", "0.1,nan,0.2"], "q: found NaN"),
     (["planar_3r", "--q", "a"], "--q: found 'a'; expected numbers"),
     (["planar_3r", "--q", "0,1,0", "--samples", "9"], "--q: found --samples too"),
     (["planar_3r", "--samples", "0"], "--samples"),
