@@ -123,11 +123,19 @@ typedef struct {
     Row K[MOST], T[MOST], centre;
 } Quadratic;
 
-/* quadratic.c: rows A T of limits, each divided by its length; `rows` is 0 where they are not made yet */
+/* quadratic.c: the e with N_a e = b_a; at[i] is a limit, N_a' = Q R by orthonormal rows Q[i]; the shortest e is Q'w. */
+typedef struct {
+    int k, at[MOST];
+    Row Q[MOST], R[MOST], w, shortest, e;
+} Face;
+
+/* quadratic.c: rows A T of limits, each divided by its length, and the face that the last optimum was on; `rows` is 0 where
+   they are not made yet */
 typedef struct {
     int rows;
     Row N[LIMITS];
     double length[LIMITS];
+    Face face;
 } Turned;
 
 /* velocity/qp.py: the minimiser and its multipliers, zero where a limit is not active */

@@ -20,13 +20,6 @@ typedef struct {
     double lower[LIMITS], upper[LIMITS];
 } Room;
 
-/* The e with N_a e = b_a; at[i] is a limit and bound[i] its b, N_a' = Q R by orthonormal rows Q[i]; the shortest e is
-   Q'w. */
-typedef struct {
-    int k, at[MOST];
-    Row Q[MOST], R[MOST], bound, w, shortest, e;
-} Face;
-
 /* Twin of Cone in velocity/qp.py: a speed limit |start + J x| <= limit. */
 
 double tool_speed(const Cone *cone, int n, const Row x)
@@ -227,74 +220,74 @@ static inline double left_of(int n, int k, const Row *Q, Row row, Row parts)
     return sqrt(dot_in_steps(n, row, row));
 }
 
-/* Add a limit to a face, e excepted; HAND_BACK where it depends on those before it. n is that of the rows, or more. */
-static inline Outcome appended_in(int n, const Room *room, int i, int side, Face *face)
+/* The part of a limit's row beyond a face, of length one, as its next row; how long it was, 0 where the row depends on those
+   before it. n is that of the rows, or more. */
+static inline double beyond_in(int n, const Room *room, int i, Face *face)
 {
     int k = face->k;
     if (k == room->n)
-        return HAND_BACK;
+        return 0.0;
     const Row *Q = (const Row *)face->Q;
     Row q, parts, rest;
     memcpy(q, room->N[i], (size_t)n * sizeof(double));
-    double length = k == 0 ? 1.0 : left_of(n, k, Q, q, parts), w = side > 0 ? room->upper[i] : room->lower[i];
+    double length = k == 0 ? 1.0 : left_of(n, k, Q, q, parts);
     if (length <= NEARLY_WHOLE) {
         length = left_of(n, k, Q, q, rest);
         for (int l = 0; l < k; l++)
             parts[l] += rest[l];
     }
-    double least = length, most = length;
-    face->bound[k] = w;
+    double least = length, most = length, over = 1.0 / length;
     for (int l = 0; l < k; l++) {
         least = face->R[l][l] < least ? face->R[l][l] : least;
         most = face->R[l][l] > most ? face->R[l][l] : most;
         face->R[l][k] = parts[l];
-        w -= parts[l] * face->w[l];
     }
     if (!(least > DEPENDENT * most))
-        return HAND_BACK;
-    double over = 1.0 / length;
+        return 0.0;
     face->R[k][k] = length;
-    face->w[k] = w *= over;
-    for (int j = 0; j < n; j++) {
-        q[j] *= over;
-        face->shortest[j] += w * q[j];
-    }
-    memcpy(face->Q[k], q, (size_t)n * sizeof(double));
+    for (int j = 0; j < n; j++)
+        face->Q[k][j] = q[j] * over;
+    return length;
+}
+
+static double beyond(const Room *room, int i, Face *face)
+{
+    return room->n <= 2 * STEP ? beyond_in(2 * STEP, room, i, face) : beyond_in(MOST, room, i, face);
+}
+
+/* A face with its next row, of limit i. */
+static void with_next(const Room *room, int i, int side, Face *face)
+{
+    int k = face->k++;
+    double w = side > 0 ? room->upper[i] : room->lower[i];
+    for (int l = 0; l < k; l++)
+        w -= face->R[l][k] * face->w[l];
     face->at[k] = i;
-    face->k++;
-    return DONE;
+    face->w[k] = w / face->R[k][k];
+    add_in_steps(room->n, face->w[k], face->Q[k], face->shortest);
 }
 
-static Outcome appended(const Room *room, int i, int side, Face *face)
+/* The face of all active limits, from another one, which stays as far as the same limits are active. Limits that depend on
+   those before them are active no more; whether there are none. */
+static bool face_of(const Room *room, int *side, Face *face)
 {
-    return room->n <= 2 * STEP ? appended_in(2 * STEP, room, i, side, face) : appended_in(MOST, room, i, side, face);
-}
-
-/* The face of all active limits; HAND_BACK where they depend on each other. */
-static Outcome face_of(const Room *room, const int *side, Face *face)
-{
+    int k = face->k;
+    bool on[LIMITS] = {false}, all = true;
     face->k = 0;
     memset(face->shortest, 0, sizeof face->shortest);
-    for (int i = 0; i < room->count; i++)
-        if (side[i] != 0 && appended(room, i, side[i], face) == HAND_BACK)
-            return HAND_BACK;
-    return DONE;
-}
-
-/* The face without limit i: those after it are added anew. */
-static Outcome without(const Room *room, int i, const int *side, Face *face)
-{
-    int k = face->k, place = 0;
-    for (; face->at[place] != i; place++)
-        ;
-    face->k = place;
-    memset(face->shortest, 0, sizeof face->shortest);
-    for (int l = 0; l < place; l++)
-        add_in_steps(room->n, face->w[l], face->Q[l], face->shortest);
-    for (int l = place + 1; l < k; l++)
-        if (appended(room, face->at[l], side[face->at[l]], face) == HAND_BACK)
-            return HAND_BACK;
-    return DONE;
+    for (int l = 0; l < k && side[face->at[l]] != 0; l++) {
+        on[face->at[l]] = true;
+        with_next(room, face->at[l], side[face->at[l]], face);
+    }
+    for (int i = 0; i < room->count; i++) {
+        if (side[i] == 0 || on[i])
+            continue;
+        if (beyond(room, i, face) > 0.0)
+            with_next(room, i, side[i], face);
+        else
+            side[i] = all = 0;
+    }
+    return all;
 }
 
 /* The limit whose multiplier has the wrong sign by most; -1 for none. Late in a search the first one is taken (Bland's
@@ -335,9 +328,7 @@ static Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e,
     for (int i = 0; i < room->count; i++)
         side[i] = 0;
     for (int count = 0; count < STEPS * room->count; count++) {
-        if (face_of(room, side, face) == HAND_BACK)
-            return HAND_BACK;
-        if (on_face(slow, n, face, pull, nu) == HAND_BACK)
+        if (!face_of(room, side, face) || on_face(slow, n, face, pull, nu) == HAND_BACK)
             return HAND_BACK;
         Row step;
         for (int j = 0; j < n; j++)
@@ -379,6 +370,8 @@ static Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e,
 
 /* Corrections of the active set for each limit, at most, before the primal method takes over. */
 #define CORRECTIONS 3
+
+/* What of a limit's excess at e is rounding. */
 static double rounding_of(const Room *room, int i, const Row e)
 {
     double terms = fmin(fabs(room->lower[i]), fabs(room->upper[i]));
@@ -387,15 +380,57 @@ static double rounding_of(const Room *room, int i, const Row e)
     return EXCEEDED * terms;
 }
 
+/* A limit that is exceeded `by` so much becomes active, others leave as their multipliers y reach zero on the way
+   (Goldfarb and Idnani 1983); HAND_BACK where all of them together leave nothing inside. */
+static Outcome entered(const Room *room, int i, int sign, double by, int *side, Face *face, double *y)
+{
+    for (;;) {
+        double length = beyond(room, i, face), first = length > 0.0 ? by / (length * length) : INFINITY;
+        int k = face->k, leaves = -1;
+        Row r;
+        for (int l = k - 1; l >= 0; l--) { /* N_i = r'N_a + what is beyond */
+            r[l] = k < room->n ? face->R[l][k] : dot(room->n, face->Q[l], room->N[i]);
+            for (int h = l + 1; h < k; h++)
+                r[l] -= face->R[l][h] * r[h];
+            r[l] /= face->R[l][l];
+        }
+        for (int l = 0; l < k; l++) {
+            double rate = sign * r[l], price = y[face->at[l]];
+            if (side[face->at[l]] * rate > 0.0 && fmax(price / rate, 0.0) < first) {
+                first = fmax(price / rate, 0.0);
+                leaves = l;
+            }
+        }
+        if (leaves < 0 && !(length > 0.0))
+            return HAND_BACK;
+        if (leaves < 0) {
+            side[i] = sign;
+            with_next(room, i, sign, face);
+            return DONE;
+        }
+        for (int l = 0; l < k; l++)
+            y[face->at[l]] -= first * sign * r[l];
+        by -= first * length * length;
+        side[face->at[leaves]] = 0;
+        face_of(room, side, face);
+    }
+}
+
 /* The shortest e inside, from a guess at its active set that is corrected; HAND_BACK where that does not end. */
 static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *face, double *y, double *nu)
 {
     Row pull;
-    if (face_of(room, side, face) == HAND_BACK)
-        return HAND_BACK;
+    face_of(room, side, face);
     for (int tried = 0; tried < CORRECTIONS * room->count; tried++) {
         if (on_face(slow, room->n, face, pull, nu) == HAND_BACK)
             return HAND_BACK;
+        multipliers(face, room, pull, y);
+        int wrong = weakest(room, face, pull, side, y, false);
+        if (wrong >= 0) {
+            side[wrong] = 0;
+            face_of(room, side, face);
+            continue;
+        }
         double outside = 0.0, size = sqrt(dot_in_steps(room->n, face->e, face->e));
         int worst = 0; /* i + 1 above its upper limit, -(i + 1) below the lower one */
         for (int i = 0; i < room->count; i++) {
@@ -408,19 +443,10 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
                 worst = over > under ? i + 1 : -i - 1;
             }
         }
-        if (worst != 0) {
-            int i = abs(worst) - 1;
-            side[i] = worst > 0 ? 1 : -1;
-            if (appended(room, i, side[i], face) == HAND_BACK)
-                return HAND_BACK;
-            continue;
-        }
-        multipliers(face, room, pull, y);
-        int wrong = weakest(room, face, pull, side, y, false);
-        if (wrong < 0)
+        if (worst == 0)
             return slow == NULL || slow_enough(slow, room->n, face->e, QP_ROUNDING) ? DONE : HAND_BACK;
-        side[wrong] = 0;
-        if (without(room, wrong, side, face) == HAND_BACK)
+        int i = abs(worst) - 1;
+        if (entered(room, i, worst > 0 ? 1 : -1, outside / room->length[i], side, face, y) == HAND_BACK)
             return HAND_BACK;
     }
     return HAND_BACK;
@@ -434,6 +460,7 @@ static void turned_by(const Quadratic *problem, const Polytope *limits, Turned *
     for (int j = 0; j < n; j++)
         columns[j] = sqrt(dot_in_steps(n, problem->T[j], problem->T[j]));
     turned->rows = limits->count;
+    turned->face.k = 0;
     for (int i = 0; i < limits->count; i++) {
         Row row = {0.0};
         for (int j = 0; j < n; j++)
@@ -594,7 +621,8 @@ static Outcome searched(const Quadratic *problem, const double *inside, const Ro
 Outcome minimise(const Quadratic *problem, const Polytope *limits, const Cone *cone, const Row inside, const Optimum *near,
                  Optimum *found)
 {
-    Turned turned = {.rows = 0};
+    Turned turned;
+    turned.rows = 0;
     return minimise_turned(problem, limits, cone, inside, near, &turned, found);
 }
 
@@ -605,7 +633,7 @@ Outcome minimise_turned(const Quadratic *problem, const Polytope *limits, const 
     Slow slow;
     int n = problem->n, side[LIMITS];
     Room room;
-    Face face;
+    Face *face = &turned->face;
     double y[LIMITS], guess[LIMITS];
     bool limited = cone->limit > 0.0, within = !limited || tool_speed(cone, n, problem->centre) <= cone->limit * (1.0 + QP_ROUNDING);
     for (int i = 0; i < limits->count; i++) {
@@ -618,6 +646,7 @@ Outcome minimise_turned(const Quadratic *problem, const Polytope *limits, const 
     found->nu = 0.0;
     if (within) {
         memcpy(found->z, problem->centre, (size_t)n * sizeof(double));
+        face->k = 0;
         return DONE;
     }
     if (limited)
@@ -629,16 +658,16 @@ Outcome minimise_turned(const Quadratic *problem, const Polytope *limits, const 
     for (int i = 0; i < room.count; i++)
         side[i] = room.length[i] > 0.0 ? (guess[i] > 0.0) - (guess[i] < 0.0) : 0;
     double nu = 0.0;
-    if (corrected(&room, NULL, side, &face, y, &nu) == HAND_BACK &&
-        searched(problem, inside, &room, NULL, side, &face, y, &nu) == HAND_BACK)
+    if (corrected(&room, NULL, side, face, y, &nu) == HAND_BACK &&
+        searched(problem, inside, &room, NULL, side, face, y, &nu) == HAND_BACK)
         return HAND_BACK;
-    if (limited && !slow_enough(&slow, n, face.e, QP_ROUNDING) &&
-        corrected(&room, &slow, side, &face, y, &nu) == HAND_BACK &&
-        searched(problem, inside, &room, &slow, side, &face, y, &nu) == HAND_BACK)
+    if (limited && !slow_enough(&slow, n, face->e, QP_ROUNDING) &&
+        corrected(&room, &slow, side, face, y, &nu) == HAND_BACK &&
+        searched(problem, inside, &room, &slow, side, face, y, &nu) == HAND_BACK)
         return HAND_BACK;
-    precise(problem, limits, &room, side, &face, found->z);
+    precise(problem, limits, &room, side, face, found->z);
     if (nu > 0.0)
-        precise_speed(problem, cone, &slow, &face, found->z);
+        precise_speed(problem, cone, &slow, face, found->z);
     found->nu = nu;
     found->met = nu > 0.0;
     for (int i = 0; i < room.count; i++) {

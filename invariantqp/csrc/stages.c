@@ -306,34 +306,14 @@ static Outcome missed(Slowed *slowed, double pace, double *by)
     return DONE;
 }
 
-/* How much more is missed at a larger pace, while the active limits of `found` stay: |u'Q|^2 for their normals Q R. */
+/* How much more is missed at a larger pace, while the active limits stay: |u'Q|^2 for their normals Q R. */
 static double slope(const Slowed *slowed)
 {
-    const Quadratic *cost = slowed->cost;
-    const Polytope *limits = slowed->room->limits;
-    int n = cost->n, k = 0;
-    Row Q[MOST];
+    const Face *face = &slowed->turned->face;
     double sum = 0.0;
-    for (int i = 0; i < limits->count && k < n; i++) {
-        if (slowed->found->multipliers[i] == 0.0)
-            continue;
-        for (int j = 0; j < n; j++)
-            Q[k][j] = limits->box ? cost->T[j][i] : dot(n, limits->A[i], cost->T[j]);
-        double whole = norm(n, Q[k]);
-        for (int twice = 0; twice < 2; twice++)
-            for (int l = 0; l < k; l++) {
-                double share = dot(n, Q[l], Q[k]);
-                for (int j = 0; j < n; j++)
-                    Q[k][j] -= share * Q[l][j];
-            }
-        double length = norm(n, Q[k]);
-        if (!(length > DEPENDENT * whole))
-            continue;
-        for (int j = 0; j < n; j++)
-            Q[k][j] /= length;
-        double along = dot(n, Q[k], slowed->u);
+    for (int k = 0; k < face->k; k++) {
+        double along = dot(slowed->cost->n, face->Q[k], slowed->u);
         sum += along * along;
-        k++;
     }
     return sum;
 }
