@@ -32,7 +32,7 @@ What it does not do: find a way around. An arm that is led straight into an obst
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import e, inf
 from os import PathLike
 from typing import Any, NamedTuple
@@ -71,6 +71,27 @@ HALF = 0.5
 ASIDE = 1e-7
 
 
+def is_inside(d: float, distance: float) -> bool:
+    """Whether two bodies so far apart are nearer than a distance, but for rounding."""
+    return d < distance - ACTIVE_TOLERANCE * max(distance, 1.0)
+
+
+class _Called:
+    """What reasons call rows of pairs at some distances, said when it is read."""
+
+    __slots__ = ("bodies", "distance", "distances", "pairs")
+
+    def __init__(
+        self, bodies: Sequence[tuple[str, str]], pairs: Sequence[int], distances: Sequence[float], distance: float
+    ) -> None:
+        self.bodies, self.pairs, self.distances, self.distance = bodies, pairs, distances, distance
+
+    def __iter__(self) -> Iterator[str]:
+        for k, d in zip(self.pairs, self.distances, strict=True):
+            inside = f" (nearer than {1e3 * self.distance:.1f})" if is_inside(d, self.distance) else ""
+            yield f"clearance: {Near(*self.bodies[k], d)}{inside}"
+
+
 class Near(NamedTuple):
     """Two bodies and how far they are apart."""
 
@@ -79,7 +100,8 @@ class Near(NamedTuple):
     distance: float  # [length], negative inside; infinite where there is no pair
 
     def __str__(self) -> str:
-        return f"{self.first} and {self.second}, {1e3 * self.distance:.1f} mm"
+        far = f", {1e3 * self.distance:.1f} mm" if self.distance < inf else ""
+        return f"{self.first} and {self.second}{far}"
 
 
 class OtherArm:
@@ -200,6 +222,7 @@ class Clearance(Limit):
             [self.robot, *(arm.robot for arm in self.arms)], self._listed(), self.distance, pairs, exclude
         )
         self._parts, self._numbers, self._of_pair = self._found.parts, self._found.numbers, self._found.of_shapes
+        self._bodies = [(self._parts[i].name, self._parts[j].name) for i, j in self._of_pair]
         self._twists = np.zeros((len(self._parts), 6))
         self._pairs = np.array([(i, j, 1.0) for i, j in self._of_pair], dtype=np.float64).reshape(-1, 3)
         self._around = np.array([self._parts[j].around for _, j in self._of_pair], dtype=int)
@@ -222,23 +245,18 @@ class Clearance(Limit):
     def nearest(self) -> Near:
         """Which two bodies were the nearest in the last tick that asked for rows, and their `distance`."""
         k, distance = self._nearest_now
-        return Near(*self._names(k), distance) if k >= 0 else Near("", "", inf)
+        return Near(*self._bodies[k], distance) if k >= 0 else Near("", "", inf)
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """The names of the bodies that are kept apart."""
-        return tuple({self._names(k): None for k, off in enumerate(self._reasons) if not off})
+        return tuple({self._bodies[k]: None for k, off in enumerate(self._reasons) if not off})
 
     @property
     def dropped(self) -> tuple[Dropped, ...]:
         """The pairs of bodies that are not kept apart, each with its reason; of obstacles, where these are now."""
-        off = {self._names(k): Dropped(*self._names(k), reason) for k, reason in enumerate(self._reasons) if reason}
+        off = {self._bodies[k]: Dropped(*self._bodies[k], reason) for k, reason in enumerate(self._reasons) if reason}
         return (*self._found.dropped, *off.values())
-
-    def _names(self, k: int) -> tuple[str, str]:
-        """The bodies of a pair of shapes."""
-        one, other = self._of_pair[k]
-        return self._parts[one].name, self._parts[other].name
 
     def __repr__(self) -> str:
         return f"<Clearance of {self.distance:g}, {len(self.pairs)} pairs of bodies, {len(self.dropped)} dropped>"
@@ -287,7 +305,8 @@ class Clearance(Limit):
         inside = self._nearest_now[1] < self._enough
         if not (len(lower) or inside):
             return None
-        upper, names = np.full(len(lower), inf), self._called(of_pair, distances[of_pair.astype(int)])
+        upper, pairs = np.full(len(lower), inf), of_pair.astype(int)
+        names = [*_Called(self._bodies, pairs.tolist(), distances[pairs].tolist(), self.distance)]
         if inside and not (self._twists.any() or any(arm.velocity.any() for arm in self.arms)):
             speed = self._calm(rate, before)
             limited = np.isfinite(speed)
@@ -316,7 +335,7 @@ class Clearance(Limit):
         if not lost.any():
             return None
         lower = asked[lost] + C[lost].dot(x)
-        names = self._called(of_pair[lost], d[of_pair[lost]])
+        names = [*_Called(self._bodies, of_pair[lost].tolist(), d[of_pair[lost]].tolist(), self.distance)]
         return LimitRows.trusted(C[lost], lower, np.full(len(lower), inf), names)
 
     def given(self, rate: Rate, limits: Array) -> tuple[Any, Array, Array, Array | None] | None:
@@ -327,19 +346,10 @@ class Clearance(Limit):
         self._refresh(rate.delay)
         return scene, limits, rate.settings, self._others(rate.delay) if self.arms else None
 
-    def told(self, k: int, distance: float, of_rows: tuple[Any, ...]) -> tuple[str, ...]:
+    def told(self, k: int, distance: float, of_rows: tuple[Any, ...]) -> Iterable[str]:
         """What the core found in a tick: the nearest pair, and the pair and distance of each row; the rows' names."""
         self._nearest_now = (k, distance) if self._of_pair else (-1, inf)
-        return tuple(map(self._row_name, of_rows[::2], of_rows[1::2])) if of_rows else ()
-
-    def _called(self, of_pair: Array, distances: Array) -> list[str]:
-        """What reasons call rows of pairs (r,) at some distances (r,)."""
-        return [self._row_name(int(k), d) for k, d in zip(of_pair.tolist(), distances.tolist(), strict=True)]
-
-    def _row_name(self, k: int, d: float) -> str:
-        one, other = self._names(k)
-        inside = f" (nearer than {1e3 * self.distance:.1f})" if self._is_inside(d) else ""
-        return f"clearance: {one} and {other}, {1e3 * d:.1f} mm{inside}"
+        return _Called(self._bodies, of_rows[::2], of_rows[1::2], self.distance)
 
     def _calm(self, rate: Rate, before: Array | None) -> Array:
         """(m,) how fast joints may be, the nearest bodies being nearer than the distance, and no brakes too weak."""
@@ -368,13 +378,9 @@ class Clearance(Limit):
         near = self._nearest(np.where(still, self._distances(q), inf))
         return (
             f"{near.first} and {near.second} are nearer than {1e3 * self.distance:.1f} mm"
-            if self._is_inside(near.distance)
+            if is_inside(near.distance, self.distance)
             else ""
         )
-
-    def _is_inside(self, d: float) -> bool:
-        """Whether two bodies so far apart are nearer than the distance, but for rounding."""
-        return d < self.distance - ACTIVE_TOLERANCE * max(self.distance, 1.0)
 
     def distances(self, q: ArrayLike) -> dict[tuple[str, str], float]:
         """The distance of each pair of bodies at joint positions q (m,) [length]; negative inside.
@@ -387,7 +393,7 @@ class Clearance(Limit):
         found = dict.fromkeys(self.pairs, inf)
         for k, d in enumerate(self._distances(q).tolist()):
             if d < inf:
-                found[self._names(k)] = min(found[self._names(k)], d)
+                found[self._bodies[k]] = min(found[self._bodies[k]], d)
         return found
 
     def shapes(self, q: ArrayLike) -> list[tuple[str, int | None, Placed]]:
@@ -416,7 +422,7 @@ class Clearance(Limit):
 
     def _nearest(self, distances: Array) -> Near:
         k, d = self._least(distances)
-        return Near(*self._names(k), d) if k >= 0 else Near("", "", inf)
+        return Near(*self._bodies[k], d) if k >= 0 else Near("", "", inf)
 
     @staticmethod
     def _least(distances: Array) -> tuple[int, float]:
@@ -484,7 +490,7 @@ class Clearance(Limit):
         for k in np.flatnonzero(near & self._unjudged).tolist():
             self._unjudged[k] = False
             if reason := self._found.always_near(*self._of_pair[k], self._numbers, others):
-                same = [i for i in range(len(self._of_pair)) if self._names(i) == self._names(k)]
+                same = [i for i in range(len(self._of_pair)) if self._bodies[i] == self._bodies[k]]
                 for i in same:
                     self._reasons[i], self._unjudged[i] = reason, False
                 self._pairs[same, 2], found = 0.0, True
@@ -569,6 +575,6 @@ class _InLoop(Limit):
         """What a tick of the core is given of it; None where the core has it row by row alone."""
         return self._clearance.given(self._rate, self._limits)
 
-    def told(self, k: int, distance: float, of_rows: tuple[Any, ...]) -> tuple[str, ...]:
+    def told(self, k: int, distance: float, of_rows: tuple[Any, ...]) -> Iterable[str]:
         """What the rows of a tick of the core are called; k is the nearest pair."""
         return self._clearance.told(k, distance, of_rows)

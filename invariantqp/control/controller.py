@@ -467,8 +467,7 @@ class Controller:
         if found is None or alone is None:
             return None
         answer, troubles, *told = found
-        names = alone.told(*told)
-        return answer._replace(row_names=names) if names else answer, troubles
+        return VelocitySolution._make((*answer[:-1], alone.told(*told))), troubles
 
     def named(self, found: tuple[VelocitySolution, Written | None]) -> VelocitySolution:
         """The solution of a tick by the core, with the names of rows, and of joints in what it says beside it."""

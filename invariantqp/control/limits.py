@@ -136,7 +136,7 @@ class ForCore(Protocol):
     def for_core(self) -> tuple[Any, ...] | None:
         """What the core is given in a tick; None where Python has to give it rows."""
 
-    def told(self, k: int, distance: float, of_rows: tuple[Any, ...], /) -> tuple[str, ...]:
+    def told(self, k: int, distance: float, of_rows: tuple[Any, ...], /) -> Iterable[str]:
         """What the core told of it in a tick; the names of its rows."""
 
 

@@ -218,7 +218,7 @@ def parts(why: Why) -> tuple[Reason | str | Written, ...]:
 
 
 class Explained:
-    """Base of a named tuple with a field `reasons`, which are made when they are read.
+    """Base of a named tuple with fields `reasons` and `row_names`, which are made when they are read.
 
     Equal and printed as what they say, whatever they are made from.
     """
@@ -229,7 +229,7 @@ class Explained:
     def reasons(self) -> tuple[Reason, ...]:
         """Why, as data, the worst first."""
         found: list[Reason] = []
-        for part in parts(self._items()[self._at()]):
+        for part in parts(self._given("reasons")):
             if isinstance(part, Reason):
                 found.append(part)
             else:
@@ -239,9 +239,12 @@ class Explained:
     @property
     def reason(self) -> str:
         """Why, in words, "" where there is nothing to report."""
-        return sentences(self.reasons) if self._items()[self._at()] else ""
+        return sentences(self.reasons) if self._given("reasons") else ""
 
-    row_names: tuple[str, ...]
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """What rows of limits are called."""
+        return tuple(self._given("row_names"))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Explained) and type(other) is type(self) and same(self._plain(), other._plain())
@@ -250,7 +253,7 @@ class Explained:
         return not self == other
 
     def __hash__(self) -> int:
-        items = self._items()
+        items: tuple[Any, ...] = tuple(self)  # type: ignore[arg-type]
         return hash((tuple(items[0].tolist()), *(item for item in items if isinstance(item, Enum))))
 
     def __repr__(self) -> str:
@@ -258,13 +261,10 @@ class Explained:
         shown = (f"{name}={value!r}" for name, value in zip(names, self._plain(), strict=True))
         return f"{type(self).__name__}({', '.join(shown)})"
 
-    def _items(self) -> tuple[Any, ...]:
-        return tuple(self)  # type: ignore[arg-type]
-
-    def _at(self) -> int:
-        return type(self)._fields.index("reasons")  # type: ignore[attr-defined,no-any-return]
+    def _given(self, field: str) -> Any:
+        """What a field was made with."""
+        return self[type(self)._fields.index(field)]  # type: ignore[index,attr-defined]
 
     def _plain(self) -> tuple[Any, ...]:
-        """The fields, reasons as data."""
-        items, at = self._items(), self._at()
-        return (*items[:at], self.reasons, *items[at + 1 :])
+        """The fields, as they are read."""
+        return tuple(getattr(self, name) for name in type(self)._fields)  # type: ignore[attr-defined]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import Enum
 from typing import NamedTuple
 
@@ -77,7 +78,7 @@ class _Solution(NamedTuple):
     backend: str
     multipliers: Array | None = None
     row_multipliers: Array | None = None
-    row_names: tuple[str, ...] = ()
+    row_names: Iterable[str] = ()
 
 
 class VelocitySolution(Explained, _Solution):
