@@ -84,21 +84,7 @@ static void some_across(const double u[3], double n[3])
         n[i] /= size;
 }
 
-/* A place from a point x of the first core to y of the second, `across` the direction where they meet. */
-static void add(Places *found, const double x[3], const double y[3], const double across[3])
-{
-    if (found->count >= MOST_PLACES)
-        return;
-    Near *near = &found->at[found->count++];
-    for (int i = 0; i < 3; i++)
-        near->n[i] = y[i] - x[i];
-    near->d = norm(3, near->n);
-    for (int i = 0; i < 3; i++) {
-        near->n[i] = near->d > NO_DIRECTION ? near->n[i] / near->d : across[i];
-        near->x[i] = x[i];
-    }
-}
-
+/* A place at distance d of a point x, `sign` n from the first core to the second. */
 static void add_known(Places *found, double d, const double n[3], double sign, const double x[3])
 {
     if (found->count >= MOST_PLACES)
@@ -109,6 +95,15 @@ static void add_known(Places *found, double d, const double n[3], double sign, c
         near->n[i] = sign * n[i];
         near->x[i] = x[i];
     }
+}
+
+/* A place from a point x of the first core to y of the second, `across` the direction where they meet. */
+static void add(Places *found, const double x[3], const double y[3], const double across[3])
+{
+    double n[3] = {y[0] - x[0], y[1] - x[1], y[2] - x[2]}, d = norm(3, n);
+    for (int i = 0; i < 3; i++)
+        n[i] = d > NO_DIRECTION ? n[i] / d : across[i];
+    add_known(found, d, n, 1.0, x);
 }
 
 static double foot(const double x[3], const double s[3], const double v[3])
@@ -186,51 +181,72 @@ static double nearest_to_box(const double p[3], const double u[3], const double 
     return 1.0;
 }
 
-/* The direction in which a segment with middle c and half e leaves the box soonest, in the box's frame: its largest
-   separation among face normals and normals across both. */
-static double way_out(const double c[3], const double e[3], const double h[3], double n[3])
+/* Two cores that go into each other: the largest separation among faces and pairs of edges, at the deepest corner of that
+   one of which less is level there, in the middle of what is. */
+static void way_apart(const Shape *a, const Shape *b, double sign, Places *found)
 {
-    double most = -INFINITY;
-    for (int axis = 0; axis < 6; axis++) {
-        double a[3] = {axis == 0, axis == 1, axis == 2};
-        if (axis >= 3) {
-            double unit[3] = {axis == 3, axis == 4, axis == 5};
-            cross(unit, e, a);
-            double size = norm(3, a);
-            if (!(size > NO_DIRECTION * norm(3, e)) || size == 0.0)
+    double most = -INFINITY, best[3] = {0.0, 0.0, 1.0}, w[3], x[2][3];
+    int level[2] = {0, 0};
+    for (int i = 0; i < 3; i++)
+        w[i] = b->p[i] - a->p[i];
+    for (int axis = 0; axis < 15; axis++) {
+        double n[3], f[3], g[3];
+        if (axis < 6)
+            column(axis < 3 ? a : b, axis % 3, 1.0, n);
+        else {
+            column(a, (axis - 6) / 3, 1.0, f);
+            column(b, (axis - 6) % 3, 1.0, g);
+            cross(f, g, n);
+            double size = norm(3, n);
+            if (!(size > NO_DIRECTION))
                 continue;
             for (int i = 0; i < 3; i++)
-                a[i] /= size;
+                n[i] /= size;
         }
-        double towards = dot(3, a, c), apart = fabs(towards) - fabs(dot(3, a, e));
-        for (int i = 0; i < 3; i++)
-            apart -= fabs(a[i]) * h[i];
-        if (apart > most) {
-            most = apart;
+        double towards = dot(3, n, w), s = fabs(towards);
+        into(a, n, false, f);
+        into(b, n, false, g);
+        for (int k = 0; k < 3; k++)
+            s -= fabs(f[k]) * a->half[k] + fabs(g[k]) * b->half[k];
+        if (s > most) {
+            most = s;
             for (int i = 0; i < 3; i++)
-                n[i] = towards < 0.0 ? -a[i] : a[i];
+                best[i] = towards < 0.0 ? -n[i] : n[i];
         }
     }
-    return most;
+    for (int e = 0; e < 2; e++) {
+        const Shape *s = e == 0 ? a : b;
+        double g[3];
+        into(s, best, false, g);
+        for (int k = 0; k < 3; k++) {
+            bool flat = fabs(g[k]) <= NO_DIRECTION;
+            level[e] += flat && s->half[k] > 0.0;
+            g[k] = flat ? 0.0 : (g[k] > 0.0) == (e == 0) ? s->half[k] : -s->half[k];
+        }
+        out_of(s, g, true, x[e]);
+    }
+    add_known(found, most, best, sign, x[level[0] > level[1]]);
 }
 
 /* A place of the point y, in the frame of box b, against it; the first core is the point's where `sign` is 1. */
 static void point_box(const Shape *b, const double y[3], double sign, Places *found)
 {
-    double n[3], x[3], z[3], zero[3] = {0.0, 0.0, 0.0}, d = 0.0;
+    double n[3], x[3];
+    Shape point = *b;
     for (int k = 0; k < 3; k++) {
         n[k] = y[k] - clamp(y[k], -b->half[k], b->half[k]);
-        d += n[k] * n[k];
+        point.half[k] = 0.0;
     }
-    d = sqrt(d);
-    if (d > NO_DIRECTION)
-        for (int k = 0; k < 3; k++)
-            n[k] /= d;
-    else
-        d = way_out(y, zero, b->half, n);
+    double d = norm(3, n);
+    out_of(b, y, true, point.p);
+    if (!(d > NO_DIRECTION)) {
+        way_apart(&point, b, sign, found);
+        return;
+    }
+    for (int k = 0; k < 3; k++)
+        n[k] /= d;
     out_of(b, n, false, x);
-    out_of(b, y, true, z);
-    add_known(found, d, x, -sign, z);
+    add_known(found, d, x, -sign, point.p);
 }
 
 /* A segment, p + t u in the frame of box b, against it; `ends` too, and where its shadow on the nearest face begins and
@@ -270,22 +286,15 @@ static bool segment_box(const Shape *b, const double p[3], const double u[3], do
 /* The core of a capsule, a, against box b; `sign` is -1 where the capsule is the second of the pair. */
 static void round_box(const Shape *a, const Shape *b, double sign, Places *found)
 {
-    double u[3], v[3], c[3], p[3], n[3], z[3], x[3];
+    double u[3], v[3], c[3], p[3];
     column(a, 2, 2.0 * a->half[2], u);
     into(b, u, false, v);
     into(b, a->p, true, c);
     on_line(c, -0.5, v, p);
-    if (a->half[2] == 0.0) {
+    if (a->half[2] == 0.0)
         point_box(b, c, sign, found);
-        return;
-    }
-    if (segment_box(b, p, v, sign, true, found))
-        return;
-    double e[3] = {0.5 * v[0], 0.5 * v[1], 0.5 * v[2]}, d = way_out(c, e, b->half, n), lean = dot(3, n, e);
-    on_line(c, lean > NO_DIRECTION * a->half[2] ? -1.0 : lean < -NO_DIRECTION * a->half[2] ? 1.0 : 0.0, e, z);
-    out_of(b, n, false, x);
-    out_of(b, z, true, u);
-    add_known(found, d, x, -sign, u);
+    else if (!segment_box(b, p, v, sign, true, found))
+        way_apart(a, b, sign, found);
 }
 
 static void corner(const double h[3], int i, double c[3])
@@ -294,7 +303,7 @@ static void corner(const double h[3], int i, double c[3])
         c[k] = (i >> k & 1) ? h[k] : -h[k];
 }
 
-/* Two boxes: the edges of each against the other, and corners; where they meet, the least way out of 15. */
+/* Two boxes: the edges of each against the other, and corners. */
 static void box_box(const Shape *a, const Shape *b, Places *found)
 {
     bool apart = true;
@@ -320,40 +329,7 @@ static void box_box(const Shape *a, const Shape *b, Places *found)
     if (apart)
         return;
     found->count = 0;
-    double most = -INFINITY, best[3] = {0.0, 0.0, 1.0}, x[3], w[3];
-    for (int i = 0; i < 3; i++)
-        w[i] = b->p[i] - a->p[i];
-    for (int axis = 0; axis < 15; axis++) {
-        double n[3], f[3], g[3];
-        if (axis < 6)
-            column(axis < 3 ? a : b, axis % 3, 1.0, n);
-        else {
-            column(a, (axis - 6) / 3, 1.0, f);
-            column(b, (axis - 6) % 3, 1.0, g);
-            cross(f, g, n);
-            double size = norm(3, n);
-            if (!(size > NO_DIRECTION))
-                continue;
-            for (int i = 0; i < 3; i++)
-                n[i] /= size;
-        }
-        double towards = dot(3, n, w), s = fabs(towards);
-        into(a, n, false, f);
-        into(b, n, false, g);
-        for (int k = 0; k < 3; k++)
-            s -= fabs(f[k]) * a->half[k] + fabs(g[k]) * b->half[k];
-        if (s > most) {
-            most = s;
-            for (int i = 0; i < 3; i++)
-                best[i] = towards < 0.0 ? -n[i] : n[i];
-        }
-    }
-    double g[3];
-    into(b, best, false, g);
-    for (int k = 0; k < 3; k++) /* the deepest corner of b; the middle of what is level */
-        g[k] = fabs(g[k]) <= NO_DIRECTION ? 0.0 : g[k] > 0.0 ? -b->half[k] : b->half[k];
-    out_of(b, g, true, x);
-    add_known(found, most, best, 1.0, x);
+    way_apart(a, b, 1.0, found);
 }
 
 /* A core a against a half-space b: its corners; `sign` is -1 where the half-space is the first of the pair. */

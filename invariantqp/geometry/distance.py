@@ -146,22 +146,6 @@ def _nearest_to_box(p: Array, u: Array, h: Array) -> float:
     return float(ts[i - 1] - slopes[i - 1] / (slopes[i] - slopes[i - 1]) * (ts[i] - ts[i - 1]))
 
 
-def _way_out(c: Array, e: Array, h: Array) -> tuple[float, Array]:
-    """How far a segment with middle c and half e is out of the box |y| <= h, below zero, and the shortest way out.
-
-    It is the largest separation among the faces' normals and those across an edge and the segment.
-    """
-    normals = list(np.eye(3))
-    for axis in np.eye(3):
-        n = cross(axis, e)
-        size = norm(n)
-        if size > ROUNDING * norm(e):
-            normals.append(n / size)
-    apart = [abs(float(n.dot(c))) - abs(float(n.dot(e))) - float(np.abs(n).dot(h)) for n in normals]
-    i = int(np.argmax(apart))
-    return apart[i], -normals[i] if normals[i].dot(c) < 0.0 else normals[i]
-
-
 def _to_base(b: Placed, d: float, outward: Array, y: Array) -> Place:
     """A place in the frame of box b, by a point y of the other core, in the base frame: from that to the box."""
     R = b.pose[:3, :3]
@@ -174,7 +158,9 @@ def _point_and_box(y: Array, b: Placed) -> Place:
     d = norm(gap)
     if d > ROUNDING:
         return _to_base(b, d, gap / d, y)
-    return _to_base(b, *_way_out(y, np.zeros(3), b.half), y)
+    at = b.pose.copy()
+    at[:3, 3] += at[:3, :3].dot(y)
+    return _way_apart(Placed(Core.SEGMENT, 0.0, np.zeros(3), at), b)
 
 
 def _segment_against_box(p: Array, u: Array, b: Placed, *, ends: bool) -> list[Place]:
@@ -205,13 +191,7 @@ def _segment_and_box(a: Placed, b: Placed) -> list[Place]:
     if a.half[2] == 0.0:
         return [_point_and_box(c, b)]
     e = a.half[2] * a.pose[:3, 2].dot(R)
-    found = _segment_against_box(c - e, 2.0 * e, b, ends=True)
-    if found:
-        return found
-    d, n = _way_out(c, e, b.half)
-    lean = float(n.dot(e))
-    side = 0.0 if abs(lean) <= ROUNDING * a.half[2] else -1.0 if lean > 0.0 else 1.0
-    return [_to_base(b, d, n, c + side * e)]
+    return _segment_against_box(c - e, 2.0 * e, b, ends=True) or [_way_apart(a, b)]
 
 
 def corners(half: Array) -> list[Array]:
@@ -241,7 +221,10 @@ def _boxes(a: Placed, b: Placed) -> list[Place]:
 
 
 def _way_apart(a: Placed, b: Placed) -> Place:
-    """Of two boxes that go into each other: the largest separation among faces and pairs of edges."""
+    """Of two cores that go into each other: the largest separation among faces and pairs of edges.
+
+    It is at the deepest corner of that one of which less is level there, in the middle of what is.
+    """
     A, B = a.pose[:3, :3], b.pose[:3, :3]
     w = b.pose[:3, 3] - a.pose[:3, 3]
     normals = [*A.T, *B.T]
@@ -254,9 +237,14 @@ def _way_apart(a: Placed, b: Placed) -> Place:
     apart = [abs(float(n.dot(w))) - r for n, r in zip(normals, room, strict=True)]
     i = int(np.argmax(apart))
     n = -normals[i] if normals[i].dot(w) < 0.0 else normals[i]
-    g = n.dot(B)
-    deepest = np.where(np.abs(g) <= ROUNDING, 0.0, -np.sign(g) * b.half)
-    return Place(apart[i], n, B.dot(deepest) + b.pose[:3, 3] - apart[i] * n)
+    sides = n.dot(A), -n.dot(B)
+    level = [np.abs(side) <= ROUNDING for side in sides]
+    x, y = (
+        placed.pose[:3, :3].dot(np.where(flat, 0.0, np.sign(side) * placed.half)) + placed.pose[:3, 3]
+        for placed, side, flat in zip((a, b), sides, level, strict=True)
+    )
+    blunt = (level[0] & (a.half > 0.0)).sum() > (level[1] & (b.half > 0.0)).sum()
+    return Place(apart[i], n, y - apart[i] * n if blunt else x)
 
 
 def _plane(a: Placed, b: Placed) -> list[Place]:
