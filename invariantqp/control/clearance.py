@@ -15,6 +15,7 @@ Joints with acceleration limits a do not stop at once. A velocity is then one th
 to first order in x - y, for n = 0 and the ticks that it takes to stop, 0.7, 0.49, ... of them. In the next tick
 braking on goes through the same states: where all of them kept the distance, x = y keeps every row, every acceleration
 and every joint limit. So rows contradict nothing, but where a start did or something moves otherwise than was declared.
+What a state ahead lacks of d_min, a corner having been passed between two of them, is led back as far as limits leave.
 Another arm that brakes is in each of these states where its own joints have braked to.
 
 Joints that stop at once may be anywhere in a tick, and rows linear about x = 0 do not see how their ways turn: at

@@ -182,7 +182,7 @@ def rows_of(
                 approach = min(room, share * room), out, drift
                 lower, urgency = _asked_of(C, approach, states, limits[0, :m], settings, leaving=leaving)
                 if lower > -inf:
-                    valid = valid and drift == 0.0 and room >= -DEEP * settings[0]
+                    valid = valid and drift == 0.0 and (s > 0 or room >= -DEEP * settings[0])
                     _keep(kept, (urgency - (place is not found[0]), lower, k, C))
     C_kept, kept_lower = np.array([row[3] for row in kept]).reshape(-1, m), np.array([row[1] for row in kept])
     if valid:

@@ -390,7 +390,7 @@ static void shape_at(const double *numbers, const Pose *T, Shape *s)
 
 typedef struct {
     Row inside; /* where valid, a velocity that keeps all rows and joint limits */
-    bool valid; /* of nothing that moves itself, and inside by no more than curvature takes */
+    bool valid; /* of nothing that moves itself, and the arm no deeper inside than curvature takes it */
     int count, pair[APART_ROWS];
     double C[APART_ROWS][MOST], lower[APART_ROWS], urgency[APART_ROWS];
 } Rows;
@@ -551,7 +551,8 @@ typedef struct {
     const Wide *J;
     const double *weight, *going, *speed;
     const States *joints;
-    bool leaving; /* the arm's own state beside those that it can brake through: rows lead out of what is too near alone */
+    bool ahead;   /* a state that the arm would brake through */
+    bool leaving; /* the arm's own state beside those: rows lead out of what is too near alone */
 } Asked;
 
 /* The rows of a pair, kept where they are urgent; the least distance, infinite where no joint changes it. */
@@ -610,7 +611,7 @@ static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *f
             lower = fmin(lower, braked + sure);
         if (!(lower > braked - reach))
             continue;
-        rows->valid = rows->valid && drift == 0.0 && room >= -DEEP * asked->distance;
+        rows->valid = rows->valid && drift == 0.0 && (asked->ahead || room >= -DEEP * asked->distance);
         keep(rows, asked->m, C, lower, (lower - braked) / weighed - later, pair->index);
     }
     return least;
@@ -823,6 +824,7 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
                            .going = states.going[s > 0],
                            .speed = limits[0],
                            .joints = &states,
+                           .ahead = s > 0,
                            .leaving = leaving};
             if (a->kind != MESH && b->kind != MESH)
                 places(a, b, &found);

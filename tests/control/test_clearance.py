@@ -387,14 +387,23 @@ def test_who_brakes_on_goes_through_the_states_that_were_looked_at(ur5):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_what_leads_back_asks_for_no_more_than_all_limits_leave_together(ur5, compiled):
-    """A wrist a hair too near its base in a state ahead, while a box holds the joint that would help: tick 286665."""
-    box = Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box")
-    limit = Clearance(ur5, LINKS, [box])
-    q = np.array(
-        [5.08206427408764, 6.28318530718, 2.3793289727078086, -6.136162129784486, 3.24775235118537, -6.28318530718]
-    )
-    before = np.array([5.3243446789490603e-08, 0.0, 0.00789952677658324, -1.4547193744642215, 1.724989839466184, -0.0])
+@pytest.mark.parametrize(
+    ("obstacle", "q", "before"),
+    [
+        (  # a wrist a hair too near its base in a state ahead, while a box holds the joint that would help
+            Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box"),
+            [5.08206427408764, 6.28318530718, 2.3793289727078086, -6.136162129784486, 3.24775235118537, -6.28318530718],
+            [5.3243446789490603e-08, 0.0, 0.00789952677658324, -1.4547193744642215, 1.724989839466184, -0.0],
+        ),
+        (  # a wrist that would pass a shelf's corner between two states ahead, 1.0 mm too near
+            Box(iq.transform(translation=[0.55, 0.3, 0.4001]), [0.3, 0.3, 0.03], name="shelf"),
+            [0.489305253, -1.548114737, 2.229209935, -2.683606500, -1.416325435, 0.342852750],
+            [-2.616864388, -0.018547788, -0.002737405, -0.142537831, -0.330634067, 2.123420180],
+        ),
+    ],
+)
+def test_what_leads_back_asks_for_no_more_than_all_limits_leave_together(ur5, obstacle, q, before, compiled):
+    limit, q, before = Clearance(ur5, LINKS, [obstacle]), np.array(q), np.array(before)
     loop = loop_of(ur5, 0.001, 0.0)._replace(acceleration=np.full(6, 10.0))
     with patch.object(module, "core", engine.core if compiled else None):
         rows = limit.rows_at(q, limit.in_loop(loop), before)
