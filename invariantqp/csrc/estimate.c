@@ -72,10 +72,10 @@ bool is_known(const Stiffness *known)
     return known->seen[0][0] > 0.0 && known->found[0] > 2.0 * known->errors[0];
 }
 
-void in_air(Stiffness *known, double force, double way, double limit, const Setting *setting)
+void in_air(Stiffness *known, double force, double way, double limit, double evidence, const Setting *setting)
 {
     double x = known->way + setting->share * (way - known->way), v = (x - known->way) / setting->dt;
-    double quiet = force <= FELT_QUIET * limit ? x : known->quiet;
+    double quiet = force <= FELT_QUIET * limit && evidence == -CERTAIN ? x : known->quiet;
     unknown_stiffness(setting->begins, known);
     known->way = x;
     known->force = force;

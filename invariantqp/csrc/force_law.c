@@ -92,7 +92,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
 {
     int n = split->n, presses = split->presses;
     bool touching = true, acts;
-    double fastest = press->approach_speed, striking = 2.0 * setting->dt + (1.0 - TAKEN_BACK) * arm;
+    double fastest = press->approach_speed, striking = setting->dt + (1.0 - TAKEN_BACK) * arm;
     for (int i = 0; i < presses; i++)
         touching = touching && now->touches[i].touching != 0.0;
     acts = touching && yields;
@@ -102,7 +102,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
         const Stiffness *known = &now->known[i];
         const Answers *check = i < presses && i < (int)monitor->asked ? &monitor->answers[i] : NULL;
         double error = asked[i] - felt[i], wished = i < presses ? asked[i] : 0.0;
-        double gentle = i < presses ? touch_speed(press, asked[i], striking) : 0.0;
+        double gentle = i < presses ? touch_speed(press, (1.0 - LOST_SHARE) * asked[i], striking) : 0.0;
         if (press->has_compliance) {
             double top = slow && i < presses ? fastest : INFINITY;
             drives[i] = fixed(drive, error, split->gain, press->stiffness, wished, setting->dt, top, grows);

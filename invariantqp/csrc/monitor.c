@@ -126,12 +126,13 @@ double unseen(const Press *press, const Answers *check, double felt)
 }
 
 /* Answers.heard */
-static void heard(const Press *press, const Stiffness *known, double felt, double shown, Answers *check)
+static void heard(const Press *press, const Stiffness *known, double felt, double shown, double noise, Answers *check)
 {
     double k = is_known(known) ? known->found[0] : 0.0;
     if (k > 0.0) {
         double sinks = (felt - check->since[1]) / k, least = LEAST_ASKED * press->size + fabs(sinks) / press->slope;
         double rise = check->depth - check->since[0] - sinks - dot(3, check->grade, check->across);
+        rise = copysign(fmax(fabs(rise) - 2.0 * sqrt(2.0) * noise / k, 0.0), rise);
         double share = rise / (dot(3, check->across, check->across) + least * least);
         for (int i = 0; i < 3; i++)
             check->grade[i] += share * check->across[i];
@@ -205,7 +206,7 @@ static bool unanswered(const Press *press, const PressTick *tick, const Stiffnes
     rests(press, dt, felt, wanted, noise, check);
     double k = explaining(&check->evidence);
     if (k > 0.0 || check->evidence.sums[2][2] > STIRRED * check->evidence.noise + CHI || known->rose != 0.0)
-        heard(press, known, felt, k, check);
+        heard(press, known, felt, k, noise, check);
     bool begun = tick->noise > 0.0 && !rested && !isnan(check->rest[0]);
     bool unshown = begun && isnan(known->stiff) && check->silent >= PATIENT_FOR;
     return unshown || unseen(press, check, felt) > PRESSES * wanted || check->off > AVERAGED_FOR;

@@ -183,7 +183,7 @@ static void known_now(const Press *press, const Split *split, const Placed *plac
 {
     int n = split->n, presses = split->presses;
     bool touching = true;
-    double most = 0.0;
+    double most = 0.0, evidence = CERTAIN;
     for (int i = 0; (int)pressing->parts != n && i < n; i++)
         unknown_stiffness(setting->begins, &pressing->known[i]);
     for (int i = 0; (int)pressing->went != n && i < n; i++)
@@ -191,8 +191,10 @@ static void known_now(const Press *press, const Split *split, const Placed *plac
     pressing->parts = pressing->went = n;
     if (late && presses > 0)
         return;
-    for (int i = 0; i < presses; i++)
+    for (int i = 0; i < presses; i++) {
         touching = touching && pressing->touches[i].touching != 0.0;
+        evidence = fmin(evidence, pressing->touches[i].evidence);
+    }
     for (int i = 0; i < n; i++)
         most = fmax(most, fabs(placed->asked[i]));
     most = most > 0.0 ? most : INFINITY;
@@ -204,7 +206,7 @@ static void known_now(const Press *press, const Split *split, const Placed *plac
         if (there)
             known_after(&pressing->known[i], force, way, setting, lacks, i >= presses || (touch->touching != 0.0 && force > limit));
         else
-            in_air(&pressing->known[i], force, way, limit, setting);
+            in_air(&pressing->known[i], force, way, limit, i < presses ? touch->evidence : evidence, setting);
     }
 }
 

@@ -147,7 +147,7 @@ Touch weakest_touch(int n, const Touch *touches);
 double loss_limit(double lost_below, double wanted, double noise);
 void unknown_stiffness(double begins, Stiffness *known);
 bool is_known(const Stiffness *known);
-void in_air(Stiffness *known, double force, double way, double limit, const Setting *setting);
+void in_air(Stiffness *known, double force, double way, double limit, double evidence, const Setting *setting);
 void known_after(Stiffness *known, double force, double way, const Setting *setting, int lacks, bool felt);
 void shown_earlier(Stiffness *known, double earlier);
 void noise_after(Noise *noise, const double reading[6], const double last[6], double supposed);
@@ -186,11 +186,11 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 /* force/estimate.py */
 #define CERTAIN 13.815510557964274 /* log(1e6) */
 #define LOST_SHARE 0.1
+#define FELT_QUIET 0.25
 #define HALF 0.5
 #define LEAST_NOISE 0.25
 #define STIFF 2e5
 #define STIFFER 3.0
-#define FELT_QUIET 0.25
 #define LEAST_WAY 5.0
 #define DAMPED_BY 0.01
 #define SOFTEST 1e-3

@@ -123,7 +123,7 @@ class HybridTask(Value):
         edge_margin: float = 0.01,
         approach_speed: float = 0.02,
         approach_distance: float = 0.1,
-        approach_time: float = 20.0,
+        approach_time: float = inf,
         slide_speed: float = 0.1,
         max_force: float | None = None,
         max_moment: float | None = None,
@@ -166,7 +166,7 @@ class HybridTask(Value):
                 [length/s], beside what a slope asks for. Without a fixed compliance a touch is slower than this where
                 tick, delay and low-pass ask for it.
             approach_distance: after this way towards the contact without feeling it, stand still [length]; inf: never.
-            approach_time: likewise [s].
+            approach_time: likewise [s]; the way alone ends it by default.
             slide_speed: the most that an error of the target moves the tool along the contact [length/s], its turning
                 counted over `size`; inf is any. A feedforward is not limited: a path that comes with one is followed.
             max_force: force [N] above which the status is "overload"; None is 2.5 times the wanted one, the task's or

@@ -44,6 +44,7 @@ from invariantqp.force.contact import (
 )
 from invariantqp.force.estimate import (
     LEAST_NOISE,
+    LOST_SHARE,
     RESOLVED,
     ROUGH,
     SHORT,
@@ -735,7 +736,7 @@ class HybridController:
         """The stiffness of each constraint after a reading; of what is not touched nothing."""
         if self.memory.monitor.dead.unchanged > 0.0 and here.presses:
             return now.known
-        touching = all(touch.touching for touch in now.touches)
+        touching, overall = all(touch.touching for touch in now.touches), weakest_touch(now.touches)
         most = SHORT * (float(np.abs(here.wanted).max(initial=0.0)) or inf)
         made = []
         parts = zip(now.known, now.ways, here.force.tolist(), here.wanted.tolist(), strict=True)
@@ -746,7 +747,7 @@ class HybridController:
                 felt = not press or (now.touches[i].touching and force > limit)
                 made.append(known.after(force, way, setting, short, felt=felt))
             else:
-                made.append(known.in_air(force, way, limit, setting))
+                made.append(known.in_air(force, way, limit, now.touches[i] if press else overall, setting))
         return tuple(made)
 
     def _kept_gain(self, J: Array, here: Placed, now: Pressing, setting: Setting, noise: float) -> tuple[float, float]:
@@ -782,15 +783,16 @@ class HybridController:
         touching = all(touch.touching for touch in now.touches)
         grows, fastest = now.free and yields and not slow, task.approach_speed
         acts, stiffest = touching and yields, task.stiffness or 0.0
-        # What a lagging arm has not done yet can be taken back at a touch, what is sent and read late cannot.
-        striking = 2.0 * dt + (1.0 - TAKEN_BACK) * self._delay.arm
+        # What a lagging arm has not done yet can be taken back at a touch, what is sent late cannot. A touch is felt at
+        # the end of its tick, but for what passes for air.
+        striking, felt = dt + (1.0 - TAKEN_BACK) * self._delay.arm, 1.0 - LOST_SHARE
         least = min(task.stiffness or HELD_STIFF, HELD_STIFF)
         held = max(least, *((one.known or 0.0) / QUICKER for one in now.known), least)
         drives: list[Drive] = []
         for i, (drive, known) in enumerate(zip(now.drives, now.known, strict=True)):
             press, error = i < here.presses, float(here.wanted[i] - here.force[i])
             wanted = float(here.wanted[i]) if press else 0.0
-            gentle = touch_speed(task, wanted, striking) if press else 0.0
+            gentle = touch_speed(task, felt * wanted, striking) if press else 0.0
             released = monitor.release(task, i, setting.late, tick.across / dt, LET_GO * gentle) if press else None
             if task.compliance is not None:
                 top = fastest if slow and press else inf

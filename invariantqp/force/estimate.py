@@ -218,7 +218,7 @@ class Stiffness(NamedTuple):
         surprised, rose: whether the last reading was a surprise, and whether upwards.
         begins: the stiffness that it began with.
         time: since the touch [s].
-        quiet: smoothed way where nothing was felt last [length]; None before that.
+        quiet: smoothed way where nothing was felt last, certainly [length]; None before that.
         stiff: bound of the stiffness by the touch; None where none was seen.
         reached: whether the force has been near the wanted one since then.
         lacked: for how long too little (or, negative, too much) has been felt [s].
@@ -277,10 +277,18 @@ class Stiffness(NamedTuple):
         """What is late in the readings, times k: a force that comes late is as one damped by less than zero."""
         return max(-float(self.found[1]) - float(self.errors[1]), 0.0)
 
-    def in_air(self, force: float, way: float, limit: float, setting: Setting) -> Stiffness:
-        """The filters go on, and what was known is forgotten; `limit` is between air and contact [force]."""
+    def in_air(self, force: float, way: float, limit: float, touch: Touch, setting: Setting) -> Stiffness:
+        """The filters go on, and what was known is forgotten.
+
+        Args:
+            force: unit part that is felt, smoothed [force].
+            way: unit way that was commanded, as it shows now, not smoothed [length].
+            limit: between air and contact [force].
+            touch: where it is not certain that nothing is touched, a quiet reading may be noise.
+            setting: of this tick.
+        """
         x = self.way + setting.share * (way - self.way)
-        quiet = x if force <= QUIET * limit else self.quiet
+        quiet = x if force <= QUIET * limit and touch.evidence == -CERTAIN else self.quiet
         v = (x - self.way) / setting.dt
         return Stiffness.of(setting.begins)._replace(way=x, force=force, mean=np.array((x, v, 0.0, force)), quiet=quiet)
 

@@ -13,7 +13,7 @@ settling    the press swings, chatters or is not reached; told, and no reason to
 
 from __future__ import annotations
 
-from math import exp, inf, sqrt
+from math import copysign, exp, inf, sqrt
 from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
@@ -455,7 +455,7 @@ class Answers(NamedTuple):
         now = now.at_rest(task, tick.dt, press, wanted, noise)
         k = evidence.stiffness
         if k > 0.0 or evidence.stirs or known.rose:
-            now = now.heard(task, known, press, k)
+            now = now.heard(task, known, press, k, noise)
         begun = tick.noise > 0.0 and self.rest is None and now.rest is not None
         unshown = begun and known.stiff is None and now.silent >= PATIENCE
         if unshown or now.unseen(task, press) > PRESSES * wanted or now.off > AVERAGED:
@@ -470,7 +470,7 @@ class Answers(NamedTuple):
         """Of a contact that is touched anew."""
         return Answers(shown=self.shown, moves=self.moves, grade=self.grade)
 
-    def heard(self, task: HybridTask, known: Stiffness, press: float, shown: float) -> Answers:
+    def heard(self, task: HybridTask, known: Stiffness, press: float, shown: float, noise: float) -> Answers:
         """The same after readings that have answered or changed: how the surface rises where the tool slid.
 
         Args:
@@ -478,11 +478,13 @@ class Answers(NamedTuple):
             known: stiffness.
             press: measured [force].
             shown: the stiffness that an answer shows [force/length]; 0 for a change that is none.
+            noise: of the smoothed press [force]: what it may hide is no rise.
         """
         k, grade = known.known, self.grade
         if k is not None:  # where the force changes, too, the way says less of the surface
             sinks = (press - self.since[1]) / k
             rise = self.depth - self.since[0] - sinks - float(grade.dot(self.across))
+            rise = copysign(max(abs(rise) - 2.0 * sqrt(2.0) * noise / k, 0.0), rise)
             least = LEAST_ASKED * task.size + abs(sinks) / task.slope
             grade = grade + rise / (float(self.across.dot(self.across)) + least * least) * self.across
             grade = grade * min(1.0, task.slope / max(_length(grade), TINY))
@@ -534,7 +536,7 @@ class Answers(NamedTuple):
         if self.read > -CERTAIN and release.fell is None:
             if not rested and abs(press - release.force) > FELL_NOISE * noise:
                 shown = max((release.force - press) / gone, 0.0) if gone > 0.0 else 0.0
-                now = self.heard(task, known, press, shown)
+                now = self.heard(task, known, press, shown, noise)
                 none: Array = np.zeros(3)
                 return now._replace(touched=0.0, rested=0.0, rest=None, slid=none, far=0.0, off=0.0, release=None), None
             if gone > release.bound(task) and self.read == CERTAIN:

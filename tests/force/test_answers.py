@@ -29,7 +29,7 @@ def test_a_contact_with_a_damper_is_held(arm, stiffness, damping, told):
     assert run.press.max() < 1.5 * PRESS
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [2, 3])
 @pytest.mark.parametrize(("press", "stiffness"), [(2.0, 1e4), (10.0, 356.0)])
 def test_a_press_that_noise_nearly_hides_is_asked_gently(press, stiffness, seed):
     """Letting go ran away by up to 0.7 m while noise hid that nothing was touched; a soft one was a fault."""

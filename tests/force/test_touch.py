@@ -139,8 +139,8 @@ def test_a_reading_that_rises_no_further_is_not_pressed_on():
 
 def test_a_normal_told_wrong_by_five_degrees_costs_little():
     """A proportional law is off by v sin(5 deg) / c: more than half of the press here."""
-    tilted = press_on_plane(5.0, tilt=np.radians(5.0), seconds=3.0, period=12.0, dt=0.004)
-    assert rms(tilted, 5.0, 1.5) < 0.02
+    tilted = [press_on_plane(5.0, tilt=np.radians(5.0), seconds=3.0, period=12.0, dt=0.004, seed=k) for k in range(3)]
+    assert np.median([rms(run, 5.0, 1.5) for run in tilted]) < 0.02
     proportional = press_on_plane(5.0, tilt=np.radians(5.0), seconds=3.0, period=12.0, dt=0.004, compliance=1e-3)
     assert rms(proportional, 5.0, 1.5) > 0.1
 
