@@ -122,18 +122,20 @@ class NoPseudoinverse(InvariantQPError):
         self.gram_rank = gram_rank
         self.self_reciprocal = self_reciprocal
         self.principal_pitches = principal_pitches
+        super().__init__(self._message(listed(self_reciprocal)))
+
+    def _message(self, z: str) -> str:
+        """What to say, of the screw in words."""
         remedy = self._elsewhere or (
             "No h works for this system: use Complement(Z) to say what may be given up, or CarriedMetric(matrix, pose)"
         )
-        z = listed(self_reciprocal)
-        if gram_rank == rank:
-            super().__init__(
-                f"no {h:g}-pseudoinverse: the columns are so nearly dependent that rounding decides what they do along "
-                f"the screw ({z}). Leave out a column, or use damping."
+        if self.gram_rank == self.rank:
+            return (
+                f"no {self.h:g}-pseudoinverse: the columns are so nearly dependent that rounding decides what they do "
+                f"along the screw ({z}). Leave out a column, or use damping."
             )
-            return
-        super().__init__(
-            f"no {h:g}-pseudoinverse: the Gram matrix has rank {gram_rank}, the system rank {rank}; "
+        return (
+            f"no {self.h:g}-pseudoinverse: the Gram matrix has rank {self.gram_rank}, the system rank {self.rank}; "
             f"its screw z = ({z}) is paired to zero with all of it. {remedy}."
         )
 
@@ -151,16 +153,14 @@ class NoPolarDecomposition(NoPseudoinverse):
         h, rank, gram_rank, self_reciprocal, principal_pitches: as in `NoPseudoinverse`.
     """
 
-    def __init__(self, h: float, rank: int, gram_rank: int, self_reciprocal: Array, principal_pitches: Array) -> None:
-        super().__init__(h, rank, gram_rank, self_reciprocal, principal_pitches)
-        z = listed(self_reciprocal)
-        if gram_rank == rank:
+    def _message(self, z: str) -> str:
+        if self.gram_rank == self.rank:
             why = f"the gain of the screw z = ({z}) is so small beside the largest that it is rounding."
             remedy = "The joints are nearly dependent: leave one out."
         else:
             why = f"the joints move the tool by the screw z = ({z}), whose gain is zero."
             remedy = f"{self._elsewhere or 'No h works for this system'}."
-        self.args = (f"no polar decomposition for h = {h:g}: {why} {remedy}",)
+        return f"no polar decomposition for h = {self.h:g}: {why} {remedy}"
 
 
 class NoProjectors(NoPseudoinverse):
@@ -174,11 +174,13 @@ class NoProjectors(NoPseudoinverse):
     def __init__(
         self, h: float, system: str, ranks: tuple[int, int], self_reciprocal: Array, pitches: Array, choices: str
     ) -> None:
+        self.system, self._choices = system, choices
         super().__init__(h, *ranks, self_reciprocal, pitches)
-        self.system = system
+
+    def _message(self, z: str) -> str:
         away = f"{self._elsewhere}, or give" if self._elsewhere else "No h works for this type: give"
-        shared = f"S, {system}, shares the twist z = ({listed(self_reciprocal)}) with its h-reciprocal"
-        self.args = (f"no projectors for h = {h:g}: {shared}. {away} {choices}.",)
+        shared = f"S, {self.system}, shares the twist z = ({z}) with its h-reciprocal"
+        return f"no projectors for h = {self.h:g}: {shared}. {away} {self._choices}."
 
 
 class BlindSystem(InvariantQPError):

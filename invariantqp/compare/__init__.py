@@ -4,7 +4,7 @@ method                     what a row is, what every row is given; the loop arou
 ours  qp  linear  libraries    the rows, one family a file
 registry                   the table of all rows
 frames  watched  measurements  what is measured: other frames, a run under supervision, all of it
-sweep  stability           every measurement of every method on every task; problems at which methods fail
+sweep                      every measurement of every method on every task
 results  tables  chart  report    results.json; tables, chart, sentences and page made from it
 """
 

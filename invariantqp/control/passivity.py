@@ -27,6 +27,7 @@ from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.control.delay import LONGEST, DelayEstimate
+from invariantqp.control.memory import ticks_late
 from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -41,8 +42,6 @@ SMOOTHED = 0.1
 REFILL = 10.0
 # More than this share of the store has left beyond what may: the robot, or what it meets, is not as declared.
 OVERSPENT = 0.5
-# The longest delay of a robot that can be declared [s]; with more nobody steers.
-LONGEST_TOLD = 10.0
 # A robot is later than declared by more than so many ticks.
 LATE_TICKS = 1.5
 # Time over which the robot's answer is remembered [s]: a few swings of a hand.
@@ -105,17 +104,16 @@ class LinkEnd:
 
         Raises:
             BadInput: not a positive tick, another word, a negative store or delay, a timeout or a stiffness that is not
-                positive, a delay of more than 10 s or without a stiffness, a stiffness at the device.
+                positive, a delay of more than 10 000 ticks or without a stiffness, a stiffness at the device.
         """
         self.dt: float = arrays.number(dt, "dt", "seconds", positive=True)
         self.passes: str = arrays.choice(passes, "passes", ("twist", "wrench"))
         self.store: float = arrays.not_negative(store, "store", "an energy")
         self.timeout: float = arrays.number(timeout, "timeout", "seconds", positive=True)
         late = arrays.not_negative(delay, "delay", "seconds")
+        ticks_late(late, self.dt)  # refuses one that is too long
         self._hard = stiffness is not None
         k = 0.0 if stiffness is None else arrays.number(stiffness, "stiffness", "a stiffness", positive=True)
-        if late > LONGEST_TOLD:
-            raise BadInput("delay", f"{late:g} s", f"{LONGEST_TOLD:g} s at most")
         if late and not self._hard:
             raise BadInput("stiffness", "none beside a delay", "that of the hardest thing that the tool may meet")
         if self._hard and self.passes == "wrench":

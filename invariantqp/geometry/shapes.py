@@ -32,40 +32,23 @@ class Core(IntEnum):
 
 
 class Shape:
-    """A shape in a frame, and where that frame is now.
+    """A shape in a frame, and where that frame is now."""
 
-    Attributes:
-        name: what reasons call it, "" for what it is ("box").
-        core: what it is round of.
-        radius: thickness of the round [length].
-        half: (3,) half sizes of the core along its own axes [length].
-        place: (4, 4) the core in the frame in which the shape is given.
-        pose: (4, 4) that frame now, in the base frame; the identity until it is moved.
-        twist: (6,) of that frame now, in the base frame [rad/s; length/s].
-        solid: what tells distances of a mesh; None of other shapes.
-    """
-
-    name: str
-    core: Core
-    radius: float
-    half: Array
-    place: Array
-    pose: Array
-    twist: Array
-    solid: Any = None
+    name: str  # what reasons call it, "" for what it is ("box")
+    core: Core  # what it is round of
+    radius: float  # thickness of the round [length]
+    half: Array  # (3,) half sizes of the core along its own axes [length]
+    place: Array  # (4, 4) the core in the frame in which the shape is given
+    pose: Array  # (4, 4) that frame now, in the base frame; the identity until it is moved
+    twist: Array  # (6,) of that frame now, in the base frame [rad/s; length/s]
+    solid: Any = None  # what tells distances of a mesh; None of other shapes
 
     def __init__(self, core: Core, radius: float, half: ArrayLike, place: Array, name: str) -> None:
         """A shape from its parts; use Sphere, Capsule, Box or HalfSpace."""
         if not isinstance(name, str):
             raise BadInput("name", excerpt(name), "text, which reasons call it by")
-        fixed = {
-            "name": name,
-            "core": core,
-            "radius": radius,
-            "half": own(np.asarray(half, float)),
-            "place": own(place),
-        }
-        vars(self).update(fixed, pose=own(np.eye(4)), twist=own(np.zeros(6)))
+        vars(self).update(name=name, core=core, radius=radius, half=own(np.asarray(half, float)), place=own(place))
+        vars(self).update(pose=own(np.eye(4)), twist=own(np.zeros(6)))
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"{name} of a shape does not change; move(pose, twist) moves it, another one is made anew")

@@ -8,6 +8,8 @@ larger than the link; two capsules are taken where they are so much smaller than
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from functools import lru_cache
 from itertools import product
 from math import cos, pi, sin
 from pathlib import Path
@@ -23,7 +25,7 @@ from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.shapes import Box, Capsule, HalfSpace, Shape, Sphere
 from invariantqp.robots.chain import Chain, Geometry, Link
-from invariantqp.robots.kinematics import Robot, remembered
+from invariantqp.robots.kinematics import Robot
 
 # Two capsules replace one where they have less than this share of its volume.
 WORTHWHILE = 0.7
@@ -34,8 +36,6 @@ SIDES = 24
 CELLS = 80
 # Which cut is best is told by one triangle of so many.
 SOME = 4
-# A direction that tells points apart: no two of a mesh are equally far along it.
-APART = np.array([0.5477225575051661, 0.31622776601683794, 0.7745966692414834])
 # The search for a capsule's axis, in units of its size: how it begins, and that it ends where a step saves less volume.
 SEARCH = {"maxiter": 300, "fatol": 1e-3, "xatol": 1e-2, "initial_simplex": 0.2 * np.vstack((np.zeros(4), np.eye(4)))}
 Bodies = dict[str, list[Shape]]
@@ -44,7 +44,7 @@ Bodies = dict[str, list[Shape]]
 def bodies_of(robot: Robot) -> Bodies:
     """The shapes of each link in its frame, in the order of the links; those without geometry are left out.
 
-    They are computed once for each arm of a URDF or MJCF: capsules for meshes take a tenth of a second a link.
+    Those of a link are computed once in a process: capsules for meshes take a tenth of a second.
 
     Raises:
         BadInput: a robot whose description has no collision geometry.
@@ -59,20 +59,27 @@ def bodies_of(robot: Robot) -> Bodies:
             "none, and a robot known without collision geometry",
             "shapes of its links: bodies={link: [Capsule(a, b, radius), ...]}",
         )
-    links = robot.links
-    return remembered(robot, "bodies", lambda _: {link.name: made for link in links if (made := _shapes(link))})
+    made = {link.name: list(_shapes(link.parts, _written(link))) for link in robot.links}
+    return {name: shapes for name, shapes in made.items() if shapes}
 
 
-def _shapes(link: Link) -> list[Shape]:
+def _written(link: Link) -> tuple[int, ...]:
+    """When the mesh files of a link were written last."""
+    files = [Path(part.mesh) for part in link.parts if part.kind == "mesh" and isinstance(part.mesh, str)]
+    return tuple(file.stat().st_mtime_ns for file in files if file.is_file())
+
+
+@lru_cache(maxsize=256)
+def _shapes(parts: tuple[Geometry, ...], _written: tuple[int, ...]) -> tuple[Shape, ...]:
     made: list[Shape] = []
     triangles: list[Array] = []
-    joined = {"mesh", "cylinder"} | ({"box"} if sum(part.kind != "sphere" for part in link.parts) > 1 else set())
-    for part in link.parts:
+    joined = {"mesh", "cylinder"} | ({"box"} if sum(part.kind != "sphere" for part in parts) > 1 else set())
+    for part in parts:
         if part.kind in joined:
             triangles.append(_surface(part).dot(part.pose[:3, :3].T) + part.pose[:3, 3])
         else:
             made.append(_plain(part))
-    return [*made, *capsules(np.concatenate(triangles))] if triangles else made
+    return (*made, *(capsules(np.concatenate(triangles)) if triangles else ()))
 
 
 def _plain(part: Geometry) -> Shape:
@@ -162,12 +169,10 @@ def _thinned(part: Array) -> Array:
 
 def capsule(points: Array, *, searched: bool = True) -> Capsule:
     """A small capsule that contains all points (n, 3): along a principal axis, or the best of a search about each."""
-    points = points[np.unique(points.dot(APART), return_index=True)[1]]  # corners of triangles, once each
-    try:
+    points = np.unique(points, axis=0)  # corners of triangles, once each
+    with suppress(QhullError):  # all on one plane or line
         hull: Any = ConvexHull(points)
         points = points[hull.vertices]
-    except QhullError:  # all on one plane or line
-        points = np.unique(points, axis=0)
     centre = points.mean(axis=0)
     size = float(np.abs(points - centre).max())
     if size == 0.0:

@@ -29,12 +29,13 @@ LIMITS = ("position_lower", "position_upper", "velocity_limit")
 ARGUMENTS = ("screws", "home", "names", *LIMITS, "tool", "places", "links")
 
 
-class Geometry(NamedTuple):
+@frozen(eq=False, repr=False, slots=False)
+class Geometry(Value):
     """A part of a link."""
 
     kind: str  # "sphere", "capsule", "cylinder", "box", "plane", "mesh", or "unreadable"
     size: tuple[float, ...]  # radius; radius and length of the straight part, along z; whole edges; a mesh's scale
-    pose: Array  # (4, 4) in the link's frame
+    pose: Array = field(converter=own)  # (4, 4) in the link's frame
     mesh: Any = None  # path of its file, or (n, 3) points of which it is the hull; of the unreadable, why
 
 

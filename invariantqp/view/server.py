@@ -97,10 +97,6 @@ class Viewer:
     def play(self, trace: Trace) -> None:
         """Show a run that is done, until interrupted or closed."""
         self.show(timeline_of(trace))
-        self.serve()
-
-    def serve(self) -> None:
-        """Answer browsers until interrupted or closed."""
         while not self._closed.wait(0.1):  # Ctrl-C is not heard during a wait without an end everywhere
             pass
 

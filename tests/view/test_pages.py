@@ -405,7 +405,7 @@ def test_a_port_that_there_is_not_is_refused(task, port):
         iq.view.Viewer(task, port=port)
 
 
-def test_a_server_starts_serves_and_stops(task, trace, timeline, capfd):
+def test_a_server_starts_serves_and_stops(task, trace, capfd):
     viewer = iq.view.Viewer(task, port=0)
     port = int(viewer.url.rsplit(":", 1)[1])
     try:
@@ -413,8 +413,7 @@ def test_a_server_starts_serves_and_stops(task, trace, timeline, capfd):
         with urllib.request.urlopen(viewer.url) as answer:
             assert answer.status == 200
             assert b"<title>short</title>" in answer.read()
-        viewer.show(timeline)
-        serving = threading.Thread(target=viewer.serve)
+        serving = threading.Thread(target=viewer.play, args=(trace,))
         serving.start()
     finally:
         viewer.close()
