@@ -5,7 +5,7 @@ minutes on an idle machine (extras robots, peers, placo, drake), draw charts, an
 
     python examples/07_speed_and_accuracy.py --measure
 
-Run: python examples/07_speed_and_accuracy.py [picture.svg]      draws the chart and prints table and verdict
+Run: python examples/07_speed_and_accuracy.py [picture.svg]      prints table and verdict, and draws the chart
      python examples/07_speed_and_accuracy.py --readme           draws the charts, writes README's part and the page
      python examples/07_speed_and_accuracy.py --everyday         measures the everyday tasks, a minute; writes the page
 """
@@ -49,9 +49,10 @@ def main(word):
         write_section(HERE.parent / "README.md", listed(losses(results)))
         print("\nREADME.md has where ours loses, examples/guide/comparison.md the tables, examples/pictures the charts")
     elif word != "--everyday":
-        chart.draw(results, Path(word))
+        if word:
+            chart.draw(results, Path(word))
         print(f"\nmeasured on {results['machine']['processor']}; to do so again: invariantqp compare --out DIR")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "speed_and_accuracy.svg")
+    main(sys.argv[1] if len(sys.argv) > 1 else "")

@@ -124,12 +124,6 @@ def posture_of(robot: Robot, law: LawSpec) -> tuple[Array, Array]:
     return controller.posture_of(law.posture, law.posture_gain, robot)
 
 
-def setting_of(robot: Robot, law: LawSpec) -> LoopSetting:
-    """What methods are given of an arm; the point is in its tool frame."""
-    point = np.asarray(law.point, np.float64)
-    return LoopSetting(len(robot.names), law.dt, point, ToolMeasure(robot, point, law.length).length)
-
-
 class MethodLaw:
     """The loop of one method."""
 
@@ -137,14 +131,15 @@ class MethodLaw:
         """Of `law`, dt, gain, delay, acceleration_limit, point, length, posture, exact and position_margin count."""
         self._name, self._robot, self._read = name, robot, state_reader(robot)
         self._gain = tracking_gain(law.gain, law.dt, law.delay)
-        setting = setting_of(robot, law)
+        point = np.asarray(law.point, np.float64)
+        setting = LoopSetting(len(robot.names), law.dt, point, ToolMeasure(robot, point, law.length).length)
         self._solve = make(setting)
         self._middle, self._pull = posture_of(robot, law)
         limits = robot.position_lower, robot.position_upper, robot.velocity_limit
         self._box = JointBox(*limits, law.dt, law.position_margin)
         self._reach = AccelerationReach(law, setting.m)
-        self._exact, self._point = law.exact is not None, setting.point
-        self._at_point = root_at(setting.point, 1.0)[3:]
+        self._exact, self._point = law.exact is not None, point
+        self._at_point = root_at(point, 1.0)[3:]
         self._none = np.zeros((0, setting.m)), np.zeros(0)
 
     def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:

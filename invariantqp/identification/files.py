@@ -115,7 +115,9 @@ def _recording(columns: dict[str, Array], name: str, robot: Robot | None) -> Fil
     readings = _stacked(columns, (*moment, *FORCE))
     time = next((columns[w] for w in ("time", "t") if w in columns), None)
     if time is not None:
-        _evenly(time, name)
+        steps = np.diff(time)
+        for k in np.flatnonzero(~((steps > 0.0) & np.isfinite(steps)))[:1].tolist():
+            raise BadInput(name, f"time that does not grow after sample {k}", "seconds, evenly spaced")
     if "poses" in columns:
         return File(time, None, columns["poses"], readings)
     if all(w in columns for w in POSE):
@@ -144,12 +146,6 @@ def _positions(columns: dict[str, Array], name: str, robot: Robot) -> Array:
         k = int(np.flatnonzero(~np.isfinite(q).all(axis=1))[0])
         raise BadInput(name, f"NaN or infinity in sample {k}", "joint positions", "Leave such samples out.")
     return q
-
-
-def _evenly(time: Array, name: str) -> None:
-    steps = np.diff(time)
-    for k in np.flatnonzero(~((steps > 0.0) & np.isfinite(steps)))[:1].tolist():
-        raise BadInput(name, f"time that does not grow after sample {k}", "seconds, evenly spaced")
 
 
 def quaternion_poses(values: Array, name: str) -> Array:

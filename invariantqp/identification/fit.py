@@ -365,7 +365,8 @@ def starts(model: Model, samples: Samples) -> list[Start]:
         return [(poses(np.eye(3), q), poses(np.eye(3), p), np.zeros(0))]
     if model.kind == "slide":
         base = framed(travel[0], t.mean(axis=0))
-        return [(base, _facing(nearest_rotation(R.mean(axis=0)), base), np.zeros(0))]
+        tool = poses(nearest_rotation(R.mean(axis=0)).T @ base[:3, :3], np.zeros(3))  # A^-1 X B does not turn
+        return [(base, tool, np.zeros(0))]
     axes = [(Vt[0], U[:, 0] * np.sign(U[:, 0] @ (middle[:3, :3] @ Vt[0])))] if turns else []
     if model.kind == "face":
         pushed = applied(R, w[:, 3:]).mean(axis=0)
@@ -391,11 +392,6 @@ def _about(model: Model, samples: Samples, R: Array, t: Array, a: Array, b: Arra
     pitch, rest = np.linalg.lstsq(np.stack((turned, np.ones_like(turned)), axis=1), C[:, 2, 3], rcond=None)[0]
     base[:3, 3] += rest * base[:3, 2]
     return base, tool, np.array([pitch])
-
-
-def _facing(R: Array, base: Array) -> Array:
-    """B with which A^-1 X B does not turn, where R is the mean of X."""
-    return poses(R.T @ base[:3, :3], np.zeros(3))
 
 
 def _held(R: Array, t: Array, across: Array) -> tuple[Array, Array]:

@@ -20,7 +20,7 @@ from invariantqp.robots.compose import stand_on
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.published import PUBLISHED, published
 from invariantqp.robots.tree import chain_to_link
-from invariantqp.robots.urdf import disabled, excluding, is_text, joints_of, joints_of_yourdfpy, parts_of, read_xml
+from invariantqp.robots.urdf import disabled, excluding, is_text, joint_of_yourdfpy, joints_of, parts_of, read_xml
 
 DATA = "example-robot-data"
 SOURCES = (
@@ -178,7 +178,7 @@ def _of_library(model: Any, tool: str | None, joints: Sequence[str] | None) -> C
         from invariantqp.robots.mujoco import load_mujoco
 
         return load_mujoco(model, tool, joints)
-    return chain_to_link(joints_of_yourdfpy(model), "the yourdfpy model", tool, joints)
+    return chain_to_link(list(map(joint_of_yourdfpy, model.robot.joints)), "the yourdfpy model", tool, joints)
 
 
 def _chain(screws: ArrayLike, home: str | ArrayLike | None, names: tuple[str, ...] | None) -> Chain:

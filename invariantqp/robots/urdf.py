@@ -214,12 +214,8 @@ def _numbers(where: str, element: ET.Element | None, key: str, default: str, cou
     return numbers
 
 
-def joints_of_yourdfpy(urdf: Any) -> list[TreeJoint]:
-    """The joints of a `yourdfpy.URDF`."""
-    return [_of_yourdfpy(joint) for joint in urdf.robot.joints]
-
-
-def _of_yourdfpy(joint: Any) -> TreeJoint:
+def joint_of_yourdfpy(joint: Any) -> TreeJoint:
+    """A joint of a `yourdfpy.URDF`."""
     origin = np.eye(4) if joint.origin is None else np.array(joint.origin, np.float64)
     axis = np.array((1.0, 0.0, 0.0) if joint.axis is None else joint.axis, np.float64)
     limit = None if joint.type == "continuous" else joint.limit

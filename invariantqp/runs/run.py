@@ -29,8 +29,6 @@ from invariantqp.velocity.solution import VelocitySolution
 
 # An h that comes this close to a principal pitch, relative to h, is worth a note.
 NEAR_PITCH = 0.1
-# States at which principal pitches are looked at: a path is smooth, and every tick would cost time.
-PITCH_SAMPLES = 200
 # An elastic path may take this many times as long as its timing says.
 LONGEST = 10
 Observer = Callable[[int, PlantState, VelocitySolution], None]
@@ -52,12 +50,10 @@ def warnings_of(robot: Robot, form: Form | None, q: Array, solutions: Sequence[V
 
 def _about_pitches(robot: Robot, h: float, q: Array) -> list[str]:
     """Whether h works for this arm along the way."""
-    pitches: list[float] = []
-    for state in q[:: max(1, len(q) // PITCH_SAMPLES)]:
-        try:
-            pitches += principal_pitches(robot.jacobian(state)).tolist()
-        except BlindSystem as blind:
-            return [f"no pitch form sees all of this arm: {blind}"]
+    try:
+        pitches = [p for state in q for p in principal_pitches(robot.jacobian(state)).tolist()]
+    except BlindSystem as blind:
+        return [f"no pitch form sees all of this arm: {blind}"]
     nearest = min(pitches, key=lambda p: abs(p - h), default=None)
     if nearest is None or abs(nearest - h) > NEAR_PITCH * abs(h):
         return []

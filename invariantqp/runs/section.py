@@ -89,15 +89,11 @@ def _place(location: tuple[int | str, ...], root: type[BaseModel], unknown: bool
     for part in location:
         if isinstance(part, int):
             path += f"[{part}]"
-        elif _is_key(part, below) or (unknown and part == location[-1]):
+        elif any(part in table.model_fields for table in below) or (unknown and part == location[-1]):
             path, key, tables, below = f"{path}.{part}", part, below, _tables_at(part, below)
         else:
             below = [table for table in below if _is_kind(table, part)] or below
     return _Place(path, key, tables)
-
-
-def _is_key(name: str, tables: Models) -> bool:
-    return any(name in table.model_fields for table in tables)
 
 
 def _tables_at(key: str, tables: Models) -> Models:

@@ -367,12 +367,14 @@ def existence(J: ArrayLike, h: float) -> Existence:
     angle, meets = _least_angle(view)
     distance, tangent = _pitch_distance(twists, pitch, view)
     singular = found.gram_rank < found.rank
+    Q = pitch_form(pitch / view.system.unit)
+    mu = np.linalg.eigvalsh(view.system.basis.T.dot(Q).dot(view.system.basis))
     return Existence(
         h=pitch,
         rank=found.rank,
         condition=found.condition,
         gram_rank=found.gram_rank,
-        gram_eigenvalue=_gram_eigenvalue(view.system, pitch),
+        gram_eigenvalue=float(np.abs(mu).min() / np.abs(Q).max()),
         angle=angle,
         pitch_distance=distance,
         degenerate=(singular, meets, tangent),
@@ -406,12 +408,6 @@ def _view(twists: Array, h: float, found: Factors) -> _View:
     length = max(system.unit, abs(h))
     sizes = np.linalg.norm(system.scaled(twists), axis=0)
     return _View(system, sizes, np.linalg.qr(found.screws / lengths(length))[0], pitch_form(h / length), length)
-
-
-def _gram_eigenvalue(system: Span, h: float) -> float:
-    Q = pitch_form(h / system.unit)
-    mu = np.linalg.eigvalsh(system.basis.T.dot(Q).dot(system.basis))
-    return float(np.abs(mu).min() / np.abs(Q).max())
 
 
 def _least_angle(view: _View) -> tuple[float, bool]:

@@ -89,7 +89,7 @@ def _parts(visuals: list[Visual], links: dict[str, Link]) -> Iterator[Part]:
     for name, part, colour in visuals:
         link = links[name]
         place = link.frame.dot(part.pose)
-        own = None if colour is None else _bytes(colour)
+        own = None if colour is None else (round(255 * colour[0]), round(255 * colour[1]), round(255 * colour[2]))
         for mesh in _shapes(part, read):
             vertices = mesh.vertices.dot(place[:3, :3].T) + place[:3, 3]
             found.append((link.body, mesh._replace(vertices=vertices, colour=mesh.colour or own or GREY)))
@@ -123,8 +123,3 @@ def _shapes(part: Geometry, read: Callable[[Path], list[Mesh]]) -> list[Mesh]:
             for mesh in read(Path(part.mesh))
         ]
     return [meshes.plain(part.kind, part.size)]
-
-
-def _bytes(colour: tuple[float, ...]) -> tuple[int, int, int]:
-    red, green, blue = (round(255 * x) for x in colour[:3])
-    return red, green, blue

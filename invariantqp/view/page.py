@@ -28,7 +28,8 @@ KEYED = 3
 
 def page(timeline: Timeline, *, live: bool = False) -> str:
     """The file's text; a live page asks its server for the run that it shows, again and again."""
-    scripts = [_script(name) for name in (*SCRIPTS, "live.js")[: None if live else -1]]
+    files = (*SCRIPTS, "live.js") if live else SCRIPTS
+    scripts = [(resources.files(__package__) / name).read_text(encoding="utf-8") for name in files]
     run = {**drawn(timeline), "live": live, "parts": [_part(part) for part in timeline.appearance.parts]}
     values = {"title": timeline.title, "about": timeline.about, "run": run, "scripts": scripts}
     return fill_template("invariantqp.view", "page.html", values)
@@ -42,10 +43,6 @@ def animation(trace: Trace, file: Path | str) -> Path:
     except OSError as error:
         raise BadInput(str(file), error.strerror or str(error), "a file that can be written") from error
     return Path(file)
-
-
-def _script(name: str) -> str:
-    return (resources.files(__package__) / name).read_text(encoding="utf-8")
 
 
 def drawn(timeline: Timeline) -> dict[str, Any]:

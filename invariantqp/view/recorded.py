@@ -37,6 +37,9 @@ def timeline_of_recording(
     time = seconds(file)
     n = len(time)
     at = np.unique(np.linspace(0, n - 1, min(n, FRAMES)).round().astype(int))
+    kinds = "; ".join(
+        p.kind or f"undecided ({', '.join(dict.fromkeys(c.kind for c in p.candidates))})" for p in found.segments
+    )
     part = max(found.segments, key=lambda p: p.stop - p.start)
     shown = part.candidates[0] if part.candidates else None
     mark = _touching(shown, file.poses[part.start])
@@ -46,7 +49,7 @@ def timeline_of_recording(
     q = arm["q"]
     timeline = Timeline(
         title=title,
-        about=f"A recording: {'; '.join(_kind_of(p) for p in found.segments)}.",
+        about=f"A recording: {kinds}.",
         time=time[at],
         appearance=Appearance() if source is None or robot is None else appearance_of(robot, partial(urdf_of, source)),
         wanted=tool,
@@ -95,10 +98,6 @@ def _forces(shown: Candidate | None, poses: Array, force: Array) -> CurveChart:
     local = np.einsum("nji,nj->ni", frames[:, :3, :3], force)
     parts = np.stack((local[:, 2], np.linalg.norm(local[:, :2], axis=1)))
     return CurveChart(title, ("along z of the contact", "across it"), parts, (ORANGE, SKY))
-
-
-def _kind_of(part: Identification) -> str:
-    return part.kind or f"undecided ({', '.join(dict.fromkeys(c.kind for c in part.candidates))})"
 
 
 def _status(found: Identification, k: int) -> str:

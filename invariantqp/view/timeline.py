@@ -132,7 +132,7 @@ def timeline_of(trace: Trace) -> Timeline:
     n = len(trace.velocity)
     ends = np.unique(np.linspace(0, n, min(n + 1, FRAMES)).round().astype(int))
     went = "Accepted." if trace.passed else f"Not accepted: {'; '.join(trace.shortfalls)}."
-    then = trace.velocity[np.maximum(ends - 1, 0)]
+    then, errors = trace.velocity[np.maximum(ends - 1, 0)], np.maximum(extremes(errors_of(trace), ends), NEGLIGIBLE)
     drawn = _timeline(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends])
     drawn = replace(drawn, speed=extremes(trace.velocity, ends))
     return replace(
@@ -140,19 +140,19 @@ def timeline_of(trace: Trace) -> Timeline:
         about=f"{trace.task.about} {went}",
         **states(trace.statuses, trace.limit_active, ends),
         charts=(
-            _error_chart(trace, ends),
+            CurveChart(ERROR, tuple(CURVES), errors.T, tuple(CURVES.values()), log=True),
             *_clearance_charts(trace.clearance, ends),
             *_force_charts(trace.contact, ends),
             *limit_charts(drawn),
         ),
-        travel=np.array([_tool_velocity(robot, *state) for state in zip(trace.q[ends], then, strict=True)]),
+        travel=np.array(
+            [
+                se3.velocity_at(robot.jacobian(q).dot(velocity), robot.pose(q)[:3, 3])
+                for q, velocity in zip(trace.q[ends], then, strict=True)
+            ]
+        ),
         force=None if trace.contact is None else trace.contact.wrench[np.maximum(ends - 1, 0), 3:],
     )
-
-
-def _tool_velocity(robot: Robot, q: Array, velocity: Array) -> Array:
-    """(3,) velocity of the tool frame's origin at joint positions and velocities (m,)."""
-    return se3.velocity_at(robot.jacobian(q).dot(velocity), robot.pose(q)[:3, 3])
 
 
 def timeline_before(task: Task) -> Timeline:
@@ -233,11 +233,6 @@ def _ticks(ends: Array) -> list[tuple[int, int]]:
 def colours(joints: int) -> tuple[str, ...]:
     """A colour for each joint."""
     return tuple(SCREEN_COLOURS[i % len(SCREEN_COLOURS)] for i in range(joints))
-
-
-def _error_chart(trace: Trace, ends: Array) -> CurveChart:
-    values = np.maximum(extremes(errors_of(trace), ends), NEGLIGIBLE).T
-    return CurveChart(ERROR, tuple(CURVES), values, tuple(CURVES.values()), log=True)
 
 
 def _clearance_charts(clearance: ClearanceTrace | None, ends: Array) -> list[CurveChart]:
