@@ -29,6 +29,7 @@ from invariantqp.control.limits import (
     Rows,
     limits_of,
     loop_of,
+    require_range,
     row_limit,
     tool_speed_of,
 )
@@ -152,7 +153,7 @@ class Controller:
             acceleration_limit: (m,) or one for all joints [rad/s^2, length/s^2], inf where there is none; a joint then
                 also keeps room to brake before its position limits, and the tool before its target. None is no limit.
             delay: dead time between a command and its effect on the next measurement, beyond one tick [s].
-            position_margin: distance kept from position limits [rad, length].
+            position_margin: distance kept from position limits [rad, length], less than half of any joint's range.
             tool_speed: the largest speed of a point of the tool [length/s], 0.25 m/s beside a person; a number is the
                 limit of the tool frame's origin.
             rows: LimitRows on the joint velocity, or a function of q (m,) that returns them (or None) in every tick.
@@ -218,6 +219,7 @@ class Controller:
         if acceleration_limit is not None:
             told.append(AccelerationLimit(accelerations(acceleration_limit, m)))
         margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
+        require_range(robot.position_lower, robot.position_upper, margin, "position_margin")
         told += [JointLimits(margin=margin)] if margin > 0.0 else []
         self._limits = LoopLimits.of(loop_of(robot, self.dt, self.delay), told, far_outside, turning)
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]

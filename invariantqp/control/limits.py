@@ -179,7 +179,8 @@ class JointLimits(Value, Limit):
         """The loop inside these limits.
 
         Raises:
-            BadInput: another number of joints; a range that has nothing in common with the loop's.
+            BadInput: another number of joints; a range that has nothing in common with the loop's, or that the margin
+                takes whole.
         """
         m = len(loop.velocity_limit)
         for limits in (self.position_lower, self.position_upper, self.velocity_limit):
@@ -198,7 +199,24 @@ class JointLimits(Value, Limit):
             )
         fastest = np.minimum(loop.velocity_limit, self.velocity_limit)
         margin = max(loop.margin, self.margin)
+        require_range(low, high, margin, "limits")
         return loop._replace(position_lower=low, position_upper=high, velocity_limit=fastest, margin=margin)
+
+
+def require_range(low: Array, high: Array, margin: float, argument: str) -> None:
+    """Refuse a margin that leaves a joint with a range [low, high] none of it; one that is locked has none to leave.
+
+    Raises:
+        BadInput: by the argument's name.
+    """
+    gone = (high > low) & (2.0 * margin >= high - low)
+    if gone.any():
+        i = int(gone.argmax())
+        raise BadInput(
+            argument,
+            f"a margin of {margin:g}, which leaves joint {i} nothing between {low[i]:g} and {high[i]:g}",
+            "less than half of every joint's range",
+        )
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)

@@ -30,12 +30,20 @@ bool is_met(int n, const Row A[6], const double b[6], const Row x, double tolera
            square <= PRODUCT_ROUNDING * PRODUCT_ROUNDING * size * size * dot(n, x, x);
 }
 
-/* Whether nothing moves towards the twist or along the exact rows, short of both. */
+/* A measured twist up to which nothing is to move, as an error of a pose that may stay. */
+static double nothing(const Demand *demand)
+{
+    return demand->chased ? GROWING * demand->chase.slack : 0.0;
+}
+
+/* Whether nothing moves towards a twist or along the exact rows, short of both. */
 static bool is_stuck(const Demand *demand, const Row A[6], const double wanted[6], const Row x, double share)
 {
     if (demand->rows > 0 && share > PROGRESS_SHARE)
         return false;
     double along = 0.0, square = dot(6, wanted, wanted);
+    if (square <= nothing(demand) * nothing(demand))
+        return false;
     for (int i = 0; i < 6; i++)
         along += wanted[i] * dot(demand->m, A[i], x);
     return along < PROGRESS_SHARE * square && !is_met(demand->m, A, wanted, x, QP_ROUNDING);
@@ -99,10 +107,10 @@ Outcome clipped(const Demand *demand, const Row y, Solution *solution)
 }
 
 /* Whether the errors of position and angle each fall at FALLING of the rate asked for; those within slack do
-   not grow by more than GROWING of it. */
+   not grow by more than GROWING of it, nor does any by what moves beside it. */
 static bool falls(const Demand *demand, const Row x)
 {
-    double asked[6], done[6], twist[6];
+    double asked[6], done[6], twist[6], left[6], growing = nothing(demand);
     if (!demand->chased)
         return false;
     for (int i = 0; i < 6; i++)
@@ -112,26 +120,28 @@ static bool falls(const Demand *demand, const Row x)
     for (int i = 0; i < 6; i++)
         twist[i] = dot(demand->m, demand->J[i], x) - demand->chase.ahead[i];
     for (int i = 0; i < 6; i++)
-        done[i] = dot(6, demand->root[i], twist);
+        left[i] = asked[i] - (done[i] = dot(6, demand->root[i], twist));
     int size = demand->chase.apart ? 3 : 6;
     for (int i = 0; i < 6; i += size) {
         double rate = norm(size, asked + i);
-        double least = fmax(FALLING * rate - demand->chase.slack, -GROWING * demand->chase.slack);
-        if (!(dot(size, asked + i, done + i) >= rate * least))
+        double least = fmax(FALLING * rate - demand->chase.slack, -growing);
+        if (!(dot(size, asked + i, done + i) >= rate * least && norm(size, left + i) <= rate + growing))
             return false;
     }
     return true;
 }
 
 /* The share of the measured twist that x misses, or of what is possible of it; 0 where it is met but for rounding. */
-static double missed_share(int m, const Row A[6], const double wanted[6], const double *possible, const Row x)
+static double missed_share(const Demand *demand, const Row A[6], const double wanted[6], const double *possible,
+                           const Row x)
 {
+    int m = demand->m;
     double left[6], size = norm(6, possible);
     if (is_met(m, A, wanted, x, QP_ROUNDING) || (possible != wanted && is_met(m, A, possible, x, QP_ROUNDING)))
         return 0.0;
     for (int i = 0; i < 6; i++)
         left[i] = possible[i] - dot(m, A[i], x);
-    return size > 0.0 ? norm(6, left) / size : INFINITY;
+    return size > nothing(demand) ? norm(6, left) / size : INFINITY;
 }
 
 /* tick.py, _followed: how much of a chase counts as motion of the task */
@@ -200,7 +210,7 @@ Outcome reported(const Demand *demand, const Row A[6], const double wanted[6], c
     solution->slow = share->value < WHOLE_SPEED;
     solution->m = demand->m;
     solution->stuck = is_stuck(demand, A, wanted, solution->velocity, share->value);
-    solution->missed = missed_share(demand->m, A, wanted, possible, solution->velocity);
+    solution->missed = missed_share(demand, A, wanted, possible, solution->velocity);
     solution->limited = solution->stuck || (solution->missed > MISSED_SHARE && !falls(demand, solution->velocity));
     solution->damping = solution->missed > 0.0 ? objective->damping : 0.0;
     solution->method = solution->slow || found->met ? QP : solution->damping > 0.0 ? DAMPED : CLOSED_FORM;

@@ -132,13 +132,12 @@ class JointBox(Value):
     ) -> None:
         """From limits (m,) that are already checked [rad, length; per s], inf where there is none, for ticks of dt [s].
 
-        `margin` is kept from position limits; a range too short for it shrinks to its middle.
+        `margin`, less than half of any range, is kept from position limits; a locked joint has none to keep.
         """
         low, high = position_lower, position_upper
         if margin:
-            kept = np.minimum(margin, 0.5 * (high - low))
-            low = low + kept
-            high = np.maximum(high - kept, low)
+            kept = np.where(high > low, margin, 0.0)
+            low, high = low + kept, high - kept
         self.__attrs_init__(low, high, velocity_limit, dt)
 
     def at(self, q: Array) -> tuple[Array, Array]:

@@ -121,13 +121,19 @@ def _missed(demand: Demand, problem: Problem, x: Array) -> float:
     if is_met(A, wanted, x):
         return 0.0
     size = norm(wanted)
-    return norm(wanted - A.dot(x)) / size if size > 0.0 else inf
+    return norm(wanted - A.dot(x)) / size if size > _nothing(demand) else inf
+
+
+def _nothing(demand: Demand) -> float:
+    """A measured twist up to which nothing is to move, as an error of a pose that may stay."""
+    return 0.0 if demand.chase is None else GROWING * demand.chase.slack
 
 
 def _falls(demand: Demand, x: Array) -> bool:
     """Whether the errors of position and angle each fall at `FALLING` of the wanted rate, or are within slack.
 
-    One within slack need not fall so fast, but does not grow by more than `GROWING` of the slack either.
+    One within slack need not fall so fast, but does not grow by more than `GROWING` of the slack either; nor does any
+    error by what moves beside it, were that to go on for as long as closing it takes.
 
     By a carried metric position and angle are not measured apart, and are one error.
     """
@@ -138,8 +144,10 @@ def _falls(demand: Demand, x: Array) -> bool:
     done = demand.root.dot(demand.J.dot(x) - chase.ahead)
     parts = [slice(0, 3), slice(3, 6)] if chase.apart else [slice(0, 6)]
     rates = [norm(asked[part]) for part in parts]
+    growing = _nothing(demand)
     return all(
-        asked[part].dot(done[part]) >= rate * max(FALLING * rate - chase.slack, -GROWING * chase.slack)
+        asked[part].dot(done[part]) >= rate * max(FALLING * rate - chase.slack, -growing)
+        and norm(asked[part] - done[part]) <= rate + growing
         for part, rate in zip(parts, rates, strict=True)
     )
 
@@ -182,8 +190,8 @@ def slowed_rows(demand: Demand, room: Room, to_joint: Array | None) -> list[Reas
 
 
 def _is_stuck(demand: Demand, wanted: Array, x: Array, share: float) -> bool:
-    """Whether nothing moves towards the twist or along the exact rows, short of both."""
-    if demand.exact is not None and share > PROGRESS_SHARE:
+    """Whether nothing moves towards a twist or along the exact rows, short of both."""
+    if (demand.exact is not None and share > PROGRESS_SHARE) or norm(wanted) <= _nothing(demand):
         return False
     left = demand.root.dot(demand.s - demand.J.dot(x))
     little = wanted.dot(wanted - left) < PROGRESS_SHARE * wanted.dot(wanted)

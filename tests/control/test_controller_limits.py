@@ -92,6 +92,7 @@ BAD = {
     "words": ({"acceleration_limit": "fast"}, "acceleration_limit"),
     "margin": ({"position_margin": -0.1}, "position_margin"),
     "infinite margin": ({"position_margin": np.inf}, "position_margin"),
+    "margin that leaves no range": ({"position_margin": 10.0}, "position_margin"),
 }
 
 

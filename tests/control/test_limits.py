@@ -251,6 +251,8 @@ def test_a_tool_speed_by_this_door(robot):
         ([JointLimits(velocity_limit=[1.0, 2.0])], "limits: found JointLimits on 2 joints"),
         ([AccelerationLimit([1.0, 2.0])], "limits: found shape"),
         ([JointLimits(position_lower=10.0)], "limits: found JointLimits that leave joint 0 no position"),
+        ([JointLimits(-0.1, 0.1, margin=0.1)], "limits: found a margin of 0.1, which leaves joint 0 nothing"),
+        ([JointLimits(margin=0.1), JointLimits(PANDA - 0.1, PANDA + 0.1)], "limits: found a margin of 0.1"),
     ],
 )
 def test_what_is_no_limit_is_refused(robot, limits, said):
@@ -450,7 +452,7 @@ def test_what_fails_on_the_arm_is_named_when_the_controller_is_made(robot):
 
 @pytest.mark.parametrize("travel", [copy.deepcopy, lambda loop: pickle.loads(pickle.dumps(loop))])
 def test_a_loop_with_every_kind_of_limit_travels(robot, goal, travel):
-    limits = [kind.limit for kind in KINDS.values()]
+    limits = [JointLimits(margin=0.1) if name == "margin" else kind.limit for name, kind in KINDS.items()]
     loop = iq.Controller(robot, dt=DT, limits=limits)
     loop.step(PANDA, goal)
     again = travel(loop)
