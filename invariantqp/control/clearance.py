@@ -26,7 +26,8 @@ Joints that stop at once may be anywhere in a tick, and rows linear about x = 0 
 
 A row that no velocity can reach is left out, so there is no distance of influence; of the others the 16 most urgent are
 kept, each pair's nearest place before all others. Inside d_min all places of a pair ask for the way out of the nearest
-one, slowly. Rows give way where they contradict joint limits, never the other way round.
+one, slowly; with brakes, for no more than the last velocity and a tick of 0.3 a are certain to reach. Rows give way
+where they contradict joint limits, never the other way round.
 
 What it does not do: find a way around. An arm that is led straight into an obstacle stops before it.
 """

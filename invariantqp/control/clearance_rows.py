@@ -76,7 +76,7 @@ class States(NamedTuple):
     times: Array  # (s,) from now [s]
     y: Array  # (M,) the velocity braked for a tick
     free: Array  # (2, M) how far another one can be below it and above
-    sure: Array  # (2, M) and certainly
+    sure: Array  # (2, M) and certainly: as fast as it was, and faster by what braking leaves of its acceleration
 
     @classmethod
     def ahead(cls, m: int, q: Array, before: Array, limits: Array, settings: Array) -> States:
@@ -105,7 +105,8 @@ class States(NamedTuple):
         going = np.vstack((others, np.where(on, others, 0.0) * np.ones((len(n), 1))))
         y, times = np.sign(before) * y, dt * np.array([0.0, *n])
         free = cls._free(q, before, y, limits, dt)
-        return cls(np.vstack((q, states)), weights, going, times, y, free, np.minimum(free, harder))
+        as_fast = np.maximum((-before, before), 0.0) - np.maximum((-y, y), 0.0)
+        return cls(np.vstack((q, states)), weights, going, times, y, free, np.minimum(free, as_fast + harder))
 
     @staticmethod
     def _free(q: Array, before: Array, y: Array, limits: Array, dt: float) -> Array:
@@ -249,7 +250,7 @@ def _asked_of(
 
     `approach` has the room that the arm may take, the part of the way out that the row's direction is, and how fast
     the distance grows by itself. In the state that an arm with brakes is `leaving`, rows lead out of what is too near,
-    out of what stands still no faster than brakes certainly can, so that no such row contradicts them.
+    faster from tick to tick by what joints certainly can, so that no such row contradicts their accelerations.
     """
     (room, out, drift), (alpha, escape), m = approach, settings[1:3].tolist(), len(C)
     scaled = np.abs(C) * np.where(np.isfinite(speed), speed, USUAL_SPEED)

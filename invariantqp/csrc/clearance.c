@@ -482,8 +482,10 @@ static void braked_states(int all, const double *q, const double *before, Wide l
             states->going[1][j] = 0.0;
         }
         states->braked[j] = before[j] < 0.0 ? -y : y;
-        for (int up = 0; up < 2; up++)
-            states->sure[up][j] = isfinite(a) ? fmax(a * dt - b[j] * dt, 0.0) : INFINITY;
+        for (int up = 0; up < 2; up++) {
+            bool forth = up ? before[j] > 0.0 : before[j] < 0.0;
+            states->sure[up][j] = (forth ? fast - y : 0.0) + (isfinite(a) ? fmax(a * dt - b[j] * dt, 0.0) : INFINITY);
+        }
     }
     double n = 0.0;
     for (int s = 1; s < MOST_STATES; s++, n = s == 2 ? most : floor(NEARER * n)) {
@@ -607,7 +609,7 @@ static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *f
         else
             approach = fmax(0.0, dot(3, near->n, out)) * fmin(-asked->rate * room, asked->escape * square / largest);
         lower = (asked->leaving ? 0.0 : braked) + approach - drift;
-        if (asked->leaving || (room < 0.0 && drift == 0.0)) /* brakes certainly can */
+        if (asked->leaving || (room < 0.0 && drift == 0.0)) /* joints certainly can */
             lower = fmin(lower, braked + sure);
         if (!(lower > braked - reach))
             continue;

@@ -448,24 +448,47 @@ def test_parallel_faces_do_not_make_it_tremble(panda):
     assert changes["kept"] < 1.2 * changes["without"]
 
 
-def test_an_arm_that_begins_inside_comes_out_slowly_and_says_so(ur5):
+@pytest.mark.parametrize(
+    ("dt", "acceleration", "starts"), [(DT, None, 6), (0.001, 8.0, 2), (0.005, 8.0, 6), (0.02, 2.0, 6)]
+)
+def test_an_arm_that_begins_inside_comes_out_slowly_and_says_so(ur5, dt, acceleration, starts):
+    """In the same time at every tick and acceleration, but for the last millimetre: a tick covers a tenth of it."""
     limit = Clearance(ur5, LINKS, [Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box")])
     rng, tried = np.random.default_rng(3), 0
-    while tried < 6:
+    while tried < starts:
         q = rng.uniform(-np.pi, np.pi, 6)
         if not -0.03 < limit.at(q).distance < -0.005:
             continue
         tried += 1
-        loop = iq.Controller(ur5, dt=DT, limits=[limit])
+        loop = iq.Controller(ur5, dt=dt, limits=[limit], acceleration_limit=acceleration)
         first = loop.step(q, ur5.pose(q))
         assert "(nearer than 20.0)" in first.reason
-        target = ur5.pose(q)
-        for _ in range(1500):
+        target, ticks = ur5.pose(q), 0
+        while limit.at(q).distance < 0.0199:
             x = loop.step(q, target).velocity
             if limit.nearest.distance < 0.019:
                 assert np.abs(x).max() < 0.3
-            q = q + DT * x
-        assert limit.at(q).distance > 0.0199
+            q, ticks = q + dt * x, ticks + 1
+            assert ticks * dt < 2.5 + 25.0 * dt
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.004, 0.02])
+@pytest.mark.parametrize("speed", [0.02, 0.1])
+def test_it_makes_way_for_what_comes_unannounced_with_brakes_too(ur5, dt, speed):
+    """A ball moved without a twist: joints with acceleration limits lose the way in which they become as fast."""
+    q0, a = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]), 8.0
+    at, ball = ur5.pose(q0), Sphere([0.0, 0.0, 0.0], 0.08, name="ball")
+    least, slower = {}, speed**2 / (2.0 * 0.3 * a * np.hypot(*at[:2, 3]))
+    for acceleration in (None, a):
+        limit = Clearance(ur5, {"tool": [Sphere([0.0, 0.0, -0.02], 0.05)]}, [ball])
+        loop, q, d = iq.Controller(ur5, dt=dt, limits=[limit], acceleration_limit=acceleration), q0, []
+        for i in range(round(0.035 / speed / dt)):
+            ball.move(iq.transform(translation=at[:3, 3] + np.array([0.0, 0.155 - speed * dt * i, 0.0])))
+            q = q + dt * loop.step(q, at).velocity
+            d.append(limit.at(q).distance)
+        least[acceleration] = min(d)
+    assert least[None] > 0.02 - 10.0 * dt * speed - 1e-4
+    assert least[a] > least[None] - slower
 
 
 def test_it_makes_way_for_what_comes(panda):
