@@ -11,7 +11,7 @@ import numpy as np
 import invariantqp as iq
 
 DT, PRESS, RADIUS, TURN = 0.002, 10.0, 0.05, 4.0  # [s], [N], [m], [s] a turn
-STOP, RESUME, END = 1.5, 2.0, 5.5  # [s]
+STOP, RESUME, END = 3.0, 3.5, 8.0  # [s]
 HOME = np.array([0.0, -1.2, 1.8, -2.2, -1.57, 0.0])  # [rad], tool down
 
 
@@ -20,7 +20,7 @@ class Arm:
 
     def __init__(self, robot):
         self.robot, self.q, self.speed = robot, HOME.copy(), np.zeros(6)
-        self.table, self.random = robot.pose(HOME)[2, 3] - 0.02, np.random.default_rng(0)
+        self.table, self.random = robot.pose(HOME)[2, 3] - 0.005, np.random.default_rng(0)
 
     def read(self):
         """Joint positions and the wrench of one cycle, or None where the cycle was missed."""

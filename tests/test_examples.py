@@ -30,7 +30,7 @@ SAYS = {
     "16_out_of_reach": "the same calls, invariantqp: a target held out of reach moves joints at 0.0 deg/s",
     "17_teleoperation": "ours: 0 steps above the limit",
     "18_servo_ros": "moving, no twist",
-    "19_force_servo": "told: waiting, moving",
+    "19_force_servo": "true press 10.0",
     "22_contact_scenes": "bar of 100 mm",
     "26_late_operator": "the tool's velocity jumps by",
     "20_stewart_platform": "",

@@ -10,16 +10,16 @@ enum { FIRST, WEIGHTS, TOLD, CAME, LAST, BEFORE };
 
 bool lags(const Delay *delay) { return !isnan(delay->head[LAG]); }
 
-static double later(const Delay *delay) { return isnan(delay->head[ACTS]) ? 0.0 : delay->head[ACTS]; }
+double acts_later(const Delay *delay) { return isnan(delay->head[ACTS]) ? 0.0 : delay->head[ACTS]; }
 
 double arm_late(const Delay *delay, double declared)
 {
-    return fmax(declared + later(delay), lags(delay) ? delay->head[LAG] : fmax(LAGS, declared));
+    return fmax(declared + acts_later(delay), lags(delay) ? delay->head[LAG] : fmax(LAGS, declared));
 }
 
 double gain_of(const Delay *delay, double declared, double asked)
 {
-    double late = later(delay);
+    double late = acts_later(delay);
     return asked * late > 1.0 ? fmin(asked, DELAY_SHARE / (declared + late)) : asked;
 }
 

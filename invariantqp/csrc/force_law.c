@@ -87,12 +87,12 @@ static double touch_speed(const Press *press, double force, double late)
 
 /* HybridController._driven: the law of each constraint; whether it acts in full. */
 bool driven(const Press *press, const Split *split, const Pressing *now, const Monitor *monitor, const double *felt,
-            const double *asked, const Setting *setting, double eased, double arm, bool lag_known, double most_force, bool slow,
+            const double *asked, const Setting *setting, double eased, double striking, bool lag_known, double most_force, bool slow,
             bool yields, Drive *drives)
 {
     int n = split->n, presses = split->presses;
     bool touching = true, acts;
-    double fastest = press->approach_speed, striking = setting->dt + (1.0 - TAKEN_BACK) * arm;
+    double fastest = press->approach_speed;
     for (int i = 0; i < presses; i++)
         touching = touching && now->touches[i].touching != 0.0;
     acts = touching && yields;

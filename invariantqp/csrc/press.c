@@ -339,7 +339,8 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     bool waits = presses > 0 && (dead->alive == 0.0 || dead->unchanged > STALE_AFTER);
     if (kept_now(press, split, loop, (const Row *)answer->J, &placed, &setting, noise, pressing, &share, &trembles) == HAND_BACK)
         return HAND_BACK;
-    bool acts = driven(press, split, pressing, &state->monitor, placed.felt, placed.asked, &setting, share, arm, lags(delay),
+    double sent = loop->delay + acts_later(delay), striking = dt + (1.0 - TAKEN_BACK) * (sent + fmin(arm - sent, dt));
+    bool acts = driven(press, split, pressing, &state->monitor, placed.felt, placed.asked, &setting, share, striking, lags(delay),
                        tick->most[0], slow, yields, drives);
     for (int i = 0; i < n; i++)
         rates[i] = drives[i].speed + drives[i].slope;

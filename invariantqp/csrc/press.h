@@ -158,6 +158,7 @@ typedef struct {
     int rows;
 } Delay;
 bool lags(const Delay *delay);
+double acts_later(const Delay *delay);
 double arm_late(const Delay *delay, double declared);
 double gain_of(const Delay *delay, double declared, double asked);
 void delayed(const Delay *delay, const Loop *loop, const double *q, const double *command, const Row J[6], const double place[3],
@@ -166,7 +167,7 @@ void delayed(const Delay *delay, const Loop *loop, const double *q, const double
 /* force_law.c */
 void mass_and_damper(const Stiffness *known, const Setting *setting, double eased, double *M, double *D);
 bool driven(const Press *press, const Split *split, const Pressing *now, const Monitor *monitor, const double *felt,
-            const double *asked, const Setting *setting, double eased, double arm, bool lag_known, double most_force, bool slow,
+            const double *asked, const Setting *setting, double eased, double striking, bool lag_known, double most_force, bool slow,
             bool yields, Drive *drives);
 Outcome trembling(const Loop *loop, const Row J[6], const double (*admittance)[6], const double place[3], double size,
                   double noise, double passed, double *share);

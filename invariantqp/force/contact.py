@@ -164,7 +164,7 @@ class HybridTask(Value):
                 is pushed. Only for contacts that say where their edge is.
             approach_speed: the most that the force law moves the place of contact in the air and into the contact
                 [length/s], beside what a slope asks for. Without a fixed compliance a touch is slower than this where
-                tick, delay and low-pass ask for it.
+                tick and delay ask for it: the wanted press over 1e5 N/m (or `stiffness`) times what is late.
             approach_distance: after this way towards the contact without feeling it, stand still [length]; inf: never.
             approach_time: likewise [s]; the way alone ends it by default.
             slide_speed: the most that an error of the target moves the tool along the contact [length/s], its turning

@@ -783,9 +783,10 @@ class HybridController:
         touching = all(touch.touching for touch in now.touches)
         grows, fastest = now.free and yields and not slow, task.approach_speed
         acts, stiffest = touching and yields, task.stiffness or 0.0
-        # What a lagging arm has not done yet can be taken back at a touch, what is sent late cannot. A touch is felt at
-        # the end of its tick, but for what passes for air.
-        striking, felt = dt + (1.0 - TAKEN_BACK) * self._delay.arm, 1.0 - LOST_SHARE
+        # What a lagging arm has not done yet can be taken back at a touch within a tick, what is sent late cannot. A
+        # touch is felt at the end of its tick, but for what passes for air.
+        dead, felt = self._delay.declared + (self._delay.late or 0.0), 1.0 - LOST_SHARE
+        striking = dt + (1.0 - TAKEN_BACK) * (dead + min(self._delay.arm - dead, dt))
         least = min(task.stiffness or HELD_STIFF, HELD_STIFF)
         held = max(least, *((one.known or 0.0) / QUICKER for one in now.known), least)
         drives: list[Drive] = []
