@@ -211,7 +211,7 @@ class ActionFollower:
         jerk: ArrayLike | None = None,
         fps: float = 30.0,
         period: float = 0.01,
-        cutoff: float = 4.0,
+        cutoff: float = 3.0,
         timeout: float = 0.1,
         limits: Sequence[AnyLimit] = (),
     ) -> None:

@@ -97,7 +97,7 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     const JointLimits *limits = &course.limits;
     int m = limits->m, late = PyObject_IsTrue(arguments[4]);
     bool by_twist = arguments[3] != Py_None, shape = course.shape;
-    if (kept == NULL || loop->joints != m || (!by_twist && course.powers == 0))
+    if (kept == NULL || loop->joints != m)
         return refused(USE);
     double ease = PyFloat_AsDouble(arguments[5]), time = PyFloat_AsDouble(arguments[6]), dt = limits->dt, after = time + dt;
     bool good = !PyErr_Occurred() && vector(arguments[7], m, q) && vector(arguments[8], m, sent) &&

@@ -180,7 +180,7 @@ static PyMethodDef methods[] = {
     CALLED("follow", follow, "A tick of a follower in which nothing new comes, or None where Python has to answer."),
     CALLED("motion", motion, "Position, velocity, acceleration and jerk of what is followed."),
     CALLED("splice", splice, "The residual of a splice, or None where it leaves the limits."),
-    CALLED("through", through, "Knots and powers of a curve through smoothed positions, from rest to rest."),
+    CALLED("planned", planned, "Coefficients of the motion from a state that is near points with little jerk."),
     CALLED("scene", scene, "What of a clearance does not change from tick to tick, or None where it is too large."),
     CALLED("clearance", clearance, "Rows that keep distances of shapes, and the distances."),
     CALLED("sight", sight,

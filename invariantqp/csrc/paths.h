@@ -13,12 +13,10 @@
 #define CALM_SHARE 0.1
 #define HALVINGS 24
 #define ROUNDING 1e-6
-#define SPREAD 0.1
 #define SHARE 0.97
 #define PLACES 21
-#define SHORTEST_STOP 4.0
-#define LONGEST_STOP 12.0
-#define STOPS 10
+#define EASIER 1.3
+#define TRIES 12
 
 /* paths/time_law.py: JointLimits */
 typedef struct {
@@ -28,10 +26,10 @@ typedef struct {
 } JointLimits;
 
 /* paths/reference.py: what is followed, as `Reference.course` lays it out; arrays row by row. */
-enum { JOINT_COUNT, COLUMNS, PIECES, POWERS, TICK, GAIN, KEEPS_SHAPE, STRAY, CLOCK, SPLICE = CLOCK + 6, WINDOW = SPLICE + 2, HEAD = WINDOW + 2 };
+enum { JOINT_COUNT, COLUMNS, PIECES, POWERS, TICK, GAIN, KEEPS_SHAPE, STRAY, CLOCK, SPLICE = CLOCK + 6, HEAD = SPLICE + 2 };
 typedef struct {
     JointLimits limits;
-    int columns, pieces, powers; /* no pieces: a window over `powers` samples, or nothing where there are none */
+    int columns, pieces, powers;
     double gain;
     bool shape;
     const double *head, *residual, *knots, *values;
@@ -57,7 +55,7 @@ void quintic(int m, const double *powers, double u, Path r);
 void left_over(const Course *course, double time, Path r);
 PyObject *motion(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *splice(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
-PyObject *through(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+PyObject *planned(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
 /* follow.c */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count);

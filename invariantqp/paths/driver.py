@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
 
 from invariantqp.control.controller import Controller
 from invariantqp.engine import core
@@ -30,6 +31,7 @@ from invariantqp.paths.fit import REACHED, Given, Solver, sampled
 from invariantqp.paths.plan import PathPlan
 from invariantqp.paths.reference import (
     DISPLACED,
+    FADE,
     JOINT_GAIN,
     SHORTEST_STOP,
     STRAYED,
@@ -38,9 +40,9 @@ from invariantqp.paths.reference import (
     Motion,
     Reference,
     Source,
-    Window,
+    Stream,
+    planned,
     resting,
-    through,
 )
 from invariantqp.paths.shape import ASTRAY, PAUSE, Shape, Told
 from invariantqp.paths.solution import FollowerSolution
@@ -51,12 +53,9 @@ from invariantqp.velocity.solution import Status
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
 RISE = 0.02
-# A splice takes the first [s], and a stop after the last point no less than twice that; a splice to points takes the
-# second, one that a single sample makes the third. With 0.3 for the second chunks have 1 to 4 % less error, and after a
-# gap joints hurry at their limits of jerk: in one run to 30 times the truth's, not 3. With 0.3 for the third a hand is
-# caught up with later after a gap, by 0.06 s at most, and 0.2 changes nothing. Joints that catch up take no more than
-# that: what takes longer from there goes past the hand, and back.
-EASE, EASE_CHUNK, EASE_SAMPLE = 0.3, 0.45, 0.1
+# A splice takes the first [s], one of joints that catch up the second: a hand is caught up with 0.06 s later with 0.3,
+# and what takes longer goes past the hand, and back. No plan is calmer than so many ticks.
+EASE, EASE_SAMPLE, CALM_TICKS = 0.3, 0.1, 5.0
 # A clock that differs by more than this from the sum of the ticks [s] has jumped.
 SKEW = 0.02
 # Where there is no acceleration limit a joint may turn round in a tick, one without a speed limit from this speed
@@ -97,7 +96,7 @@ class Follower:
         keep: Literal["time", "shape"] = "time",
         rate: float = 1.0,
         jerk: ArrayLike | None = None,
-        cutoff: float = 4.0,
+        cutoff: float = 3.0,
         timeout: float = 0.1,
         blocked: Literal["stop", "leave"] = "stop",
         tolerance: float | None = None,
@@ -166,11 +165,11 @@ class Follower:
         self._reference: Reference | None = None
         self._q = self._v = self._a = np.zeros(m)  # of the commanded motion, when the next tick begins
         self._source: Source | None = None  # what is wanted
+        self._stream: Stream | None = None  # the samples that it is a plan along
         self._given: tuple[Given, Array] | None = None  # the points of the source
         self._missed = np.zeros(0)  # by how much points are out of reach, and whether one is
         self._some_missed = False
         self._last: tuple[Array, float, float] | None = None  # (m,) the last of them, its stamp, when to go back to it
-        self._ease = EASE  # how long it takes to go over to them, at least
         self._next: tuple[Given, Array, float, bool] | None = None  # with stamps, when, whether alone
         self._function: Callable[[float], Any] | None = None
         self._looked = 0.0
@@ -416,7 +415,7 @@ class Follower:
         elif self._twist is None and not self._late:
             until = min(until, reference.end if self._last is None else self._due)
         until = min(until, inf if self._next is None else self._next[2])
-        if self._turns or (self._twist is None and isinstance(self._source, Window)):
+        if self._turns or (self._twist is None and self._newest is not None):
             until = min(until, self._heard + self.timeout)
         numbers = reference.course(gain=None if shape is None else loop.gain)
         return None if numbers is None or until <= self._time else (reference, numbers, until)
@@ -622,7 +621,7 @@ class Follower:
     def _halt(self) -> None:
         """Come to rest from the motion that the arm has now."""
         self._twist, self._turns, self._shape, self._late = STILL, False, None, False
-        self._source = self._given = self._newest = self._last = None
+        self._source = self._stream = self._given = self._newest = self._last = None
 
     def _begin(self, measured: Array, moving: Array | None, clock: float | None) -> Reference:
         """The reference at the beginning of a tick, made anew where the arm is not where it was sent."""
@@ -698,17 +697,17 @@ class Follower:
         if self._next is not None and now >= self._next[2]:
             given, stamps, _, alone = self._next
             self._next = None
-            self._take_points(given, stamps, alone=alone)
+            self._take_points(reference, given, stamps, alone=alone)
         elif self._function is not None and now >= self._looked + 0.5 * AHEAD:
             stamps = np.arange(now - 8.0 * SAMPLING, now + AHEAD, SAMPLING)
             self._looked = now
-            self._take_points(sampled(self._function, stamps, self._m), stamps)
+            self._take_points(reference, sampled(self._function, stamps, self._m), stamps)
         elif self._last is not None and now >= self._due:
-            self._source, self._last, self._ease = resting(self._last[0], now), None, EASE
+            self._source, self._last = resting(self._last[0], now), None
         if self._samples:
             self._take_samples(reference)
         quiet = now - self._heard
-        if quiet > self.timeout and isinstance(self._source, Window):
+        if quiet > self.timeout and self._newest is not None and self._source is not None:
             self._source, self._why = None, f"no sample for {quiet:.2g} s"
         if self._turns and (self.paused or quiet > self.timeout):
             self._why = "paused" if self.paused else f"no twist for {quiet:.2g} s"
@@ -725,15 +724,11 @@ class Follower:
         elif source is not None and (self._twist is not None or not same or override != self._override):
             place = slower.place(now) if slower and same and self._twist is None else now
             slower = Clocked(source, Clock(now, place, override, 0.0, override))
-            self._aim(reference, source if override == 1.0 else slower, EASE if same else self._ease)
+            self._late = not reference.splice(source if override == 1.0 else slower, now, self._motion(reference), EASE)
+            self._twist = None
         self._override = override
 
-    def _aim(self, reference: Reference, source: Source, ease: float) -> None:
-        """Follow a source from now on."""
-        self._late = not reference.splice(source, self._time, self._motion(reference), ease)
-        self._twist = None
-
-    def _take_points(self, given: Given, stamps: Array, *, alone: bool | None = None) -> None:
+    def _take_points(self, reference: Reference, given: Given, stamps: Array, *, alone: bool | None = None) -> None:
         """Points with stamps, from now on: one more sight of the motion followed, or `alone`; None is a function."""
         now, smooth, followed = self._time, alone is not None, self._source
         if now - stamps[-1] > ANOTHER_CLOCK:
@@ -746,18 +741,17 @@ class Follower:
         # not go back to the last of them.
         begin, last = float(stamps[0]), float(stamps[-1])
         wait = max(now, now if self._given is None else last) - begin
-        kept = stamps > now - (1.0 / self.cutoff if smooth else AHEAD)
-        kept[-min(3, len(kept)) :] = True
-        if kept.sum() > MOST_POINTS:  # the rest when half of these are driven
-            first = int(kept.argmax())
+        # From the one before now on; of the last some say how it goes on, and of a function all.
+        first = max(int((stamps <= min(now, last - 4.0 * FADE)).sum()) - 1, 0) if smooth else 0
+        if len(stamps) - first > MOST_POINTS:  # the rest when half of these are driven
             self._next = given, stamps, float(stamps[first + MOST_POINTS // 2]), bool(alone)
-            kept[first + MOST_POINTS :] = False
+        kept = np.zeros(len(stamps), dtype=bool)
+        kept[first : first + MOST_POINTS] = True
         given, stamps = given.chosen(kept), stamps[kept]
         near = self._q if not isinstance(followed, Motion) else followed.at(stamps[:1])[0, 0]
         joints, missed = self._solver.points(given, near, stamps)
-        self._ease = EASE_CHUNK
         end = now if older is None else min(older[-1], stamps[-1])
-        if isinstance(followed, Motion) and end > now + EASE_CHUNK:  # what is shorter, a splice does as well
+        if isinstance(followed, Motion) and end > now:
             left = np.clip((end - stamps) / (end - now), 0.0, 1.0)[:, None]
             joints += left * (followed.at(stamps)[:, 0] - joints)
         self._given, self._newest, self._last = (
@@ -766,11 +760,18 @@ class Follower:
             (joints[-1], last, last + wait) if smooth else None,
         )
         self._missed, self._some_missed = missed, bool((missed > self._tolerance).any())
-        self._source = through(stamps, joints, self._limits, 2.0 * EASE, self.cutoff if smooth else inf)
+        self._stream = None
+        if smooth:
+            calm = max(0.5 / np.pi / self.cutoff, CALM_TICKS * self.controller.dt)
+            rate = self._override or 1.0
+            state = self._motion(reference) / np.array((1.0, rate, rate * rate))[:, None]
+            self._source = planned(state, now, stamps, joints, self._limits, calm)
+        else:
+            self._source = Motion(stamps, np.moveaxis(CubicSpline(stamps, joints).c[::-1], 0, 1))
 
     def _take_samples(self, reference: Reference) -> None:
         """Samples of a stream."""
-        now = self._time
+        now, stream, anew = self._time, self._stream, False
         while self._samples:
             given, stamp = self._samples.popleft()
             when = now if stamp is None else stamp + self._shift
@@ -778,29 +779,29 @@ class Follower:
                 self._shift = now - stamp
                 when, self._newest = now, None
             before = self._newest
-            gap = before is None or when - before[2] > self.timeout
             if before is not None and when <= before[2]:
                 continue
-            near = self._q if before is None or gap else before[1]
-            last = None if before is None or gap else before[2]
+            gap = before is None or when - before[2] > self.timeout
+            near, last = (self._q, None) if before is None or gap else before[1:]
             joints, missed = self._solver.points(given, near, np.array((when,)), last)
-            joint = joints[0]
             self._missed, self._some_missed, self._heard = missed, float(missed[0]) > self._tolerance, now
             self._given = given, np.array((when,))
-            self._newest = given, joint, when
-            window = self._source
-            if not isinstance(window, Window) or gap:
-                self._last = None
-                late = window.transport if isinstance(window, Window) else max(now - when, 0.0)
-                self._source = Window(self.cutoff, self.controller.dt, when, joint, late)
-                continue
-            if reference.source is not window:
-                window.add(when, joint, max(now - when, 0.0))
-                continue
-            state = self._motion(reference)
-            window.add(when, joint, max(now - when, 0.0))
-            if not self._late:
-                self._late = not reference.splice(window, now, state, max(EASE_SAMPLE, reference.joined - now))
+            self._newest = given, joints[0], when
+            late, anew = max(now - when, 0.0), anew or gap or stream is None
+            if stream is None:
+                stream = self._stream = Stream(self.cutoff, when, joints[0], late)
+            else:
+                stream.add(when, joints[0], late, anew=gap)
+            self._last = None
+        if stream is None:
+            return
+        followed = reference.source
+        plan, clock = (followed.source, followed.clock) if isinstance(followed, Clocked) else (followed, None)
+        goes_on = not anew and isinstance(plan, Motion) and plan is self._source
+        place = now if clock is None or not goes_on else clock.now(now)[0]
+        self._source = source = stream.planned(plan if goes_on and isinstance(plan, Motion) else None, place)
+        if goes_on:
+            reference.source = source if clock is None else Clocked(source, clock)
 
     def _wanted(self, reference: Reference) -> Array:
         """(m,) the joint velocity that is wanted in this tick."""
@@ -852,8 +853,8 @@ class Follower:
         if isinstance(reference.source, Clocked) and self._twist is None:
             place = reference.source.place(self._time)
             late = self._time - place
-        elif isinstance(self._source, Window):
-            late = self._source.late
+        elif self._newest is not None and self._stream is not None:
+            late = self._stream.late
             place -= late
         q = self._q
         return FollowerSolution(
@@ -873,7 +874,7 @@ class Follower:
         if self._turns:
             return Status.MOVING, ""
         if self._source is not None:
-            return self._on_the_way(max(self._source.end, reference.joined), place)
+            return self._on_the_way(inf if self._newest else max(self._source.end, reference.joined), place)
         over = self._closed and not self._samples and self._next is None and self._still
         return (Status.DONE, "") if over else (Status.WAITING, self._why)
 

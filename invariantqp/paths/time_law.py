@@ -39,6 +39,11 @@ class JointLimits(NamedTuple):
         """(5, m) as the compiled core takes them."""
         return np.array(self[:5])
 
+    def of(self, joint: int) -> JointLimits:
+        """Those of one joint."""
+        lower, upper, velocity, acceleration, jerk = self.rows[:, joint, None]
+        return JointLimits(lower, upper, velocity, acceleration, jerk, self.dt)
+
     def ratio(self, position: Array, velocity: Array, acceleration: Array, jerk: Array) -> Array:
         """(...) the largest share of a limit that motions (..., m) need; 2 and more where they leave the ranges."""
         needs = np.maximum(np.abs(velocity) / self.velocity, np.abs(acceleration) / self.acceleration)

@@ -91,15 +91,17 @@ def test_points_that_overlap_take_over_evenly_unless_they_are_another_motion(aga
 
 
 def test_points_that_hardly_overlap_take_over_no_faster_than_others():
-    arm = Arm("ur5")
+    arm, most = Arm("ur5"), []
     stamps = np.arange(21) / 20
-    events = [
-        (now, lambda f, k=k, now=now: f.follow(np.tile(arm.start + k, (21, 1)), stamps + now))
-        for k, now in ((0.0, 0.0), (0.1, 0.9))
-    ]
-    Q, _ = driven(arm, arm.follower(), events, 2.0)
-    arm.held(Q)
-    assert np.abs(np.diff(Q, 2, axis=0)).max() / arm.dt**2 < 1.05 * 5.774 * 0.1 / 0.45**2  # a quintic's
+    for replace in ({}, {"at": 0.9}):
+        events = [
+            (now, lambda f, k=k, now=now, more=more: f.follow(np.tile(arm.start + k, (21, 1)), stamps + now, **more))
+            for k, now, more in ((0.0, 0.0, {}), (0.1, 0.9, replace))
+        ]
+        Q, _ = driven(arm, arm.follower(), events, 2.0)
+        arm.held(Q)
+        most.append(np.abs(np.diff(Q, 2, axis=0)).max() / arm.dt**2)
+    assert most[0] <= max(most[1], 0.97 * arm.acceleration[0])
 
 
 def test_a_hand_after_points_is_not_taken_back_to_the_last_of_them():
@@ -129,13 +131,17 @@ def test_joints_that_catch_up_do_not_go_past_what_they_follow():
     arm = Arm("ur5")
 
     def place(t):  # it leaps, and comes back a little while the joints are on their way
-        return arm.start + (0.0 if t < 0.5 else 1.2 - 0.4 * np.clip(t - 0.8, 0.0, 0.4))
+        back = np.clip((t - 0.8) / 0.6, 0.0, 1.0)
+        return arm.start + (0.0 if t < 0.5 else 1.2 - 0.16 * back**3 * (10 - 15 * back + 6 * back**2))
 
     events = [(t + 0.01, lambda f, t=t: f.add(place(t), t)) for t in np.arange(0.0, 2.0, 1 / 60) if not 0.3 < t < 0.5]
     Q, answers = driven(arm, arm.follower(), events, 2.0)
     arm.held(Q)
     assert "late" in {a.status for a in answers}
-    assert (Q - arm.start).max() < 1.04 + 1e-3
+    quick = Arm("ur5")
+    quick.acceleration, quick.jerk = 100.0 * quick.acceleration, 1e4 * quick.jerk
+    followed, _ = driven(quick, quick.follower(), events, 2.0)
+    assert (Q - followed)[400:].max() < 1e-4
     assert np.abs(Q[-50:] - place(2.0)).max() < 1e-3
 
 
@@ -269,7 +275,7 @@ def test_an_override_slows_down_and_time_is_caught_up_after_it():
 def test_newer_points_are_followed_while_an_override_stays():
     arm, stamps = Arm("ur5"), np.arange(20) / 20
     follower, q = arm.follower(), arm.start
-    for i in range(1400):
+    for i in range(1700):
         if i % 300 == 0 and i < 601:
             follower.follow(np.tile(arm.start + 0.1 * (i // 300), (20, 1)), i * arm.dt + stamps)
         q = q + arm.dt * follower.step(q, override=0.5).velocity

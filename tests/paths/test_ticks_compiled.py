@@ -85,23 +85,23 @@ def test_the_core_follows_what_python_follows(name, way, delay, monkeypatch):
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_stops_splices_and_curves_are_those_of_python(seed, monkeypatch):
-    """Durations and polynomials by the core, beside those of the arrays' definition."""
+def test_splices_and_plans_are_those_of_python(seed, monkeypatch):
+    """Polynomials by the core, beside those of the arrays' definition."""
     rng, m = np.random.default_rng(seed), 3
     limits = JointLimits(*(np.full(m, x) for x in (-3.0, 3.0, 2.0, 10.0, 400.0)), 0.002)
     stamps = np.cumsum(rng.uniform(0.02, 0.1, rng.integers(2, 40)))
-    positions, cutoff = 0.1 * rng.normal(size=(len(stamps), m)).cumsum(axis=0), rng.choice([4.0, np.inf])
+    positions = (
+        0.1 * np.sin(2.0 * stamps)[:, None] + 0.1 * rng.normal(size=m) + 0.001 * rng.normal(size=(len(stamps), m))
+    )
+    calm = rng.choice([0.02, 0.053])
     now = float(stamps[len(stamps) // 2])
     away = 0.03 * rng.normal(size=(3, m)) * np.array([1.0, 0.3, 0.1])[:, None]
-    window = reference.Window(4.0, 0.002, 0.0, positions[0], 0.01)
-    for i, x in enumerate(positions[1:]):
-        window.add(0.016 * (i + 1), x, 0.01)
 
     def found():
-        curve = reference.through(stamps, positions, limits, 0.3, cutoff)
-        answer = [curve.knots, curve.coefficients]
+        curve = reference.planned(10.0 * away, now - 0.4, stamps, positions, limits, calm)
+        answer = [curve.knots, curve.at(curve.knots)[:, :3]]
         slowed = reference.Clocked(curve, reference.Clock(now, now, 0.5, 0.1, 0.8, 0.3))
-        for source in (curve, slowed, window):
+        for source in (curve, slowed):
             followed = reference.Reference(limits, positions[0], 0.0)
             fits = followed.splice(source, now, curve.at(np.array((now,)))[0, :3] + away, 0.3)
             answer += [np.array([fits, followed.joined])]
