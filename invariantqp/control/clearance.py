@@ -34,6 +34,7 @@ What it does not do: find a way around. An arm that is led straight into an obst
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import e, inf
 from os import PathLike
@@ -211,6 +212,9 @@ class Clearance(Limit):
             UnknownName: a link, or a body in a pair, that is not there.
             RobotModelError: geometry or an SRDF that cannot be read.
             MissingExtra: meshes that are no binary STL, without coal (extra `pin`).
+
+        Warns:
+            UserWarning: an obstacle from which nothing is kept apart, because it is always nearer than the distance.
         """
         self.robot: Chain = chain_of(robot)
         self.distance: float = arrays.not_negative(distance, "distance", "a distance in lengths")
@@ -239,6 +243,20 @@ class Clearance(Limit):
         self._still = self._at_rate(0.0, 0.0)  # all distances, and no rows that matter
         self._refresh(0.0)
         self._judge(self._unjudged)
+        self._question_the_distance()
+
+    def _question_the_distance(self) -> None:
+        """Warn where nothing is kept apart from an obstacle because of the distance, which may be in millimetres."""
+        kept = {name for pair in self.pairs for name in pair}
+        near = {one.second: one.reason for one in self.dropped if one.reason.startswith("always")}
+        around = (part.name for part in self._parts if part.around == 1)
+        if lost := [name for name in around if name in near and name not in kept]:
+            warnings.warn(
+                f"clearance: nothing is kept {self.distance:g} apart from {', '.join(lost)}, being {near[lost[0]]}; "
+                "distances are in the length unit of the robot, metres as a rule",
+                UserWarning,
+                stacklevel=3,
+            )
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_scene": None}
@@ -286,10 +304,15 @@ class Clearance(Limit):
         """The clearance at the rate of a loop.
 
         Raises:
-            BadInput: a loop of another robot.
+            BadInput: a loop of another robot, or of one with another base or tool offset.
         """
-        if loop.robot.names != self.robot.names:
-            raise BadInput("limits", f"{self!r} of another robot", "one made with this controller's robot")
+        robot, own = loop.robot, self.robot
+        q = np.zeros(len(own.names))
+        if robot.names != own.names or not (
+            np.allclose(robot.pose(q), own.home) and np.allclose(robot.jacobian(q), own.screws)
+        ):
+            expected = "one made with this controller's robot, of the same base= and offset="
+            raise BadInput("limits", f"{self!r} of another robot", expected)
         return _InLoop(self, self.in_loop(loop))
 
     def in_loop(self, loop: Loop) -> Rate:
@@ -529,14 +552,18 @@ class Clearance(Limit):
 
     def _listed(self) -> list[Part]:
         """All shapes, each with what moves it."""
-        parts = []
+        parts: list[Part] = []
         for link, shapes in self.bodies.items():
             body, frame = frame_of(self.robot, link)
             parts += [Part(link, shape, body, frame) for shape in shapes]
         names, arms = list(self.bodies), 0
         for obstacle in self.obstacles:
+            if isinstance(obstacle, (Shape, OtherArm)) and obstacle.name in names:
+                expected = "names of their own for obstacles, or none for shapes: these are numbered"
+                raise BadInput("obstacles", f"a second body {obstacle.name!r}", expected)
             if isinstance(obstacle, OtherArm):
                 arms += 1
+                names.append(obstacle.name)
                 for link, shapes in obstacle.bodies.items():
                     body, frame = frame_of(obstacle.robot, link)
                     parts += [Part(f"{obstacle.name}/{link}", shape, body, frame, -arms) for shape in shapes]

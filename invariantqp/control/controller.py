@@ -117,7 +117,11 @@ class Controller:
         posture_gain: float = POSTURE_GAIN,
         joint_metric: ArrayLike | None = None,
         backend: Backend | str = "daqp",
-        exact: Exact | ExactRows | Sequence[Exact | ExactRows] | Literal["position"] | None = None,
+        exact: Exact
+        | ExactRows
+        | Sequence[Exact | ExactRows | Literal["position"]]
+        | Literal["position"]
+        | None = None,
         point: ArrayLike | Literal["own"] | None = None,
         length: float | None = None,
         acceleration_limit: ArrayLike | None = None,

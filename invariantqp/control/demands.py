@@ -191,15 +191,14 @@ def require_rows(rows: object, m: int) -> None:
 
 
 def demands_of(
-    exact: Exact | ExactRows | Sequence[Exact | ExactRows] | Literal["position"] | None,
+    exact: Exact | ExactRows | Sequence[Exact | ExactRows | Literal["position"]] | Literal["position"] | None,
 ) -> tuple[Exact, ...]:
     """The demands as a tuple; "position" is an ExactPoint at the tool frame's origin, ExactRows are ExactJoints."""
     if exact is None:
         return ()
-    if isinstance(exact, str) and exact == "position":
-        return (ExactPoint(),)
     several: tuple[Any, ...] = tuple(exact) if isinstance(exact, (list, tuple)) else (exact,)
-    demands = tuple(ExactJoints(one.A, one.b) if isinstance(one, ExactRows) else one for one in several)
+    at_tool = [ExactPoint() if isinstance(one, str) and one == "position" else one for one in several]
+    demands = tuple(ExactJoints(one.A, one.b) if isinstance(one, ExactRows) else one for one in at_tool)
     for one in demands:
         if isinstance(one, type) or not hasattr(one, "rows"):
             expected = '"position", an ExactPoint, ExactAxis, ExactRows, ... or several of them'

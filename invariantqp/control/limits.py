@@ -480,6 +480,10 @@ class RowLimits:
                 self._limits.append(made)
                 if type(made).after is not Limit.after:
                     self.looking.append(made)
+            elif type(limit).narrowed is Limit.narrowed:
+                raise BadInput(
+                    "limits", excerpt(limit), "a Limit that has rows, narrowed or for_loop: this limits nothing"
+                )
         alone = self._limits[0] if len(self._limits) == 1 else None
         self.alone = alone if isinstance(alone, ForCore) else None
 

@@ -18,6 +18,7 @@ from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, Limit, OtherA
 
 coal = pytest.importorskip("coal")
 DT = 0.002
+UP = iq.transform(translation=[0.0, 0.0, 0.1])
 READY = ready("panda")
 TABLE = HalfSpace([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], name="table")
 HAND = {
@@ -206,7 +207,8 @@ def test_distances_are_told_in_singular_states_too(panda):
         assert limit.distances(q)["joint2", "above"] == pytest.approx(d, abs=1e-9)
     near = Clearance(straight, {"joint2": [ball]}, [Sphere([0, 0, 1.05], 0.05, name="above")])
     assert near.blocked([0.0, 0.0]) == "joint2 and above are nearer than 20.0 mm"
-    still = Clearance(panda, {"panda_link1": [Capsule([0, 0, -0.3], [0, 0, 0], 0.06)]}, [TABLE])
+    with pytest.warns(UserWarning, match="apart from table"):
+        still = Clearance(panda, {"panda_link1": [Capsule([0, 0, -0.3], [0, 0, 0], 0.06)]}, [TABLE])
     for q in (np.zeros(7), READY):
         assert still.at(q).distance == np.inf  # turning about its own axis, it comes no nearer
 
@@ -866,10 +868,26 @@ def test_what_decides_the_rate(panda):
     (lambda r: Sphere([0, 0, 0], 0.1).move(np.eye(4), [np.nan] * 6), "twist"),
     (lambda r: Clearance(r, HAND, [TABLE])(READY), "rate"),
     (lambda r: iq.Controller(iq.load_robot("ur5"), dt=DT, limits=[Clearance(r, HAND)]), "of another robot"),
+    (lambda r: iq.Controller(r.with_tool(UP), dt=DT, limits=[Clearance(r, HAND)]), "offset="),
+    (lambda r: iq.Controller(iq.load_robot("panda", base=UP), dt=DT, limits=[Clearance(r, HAND)]), "base="),
+    (lambda r: Clearance(r, HAND, [TABLE, HalfSpace([0, 0, -1], [0, 0, 1], name="table")]), "a second body 'table'"),
+    (lambda r: Clearance(r, HAND, [Sphere([0, 0, 1], 0.1, name="panda_hand")]), "a second body 'panda_hand'"),
+    (lambda r: Clearance(r, HAND, [OtherArm(r, HAND), OtherArm(r, HAND)]), "a second body 'other'"),
 ])  # fmt: skip
 def test_what_is_none_is_refused_by_name(panda, make, said):
     with pytest.raises(iq.BadInput, match=said):
         make(panda)
+
+
+def test_a_distance_that_leaves_nothing_to_keep_apart_is_questioned_once(ur5):
+    bodies = {"forearm_link": LINKS["forearm_link"], "tool": [Sphere([0.0, 0.0, 0.0], 0.05)]}
+    with pytest.warns(UserWarning, match="nothing is kept 20 apart from .*table, .*than 20000.0 mm; .* metres") as told:
+        assert not Clearance(ur5, bodies, [TABLE], distance=20).pairs
+    assert len(told) == 1
+    foot = Sphere([0.0, 0.0, 0.0], 0.08, name="foot")
+    with pytest.warns(UserWarning, match="apart from foot, being always nearer than 20.0 mm"):
+        Clearance(ur5, {**bodies, "shoulder_link": LINKS["shoulder_link"]}, [TABLE, foot],
+                  exclude=[(link, "foot") for link in bodies])  # fmt: skip
 
 
 def test_bodies_that_are_not_there_are_unknown_names(panda):

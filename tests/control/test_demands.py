@@ -43,8 +43,9 @@ def test_a_point_off_the_tool_follows(so101):
 
 
 def test_position_is_the_point_at_the_tools_origin(so101):
-    named, valued = stepped(so101, "position"), stepped(so101, iq.control.ExactPoint())
-    np.testing.assert_array_equal(named.velocity, valued.velocity)
+    axis = iq.control.ExactAxis([0.0, 0.0, 1.0])
+    for named, valued in (("position", iq.control.ExactPoint()), (["position", axis], [iq.control.ExactPoint(), axis])):
+        np.testing.assert_array_equal(stepped(so101, named).velocity, stepped(so101, valued).velocity)
 
 
 def test_an_axis_follows_and_turns_freely_about_itself(so101):
@@ -102,6 +103,7 @@ def test_a_displaced_tool_frame_changes_nothing(so101, exact):
     ("exact", "said"),
     [
         ("orientation", 'expected "position"'),
+        (["position", "axis"], "found 'axis'; expected \"position\""),
         ([3.0], "found 3.0"),
         (iq.control.ExactJoints(np.ones(4)), "rows on 4 joints"),
     ],

@@ -213,6 +213,11 @@ def test_a_limit_of_ones_own_may_look_at_where_a_tick_ends(robot, goal, by):
     assert np.isfinite(loop.kept[-14:]).all()
 
 
+class Misspelled(Limit):
+    def row(self, q, velocity):
+        return ROWS
+
+
 class Payload(Limit):
     """A limit that never gives way: half of the accelerations, and a slow wrist."""
 
@@ -246,6 +251,7 @@ def test_a_tool_speed_by_this_door(robot):
         (ROWS, "limits: found .*; expected a list"),
         ([0.25], "limits: found 0.25; expected LimitRows, a function of q that returns them, JointLimits"),
         ([None], "limits: found None"),
+        ([Misspelled()], "limits: found .*Misspelled.*; expected a Limit that has rows, narrowed or for_loop"),
         ([JointLimits], "limits: found .*JointLimits"),
         ([LimitRows([[1.0, 0.0]], [0.0], [1.0])], "limits: found rows on 2 joints; expected rows on 7"),
         ([JointLimits(velocity_limit=[1.0, 2.0])], "limits: found JointLimits on 2 joints"),
