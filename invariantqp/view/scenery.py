@@ -25,10 +25,10 @@ SIDE = 8
 # How much of a plane is drawn beyond the path, and half the height of a door, relative to the distance of the
 # tool from the base.
 MARGIN = 0.13
-# Faces about a round shape, and over half of one of its ends.
-SIDES, CAP = 12, 3
-# How far a half-space is drawn to each side of the arm, by its reach, and in how many faces a side.
-WIDE, TILES = 0.8, 6
+# Faces about a round shape.
+SIDES = 12
+# How far a half-space is drawn to each side of the arm, by its reach.
+WIDE = 0.8
 
 
 class Surroundings(NamedTuple):
@@ -98,7 +98,7 @@ def solids(around: Around, time: Array, m: int, reach: float) -> tuple[Solid, ..
 def faces(placed: Placed, reach: float) -> Array:
     """(n, 4, 3) faces of a shape in its own frame."""
     if placed.core is Core.HALF_SPACE:
-        at = np.linspace(-WIDE * reach, WIDE * reach, TILES + 1)
+        at = np.linspace(-WIDE * reach, WIDE * reach, SIDE + 1)
         return tiles(np.array([[(x, y, 0.0) for y in at] for x in at]))
     if placed.solid is not None:
         corners = placed.solid.drawn()
@@ -115,7 +115,7 @@ def faces(placed: Placed, reach: float) -> Array:
                 corners[:, j] = h[j] * np.array((-1.0, -1.0, 1.0, 1.0))
                 sides.append(corners)
         return np.array(sides)
-    angles = np.linspace(0.0, 0.5 * np.pi, CAP + 1)
+    angles = np.linspace(0.0, 0.5 * np.pi, SIDES // 4 + 1)
     low = [(-placed.half[2] - placed.radius * np.cos(a), placed.radius * np.sin(a)) for a in angles]
     profile = low + [(-z, r) for z, r in reversed(low)]
     turn = np.linspace(0.0, 2.0 * np.pi, SIDES + 1)
