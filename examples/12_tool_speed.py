@@ -3,10 +3,14 @@
 Run: python examples/12_tool_speed.py      needs CVXPY for the comparison: pip install cvxpy
 """
 
-import cvxpy as cp
 import numpy as np
 
 import invariantqp as iq
+
+try:
+    import cvxpy as cp
+except ModuleNotFoundError:
+    raise SystemExit("This compares with CVXPY: pip install cvxpy") from None
 
 LIMIT = 0.25  # [m/s]
 robot = iq.load_robot("ur5")

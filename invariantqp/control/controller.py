@@ -29,6 +29,7 @@ from invariantqp.control.limits import (
     Rows,
     limits_of,
     loop_of,
+    refuse,
     require_range,
     row_limit,
     tool_speed_of,
@@ -173,14 +174,14 @@ class Controller:
                 definition in Python alone, which answers the same later.
 
         Raises:
-            BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is not a limit, or an
-                argument that `solve_velocity` would refuse.
+            BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is not a limit, a posture far
+                outside the ranges, or an argument that `solve_velocity` would refuse.
             UnknownName: no such back end.
             MissingExtra: a limit of Pink's without Pink.
 
         Warns:
             UserWarning: a gain of at most 1 1/s beside a tick of at most 20 ms, which may be meant as a share of the
-                error in a tick.
+                error in a tick; JointLimits more than two turns away from zero, as in degrees.
         """
         by = arrays.choice(engine, "engine", ENGINES)
         robot = require_robot(robot)
@@ -226,6 +227,7 @@ class Controller:
         require_range(robot.position_lower, robot.position_upper, margin, "position_margin")
         told += [JointLimits(margin=margin)] if margin > 0.0 else []
         self._limits = LoopLimits.of(loop_of(robot, self.dt, self.delay), told, far_outside, turning)
+        refuse(self.wrong(self._posture), "posture")
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
         fixed = None if self.joint_rows is None else self.joint_rows.fixed
         self._row_names: tuple[str, ...] = () if fixed is None else fixed.names
@@ -514,11 +516,7 @@ class Controller:
             BadInput: NaN, a wrong shape, or positions for which a tick is held.
         """
         positions = arrays.vector(q, self._count, argument)
-        wrong = self.wrong(positions)
-        if wrong:
-            raise BadInput(
-                argument, str(wrong).partition(" Give")[0], "joint positions in radians, near the position ranges"
-            )
+        refuse(self.wrong(positions), argument)
         return positions
 
     def posture_pull(self, q: Array) -> Array | None:

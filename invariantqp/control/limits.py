@@ -24,7 +24,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.robots.kinematics import Robot, Sighting, middle
+from invariantqp.robots.kinematics import Robot, Sighting, middle, question_range
 from invariantqp.velocity.limits import BrakingBox, JointBox, LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.qp import Cone
 from invariantqp.velocity.reasons import Code, Reason, by_joint
@@ -651,7 +651,11 @@ class LoopLimits(NamedTuple):
             BadInput: limits for another number of joints, or that have nothing in common.
             MissingExtra: a limit of Pink's without Pink.
         """
-        robot, loop = loop.robot, _within(loop, limits)
+        robot = loop.robot
+        for limit in limits:
+            if isinstance(limit, JointLimits):
+                question_range(limit.position_lower, limit.position_upper, turning, "JointLimits")
+        loop = _within(loop, limits)
         box, braking = boxes(loop, loop.velocity_limit)
         rows = RowLimits(limits, loop)
         held = arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold"
@@ -718,14 +722,7 @@ class LoopLimits(NamedTuple):
 
     def wrong(self, q: Array) -> Reason | None:
         """Why joint positions (m,) cannot be true, None where they may be; of several joints, the worst."""
-        lower, upper = self.believed
-        here = q.tolist()
-        if all(map(le, lower, here)) and all(map(le, here, upper)):
-            return None
-        beyond = np.maximum(q - upper, lower - q)
-        i = int(beyond.argmax())
-        far = float(q[i]), float(beyond[i]) + FAR_OUTSIDE
-        return Reason(Code.NOT_BELIEVED, (i,), numbers=far, words=self.loop.robot.names[i])
+        return not_believed(self.loop.robot, q, self.believed)
 
     def told(self, solution: VelocitySolution, q: ArrayLike, strained: tuple[Reason, ...] = ()) -> VelocitySolution:
         """The solution with what is `strained`, or with joints outside their range that are held by limits."""
@@ -739,6 +736,30 @@ class LoopLimits(NamedTuple):
         if self.braking is None and all(reason.code is Code.OUTSIDE for reason in found):
             return solution._replace(reasons=both(named, solution))
         return with_trouble(solution, named)
+
+
+def not_believed(robot: Robot, q: Array, believed: tuple[list[float], list[float]]) -> Reason | None:
+    """Why joint positions (m,) outside such bounds cannot be true, None inside; of several joints, the worst."""
+    lower, upper = believed
+    here = q.tolist()
+    if all(map(le, lower, here)) and all(map(le, here, upper)):
+        return None
+    beyond = np.maximum(q - upper, lower - q)
+    i = int(beyond.argmax())
+    outside = max(float(q[i] - robot.position_upper[i]), float(robot.position_lower[i] - q[i]))
+    return Reason(Code.NOT_BELIEVED, (i,), numbers=(float(q[i]), outside), words=robot.names[i])
+
+
+def refuse(wrong: Reason | None, argument: str) -> None:
+    """Refuse joint positions that are not believed.
+
+    Raises:
+        BadInput: by the argument's name.
+    """
+    if wrong:
+        raise BadInput(
+            argument, str(wrong).partition(" Give")[0], "joint positions in radians, near the position ranges"
+        )
 
 
 def tool_speed_of(limit: ToolSpeed | float) -> Limit:

@@ -11,7 +11,7 @@ that it has followed.
 from __future__ import annotations
 
 import warnings
-from math import inf, pi, sqrt
+from math import pi, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.damping import Adaptive, PaperLambda
 from invariantqp.velocity.law import VelocityLaw
 from invariantqp.velocity.limits import BrakingBox
@@ -39,6 +40,8 @@ DELAY_SHARE = 0.25
 BRAKING_SHARE = 0.5
 # Of the distances: undamped ones near a singularity would be long.
 DISTANCE_DAMPING = Adaptive(0.1, 0.1)
+# A twist as large as this has no finite square [rad/s; length/s].
+BEYOND = 1e154
 # Turns beyond this [rad] may keep the direction of the tick before.
 HALF_TURN = 0.8 * pi
 
@@ -86,13 +89,15 @@ def tracking_twist(error: Array, gain: float | Array, feedforward: ArrayLike | N
     """(6,) twist to ask for, base frame [rad/s; length/s]: one gain or (6,) times the error, and the feedforward.
 
     Raises:
-        BadInput: a feedforward that is no twist; a target with NaN or with numbers beyond any scale.
+        BadInput: a feedforward that is no twist; a target with NaN or with numbers beyond any scale, or a feedforward.
     """
     s = error * gain
+    if not norm(s) < BEYOND:  # NaN is not below it either
+        raise BadInput("target", "NaN, infinity, or numbers beyond any scale", "a rigid motion with finite numbers")
     if feedforward is not None:
         s += arrays.vector(feedforward, 6, "feedforward")
-    if not s.dot(s) < inf:  # NaN is not below infinity either
-        raise BadInput("target", "NaN, infinity, or numbers beyond any scale", "a rigid motion with finite numbers")
+        if not norm(s) < BEYOND:
+            raise BadInput("feedforward", "numbers beyond any scale", "a twist in rad/s and lengths a second")
     return s
 
 

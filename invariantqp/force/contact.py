@@ -183,7 +183,7 @@ class HybridTask(Value):
 
         Raises:
             BadInput: more than one of h, complement and metric, NaN, shapes, "retreat" from a contact that cannot be
-                left.
+                left, a `max_force` that the wanted force alone reaches.
             NoProjectors: h does not do for this contact; names its type.
         """
         rules = {"h": h, "complement": complement, "metric": metric}
@@ -212,7 +212,7 @@ class HybridTask(Value):
             approach_distance=_limit(approach_distance, "approach_distance"),
             approach_time=_limit(approach_time, "approach_time"),
             slide_speed=_limit(slide_speed, "slide_speed"),
-            max_force=None if max_force is None else _limit(max_force, "max_force"),
+            max_force=None if max_force is None else _above(_limit(max_force, "max_force"), wrench, contact),
             max_moment=None if max_moment is None else _limit(max_moment, "max_moment"),
             on_overload=None
             if on_overload is None
@@ -307,6 +307,24 @@ def _angle(value: float) -> float:
     return angle
 
 
+def _above(most: float, wrench: ArrayLike | Wrench, contact: Contact | Callable[[Array], Contact]) -> float:
+    """A largest force that leaves room for the wanted one.
+
+    Raises:
+        BadInput: the wanted force alone reaches it.
+    """
+    wanted = wanted_of(wrench)
+    if len(wanted) == 6:
+        force = se3.norm(wanted[3:])
+    elif isinstance(contact, Contact) and len(wanted) == contact.kind.constraints.shape[1]:
+        force = se3.norm(np.asarray(contact.kind.constraints)[3:].dot(wanted))
+    else:  # the first part is the press
+        force = abs(float(wanted[0])) if len(wanted) else 0.0
+    if force > 0.0 and most <= force:
+        raise BadInput("max_force", f"{most:g} beside a wanted force of {force:g}", "a limit above the wanted force")
+    return most
+
+
 def _limit(value: float, argument: str) -> float:
     return arrays.number(value, argument, "a number or inf", positive=True, infinite=True)
 
@@ -349,7 +367,7 @@ class Split(NamedTuple):
             raise BadInput(argument, f"{found} number{'s' if found != 1 else ''}", expected)
         parts = self.intensities.dot(wrench) if found == 6 else wrench
         press = min(parts[: self.kind.presses].tolist(), default=0.0)
-        if press < -ROUNDING * sqrt(wrench.dot(wrench)):
+        if press < -ROUNDING * se3.norm(wrench):
             expected = "zero or more: the contact's z is the way the tool presses"
             raise BadInput(argument, f"a press of {press:g}", expected, "A contact that pulls is not unilateral.")
         exert: Array = W.dot(parts)
@@ -472,7 +490,7 @@ def load_at(wrench: Array, *places: Array) -> tuple[float, float]:
 def larger_part(force: Array, out: Array) -> float:
     """Of a force (3,) the larger of its parts along the way out (3,), a unit vector or zero, and across that."""
     along = float(out.dot(force))
-    return max(abs(along), sqrt(max(float(force.dot(force)) - along * along, 0.0)))
+    return max(abs(along), se3.norm(force - along * out))
 
 
 def weakest(parts: Array, felt: Array, exert: Array) -> tuple[float, float] | None:

@@ -427,7 +427,8 @@ class HybridController:
             posture: as in `Controller.follow`.
 
         Raises:
-            BadInput: NaN or wrong shapes; the controller's state is as it was.
+            BadInput: NaN or wrong shapes; the controller's state is as it was. In place of a reading with NaN give the
+                one before again; too often is a dead sensor's "fault".
         """
         if self._core is not None:
             if contact is None:

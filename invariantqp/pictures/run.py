@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.pictures.figure import figure_file
@@ -26,6 +27,8 @@ from invariantqp.runs.trace import ContactTrace, PathTrace, Trace
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+# What is drawn of a tool point that stays is this wide [mm]: rounding is not magnified.
+NARROWEST = 1e-3
 # The force axis ends at this multiple of the wanted force, so that noisy readings do not hide the force.
 SHOWN = 2.0
 
@@ -35,7 +38,12 @@ def picture(trace: Trace, path: Path | str) -> Path:
 
     Without contact it shows errors, joint positions, velocities and accelerations over time; with contact it shows the
     force, the path error, and the curve that the tool drew.
+
+    Raises:
+        BadInput: no trace, another ending.
     """
+    if not isinstance(trace, Trace):
+        raise BadInput("trace", excerpt(trace), "a Trace from run_task")
     if trace.contact is not None:
         return _contact_picture(trace, trace.contact, path)
     from cycler import cycler  # Matplotlib brings it
@@ -182,6 +190,8 @@ def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
     drawn = 1e3 * (contact.drawn[first:] - contact.desired[0]).dot(across.T)
     axes.plot(*desired.T, color=SHADE, linewidth=5.0, alpha=0.5, solid_capstyle="round", label="wanted")
     axes.plot(*drawn.T, color=VERMILION, linewidth=1.2, label="drawn")
+    middle = 0.5 * (desired.min(axis=0) + desired.max(axis=0))
+    axes.plot(*(middle + 0.5 * NARROWEST * np.array([[-1.0, -1.0], [1.0, 1.0]])).T, linestyle="none")
     axes.set_aspect("equal", adjustable="datalim")
     names = [_named(a) for a in across]
     axes.set_xlabel(f"{names[0]} [mm]")

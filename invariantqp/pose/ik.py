@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.analysis.survey import spread
 from invariantqp.control.demands import Exact, demands_of
+from invariantqp.control.limits import not_believed, refuse
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt, written
 from invariantqp.geometry import arrays
@@ -31,7 +32,7 @@ from invariantqp.geometry.fields import Compared, own
 from invariantqp.pose.error import PoseError, pose_arm, pose_error
 from invariantqp.pose.newton import Try, descend
 from invariantqp.progress import PROGRESS, Progress
-from invariantqp.robots.kinematics import Robot, require_robot
+from invariantqp.robots.kinematics import QUESTIONED_TURN, Robot, require_robot
 from invariantqp.velocity.forms import Form
 
 if TYPE_CHECKING:
@@ -101,6 +102,9 @@ class PoseSearch:
         self._clearance = clearance
         self._arm = pose_arm(robot)
         self._space = self._arm.space
+        turning = robot.jacobian(self._space.middle)[:3].any(axis=0)
+        far = np.where(turning & np.isfinite(robot.position_upper - robot.position_lower), QUESTIONED_TURN, inf)
+        self._believed = np.minimum(-far, robot.position_lower).tolist(), np.maximum(far, robot.position_upper).tolist()
         self._form = form
         self._exact = demands_of(exact)
         self._tolerance = arrays.number(tolerance, "tolerance", "a tolerance in radians and in lengths", positive=True)
@@ -109,11 +113,21 @@ class PoseSearch:
         self._seed = arrays.count(seed, "seed")
         self._plain: PoseError | None = None  # of some pose: the core needs no more than its measure
 
+    def start(self, q0: ArrayLike) -> Array:
+        """Joint positions (m,) to begin from.
+
+        Raises:
+            BadInput: NaN, a wrong shape, or a joint outside its range and two turns from zero.
+        """
+        q = arrays.vector(q0, len(self._robot.names), "q0")
+        refuse(not_believed(self._robot, q, self._believed), "q0")
+        return q
+
     def solve(self, target: Any, q0: ArrayLike | None = None) -> PoseSolution:
         """Joint positions for one target, from q0 first."""
         space = self._space
         error = pose_error(self._arm, target, self._form, self._exact)
-        start = space.middle if q0 is None else space.inside(arrays.vector(q0, len(self._robot.names), "q0"))
+        start = space.middle if q0 is None else space.inside(self.start(q0))
         error.misses(start)  # anything that loads at its first use loads now, not in this target's time
         begun = perf_counter()
         goal = GOAL_SHARE * self._tolerance * error.least
@@ -283,7 +297,8 @@ def solve_pose(
     Args:
         robot: from `load_robot`, or anything that meets `Robot`.
         target: tool pose, (4, 4) in the base frame or a `pinocchio.SE3`.
-        q0: (m,) where to begin [rad, length], put inside the limits first; None is the middle of the joint range. Along
+        q0: (m,) where to begin [rad, length], put inside the limits first; where it is outside them and two turns
+            from zero, as in degrees, it is refused. None is the middle of the joint range. Along
             a path, the answer before: hinges that can turn over end as near it as whole turns bring them, and where a
             target is out of reach the answer is the closest pose downhill from there, not the closest of all.
         form: the measure of how close a pose is. None is diag(L^2 I, I) at the arm's own point, fixed to its last link,
@@ -347,7 +362,7 @@ def solve_poses(
     listed = arrays.listed(targets, "targets", "a list of poses")
     wanted = [arrays.pose(target, f"targets[{i}]") for i, target in enumerate(listed)]
     path = arrays.flag(along, "along")
-    starts = _starts(q0, len(wanted), len(robot.names), along=path)
+    starts = _starts(search, q0, len(wanted), len(robot.names), along=path)
     processes = _processes(jobs, along=path)
     if processes == 1:
         found = _in_turn(search, wanted, starts, along=path)
@@ -385,11 +400,11 @@ def _in_turn(
         yield solution
 
 
-def _starts(q0: ArrayLike | None, n: int, m: int, *, along: bool) -> list[Array | None]:
+def _starts(search: PoseSearch, q0: ArrayLike | None, n: int, m: int, *, along: bool) -> list[Array | None]:
     """The start of each target."""
     if q0 is None:
         return [None] * n
     begin = arrays.array(q0, "q0", f"{m} joint positions, or as many for each target")
     if begin.ndim == 2 and not along:
-        return list(arrays.matrix(begin, (n, m), "q0"))
-    return [arrays.vector(begin, m, "q0")] * n
+        return [search.start(q) for q in arrays.matrix(begin, (n, m), "q0")]
+    return [search.start(begin)] * n

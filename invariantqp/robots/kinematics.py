@@ -5,11 +5,13 @@ Joint positions q are (m,) [rad, length]; poses (4, 4) and twists (omega; v) are
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
+from math import pi
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
@@ -20,6 +22,8 @@ T = TypeVar("T")
 
 # A position or velocity limit as large as this is read as none [rad, m, rad/s, m/s].
 UNLIMITED = 1e9
+# Position limits of a joint that turns, this far from zero [rad], two whole turns, are questioned.
+QUESTIONED_TURN = 4.0 * pi
 
 
 class Sighting(NamedTuple):
@@ -139,3 +143,16 @@ def joint_limits(m: int, lower: ArrayLike, upper: ArrayLike, speed: ArrayLike) -
         i = int((v_max <= 0.0).argmax())
         raise BadInput("velocity_limit", f"{v_max[i]:g} at joint {i}", "positive limits")
     return low, high, v_max
+
+
+def question_range(lower: Array, upper: Array, turning: NDArray[np.bool_], argument: str) -> None:
+    """Warn of position limits (m,) that look like degrees; `turning` (m,) says which joints turn.
+
+    Warns:
+        UserWarning: by the argument's name.
+    """
+    far = np.where(turning, np.maximum(*(np.where(np.isfinite(a), np.abs(a), 0.0) for a in (lower, upper))), 0.0)
+    most = float(far.max(initial=0.0))
+    if most > QUESTIONED_TURN:
+        turns = f"may turn to {most:.4g} rad, {most / (2.0 * pi):.3g} turns; are these degrees?"
+        warnings.warn(f"{argument}: joint {int(far.argmax())} {turns}", UserWarning, stacklevel=3)

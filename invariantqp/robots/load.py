@@ -11,13 +11,14 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownName, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.compose import stand_on
-from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.kinematics import Robot, question_range
 from invariantqp.robots.published import PUBLISHED, published
 from invariantqp.robots.tree import chain_to_link
 from invariantqp.robots.urdf import disabled, excluding, is_text, joint_of_yourdfpy, joints_of, parts_of, read_xml
@@ -99,13 +100,16 @@ def load_robot(
         MissingExtra: a named robot without the extra `robots`.
 
     Warns:
-        UserWarning: a description without speeds for joints, or with zero for them: those have no velocity limit.
+        UserWarning: a description without speeds for joints, or with zero for them: those have no velocity limit. One
+            whose joints turn more than two turns away from zero, as in degrees.
     """
     arm = read_arm(source, tool, None if joints is None else arrays.strings(joints, "joints"))
     if velocity_limit is not None:
         arm = arm.with_limits(velocity_limit=velocity_limit)
     elif not is_screws(source):
         _warn_of_unlimited(arm)
+    turning = np.asarray(arm.screws[:3].any(axis=0))
+    question_range(arm.position_lower, arm.position_upper, turning, "the description's limits")
     arm = arm if offset is None else arm.with_tool(offset)
     return arm if base is None else stand_on(base, arm)
 
@@ -205,11 +209,12 @@ def urdf_of(source: str | PathLike[str]) -> Path:
     try:
         if path.is_file():
             return path
-        is_path = bool(path.suffix) or len(path.parts) != 1 or path.exists()
+        is_path = bool(path.parts) and (bool(path.suffix) or len(path.parts) != 1 or path.exists())
     except OSError:  # a name that no file can have
         is_path = False
     if is_path:
-        raise RobotModelError(f"no file at {path}")
+        folder = f"{path} is a folder; expected the path of a URDF or MJCF file"
+        raise RobotModelError(folder if path.is_dir() else f"no file at {path}")
     near = difflib.get_close_matches(str(source).lower(), KNOWN)
     raise UnknownName("robot", str(source), near, [*KNOWN, "or the path of a URDF or MJCF file"])
 

@@ -53,6 +53,11 @@ def joints_of(name: str, root: ET.Element) -> list[TreeJoint]:
     twice = next((called for called in names if names.count(called) > 1), None)
     if twice is not None:
         raise RobotModelError(f"{name}: two joints are called {twice!r}")
+    links = {element.get("name") for element in root.findall("link")}
+    for joint in joints:
+        for link in (joint.parent, joint.child):
+            if link not in links:
+                raise RobotModelError(f"{name}: joint {joint.name!r}: no <link> is called {link!r}")
     return joints
 
 

@@ -22,7 +22,7 @@ from invariantqp.control.tracking import tracking_twist
 from invariantqp.engine import Engine
 from invariantqp.errors import BadInput
 from invariantqp.force.control import HybridController
-from invariantqp.geometry import se3
+from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.driver import PathFollower
 from invariantqp.paths.solution import FollowerSolution
@@ -147,6 +147,8 @@ class OperatorController(TaskController):
 def controller_for(problem: ControlProblem, controller: MakeController | None = None) -> TaskController:
     """What steers a plant by a problem; `controller` makes its velocity controller, None is ours."""
     robot, law = problem.robot, problem.law
+    if controller is not None:
+        arrays.function(controller, "controller", "a function of robot and law that makes a controller")
     limits = [] if problem.around is None else [problem.around.clearance]
     if problem.contact_task is not None:
         if controller is not None:

@@ -62,7 +62,7 @@ _JOINT = "joint {joint} ({words}): "
 # {0}, {1} are the numbers of a reason, {joint} its joint, {limits} its joints and rows, {bounds} its joints, {each} its
 # rows, each with its number, {words} what is not ours to word; {because} words, or none.
 SENTENCES = {
-    Code.NOT_BELIEVED: f"{_JOINT}{{0:.1f}} rad is {{1:.1f}} outside its position range; are these degrees? "
+    Code.NOT_BELIEVED: f"{_JOINT}{{0:.4g}} rad is {{1:.4g}} outside its position range; are these degrees? "
     'Give far_outside="return" to move back from there',
     Code.TOLD: "{words}",
     Code.STOPPED: "speed is 0",

@@ -9,7 +9,7 @@ PANDA = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 DEGREES = np.degrees(PANDA)
 DT = 0.002
 SAID = (
-    "joint 3 (panda_joint4): -135.0 rad is 131.9 outside its position range; are these degrees? "
+    "joint 3 (panda_joint4): -135 rad is 131.9 outside its position range; are these degrees? "
     'Give far_outside="return" to move back from there'
 )
 
@@ -63,6 +63,27 @@ def test_a_moving_arm_brakes_as_hard_as_it_may(robot, loop):
     assert not v.any()
 
 
+def test_a_posture_and_limits_in_degrees_are_questioned_too(robot, loop):
+    with pytest.raises(iq.BadInput, match=r"posture: found joint 3 \(panda_joint4\): -135 rad is 131.9 outside"):
+        loop(posture=DEGREES)
+    loop(posture=PANDA)
+    with pytest.warns(UserWarning, match="JointLimits: joint 0 may turn to 180 rad, 28.6 turns; are these degrees"):
+        loop(limits=[iq.limits.JointLimits(-180.0, 180.0)])
+    loop(limits=[iq.limits.JointLimits(-12.5, 12.5)])
+
+
+def test_a_position_beyond_any_scale_is_told_in_a_line(robot, loop):
+    reason = loop().step(1e300 * PANDA, robot.pose(PANDA)).reason
+    assert reason.startswith("joint 3 (panda_joint4): -2.356e+300 rad is 2.356e+300 outside")
+
+
+def test_a_feedforward_beyond_any_scale_is_told_by_its_name(robot, loop):
+    far = iq.transform(translation=[1e200, 0.0, 0.0])
+    for target, ahead, named in ((robot.pose(PANDA), 1e300 * np.eye(6)[3], "feedforward"), (far, None, "target")):
+        with pytest.raises(iq.BadInput, match=f"{named}: found .*numbers beyond any scale"):
+            loop().step(PANDA, target, ahead)
+
+
 def test_told_to_the_arm_moves_back(robot, loop):
     solution = loop(far_outside="return").step(DEGREES, robot.pose(PANDA))
     assert solution.status == "limited"
@@ -73,7 +94,7 @@ def test_told_to_the_arm_moves_back(robot, loop):
 def test_a_path_waits_and_goes_on(robot, loop):
     here = robot.pose(PANDA)
     follower = iq.PathFollower(loop(), [here, here @ iq.transform(translation=[0.0, 0.0, 0.05])])
-    with pytest.raises(iq.BadInput, match=r"q: found joint 3 \(panda_joint4\): -135\.0 rad is"):
+    with pytest.raises(iq.BadInput, match=r"q: found joint 3 \(panda_joint4\): -135 rad is"):
         follower.prepare(DEGREES)
     assert is_held(follower.step(DEGREES))
     follower.prepare(PANDA)
@@ -142,7 +163,7 @@ def test_slides_ranges_without_an_end_and_half_a_radian_are_believed():
     assert controller.step([0.0, 700.0, 0.0], np.eye(4)).status != "held"
     assert controller.step([0.0, 0.0, 1.49], np.eye(4)).status != "held"
     told = controller.step([0.0, 0.0, 1.51], np.eye(4))
-    assert (told.status, told.reason[:45]) == ("held", "joint 2 (joint3): 1.5 rad is 0.5 outside its ")
+    assert (told.status, told.reason[:46]) == ("held", "joint 2 (joint3): 1.51 rad is 0.51 outside its")
 
 
 def test_what_to_do_is_one_of_two_words(robot):

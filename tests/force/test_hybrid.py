@@ -289,6 +289,11 @@ BAD = {
     "size": (lambda: pen(size=0.0), "size"),
     "speed": (lambda: pen(approach_speed=0.0), "approach_speed"),
     "overload": (lambda: pen(max_force=-1.0), "max_force"),
+    "overload by what is wanted": (lambda: pen(max_force=3.0), "max_force"),
+    "the same of a wrench": (
+        lambda: iq.HybridTask(tip(np.eye(4)), iq.Wrench(moment=[0, 0, 0], force=[0, 0, 5.0]), max_force=5.0),
+        "max_force",
+    ),
     "nan overload": (lambda: pen(max_moment=np.nan), "max_moment"),
     "loss": (lambda: pen(on_loss="pray"), "on_loss"),
     "on overload": (lambda: pen(on_overload="continue"), "on_overload"),

@@ -10,6 +10,7 @@ import matplotlib as mpl
 import pytest
 
 import invariantqp as iq
+from invariantqp.pictures import picture
 from invariantqp.pictures.figure import figure_file
 
 ROOT = Path(__file__).parents[2]
@@ -67,6 +68,11 @@ def test_a_format_that_cannot_be_written_is_told(tmp_path):
         ):
             pass
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_no_trace_is_told(tmp_path):
+    with pytest.raises(iq.BadInput, match="trace: found 3; expected a Trace"):
+        picture(3, tmp_path / "picture.svg")
 
 
 def test_a_place_that_cannot_be_written_to_is_told(tmp_path):

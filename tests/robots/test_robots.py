@@ -162,7 +162,8 @@ FLOATING = SLIDER.replace('"prismatic"', '"floating"')
 FAILING = {
     "typo": (lambda _: iq.load_robot("pandda"), r"unknown robot 'pandda'; did you mean panda"),
     "no file": (lambda d: iq.load_robot(d / "missing.urdf"), "no file at .*missing.urdf"),
-    "folder": (iq.load_robot, "no file at"),
+    "folder": (iq.load_robot, "is a folder; expected the path of a URDF or MJCF file"),
+    "no name": (lambda _: iq.load_robot(""), "unknown robot ''"),
     "not xml": (lambda d: iq.load_robot(urdf(d, "<robot")), r"arm.urdf: not XML \(.*\); expected a URDF <robot>"),
     "not urdf": (lambda d: iq.load_robot(urdf(d, "<sdf/>")), "found <sdf> without joints; expected a URDF"),
     "mujoco": (lambda d: iq.load_robot(urdf(d, "<mujoco><joint/></mujoco>", "arm.xml")), "arm.xml: MuJoCo cannot make"),

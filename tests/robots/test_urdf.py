@@ -97,7 +97,8 @@ REFUSED = {
     "no limits": (ARM.replace("<limit", "<range"), "a revolute joint without <limit>"),
     "crossed limits": (with_joint(lower='lower="5"'), "above the upper one"),
     "a follower": (ARM.replace("<axis", '<mimic joint="other"/><axis'), "'turn' mimics 'other'"),
-    "two above": (with_another("c", "tip"), "a link is moved by two joints"),
+    "two above": (with_another("base", "tip"), "a link is moved by two joints"),
+    "a link of nobody's": (with_another("c", "tip"), "joint 'b': no <link> is called 'c'"),
     "a circle": (with_another("tip", "base"), "in a circle"),
     "entities": ('<!DOCTYPE robot [<!ENTITY a "aaaa">]>' + ARM, "a <!DOCTYPE>"),
 }
@@ -122,13 +123,24 @@ def test_a_tool_may_be_named_by_the_joint_that_moves_it():
 
 
 def test_held_joints_stand_at_zero_or_the_limit_nearest_to_it():
-    text = ARM.replace("</robot>", '<joint name="slide" type="prismatic"><parent link="tip"/><child link="end"/>'
+    text = ARM.replace("</robot>", '<link name="end"/><joint name="slide" type="prismatic">'
+                       '<parent link="tip"/><child link="end"/>'
                        '<axis xyz="1 0 0"/><limit lower="0.5" upper="1"/></joint></robot>')  # fmt: skip
     with pytest.warns(UserWarning, match="no velocity limit for slide"):
         whole = iq.load_robot(text, tool="end")
     part = iq.load_robot(text, tool="end", joints=["turn"])
     np.testing.assert_allclose(part.pose([0.3]), whole.pose([0.3, 0.5]), atol=1e-15)
     assert whole.velocity_limit.tolist() == [3.0, np.inf]
+
+
+def test_limits_in_degrees_are_questioned():
+    text = (
+        '<robot><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/><child link="b"/>'
+        '<axis xyz="0 0 1"/><limit lower="-170" upper="160" velocity="1"/></joint></robot>'
+    )
+    with pytest.warns(UserWarning, match="limits: joint 0 may turn to 170 rad, 27.1 turns; are these degrees"):
+        iq.load_robot(text)
+    iq.load_robot(text.replace("revolute", "prismatic"))
 
 
 def test_limits_that_cross_and_names_that_come_twice():

@@ -154,6 +154,8 @@ def test_overrides_and_arguments_that_do_not_exist():
         iq.run_task("panda_path")
     with pytest.raises(iq.BadInput, match="controller: found a velocity controller for a task in contact"):
         iq.run_task(iq.load_task("pen_on_paper"), controller=our_controller)
+    with pytest.raises(iq.BadInput, match="controller: found 3; expected a function of robot and law"):
+        iq.run_task(panda(), controller=3)
     with pytest.raises(iq.errors.UnknownName, match="did you mean daqp"):
         iq.run_task(panda(), backend="dapq")
     with pytest.raises(iq.BadInput, match=r"path\.waypoints\[0\]: found 2 numbers; expected 7, one for each joint"):
@@ -210,9 +212,7 @@ def test_a_start_outside_the_limits_recovers():
 
 
 def test_a_start_in_degrees_is_refused():
-    with pytest.raises(
-        iq.BadInput, match=r"start: found joint 3 \(panda_joint4\): -115\.0 rad is .*degrees\?; expected"
-    ):
+    with pytest.raises(iq.BadInput, match=r"start: found joint 3 \(panda_joint4\): -115 rad is .*degrees\?; expected"):
         iq.run_task(panda(robot__start=[0.0, -30.0, 0.0, -115.0, 0.0, 90.0, 45.0]))
 
 

@@ -12,7 +12,7 @@ from invariantqp.velocity import Code, Reason, reasons
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 DEGREES = (
-    'joint 2 (elbow): 57.3 rad is 54.2 outside its position range; are these degrees? Give far_outside="return" to '
+    'joint 2 (elbow): 57.3 rad is 54.16 outside its position range; are these degrees? Give far_outside="return" to '
     "move back from there"
 )
 DELAY = (
