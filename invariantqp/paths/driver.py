@@ -54,8 +54,8 @@ from invariantqp.velocity.solution import Status
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
 RISE = 0.02
 # A splice takes the first [s], one of joints that catch up the second: a hand is caught up with 0.06 s later with 0.3,
-# and what takes longer goes past the hand, and back. No plan is calmer than so many ticks.
-EASE, EASE_SAMPLE, CALM_TICKS = 0.3, 0.1, 5.0
+# and what takes longer goes past the hand, and back.
+EASE, EASE_SAMPLE = 0.3, 0.1
 # A clock that differs by more than this from the sum of the ticks [s] has jumped.
 SKEW = 0.02
 # Where there is no acceleration limit a joint may turn round in a tick, one without a speed limit from this speed
@@ -762,7 +762,7 @@ class Follower:
         self._missed, self._some_missed = missed, bool((missed > self._tolerance).any())
         self._stream = None
         if smooth:
-            calm = max(0.5 / np.pi / self.cutoff, CALM_TICKS * self.controller.dt)
+            calm = max(0.5 / np.pi / self.cutoff, SHORTEST_STOP * self.controller.dt)
             rate = self._override or 1.0
             state = self._motion(reference) / np.array((1.0, rate, rate * rate))[:, None]
             self._source = planned(state, now, stamps, joints, self._limits, calm)

@@ -28,8 +28,8 @@ JOINT_GAIN = 5.0
 # Joints farther from where they were sent than this [rad, length] have been pushed: the motion goes on from there.
 # Those of a path whose shape is kept are waited for where they are farther than the second, until they are half as far.
 DISPLACED, STRAYED = 0.2, 0.02
-# Splices take no fewer ticks than the first: a jerk that lasts less than three is none. Changes of a clock's rate
-# looked at.
+# Splices take no fewer ticks than the first, and plans are no less calm: a jerk that lasts less than three is none.
+# Changes of a clock's rate looked at.
 SHORTEST_STOP, TURNS = 4.0, 64
 # A plan's knots are so far apart as a share of how calm it is (its least is 1 % above that of all motions), and at most
 # so many.
@@ -119,14 +119,15 @@ def planned(state: Array, now: float, stamps: Array, points: Array, limits: Join
 def _going_on(times: Array, points: Array) -> tuple[Array, Array]:
     """The points (n, m) that are still to come, times (n,) from now, and what is wanted after them.
 
-    That is where the parabola through the last of them leads, if velocity and acceleration fade.
+    That is where the parabola along the last of them leads, if velocity and acceleration fade.
     """
-    last = times[-1]
-    k = min(max(int((times >= last - 4.0 * FADE).sum()), 3), len(times))
+    last = float(times[-1])
+    k = int((times >= last - 4.0 * FADE).sum())
     degrees = 1 + min(int((last - times[-k]) / FADE), k - 1, 2)  # a derivative takes some time to be seen
+    rows = ((times[-k:, None] - last) / FADE) ** np.arange(degrees)
     parabola = np.zeros((3, points.shape[1]))
-    parabola[:degrees] = np.linalg.lstsq((times[-k:, None] - last) ** np.arange(degrees), points[-k:], rcond=None)[0]
-    v, a = FADE * parabola[1], 2.0 * FADE**2 * parabola[2]
+    parabola[:degrees] = np.linalg.solve(rows.T @ rows, rows.T @ points[-k:])
+    v, a = parabola[1], 2.0 * parabola[2]
     over = max(-last, 0.0) + FADE * np.arange(1, FADING + 1)
     u = over[:, None] / FADE
     goes_on = points[-1] + v * (1.0 - np.exp(-u)) + (v + a) * (1.0 - (1.0 + u) * np.exp(-u))
@@ -176,6 +177,8 @@ class Stream:
         self.transport = transport  # in the mean [s]
         self.stamps: Array = np.array((stamp,))
         self.positions: Array = position[None]
+        most = np.full(len(position), inf)
+        self._boundless = JointLimits(-most, most, most, most, most, 0.0)
 
     @property
     def late(self) -> float:
@@ -196,9 +199,8 @@ class Stream:
         """
         first = np.vstack((self.positions[:1], np.zeros((2, self.positions.shape[1]))))
         state = first if before is None else before.at(np.array((now,)))[0, :3]
-        most = np.full(len(first[0]), inf)
-        boundless = JointLimits(-most, most, most, most, most, 0.0)
-        return planned(state, now, self.stamps + self.late, self.positions, boundless, CALM_OF_DELAY * self.delay)
+        stamps, calm = self.stamps + self.late, CALM_OF_DELAY * self.delay
+        return planned(state, now, stamps, self.positions, self._boundless, calm)
 
 
 class Clock(NamedTuple):
