@@ -48,6 +48,7 @@ from invariantqp.paths.shape import ASTRAY, PAUSE, Shape, Told
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.time_law import ROUNDING, JointLimits
 from invariantqp.systems.contacts import Contact
+from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.reasons import row_name, sentences
 from invariantqp.velocity.solution import Status
 
@@ -496,13 +497,24 @@ class Follower:
             if (np.abs(allowed - a) > ROUNDING * self.jerk * dt).any():
                 v = self._v + dt * allowed
                 self._late = self._twist is None
-        part, self._held_by = self._share(v)
+        part, self._held_by, rows = self._share(v)
         if part < 1.0 and along and shape is not None:  # the path waits
             reference.source = self._source = shape.delayed((1.0 - part) * dt)
             return self._wanted(reference)
         if part < 1.0:
             self._late = self._twist is None
-        return part * v
+        return part * v if rows is None else self._led_apart(part * v, rows)
+
+    def _led_apart(self, v: Array, rows: LimitRows) -> Array:
+        """(m,) a joint velocity v, or the one nearest to it that moves as far as rows of the tick require."""
+        loop, y = self.controller, rows.C.dot(v)
+        short = np.maximum(rows.lower - np.maximum(y, 0.0), np.minimum(y, 0.0) - rows.upper)
+        if not (short > 0.0).any():
+            return v
+        self._late, self._held_by = self._twist is None, row_name(int(short.argmax()), rows.names)
+        there = self._q - loop.dt * loop.memory.in_flight  # where the loop takes the joints to be at self._q
+        twist = loop.robot.jacobian(self._q).dot(v)
+        return loop.follow(there, twist, self._v, posture=v, calm=False).velocity
 
     def _override_of(self, value: float) -> float:
         most = 1.0 if self._shape is None else MOST_OVERRIDE
@@ -813,11 +825,11 @@ class Follower:
             return self._v + dt * self._limits.catching_up(self._q + dt * self._v, self._v, there)
         return (reference.position(self._time + dt) - self._q) / dt
 
-    def _share(self, v: Array) -> tuple[float, str]:
-        """The share of joint velocities v (m,) that the loop's tool speed and rows allow, and the name of the least."""
-        loop, share, name = self.controller, 1.0, ""
+    def _share(self, v: Array) -> tuple[float, str, LimitRows | None]:
+        """The share of joint velocities v (m,) that a tool speed and rows allow, the name of the least, and rows."""
+        loop, share, name, rows = self.controller, 1.0, "", None
         if loop.tool_speed is None and loop.joint_rows is None:
-            return share, name
+            return share, name, rows
         robot = loop.robot
         if loop.tool_speed is not None:
             sighting = robot.sight(self._q, robot.target(robot.pose(self._q)))
@@ -829,7 +841,7 @@ class Follower:
         if loop.joint_rows is not None:
             rows, trouble = loop.joint_rows.at(self._q, self._v)
             if trouble:
-                return 0.0, sentences((trouble,))
+                return 0.0, sentences((trouble,)), None
             if rows is not None:
                 value = np.asarray(rows.C).dot(v)
                 with np.errstate(divide="ignore", invalid="ignore"):
@@ -838,7 +850,7 @@ class Follower:
                 least = int(np.argmin(most)) if len(most) else 0
                 if len(most) and most[least] < share:
                     share, name = float(most[least]), row_name(least, rows.names)
-        return share, name
+        return share, name, rows
 
     # What is told
 

@@ -400,6 +400,32 @@ def test_what_holds_the_arm_back_is_named(names):
     assert (str(told.status), told.reason) == ("late", f"held by {names[0] if names else 'above'}")
 
 
+@pytest.mark.parametrize(("dt", "delay", "told"), [(0.002, 0.0, True), (0.01, 0.0, False), (0.005, 0.02, False)])
+def test_a_hand_held_still_makes_way_for_what_comes_and_goes_back(dt, delay, told):
+    """A ball comes as far as 20 mm into the hand, stays and goes; what is lost is what an arm alone loses."""
+    arm, q, speed, a = iq.load_robot("ur5"), np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]), 0.1, 8.0
+    at, start, ball = arm.pose(q), q, iq.limits.Sphere([0.0, 0.0, 0.0], 0.08, name="ball")
+    clear = iq.limits.Clearance(arm, {"tool": [iq.limits.Sphere([0.0, 0.0, -0.02], 0.05)]}, [ball])
+    follower = iq.Follower(iq.Controller(arm, dt=dt, delay=delay, acceleration_limit=a, limits=[clear]))
+    late, d, said = [np.zeros(6)] * round(delay / dt), [], set()
+    for i in range(round(5.0 / dt)):
+        t = dt * i
+        way = speed * (t if t < 0.9 else 0.9 if t < 1.4 else max(0.9 - (t - 1.4), 0.0))
+        along = -speed if t < 0.9 else 0.0 if t < 1.4 else speed if t < 2.3 else 0.0
+        ball.move(iq.transform(translation=at[:3, 3] + [0.0, 0.2 - way, 0.0]), [0, 0, 0, 0, along, 0] if told else None)
+        if i % round(0.02 / dt) == 0:
+            follower.add(at, t)
+        solution = follower.step(q, now=t)
+        late.append(solution.velocity)
+        q = q + dt * late.pop(0)
+        d.append(clear.at(q).distance)
+        said.add((str(solution.status), solution.reason))
+    behind = speed * (dt + delay) + (0.0 if told else speed * max(10.0 * dt, np.e * (delay + 0.5 * dt)))
+    assert min(d) > 0.02 - behind - speed**2 / (2.0 * 0.3 * a * np.hypot(*at[:2, 3]))
+    assert ("late", "held by clearance: tool and ball") in {(status, reason.split(",")[0]) for status, reason in said}
+    np.testing.assert_allclose(q, start, atol=1e-6)
+
+
 def test_a_tool_speed_holds():
     arm = Arm("ur5", tool_speed=0.1)
     truth = arm.motion(np.random.default_rng(12), size=1.0)
