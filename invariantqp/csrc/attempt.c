@@ -6,7 +6,6 @@
    V is U with each direction as far as damping leaves it. f is odd, so f(C) = C g(C'C) by the singular values of C. */
 
 #include "core.h"
-#include <string.h>
 
 /* A singular value within this factor of NULL_RATIO might be on its other side in Python. */
 static const double CLOSE = 10.0;

@@ -3,7 +3,6 @@
        T(q) = exp(q_1 S_1) ... exp(q_m S_m) home,     J_i = Ad(exp(q_1 S_1) ... exp(q_i-1 S_i-1)) S_i */
 
 #include "core.h"
-#include <string.h>
 
 /* Below this angle [rad] series are exact to rounding, and closed coefficients are not. */
 #define SMALL_ANGLE 1e-2

@@ -7,7 +7,6 @@
    optimum for the rows that are outside now, and goes towards it as far as that gains. */
 
 #include "core.h"
-#include <string.h>
 
 /* Steps, at most, and one for each row. */
 #define PASSES_MORE 8
@@ -49,12 +48,12 @@ void add_square(Squares *sum, const Row a, double b)
 void solved_by(const Squares *sum, Quadratic *problem)
 {
     int n = problem->n = sum->n;
-    memset(problem->centre, 0, sizeof problem->centre);
+    zeroed(problem->centre);
     for (int j = 0; j < n; j++) {
         double *t = problem->T[j];
-        memset(problem->K[j], 0, sizeof(Row));
+        zeroed(problem->K[j]);
         memcpy(problem->K[j], sum->R[j], (size_t)n * sizeof(double));
-        memset(t, 0, sizeof(Row));
+        zeroed(t);
         for (int i = j; i >= 0; i--)
             t[i] = ((i == j ? 1.0 : 0.0) - dot(j - i, sum->R[i] + i + 1, t + i + 1)) / sum->R[i][i];
         add_in_steps(n, sum->d[j], t, problem->centre);

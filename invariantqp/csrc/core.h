@@ -10,6 +10,7 @@
 #include "fields.h"
 #include <math.h>
 #include <stddef.h>
+#include <string.h>
 
 /* Limits of joints and rows, and one of a share. */
 #define LIMITS (MOST + MOST_LIMITS + 1)
@@ -80,33 +81,31 @@ typedef struct {
     double threshold, ceiling, fixed, speed;
 } Demand;
 
+/* regular.c: S = AA', its lower triangle, S = LL', and X = L^-1 where nothing is damped */
+typedef struct {
+    bool holds;
+    Row S[6], L[6], X[6];
+} Regular;
+
 /* objective.py: 1/2 |K (z - z*)|^2, K = diag(sqrt(weights)) V' */
 typedef struct {
     int n, rank;
     Row V[MOST]; /* V[i] is direction i, for steps */
     Row weights, optimum, still; /* still: the optimum without the chase */
     double damping, ratio;
-    bool regular; /* K = L V and T = V'X in the first six directions, X = L^-1 */
-    Row L[6], X[6];
+    const Regular *regular; /* or NULL: K = L V and T = V'X in the first six directions */
+    Regular calmer;
 } Objective;
 
 /* spectrum.c: A = U diag(sigma) V', wanted = U'b; U[i] is direction i, where it is asked for.
-   regular.c: A = L V, wanted = X b, X = L^-1, and no sigma but the largest. V has zeros after the n numbers of a row, for
-   steps. */
+   regular.c: A = L V, wanted = X b, and no sigma but the largest. V has zeros after the n numbers of a row, for steps. */
 typedef struct {
     Row V[MOST];
     Row sigma, wanted, ahead; /* U'b, and U' of what is not chased */
     double largest; /* singular value that all are compared with */
     double U[6][6];
-    bool regular;
-    Row L[6], X[6];
+    const Regular *regular; /* or NULL */
 } Spectrum;
-
-/* regular.c: S = AA', its lower triangle, S = LL', and X = L^-1 where nothing is damped */
-typedef struct {
-    bool holds;
-    Row S[6], L[6], X[6];
-} Regular;
 
 /* Rows are worked on in steps of STEP numbers, those after the last one zero. */
 #define STEP 4
@@ -237,6 +236,13 @@ static inline double dot(int n, const double *a, const double *b)
     return i < n ? even + a[i] * b[i] + odd : even + odd;
 }
 
+/* In two halves, for which compilers write a few stores; of a whole row they make a loop that is slower. */
+static inline void zeroed(Row row)
+{
+    memset(row, 0, sizeof(Row) / 2);
+    memset(row + MOST / 2, 0, sizeof(Row) / 2);
+}
+
 /* Rows whose numbers after the last one are zero, in steps of STEP; two of them, which are usual, in one line. */
 static inline double dot_in_steps(int n, const double *p, const double *q)
 {
@@ -279,6 +285,7 @@ double norm_of_rows(int rows, int n, const Row *A);
 bool all_finite(int n, const double *a);
 bool usual(int n, const double *a);
 void transformed(int m, const Row *M, const Row x, Row y);
+void combined(int n, int rows, const double *a, int step, const Row *A, Row sum);
 void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row *C);
 void product_with(int rows, int m, Row *A, const Row *T);
 bool factored(int n, Row *H);

@@ -1,7 +1,6 @@
 /* Sums over short vectors, products and factors of small matrices. */
 
 #include "core.h"
-#include <string.h>
 
 /* |A|, the root of the sum of squares. */
 double norm_of_rows(int rows, int n, const Row *A)
@@ -26,7 +25,9 @@ static const double SMALLEST = 1e-70, LARGEST = 1e70;
 /* Whether a vector is zero or of such a size; NaN is not. */
 bool usual(int n, const double *a)
 {
-    double most = 0.0;
+    double most = 0.0, square = dot(n, a, a);
+    if (square >= MOST * SMALLEST * SMALLEST && square <= LARGEST * LARGEST)
+        return true;
     for (int i = 0; i < n; i++) {
         double size = fabs(a[i]);
         if (!(size <= LARGEST))
@@ -36,11 +37,24 @@ bool usual(int n, const double *a)
     return most == 0.0 || most >= SMALLEST;
 }
 
+/* a[0] A[0] + a[step] A[1] + ..., of so many rows; they and the sum have zeros after their n numbers. */
+void combined(int n, int rows, const double *a, int step, const Row *A, Row sum)
+{
+    double few[2 * STEP] = {0.0};
+    for (int k = 0; k < rows && n <= 2 * STEP; k++)
+        add_in_steps(2 * STEP, a[k * step], A[k], few);
+    memcpy(sum, few, sizeof few);
+    memset(sum + 2 * STEP, 0, sizeof(Row) - sizeof few);
+    for (int k = 0; k < rows && n > 2 * STEP; k++)
+        add_in_steps(n, a[k * step], A[k], sum);
+}
+
 /* D J, with zeros after its m numbers */
 void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row *C)
 {
     for (int i = 0; i < rows; i++) {
-        Row sum = {0.0};
+        Row sum;
+        zeroed(sum);
         for (int k = 0; k < 6; k++) {
             double d = D[i][k];
             if (d == 0.0) /* as half of a measure's root is */
@@ -56,7 +70,8 @@ void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row 
 void product_with(int rows, int m, Row *A, const Row *T)
 {
     for (int i = 0; i < rows; i++) {
-        Row sum = {0.0};
+        Row sum;
+        zeroed(sum);
         for (int k = 0; k < m; k++)
             for (int j = 0; j < m; j++)
                 sum[j] += A[i][k] * T[k][j];
@@ -119,10 +134,10 @@ void inverse_triangle(int n, const Row *L, Row *X)
 {
     for (int i = 0; i < n; i++) {
         double over = 1.0 / L[i][i];
-        memset(X[i], 0, sizeof(Row));
+        zeroed(X[i]);
         X[i][i] = over;
         for (int k = 0; k < i; k++)
-            add_in_steps(k + 1, -over * L[i][k], X[k], X[i]);
+            add_in_steps(n, -over * L[i][k], X[k], X[i]);
     }
 }
 

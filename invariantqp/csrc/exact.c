@@ -6,7 +6,6 @@
    Rows that are parts of the twist, C = D J, are first made orthonormal in the measure. */
 
 #include "core.h"
-#include <string.h>
 
 /* ROW_TOLERANCE, but for what rounding makes of it: a singular value above the first share of the largest counts, below the
    second it is zero; between them, Python decides. */

@@ -71,7 +71,7 @@ Outcome exact_step(int m, const Linearization *state, double damping, const Row 
     int k = state->rows, rank = 0;
     double size = 0.0, square = 0.0, missed = dot(k, state->b, state->b);
     Spectrum found;
-    Objective rows = {.n = m};
+    Objective rows;
     Row first, H[MOST], g, z;
     if (spectrum(k, m, state->C, state->b, NULL, &found) == HAND_BACK || !(found.sigma[0] > 0.0))
         return HAND_BACK;
@@ -85,6 +85,8 @@ Outcome exact_step(int m, const Linearization *state, double damping, const Row 
         square += dot(m, state->C[i], state->C[i]);
     }
     double least = fmax(damping * missed, ROW_FLOOR * found.sigma[0] * found.sigma[0]);
+    rows.n = m;
+    rows.regular = NULL;
     memcpy(rows.V, found.V, sizeof rows.V);
     for (int i = 0; i < m; i++) {
         double sigma = i < rank ? found.sigma[i] : 0.0;

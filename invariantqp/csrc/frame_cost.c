@@ -1,7 +1,6 @@
 /* Twin of control/frame_cost.py: the quadratic that a frame task of Pink or mink minimises, 1/2 x'Hx + c'x. */
 
 #include "core.h"
-#include <string.h>
 
 /* H (m, m) and c (m,). */
 Outcome frame_cost(const Law *law, const FrameError *error, Row *H, Row c)

@@ -6,7 +6,6 @@
    Where A = L V and nothing is damped, K = L V and V'z* = L^-1 b. */
 
 #include "core.h"
-#include <string.h>
 
 /* Weights further apart than this make the optimum inside limits too sensitive to rounding. */
 static const double LEAST_WEIGHT = 1e-10;
@@ -33,10 +32,6 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
     objective->n = n;
     objective->rank = 0;
     objective->regular = found->regular;
-    if (found->regular) {
-        memcpy(objective->L, found->L, sizeof found->L);
-        memcpy(objective->X, found->X, sizeof found->X);
-    }
     for (int i = 0; i < n; i++) {
         double *v = objective->V[i], sigma = found->sigma[i], wanted = found->wanted[i];
         memcpy(v, found->V[i], sizeof(Row));
@@ -73,29 +68,19 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
 
 void centre(const Objective *objective, Row z)
 {
-    memset(z, 0, sizeof(Row));
-    for (int i = 0; i < objective->n; i++)
-        add_in_steps(objective->n, objective->optimum[i], objective->V[i], z);
+    combined(objective->n, objective->n, objective->optimum, 1, objective->V, z);
 }
 
 void quadratic(const Objective *objective, Quadratic *problem)
 {
     int n = problem->n = objective->n, regular = objective->regular ? 6 : 0;
-    const Row *L = objective->L, *X = objective->X, *V = objective->V;
+    const Row *V = objective->V;
     centre(objective, problem->centre);
     for (int i = 0; i < n; i++) {
-        double root = i < regular ? 0.0 : sqrt(objective->weights[i]);
-        memset(problem->K[i], 0, sizeof(Row));
-        memset(problem->T[i], 0, sizeof(Row));
-        if (i >= regular) {
-            add_in_steps(n, root, V[i], problem->K[i]);
-            add_in_steps(n, 1.0 / root, V[i], problem->T[i]);
-            continue;
-        }
-        for (int k = 0; k <= i; k++)
-            add_in_steps(n, L[i][k], V[k], problem->K[i]);
-        for (int k = i; k < 6; k++)
-            add_in_steps(n, X[k][i], V[k], problem->T[i]);
+        double root = i < regular ? 1.0 : sqrt(objective->weights[i]), over = 1.0 / root;
+        const double *row = i < regular ? objective->regular->L[i] : &root, *column = i < regular ? &objective->regular->X[i][i] : &over;
+        combined(n, i < regular ? i + 1 : 1, row, 1, i < regular ? V : V + i, problem->K[i]);
+        combined(n, i < regular ? 6 - i : 1, column, MOST, V + i, problem->T[i]);
     }
 }
 
@@ -113,7 +98,9 @@ double speed(const Objective *objective, const Row z)
 void calmed(Objective *objective, double mu)
 {
     int regular = objective->regular ? 6 : 0;
-    Row H[6], *L = objective->L;
+    const Row *L = regular > 0 ? objective->regular->L : NULL;
+    Regular *calmer = &objective->calmer;
+    Row H[6];
     double pull[6];
     for (int i = 0; i < regular; i++) {
         pull[i] = 0.0;
@@ -134,9 +121,10 @@ void calmed(Objective *objective, double mu)
         for (int i = 0; i < 6; i++) {
             objective->optimum[i] = turned[5 - i];
             for (int k = i; k < 6; k++)
-                L[k][i] = H[5 - i][5 - k];
+                calmer->L[k][i] = H[5 - i][5 - k];
         }
-        inverse_triangle(6, (const Row *)L, objective->X);
+        inverse_triangle(6, (const Row *)calmer->L, calmer->X);
+        objective->regular = calmer;
     }
     for (int i = regular; i < objective->n; i++) {
         double weight = objective->weights[i] + mu;

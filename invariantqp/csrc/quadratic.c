@@ -10,7 +10,6 @@
 
 #include "core.h"
 #include <stdlib.h>
-#include <string.h>
 
 /* Centred: lower <= N e <= upper. Rows of N and of a Face are zero after their n numbers, for steps. */
 typedef struct {
@@ -34,12 +33,16 @@ double tool_speed(const Cone *cone, int n, const Row x)
 static void without_rounding(int n, double length, const Row columns, Row row)
 {
     Row cosine;
-    bool large = true;
+    double least = 2.0 * COSINE_ROUNDING * length, missing = 0.0;
+    for (int j = 0; j < n; j++) {
+        double less = least * columns[j] - fabs(row[j]);
+        missing = less > missing ? less : missing;
+    }
+    if (missing == 0.0)
+        return;
     for (int j = 0; j < n; j++)
-        large &= fabs(row[j]) >= 2.0 * COSINE_ROUNDING * length * columns[j];
-    for (int j = 0; j < n && !large; j++)
         cosine[j] = row[j] / (length * columns[j] + TINY);
-    for (int j = 0; j < n && !large; j++) {
+    for (int j = 0; j < n; j++) {
         double square = 0.0;
         for (int l = 0; l < n; l++)
             if (fabs(columns[l] - columns[j]) <= QP_ROUNDING * columns[j])
@@ -274,7 +277,7 @@ static bool face_of(const Room *room, int *side, Face *face)
     int k = face->k;
     bool on[LIMITS] = {false}, all = true;
     face->k = 0;
-    memset(face->shortest, 0, sizeof face->shortest);
+    zeroed(face->shortest);
     for (int l = 0; l < k && side[face->at[l]] != 0; l++) {
         on[face->at[l]] = true;
         with_next(room, face->at[l], side[face->at[l]], face);
@@ -461,14 +464,17 @@ static void turned_by(const Quadratic *problem, const Polytope *limits, Turned *
         columns[j] = sqrt(dot_in_steps(n, problem->T[j], problem->T[j]));
     turned->rows = limits->count;
     turned->face.k = 0;
+    for (int i = 0; i < limits->count; i++)
+        zeroed(turned->N[i]);
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < limits->count; i++)
+            turned->N[i][j] = limits->box ? problem->T[j][i] : dot(n, limits->A[i], problem->T[j]);
     for (int i = 0; i < limits->count; i++) {
-        Row row = {0.0};
-        for (int j = 0; j < n; j++)
-            row[j] = limits->box ? problem->T[j][i] : dot(n, limits->A[i], problem->T[j]);
+        double *row = turned->N[i];
         without_rounding(n, limits->box ? 1.0 : norm(n, limits->A[i]), columns, row);
         double length = turned->length[i] = sqrt(dot_in_steps(n, row, row)), over = length > 0.0 ? 1.0 / length : 0.0;
         for (int j = 0; j < MOST; j++)
-            turned->N[i][j] = row[j] * over;
+            row[j] *= over;
     }
 }
 
@@ -516,10 +522,10 @@ static void precise(const Quadratic *problem, const Polytope *limits, const Room
                     Row z)
 {
     int n = problem->n;
-    Row missing = {0.0}, e;
-    memcpy(z, problem->centre, sizeof(Row));
-    for (int j = 0; j < n; j++)
-        add_in_steps(n, face->e[j], problem->T[j], z);
+    Row missing, e;
+    zeroed(missing);
+    combined(n, n, face->e, 1, problem->T, z);
+    add_in_steps(n, 1.0, problem->centre, z);
     for (int k = 0; k < face->k; k++) {
         int i = face->at[k];
         double value = limits->box ? z[i] : dot(n, limits->A[i], z);

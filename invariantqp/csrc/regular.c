@@ -4,7 +4,6 @@
        sigma_min^2 >= 1 / |(AA')^-1|,         sigma_max^2 <= |AA'| */
 
 #include "core.h"
-#include <string.h>
 
 bool is_regular(const Demand *demand, const Row A[6], Regular *regular)
 {
@@ -95,18 +94,13 @@ static double largest_eigenvalue(const Row lower[6])
 /* In place of `spectrum`: A = L V, V orthonormal but for rounding times the condition of S. */
 void regular_spectrum(int n, const Regular *regular, const Row A[6], const double b[6], const double *ahead, Spectrum *found)
 {
-    memset(found->sigma, 0, sizeof found->sigma);
-    memset(found->wanted, 0, sizeof found->wanted);
-    memset(found->ahead, 0, sizeof found->ahead);
-    memcpy(found->L, regular->L, sizeof found->L);
-    memcpy(found->X, regular->X, sizeof found->X);
-    for (int i = 0; i < 6; i++) {
-        memset(found->V[i], 0, sizeof(Row));
-        for (int k = 0; k <= i; k++)
-            add_in_steps(n, regular->X[i][k], A[k], found->V[i]);
-    }
+    zeroed(found->sigma);
+    zeroed(found->wanted);
+    zeroed(found->ahead);
+    for (int i = 0; i < 6; i++)
+        combined(n, i + 1, regular->X[i], 1, A, found->V[i]);
     completed(n, 6, found->V);
-    found->regular = true;
+    found->regular = regular;
     found->largest = n > 6 ? sqrt(largest_eigenvalue(regular->S)) : 1.0; /* for what moves nothing alone */
     want(found, b, ahead);
 }
@@ -128,21 +122,14 @@ bool regular_velocity(const Demand *demand, const Regular *regular, const Row A[
         for (int i = 0; i < 6; i++)
             y[i] = ahead[i] + share * (b[i] - ahead[i]);
         solved(6, L, y, y);
-        for (int j = 0; j < n; j++) {
-            x[j] = 0.0;
-            for (int i = 0; i < 6; i++)
-                x[j] += y[i] * A[i][j];
-        }
+        combined(n, 6, y, 1, A, x);
         pace = posture_share(demand, x);
     }
     for (int i = 0; i < 6; i++)
         y[i] = pace > 0.0 ? b[i] - pace * dot(n, A[i], demand->posture) : b[i];
     solved(6, L, y, y);
-    for (int j = 0; j < n; j++) {
-        double sum = pace * demand->posture[j];
-        for (int i = 0; i < 6; i++)
-            sum += y[i] * A[i][j];
-        x[j] = sum;
-    }
+    combined(n, 6, y, 1, A, x);
+    for (int j = 0; j < n && pace > 0.0; j++)
+        x[j] += pace * demand->posture[j];
     return all_finite(n, x);
 }

@@ -1,7 +1,6 @@
 /* Twin of velocity/report.py and solution.py: the velocity as it may be commanded, its status, and what the reason says. */
 
 #include "core.h"
-#include <string.h>
 
 bool allows(const Demand *demand, const Row x)
 {
@@ -21,13 +20,14 @@ bool allows(const Demand *demand, const Row x)
 /* Whether A x = b but for rounding, or a tolerance. */
 bool is_met(int n, const Row A[6], const double b[6], const Row x, double tolerance)
 {
-    double square = 0.0, size = norm_of_rows(6, n, A);
+    double square = 0.0, size = 0.0;
     for (int i = 0; i < 6; i++) {
         double left = b[i] - dot(n, A[i], x);
         square += left * left;
+        size += dot_in_steps(n, A[i], A[i]);
     }
     return square <= tolerance * tolerance * dot(6, b, b) ||
-           square <= PRODUCT_ROUNDING * PRODUCT_ROUNDING * size * size * dot(n, x, x);
+           square <= PRODUCT_ROUNDING * PRODUCT_ROUNDING * size * dot(n, x, x);
 }
 
 /* A measured twist up to which nothing is to move, as an error of a pose that may stay. */

@@ -5,7 +5,6 @@
        nu = EXACT_CALM / 2 dt (1 - a_max) |y0| effort */
 
 #include "core.h"
-#include <string.h>
 
 /* Beside the tool's speed limit a smaller share is told by weights 1e-9 apart where standing still is not allowed. */
 static const double LOOSE = 1e-3;
@@ -31,10 +30,13 @@ static double within(double share) { return between(share, 0.0, 1.0); }
    count from its part that they fix. `found` is the optimum. */
 Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Row inside, Optimum *found)
 {
-    Objective still = {.n = m};
+    Objective still;
     Quadratic cost;
     found->met = true;
     int k = m - reduction->n;
+    still.n = m;
+    still.regular = NULL;
+    zeroed(still.optimum);
     for (int i = 0; i < m; i++) {
         memcpy(still.V[i], i < k ? reduction->span[i] : reduction->basis[i - k], sizeof(Row));
         still.weights[i] = REGULARISATION + (i < k ? 1.0 : 0.0);

@@ -7,7 +7,6 @@
    identity is, and becomes U'. */
 
 #include "core.h"
-#include <string.h>
 
 /* Two rows with a cosine below this are orthogonal. */
 static const double ORTHOGONAL = 4e-16;
@@ -84,16 +83,18 @@ Outcome sorted_rows(int rows, int n, int with, Rotated *R, double *sigma)
 void completed(int n, int rank, Row *V)
 {
     Row left;
-    for (int axis = 0; axis < n && rank < n; axis++) {
+    if (rank == n)
+        return;
+    for (int axis = 0; axis < n; axis++)
         left[axis] = 1.0;
-        for (int i = 0; i < rank; i++)
+    for (int i = 0; i < rank; i++)
+        for (int axis = 0; axis < n; axis++)
             left[axis] -= V[i][axis] * V[i][axis];
-    }
     for (int k = rank; k < n; k++) {
         int best = 0;
         for (int axis = 1; axis < n; axis++)
             best = left[axis] > left[best] ? axis : best;
-        memset(V[k], 0, sizeof(Row));
+        zeroed(V[k]);
         V[k][best] = 1.0;
         for (int twice = 0; twice < 2; twice++)
             for (int i = 0; i < k; i++)
@@ -114,7 +115,7 @@ void want(Spectrum *found, const double b[6], const double *ahead)
     double *into[] = {found->wanted, found->ahead};
     for (int k = 0; k < 2; k++) {
         for (int i = 0; i < 6; i++)
-            into[k][i] = dot(6, found->regular ? found->X[i] : found->U[i], from[k]);
+            into[k][i] = dot(6, found->regular ? found->regular->X[i] : found->U[i], from[k]);
     }
 }
 
@@ -137,7 +138,7 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahea
 
     double sigma[MOST];
     int order[MOST];
-    found->regular = false;
+    found->regular = NULL;
     for (int i = 0; i < rows; i++) {
         sigma[i] = norm(length, R[i].row);
         int at = i;
@@ -145,9 +146,9 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahea
             order[at] = order[at - 1];
         order[at] = i;
     }
-    memset(found->sigma, 0, sizeof found->sigma);
-    memset(found->wanted, 0, sizeof found->wanted);
-    memset(found->ahead, 0, sizeof found->ahead);
+    zeroed(found->sigma);
+    zeroed(found->wanted);
+    zeroed(found->ahead);
     memset(found->V, 0, (size_t)n * sizeof(Row));
     if (b == NULL)
         memset(found->U, 0, sizeof found->U);

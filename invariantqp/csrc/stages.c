@@ -7,7 +7,6 @@
        guard      with a form: least squares inside the same limits is blended in where the form does not descend */
 
 #include "core.h"
-#include <string.h>
 
 /* velocity/exact.py, ROW_TOLERANCE: what moves a level's bodies by less than this share of the most is left to the next;
    nearer to it than this, Python decides. */
@@ -21,6 +20,7 @@ typedef struct {
     const double *wanted, *attempt; /* the same array where no form changes anything */
     double ahead[6], unchased[6];   /* of `wanted` and of `attempt`, without the chase */
     Row posture;
+    Regular own; /* where there is a joint metric */
     Polytope limits, placed; /* placed: without the limits of velocity and acceleration */
     Cone cone;
     Reduction reduction;
@@ -132,8 +132,8 @@ static Outcome posed(const Demand *demand, const Regular *regular, const Row A[6
 {
     int m = demand->m;
     const Law *metric = demand->metric;
-    Row C[MOST_ROWS], still = {0.0};
-    Regular own;
+    static const Row STILL = {0.0};
+    Row C[MOST_ROWS];
     problem->demand = demand;
     problem->twists = problem->A = A;
     problem->wanted = problem->attempt = wanted;
@@ -156,11 +156,11 @@ static Outcome posed(const Demand *demand, const Regular *regular, const Row A[6
             for (int i = 0; i < m; i++)
                 for (int j = 0; j < m; j++)
                     columns[i][j] = metric->T[j][i];
-            cone_on(&demand->cone, m, still, m, (const Row *)columns, &problem->cone);
+            cone_on(&demand->cone, m, STILL, m, (const Row *)columns, &problem->cone);
         }
         problem->A = (const Row *)problem->product;
-        is_regular(demand, problem->A, &own);
-        regular = &own;
+        is_regular(demand, problem->A, &problem->own);
+        regular = &problem->own;
         for (int i = 0; i < 6; i++)
             if (!usual(m, problem->product[i]))
                 return HAND_BACK;
@@ -378,7 +378,7 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
     Row z1, unchased, whole, part;
     *pace = 1.0;
     turned.rows = 0;
-    memset(slowed, 0, sizeof(Row));
+    zeroed(slowed);
     quadratic(objective, &cost);
     memcpy(whole, cost.centre, sizeof whole);
     if (demand->chased) {
@@ -389,11 +389,9 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
             return DONE;
         }
         memcpy(z1, found->z, sizeof z1);
-        Objective rest = *objective;
         Optimum still;
         Slowed way = {.room = room, .cost = &cost, .turned = &turned, .found = found, .delta = demand->chase.slack};
-        memcpy(rest.optimum, objective->still, sizeof rest.optimum);
-        centre(&rest, unchased);
+        combined(n, n, objective->still, 1, objective->V, unchased);
         memcpy(cost.centre, unchased, sizeof unchased);
         if (minimise_turned(&cost, room->placed, &NONE, room->inside, NULL, &turned, &still) == HAND_BACK)
             return HAND_BACK;
@@ -575,8 +573,9 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
     Optimum found;
     Share share;
     Room room;
-    Row x, y, slowed = {0.0};
+    Row x, y, slowed;
     int m = demand->m;
+    zeroed(slowed);
     found.met = share.near.met = false;
     solution->yielded.rows = 0;
     solution->yielded.speed = 0.0;
