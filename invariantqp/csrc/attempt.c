@@ -88,7 +88,7 @@ Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6
     int k = n < 6 ? n : 6;
     const Law *form = demand->form;
     double largest = found->largest, share[6], r[6], done[6] = {0.0}, M[6][6], V[6][6], W[6][6] = {{0.0}}, square = 0.0;
-    Row MV[6], L[6], C[6], y;
+    Row MV[6], L[6], C[6], y, counts;
     Spectrum own;
     bool whole = k == 6;
     memcpy(attempt, b, 6 * sizeof(double));
@@ -132,13 +132,13 @@ Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6
         }
         if (damped < DAMPED_SHARE && own.sigma[l] > UNTOUCHED * size / CLOSE && own.sigma[l] < DISTINCT * size)
             return HAND_BACK;
-        bool untouched = own.sigma[l] <= UNTOUCHED * size;
+        counts[l] = between(own.sigma[l] / (UNTOUCHED * size) - 1.0, 0.0, 1.0);
         for (int h = 0; h <= l; h++) {
-            L[l][h] = h < l ? 0.0 : own.sigma[l] + (UNSEEN + (untouched ? 1.0 : 0.0)) * size;
+            L[l][h] = h < l ? 0.0 : own.sigma[l] + (UNSEEN + 1.0 - counts[l]) * size;
             for (int i = 0; i < k; i++)
                 L[l][h] += own.V[l][i] * own.V[h][i] * (1.0 - share[i]) * size;
         }
-        own.sigma[l] = untouched ? 0.0 : own.sigma[l];
+        own.sigma[l] *= counts[l];
         y[l] = own.sigma[l] * dot(6, own.U[l], r);
     }
     if (!factored(k, L))
@@ -146,7 +146,7 @@ Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6
     for (int i = 0; i < k; i++) { /* columns of N, and rows of L^-1 N */
         Row column;
         for (int j = 0; j < k; j++)
-            column[j] = own.sigma[j] > 0.0 ? own.sigma[i] * dot(6, own.U[i], W[j]) : 0.0;
+            column[j] = counts[j] * own.sigma[i] * dot(6, own.U[i], W[j]);
         forward(k, (const Row *)L, column);
         for (int j = 0; j < k; j++)
             C[j][i] = column[j];

@@ -159,7 +159,7 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahea
         double value = found->sigma[i] = sigma[order[i]];
         bool moving = value > NULL_RATIO * found->sigma[0];
         for (int j = 0; j < k && b == NULL; j++)
-            found->U[i][j] = wide ? r->with[j] : moving ? r->row[j] / value : 0.0;
+            found->U[i][j] = wide ? r->with[j] : value > NOTHING * size ? r->row[j] / value : 0.0;
         if (wide) {
             found->wanted[i] = r->with[0];
             found->ahead[i] = r->with[1];

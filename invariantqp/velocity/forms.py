@@ -36,6 +36,7 @@ from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.subspaces import rank_of
 from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.exact import ROW_TOLERANCE
+from invariantqp.velocity.objective import Spectrum
 
 # Eigenvalues of U'MU below this share of |MU| are filtered. Their inverses are the gains of P: those above three cost
 # accuracy when the arm passes a principal pitch, smaller ones do not.
@@ -215,23 +216,23 @@ def form_of(form: Form | CarriedMetric | float | None) -> Form | CarriedMetric |
     return PitchForm(finite_pitch(form, "form"))
 
 
-def attempted(form: Form, inverse_root: Array, A: Array, b: Array, damping: Damping, fraction: float | None) -> Array:
+def attempted(
+    form: Form, inverse_root: Array, spectrum: Spectrum, b: Array, damping: Damping, fraction: float | None
+) -> Array:
     """(6,) the measured twist to attempt.
 
     Args:
         form: decides on the part that the joints cannot do.
         inverse_root: (6, 6) of the measure's root.
-        A: (6, n) measured joint twists.
+        spectrum: of the measured joint twists A (6, n).
         b: (6,) measured twist wanted.
         damping: the policy near singularities.
         fraction: eta, the share of the least-squares decrease that is kept; None is no such bound.
     """
-    U, sigma, _, info = lapack.dgesdd(A, full_matrices=0)
-    if info != 0:
-        raise np.linalg.LinAlgError(f"dgesdd returned {info}")
-    largest = float(sigma.max(initial=0.0))
+    sigma, largest = spectrum.sigma, spectrum.largest
     if largest == 0.0:
         return b
+    U = spectrum.U[:, : len(sigma)]
     wanted = b.dot(U)
     squares = damping.squares(sigma, wanted, largest)
     share = sigma * sigma / (sigma * sigma + squares + np.finfo(float).tiny)

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
-from scipy.linalg import lapack
 
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
@@ -230,9 +229,10 @@ def _sum(level: list[TwistTask | JointTask], room: Room, T: Array, damping: Damp
         if isinstance(task, TwistTask):
             measure = task.measure
             A, b = measure.root.dot(task.J).dot(T), measure.root.dot(task.twist)
+            whole = spectrum_of(A)
             if measure.form is not None:
-                b = attempted(measure.form, np.asarray(np.linalg.inv(measure.root)), A, b, damping, None)
-            spectrum = spectrum_of(A.dot(room.basis), float(lapack.dgesdd(A, compute_uv=0)[1][0]))
+                b = attempted(measure.form, np.asarray(np.linalg.inv(measure.root)), whole, b, damping, None)
+            spectrum = spectrum_of(A.dot(room.basis), whole.largest)
             objective = least_squares(spectrum, room.share.value * b - A.dot(room.origin), None, damping)
             root = np.sqrt(objective.weights)
             roots.append(weight * root[:, None] * objective.V.T)

@@ -29,7 +29,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
@@ -217,8 +216,9 @@ def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Problem:
     problem = Problem(demand, A, wanted, wanted, ahead, posture, reduction, damping, None, 0.0, J)
     if isinstance(law.form, PitchForm) and law.form.convexified:
         return problem._replace(ahead=None, pitch=law.form.h)
-    largest = None if demand.exact is None else float(lapack.dgesdd(A, compute_uv=0)[1][0])
-    problem = problem._replace(spectrum=spectrum_of(A.dot(reduction.basis), largest))
+    whole = spectrum_of(A)
+    free = whole if demand.exact is None else spectrum_of(A.dot(reduction.basis), whole.largest)
+    problem = problem._replace(spectrum=free)
     if posture is not None and demand.fastest is not None:
         problem = problem._replace(posture=_followed(law, problem) * posture)
     if law.form is None:
@@ -226,8 +226,8 @@ def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Problem:
     fraction = None if law.guard is None else law.guard.fraction
     inverse_root = np.asarray(np.linalg.inv(demand.root), np.float64)
     if ahead is not None:
-        ahead = attempted(law.form, inverse_root, A, ahead, damping, fraction)
-    return problem._replace(attempt=attempted(law.form, inverse_root, A, wanted, damping, fraction), ahead=ahead)
+        ahead = attempted(law.form, inverse_root, whole, ahead, damping, fraction)
+    return problem._replace(attempt=attempted(law.form, inverse_root, whole, wanted, damping, fraction), ahead=ahead)
 
 
 def _followed(law: VelocityLaw, problem: Problem) -> float:
