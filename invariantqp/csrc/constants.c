@@ -55,7 +55,6 @@ const Constant CONSTANTS[] = {
     ONE("velocity.exact", EXACT_CALM),
     ONE("velocity.exact", WHOLE),
     ONE("velocity.exact", LEAST_SHARE),
-    ONE("velocity.exact", LEAST_GAIN),
     ONE("velocity.exact", INTERIOR),
     ONE("velocity.exact", TERMS),
     ONE("velocity.qp", MOST_SHARE),

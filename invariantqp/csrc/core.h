@@ -415,7 +415,6 @@ extern const Constant CONSTANTS[];
 #define FASTER 1e-4
 #define EXACT_CALM 1.0
 #define LEAST_SHARE 1e-15
-#define LEAST_GAIN 1e-8
 #define WHOLE (1.0 - 1e-8)
 #define INTERIOR (0.5 * ACTIVE_TOLERANCE)
 #define ROW_ROUNDING 1e-14

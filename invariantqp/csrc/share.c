@@ -19,7 +19,7 @@ static Outcome best(const Polytope *room, const Cone *slow, const Row first, int
         double weight = REGULARISATION + nu + (i == 0 ? 1.0 : 0.0), root = sqrt(weight);
         problem.K[i][i] = root;
         problem.T[i][i] = 1.0 / root;
-        problem.centre[i] = i == 0 ? length / weight : 0.0;
+        problem.centre[i] = (REGULARISATION * first[i] + (i == 0 ? length : 0.0)) / weight;
     }
     return minimise(&problem, room, slow, first, found, found);
 }
@@ -176,7 +176,7 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     double value = within(found.z[0] / length);
     if (value < LOOSE && found.nu > 0.0 && norm(m, reduction->start) > 0.0)
         return HAND_BACK;
-    if (value < LEAST_SHARE || value * length <= LEAST_GAIN * norm(m, share->inside)) {
+    if (value < LEAST_SHARE || value * length <= ACTIVE_TOLERANCE * norm(m, share->inside)) {
         share->value = 0.0;
         return DONE;
     }

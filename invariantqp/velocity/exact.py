@@ -56,7 +56,7 @@ ROW_TOLERANCE = 1e-10
 # Demands are at least this share of the terms that they sum, where contradictions are compared with them: 1e-16 of the
 # terms is rounding, and 1e-9 of a demand a contradiction.
 TERMS = 1e-5
-# Makes the share's problems strictly convex; the share is smaller by this much, relative.
+# Makes the share's problems strictly convex, around the velocity known to be inside; the share is smaller by this much.
 REGULARISATION = 1e-9
 # Measured with 160 random targets on four arms: none oscillates from 0.5 on, some do at 0.15; at 2 some loops that
 # arrive with 1 no longer do within eight seconds.
@@ -65,8 +65,6 @@ EXACT_CALM = 1.0
 WHOLE = 1.0 - 1e-8
 # A share below this counts as 0: it is rounding of 1, beside which it is found.
 LEAST_SHARE = 1e-15
-# What a share moves of the rows counts as nothing below this part of the motion that limits require: it is rounding.
-LEAST_GAIN = 1e-8
 # Where limits bind, the share is reduced by this part of 1 - share, so that the next problem has an interior, and what
 # holds it still counts as a limit that is met.
 INTERIOR = 0.5 * ACTIVE_TOLERANCE
@@ -391,10 +389,10 @@ def share_of(
     first = (inside - start).dot(basis)
 
     def best(nu: float) -> Optimum:
-        weights, centre = np.full(n, REGULARISATION + nu), np.zeros(n)
+        weights, pull = np.full(n, REGULARISATION + nu), REGULARISATION * first
         weights[0] += 1.0
-        centre[0] = length / weights[0]
-        return minimise(backend, Quadratic.diagonal(np.sqrt(weights), centre), room, slow, first)
+        pull[0] += length
+        return minimise(backend, Quadratic.diagonal(np.sqrt(weights), pull / weights), room, slow, first)
 
     found = best(0.0)
     possible = min(max(found.z[0] / length, 0.0), 1.0)
@@ -402,7 +400,7 @@ def share_of(
     if nu > REGULARISATION:
         found = best(nu)
     value = min(max(found.z[0] / length, 0.0), 1.0)
-    if value < LEAST_SHARE or value * length <= LEAST_GAIN * norm(inside):
+    if value < LEAST_SHARE or value * length <= ACTIVE_TOLERANCE * norm(inside):
         return Share(0.0, inside)
     velocity = start + basis.dot(found.z)
     if value >= WHOLE:

@@ -60,6 +60,8 @@ def tick():
 @example(1300003995)  # limits that let rows move no less leave one velocity
 @example(1300003375)  # and one of them depends on the joints that are left by a ten-trillionth
 @example(1510004792)  # the price of a tool speed that no price was found for in sixty steps
+@example(910012748)  # what a form attempts where joints hardly move, and a direction that they move by 1e-12
+@example(700672630)  # exact rows that are slow beside a motion which limits require
 @example([424242, 5574])  # the weakest of the limits that hold the rows moves what they leave free by rounding
 def test_both_answer_the_same(seed):
     law, demand = random_tick(np.random.default_rng(seed))
