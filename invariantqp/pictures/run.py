@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # What is drawn of a tool point that stays is this wide [mm]: rounding is not magnified.
-NARROWEST = 1e-3
+NARROWEST = 1e-2
 # The force axis ends at this multiple of the wanted force, so that noisy readings do not hide the force.
 SHOWN = 2.0
 
@@ -190,6 +190,7 @@ def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
     drawn = 1e3 * (contact.drawn[first:] - contact.desired[0]).dot(across.T)
     axes.plot(*desired.T, color=SHADE, linewidth=5.0, alpha=0.5, solid_capstyle="round", label="wanted")
     axes.plot(*drawn.T, color=VERMILION, linewidth=1.2, label="drawn")
+    axes.plot(*drawn[-1], color=VERMILION, marker="o", markersize=4.0)
     middle = 0.5 * (desired.min(axis=0) + desired.max(axis=0))
     axes.plot(*(middle + 0.5 * NARROWEST * np.array([[-1.0, -1.0], [1.0, 1.0]])).T, linestyle="none")
     axes.set_aspect("equal", adjustable="datalim")

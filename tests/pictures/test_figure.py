@@ -5,13 +5,17 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib as mpl
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import invariantqp as iq
 from invariantqp.pictures import picture
 from invariantqp.pictures.figure import figure_file
+from invariantqp.pictures.run import NARROWEST, _curve
 
 ROOT = Path(__file__).parents[2]
 
@@ -68,6 +72,15 @@ def test_a_format_that_cannot_be_written_is_told(tmp_path):
         ):
             pass
     assert not list(tmp_path.iterdir())
+
+
+def test_rounding_of_a_tool_that_stays_is_not_magnified():
+    axes, rng = Figure().subplots(), np.random.default_rng(0)
+    desired, drawn = 1e-16 * rng.normal(size=(2, 50, 3))
+    contact = SimpleNamespace(normal=np.array([0.0, 0.0, 1.0]), desired=desired, drawn=drawn)
+    _curve(axes, SimpleNamespace(counted_from=0), contact)
+    assert np.ptp(axes.get_xlim()) >= NARROWEST
+    assert any(line.get_marker() == "o" for line in axes.lines)
 
 
 def test_what_is_no_trace_is_told(tmp_path):
