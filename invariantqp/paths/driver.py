@@ -500,10 +500,10 @@ class Follower:
         part, self._held_by, rows = self._share(v)
         if part < 1.0 and along and shape is not None:  # the path waits
             reference.source = self._source = shape.delayed((1.0 - part) * dt)
-            return self._wanted(reference)
-        if part < 1.0:
-            self._late = self._twist is None
-        return part * v if rows is None else self._led_apart(part * v, rows)
+            v = self._wanted(reference)
+        elif part < 1.0:
+            self._late, v = self._twist is None, part * v
+        return v if rows is None else self._led_apart(v, rows)
 
     def _led_apart(self, v: Array, rows: LimitRows) -> Array:
         """(m,) a joint velocity v, or the one nearest to it that moves as far as rows of the tick require."""

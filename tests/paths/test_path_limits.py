@@ -306,3 +306,30 @@ def test_a_tool_speed_holds_on_the_way_to_the_path(joint_jerk):
             break
     assert answer.status == "done"
     assert 0.099 < fastest <= 0.1 * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_what_comes_at_a_path_is_made_way_for_and_the_path_goes_on(told):
+    arm, q, dt, speed, a = iq.load_robot("ur5"), np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]), 0.01, 0.1, 8.0
+    start, ball = arm.pose(q), iq.limits.Sphere([0.0, 0.0, 0.0], 0.08, name="ball")
+    clear = iq.limits.Clearance(arm, {"tool": [iq.limits.Sphere([0.0, 0.0, -0.02], 0.05)]}, [ball])
+    loop = iq.Controller(arm, dt=dt, acceleration_limit=a, limits=[clear])
+    end = iq.transform(translation=[0.15, 0.0, 0.05]) @ start
+    follower, least, x, said = iq.PathFollower(loop, np.array([start, end]), rate=0.1), 1.0, np.zeros(6), set()
+    follower.prepare(q)
+    for tick in range(1400):
+        t = dt * tick
+        place, along = (0.2 - speed * min(t, 1.0), -speed) if t < 2.0 else (0.1 + speed * min(t - 2.0, 1.0), speed)
+        twist = [0.0, 0.0, 0.0, 0.0, along if t < 1.0 or 2.0 < t < 3.0 else 0.0, 0.0]
+        ball.move(iq.transform(translation=start[:3, 3] + [0.02, place, 0.01]), twist if told else None)
+        solution = follower.step(q)
+        assert (np.abs(solution.velocity - x) <= a * dt + 1e-9).all()
+        x = solution.velocity
+        q = q + dt * x
+        least = min(least, clear.at(q).distance)
+        said.add(str(solution.status))
+        if solution.status == "done":
+            break
+    assert least > 0.02 - speed * dt * (1.0 if told else 11.0) - speed**2 / (2.0 * 0.3 * a * 0.4)
+    assert {"waiting", "done"} <= said
+    np.testing.assert_allclose(arm.pose(q), end, atol=1e-9)
