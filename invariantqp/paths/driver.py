@@ -33,6 +33,8 @@ from invariantqp.paths.reference import (
     DISPLACED,
     FADE,
     JOINT_GAIN,
+    KNOTS,
+    MOST_PIECES,
     SHORTEST_STOP,
     STRAYED,
     Clock,
@@ -753,18 +755,25 @@ class Follower:
         # not go back to the last of them.
         begin, last = float(stamps[0]), float(stamps[-1])
         wait = max(now, now if self._given is None else last) - begin
-        # From the one before now on; of the last some say how it goes on, and of a function all.
-        first = max(int((stamps <= min(now, last - 4.0 * FADE)).sum()) - 1, 0) if smooth else 0
-        if len(stamps) - first > MOST_POINTS:  # the rest when half of these are driven
-            self._next = given, stamps, float(stamps[first + MOST_POINTS // 2]), bool(alone)
+        # From the one before now on as far as a plan reaches, of the last some that say how it goes on.
+        calm = max(0.5 / np.pi / self.cutoff, SHORTEST_STOP * self.controller.dt)
+        reach, first, end = MOST_PIECES * KNOTS * calm, 0, len(stamps)
+        if smooth:
+            first = max(int((stamps <= min(now, last - 4.0 * FADE)).sum()) - 1, 0)
+            end = min(first + MOST_POINTS, int((stamps <= now + reach).sum()))
+        if end < len(stamps):  # the rest when half of these are driven
+            due = float(stamps[(first + end) // 2])
+            self._next = given, stamps, due if now < due < now + reach else now + 0.25 * reach, bool(alone)
+        if end == 0:
+            return
         kept = np.zeros(len(stamps), dtype=bool)
-        kept[first : first + MOST_POINTS] = True
+        kept[first:end] = True
         given, stamps = given.chosen(kept), stamps[kept]
         near = self._q if not isinstance(followed, Motion) else followed.at(stamps[:1])[0, 0]
         joints, missed = self._solver.points(given, near, stamps)
-        end = now if older is None else min(older[-1], stamps[-1])
-        if isinstance(followed, Motion) and end > now:
-            left = np.clip((end - stamps) / (end - now), 0.0, 1.0)[:, None]
+        over = now if older is None else min(older[-1], stamps[-1])
+        if isinstance(followed, Motion) and over > now:
+            left = np.clip((over - stamps) / (over - now), 0.0, 1.0)[:, None]
             joints += left * (followed.at(stamps)[:, 0] - joints)
         self._given, self._newest, self._last = (
             (given, stamps),
@@ -774,7 +783,6 @@ class Follower:
         self._missed, self._some_missed = missed, bool((missed > self._tolerance).any())
         self._stream = None
         if smooth:
-            calm = max(0.5 / np.pi / self.cutoff, SHORTEST_STOP * self.controller.dt)
             rate = self._override or 1.0
             state = self._motion(reference) / np.array((1.0, rate, rate * rate))[:, None]
             self._source = planned(state, now, stamps, joints, self._limits, calm)
@@ -868,9 +876,9 @@ class Follower:
         elif self._newest is not None and self._stream is not None:
             late = self._stream.late
             place -= late
-        q = self._q
+        q, given = self._q, self._given
         return FollowerSolution(
-            command.copy(), *self._status(reference, place), place, late, lambda: self._across(q, place)
+            command.copy(), *self._status(reference, place), place, late, lambda: self._across(q, place, given)
         )
 
     @property
@@ -912,11 +920,11 @@ class Follower:
         i = int(np.clip(np.searchsorted(self._given[1], place), 0, len(self._missed) - 1))
         return float(self._missed[max(i - 1, 0) : i + 1].max())
 
-    def _across(self, q: Array, place: float) -> float:
-        """How far the tool at q (m,) is off what is wanted at a place."""
-        if self._given is None:
+    def _across(self, q: Array, place: float, points: tuple[Given, Array] | None) -> float:
+        """How far the tool at q (m,) is off the points with stamps that are wanted at a place."""
+        if points is None:
             return nan
-        given, stamps = self._given
+        given, stamps = points
         robot = self.controller.robot
         T = given.pose_at(place, stamps, robot)
         error = se3.displacement(robot.pose(q), T)

@@ -346,6 +346,24 @@ def test_the_work_of_a_tick_is_bounded_whatever_comes(monkeypatch):
     assert 0 < most <= 96 * 12
 
 
+@pytest.mark.parametrize("away", [30.0, 1e6])
+@pytest.mark.parametrize("cutoff", [3.0, np.inf])
+def test_points_far_ahead_are_waited_for(away, cutoff):
+    """The arm goes on as without them, and meets the first when it is due."""
+    arm = Arm("ur5", dt=0.004)
+    stamps = np.arange(20) / 20
+    points = arm.start + np.outer(stamps, 0.3 * np.ones(6))
+    events = [(0.0, lambda f: f.follow(points, stamps))]
+    later = (0.3, lambda f: f.follow(np.array((points[-1], points[0])), away + np.array((0.0, 40.0))))
+    Q, _ = driven(arm, arm.follower(cutoff=cutoff), events, 2.0)
+    ahead, _ = driven(arm, arm.follower(cutoff=cutoff), [*events, later], 32.0 if away < 100.0 else 4.0)
+    arm.held(ahead)
+    assert np.abs(ahead[200] - Q[200]).max() < 0.01
+    assert np.abs(ahead - arm.start).max() < 0.4
+    if away < 100.0:
+        assert np.abs(ahead[round(30.0 / arm.dt)] - points[-1]).max() < 2e-3
+
+
 def test_a_push_is_come_back_from():
     arm = Arm("ur5")
     truth = arm.motion(np.random.default_rng(10))
