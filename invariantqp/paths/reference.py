@@ -117,9 +117,10 @@ def planned(state: Array, now: float, stamps: Array, points: Array, limits: Join
 
 
 def _going_on(times: Array, points: Array) -> tuple[Array, Array]:
-    """The points (n, m) that are still to come, times (n,) from now, and what is wanted after them.
+    """The points (n, m) that are still to come, times (n,) from now, with what is wanted before and after them.
 
-    That is where the parabola along the last of them leads, if velocity and acceleration fade.
+    Before them that is the first; after them, where the parabola along the last of them leads, if velocity and
+    acceleration fade.
     """
     last = float(times[-1])
     k = int((times >= last - 4.0 * FADE).sum())
@@ -131,8 +132,9 @@ def _going_on(times: Array, points: Array) -> tuple[Array, Array]:
     over = max(-last, 0.0) + FADE * np.arange(1, FADING + 1)
     u = over[:, None] / FADE
     goes_on = points[-1] + v * (1.0 - np.exp(-u)) + (v + a) * (1.0 - (1.0 + u) * np.exp(-u))
-    due = times > 0.0
-    return np.append(times[due], last + over), np.vstack((points[due], goes_on))
+    due, early = times > 0.0, FADE * np.arange(1, int(max(times[0], 0.0) / FADE) + 1)
+    before = np.tile(points[0], (len(early), 1))
+    return np.concatenate((early, times[due], last + over)), np.vstack((before, points[due], goes_on))
 
 
 def _eased(state: Array, times: Array, wanted: Array, limits: JointLimits, calm: float, n: int, j: int) -> Array:

@@ -346,6 +346,21 @@ def test_the_work_of_a_tick_is_bounded_whatever_comes(monkeypatch):
     assert 0 < most <= 96 * 12
 
 
+def test_an_arm_waits_at_a_first_point_that_is_due_later():
+    arm = Arm("ur5", dt=0.004)
+    stamps = np.arange(20) / 20
+    points = arm.start + np.outer(stamps, 0.3 * np.ones(6))
+    again = arm.start + 0.1, 3.0 + stamps
+    events = [
+        (0.0, lambda f: f.follow(points, stamps)),
+        (0.5, lambda f: f.follow(np.tile(again[0], (20, 1)), again[1])),
+    ]
+    Q, _ = driven(arm, arm.follower(), events, 3.5)
+    arm.held(Q)
+    assert np.abs(Q[round(1.0 / arm.dt) :] - again[0]).max() < 1e-3
+    assert np.abs(Q - again[0]).max() < 0.12
+
+
 @pytest.mark.parametrize("away", [30.0, 1e6])
 @pytest.mark.parametrize("cutoff", [3.0, np.inf])
 def test_points_far_ahead_are_waited_for(away, cutoff):
