@@ -52,7 +52,7 @@ from invariantqp.paths.time_law import ROUNDING, JointLimits
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.reasons import row_name, sentences
-from invariantqp.velocity.solution import Status
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
 RISE = 0.02
@@ -78,6 +78,8 @@ MOST_OVERRIDE = 1.5
 LATE = "the joints' limits"
 # Joint speeds below this share of their limits are rest; joints this near [rad, length] are there.
 AT_REST, ARRIVED = 1e-6, 1e-8
+# What the core says where no limit of the loop holds joints back.
+FREE = -2
 # The twist of a tool that stands; an arm that is to stop follows it.
 STILL = np.zeros(6)
 
@@ -160,7 +162,7 @@ class Follower:
         self._shape: Shape | None = None  # a path whose shape is kept
         self._start: Array | None = None  # (m,) of its joints
         self._astray = False  # whether its joints are not where they were sent
-        self._command = np.zeros(m)  # in the last tick
+        self._command = self._pace = np.zeros(m)  # in the last tick, and what it had changed by, over the tick
         self._course: tuple[Reference, Array, float] | None = None  # what the core follows
         self._time = 0.0  # when the next tick begins, by the stamps' clock
         self._measured = np.zeros(m)
@@ -186,7 +188,9 @@ class Follower:
         self._closed = False
         self._why = "nothing to follow yet"
         self._retry = 0.0  # when to look next
-        self._held_by = ""  # the limit of the controller that made all joints slower in this tick
+        self._held_by = ""  # the limit of the controller that held joints back, or led them, in this tick
+        self._answer: VelocitySolution | None = None  # what the law made of a twist, or of what it held back
+        self._asked = -inf  # when, of a twist
         self._late = False  # whether the joints cannot be where they are wanted, and catch up
 
     def __copy__(self) -> Follower:
@@ -206,8 +210,9 @@ class Follower:
         Args:
             points: (n, 4, 4) poses in the base frame, (n, m) joint positions, or a function of time [s] that returns
                 one pose or one position. Where the shape is kept: poses, two or more.
-            stamps: (n,) when each is wanted [s], increasing, by the clock of `step`'s `now`; of a function, none. Where
-                the shape is kept they may be left out: the joints then go as fast as their limits let them.
+            stamps: (n,) when each is wanted [s], increasing, by the clock of `step`'s `now`; of a function, none. One
+                point is a goal: without a stamp it is wanted now. Where the shape is kept they may be left out: the
+                joints then go as fast as their limits let them.
             at: when to go over to another motion [s], `now` for at once; None is now, to one more sight of the same.
 
         Raises:
@@ -220,7 +225,7 @@ class Follower:
             if callable(points) or at is not None:
                 what = 'a function, or `at`, with keep="shape"'
                 raise BadInput("points", what, "poses (n, 4, 4)", "PathFollower takes functions.")
-            given = Given(points, self._m, "points")
+            given = self._believed(Given(points, self._m, "points"), "points")
             if given.poses is None or len(given) == 1:
                 raise BadInput("points", excerpt(points), 'two poses (n, 4, 4) or more with keep="shape"')
             times = None if stamps is None else _increasing(stamps, len(given))
@@ -233,11 +238,13 @@ class Follower:
         if callable(points):
             if stamps is not None:
                 raise BadInput("stamps", "stamps for a function", "none: it is a function of time")
-            sampled(points, np.array((when,)), self._m)
+            self._believed(sampled(points, np.array((when,)), self._m), "points")
             self._forget()
             self._function, self._looked = points, when - AHEAD
             return
-        given = Given(points, self._m, "points")
+        given = self._believed(Given(points, self._m, "points"), "points")
+        if stamps is None and len(given) == 1:
+            stamps = [when]
         if stamps is None:
             raise BadInput("stamps", "None", f"({len(given)},) times in seconds, one for each point, increasing")
         times = _increasing(stamps, len(given))
@@ -245,7 +252,7 @@ class Follower:
         self._next = given, times, when, at is not None
 
     def add(self, point: Any, stamp: float | None = None) -> None:
-        """One more point of a stream, as a hand's tracker sends them.
+        """One more point of a stream, as a hand's tracker sends them; one alone is a stream that ended (`timeout`).
 
         Args:
             point: (4, 4) pose in the base frame, a `pinocchio.SE3`, or (m,) joint positions.
@@ -258,7 +265,7 @@ class Follower:
         self._open("point")
         if self._keep == "shape":
             raise BadInput("point", "a stream where the shape is kept", 'keep="time", or a whole path by follow()')
-        given = Given([arrays.matrix_of(point)], self._m, "point")
+        given = self._believed(Given([arrays.matrix_of(point)], self._m, "point"), "point")
         when = None if stamp is None else arrays.number(stamp, "stamp", "a time in seconds")
         if self._next is not None or self._function is not None or self._turns:
             self._forget()
@@ -282,7 +289,7 @@ class Follower:
             self._forget()
             self._halt()
         elif course is not None:  # the same course, for longer
-            self._course = *course[:2], self._time + self.timeout
+            self._course = *course[:2], min(self._time + self.timeout, self._asked + RETRY)
         self._twist, self._turns, self._heard = wanted, bool(wanted.any()), self._time
 
     def prepare(self, q: ArrayLike) -> None:
@@ -343,7 +350,7 @@ class Follower:
         Args:
             q: (m,) measured joint positions [rad, length].
             velocity: (m,) joint velocity now, where the arm moves when it is first stepped, or after a push; None is
-                rest. Later the one commanded last counts.
+                the one commanded last, which counts at all other times.
             now: the time [s], by the clock of the stamps; None counts ticks.
             override: share of the wanted speed, 0 to 1; along a path up to 1.5, where limits allow it.
             wrench: in contact, as in `HybridController.step`, and so are the next two.
@@ -406,6 +413,12 @@ class Follower:
         loop, shape = self.controller, self._shape
         if core is None or loop.compiled is None or (loop.joint_rows is not None and loop.joint_rows.fixed is None):
             return None
+        if (
+            self._turns
+        ):  # Python asks what the law says of a twist, from time to time, and always where it says something
+            answer = self._answer
+            if answer is None or answer.status is not Status.OK or not 0.0 <= self._time - self._asked < RETRY:
+                return None
         if self._samples or (shape is None and self._source is None and self._twist is None):
             return None
         if shape is not None and (
@@ -420,6 +433,7 @@ class Follower:
         until = min(until, inf if self._next is None else self._next[2])
         if self._turns or (self._twist is None and self._newest is not None):
             until = min(until, self._heard + self.timeout)
+        until = min(until, self._asked + RETRY) if self._turns else until
         numbers = reference.course(gain=None if shape is None else loop.gain)
         return None if numbers is None or until <= self._time else (reference, numbers, until)
 
@@ -461,17 +475,16 @@ class Follower:
             self._a,
             self._command,
         )
-        if found is None:
+        if found is None or not self._keeps(found[3], held=found[-1] != FREE):
             return None
         if not begun:
             sent.append(self._q)
-        self._q, self._v, self._a, self._command, measured, before, after, late, way, limit = found
+        self._pace = (found[3] - self._command) / loop.dt
+        self._q, self._v, self._a, self._command, measured, before, after, late, way, _ = found
         if ease:
             self._retry = time + RETRY
         self._time += loop.dt
-        self._late, self._held_by = late, "the tool's speed" if limit == -1 else ""
-        if limit >= 0 and loop.joint_rows is not None and loop.joint_rows.fixed is not None:
-            self._held_by = row_name(limit, loop.joint_rows.fixed.names)
+        self._late, self._held_by = late, ""
         if way is not None or (ease and time < reference.joined):
             reference.joins(time, *((np.zeros((6, self._m)), 0.0) if way is None else (way, ease)))
             self._course = self._made_course(reference)
@@ -481,16 +494,28 @@ class Follower:
             return self._reported(reference, measured, command) if told is None else FollowerSolution(command, *told)
         return self._reported(reference, measured, command)
 
+    def _keeps(self, command: Array, held: bool) -> bool:
+        """Whether a command (m,) of the core keeps the joints' limits, with nothing that is `held` back."""
+        limits, shape = self._limits, self._shape
+        a = (command - self._command) / limits.dt
+        kept = (np.abs(a) <= (1.0 + ROUNDING) * limits.acceleration).all()
+        kept &= (np.abs(a - self._pace) <= (1.0 + 2.0 * ROUNDING) * limits.dt * limits.jerk).all()
+        return shape is not None or (bool(kept) and not held)
+
     def _moved(self, reference: Reference, measured: Array, moving: Array | None) -> Array:
         """(m,) the command of a tick along a reference; the joints are sent so far."""
-        dt, v = self.controller.dt, self._limited(reference)
-        command = self._corrected(measured, v, moving)
+        dt, before = self.controller.dt, self._command if moving is None or self._shape is None else moving
+        v = self._limited(reference)
+        self._command = command = self._corrected(measured, v, before)
+        self._pace = (command - before) / dt
         self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
+        if self._held_by:  # how hard the loop braked is nothing to go on with
+            self._pace = self._a = np.zeros(self._m)
         return command
 
     def _limited(self, reference: Reference) -> Array:
         """(m,) the joint velocity of a tick: the wanted one, inside the limits."""
-        dt, shape = self.controller.dt, self._shape
+        dt, shape, self._answer = self.controller.dt, self._shape, None
         along = shape is not None and reference.source is shape.motion and not self._late
         v = self._wanted(reference)
         if not along:
@@ -505,18 +530,22 @@ class Follower:
             v = self._wanted(reference)
         elif part < 1.0:
             self._late, v = self._twist is None, part * v
-        return v if rows is None else self._led_apart(v, rows)
+        if rows is not None:
+            y = rows.C.dot(v)
+            short = np.maximum(rows.lower - np.maximum(y, 0.0), np.minimum(y, 0.0) - rows.upper)
+            if (short > 0.0).any():
+                self._late, self._held_by = self._twist is None, row_name(int(short.argmax()), rows.names)
+                return self._nearest(v)
+        hard = not along and (np.abs(v - self._v) > (1.0 + ROUNDING) * dt * self._limits.acceleration).any()
+        return self._nearest(v) if hard else v
 
-    def _led_apart(self, v: Array, rows: LimitRows) -> Array:
-        """(m,) a joint velocity v, or the one nearest to it that moves as far as rows of the tick require."""
-        loop, y = self.controller, rows.C.dot(v)
-        short = np.maximum(rows.lower - np.maximum(y, 0.0), np.minimum(y, 0.0) - rows.upper)
-        if not (short > 0.0).any():
-            return v
-        self._late, self._held_by = self._twist is None, row_name(int(short.argmax()), rows.names)
+    def _nearest(self, v: Array) -> Array:
+        """(m,) what the loop answers to a joint velocity v that no joint can have, or that its rows do not allow."""
+        loop = self.controller
         there = self._q - loop.dt * loop.memory.in_flight  # where the loop takes the joints to be at self._q
         twist = loop.robot.jacobian(self._q).dot(v)
-        return loop.follow(there, twist, self._v, posture=v, calm=False).velocity
+        self._answer = loop.follow(there, twist, self._v, posture=v, calm=False)
+        return np.array(self._answer.velocity)
 
     def _override_of(self, value: float) -> float:
         most = 1.0 if self._shape is None else MOST_OVERRIDE
@@ -537,6 +566,7 @@ class Follower:
             self._source = None if shape.motion is None else shape.still(self._time)
         limit = self.controller.braking
         step = np.full(self._m, inf) if limit is None else dt * limit.acceleration
+        self._pace = np.zeros(self._m)
         self._v = self._command = np.sign(v) * np.maximum(np.abs(v) - step, 0.0)
         return FollowerSolution(self._v.copy(), Status.HELD, reason, place, 0.0, lambda: inf, 0.0, "joint positions")
 
@@ -548,7 +578,7 @@ class Follower:
         found = self._approaching(shape, measured, before) if np.isfinite(self._options["joint_jerk"]).all() else None
         velocity, told = shape.set_out(measured, before) if found is None else found
         self._time = (self._time if clock is None else clock) + dt
-        self._command = velocity.copy()
+        self._command, self._pace = velocity.copy(), np.zeros(self._m)
         self._reference = None
         return FollowerSolution(velocity, *told)
 
@@ -590,20 +620,23 @@ class Follower:
         self._time, self._command = time + self.controller.dt, answer.velocity
         return FollowerSolution(answer.velocity, *told, hybrid=answer)
 
-    def _corrected(self, measured: Array, v: Array, moving: Array | None) -> Array:
-        """(m,) the velocity to command: the wanted one, and the way back to where joints were sent."""
-        loop, off = self.controller, self._sent[0] - measured
-        if self._shape is None:
-            lower, upper = loop.box.at(measured)
-            self._command = np.clip(v + JOINT_GAIN * off, lower, upper)
-            return self._command
-        v = v + np.copysign(self._limits.homing(off, loop.gain), off)
-        if loop.braking is None:
-            lower, upper = loop.box.at(measured)
-        else:
-            lower, upper = loop.braking.at(measured, self._command if moving is None else moving)[:2]
-        self._command = np.clip(v, lower, upper)
-        return self._command
+    def _corrected(self, measured: Array, v: Array, before: Array) -> Array:
+        """(m,) the velocity to command: the wanted one, and the way back to where joints were sent.
+
+        Where time is kept, `w` is the part that leads back, and the sum keeps all limits as what is wanted does.
+        """
+        loop, limits, off = self.controller, self._limits, self._sent[0] - measured
+        if self._shape is not None:
+            v = v + np.copysign(limits.homing(off, loop.gain), off)
+            bounds = loop.box.at(measured) if loop.braking is None else loop.braking.at(measured, before)
+            return np.clip(v, *bounds[:2])
+        here = np.clip(self._q - off, limits.lower, limits.upper)
+        w, back = before - self._v, np.copysign(limits.homing(off, JOINT_GAIN), off)
+        a = (v - self._v) / limits.dt + limits.towards(w, back)
+        if not self._held_by:
+            a = limits.within(here, before, self._pace, a)
+        x = before + limits.dt * a
+        return x if loop.braking is None else np.clip(x, *loop.braking.at(here, before)[:2])
 
     @property
     def _state(self) -> Array:
@@ -624,6 +657,12 @@ class Follower:
         self._course = None
         if self._closed:
             raise BadInput(argument, "more after close()", "a new Follower")
+
+    def _believed(self, given: Given, argument: str) -> Given:
+        """What was given, if its joint positions can be true; degrees cannot."""
+        for q in () if given.joints is None else (given.joints.min(axis=0), given.joints.max(axis=0)):
+            self.controller.believed(q, argument)
+        return given
 
     def _forget(self) -> None:
         """What was to come is replaced."""
@@ -656,10 +695,11 @@ class Follower:
                 return begun
         if self._shape is not None and self._shape.motion is not None:
             self._source = self._shape.still(self._time)
-            moving = self._command if moving is None else moving
-        self._q, self._a = np.clip(measured, self._limits.lower, self._limits.upper), np.zeros(self._m)
+        self._q = np.clip(measured, self._limits.lower, self._limits.upper)
+        self._a = self._pace if moving is None else np.zeros(self._m)
         speed = self._limits.velocity
-        self._v = np.zeros(self._m) if moving is None else np.clip(moving, -speed, speed)
+        self._v = np.clip(self._command if moving is None else moving, -speed, speed)
+        self._command, self._pace = self._v, self._a
         self._sent.clear()
         self._sent.append(measured)
         self._reference = new = Reference(self._limits, self._q, self._time)
@@ -827,7 +867,11 @@ class Follower:
         """(m,) the joint velocity that is wanted in this tick."""
         dt = self.controller.dt
         if self._twist is not None:
-            return _towards_twist(self._unbraked, self._q, self._v, self._twist, self._limits)
+            x = np.zeros(self._m)
+            if self._twist.any():
+                self._answer, self._asked = self._unbraked.follow(self._q, self._twist, self._v), self._time
+                x = self._answer.velocity
+            return _going_over(self._v, x, self._limits)
         if self._late:
             there = reference.at(np.array((self._time + dt,)))[0]
             return self._v + dt * self._limits.catching_up(self._q + dt * self._v, self._v, there)
@@ -868,7 +912,8 @@ class Follower:
         if shape is not None and shape.motion is not None:
             why = ASTRAY if self._astray else PAUSE if self.paused else ""
             told = shape.told(measured, command, self._time, self._override, why=why)
-            return FollowerSolution(command.copy(), *told)
+            status, reason = (self._by_loop(streams=False) if self._late else None) or told[:2]
+            return FollowerSolution(command.copy(), status, reason, *told[2:])
         place, late = self._time, 0.0
         if isinstance(reference.source, Clocked) and self._twist is None:
             place = reference.source.place(self._time)
@@ -889,6 +934,8 @@ class Follower:
 
     def _status(self, reference: Reference, place: float) -> tuple[Status, str]:
         """The status of a tick at a place, and its reason."""
+        if (found := self._by_loop(self._source is not None and not self.paused)) is not None:
+            return found
         if self.paused:
             return (Status.PAUSED if self._still else Status.MOVING), "paused"
         if self._turns:
@@ -897,6 +944,19 @@ class Follower:
             return self._on_the_way(inf if self._newest else max(self._source.end, reference.joined), place)
         over = self._closed and not self._samples and self._next is None and self._still
         return (Status.DONE, "") if over else (Status.WAITING, self._why)
+
+    def _by_loop(self, streams: bool) -> tuple[Status, str] | None:
+        """What the loop says of the tick, None where nothing; a stream that its limits hold back is late instead."""
+        answer = self._answer
+        if answer is not None and answer.status in (Status.DEGRADED, Status.HELD):
+            return answer.status, answer.reason
+        if streams:
+            return None
+        if self._held_by:
+            return Status.LIMITED, f"held by {self._held_by}"
+        if answer is None or answer.status is Status.OK or not self._turns:
+            return None
+        return Status.LIMITED, answer.reason
 
     def _on_the_way(self, end: float, place: float) -> tuple[Status, str]:
         """The same while points or samples are followed, which end at a time."""
@@ -991,14 +1051,13 @@ class PathFollower(Follower):
         return self._kept_shape("place").given.pose(arrays.number(place, "place", "the path's parameter"))
 
 
-def _towards_twist(unbraked: Controller, q: Array, v: Array, twist: Array, limits: JointLimits) -> Array:
-    """(m,) joint velocity of the next tick, at q and v (m,) now, on the way to what a loop makes of a twist (6,).
+def _going_over(v: Array, x: Array, limits: JointLimits) -> Array:
+    """(m,) joint velocity of the next tick, at v (m,) now, on the way to x (m,), what a loop makes of a twist.
 
-        x = law(J, s, box),     dv/dt = min(A / |d|, sqrt(2 J / |d|)) d,   d = x - v
+        dv/dt = min(A / |d|, sqrt(2 J / |d|)) d,   d = x - v
 
     All joints change together, along d: the direction of what is done goes straight from one twist to the next.
     """
-    x = unbraked.follow(q, twist, v).velocity if twist.any() else np.zeros(len(q))
     d, a = x - v, limits.towards(v, x)
     away = d != 0.0
     if not away.any():

@@ -14,7 +14,8 @@ class FollowerSolution:
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
-        status: "moving", "late", "slowed", "waiting", "blocked", "left", "paused", "done" or "held": see `Status`.
+        status: "moving", "late", "slowed", "limited", "waiting", "blocked", "left", "paused", "done", "degraded" or
+            "held": see `Status`.
         reason: why, in words, "" where there is nothing to report.
         place: where in what is followed the joints are when the tick is over: a stamp [s], or a path's parameter.
         late: how long after its stamp that is [s].

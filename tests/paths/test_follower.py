@@ -379,21 +379,118 @@ def test_points_far_ahead_are_waited_for(away, cutoff):
         assert np.abs(ahead[round(30.0 / arm.dt)] - points[-1]).max() < 2e-3
 
 
-def test_a_push_is_come_back_from():
+@pytest.mark.parametrize("push", [0.01, 0.19, 0.4])
+def test_a_push_is_come_back_from(push):
     arm = Arm("ur5")
     truth = arm.motion(np.random.default_rng(10))
     stamps = np.arange(0.0, 5.0, 0.05)
     follower = arm.follower()
     follower.follow([truth(t) for t in stamps], stamps)
-    q, Q = arm.start, []
+    q, Q = arm.start, [arm.start]
     for i in range(2250):
         if i == 700:
-            q = q + 0.4
-            Q = [q]
-        q = q + arm.dt * follower.step(q).velocity
-        Q.append(q)
+            q = q + push
+        velocity = follower.step(q).velocity
+        q = q + arm.dt * velocity
+        Q.append(Q[-1] + arm.dt * velocity)
     arm.held(Q)
     assert np.abs(q - truth(2250 * arm.dt)).max() < 3e-3
+
+
+def test_a_start_outside_its_range_comes_back_inside_all_limits():
+    arm = Arm("panda")
+    start = arm.start.copy()
+    start[3] = arm.robot.position_lower[3] - 0.05
+    events = [(t, lambda f: f.add(arm.start)) for t in np.arange(0.0, 2.0, 0.016)]
+    Q, _ = driven(arm, arm.follower(), events, 2.0, q=start)
+    for n in (1, 2, 3):
+        most = [arm.robot.velocity_limit, arm.acceleration, arm.jerk][n - 1]
+        moved = np.vstack((np.tile(Q[0], (3, 1)), Q))
+        assert (np.abs(np.diff(moved, n, axis=0)) / arm.dt**n <= 1.001 * most).all()
+    assert np.abs(Q[-1] - arm.start).max() < 1e-4
+
+
+def test_one_point_is_a_goal():
+    arm = Arm("ur5")
+    goal = iq.transform(translation=[0.0, 0.1, 0.1]) @ arm.robot.pose(arm.start)
+    Q, answers = driven(arm, arm.follower(), [(0.1, lambda f: f.follow([goal]))], 2.0)
+    arm.held(Q)
+    assert answers[-1].status == "done"
+    assert np.abs(arm.robot.pose(Q[-1]) - goal).max() < 1e-6
+
+
+@pytest.mark.parametrize("twist", [[0.0, 0.0, 0.0, 0.3, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.2, -0.2]])
+def test_a_twist_that_cannot_be_done_is_limited(twist):
+    arm = Arm("ur5")
+    arm.start = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    events = [(t, lambda f: f.twist(twist)) for t in np.arange(0.0, 5.0, 0.05)]
+    Q, answers = driven(arm, arm.follower(), events, 5.0)
+    arm.held(Q)
+    said = [a.status for a in answers]
+    assert said[250] == "moving"
+    assert "limited" in said[-500:]
+    assert all(a.reason for a in answers if a.status == "limited")
+
+
+TABLE = iq.limits.HalfSpace([0, 0, 0.2], [0, 0, 1], name="table")
+
+
+def beside(arm, obstacle):
+    """A loop whose hand keeps 20 mm from an obstacle."""
+    hand = {"tool": [iq.limits.Sphere([0, 0, -0.02], 0.05, name="hand")]}
+    limit = iq.limits.Clearance(arm.robot, hand, [obstacle], distance=0.02)
+    return iq.Controller(arm.robot, dt=arm.dt, acceleration_limit=arm.acceleration, limits=[limit]), limit
+
+
+@pytest.mark.parametrize("way", ["twist", "hand", "speed"])
+def test_what_holds_the_tool_back_brakes_no_joint_harder_than_it_may(way):
+    arm = Arm("ur5", dt=0.004, **({"tool_speed": 0.2} if way == "speed" else {}))
+    home = arm.robot.pose(arm.start)
+    loop, limit = (arm.controller(), None) if way == "speed" else beside(arm, TABLE)
+    follower, q, Q, said = iq.Follower(loop, jerk=arm.jerk), arm.start, [arm.start], set()
+    for i in range(700):
+        t = i * arm.dt
+        if way == "twist":
+            follower.twist([0.0, 0.0, 0.0, 0.0, 0.05, -0.2])
+        elif i % 4 == 0:
+            x = [0.15 * np.sin(2.0 * t), 0.0, 0.0] if way == "speed" else [0.0, 0.1 * np.sin(t), 0.3 * np.cos(t) - 0.3]
+            follower.add(iq.transform(translation=x) @ home, t)
+        told = follower.step(q, now=t)
+        q = q + arm.dt * told.velocity
+        Q.append(q)
+        said.add(str(told.status))
+        assert limit is None or limit.at(q).distance > 0.0199
+    assert (np.abs(np.diff(np.vstack((Q[:1], Q)), 2, axis=0)) / arm.dt**2 <= 1.001 * arm.acceleration).all()
+    assert ("limited" if way == "twist" else "late") in said
+
+
+@pytest.mark.parametrize("way", ["hand", "nothing", "path", "paused"])
+def test_it_makes_way_for_what_moves_and_says_so(way):
+    arm = Arm("ur5", dt=0.005)
+    arm.start = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    home = arm.robot.pose(arm.start)
+    ball = iq.limits.Sphere([0, 0, 0], 0.08, name="ball")
+    loop, limit = beside(arm, ball)
+    if way in ("hand", "nothing"):
+        follower = iq.Follower(loop, jerk=arm.jerk)
+    else:
+        follower = iq.PathFollower(loop, [home, iq.transform(translation=[0.3, 0.0, 0.0]) @ home], rate=0.1)
+        follower.prepare(arm.start)
+    q, Q, said = arm.start, [arm.start], set()
+    for i in range(900):
+        t = i * arm.dt
+        ball.move(iq.transform(translation=home[:3, 3] + [0.0, 0.35 - 0.1 * t, 0.0]), [0, 0, 0, 0, -0.1, 0])
+        if way == "hand" and i % 3 == 0:
+            follower.add(home, t)
+        elif way == "paused" and i == 20:
+            follower.pause()
+        told = follower.step(q, now=t)
+        q = q + arm.dt * told.velocity
+        Q.append(q)
+        said.add((str(told.status), told.reason.partition(",")[0]))
+        assert limit.at(q).distance > 0.0195
+    assert (np.abs(np.diff(np.vstack((Q[:1], Q)), 2, axis=0)) / arm.dt**2 <= 1.001 * arm.acceleration).all()
+    assert ("late" if way == "hand" else "limited", "held by clearance: tool and ball") in said
 
 
 def test_a_late_arm_gets_the_same_commands():
@@ -555,6 +652,9 @@ def test_a_shape_gives_way_to_another_from_the_motion_it_has():
         (lambda f: f.follow(np.zeros((3, 6))), "stamps"),
         (lambda f: f.follow(np.zeros((3, 5)), [0, 1, 2]), "points"),
         (lambda f: f.follow("path", [0]), "points"),
+        (lambda f: f.follow(np.degrees(np.ones((3, 6))), [0, 1, 2]), "points"),
+        (lambda f: f.follow(lambda t: np.degrees(np.ones(6))), "points"),
+        (lambda f: f.add(np.degrees(np.ones(6))), "point"),
         (lambda f: f.follow(lambda t: "pose"), "points"),
         (lambda f: f.add(np.full((4, 4), np.nan)), "point"),
         (lambda f: f.add(np.eye(4), np.nan), "stamp"),
