@@ -147,7 +147,7 @@ def test_what_is_believed_differs_from_what_is_by_the_tilt():
 
 
 def test_an_overload_stops_the_tool():
-    task = short(force={"max_force": 3.0, "on_overload": "hold"})
+    task = short(force={"max_force": 5.2, "on_overload": "hold"})
     trace = iq.run_task(task)
     assert trace.statuses[-1] == "overload"
     assert not trace.velocity[-1].any()
