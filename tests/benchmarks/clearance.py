@@ -159,6 +159,19 @@ def sweep(other, t, dt):
     other.move(centre + wide * np.sin(rate * t), wide * rate * np.cos(rate * t))
 
 
+def handed_back(loop):
+    """A list that grows by one in each tick of a loop that the core hands to Python."""
+    by_core, found = loop._by_core, []
+
+    def tick(*given):
+        solution = by_core(*given)
+        found.extend([True] * (solution is None))
+        return solution
+
+    loop._by_core = tick
+    return found
+
+
 def run(name, ticks, dt, delay, acceleration, seed=0, *, clear=True):
     scene = SCENES[name]()
     clearance = scene.clearance()
@@ -167,6 +180,7 @@ def run(name, ticks, dt, delay, acceleration, seed=0, *, clear=True):
     wanted = targets(robot, rng, scene.where)
     loop = iq.Controller(robot, dt=dt, delay=delay, acceleration_limit=acceleration,
                          limits=[clearance] if clear else [])  # fmt: skip
+    back = handed_back(loop)
     q, d, x_before = scene.start.copy(), [], np.zeros(len(scene.start))
     queue = [np.zeros(len(q))] * round(delay / dt)
     statuses, reasons, times, change, outside = {}, {}, [], [], 0.0
@@ -199,7 +213,7 @@ def run(name, ticks, dt, delay, acceleration, seed=0, *, clear=True):
           f"inside 0: {int((d < 0).sum())} ticks, below by over 1 um: {np.sum(d < scene.distance - 1e-6) / ticks * 100:.2f} %; "
           f"seen by coal in {judge.seen} ticks, those in which anything may be near; "
           f"change of velocity p50 {np.median(change):.4f} p99 {np.percentile(change, 99):.3f}; tick p50 "
-          f"{np.median(micro):.0f} p99.9 {np.percentile(micro, 99.9):.0f} us; outside limits {max(outside, 0.0):.1e}; {statuses}")  # fmt: skip
+          f"{np.median(micro):.0f} p99.9 {np.percentile(micro, 99.9):.0f} us; outside limits {max(outside, 0.0):.1e}; handed back {len(back)}; {statuses}")  # fmt: skip
     for reason, count in sorted(reasons.items(), key=lambda item: -item[1])[:4]:
         print(f"    {count} x {reason}")
 
@@ -216,6 +230,7 @@ def meet(ticks, dt, acceleration, seed=0, delay=0.0):
     limits = [Clearance(arm, iq.robots.bodies_of(arm), [other]) for arm, other in zip(arms, others, strict=True)]
     loops = [iq.Controller(arm, dt=dt, delay=delay, acceleration_limit=acceleration, limits=[limit])
              for arm, limit in zip(arms, limits, strict=True)]  # fmt: skip
+    back = [handed_back(loop) for loop in loops]
     flying = [[np.zeros(6)] * round(delay / dt) for _ in arms]
     start = np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0])
     q, x, rng = [start.copy(), start.copy()], [np.zeros(6), np.zeros(6)], np.random.default_rng(seed)
@@ -244,7 +259,7 @@ def meet(ticks, dt, acceleration, seed=0, delay=0.0):
         others[0].move(q[1], x[1])
         least = min(least, judge(q[0], dt * REACH * float(np.abs(shown).sum())))
     print(f"two UR5s that know each other: {ticks} ticks of {dt * 1e3:g} ms, delay {delay * 1e3:g} ms, acceleration {acceleration}; least distance "
-          f"{least * 1e3:.3f} of 20 mm, seen by coal in {judge.seen} ticks; {statuses}", flush=True)  # fmt: skip
+          f"{least * 1e3:.3f} of 20 mm, seen by coal in {judge.seen} ticks; handed back {sum(map(len, back))}; {statuses}", flush=True)  # fmt: skip
 
 
 # Each at the gain of its own examples, and Pink at a stiffer one.
@@ -397,13 +412,18 @@ def stream(seconds, seed):
 
 
 def time():
-    """The rows alone and a tick, with about 20 pairs near; the same loop without, turn by turn.
+    """The rows alone and a tick, with 21 and 31 pairs of shapes; the same loop without, turn by turn.
 
     Each is repeated from the same state and memory and its least time taken: what a quiet machine takes.
     """
-    scene = panda()
     block = Box(iq.transform(translation=[0.6, 0.1, 0.25]), [0.2, 0.2, 0.2], name="block")
-    scene = scene._replace(obstacles=[*scene.obstacles, block])
+    for more in ([], [block]):
+        for acceleration in (None, 10.0):
+            scene = panda()
+            timed(scene._replace(obstacles=[*scene.obstacles, *more]), acceleration)
+
+
+def timed(scene, acceleration):
     robot, m = scene.robot, len(scene.start)
 
     def least(call, loop, *state):
@@ -416,26 +436,25 @@ def time():
             times.append(1e-3 * (perf_counter_ns() - begun))
         return min(times), found
 
-    for acceleration in (None, 10.0):
-        clearance, rng = scene.clearance(), np.random.default_rng(0)
-        options = {"dt": 0.002, "acceleration_limit": acceleration}
-        kept, free = iq.Controller(robot, limits=[clearance], **options), iq.Controller(robot, **options)
-        brakes = np.full(m, np.inf if acceleration is None else acceleration)
-        rows = clearance.for_loop(loop_of(robot, 0.002, 0.0)._replace(acceleration=brakes))
-        q, x, times = scene.start.copy(), np.zeros(m), {"rows": [], "tick without": [], "tick with": []}
-        wanted = targets(robot, rng)
-        for i in range(4000):
-            if i % 200 == 0:
-                target = robot.target(next(wanted))
-            times["rows"].append(least(rows.rows, kept, q, x)[0])
-            times["tick without"].append(least(free.step, free, q, target, None, x)[0])
-            spent, solution = least(kept.step, kept, q, target, None, x)
-            times["tick with"].append(spent)
-            x = solution.velocity
-            q = q + 0.002 * x
-        for name, values in times.items():
-            print(f"acceleration {acceleration}, {name:13s} ({len(clearance.pairs)} pairs of bodies, {len(clearance._pairs)} of shapes): "
-                  f"p50 {np.median(values):.1f}, p99 {np.percentile(values, 99):.1f}, p99.9 {np.percentile(values, 99.9):.1f} us")  # fmt: skip
+    clearance, rng = scene.clearance(), np.random.default_rng(0)
+    options = {"dt": 0.002, "acceleration_limit": acceleration}
+    kept, free = iq.Controller(robot, limits=[clearance], **options), iq.Controller(robot, **options)
+    brakes = np.full(m, np.inf if acceleration is None else acceleration)
+    rows = clearance.for_loop(loop_of(robot, 0.002, 0.0)._replace(acceleration=brakes))
+    q, x, times = scene.start.copy(), np.zeros(m), {"rows": [], "tick without": [], "tick with": []}
+    wanted = targets(robot, rng)
+    for i in range(4000):
+        if i % 200 == 0:
+            target = robot.target(next(wanted))
+        times["rows"].append(least(rows.rows, kept, q, x)[0])
+        times["tick without"].append(least(free.step, free, q, target, None, x)[0])
+        spent, solution = least(kept.step, kept, q, target, None, x)
+        times["tick with"].append(spent)
+        x = solution.velocity
+        q = q + 0.002 * x
+    for name, values in times.items():
+        print(f"acceleration {acceleration}, {name:13s} ({len(clearance.pairs)} pairs of bodies, {len(clearance._pairs)} of shapes): "
+              f"p50 {np.median(values):.1f}, p99 {np.percentile(values, 99):.1f}, p99.9 {np.percentile(values, 99.9):.1f} us")  # fmt: skip
 
 
 def main():
