@@ -496,11 +496,13 @@ class Follower:
 
     def _keeps(self, command: Array, held: bool) -> bool:
         """Whether a command (m,) of the core keeps the joints' limits, with nothing that is `held` back."""
-        limits, shape = self._limits, self._shape
+        if self._shape is not None:
+            return True
+        limits = self._limits
         a = (command - self._command) / limits.dt
         kept = (np.abs(a) <= (1.0 + ROUNDING) * limits.acceleration).all()
         kept &= (np.abs(a - self._pace) <= (1.0 + 2.0 * ROUNDING) * limits.dt * limits.jerk).all()
-        return shape is not None or (bool(kept) and not held)
+        return bool(kept) and not held
 
     def _moved(self, reference: Reference, measured: Array, moving: Array | None) -> Array:
         """(m,) the command of a tick along a reference; the joints are sent so far."""
