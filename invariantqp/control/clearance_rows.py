@@ -76,7 +76,8 @@ class States(NamedTuple):
     times: Array  # (s,) from now [s]
     y: Array  # (M,) the velocity braked for a tick
     free: Array  # (2, M) how far another one can be below it and above
-    sure: Array  # (2, M) and certainly: as fast as it was, and faster by what braking leaves of its acceleration
+    sure: Array  # (2, M) and certainly: by what braking leaves of its acceleration
+    led: Array  # (2, M) and where it is led apart: as fast as it was, and faster by that
 
     @classmethod
     def ahead(cls, m: int, q: Array, before: Array, limits: Array, settings: Array) -> States:
@@ -88,7 +89,7 @@ class States(NamedTuple):
         others = np.where(np.arange(len(q)) < m, 0.0, before)
         if np.isinf(a[:m]).all():
             free = cls._free(q, before, np.zeros(len(q)), limits, dt)
-            return cls(q[None], np.ones((1, len(q))), others[None], np.zeros(1), np.zeros(len(q)), free, free)
+            return cls(q[None], np.ones((1, len(q))), others[None], np.zeros(1), np.zeros(len(q)), free, free, free)
         fast, on = np.abs(before), a == 0.0
         with np.errstate(invalid="ignore", divide="ignore"):  # infinitely strong brakes, and none
             late = (fast - late_braking(np.where(before > 0.0, high - q, q - low), fast, dt)) / dt
@@ -106,7 +107,8 @@ class States(NamedTuple):
         y, times = np.sign(before) * y, dt * np.array([0.0, *n])
         free = cls._free(q, before, y, limits, dt)
         as_fast = np.maximum((-before, before), 0.0) - np.maximum((-y, y), 0.0)
-        return cls(np.vstack((q, states)), weights, going, times, y, free, np.minimum(free, as_fast + harder))
+        sure, led = np.minimum(free, harder), np.minimum(free, as_fast + harder)
+        return cls(np.vstack((q, states)), weights, going, times, y, free, sure, led)
 
     @staticmethod
     def _free(q: Array, before: Array, y: Array, limits: Array, dt: float) -> Array:
@@ -256,7 +258,8 @@ def _asked_of(
     scaled = np.abs(C) * np.where(np.isfinite(speed), speed, USUAL_SPEED)
     moved, size = C != 0.0, np.abs(C)
     braked = float(C[moved].dot(states.y[:m][moved]))
-    below, above = (np.where(C > 0.0, *way[:, :m])[moved] for way in (states.free, states.sure[::-1]))
+    sure = states.led if leaving else states.sure
+    below, above = (np.where(C > 0.0, *way[:, :m])[moved] for way in (states.free, sure[::-1]))
     if leaving and room >= 0.0:
         return -inf, 0.0
     if room >= 0.0:

@@ -450,7 +450,8 @@ static double at_least(const Shape *a, const Shape *b)
 #define MOST_STATES 34
 typedef struct {
     int count;
-    Wide braked, free[2], sure[2]; /* velocity braked for a tick; how far another can be below it and above; certainly */
+    Wide braked, free[2], sure[2], led[2]; /* velocity braked for a tick; how far another can be below it and above; certainly;
+                                              and where it is led apart */
     Wide q[MOST_STATES], weight[MOST_STATES], going[2]; /* how fast others go on: in the first state; in the others */
     double time[MOST_STATES];
 } States;
@@ -463,7 +464,7 @@ static void own_state(int m, int all, const double *q, const double *before, Sta
         states->q[0][j] = q[j];
         states->weight[0][j] = 1.0;
         states->braked[j] = 0.0;
-        states->sure[0][j] = states->sure[1][j] = INFINITY;
+        states->sure[0][j] = states->sure[1][j] = states->led[0][j] = states->led[1][j] = INFINITY;
         states->going[0][j] = states->going[1][j] = j < m ? 0.0 : before[j];
     }
 }
@@ -484,7 +485,8 @@ static void braked_states(int all, const double *q, const double *before, Wide l
         states->braked[j] = before[j] < 0.0 ? -y : y;
         for (int up = 0; up < 2; up++) {
             bool forth = up ? before[j] > 0.0 : before[j] < 0.0;
-            states->sure[up][j] = (forth ? fast - y : 0.0) + (isfinite(a) ? fmax(a * dt - b[j] * dt, 0.0) : INFINITY);
+            states->sure[up][j] = isfinite(a) ? fmax(a * dt - b[j] * dt, 0.0) : INFINITY;
+            states->led[up][j] = states->sure[up][j] + (forth ? fast - y : 0.0);
         }
     }
     double n = 0.0;
@@ -513,6 +515,7 @@ static void set_free(int m, const double *q, const double *before, Wide limits[4
                 most = fmin(fmin(most, braking_speed(room, limits[1][j], dt)), sign * before[j] + limits[1][j] * dt);
             states->free[up][j] = fmax(most - sign * states->braked[j], 0.0);
             states->sure[up][j] = fmin(states->free[up][j], states->sure[up][j]);
+            states->led[up][j] = fmin(states->free[up][j], states->led[up][j]);
         }
 }
 
@@ -589,7 +592,7 @@ static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *f
                 double size = fabs(C[j]), scaled = size * (isfinite(asked->speed[j]) ? asked->speed[j] : USUAL_SPEED);
                 if (size > 0.0) {
                     reach += size * joints->free[C[j] < 0.0][j];
-                    sure += size * joints->sure[C[j] > 0.0][j];
+                    sure += size * (asked->leaving ? joints->led : joints->sure)[C[j] > 0.0][j];
                     braked += C[j] * joints->braked[j];
                 }
                 weighed += scaled;
