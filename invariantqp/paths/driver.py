@@ -413,9 +413,7 @@ class Follower:
         loop, shape = self.controller, self._shape
         if core is None or loop.compiled is None or (loop.joint_rows is not None and loop.joint_rows.fixed is None):
             return None
-        if (
-            self._turns
-        ):  # Python asks what the law says of a twist, from time to time, and always where it says something
+        if self._turns:  # Python asks the law about a twist from time to time, and always where it says something
             answer = self._answer
             if answer is None or answer.status is not Status.OK or not 0.0 <= self._time - self._asked < RETRY:
                 return None
