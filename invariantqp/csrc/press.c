@@ -179,11 +179,10 @@ static void setting_of(const Press *press, const Split *split, double arm, doubl
 
 /* HybridController._known: the stiffness of each constraint after a reading. */
 static void known_now(const Press *press, const Split *split, const Placed *placed, bool late, const Setting *setting,
-                      double limit, Pressing *pressing)
+                      const PressTick *tick, Pressing *pressing)
 {
     int n = split->n, presses = split->presses;
-    bool touching = true;
-    double most = 0.0, evidence = CERTAIN;
+    double most = 0.0;
     for (int i = 0; (int)pressing->parts != n && i < n; i++)
         unknown_stiffness(setting->begins, &pressing->known[i]);
     for (int i = 0; (int)pressing->went != n && i < n; i++)
@@ -191,22 +190,18 @@ static void known_now(const Press *press, const Split *split, const Placed *plac
     pressing->parts = pressing->went = n;
     if (late && presses > 0)
         return;
-    for (int i = 0; i < presses; i++) {
-        touching = touching && pressing->touches[i].touching != 0.0;
-        evidence = fmin(evidence, pressing->touches[i].evidence);
-    }
     for (int i = 0; i < n; i++)
         most = fmax(most, fabs(placed->asked[i]));
     most = most > 0.0 ? most : INFINITY;
     for (int i = 0; i < n; i++) {
         double force = placed->felt[i], wish = placed->asked[i], way = pressing->ways[i].shown;
-        const Touch *touch = &pressing->touches[i];
-        bool there = i < presses ? touch->airborne <= press->lost_after : touching;
+        const Touch *touch = i < presses ? &pressing->touches[i] : &tick->touch;
+        bool there = i < presses ? touch->airborne <= press->lost_after : touch->touching != 0.0;
         int lacks = (wish - force > SHORT * most) - (force - wish > SHORT * most);
         if (there)
-            known_after(&pressing->known[i], force, way, setting, lacks, i >= presses || (touch->touching != 0.0 && force > limit));
+            known_after(&pressing->known[i], force, way, setting, lacks, i >= presses || (touch->touching != 0.0 && force > tick->limit));
         else
-            in_air(&pressing->known[i], force, way, limit, i < presses ? touch->evidence : evidence, setting);
+            in_air(&pressing->known[i], force, way, tick->limit, touch->evidence, setting);
     }
 }
 
@@ -318,7 +313,7 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     PressTick *tick = &answer->read;
     read_tick(press, split, now, dt, reading, &placed, answer->wanted, answer->error, noise, state, tick);
     setting_of(press, split, arm, dt, pressing, held, placed.asked, noise, &setting);
-    known_now(press, split, &placed, state->monitor.dead.unchanged > 0.0, &setting, tick->limit, pressing);
+    known_now(press, split, &placed, state->monitor.dead.unchanged > 0.0, &setting, tick, pressing);
     double shared = press->filter_time > 0.0 ? fmin(1.0, dt / (2.0 * press->filter_time)) : 1.0;
     if (monitored(press, tick, presses, pressing->known, placed.felt, placed.asked, setting.noise, shared, &state->monitor) == HAND_BACK)
         return HAND_BACK;

@@ -468,7 +468,7 @@ class HybridController:
         before = memory.pressing.of(len(here.force), presses, task.stiffness or STIFF)
         tick, touches, found_noise = self._read(here, reading, before)
         setting, now = self._setting(before, here, noise), before._replace(touches=touches)
-        now = now._replace(known=self._known(now, here, setting, tick.limit))
+        now = now._replace(known=self._known(now, here, setting, tick))
         parts = zip(now.known[:presses], here.force.tolist(), here.wanted.tolist(), strict=False)
         shared = min(1.0, dt / (2.0 * self._filter_time)) if self._filter_time else 1.0
         monitor = memory.monitor.after(task, tick, tuple((*one, setting.noise) for one in parts), shared)
@@ -733,22 +733,21 @@ class HybridController:
             held,
         )
 
-    def _known(self, now: Pressing, here: Placed, setting: Setting, limit: float) -> tuple[Stiffness, ...]:
+    def _known(self, now: Pressing, here: Placed, setting: Setting, tick: Tick) -> tuple[Stiffness, ...]:
         """The stiffness of each constraint after a reading; of what is not touched nothing."""
         if self.memory.monitor.dead.unchanged > 0.0 and here.presses:
             return now.known
-        touching, overall = all(touch.touching for touch in now.touches), weakest_touch(now.touches)
         most = SHORT * (float(np.abs(here.wanted).max(initial=0.0)) or inf)
         made = []
         parts = zip(now.known, now.ways, here.force.tolist(), here.wanted.tolist(), strict=True)
         for i, (known, (way, _), force, wanted) in enumerate(parts):
             press = i < here.presses
-            if now.touches[i].airborne <= self.task.lost_after if press else touching:
+            if now.touches[i].airborne <= self.task.lost_after if press else tick.touch.touching:
                 short = int(wanted - force > most) - int(force - wanted > most)
-                felt = not press or (now.touches[i].touching and force > limit)
+                felt = not press or (now.touches[i].touching and force > tick.limit)
                 made.append(known.after(force, way, setting, short, felt=felt))
             else:
-                made.append(known.in_air(force, way, limit, now.touches[i] if press else overall, setting))
+                made.append(known.in_air(force, way, tick.limit, now.touches[i] if press else tick.touch, setting))
         return tuple(made)
 
     def _kept_gain(self, J: Array, here: Placed, now: Pressing, setting: Setting, noise: float) -> tuple[float, float]:
@@ -781,7 +780,7 @@ class HybridController:
         """
         task, dt = self.task, self.loop.dt
         yields = can_yield(here.contact, len(self.loop.robot.names))
-        touching = all(touch.touching for touch in now.touches)
+        touching = tick.touch.touching
         grows, fastest = now.free and yields and not slow, task.approach_speed
         acts, stiffest = touching and yields, task.stiffness or 0.0
         # What a lagging arm has not done yet can be taken back at a touch within a tick, what is sent late cannot. A
