@@ -264,8 +264,7 @@ class Clearance(Limit):
     @property
     def nearest(self) -> Near:
         """Which two bodies were the nearest in the last tick that asked for rows, and their `distance`."""
-        k, distance = self._nearest_now
-        return Near(*self._bodies[k], distance) if k >= 0 else Near("", "", inf)
+        return self._near(*self._nearest_now)
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -389,7 +388,7 @@ class Clearance(Limit):
         Raises:
             BadInput: NaN or a wrong length.
         """
-        return self._nearest(self._distances(q))
+        return self._near(*self._least(self._distances(q)))
 
     def blocked(self, q: ArrayLike) -> str:
         """Which bodies are nearer than the distance at joint positions q (m,), "" where none are.
@@ -400,7 +399,7 @@ class Clearance(Limit):
             BadInput: NaN or a wrong length.
         """
         still = [not (self._parts[j].around < 0 or self._parts[j].shape.twist.any()) for _, j in self._of_pair]
-        near = self._nearest(np.where(still, self._distances(q), inf))
+        near = self._near(*self._least(np.where(still, self._distances(q), inf)))
         return (
             f"{near.first} and {near.second} are nearer than {1e3 * self.distance:.1f} mm"
             if is_inside(near.distance, self.distance)
@@ -445,8 +444,7 @@ class Clearance(Limit):
         limits = np.array((robot.velocity_limit, free, robot.position_lower, robot.position_upper))
         return Rate(limits, np.array((self.distance, alpha, ESCAPE, dt, BRAKING)), delay)
 
-    def _nearest(self, distances: Array) -> Near:
-        k, d = self._least(distances)
+    def _near(self, k: int, d: float) -> Near:
         return Near(*self._bodies[k], d) if k >= 0 else Near("", "", inf)
 
     @staticmethod

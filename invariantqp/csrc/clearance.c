@@ -425,14 +425,6 @@ static void keep(Rows *rows, int m, const double *C, double lower, double urgenc
     rows->pair[at] = pair;
 }
 
-static bool is_still(const double twist[6])
-{
-    double size = 0.0;
-    for (int i = 0; i < 6; i++)
-        size += fabs(twist[i]);
-    return size == 0.0;
-}
-
 /* Distances of two shapes are at least this: those of balls about them. */
 static double at_least(const Shape *a, const Shape *b)
 {
@@ -449,7 +441,8 @@ static double at_least(const Shape *a, const Shape *b)
 /* Twin of States.ahead: the states in which distances are looked at, and how they change with the velocity. */
 #define MOST_STATES 34
 typedef struct {
-    int count;
+    int m, count;
+    const double *speed, *settings;
     Wide braked, free[2], sure[2], led[2]; /* velocity braked for a tick; how far another can be below it and above; certainly;
                                               and where it is led apart */
     Wide q[MOST_STATES], weight[MOST_STATES], going[2]; /* how fast others go on: in the first state; in the others */
@@ -458,6 +451,7 @@ typedef struct {
 
 static void own_state(int m, int all, const double *q, const double *before, States *states)
 {
+    states->m = m;
     states->count = 1;
     states->time[0] = 0.0;
     for (int j = 0; j < all; j++) {
@@ -549,27 +543,21 @@ typedef struct Pair {
     const double *levers[2], *twists[2];
 } Pair;
 
-/* What rows of a state are made by. */
-typedef struct {
-    int m;
-    double distance, wanted, rate, escape, fastest; /* how fast the pair comes nearer, at most */
-    const Wide *J;
-    const double *weight, *going, *speed;
-    const States *joints;
-    bool ahead;   /* a state that the arm would brake through */
-    bool leaving; /* the arm's own state beside those: rows lead out of what is too near alone */
-} Asked;
-
-/* The rows of a pair, kept where they are urgent; the least distance, infinite where no joint changes it. */
-static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *found, Rows *rows)
+/* The rows of a pair in state s, of joint twists J, kept where they are urgent; the least distance, infinite where no joint
+   changes it. `wanted` is the distance that it keeps there, `fastest` how fast it comes nearer, at most. In the arm's own
+   state, beside those that it would brake through, rows lead out of what is too near alone. */
+static double rows_of_pair(const Pair *pair, const States *states, int s, const Wide J[6], double wanted, double fastest,
+                           const Places *found, Rows *rows)
 {
-    double out[3] = {0.0, 0.0, 0.0}, least = INFINITY;
-    const States *joints = asked->joints;
+    bool leaving = s == 0 && states->count > 1;
+    int m = states->m;
+    double out[3] = {0.0, 0.0, 0.0}, least = INFINITY, rate = states->settings[1];
+    const double *weight = states->weight[s], *going = states->going[s > 0], *speed = states->speed;
     for (int f = 0; f < found->count; f++) {
         const Near *near = &found->at[f];
         double w[6], C[MOST] = {0.0}, reach = 0.0, weighed = 0.0, square = 0.0, largest = 0.0, braked = 0.0, sure = 0.0;
-        double room = near->d - asked->wanted, drift;
-        if (least < INFINITY && room >= 0.0 && (asked->leaving || asked->rate * pair->share * room > asked->fastest))
+        double room = near->d - wanted, drift;
+        if (least < INFINITY && room >= 0.0 && (leaving || rate * pair->share * room > fastest))
             break; /* no row of a place as far as this matters */
         cross(near->x, near->n, w);
         memcpy(w + 3, near->n, 3 * sizeof(double));
@@ -578,22 +566,22 @@ static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *f
             for (int j = pair->from[e]; j < pair->to[e]; j++) {
                 double total = 0.0, parts = 0.0;
                 for (int r = 0; r < 6; r++) {
-                    double part = w[r] * asked->J[r][j];
+                    double part = w[r] * J[r][j];
                     total += e == 0 ? -part : part;
                     parts += fabs(part);
                 }
                 if (!(fabs(total) > UNMOVED * parts))
                     continue;
-                if (j >= asked->m) {
-                    drift += total * asked->going[j];
+                if (j >= m) {
+                    drift += total * going[j];
                     continue;
                 }
-                C[j] = asked->weight[j] * total;
-                double size = fabs(C[j]), scaled = size * (isfinite(asked->speed[j]) ? asked->speed[j] : USUAL_SPEED);
+                C[j] = weight[j] * total;
+                double size = fabs(C[j]), scaled = size * (isfinite(speed[j]) ? speed[j] : USUAL_SPEED);
                 if (size > 0.0) {
-                    reach += size * joints->free[C[j] < 0.0][j];
-                    sure += size * (asked->leaving ? joints->led : joints->sure)[C[j] > 0.0][j];
-                    braked += C[j] * joints->braked[j];
+                    reach += size * states->free[C[j] < 0.0][j];
+                    sure += size * (leaving ? states->led : states->sure)[C[j] > 0.0][j];
+                    braked += C[j] * states->braked[j];
                 }
                 weighed += scaled;
                 square += scaled * scaled;
@@ -605,27 +593,28 @@ static double rows_of_pair(const Pair *pair, const Asked *asked, const Places *f
         double later = f == 0 ? 0.0 : 1.0, approach, lower;
         if (f == 0 || (out[0] == 0.0 && out[1] == 0.0 && out[2] == 0.0))
             memcpy(out, near->n, sizeof out);
-        if (asked->leaving && room >= 0.0)
+        if (leaving && room >= 0.0)
             continue;
         if (room >= 0.0)
-            approach = -asked->rate * pair->share * room;
+            approach = -rate * pair->share * room;
         else
-            approach = fmax(0.0, dot(3, near->n, out)) * fmin(-asked->rate * room, asked->escape * square / largest);
-        lower = (asked->leaving ? 0.0 : braked) + approach - drift;
-        if (asked->leaving || (room < 0.0 && drift == 0.0)) /* joints certainly can */
+            approach = fmax(0.0, dot(3, near->n, out)) * fmin(-rate * room, states->settings[2] * square / largest);
+        lower = (leaving ? 0.0 : braked) + approach - drift;
+        if (leaving || (room < 0.0 && drift == 0.0)) /* joints certainly can */
             lower = fmin(lower, braked + sure);
         if (!(lower > braked - reach))
             continue;
-        rows->valid = rows->valid && drift == 0.0 && (asked->ahead || room >= -DEEP * asked->distance);
-        keep(rows, asked->m, C, lower, (lower - braked) / weighed - later, pair->index);
+        rows->valid = rows->valid && drift == 0.0 && (s > 0 || room >= -DEEP * states->settings[0]);
+        keep(rows, m, C, lower, (lower - braked) / weighed - later, pair->index);
     }
     return least;
 }
 
 /* _possible in control/clearance_rows.py: rows that lead back what curvature took ask for no more than is found to be possible
    beside all others. */
-static void ask_what_is_possible(int m, const States *joints, Rows *rows)
+static void ask_what_is_possible(const States *joints, Rows *rows)
 {
+    int m = joints->m;
     double z[MOST] = {0.0}, asked[APART_ROWS], got[APART_ROWS], share = 1.0;
     bool any = false;
     for (int i = 0; i < rows->count; i++) {
@@ -755,6 +744,8 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
     Wide J[6];
     rows->count = 0;
     rows->valid = true;
+    states.speed = limits[0];
+    states.settings = settings;
     own_state(m, all, q, before, &states);
     for (int j = 0; j < m; j++)
         brakes = brakes || isfinite(limits[1][j]);
@@ -763,7 +754,7 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
     set_free(m, q, before, limits, settings[3], &states);
     for (int i = 0; i < scene->shapes; i++) {
         seen_in[i] = -1;
-        still[i] = is_still(scene->table[TWISTS] + 6 * i);
+        still[i] = norm(6, scene->table[TWISTS] + 6 * i) == 0.0;
     }
     memcpy(of_pairs, scene->pair, (size_t)k * sizeof *of_pairs);
     for (int i = 0; i < k; i++) {
@@ -818,24 +809,12 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
                 if (apart && room > fastest)
                     continue;
             }
-            Asked asked = {.m = m,
-                           .distance = wanted,
-                           .wanted = fmin(s > 1 ? enough : wanted, s > 0 ? least[i] : INFINITY),
-                           .rate = rate,
-                           .escape = settings[2],
-                           .fastest = fastest,
-                           .J = (const Wide *)J,
-                           .weight = states.weight[s],
-                           .going = states.going[s > 0],
-                           .speed = limits[0],
-                           .joints = &states,
-                           .ahead = s > 0,
-                           .leaving = leaving};
             if (a->kind != MESH && b->kind != MESH)
                 places(a, b, &found);
             else if (!told_places(tell, pair, a, b, &found))
                 return false;
-            double nearest = rows_of_pair(pair, &asked, &found, rows);
+            double kept = fmin(s > 1 ? enough : wanted, s > 0 ? least[i] : INFINITY);
+            double nearest = rows_of_pair(pair, &states, s, (const Wide *)J, kept, fastest, &found, rows);
             if (s == 0) {
                 least[i] = nearest;
                 pair->far = found.count > 0 ? found.at[0].d : far;
@@ -843,23 +822,24 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
             }
         }
     }
-    ask_what_is_possible(m, &states, rows);
+    ask_what_is_possible(&states, rows);
     return true;
 }
 
-static bool room_for(int pairs, ApartRoom *room)
+/* Room for what is found of each pair; false where there is none. */
+bool apart_begun(Apart *apart)
 {
-    size_t count = pairs > 0 ? (size_t)pairs : 1;
-    double *numbers = malloc(3 * count * sizeof *numbers);
-    *room = (ApartRoom){.least = numbers, .ends = numbers + count, .shares = numbers + 2 * count, .pairs = malloc(count * sizeof(Pair))};
-    return numbers != NULL && room->pairs != NULL;
+    size_t count = apart->scene->pairs > 0 ? (size_t)apart->scene->pairs : 1;
+    apart->pairs = malloc(count * (sizeof(Pair) + 3 * sizeof(double)));
+    if (apart->pairs == NULL)
+        return false;
+    apart->least = (double *)(apart->pairs + count);
+    apart->ends = apart->least + count;
+    apart->shares = apart->ends + count;
+    return true;
 }
 
-static void emptied(ApartRoom *room)
-{
-    free(room->least);
-    free(room->pairs);
-}
+void apart_ended(Apart *apart) { free(apart->pairs); }
 
 static void added(Apart *apart, const Rows *rows, int i, double least, Demand *demand)
 {
@@ -868,7 +848,7 @@ static void added(Apart *apart, const Rows *rows, int i, double least, Demand *d
     demand->least[at] = least;
     demand->most[at] = INFINITY;
     apart->pair[apart->count] = rows->pair[i];
-    apart->distance[apart->count++] = apart->room.least[rows->pair[i]];
+    apart->distance[apart->count++] = apart->least[rows->pair[i]];
 }
 
 /* What is not told as too near: curvature and rounding take as much. */
@@ -878,19 +858,19 @@ static double enough_of(double wanted) { return wanted - fmax(CURVED * wanted, A
 static double for_others(const Apart *apart, int k)
 {
     const Scene *scene = apart->scene;
-    return scene->others ? (1.0 - share_of_pair(scene, k)) * fmax(apart->room.least[k] - apart->settings[0], 0.0) : 0.0;
+    return scene->others ? (1.0 - share_of_pair(scene, k)) * fmax(apart->least[k] - apart->settings[0], 0.0) : 0.0;
 }
 
 /* control/clearance.py, rows_at, for a tick of a loop in which nothing is too near, and all that is near is judged. */
 Outcome apart_now(Apart *apart, const double *there, const double *before, Demand *demand)
 {
     const Scene *scene = apart->scene;
-    double wanted = apart->settings[0], enough = enough_of(wanted), *least = apart->room.least;
+    double wanted = apart->settings[0], enough = enough_of(wanted), *least = apart->least;
     const npy_bool *unjudged = (const npy_bool *)scene->table[UNJUDGED];
     Rows rows;
     memcpy(apart->q, there, (size_t)scene->m * sizeof(double));
     memcpy(apart->velocity, before, (size_t)scene->m * sizeof(double));
-    if (!rows_at(scene, NULL, apart->q, apart->velocity, apart->limits, apart->settings, NULL, apart->room.pairs, least, &rows) ||
+    if (!rows_at(scene, NULL, apart->q, apart->velocity, apart->limits, apart->settings, NULL, apart->pairs, least, &rows) ||
         demand->limits + rows.count > MOST_LIMITS)
         return HAND_BACK;
     apart->nearest = apart->count = 0;
@@ -915,7 +895,6 @@ bool apart_after(Apart *apart, const double *there, const double *x, Demand *dem
     int m = scene->m;
     double wanted = apart->settings[0], dt = apart->settings[3], enough = enough_of(wanted);
     double to_its_end[5] = {wanted, 1.0 / dt, INFINITY, 0.0, apart->settings[4]};
-    ApartRoom *room = &apart->room;
     Wide turned = {0.0}, still = {0.0};
     bool any = false, all = true;
     Rows rows;
@@ -928,21 +907,21 @@ bool apart_after(Apart *apart, const double *there, const double *x, Demand *dem
     for (int j = m; j < scene->all; j++)
         still[j] = apart->velocity[j];
     for (int k = 0; k < scene->pairs; k++) {
-        double d = room->least[k];
+        double d = apart->least[k];
         bool may = share_of_pair(scene, k) > 0.0 && isfinite(d) &&
                    !(d - nearer(&scene->pair[k], turned) >= wanted + for_others(apart, k));
-        room->shares[k] = may ? 1.0 : 0.0;
+        apart->shares[k] = may ? 1.0 : 0.0;
         any = any || may;
     }
-    if (!any || !rows_at(scene, NULL, apart->q, still, apart->limits, to_its_end, room->shares, room->pairs, room->ends, &rows))
+    if (!any || !rows_at(scene, NULL, apart->q, still, apart->limits, to_its_end, apart->shares, apart->pairs, apart->ends, &rows))
         return false;
     for (int k = 0; k < scene->pairs; k++) {
-        all = all && (room->shares[k] == 0.0 || room->ends[k] - for_others(apart, k) >= fmin(room->least[k], enough));
+        all = all && (apart->shares[k] == 0.0 || apart->ends[k] - for_others(apart, k) >= fmin(apart->least[k], enough));
     }
     any = false;
     for (int i = 0; i < rows.count && !all && demand->limits < MOST_LIMITS; i++) {
         int k = rows.pair[i];
-        double kept = fmin(room->least[k], wanted) - wanted + for_others(apart, k);
+        double kept = fmin(apart->least[k], wanted) - wanted + for_others(apart, k);
         double asked = rows.lower[i] + kept / dt;
         if (!(asked > 0.0))
             continue;
@@ -1046,23 +1025,20 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
                        "(distance, rate, escape, tick, share of braking), (k,) shares or None, places of meshes)");
     int all = scene->all;
     npy_intp k = scene->pairs;
-    Wide limits[4], q, before;
-    double settings[5];
-    ApartRoom room;
-    if (!room_for(scene->pairs, &room)) {
-        emptied(&room);
+    Apart apart = {.scene = scene};
+    if (!apart_begun(&apart))
         return PyErr_NoMemory();
-    }
     bool shared = arguments[5] == Py_None;
     PyObject *found = NULL, *distances = NULL;
-    if (!vector(arguments[1], all, q) || !vector(arguments[2], all, before) || !all_finite(all, q) || !all_finite(all, before) ||
-        !matrix(arguments[3], 4, all, ALL_JOINTS, limits[0]) || !vector(arguments[4], 5, settings) ||
-        (!shared && !vector(arguments[5], (int)k, room.shares)))
+    if (!vector(arguments[1], all, apart.q) || !vector(arguments[2], all, apart.velocity) || !all_finite(all, apart.q) ||
+        !all_finite(all, apart.velocity) || !matrix(arguments[3], 4, all, ALL_JOINTS, apart.limits[0]) ||
+        !vector(arguments[4], 5, apart.settings) || (!shared && !vector(arguments[5], (int)k, apart.shares)))
         found = left_to_python();
     else if ((distances = PyArray_SimpleNew(1, &k, NPY_DOUBLE)) != NULL) {
         double *least = PyArray_DATA((PyArrayObject *)distances), of_pair[APART_ROWS];
         Rows rows;
-        if (rows_at(scene, arguments[6], q, before, limits, settings, shared ? NULL : room.shares, room.pairs, least, &rows)) {
+        if (rows_at(scene, arguments[6], apart.q, apart.velocity, apart.limits, apart.settings, shared ? NULL : apart.shares, apart.pairs,
+                    least, &rows)) {
             for (int i = 0; i < rows.count; i++)
                 of_pair[i] = rows.pair[i];
             found = Py_BuildValue("(NNNN)", new_matrix(rows.count, scene->m, MOST, rows.C[0]), new_vector(rows.count, rows.lower),
@@ -1070,7 +1046,7 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
         } else
             Py_DECREF(distances);
     }
-    emptied(&room);
+    apart_ended(&apart);
     return found;
 }
 
@@ -1090,16 +1066,12 @@ bool apart_from(PyObject *const *given, int m, Apart *apart)
     return true;
 }
 
-bool apart_begun(Apart *apart) { return room_for(apart->scene->pairs, &apart->room); }
-
-void apart_ended(Apart *apart) { emptied(&apart->room); }
-
 /* The nearest pair, its distance, and a tuple of the pair and the distance of each row. */
 void apart_told(const Apart *apart, PyObject *found[3])
 {
     PyObject *of_rows[4 * APART_ROWS];
     found[0] = PyLong_FromLong(apart->nearest);
-    found[1] = PyFloat_FromDouble(apart->scene->pairs > 0 ? apart->room.least[apart->nearest] : INFINITY);
+    found[1] = PyFloat_FromDouble(apart->scene->pairs > 0 ? apart->least[apart->nearest] : INFINITY);
     for (int i = 0; i < apart->count; i++) {
         of_rows[2 * i] = PyLong_FromLong(apart->pair[i]);
         of_rows[2 * i + 1] = PyFloat_FromDouble(apart->distance[i]);

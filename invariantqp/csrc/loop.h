@@ -27,15 +27,12 @@ typedef struct {
 typedef double Wide[ALL_JOINTS];
 typedef struct Scene Scene;
 typedef struct {
-    double *least, *ends, *shares;
-    struct Pair *pairs;
-} ApartRoom;
-typedef struct {
     const Scene *scene;
     Wide limits[4], q, velocity;
     double settings[5], distance[2 * APART_ROWS];
     int count, pair[2 * APART_ROWS], nearest;
-    ApartRoom room; /* of each pair */
+    double *least, *ends, *shares; /* of each pair */
+    struct Pair *pairs;
 } Apart;
 Outcome apart_now(Apart *apart, const double *there, const double *before, Demand *demand);
 bool apart_after(Apart *apart, const double *there, const double *x, Demand *demand);

@@ -144,10 +144,8 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
         !vector(arguments[2], m, q) || !all_finite(m, q) || (towards && !target_pose(arguments[3], &target)) ||
         (ahead && (!vector(arguments[4], 6, feedforward) || !all_finite(6, feedforward))) || (!towards && !ahead))
         Py_RETURN_NONE;
-    if (apart && !apart_begun(&clearance)) {
-        apart_ended(&clearance);
+    if (apart && !apart_begun(&clearance))
         return PyErr_NoMemory();
-    }
     Outcome outcome = step_beside(fixed, now, &beside, q, towards ? &target : NULL, ahead ? feedforward : NULL, before, kept, &tick);
     PyObject *found[5] = {NULL};
     if (outcome == DONE) {
