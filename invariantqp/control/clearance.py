@@ -291,28 +291,28 @@ class Clearance(Limit):
             raise BadInput("rate", "None", "a rate in 1/s, or a controller that has this clearance in limits=[...]")
         return self.rows_at(q, self._at_rate(self._rate, 0.0))
 
-    def __call__(self, q: Array) -> LimitRows | None:
-        """The rows at joint positions q (m,), at the rate given.
-
-        Raises:
-            BadInput: no rate.
-        """
-        return self.rows(q, np.zeros(len(q)))
-
     def for_loop(self, loop: Loop) -> Limit:
         """The clearance at the rate of a loop.
 
         Raises:
-            BadInput: a loop of another robot, or of one with another base or tool offset.
+            BadInput: as `require`.
         """
-        robot, own = loop.robot, self.robot
-        q = np.zeros(len(own.names))
+        self.require(loop.robot, "limits")
+        return _InLoop(self, self.in_loop(loop))
+
+    def require(self, robot: Robot, argument: str) -> None:
+        """Refuse an argument that has to be a clearance of a robot.
+
+        Raises:
+            BadInput: this one is of another robot, or of one with another base or tool offset.
+        """
+        own, q = self.robot, np.zeros(len(self.robot.names))
         if robot.names != own.names or not (
             np.allclose(robot.pose(q), own.home) and np.allclose(robot.jacobian(q), own.screws)
         ):
-            expected = "one made with this controller's robot, of the same base= and offset="
-            raise BadInput("limits", f"{self!r} of another robot", expected)
-        return _InLoop(self, self.in_loop(loop))
+            raise BadInput(
+                argument, f"{self!r} of another robot", "one made with this robot, of the same base= and offset="
+            )
 
     def in_loop(self, loop: Loop) -> Rate:
         """The rate in a loop, and what its joints brake by."""

@@ -97,8 +97,10 @@ class PoseSearch:
     ) -> None:
         """As `solve_pose`."""
         self._robot = require_robot(robot)
-        if clearance is not None and not hasattr(clearance, "blocked"):
-            raise BadInput("clearance", excerpt(clearance), "a limits.Clearance of this robot, or None")
+        if clearance is not None:
+            if not hasattr(clearance, "require"):
+                raise BadInput("clearance", excerpt(clearance), "a limits.Clearance of this robot, or None")
+            clearance.require(self._robot, "clearance")
         self._clearance = clearance
         self._arm = pose_arm(robot)
         self._space = self._arm.space
