@@ -33,10 +33,6 @@ from invariantqp.control.limits import loop_of
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, OtherArm
 
 HOLD = 0.4  # how long a target stays [s]
-REACH, SWEPT = (
-    1.5,
-    3.5,
-)  # of any point of an arm from any of its axes [m]; speeds of the other arm's joints, summed [rad/s]
 
 
 class Scene(NamedTuple):
@@ -114,33 +110,72 @@ SCENES = {"panda": panda, "ur5": ur5, "two": two, "so101": so101, "desk": desk, 
 
 
 class Judge:
-    """Distances by coal, of the pairs that no motion since can have kept from being near."""
+    """Distances by coal, of the pairs that no motion since can have kept from being near; places are Pinocchio's."""
 
     def __init__(self, scene, clearance):
-        self.clearance, self.seen = clearance, 0
         self.model, self.geometry = pinocchio_model(clearance)
-        self.moves = any(isinstance(other, OtherArm) for other in clearance.obstacles)
         self.data, self.places = self.model.createData(), pin.GeometryData(self.geometry)
+        self.others = [Around(clearance, k, self.geometry.geometryObjects) for k in range(len(clearance.arms))]
+        own = [(part.body, part.shape, one.placement.translation)
+               for part, one in zip(clearance._parts, self.geometry.geometryObjects, strict=True) if part.frame is not None and not part.around]  # fmt: skip
+        self.reach, self.seen, self.q = reaches(self.model, own), 0, None
         self.used = np.flatnonzero(np.isfinite(clearance._distances(scene.start)))
-        self.enough, self.travelled = scene.distance + 0.001, 0.0
+        self.enough, self.travelled = scene.distance + 0.011, 0.0
         self.due = np.full(len(self.used), -np.inf)  # how far anything has travelled when a pair may be near
 
-    def __call__(self, q, moved=np.inf):
-        """The least distance, where anything may be near: `moved` bounds how far any point went; else infinite."""
-        self.travelled = 0.0 if np.isinf(moved) else self.travelled + moved
-        looked = range(len(self.due)) if np.isinf(moved) else np.flatnonzero(self.due <= self.travelled).tolist()
+    def __call__(self, q):
+        """The least distance, where anything may be nearer than 11 mm more than is kept; else infinite."""
+        moved = [other.moved() for other in self.others]
+        self.travelled += sum(moved) + float(self.reach @ np.abs(q - (q if self.q is None else self.q)))
+        self.q = q
+        looked = np.flatnonzero(self.due <= self.travelled).tolist()
         if not looked:
             return np.inf
         self.seen += 1
-        for k, (_, body, at) in enumerate(self.clearance.shapes(q) if self.moves else ()):
-            if body is None:
-                self.geometry.geometryObjects[k].placement = pin.SE3(at.pose[:3, :3], at.pose[:3, 3])
+        for other in self.others:
+            other.placed()
         pin.updateGeometryPlacements(self.model, self.data, self.geometry, self.places, q)
         least = np.inf
         for i in looked:
             d = pin.computeDistance(self.geometry, self.places, int(self.used[i])).min_distance
             self.due[i], least = self.travelled + d - self.enough, min(least, d)
         return least
+
+
+class Around:
+    """Another arm of a clearance, by a Pinocchio model of its own."""
+
+    def __init__(self, clearance, k, objects):
+        self.arm = clearance.arms[k]
+        self.model, self.q = self.arm.robot.model, self.arm.q.copy()
+        self.data = self.model.createData()
+        pin.forwardKinematics(self.model, self.data, self.q)
+        self.shapes = [(one, part.body, self.data.oMi[part.body].inverse() * one.placement)
+                       for part, one in zip(clearance._parts, objects, strict=True) if part.around == -1 - k]  # fmt: skip
+        sizes = [part.shape for part in clearance._parts if part.around == -1 - k]
+        own = [(body, shape, place.translation) for (_, body, place), shape in zip(self.shapes, sizes, strict=True)]
+        self.reach = reaches(self.model, own)
+
+    def moved(self):
+        """How far any point of it has come since it was last asked [m]."""
+        moved, self.q = float(self.reach @ np.abs(self.arm.q - self.q)), self.arm.q.copy()
+        return moved
+
+    def placed(self):
+        """Its shapes where its joints are."""
+        pin.forwardKinematics(self.model, self.data, self.arm.q)
+        for one, body, place in self.shapes:
+            one.placement = self.data.oMi[body] * place
+
+
+def reaches(model, shapes):
+    """(m,) how far a point of any of (joint, shape, place) is from the axis of a hinge and those behind it, at most [m]."""
+    far = np.zeros(model.njoints)
+    for joint, shape, place in shapes:
+        far[joint] = max(far[joint], np.linalg.norm(place) + np.linalg.norm(shape.half) + shape.radius)
+    for joint in reversed(range(2, model.njoints)):
+        far[joint - 1] = max(far[joint - 1], far[joint] + np.linalg.norm(model.jointPlacements[joint].translation))
+    return far[1:]
 
 
 def targets(robot, rng, where=None):
@@ -197,14 +232,11 @@ def run(name, ticks, dt, delay, acceleration, seed=0, *, clear=True):
         if solution.status == "degraded":
             reasons[solution.reason[:100]] = reasons.get(solution.reason[:100], 0) + 1
         queue.append(x)
-        shown = queue.pop(0)
-        q = q + dt * shown
-        moved = float(np.abs(shown).sum())
+        q = q + dt * queue.pop(0)
         if name == "two":
             sweep(scene.obstacles[0], (i + 1) * dt, dt)
-            moved += SWEPT
         outside = max(outside, float((robot.position_lower - q).max()), float((q - robot.position_upper).max()))
-        d.append(judge(q, dt * REACH * moved))
+        d.append(judge(q))
         change.append(float(np.abs(x - x_before).max()))
         x_before = x
     d, micro = np.array(d), np.array(times) * 1e-3
@@ -257,7 +289,7 @@ def meet(ticks, dt, acceleration, seed=0, delay=0.0):
         for solution in found:
             statuses[str(solution.status)] = statuses.get(str(solution.status), 0) + 1
         others[0].move(q[1], x[1])
-        least = min(least, judge(q[0], dt * REACH * float(np.abs(shown).sum())))
+        least = min(least, judge(q[0]))
     print(f"two UR5s that know each other: {ticks} ticks of {dt * 1e3:g} ms, delay {delay * 1e3:g} ms, acceleration {acceleration}; least distance "
           f"{least * 1e3:.3f} of 20 mm, seen by coal in {judge.seen} ticks; handed back {sum(map(len, back))}; {statuses}", flush=True)  # fmt: skip
 
@@ -362,7 +394,7 @@ def reach(name, count, seed):
         for _ in range(ticks):
             x = step(q, T)
             q = q + dt * x
-            least = min(least, judge(q, dt * REACH * float(np.abs(x).sum())))
+            least = min(least, judge(q))
             error = iq.log(T @ np.linalg.inv(robot.pose(q)))
             if np.linalg.norm(robot.pose(q)[:3, 3] - T[:3, 3]) < 0.003 and np.linalg.norm(error[:3]) < 0.017:
                 return True, least
