@@ -201,19 +201,15 @@ static PyObject *reasons(int m, const Solution *solution)
     if (solution->slow) {
         say(&found, WHY_ROWS_SLOWED);
         add(&found, NUMBER, solution->scale);
-        bool moved = false;
-        for (int i = 0; i < solution->rows; i++) {
-            if (solution->beside[i] == 0.0)
-                continue;
-            if (!moved)
-                say(&found, WHY_ROWS_MOVED);
-            moved = true;
-            add(&found, LIMIT, FIRST_EXACT_ROW - i);
-        }
-        for (int i = 0; i < solution->rows; i++)
-            if (solution->beside[i] != 0.0)
-                add(&found, NUMBER, solution->beside[i]);
     }
+    if (solution->rows > 0)
+        say(&found, WHY_ROWS_MOVED);
+    for (int i = 0; i < solution->rows; i++)
+        if (solution->beside[i] != 0.0)
+            add(&found, LIMIT, FIRST_EXACT_ROW - i);
+    for (int i = 0; i < solution->rows; i++)
+        if (solution->beside[i] != 0.0)
+            add(&found, NUMBER, solution->beside[i]);
     if (solution->pace < WHOLE_SPEED) {
         say(&found, WHY_CHASE_SLOWED);
         add(&found, NUMBER, solution->pace);
@@ -226,7 +222,7 @@ static PyObject *reasons(int m, const Solution *solution)
         say(&found, WHY_DAMPED);
         add(&found, NUMBER, solution->ratio);
     }
-    if (status(solution) == LIMITED && !solution->stuck && solution->pace >= WHOLE_SPEED) {
+    if (status(solution) == LIMITED && !solution->stuck && solution->rows == 0 && solution->pace >= WHOLE_SPEED) {
         say(&found, isfinite(solution->missed) ? WHY_MISSED : WHY_MOVED);
         if (isfinite(solution->missed))
             add(&found, NUMBER, solution->missed);

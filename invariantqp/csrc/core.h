@@ -145,10 +145,10 @@ typedef struct {
     bool met;  /* whether a limit is active */
 } Optimum;
 
-/* exact.py: y = start + share (full - start) + B z; basis[i] is column i of B, span[i] likewise of what the rows fix */
+/* exact.py: y = share full + start + B z; basis[i] is column i of B */
 typedef struct {
     int n;
-    Row full, start, basis[MOST], span[MOST];
+    Row full, start, basis[MOST];
     double effort, bend, unmet, beyond; /* shares of the demand that no velocity can meet here, and anywhere */
 } Reduction;
 
@@ -204,7 +204,7 @@ typedef struct {
     int rows, row_rank;
     double unmet, beyond; /* of exact rows, 0 where they are met but for rounding */
     Yielded yielded;
-    double beside[MOST_ROWS]; /* how far limits move each exact row besides, 0 where it is not told */
+    double beside[MOST_ROWS]; /* how far limits move each exact row besides, of `rows` of them, 0 where it is not told */
 } Solution;
 
 /* conflicts.c: 1/2 |R z - d|^2, R triangular: a sum of squares whose terms are rotated in one by one */
@@ -355,9 +355,9 @@ Outcome reduce(const Demand *demand, const Row *C, Reduction *reduction);
 void origin(const Reduction *reduction, int m, double share, Row y);
 void joint(const Reduction *reduction, int m, const double *z, double share, Row y);
 void freed(const Reduction *reduction, int m, const Row y, double share, Row z);
-Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Row inside, Optimum *found);
-Outcome at_least_share(Reduction *reduction, int m, Polytope *limits, Polytope *placed, Cone *cone, const Row inside,
-                       const Optimum *found);
+Outcome nearest_to_demand(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Share *share, Optimum *found);
+Outcome fixed_beside(Reduction *reduction, int m, Polytope *limits, Polytope *placed, Cone *cone, const Share *share,
+                     const Optimum *found);
 Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, Share *share);
 void governed(const Law *law, Demand *demand);
 Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], const double wanted[6], Solution *solution);

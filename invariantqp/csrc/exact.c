@@ -1,7 +1,7 @@
 /* Twin of velocity/exact.py: the velocities that meet exact rows C x = e.
 
-       y = start + a (full - start) + B z,   full = C'(CC')^-1 e,   CB = 0,   B'B = I,
-       0 <= a <= 1 the share of the demanded speed, start zero where standing still is allowed
+       y = a full + start + B z,   full = C'(CC')^-1 e,   CB = 0,   B'B = I,
+       0 <= a <= 1 the share of the demanded speed, start zero where the rows can keep their direction
 
    Rows that are parts of the twist, C = D J, are first made orthonormal in the measure. */
 
@@ -143,8 +143,8 @@ Outcome reduce(const Demand *demand, const Row *given, Reduction *reduction)
     }
     completed(m, rank, V);
     reduction->n = m - rank;
-    for (int i = 0; i < m; i++)
-        memcpy(i < rank ? reduction->span[i] : reduction->basis[i - rank], V[i], sizeof(Row));
+    for (int i = rank; i < m; i++)
+        memcpy(reduction->basis[i - rank], V[i], sizeof(Row));
     double all = met + here + anywhere;
     reduction->effort = met > 0.0 ? sqrt(sizes) * sqrt(square) / sqrt(met) : 1.0;
     reduction->bend = rank > 0 ? sqrt(sizes) / sigma[rank - 1] : 1.0;
@@ -157,7 +157,7 @@ Outcome reduce(const Demand *demand, const Row *given, Reduction *reduction)
 void origin(const Reduction *reduction, int m, double share, Row y)
 {
     for (int j = 0; j < m; j++)
-        y[j] = reduction->start[j] + share * (reduction->full[j] - reduction->start[j]);
+        y[j] = share * reduction->full[j] + reduction->start[j];
 }
 
 /* y = origin + B z */

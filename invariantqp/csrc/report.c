@@ -211,7 +211,7 @@ Outcome reported(const Demand *demand, const Row A[6], const double wanted[6], c
     solution->m = demand->m;
     solution->stuck = is_stuck(demand, A, wanted, solution->velocity, share->value);
     solution->missed = missed_share(demand, A, wanted, possible, solution->velocity);
-    solution->limited = solution->stuck || (solution->missed > MISSED_SHARE && !falls(demand, solution->velocity));
+    solution->limited = solution->stuck || solution->rows > 0 || (solution->missed > MISSED_SHARE && !falls(demand, solution->velocity));
     solution->damping = solution->missed > 0.0 ? objective->damping : 0.0;
     solution->method = solution->slow || found->met ? QP : solution->damping > 0.0 ? DAMPED : CLOSED_FORM;
     solution->blended = blended;

@@ -1,5 +1,5 @@
-/* Twin of velocity/exact.py, share_of: how much of the exact rows' speed the limits allow. y0 and y count from the
-   velocity that moves the rows least, which is standing still where limits allow that.
+/* Twin of velocity/exact.py: the velocity whose exact rows are nearest to a share of their demand, and how much of their
+   speed the limits allow where they can keep their direction.
 
        minimise 1/2 (1 - a)^2 |y0|^2 + 1/2 nu |y|^2   over a in [0, 1] and z,   y = a y0 + B z inside the limits
        nu = EXACT_CALM / 2 dt (1 - a_max) |y0| effort */
@@ -8,8 +8,8 @@
 
 /* Beside the tool's speed limit a smaller share is told by weights 1e-9 apart where standing still is not allowed. */
 static const double LOOSE = 1e-3;
-/* Where the least motion of the rows is this near what they ask for, it is that, or Python decides. */
-static const double NOTHING = 1e-11, UNDECIDED = 1e-8;
+/* A decision that rounding may make: within this factor of QP_ROUNDING of the velocity. */
+static const double CLOSE = 10.0;
 
 /* The optimum for nu, from `first` or the active limits of `found`, which is written over. */
 static Outcome best(const Polytope *room, const Cone *slow, const Row first, int n, double length, double nu, Optimum *found)
@@ -26,44 +26,89 @@ static Outcome best(const Polytope *room, const Cone *slow, const Row first, int
 
 static double within(double share) { return between(share, 0.0, 1.0); }
 
-/* exact.py, counted_from_least: the velocity inside the limits that moves the rows least, from one that is inside; the rows
-   count from its part that they fix. `found` is the optimum. */
-Outcome counted(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Row inside, Optimum *found)
+static bool undecided(double size, double velocity)
 {
-    Objective still;
+    return size > QP_ROUNDING / CLOSE * velocity && size < QP_ROUNDING * CLOSE * velocity;
+}
+
+/* The velocity inside the limits that is nearest to `to` times direction n of `way`, but for the first directions, which are
+   loose; from one that is inside and the active limits of `found`. */
+static Outcome drawn(Objective *way, int loose, int n, double to, const Polytope *limits, const Cone *cone, Row inside,
+                     Optimum *found)
+{
     Quadratic cost;
-    found->met = true;
-    int k = m - reduction->n;
-    still.n = m;
-    still.regular = NULL;
-    zeroed(still.optimum);
-    for (int i = 0; i < m; i++) {
-        memcpy(still.V[i], i < k ? reduction->span[i] : reduction->basis[i - k], sizeof(Row));
-        still.weights[i] = REGULARISATION + (i < k ? 1.0 : 0.0);
+    for (int i = 0; i < way->n; i++) {
+        way->weights[i] = REGULARISATION + (i < loose ? 0.0 : 1.0);
+        way->optimum[i] = i == n ? to : 0.0;
     }
-    quadratic(&still, &cost);
-    for (int i = 0; i < limits->count; i++) /* active at first: limits that do not allow standing still */
-        found->multipliers[i] = (limits->upper[i] < 0.0) - (limits->lower[i] > 0.0);
+    quadratic(way, &cost);
     for (int pass = 0; pass < 2; pass++) {
         if (minimise(&cost, limits, cone, inside, found, found) == HAND_BACK)
             return HAND_BACK;
-        memcpy(inside, found->z, (size_t)m * sizeof(double));
-        for (int i = 0; i < m; i++)
-            still.optimum[i] = (i < k ? REGULARISATION : 1.0) * dot(m, still.V[i], inside);
-        centre(&still, cost.centre);
+        memcpy(inside, found->z, (size_t)way->n * sizeof(double));
+        for (int i = 0; i < way->n; i++) {
+            double along = dot(way->n, way->V[i], inside), wanted = i == n ? to : 0.0;
+            way->optimum[i] = i < loose ? along : wanted + REGULARISATION * (along - wanted);
+        }
+        centre(way, cost.centre);
     }
-    for (int i = 0; i < k; i++) {
-        double along = dot(m, reduction->span[i], inside);
+    return DONE;
+}
+
+/* How far the directions of `way` from the first one on are off along a velocity. */
+static double across(const Objective *way, int first, const Row inside)
+{
+    double square = 0.0;
+    for (int i = first; i < way->n; i++) {
+        double along = dot(way->n, way->V[i], inside);
+        square += along * along;
+    }
+    return sqrt(square);
+}
+
+/* exact.py: the velocity inside the limits whose rows are nearest to a share of their demand, from share->inside; what of it
+   is beside that share is reduction->start. `found` is the optimum. */
+Outcome nearest_to_demand(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Share *share, Optimum *found)
+{
+    int n = reduction->n;
+    double length = reduction->unmet > QP_ROUNDING ? 0.0 : norm(m, reduction->full), *inside = share->inside;
+    Objective way = {.n = m, .regular = NULL};
+    if (undecided(length, norm(m, inside)))
+        return HAND_BACK;
+    length = length > QP_ROUNDING * norm(m, inside) ? length : 0.0;
+    int line = length > 0.0 ? n + 1 : n;
+    memset(way.V, 0, sizeof way.V);
+    for (int i = 0; i < n; i++)
+        memcpy(way.V[i], reduction->basis[i], sizeof(Row));
+    for (int j = 0; j < m && line > n; j++)
+        way.V[n][j] = reduction->full[j] / length;
+    completed(m, line, way.V);
+    found->met = true;
+    for (int i = 0; i < limits->count; i++) /* active at first: limits that do not allow standing still */
+        found->multipliers[i] = (limits->upper[i] < 0.0) - (limits->lower[i] > 0.0);
+    if (drawn(&way, line, n, 0.0, limits, cone, inside, found) == HAND_BACK)
+        return HAND_BACK;
+    double p = line > n ? dot(m, way.V[n], inside) : 0.0, size = norm(m, inside), off = across(&way, line, inside);
+    if (undecided(-p, size) || undecided(p - length, size) || undecided(off, size))
+        return HAND_BACK;
+    if (p < -QP_ROUNDING * size || p > length + QP_ROUNDING * size) { /* before the beginning, or behind the end */
+        if (drawn(&way, n, n, p < 0.0 ? 0.0 : length, limits, cone, inside, found) == HAND_BACK)
+            return HAND_BACK;
+    } else if (line > n && off > QP_ROUNDING * size && drawn(&way, line, n, length, limits, cone, inside, found) == HAND_BACK)
+        return HAND_BACK;
+    p = line > n ? between(dot(m, way.V[n], inside), 0.0, length) : 0.0;
+    share->value = line > n ? p / length : 0.0;
+    memcpy(reduction->start, inside, (size_t)m * sizeof(double));
+    for (int i = 0; i < line; i++) {
+        double along = i == n ? p : dot(m, way.V[i], inside);
         for (int j = 0; j < m; j++)
-            reduction->start[j] += along * reduction->span[i][j];
+            reduction->start[j] -= along * way.V[i][j];
     }
-    Row d;
-    for (int j = 0; j < m; j++)
-        d[j] = reduction->full[j] - reduction->start[j];
-    double left = norm(m, d), size = fmax(norm(m, reduction->full), norm(m, inside));
-    if (left <= NOTHING * size)
-        memcpy(reduction->start, reduction->full, (size_t)m * sizeof(double));
-    return left <= NOTHING * size || left > UNDECIDED * size ? DONE : HAND_BACK;
+    off = norm(m, reduction->start);
+    size = norm(m, inside);
+    for (int j = 0; j < m && off <= QP_ROUNDING * size; j++) /* the rows can keep their direction */
+        reduction->start[j] = 0.0;
+    return undecided(off, size) ? HAND_BACK : DONE;
 }
 
 /* Add a row of length one, of `length` on y. */
@@ -75,20 +120,19 @@ static void add_held(Squares *held, const Row row, double length)
     add_square(held, unit, 0.0);
 }
 
-/* exact.py, at_least_share: of the velocities at share 0, among them one `inside`, those that what holds the rows there leaves
-   free; these limits have no bounds any more. `found` is of `counted`. */
-Outcome at_least_share(Reduction *reduction, int m, Polytope *limits, Polytope *placed, Cone *cone, const Row inside,
-                       const Optimum *found)
+/* exact.py: of the velocities whose rows are as near to their demand as those of share->inside, what the limits that keep them
+   there leave free; these limits have no bounds any more. `found` is of `nearest_to_demand`. */
+Outcome fixed_beside(Reduction *reduction, int m, Polytope *limits, Polytope *placed, Cone *cone, const Share *share,
+                     const Optimum *found)
 {
     static const Row NONE = {0.0};
     int n = reduction->n, held = 0;
-    double size = norm(m, reduction->start), least = QP_ROUNDING * size;
+    const double *inside = share->inside;
+    double least = QP_ROUNDING * norm(m, reduction->start);
     Row pull = {0.0}, basis[MOST];
     Polytope room;
     Squares all;
     Spectrum of;
-    if (size <= QP_ROUNDING * norm(m, inside)) /* the rows can stand still */
-        return DONE;
     begun(n, 0.0, NULL, &all);
     polytope_on(limits, m, inside, inside, n, (const Row *)reduction->basis, &room);
     for (int i = 0; i < limits->count; i++) {
@@ -121,63 +165,60 @@ Outcome at_least_share(Reduction *reduction, int m, Polytope *limits, Polytope *
                 basis[k - held][j] += of.V[k][i] * reduction->basis[i][j];
     reduction->n = n - held;
     memcpy(reduction->basis, basis, sizeof basis);
-    memcpy(reduction->start, inside, (size_t)m * sizeof(double));
+    Row left;
+    for (int j = 0; j < m; j++)
+        left[j] = reduction->start[j] = inside[j] - share->value * reduction->full[j];
     for (int i = 0; i < reduction->n; i++) {
-        double along = dot(m, basis[i], inside);
+        double along = dot(m, basis[i], left);
         for (int j = 0; j < m; j++)
             reduction->start[j] -= along * basis[i][j];
     }
     return DONE;
 }
 
-/* From a velocity share->inside that moves the rows least. `limits` and `cone` are on y, dt is the tick. */
+/* From a velocity share->inside whose rows have a share of their speed. `limits` and `cone` are on y, dt is the tick. */
 Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, Share *share)
 {
+    static const Row STILL = {0.0};
     int n = reduction->n + 1, last = limits->count;
-    Row basis[MOST], d, first, velocity;
-    for (int j = 0; j < m; j++)
-        d[j] = reduction->full[j] - reduction->start[j];
-    double length = norm(m, d);
+    Row basis[MOST], first, velocity;
+    double length = norm(m, reduction->full), size = norm(m, share->inside);
     Polytope room;
     Optimum found = {.met = false};
     share->value = 1.0;
     share->near.met = false;
-    if (length == 0.0)
+    if (undecided(length, size))
+        return HAND_BACK;
+    if (length <= QP_ROUNDING * size)
         return DONE;
-    if (dot(m, reduction->start, d) < -QP_ROUNDING * length * norm(m, share->inside)) { /* as limits lead away */
-        share->value = 0.0;
-        return DONE;
-    }
     for (int j = 0; j < m; j++) {
-        basis[0][j] = d[j] / length;
+        basis[0][j] = reduction->full[j] / length;
         for (int i = 0; i < reduction->n; i++)
             basis[i + 1][j] = reduction->basis[i][j];
     }
-    for (int j = 0; j < m; j++)
-        d[j] = share->inside[j] - reduction->start[j];
     for (int i = 0; i < n; i++)
-        first[i] = dot(m, d, basis[i]);
-    polytope_on(limits, m, reduction->start, share->inside, n, (const Row *)basis, &room);
+        first[i] = dot(m, share->inside, basis[i]);
+    polytope_on(limits, m, STILL, share->inside, n, (const Row *)basis, &room);
     Cone slow = {.limit = 0.0};
     if (cone->limit > 0.0)
-        cone_on(cone, m, reduction->start, n, (const Row *)basis, &slow);
+        cone_on(cone, m, STILL, n, (const Row *)basis, &slow);
     room.count = last + 1;
     for (int i = 0; i < n; i++)
         room.A[last][i] = i == 0 ? 1.0 : 0.0;
     room.lower[last] = room.rounding[last] = 0.0;
     /* From standing still a > 1 is never the optimum: a share 1 / a of it costs less, and is inside. */
-    room.upper[last] = norm(m, reduction->start) > 0.0 ? length : INFINITY;
+    room.upper[last] = size > 0.0 ? length : INFINITY;
     if (best(&room, &slow, first, n, length, 0.0, &found) == HAND_BACK)
         return HAND_BACK;
     double possible = within(found.z[0] / length);
     double nu = 0.5 * EXACT_CALM * dt * (1.0 - possible) * length * reduction->effort;
     if (nu > REGULARISATION && best(&room, &slow, first, n, length, nu, &found) == HAND_BACK)
         return HAND_BACK;
-    double value = within(found.z[0] / length);
-    if (value < LOOSE && found.nu > 0.0 && norm(m, reduction->start) > 0.0)
+    double value = within(found.z[0] / length), known = within(first[0] / length);
+    if (value < LOOSE && found.nu > 0.0 && size > 0.0)
         return HAND_BACK;
-    if (value < LEAST_SHARE || value * length <= ACTIVE_TOLERANCE * norm(m, share->inside)) {
-        share->value = 0.0;
+    if (value < LEAST_SHARE || value * length <= ACTIVE_TOLERANCE * size) {
+        share->value = known;
         return DONE;
     }
     joint(reduction, m, found.z + 1, found.z[0] / length, velocity);
@@ -186,7 +227,7 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
         share->inside[j] += given * (velocity[j] - share->inside[j]);
     if (value >= WHOLE)
         return DONE;
-    share->value = value * given;
+    share->value = known + given * (value - known);
     int held = 0, weakest = 0;
     for (int i = 0; i < last; i++) {
         double pull = share->near.multipliers[i] = found.multipliers[i];

@@ -511,35 +511,36 @@ static Outcome roomy(Posed *problem, Share *share, Yielded *yielded)
         return DONE;
     share->near.met = false;
     Reduction *reduction = &problem->reduction;
-    Optimum least;
-    if (!still && counted(reduction, m, &problem->limits, &problem->cone, share->inside, &least) == HAND_BACK)
+    Optimum nearest;
+    if (!still && nearest_to_demand(reduction, m, &problem->limits, &problem->cone, share, &nearest) == HAND_BACK)
         return HAND_BACK;
-    if (reduction->unmet > QP_ROUNDING) /* the share tends to zero as the joints lose a direction */
+    if (norm(m, reduction->start) > 0.0)
+        return fixed_beside(reduction, m, &problem->limits, &problem->placed, &problem->cone, share, &nearest) == HAND_BACK
+                   ? HAND_BACK
+                   : free_spectrum(problem);
+    if (reduction->unmet > QP_ROUNDING) { /* the share tends to zero as the joints lose a direction */
         share->value = 0.0;
-    else if (share_of(reduction, m, &problem->limits, &problem->cone, demand->dt, share) == HAND_BACK)
-        return HAND_BACK;
-    if (still || share->value > 0.0)
         return DONE;
-    if (at_least_share(reduction, m, &problem->limits, &problem->placed, &problem->cone, share->inside, &least) == HAND_BACK)
-        return HAND_BACK;
-    return free_spectrum(problem);
+    }
+    return share_of(reduction, m, &problem->limits, &problem->cone, demand->dt, share);
 }
 
-/* How far a motion that limits require takes each exact row off its share of the speed. */
+/* How far a motion that limits require moves each exact row beside its share of the speed; solution->rows of them are told. */
 static void beside(const Posed *problem, const Share *share, Solution *solution)
 {
     const Demand *demand = problem->demand;
     int m = demand->m;
     Row start, x;
-    solution->rows = share->value < 1.0 ? demand->rows : 0; /* share->inside is told only below 1 */
-    if (solution->rows == 0)
+    solution->rows = 0;
+    if (demand->rows == 0 || norm(m, problem->reduction.start) == 0.0)
         return;
     moved(demand, problem->reduction.start, start);
     moved(demand, share->inside, x);
     for (int i = 0; i < demand->rows; i++) {
-        double off = fabs((1.0 - share->value) * dot(m, demand->C[i], start));
+        double off = fabs(dot(m, demand->C[i], start));
         bool told = off > ACTIVE_TOLERANCE * norm(m, demand->C[i]) * fmax(SLOWEST, norm(m, x));
         solution->beside[i] = told ? off : 0.0;
+        solution->rows = told ? demand->rows : solution->rows;
     }
 }
 
@@ -615,11 +616,8 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
     solution->row_rank = demand->row_rank;
     moved(demand, y, x);
     found.met = found.met || pace < 1.0;
-    if (reported(demand, A, wanted, reachable, &cost, x, &share, pace, &found,
-                 demand->form == NULL ? 0.0 : blended, solution) == HAND_BACK)
-        return HAND_BACK;
     beside(&problem, &share, solution);
-    return DONE;
+    return reported(demand, A, wanted, reachable, &cost, x, &share, pace, &found, demand->form == NULL ? 0.0 : blended, solution);
 }
 
 /* velocity/tasks.py: what the levels so far leave free, y = origin + B z; basis[i] is column i of B. */
@@ -751,11 +749,12 @@ Outcome solve_tasks(const Demand *demand, int count, const Task *const *tasks, S
     solution->m = m;
     solution->scale = share.value;
     solution->pace = 1.0;
-    solution->slow = share.value < 1.0;
+    solution->slow = share.value < WHOLE_SPEED;
     solution->met = bounded;
     solution->method = bounded || solution->slow ? QP : CLOSED_FORM;
     solution->unmet = demand->rows > 0 && problem.reduction.unmet > QP_ROUNDING ? problem.reduction.unmet : 0.0;
     at_limits(demand, solution);
     beside(&problem, &share, solution);
+    solution->limited = solution->rows > 0;
     return DONE;
 }

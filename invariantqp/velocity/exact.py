@@ -12,12 +12,12 @@ a_max is the largest share, the solution with nu nearly 0. Where it is below one
 nu > 0, which grows with the unmet part of the rows and with the joint motion that the rows need (`Reduction.effort`).
 This damps the loop as `calm` does: joints do not move at full speed for a thousandth of the rows' speed.
 
-Where standing still is outside the limits, y0 and y count from the velocity that moves the rows least. At a share of 0
-rows move no more than that, and what keeps them from moving less is fixed as rows are (`at_least_share`).
+Where standing still is outside the limits, as of joints that brake, it may be that no share is inside. Rows then move
+as near to {p y0, 0 <= p <= 1} as limits allow; p is their share, and what keeps them from being nearer is fixed as
+rows are (`fixed_beside`).
 
-Both problems are strictly convex, so the share is continuous in limits and demand where standing still is inside the
-limits. Where it is not it jumps, from 0 to as much as 1, as a demand turns inwards over the facet of the limits that
-the least motion is on: a direction that leads outwards from there cannot be kept at any share.
+All problems are strictly convex, so share and motion are continuous in limits and demand, but where the rows are beside
+their direction and as near to it for many p: there the share jumps as the demand turns past a facet of the limits.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ def _velocity_of(point: Array) -> Array:
 
 
 class Reduction(NamedTuple):
-    """y = start + a (full - start) + B z, a in [0, 1] the share of the demanded speed."""
+    """y = a full + start + B z, a in [0, 1] the share of the demanded speed."""
 
     full: Array  # (m,) y0, the shortest velocity that meets the rows
     basis: Array  # (m, n) B, orthonormal: the velocities that the rows leave free
@@ -200,7 +200,7 @@ class Reduction(NamedTuple):
     bend: float  # the same for the demand that needs the most joint speed
     unmet: float  # the part of the demand that no velocity can meet here, relative
     beyond: float  # the part that no velocity of this arm can meet anywhere, relative
-    start: Array  # (m,) the velocity at share 0, in the span of the rows; zero is standing still
+    start: Array  # (m,) what limits require beside that share; zero where the rows can keep their direction
 
     @classmethod
     def without_rows(cls, m: int) -> Reduction:
@@ -214,14 +214,16 @@ class Reduction(NamedTuple):
 
     def origin(self, share: float) -> Array:
         """(m,) where z = 0."""
-        y: Array = self.start + share * (self.full - self.start)
+        y: Array = share * self.full + self.start
         return y
 
 
-class Least(NamedTuple):
-    """A velocity inside the limits that moves the rows least, and what keeps it from moving them less."""
+class Nearest(NamedTuple):
+    """A velocity inside the limits whose rows are nearest to a share of their demand, and what keeps them there."""
 
     inside: Array  # (m,)
+    share: float  # p in [0, 1]
+    beside: Array  # (m,) what of it moves the rows beside that share; zero where they can keep their direction
     limits: NDArray[np.bool_]  # (k,) which limits on y
     cone: bool  # whether the tool's speed does, too
 
@@ -304,10 +306,12 @@ def _share(part: Array, whole: Array) -> float:
     return norm(part) / size if size > 0.0 else 0.0
 
 
-def counted_from_least(
+def nearest_to_demand(
     reduction: Reduction, limits: Polytope, cone: Cone | None, inside: Array, backend: Backend
-) -> tuple[Reduction, Least]:
-    """The rows, counted from the velocity (m,) that moves them least inside the limits, and that velocity.
+) -> Nearest:
+    """The velocity inside the limits whose rows are nearest to a share of their demand: nearest to {p y0, 0 <= p <= 1}.
+
+    Of several it has the smallest p where that distance is zero, and the largest where it is not.
 
     Args:
         reduction: what the rows leave.
@@ -316,43 +320,63 @@ def counted_from_least(
         inside: (m,) a y inside both.
         backend: the solver asked first.
     """
-    least = Least(inside, np.zeros(len(limits.lower), bool), False)
-    if not inside.any() or reduction.basis.shape[1] == len(inside):
-        return reduction, least
+    full, m = reduction.full, len(inside)
+    found = Nearest(inside, 0.0, np.zeros(m), np.zeros(len(limits.lower), bool), False)
+    if not inside.any() or reduction.basis.shape[1] == m:
+        return found
+    length = 0.0 if reduction.contradicts else norm(full)
+    if length <= ROUNDING * norm(inside):
+        full, length = np.zeros(m), 0.0
+    u = full / length if length > 0.0 else full
     free = reduction.basis.dot(reduction.basis.T)
-    fixed = np.eye(len(inside)) - free
-    most, little = sqrt(1.0 + REGULARISATION), sqrt(REGULARISATION)
-    still, y = Quadratic(most * fixed + little * free, fixed / most + free / little, np.zeros(len(inside))), inside
-    for _ in range(2):  # what keeps it convex moves the rows by its weight; around the first answer, by its square
-        found = minimise(backend, still, limits, cone, y)
-        y = found.z
-        still = still._replace(centre=free.dot(y) + REGULARISATION * fixed.dot(y))
-    start = fixed.dot(y)
-    reduction, least = reduction._replace(start=start), least._replace(inside=y)
-    size = norm(start)
-    if size <= ROUNDING * norm(y):  # the rows can stand still
-        return reduction, least
-    pulls = np.abs(found.multipliers) * np.linalg.norm(limits.A, axis=1)
-    slowed = cone is not None and found.nu * norm(cone.velocity(y).dot(cone.J)) > ROUNDING * size
-    return reduction, least._replace(limits=pulls > ROUNDING * size, cone=slowed)
+
+    def drawn(to: Array, loose: Array, y: Array) -> Optimum:
+        """Nearest to `to` but for what is loose. Its weight moves the rows; around the first answer, by its square."""
+        fixed, centre = np.eye(m) - loose, to
+        most, little = sqrt(1.0 + REGULARISATION), sqrt(REGULARISATION)
+        K, T = most * fixed + little * loose, fixed / most + loose / little
+        for _ in range(2):
+            optimum = minimise(backend, Quadratic(K, T, centre), limits, cone, y)
+            y = optimum.z
+            centre = loose.dot(y) + fixed.dot(to + REGULARISATION * (y - to))
+        return optimum
+
+    line = free + np.outer(u, u)
+    optimum = drawn(np.zeros(m), line, inside)
+    y = optimum.z
+    p, rounding = float(u.dot(y)), ROUNDING * norm(y)
+    if p < -rounding or p > length + rounding:  # before the beginning of the segment, or behind its end
+        optimum = drawn(np.zeros(m) if p < 0.0 else full, free, y)
+    elif length > 0.0 and norm(y - line.dot(y)) > rounding:
+        optimum = drawn(full, line, y)
+    y = optimum.z
+    p = min(max(float(u.dot(y)), 0.0), length)
+    beside = y - free.dot(y) - p * u
+    size = norm(beside)
+    found = found._replace(inside=y, share=p / length if length > 0.0 else 0.0)
+    if size <= ROUNDING * norm(y):  # the rows can keep their direction
+        return found
+    pulls = np.abs(optimum.multipliers) * np.linalg.norm(limits.A, axis=1)
+    slowed = cone is not None and optimum.nu * norm(cone.velocity(y).dot(cone.J)) > ROUNDING * size
+    return found._replace(beside=beside, limits=pulls > ROUNDING * size, cone=slowed)
 
 
-def at_least_share(reduction: Reduction, limits: Polytope, cone: Cone | None, least: Least) -> Reduction:
-    """The velocities that move the rows no more than the least one does; `limits` and `cone` are on y.
+def fixed_beside(reduction: Reduction, limits: Polytope, cone: Cone | None, nearest: Nearest) -> Reduction:
+    """The velocities whose rows are as near to their demand as the nearest one's; `limits` and `cone` are on y.
 
-    What keeps the rows from moving less has one value in all of them inside the limits. So these have no interior, and
+    What keeps the rows from being nearer has one value in all of them inside the limits. So these have no interior, and
     rounding would decide where in them the answer is; they have one beside what is fixed here.
     """
-    held = [limits.A[least.limits]]
-    if cone is not None and least.cone:
+    held = [limits.A[nearest.limits]]
+    if cone is not None and nearest.cone:
         held.append(cone.J)
-    rows = np.vstack(held)
-    if not len(rows):
-        return reduction
-    lengths = np.linalg.norm(rows, axis=1, keepdims=True)
-    _, sizes, Vt = svd(product(rows, reduction.basis) / np.where(lengths > 0.0, lengths, 1.0))
-    basis = reduction.basis.dot(Vt[np.count_nonzero(sizes > ROUNDING) :].T)
-    return reduction._replace(basis=basis, start=least.inside - basis.dot(least.inside.dot(basis)))
+    rows, basis = np.vstack(held), reduction.basis
+    if len(rows):
+        lengths = np.linalg.norm(rows, axis=1, keepdims=True)
+        _, sizes, Vt = svd(product(rows, basis) / np.where(lengths > 0.0, lengths, 1.0))
+        basis = basis.dot(Vt[np.count_nonzero(sizes > ROUNDING) :].T)
+    left = nearest.inside - nearest.share * reduction.full
+    return reduction._replace(basis=basis, start=left - basis.dot(left.dot(basis)))
 
 
 def share_of(
@@ -364,29 +388,23 @@ def share_of(
         reduction: what the rows leave.
         limits: on y.
         cone: likewise, or None.
-        inside: (m,) a y inside both that moves the rows by `reduction.start`.
+        inside: (m,) a y inside both whose rows have a share of their speed.
         dt: tick [s].
         backend: the solver asked first.
-
-    `start` is nearest to zero in a convex set, what rows make of the velocities inside. So a start'(full - start) >= 0
-    for every share a inside: where start'(full - start) < 0 there is none but 0.
     """
     if reduction.contradicts:  # the share tends to zero as the joints lose a direction of the rows
         return Share(0.0, inside)
-    start = reduction.start
-    d = reduction.full - start
-    length = norm(d)
-    if length <= ROUNDING * max(norm(reduction.full), norm(inside)):  # what limits require is what the rows ask for
+    full, length = reduction.full, norm(reduction.full)
+    if length <= ROUNDING * norm(inside):  # what limits require is what the rows ask for
         return Share(1.0, inside)
-    if float(start.dot(d)) < -ROUNDING * length * norm(inside):
-        return Share(0.0, inside)
-    basis = np.column_stack((d / length, reduction.basis))
+    basis = np.column_stack((full / length, reduction.basis))
     n = basis.shape[1]
-    room = limits.on(start, basis, inside)
+    still = np.zeros(len(full))
+    room = limits.on(still, basis, inside)
     lower, upper, rounding = np.append(room.lower, 0.0), np.append(room.upper, length), np.append(room.rounding, 0.0)
     room = Polytope(np.vstack((room.A, np.eye(1, n))), lower, upper, rounding)
-    slow = None if cone is None else cone.on(start, basis)
-    first = (inside - start).dot(basis)
+    slow = None if cone is None else cone.on(still, basis)
+    first = inside.dot(basis)
 
     def best(nu: float) -> Optimum:
         weights, pull = np.full(n, REGULARISATION + nu), REGULARISATION * first
@@ -399,11 +417,11 @@ def share_of(
     nu = 0.5 * EXACT_CALM * dt * (1.0 - possible) * length * reduction.effort
     if nu > REGULARISATION:
         found = best(nu)
-    value = min(max(found.z[0] / length, 0.0), 1.0)
+    value, known = (min(max(along / length, 0.0), 1.0) for along in (float(found.z[0]), float(first[0])))
     if value < LEAST_SHARE or value * length <= ACTIVE_TOLERANCE * norm(inside):
-        return Share(0.0, inside)
-    velocity = start + basis.dot(found.z)
+        return Share(known, inside)
+    velocity = basis.dot(found.z)
     if value >= WHOLE:
         return Share(1.0, velocity)
     given = 1.0 - INTERIOR * (1.0 - value)
-    return Share(value * given, inside + given * (velocity - inside))
+    return Share(known + given * (value - known), inside + given * (velocity - inside))

@@ -48,15 +48,17 @@ def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array |
     missed = _missed(demand, problem, x)
     damping = objective.damping if missed > 0.0 else 0.0
     stuck = _is_stuck(demand, problem.wanted, x, share)
-    limited = stuck or (missed > MISSED and not _falls(demand, x))
+    slowed = _slowed(demand, answer, to_joint)
+    moved = any(reason.code is Code.ROWS_MOVED for reason in slowed)
+    limited = stuck or moved or (missed > MISSED and not _falls(demand, x))
     troubles = [*answer.troubles, *row_troubles(demand, problem.reduction)]
     status = Status.DEGRADED if troubles else Status.SCALED if slow else Status.OK
     if status is Status.OK:
         status = Status.GUARDED if answer.blended > 0.0 else Status.LIMITED if limited else Status.OK
-    reasons = [*troubles, *([Reason(Code.STUCK)] if stuck else []), *_slowed(demand, answer, to_joint)]
+    reasons = [*troubles, *([Reason(Code.STUCK)] if stuck else []), *slowed]
     if damping > 0.0:
         reasons.append(damped(objective))
-    if status is Status.LIMITED and not stuck and answer.pace >= WHOLE_SPEED:
+    if status is Status.LIMITED and not stuck and not moved and answer.pace >= WHOLE_SPEED:
         reasons.append(Reason(Code.MISSED, numbers=(missed,)) if missed < inf else Reason(Code.MOVED))
     bound = found is not None and (found.nu > 0.0 or bool(found.multipliers.any()) or answer.pace < 1.0)
     multipliers, row_multipliers = _multipliers(demand, answer) if bound else (None, None)
@@ -164,7 +166,7 @@ def row_troubles(demand: Demand, reduction: Reduction) -> list[Reason]:
 
 def _slowed(demand: Demand, answer: Answer, to_joint: Array | None) -> list[Reason]:
     """What limits slow down, and what the guard does about the rest."""
-    reasons = [] if answer.room.share.value >= WHOLE_SPEED else slowed_rows(demand, answer.room, to_joint)
+    reasons = slowed_rows(demand, answer.room, to_joint)
     if answer.pace < WHOLE_SPEED:
         reasons.append(Reason(Code.CHASE_SLOWED, numbers=(answer.pace,)))
     if answer.blended > 0.0:
@@ -176,11 +178,11 @@ def slowed_rows(demand: Demand, room: Room, to_joint: Array | None) -> list[Reas
     """The share of the exact rows' speed, and how far a motion that limits require moves them."""
     share, start = room.share, room.reduction.start
     m = len(start)
-    reasons = [Reason(Code.ROWS_SLOWED, numbers=(share.value,))]
+    reasons = [Reason(Code.ROWS_SLOWED, numbers=(share.value,))] if share.value < WHOLE_SPEED else []
     if demand.exact is None or not start.any():
         return reasons
     T = np.eye(m) if to_joint is None else to_joint
-    off = np.abs(demand.exact.A.dot(T.dot((1.0 - share.value) * start)))
+    off = np.abs(demand.exact.A.dot(T.dot(start)))
     fast = max(SLOWEST, norm(T.dot(share.velocity)))  # slower is rounding of an arm that stands still
     moved = np.flatnonzero(off > ACTIVE_TOLERANCE * np.linalg.norm(demand.exact.A, axis=1) * fast).tolist()
     if moved:

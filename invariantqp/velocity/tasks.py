@@ -34,7 +34,7 @@ from invariantqp.velocity.objective import least_squares, spectrum_of
 from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
 from invariantqp.velocity.qp import Quadratic, minimise
 from invariantqp.velocity.reasons import Code, Reason, worst_first
-from invariantqp.velocity.report import at_limits, row_troubles, slowed_rows
+from invariantqp.velocity.report import WHOLE_SPEED, at_limits, row_troubles, slowed_rows
 from invariantqp.velocity.solution import Status, VelocitySolution, clipped
 from invariantqp.velocity.solve import computed
 from invariantqp.velocity.tick import Room, room_within
@@ -201,7 +201,7 @@ def _solved(
         reduction = reduce(demand.exact.on(law.to_joint), demand.root)
     room = room_within(law, demand, reduction)
     troubles = [*room.troubles, *row_troubles(demand, reduction)]
-    slow, bounded, backend = room.share.value < 1.0, False, ""
+    slow, bounded, backend = room.share.value < WHOLE_SPEED, False, ""
     for level in levels:
         if not room.basis.shape[1]:
             break
@@ -212,9 +212,9 @@ def _solved(
         if found.trouble:
             troubles.append(Reason(Code.SOLVER, words=found.trouble))
     x, active = clipped(demand, T.dot(room.origin))
-    reasons = [*troubles, *(slowed_rows(demand, room, law.to_joint) if slow else [])]
-    reasons += at_limits(demand, x, active, None)
-    status = Status.DEGRADED if troubles else Status.SCALED if slow else Status.OK
+    slowed = slowed_rows(demand, room, law.to_joint)
+    reasons = [*troubles, *slowed, *at_limits(demand, x, active, None)]
+    status = Status.DEGRADED if troubles else Status.SCALED if slow else Status.LIMITED if slowed else Status.OK
     method = "qp" if bounded or slow else "closed-form"
     residual, share = demand.s - demand.J.dot(x), room.share.value
     return VelocitySolution(x, method, status, worst_first(reasons), active, residual, share, 0.0, 0.0, backend)

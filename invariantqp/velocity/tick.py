@@ -34,7 +34,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.backends import Daqp, SolverFailure
 from invariantqp.velocity.damping import CALM, Damping, calm, worth
-from invariantqp.velocity.exact import Least, Reduction, Share, at_least_share, counted_from_least, reduce, share_of
+from invariantqp.velocity.exact import Nearest, Reduction, Share, fixed_beside, nearest_to_demand, reduce, share_of
 from invariantqp.velocity.forms import PitchForm, attempted
 from invariantqp.velocity.law import Demand, Guard, VelocityLaw
 from invariantqp.velocity.limits import LimitRows
@@ -111,10 +111,10 @@ class Limits(NamedTuple):
     troubles: tuple[Reason, ...]
     inside: Array
 
-    def beside(self, least: Least) -> Limits:
-        """Those that do not keep exact rows from moving less."""
-        polytope, position = self.polytope.without(least.limits), self.position.without(least.limits)
-        return self._replace(polytope=polytope, position=position, cone=None if least.cone else self.cone)
+    def beside(self, nearest: Nearest) -> Limits:
+        """Those that do not keep exact rows from being nearer to their demand."""
+        polytope, position = self.polytope.without(nearest.limits), self.position.without(nearest.limits)
+        return self._replace(polytope=polytope, position=position, cone=None if nearest.cone else self.cone)
 
 
 class Room(NamedTuple):
@@ -177,7 +177,7 @@ def answered(law: VelocityLaw, problem: Problem) -> Answer:
         first = Answer(y, room, objective, None, np.zeros(len(y)), 1.0, 0.0, ())
     else:
         room = room_within(law, demand, reduction)
-        if room.share.value < 1.0:
+        if demand.exact is not None:
             problem = problem.on(room.reduction)
             objective = problem.objective(room.share.value)
         first = _chasing(law, problem, room, objective)
@@ -271,10 +271,12 @@ def limits_of(law: VelocityLaw, demand: Demand) -> tuple[Polytope, Polytope, Con
 def room_within(law: VelocityLaw, demand: Demand, reduction: Reduction) -> Room:
     """The velocities at the share of the exact rows' speed that the limits allow, after contradictions gave way."""
     limits = _given_way(law, demand)
-    reduction, least = counted_from_least(reduction, limits.polytope, limits.cone, limits.inside, law.backend)
-    share = share_of(reduction, limits.polytope, limits.cone, least.inside, law.dt, law.backend)
-    if share.value == 0.0:
-        reduction, limits = at_least_share(reduction, limits.polytope, limits.cone, least), limits.beside(least)
+    nearest = nearest_to_demand(reduction, limits.polytope, limits.cone, limits.inside, law.backend)
+    if nearest.beside.any():
+        reduction = fixed_beside(reduction, limits.polytope, limits.cone, nearest)
+        limits, share = limits.beside(nearest), Share(nearest.share, nearest.inside)
+    else:
+        share = share_of(reduction, limits.polytope, limits.cone, nearest.inside, law.dt, law.backend)
     return room_of(reduction, limits, share)
 
 

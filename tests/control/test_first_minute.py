@@ -257,6 +257,28 @@ def test_scaled_keeps_the_direction_of_an_exact_point(name):
     assert scaled > 20
 
 
+@pytest.mark.parametrize(("name", "jump"), [("panda", 0.12), ("ur5", 0.12), ("so101", 0.05)])
+def test_an_exact_point_keeps_its_line_beside_acceleration_limits(name, jump):
+    """A jump of the target, from rest to rest, with and without a tool speed."""
+    robot, rng = iq.load_robot(name), np.random.default_rng(5)
+    bent = {"panda": [0, -0.785, 0, -2.356, 0, 1.571, 0.785], "ur5": [0, -1.4, 1.6, -1.8, -1.57, 0]}
+    for tool_speed in (None, 0.15, None, 0.15):
+        q = np.array(bent.get(name, np.mean(ranges(robot), axis=0) + 0.25), float)
+        loop = iq.Controller(robot, dt=0.004, exact="position", acceleration_limit=10.0, tool_speed=tool_speed)
+        target, start, way = robot.pose(q), robot.pose(q)[:3, 3], rng.normal(size=3)
+        way *= jump / np.linalg.norm(way)
+        target[:3, 3] += way
+        off, before = 0.0, np.zeros(len(q))
+        for _ in range(400):
+            v = loop.step(q, target).velocity
+            assert np.abs(v - before).max() <= 0.04 * (1.0 + 1e-9)
+            q, before = q + 0.004 * v, v
+            moved = robot.pose(q)[:3, 3] - start
+            off = max(off, np.linalg.norm(moved - way * (moved @ way) / (way @ way)))
+        assert off < 3e-4
+        assert np.linalg.norm(moved - way) < 1e-4
+
+
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_the_pace_rises_as_the_way_gets_shorter(name):
     """A jump of the target under velocity limits: slowed at first, whole at the end, the tool on a straight line."""

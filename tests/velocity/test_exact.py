@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import linprog
+from scipy.optimize import linprog, lsq_linear
 from support.arms import arm
+from support.repeats import repeats
 from support.velocity_reference import eliminated, quadprog_minimum, regular_problem, root_of, tight_box
 
 import invariantqp as iq
@@ -228,7 +229,7 @@ def test_rows_that_no_velocity_satisfies():
 
 
 def test_limits_that_forbid_the_rows_direction():
-    """Outside its limits a joint must move; the rows then count from what moves them least."""
+    """Outside its limits a joint must move against what the row asks: by no more than limits require."""
     rng = np.random.default_rng(14)
     J, s, _ = regular_problem(rng, 4)
     bounds = iq.Bounds([0.2, -1.0, -1.0, -1.0], [0.5, 1.0, 1.0, 1.0])
@@ -241,8 +242,8 @@ def test_limits_that_forbid_the_rows_direction():
     assert solution.velocity[0] == pytest.approx(0.2, abs=1e-6)
 
 
-def test_where_rest_is_forbidden_the_share_counts_from_what_moves_the_rows_least():
-    """The first joint has to come back at 0.2 and the second can make up for it: the rows' speed begins at nothing."""
+def test_where_rest_is_forbidden_the_rows_may_still_be_at_rest():
+    """The first joint has to come back at 0.2 and the second can make up for it."""
     J = np.random.default_rng(14).normal(size=(6, 4))
     bounds = ([0.2, -1.0, -1.0, -1.0], [0.5, 1.0, 1.0, 1.0])
     still, fast = (
@@ -269,6 +270,48 @@ def test_rows_that_limits_move_against_their_demand_are_told(engine):
             f"; limits require motion beside the exact rows: exact row 1 is off by {off:.3g}; at the limits"
             in solution.reason
         )
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("m", [4, 6, 7])
+def test_where_rest_is_forbidden_rows_are_as_near_to_their_direction_as_limits_allow(engine, m):
+    """As of joints that cannot brake at once: in their direction if some velocity is, at the largest share."""
+    rng = np.random.default_rng(m)
+    kept = missed = beyond = 0
+    for _ in range(repeats(120, 60)):
+        J, s, _ = regular_problem(rng, m)
+        A, before = J[3:], rng.uniform(-1.0, 1.0, m)
+        lower, upper = before - 0.1, before + 0.1
+        b = A @ before * 10.0 ** rng.uniform(-0.3, 0.7) + 10.0 ** rng.uniform(-3.0, 0.0) * rng.normal(size=3)
+        share = largest_share(A, b, lower, upper)
+        solution = iq.solve_velocity(J, s, exact=iq.ExactRows(A, b), bounds=(lower, upper), engine=engine)
+        x, P = solution.velocity, np.linalg.pinv(A)
+        if share is not None:
+            kept += 1
+            assert solution.scale == pytest.approx(share, rel=SHARE_TOLERANCE)
+            np.testing.assert_allclose(A @ x, solution.scale * b, atol=1e-9 * np.abs(x).max())
+            continue
+        nearest = lsq_linear(
+            np.column_stack((P @ A, -P @ b)), np.zeros(m), (np.append(lower, 0.0), np.append(upper, 1.0)), method="bvls"
+        )
+        missed += 1
+        beyond += solution.scale == 1.0
+        assert "limits require motion beside the exact rows" in solution.reason
+        assert solution.status == ("scaled" if solution.scale < 1.0 else "limited")
+        off = np.linalg.norm(P @ (A @ x - solution.scale * b))
+        assert off == pytest.approx(np.sqrt(2.0 * nearest.cost), rel=1e-6, abs=1e-9)
+    assert min(kept, missed, beyond) > 2
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_rows_beside_their_direction_have_the_largest_share_of_it(engine):
+    """The first row may not rest; however fast the second is, the first is as far off."""
+    J = np.random.default_rng(14).normal(size=(6, 4))
+    rows = iq.ExactRows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]], [0.0, 2.0])
+    bounds = ([0.2, 0.3, -1.0, -1.0], [0.5, 1.0, 1.0, 1.0])
+    solution = iq.solve_velocity(J, np.zeros(6), exact=rows, bounds=bounds, engine=engine)
+    np.testing.assert_allclose(solution.velocity[:2], [0.2, 1.0], atol=1e-8)
+    assert solution.scale == pytest.approx(0.5, abs=1e-8)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
