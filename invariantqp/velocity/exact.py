@@ -260,11 +260,13 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | No
     y = met / sigma[:r]
     full = Vt[:r].T.dot(y)
     lost = wanted.dot(U[:, r:])  # not e - C y, which is rounding of a y that may be large
+    basis = Vt[r:].T
+    basis = basis - (Vt[:r].T / sigma[:r]).dot(U[:, :r].T.dot(whitened.dot(basis)))  # to the digits of small parts
     here = len(lost) if rank is None else rank - r
     whole, part = norm(sigma), norm(met)
     return Reduction(
         full=full,
-        basis=Vt[r:].T,
+        basis=basis,
         effort=whole * norm(y) / part if part > 0.0 else 1.0,
         bend=whole / float(sigma[r - 1]) if r else 1.0,
         unmet=max(_share(lost[:here], wanted), contrary),
@@ -320,38 +322,43 @@ def nearest_to_demand(
         inside: (m,) a y inside both.
         backend: the solver asked first.
     """
-    full, m = reduction.full, len(inside)
+    full, (m, n) = reduction.full, reduction.basis.shape
     found = Nearest(inside, 0.0, np.zeros(m), np.zeros(len(limits.lower), bool), False)
-    if not inside.any() or reduction.basis.shape[1] == m:
+    if not inside.any() or n == m:
         return found
     length = 0.0 if reduction.contradicts else norm(full)
-    if length <= ROUNDING * norm(inside):
-        full, length = np.zeros(m), 0.0
-    u = full / length if length > 0.0 else full
-    free = reduction.basis.dot(reduction.basis.T)
+    length = length if length > ROUNDING * norm(inside) else 0.0
+    line = reduction.basis if length == 0.0 else np.column_stack((reduction.basis, full / length))
+    k = line.shape[1]
+    V = np.column_stack((line, np.linalg.qr(line, mode="complete")[0][:, k:]))  # then what is beside the line
 
-    def drawn(to: Array, loose: Array, y: Array) -> Optimum:
-        """Nearest to `to` but for what is loose. Its weight moves the rows; around the first answer, by its square."""
-        fixed, centre = np.eye(m) - loose, to
-        most, little = sqrt(1.0 + REGULARISATION), sqrt(REGULARISATION)
-        K, T = most * fixed + little * loose, fixed / most + loose / little
+    def drawn(p: float, loose: int, y: Array) -> Optimum:
+        """Nearest to p along the demand, but for the first directions, which are loose; from a y inside.
+
+        The weight of those moves the rows; around the first answer, by its square.
+        """
+        root, to = np.full(m, sqrt(1.0 + REGULARISATION)), np.zeros(m)
+        root[:loose], to[n:k] = sqrt(REGULARISATION), p
+        centre = to
         for _ in range(2):
-            optimum = minimise(backend, Quadratic(K, T, centre), limits, cone, y)
+            optimum = minimise(backend, Quadratic(root[:, None] * V.T, V / root, V.dot(centre)), limits, cone, y)
             y = optimum.z
-            centre = loose.dot(y) + fixed.dot(to + REGULARISATION * (y - to))
+            centre = to + REGULARISATION * (y.dot(V) - to)
+            centre[:loose] = y.dot(V[:, :loose])
         return optimum
 
-    line = free + np.outer(u, u)
-    optimum = drawn(np.zeros(m), line, inside)
+    optimum = drawn(0.0, k, inside)
     y = optimum.z
-    p, rounding = float(u.dot(y)), ROUNDING * norm(y)
+    p, rounding = float(y.dot(V[:, n:k]).sum()), ROUNDING * norm(y)
     if p < -rounding or p > length + rounding:  # before the beginning of the segment, or behind its end
-        optimum = drawn(np.zeros(m) if p < 0.0 else full, free, y)
-    elif length > 0.0 and norm(y - line.dot(y)) > rounding:
-        optimum = drawn(full, line, y)
+        optimum = drawn(0.0 if p < 0.0 else length, n, y)
+    elif length > 0.0 and norm(y.dot(V[:, k:])) > rounding:
+        optimum = drawn(length, k, y)
     y = optimum.z
-    p = min(max(float(u.dot(y)), 0.0), length)
-    beside = y - free.dot(y) - p * u
+    along = y.dot(V)
+    p = min(max(float(along[n:k].sum()), 0.0), length)
+    along[:n], along[n:k] = 0.0, along[n:k] - p
+    beside = V.dot(along)
     size = norm(beside)
     found = found._replace(inside=y, share=p / length if length > 0.0 else 0.0)
     if size <= ROUNDING * norm(y):  # the rows can keep their direction
