@@ -354,6 +354,7 @@ def descents(
 def follow(
     course: Array,
     loop: Loop,
+    beside: Loop | None,
     memory: Array,
     twist: Array | None,
     late: bool,
@@ -365,8 +366,9 @@ def follow(
     velocity: Array,
     acceleration: Array,
     command: Array,
+    pace: Array,
     /,
-) -> tuple[Array, Array, Array, Array, Array, float, float, bool, tuple[Array, float] | None, int] | None: ...
+) -> tuple[Any, ...] | None: ...
 def motion(course: Array, time: float, /) -> Array: ...
 def splice(course: Array, time: float, state: Array, duration: float, /) -> Array | None: ...
 def planned(limits: Array, state: Array, times: Array, wanted: Array, calm: float, pieces: int, /) -> Array: ...

@@ -51,7 +51,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
 from invariantqp.velocity.backends import Backend, backend_of
-from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
+from invariantqp.velocity.damping import Damping, Fixed, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.law import SLACK, Chase, Demand, Guard, VelocityLaw
@@ -64,6 +64,8 @@ from invariantqp.velocity.solve import solve, standing
 if TYPE_CHECKING:
     from invariantqp.engine import Loop
 
+# Damping over the measure's length, the arm's reach, beside which joint twists count for nothing: for 1e-5, squared.
+OF_JOINTS = 1000.0
 # The default gain [1/s]: slow beside any tracking gain, fast enough to keep the arm off its limits on long paths.
 POSTURE_GAIN = 1.0
 
@@ -273,9 +275,20 @@ class Controller:
 
     def unbraked(self) -> Controller:
         """The loop without acceleration limits and delay, for whoever limits those himself."""
+        return self._undelayed(braking=None, _limits=self._limits._replace(braking=None))
+
+    def of_joints(self) -> Controller:
+        """The loop without delay, for joint velocities c: `follow(q, J c, posture=c)` is the nearest that limits allow.
+
+        It is damped towards c so much that joints alone count: no direction is cheap near a singularity.
+        """
+        law = replace(self.law, form=None, damping=Fixed(OF_JOINTS * self.measure.length), dt=0.0)
+        return self._undelayed(law=law)
+
+    def _undelayed(self, **fields: Any) -> Controller:
+        """A loop of its own with other fields, told where the joints are when a command acts."""
         kept = Memory.at_first(self._count, 0.0, self.dt).numbers
-        limits = self._limits._replace(braking=None)
-        return self._but(delay=0.0, _late=(0, 0.0), braking=None, _limits=limits, kept=kept)
+        return self._but(delay=0.0, _late=(0, 0.0), kept=kept, **fields)
 
     def _but(self, **fields: Any) -> Controller:
         """A loop of its own with other fields."""
@@ -390,9 +403,9 @@ class Controller:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
-        own = rows is None and sighting is None and at is None and posture is None and calm is True
+        own = rows is None and sighting is None and at is None and calm is True
         core = self.compiled if own else None
-        found = None if core is None else self._by_core(core, q, None, twist, velocity, now)
+        found = None if core is None else self._by_core(core, q, None, twist, velocity, now, posture)
         if found is not None:
             return self.named(found)
         positions = arrays.vector(q, self._count, "q")
@@ -432,12 +445,14 @@ class Controller:
         feedforward: ArrayLike | None,
         velocity: ArrayLike | None,
         now: Changes | None,
+        posture: ArrayLike | None = None,
     ) -> tuple[VelocitySolution, Written | None] | None:
         """A tick by the core, given what Python computes in each; None where Python has to answer."""
         other = {} if now is None else now.for_core(self._limits.loop)
         if other is None:
             return None
-        if now is None and (beside := self._beside(core, q, target, feedforward, velocity)) is not None:
+        other |= {} if posture is None else {"posture": posture}
+        if now is None and (beside := self._beside(core, q, target, feedforward, velocity, **other)) is not None:
             return beside
         rows: LimitRows | None = None
         if self.varies or (now is not None and now.joint_rows):
@@ -466,12 +481,20 @@ class Controller:
         return (found[0]._replace(row_names=rows.names), found[1]) if found is not None and rows.names else found
 
     def _beside(
-        self, core: Loop, q: ArrayLike, target: Any, feedforward: ArrayLike | None, velocity: ArrayLike | None
+        self,
+        core: Loop,
+        q: ArrayLike,
+        target: Any,
+        feedforward: ArrayLike | None,
+        velocity: ArrayLike | None,
+        **other: Any,
     ) -> tuple[VelocitySolution, Written | None] | None:
         """A tick by the core beside a limit whose rows it finds itself; None where Python gives it rows, or answers."""
         alone = None if self.joint_rows is None else self.joint_rows.alone
         given = None if alone is None else alone.for_core()
-        found = None if given is None else tick_beside(core, self.kept, q, target, feedforward, velocity, *given)
+        if given is None:
+            return None
+        found = tick_beside(core, self.kept, q, target, feedforward, velocity, *given, **other)
         if found is None or alone is None:
             return None
         answer, troubles, *told = found

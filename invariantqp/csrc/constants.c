@@ -95,6 +95,7 @@ const Constant CONSTANTS[] = {
     ONE("paths.time_law", CATCH_UP_SPEED),
     ONE("paths.time_law", CALM_SHARE),
     ONE("paths.time_law", HALVINGS),
+    ONE("paths.driver", EXCESS),
     ONE("paths.time_law", ROUNDING),
     ONE("paths.reference", SHARE),
     ONE("paths.reference", PLACES),

@@ -111,7 +111,8 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     NUMBER(speed, 1.0, "share of the motion's speed, above 0") \
     MAYBE_VECTOR(velocity_limit, joints, has_velocity_limit, "joint speeds, where they are lower than the loop's") \
     NUMBER(tool_speed, INFINITY, "of the limited point [length/s], likewise") \
-    MAYBE_MATRIX(brought, 6, 6, has_brought, "the matrix of a form that is brought, on measured twists")
+    MAYBE_MATRIX(brought, 6, 6, has_brought, "the matrix of a form that is brought, on measured twists") \
+    MAYBE_VECTOR(posture, joints, has_posture, "joint velocity wanted where the twist leaves joints free")
 
 /* pose/error.py: an arm as pose searches see it. */
 #define ARM_FIELDS \

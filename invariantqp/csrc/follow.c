@@ -7,21 +7,17 @@
 
 #include "paths.h"
 
-/* towards_twist, for a loop without acceleration limits and delay. */
+/* _going_over, for a loop without acceleration limits and delay; the tick that answers the twist is told where it moves. */
 static Outcome towards_twist(const JointLimits *limits, const Loop *loop, const double *kept, const double *twist,
-                             const double *q, const double *velocity, Row v)
+                             const double *q, const double *velocity, Tick *tick, Row v)
 {
     int m = limits->m;
     double share = INFINITY;
-    bool moves = false;
     Row x = {0.0};
-    for (int i = 0; i < 6; i++)
-        moves = moves || twist[i] != 0.0;
-    if (moves) {
-        Tick tick;
-        if (step(loop, NULL, q, NULL, twist, velocity, kept, &tick) == HAND_BACK)
+    if (norm(6, twist) > 0.0) {
+        if (step(loop, NULL, q, NULL, twist, velocity, kept, tick) == HAND_BACK)
             return HAND_BACK;
-        memcpy(x, tick.solution.velocity, sizeof x);
+        memcpy(x, tick->solution.velocity, sizeof x);
     }
     for (int j = 0; j < m; j++)
         if (x[j] != velocity[j])
@@ -31,79 +27,100 @@ static Outcome towards_twist(const JointLimits *limits, const Loop *loop, const 
     return DONE;
 }
 
-/* Follower._share: of joint velocities, what the loop's tool speed and fixed rows allow, and which it is: the number of a
-   row, -1 for the tool's speed, -2 for none. */
-static double allowed_share(const Loop *loop, const double *q, const double *v, int *which)
+/* Follower._nearest: the command nearest one that the loop of joints may not allow, in its place, where the loop does not. Which
+   of its fixed rows, or TOOL_SPEED_ROW, holds it, or ALLOWED. */
+#define ALLOWED (-2)
+static Outcome nearest_allowed(const Loop *loop, const double *kept, const double *q, const double *before, Tick *tick,
+                               Row command, int *held)
 {
-    double share = 1.0;
     int m = loop->joints;
-    *which = -2;
-    if (loop->speed_limit > 0.0) {
-        Demand demand = {.m = m};
-        Pose tool, home;
-        pose_from(loop->home[0], &home);
-        kinematics(m, loop->screws, &home, q, demand.J, &tool);
-        limited_point(loop, &tool, &demand);
-        double speed = tool_speed(&demand.cone, m, v);
-        if (speed > loop->speed_limit) {
-            share = loop->speed_limit / speed;
-            *which = -1;
-        }
+    double twist[6], most = 0.0, size = 0.0, price = 0.0;
+    const double *x = tick->solution.velocity;
+    Row J[6];
+    Pose tool, home;
+    const Beside as_seen = {.J = (const Row *)J, .tool = &tool, .posture = command};
+    pose_from(loop->home[0], &home);
+    kinematics(m, loop->screws, &home, q, J, &tool);
+    for (int i = 0; i < 6; i++)
+        twist[i] = dot(m, J[i], command);
+    if (step_beside(loop, NULL, &as_seen, q, NULL, twist, before, kept, tick) == HAND_BACK)
+        return HAND_BACK;
+    for (int j = 0; j < m; j++) {
+        most = fmax(most, fabs(x[j] - command[j]));
+        size = fmax(size, fabs(command[j]));
     }
-    for (int i = 0; i < loop->limits; i++) {
-        double value = dot(m, loop->G[i], v), most = (value > 0.0 ? loop->most[i] : loop->least[i]) / value;
-        if (isfinite(most) && fmax(most, 0.0) < share) {
-            share = fmax(most, 0.0);
-            *which = i;
+    *held = ALLOWED;
+    if (!(most > EXCESS * size) && status(&tick->solution) != DEGRADED)
+        return DONE;
+    *held = TOOL_SPEED_ROW;
+    for (int i = 0; i < loop->limits; i++)
+        if (fabs(tick->solution.multipliers[m + i]) > price) {
+            price = fabs(tick->solution.multipliers[m + i]);
+            *held = i;
         }
-    }
-    return share;
+    memcpy(command, x, sizeof(Row));
+    return DONE;
 }
 
-/* Follower._corrected: the command of a joint; whether it is one that nothing changes, where a shape is kept. */
-static bool commanded(const Course *course, int j, double q, double off, double v, double before, double *command)
+/* Follower._corrected: the command of a joint, and what it changes by; whether nothing else changes it. */
+static bool commanded(const Course *course, int j, double q, double off, double v, double last, double *command, double *pace)
 {
     const JointLimits *limits = &course->limits;
-    double A = limits->acceleration[j], V = limits->fastest[j], dt = limits->dt;
-    if (course->shape) {
-        *command = v + copysign(homing(limits, j, off, course->gain), off);
-        double room = *command > 0.0 ? limits->upper[j] - q : q - limits->lower[j];
-        return fabs(*command - before) <= A * dt && fabs(*command) <= V && fabs(*command) <= braking_speed(room, A, dt);
+    double A = limits->acceleration[j], dt = limits->dt, before = *command;
+    double back = copysign(homing(limits, j, off, course->gain), off);
+    if (course->shape)
+        *command = v + back;
+    else {
+        double w = before - last;
+        q = between(q, limits->lower[j], limits->upper[j]);
+        *command = nearest(limits, j, q, before, *pace, v + w + dt * towards(limits, j, w, back));
     }
-    double lower = between((limits->lower[j] - q) / dt, -V, V), upper = between((limits->upper[j] - q) / dt, -V, V);
-    *command = between(v + course->gain * off, lower, upper);
-    return true;
+    *pace = (*command - before) / dt;
+    double room = *command > 0.0 ? limits->upper[j] - q : q - limits->lower[j];
+    double most = fmin(limits->fastest[j], braking_speed(room, A, dt));
+    return fabs(*command - before) <= (1.0 + EXCESS) * A * dt && fabs(*command) <= (1.0 + EXCESS) * most;
 }
 
-/* follow(course, loop, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command before):
-   position, velocity, acceleration and command after the tick, q as an array, the source's last column before and after,
-   whether the joints are late, how they stop being it, a residual or None, and what made all
-   slower; or None where Python has to answer, or to say what is wrong with q. The loop is one without acceleration limits
-   and delay. Late joints look for a splice that takes `ease`, unless that is 0. */
+/* The answer of a tick as `Controller.named` takes it; None where it says no more than `quiet`. */
+static PyObject *answer_of(const Loop *loop, const Tick *tick, Status quiet)
+{
+    PyObject *troubles = joint_troubles(loop, tick, false);
+    if (troubles == NULL || (troubles == Py_None && status(&tick->solution) <= quiet))
+        return troubles;
+    return Py_BuildValue("(NN)", fields(loop->joints, &tick->solution), troubles);
+}
+
+/* follow(course, loop, beside, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command, pace):
+   position, velocity, acceleration, command and pace after the tick, q as an array, the source's last column before and
+   after, whether the joints are late, how they stop being it, a residual or None, what the loop says, or None, and which of
+   its rows, or -1 its tool speed, does not allow what was wanted, or None. None where Python has to answer, or to say what is
+   wrong with q. The loop is one without acceleration limits and delay, `beside` that for joint velocities, or None where
+   there are neither rows nor a tool speed. Late joints look for a splice that takes `ease`, unless that is 0. */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     Course course;
-    Row q, sent, position, velocity, acceleration, command, v, allowed;
+    Row q, here, sent, position, velocity, acceleration, command, pace, before, wanted, v;
     Path now = {{0.0}}, then = {{0.0}};
     double twist[6], left[6 * MOST];
     bool joins = false;
+    Tick tick, held_tick;
     static const char *const USE =
-        "follow(course, loop, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command)";
-    if (count != 13 || !course_of(arguments[0], &course))
+        "follow(course, loop, beside, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command, pace)";
+    if (count != 15 || !course_of(arguments[0], &course))
         return refused(USE);
-    const Loop *loop = loop_of(arguments[1]);
-    const double *kept = loop == NULL ? NULL : memory_of(arguments[2], loop);
+    const Loop *loop = loop_of(arguments[1]), *beside = arguments[2] == Py_None ? NULL : loop_of(arguments[2]);
+    const double *kept = loop == NULL ? NULL : memory_of(arguments[3], loop);
     const JointLimits *limits = &course.limits;
-    int m = limits->m, late = PyObject_IsTrue(arguments[4]);
-    bool by_twist = arguments[3] != Py_None, shape = course.shape;
-    if (kept == NULL || loop->joints != m)
+    int m = limits->m, late = PyObject_IsTrue(arguments[5]), held = ALLOWED;
+    bool by_twist = arguments[4] != Py_None, shape = course.shape;
+    if (kept == NULL || loop->joints != m || (beside == NULL) != (arguments[2] == Py_None))
         return refused(USE);
-    double ease = PyFloat_AsDouble(arguments[5]), time = PyFloat_AsDouble(arguments[6]), dt = limits->dt, after = time + dt;
-    bool good = !PyErr_Occurred() && vector(arguments[7], m, q) && vector(arguments[8], m, sent) &&
-                vector(arguments[9], m, position) && vector(arguments[10], m, velocity) &&
-                vector(arguments[11], m, acceleration) && vector(arguments[12], m, command) &&
-                !(by_twist && !vector(arguments[3], 6, twist));
+    double ease = PyFloat_AsDouble(arguments[6]), time = PyFloat_AsDouble(arguments[7]), dt = limits->dt, after = time + dt;
+    bool good = !PyErr_Occurred() && vector(arguments[8], m, q) && vector(arguments[9], m, sent) &&
+                vector(arguments[10], m, position) && vector(arguments[11], m, velocity) &&
+                vector(arguments[12], m, acceleration) && vector(arguments[13], m, command) && vector(arguments[14], m, pace) &&
+                !(by_twist && !vector(arguments[4], 6, twist));
     PyErr_Clear(); /* Python says what is wrong */
     for (int j = 0; j < m && good; j++)
         good = fabs(sent[j] - q[j]) <= course.head[STRAY];
@@ -120,7 +137,7 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
         late = !joins;
     }
     if (by_twist) {
-        if (towards_twist(limits, loop, kept, twist, position, velocity, v) == HAND_BACK)
+        if (towards_twist(limits, loop, kept, twist, position, velocity, &tick, v) == HAND_BACK)
             Py_RETURN_NONE;
     } else if (late) {
         source_at(&course, after, then);
@@ -140,29 +157,38 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
         for (int j = 0; j < m; j++)
             v[j] = (then[0][j] - position[j]) / dt;
     }
-    bool changed = false;
     for (int j = 0; j < m && !shape; j++) {
-        double a = (v[j] - velocity[j]) / dt;
-        allowed[j] = within_limits(limits, j, position[j], velocity[j], acceleration[j], a);
-        changed = changed || !(fabs(allowed[j] - a) <= ROUNDING * limits->jerk[j] * dt);
+        double x = nearest(limits, j, position[j], velocity[j], acceleration[j], v[j]);
+        late = late || (x != v[j] && !by_twist);
+        v[j] = x;
     }
-    for (int j = 0; j < m && changed; j++)
-        v[j] = velocity[j] + dt * allowed[j];
-    late = late || (changed && !by_twist);
-    int which;
-    double share = allowed_share(loop, position, v, &which);
-    if (share < 1.0 && shape)
-        Py_RETURN_NONE;
-    late = late || (share < 1.0 && !by_twist);
     for (int j = 0; j < m; j++) {
-        v[j] *= share;
-        if (!commanded(&course, j, q[j], sent[j] - q[j], v[j], command[j], &command[j]))
+        double off = sent[j] - q[j];
+        here[j] = position[j] - off;
+        before[j] = command[j];
+        if (!commanded(&course, j, shape ? q[j] : here[j], off, v[j], velocity[j], &command[j], &pace[j]))
             Py_RETURN_NONE;
+    }
+    memcpy(wanted, command, sizeof wanted);
+    if (beside != NULL && nearest_allowed(beside, kept, here, before, &held_tick, command, &held) == HAND_BACK)
+        Py_RETURN_NONE;
+    if (shape && held != ALLOWED)
+        Py_RETURN_NONE;
+    late = late || (held != ALLOWED && !by_twist);
+    PyObject *answer = held != ALLOWED ? answer_of(beside, &held_tick, GUARDED)
+                       : by_twist && norm(6, twist) > 0.0 ? answer_of(loop, &tick, OK) : Py_NewRef(Py_None);
+    for (int j = 0; j < m; j++) {
+        if (held != ALLOWED) {
+            v[j] += command[j] - wanted[j];
+            pace[j] = 0.0; /* how hard the loop braked is nothing to go on with */
+        }
         position[j] += dt * v[j];
-        acceleration[j] = (v[j] - velocity[j]) / dt;
+        acceleration[j] = held != ALLOWED ? 0.0 : (v[j] - velocity[j]) / dt;
         velocity[j] = v[j];
     }
     PyObject *way = joins ? new_matrix(6, m, m, left) : Py_NewRef(Py_None);
-    return Py_BuildValue("(NNNNNddNNi)", new_vector(m, position), new_vector(m, velocity), new_vector(m, acceleration),
-                         new_vector(m, command), new_vector(m, q), now[0][m], then[0][m], PyBool_FromLong(late), way, which);
+    PyObject *which = held == ALLOWED ? Py_NewRef(Py_None) : PyLong_FromLong(held);
+    return Py_BuildValue("(NNNNNNddNNNN)", new_vector(m, position), new_vector(m, velocity), new_vector(m, acceleration),
+                         new_vector(m, command), new_vector(m, pace), new_vector(m, q), now[0][m], then[0][m],
+                         PyBool_FromLong(late), way, answer, which);
 }

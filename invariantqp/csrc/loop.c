@@ -153,8 +153,7 @@ static Outcome approach(const Loop *loop, double gain, const Row A[6], const dou
 static void joint_speeds(const Loop *loop, const Now *now, const double *before, Row speeds)
 {
     for (int j = 0; j < loop->joints; j++) {
-        double limit = now->has_velocity_limit ? fmin(loop->fastest[j], now->velocity_limit[j]) : loop->fastest[j];
-        limit *= now->speed;
+        double limit = now->speed * fmin(loop->fastest[j], now->velocity_limit[j]);
         if (loop->has_braking)
             limit = fmin(fmax(limit, fabs(before[j]) - loop->acceleration[j] * loop->dt), loop->fastest[j]);
         speeds[j] = limit;
@@ -183,7 +182,7 @@ static void tool_speed_now(const Loop *loop, const Now *now, const double *befor
 static bool demand_now(const Loop *loop, const Now *now, const double *q, const double *before, const Pose *tool,
                        Demand *demand, Tick *tick)
 {
-    bool rows = now != NULL && now->limits > 0, good = true;
+    bool rows = now != NULL && now->limits > 0, changed = now != NULL && now->has_velocity_limit, good = true;
     Row speeds;
     governed(&loop->law, demand);
     demand->limits = rows ? now->limits : loop->limits;
@@ -195,14 +194,14 @@ static bool demand_now(const Loop *loop, const Now *now, const double *q, const 
     demand->cone.limit = loop->speed_limit;
     if (loop->speed_limit > 0.0)
         limited_point(loop, tool, demand);
-    if (now != NULL)
+    if (changed)
         joint_speeds(loop, now, before, speeds);
-    const double *fastest = now != NULL ? speeds : loop->fastest;
+    const double *fastest = changed ? speeds : loop->fastest;
     if (!loop->has_braking)
         box(loop, q, fastest, demand);
     else
         good = braking_box(loop, q, before, fastest, demand, tick);
-    if (now != NULL)
+    if (changed)
         tool_speed_now(loop, now, before, tool, demand);
     return good;
 }

@@ -129,10 +129,12 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
     Fit fit = now == NULL ? FITS : called_by_name(&TABLE_now, arguments + count, names, now);
     if (fit == WRONG)
         return NULL;
-    if (fit == UNFIT || (now != NULL && now->joints != 0 && now->joints != fixed->joints) ||
+    if (fit == UNFIT || (now != NULL && now->has_posture && !all_finite(fixed->joints, now->posture)) ||
+        (now != NULL && now->joints != 0 && now->joints != fixed->joints) ||
         (fixed->law.form == BROUGHT && !(now != NULL && now->has_brought)))
         Py_RETURN_NONE;
     int m = fixed->joints;
+    beside.posture = now != NULL && now->has_posture ? now->posture : NULL;
     Row q, before;
     Pose target;
     double feedforward[6];

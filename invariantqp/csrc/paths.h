@@ -12,6 +12,7 @@
 #define CATCH_UP_SPEED 0.99
 #define CALM_SHARE 0.1
 #define HALVINGS 24
+#define EXCESS 1e-9
 #define ROUNDING 1e-6
 #define SHARE 0.97
 #define PLACES 21
@@ -43,7 +44,7 @@ double needed_share(const JointLimits *limits, int j, double x, double v, double
 double towards(const JointLimits *limits, int j, double velocity, double wanted);
 double homing(const JointLimits *limits, int j, double way, double gain);
 double catching_up(const JointLimits *limits, int j, double position, double velocity, double there, double speed);
-double within_limits(const JointLimits *limits, int j, double q, double velocity, double before, double wanted);
+double nearest(const JointLimits *limits, int j, double q, double velocity, double acceleration, double wanted);
 
 /* reference.c */
 bool course_of(PyObject *object, Course *course);

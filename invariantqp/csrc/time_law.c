@@ -72,7 +72,7 @@ static double most_upward(const JointLimits *limits, int j, double room, double 
 }
 
 /* The acceleration of a tick nearest the wanted one, after which the joint can still stop. */
-double within_limits(const JointLimits *limits, int j, double q, double velocity, double before, double wanted)
+static double within_limits(const JointLimits *limits, int j, double q, double velocity, double before, double wanted)
 {
     double A = limits->acceleration[j], step = limits->jerk[j] * limits->dt;
     double low = fmin(fmax(-A, before - step), A), high = fmax(fmin(A, before + step), -A);
@@ -80,4 +80,11 @@ double within_limits(const JointLimits *limits, int j, double q, double velocity
     double up = most_upward(limits, j, limits->upper[j] - q, velocity, low, chosen);
     double down = -most_upward(limits, j, q - limits->lower[j], -velocity, -high, -chosen);
     return up < chosen ? up : down > chosen ? down : chosen;
+}
+
+/* The velocity of a tick nearest the wanted one; to rounding that itself. */
+double nearest(const JointLimits *limits, int j, double q, double velocity, double acceleration, double wanted)
+{
+    double a = (wanted - velocity) / limits->dt, allowed = within_limits(limits, j, q, velocity, acceleration, a);
+    return fabs(allowed - a) > ROUNDING * limits->jerk[j] * limits->dt ? velocity + limits->dt * allowed : wanted;
 }

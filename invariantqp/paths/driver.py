@@ -48,10 +48,10 @@ from invariantqp.paths.reference import (
 )
 from invariantqp.paths.shape import ASTRAY, PAUSE, Shape, Told
 from invariantqp.paths.solution import FollowerSolution
-from invariantqp.paths.time_law import ROUNDING, JointLimits
+from invariantqp.paths.time_law import JointLimits
 from invariantqp.systems.contacts import Contact
-from invariantqp.velocity.limits import LimitRows
-from invariantqp.velocity.reasons import row_name, sentences
+from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.reasons import row_name
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
@@ -75,11 +75,11 @@ MOST_WAITING, MOST_POINTS = 8, 96
 # The largest override of a path whose shape is kept.
 MOST_OVERRIDE = 1.5
 # Why joints catch up.
-LATE = "the joints' limits"
+LATE, TOOL_SPEED = "the joints' limits", "the tool's speed"
 # Joint speeds below this share of their limits are rest; joints this near [rad, length] are there.
 AT_REST, ARRIVED = 1e-6, 1e-8
-# What the core says where no limit of the loop holds joints back.
-FREE = -2
+# Rows and a tool speed that are exceeded by this share are kept: rounding.
+EXCESS = 1e-9
 # The twist of a tool that stands; an arm that is to stop follows it.
 STILL = np.zeros(6)
 
@@ -153,6 +153,9 @@ class Follower:
             least if tolerance is None else arrays.number(tolerance, "tolerance", "a distance", positive=True)
         )
         self._solver, self._unbraked = Solver(loop, self._tolerance), loop.unbraked()
+        # What no joint knows by itself: in each tick the loop has the last word.
+        bound = loop.tool_speed is not None or loop.joint_rows is not None
+        self._beside = loop.of_joints() if bound else None
         self.paused: bool = False
         self._reset()
 
@@ -188,9 +191,8 @@ class Follower:
         self._closed = False
         self._why = "nothing to follow yet"
         self._retry = 0.0  # when to look next
-        self._held_by = ""  # the limit of the controller that held joints back, or led them, in this tick
-        self._answer: VelocitySolution | None = None  # what the law made of a twist, or of what it held back
-        self._asked = -inf  # when, of a twist
+        self._held_by = ""  # the limit of the loop that does not allow what was wanted in this tick
+        self._answer: VelocitySolution | None = None  # what the law made of a twist, or the loop of a command
         self._late = False  # whether the joints cannot be where they are wanted, and catch up
 
     def __copy__(self) -> Follower:
@@ -289,7 +291,7 @@ class Follower:
             self._forget()
             self._halt()
         elif course is not None:  # the same course, for longer
-            self._course = *course[:2], min(self._time + self.timeout, self._asked + RETRY)
+            self._course = *course[:2], self._time + self.timeout
         self._twist, self._turns, self._heard = wanted, bool(wanted.any()), self._time
 
     def prepare(self, q: ArrayLike) -> None:
@@ -413,10 +415,6 @@ class Follower:
         loop, shape = self.controller, self._shape
         if core is None or loop.compiled is None or (loop.joint_rows is not None and loop.joint_rows.fixed is None):
             return None
-        if self._turns:  # Python asks the law about a twist from time to time, and always where it says something
-            answer = self._answer
-            if answer is None or answer.status is not Status.OK or not 0.0 <= self._time - self._asked < RETRY:
-                return None
         if self._samples or (shape is None and self._source is None and self._twist is None):
             return None
         if shape is not None and (
@@ -431,7 +429,6 @@ class Follower:
         until = min(until, inf if self._next is None else self._next[2])
         if self._turns or (self._twist is None and self._newest is not None):
             until = min(until, self._heard + self.timeout)
-        until = min(until, self._asked + RETRY) if self._turns else until
         numbers = reference.course(gain=None if shape is None else loop.gain)
         return None if numbers is None or until <= self._time else (reference, numbers, until)
 
@@ -461,6 +458,7 @@ class Follower:
         found = core.follow(  # type: ignore[union-attr]
             numbers,
             self._unbraked.compiled,
+            None if self._beside is None else self._beside.compiled,
             self._unbraked.kept,
             self._twist,
             self._late,
@@ -472,17 +470,19 @@ class Follower:
             self._v,
             self._a,
             self._command,
+            self._pace,
         )
-        if found is None or not self._keeps(found[3], held=found[-1] != FREE):
+        if found is None:
             return None
         if not begun:
             sent.append(self._q)
-        self._pace = (found[3] - self._command) / loop.dt
-        self._q, self._v, self._a, self._command, measured, before, after, late, way, _ = found
+        self._q, self._v, self._a, self._command, self._pace, measured, before, after, late, way, answer, which = found
         if ease:
             self._retry = time + RETRY
         self._time += loop.dt
-        self._late, self._held_by = late, ""
+        self._late = late
+        self._answer = None if answer is None else self._unbraked.named(answer)
+        self._held_by = "" if which is None else self._named(which)
         if way is not None or (ease and time < reference.joined):
             reference.joins(time, *((np.zeros((6, self._m)), 0.0) if way is None else (way, ease)))
             self._course = self._made_course(reference)
@@ -492,60 +492,64 @@ class Follower:
             return self._reported(reference, measured, command) if told is None else FollowerSolution(command, *told)
         return self._reported(reference, measured, command)
 
-    def _keeps(self, command: Array, held: bool) -> bool:
-        """Whether a command (m,) of the core keeps the joints' limits, with nothing that is `held` back."""
-        if self._shape is not None:
-            return True
-        limits = self._limits
-        a = (command - self._command) / limits.dt
-        kept = (np.abs(a) <= (1.0 + ROUNDING) * limits.acceleration).all()
-        kept &= (np.abs(a - self._pace) <= (1.0 + 2.0 * ROUNDING) * limits.dt * limits.jerk).all()
-        return bool(kept) and not held
+    def _named(self, which: int) -> str:
+        """What the core calls a limit of the loop: a row, or -1 its tool speed."""
+        fixed = None if self.controller.joint_rows is None else self.controller.joint_rows.fixed
+        return TOOL_SPEED if which < 0 or fixed is None else row_name(which, fixed.names)
 
     def _moved(self, reference: Reference, measured: Array, moving: Array | None) -> Array:
-        """(m,) the command of a tick along a reference; the joints are sent so far."""
-        dt, before = self.controller.dt, self._command if moving is None or self._shape is None else moving
-        v = self._limited(reference)
-        self._command = command = self._corrected(measured, v, before)
-        self._pace = (command - before) / dt
+        """(m,) the command of a tick along a reference, inside the limits; the joints are sent so far."""
+        dt, shape = self.controller.dt, self._shape
+        before = self._command if moving is None or shape is None else moving
+        along = shape is not None and reference.source is shape.motion and not self._late
+        self._answer = None
+        v = self._wanted(reference) if along else self._limited(reference)
+        wanted = self._corrected(measured, v, before)
+        command = self._nearest(measured, wanted, before)
+        if self._held_by and along and shape is not None:  # the path waits
+            share = self._share(measured, wanted, before)
+            reference.source = self._source = shape.delayed((1.0 - share) * dt)
+            v = self._wanted(reference)
+            wanted = self._corrected(measured, v, before)
+            command = self._nearest(measured, wanted, before)
+        if self._held_by and not along:
+            v = v + command - wanted
+            self._late = self._twist is None
+        self._pace, self._command = (command - before) / dt, command
         self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
         if self._held_by:  # how hard the loop braked is nothing to go on with
             self._pace = self._a = np.zeros(self._m)
         return command
 
     def _limited(self, reference: Reference) -> Array:
-        """(m,) the joint velocity of a tick: the wanted one, inside the limits."""
-        dt, shape, self._answer = self.controller.dt, self._shape, None
-        along = shape is not None and reference.source is shape.motion and not self._late
-        v = self._wanted(reference)
-        if not along:
-            a = (v - self._v) / dt
-            allowed = self._limits.within(self._q, self._v, self._a, a)
-            if (np.abs(allowed - a) > ROUNDING * self.jerk * dt).any():
-                v = self._v + dt * allowed
-                self._late = self._twist is None
-        part, self._held_by, rows = self._share(v)
-        if part < 1.0 and along and shape is not None:  # the path waits
-            reference.source = self._source = shape.delayed((1.0 - part) * dt)
-            v = self._wanted(reference)
-        elif part < 1.0:
-            self._late, v = self._twist is None, part * v
-        if rows is not None:
-            y = rows.C.dot(v)
-            short = np.maximum(rows.lower - np.maximum(y, 0.0), np.minimum(y, 0.0) - rows.upper)
-            if (short > 0.0).any():
-                self._late, self._held_by = self._twist is None, row_name(int(short.argmax()), rows.names)
-                return self._nearest(v)
-        hard = not along and (np.abs(v - self._v) > (1.0 + ROUNDING) * dt * self._limits.acceleration).any()
-        return self._nearest(v) if hard else v
+        """(m,) the joint velocity of a tick: the wanted one, inside the limits of the joints."""
+        wanted = self._wanted(reference)
+        v = self._limits.nearest(self._q, self._v, self._a, wanted)
+        if self._twist is None and (v != wanted).any():
+            self._late = True
+        return v
 
-    def _nearest(self, v: Array) -> Array:
-        """(m,) what the loop answers to a joint velocity v that no joint can have, or that its rows do not allow."""
-        loop = self.controller
-        there = self._q - loop.dt * loop.memory.in_flight  # where the loop takes the joints to be at self._q
-        twist = loop.robot.jacobian(self._q).dot(v)
-        self._answer = loop.follow(there, twist, self._v, posture=v, calm=False)
-        return np.array(self._answer.velocity)
+    def _nearest(self, measured: Array, wanted: Array, before: Array) -> Array:
+        """(m,) the command nearest the wanted one (m,) that rows and tool speed of the loop allow: argmin |x - c|."""
+        loop, self._held_by = self._beside, ""
+        if loop is None:
+            return wanted
+        q = self._here(measured)
+        answer = loop.follow(q, loop.robot.jacobian(q).dot(wanted), before, posture=wanted)
+        other = np.abs(answer.velocity - wanted).max() > EXCESS * np.abs(wanted).max()
+        if not other and answer.status not in (Status.DEGRADED, Status.HELD):
+            return wanted
+        price = answer.row_multipliers
+        self._answer, self._held_by = answer, TOOL_SPEED
+        if price is not None and price.any():
+            self._held_by = row_name(int(np.abs(price).argmax()), tuple(answer.row_names))
+        return np.array(answer.velocity)
+
+    def _share(self, measured: Array, wanted: Array, before: Array) -> float:
+        """The share of a command (m,) that the loop allows."""
+        loop, q = self.controller if self._beside is None else self._beside, self._here(measured)
+        rows = ExactRows(np.eye(self._m), wanted)
+        return loop.follow(q, loop.robot.jacobian(q).dot(wanted), before, rows=rows).scale
 
     def _override_of(self, value: float) -> float:
         most = 1.0 if self._shape is None else MOST_OVERRIDE
@@ -632,10 +636,7 @@ class Follower:
             return np.clip(v, *bounds[:2])
         here = np.clip(self._q - off, limits.lower, limits.upper)
         w, back = before - self._v, np.copysign(limits.homing(off, JOINT_GAIN), off)
-        a = (v - self._v) / limits.dt + limits.towards(w, back)
-        if not self._held_by:
-            a = limits.within(here, before, self._pace, a)
-        x = before + limits.dt * a
+        x = limits.nearest(here, before, self._pace, v + w + limits.dt * limits.towards(w, back))
         return x if loop.braking is None else np.clip(x, *loop.braking.at(here, before)[:2])
 
     @property
@@ -869,7 +870,7 @@ class Follower:
         if self._twist is not None:
             x = np.zeros(self._m)
             if self._twist.any():
-                self._answer, self._asked = self._unbraked.follow(self._q, self._twist, self._v), self._time
+                self._answer = self._unbraked.follow(self._q, self._twist, self._v)
                 x = self._answer.velocity
             return _going_over(self._v, x, self._limits)
         if self._late:
@@ -877,32 +878,9 @@ class Follower:
             return self._v + dt * self._limits.catching_up(self._q + dt * self._v, self._v, there)
         return (reference.position(self._time + dt) - self._q) / dt
 
-    def _share(self, v: Array) -> tuple[float, str, LimitRows | None]:
-        """The share of joint velocities v (m,) that a tool speed and rows allow, the name of the least, and rows."""
-        loop, share, name, rows = self.controller, 1.0, "", None
-        if loop.tool_speed is None and loop.joint_rows is None:
-            return share, name, rows
-        robot = loop.robot
-        if loop.tool_speed is not None:
-            sighting = robot.sight(self._q, robot.target(robot.pose(self._q)))
-            point = np.zeros(3) if loop.tool_speed.point is None else loop.tool_speed.point
-            here = robot.points(sighting, robot.target(sighting.pose), point)[0]
-            speed = loop.tool_speed.cone(sighting.J, here).speed(v)
-            if speed > loop.tool_speed.limit:
-                share, name = loop.tool_speed.limit / speed, "the tool's speed"
-        if loop.joint_rows is not None:
-            rows, trouble = loop.joint_rows.at(self._q, self._v)
-            if trouble:
-                return 0.0, sentences((trouble,)), None
-            if rows is not None:
-                value = np.asarray(rows.C).dot(v)
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    most = np.where(value > 0.0, np.asarray(rows.upper) / value, np.asarray(rows.lower) / value)
-                most = np.where(np.isfinite(most), np.maximum(most, 0.0), inf)
-                least = int(np.argmin(most)) if len(most) else 0
-                if len(most) and most[least] < share:
-                    share, name = float(most[least]), row_name(least, rows.names)
-        return share, name, rows
+    def _here(self, measured: Array) -> Array:
+        """(m,) where the joints are, by those sent and how far off the measured ones are."""
+        return self._q - (self._sent[0] - measured)
 
     # What is told
 

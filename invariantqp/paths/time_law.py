@@ -74,6 +74,13 @@ class JointLimits(NamedTuple):
         lag = 2.0 * A * A / self.jerk
         return np.asarray(np.minimum(np.sqrt(lag * lag + 2.0 * A * np.abs(way)) - lag, gain * np.abs(way)))
 
+    def nearest(self, q: Array, velocity: Array, acceleration: Array, wanted: Array) -> Array:
+        """(m,) the joint velocity of a tick nearest the wanted one (m,), as `within`; to rounding that itself."""
+        a = (wanted - velocity) / self.dt
+        allowed = self.within(q, velocity, acceleration, a)
+        other = np.abs(allowed - a) > ROUNDING * self.jerk * self.dt
+        return np.where(other, velocity + self.dt * allowed, wanted)
+
     def within(self, q: Array, velocity: Array, acceleration: Array, wanted: Array) -> Array:
         """(m,) the acceleration of a tick nearest the wanted one, after which every joint can still stop.
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 import invariantqp as iq
 
@@ -200,3 +201,31 @@ def test_an_arm_that_answers_late_comes_to_rest_at_its_limits(late, acceleration
     assert np.abs(seen[-1]).max() > 0.99  # it is at a limit
     assert most < 1.0 + (1e-9 if acceleration is None else 0.5 * acceleration * (late * DT) ** 2)
     assert np.abs(np.diff(seen[-200:], axis=0)).max() < (0.01 if acceleration is None else acceleration * DT) * DT
+
+
+@pytest.mark.parametrize("exact", [None, "position"])
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+def test_joint_velocities_give_way_to_limits_by_the_least(engine, exact):
+    rng, rows = np.random.default_rng(0), iq.limits.LimitRows(np.eye(6)[:2] + 0.3, [-0.2, -0.3], [0.2, 0.1])
+    options = {"acceleration_limit": 20.0, "tool_speed": 0.3, "limits": [rows], "exact": exact, "engine": engine}
+    loop = iq.Controller(arm(), dt=DT, form=0.1, delay=0.01, **options).of_joints()
+    box = [(-20.0 * DT, 20.0 * DT)] * 6
+    held = 0
+    for _ in range(20):
+        q, before = 0.5 * rng.normal(size=6), 0.1 * rng.normal(size=6)
+        J = loop.robot.jacobian(q)
+        before *= min(1.0, 0.1 / np.linalg.norm(J[3:] @ before))
+        change = DT * rng.uniform(-19.0, 19.0, 6)
+        x = loop.follow(q, J @ (before + change), before, posture=before + change).velocity
+        inside = [
+            {"type": "ineq", "fun": lambda y, b=before: rows.upper - rows.C @ (b + y)},
+            {"type": "ineq", "fun": lambda y, b=before: rows.C @ (b + y) - rows.lower},
+            {"type": "ineq", "fun": lambda y, b=before, J=J: 0.3**2 - np.sum((J[3:] @ (b + y)) ** 2)},
+        ]
+        best = minimize(lambda y, c=change: np.sum((y - c) ** 2), 0.0 * q, bounds=box, constraints=inside, tol=1e-14)
+        held += np.abs(best.x - change).max() > 1e-3
+        assert all((limit["fun"]((1.0 - 1e-9) * x - before) >= -1e-9).all() for limit in inside)
+        assert np.abs(x - before).max() <= 20.0 * DT * (1.0 + 1e-9)
+        if exact is None:
+            assert np.abs(before + best.x - x).max() < 1e-5
+    assert held > 5
