@@ -206,6 +206,8 @@ def _run_lines(trace: Trace, figures: dict[str, Any]) -> Iterator[str]:
         "(rad/s, rad/s^2; of a slide m/s, m/s^2)"
     )
     yield f"largest excess over a limit: {figures['limit_violation']:.1e} (SI units)"
+    if figures["nearest"]:
+        yield f"least distance: {escape(figures['nearest'])}"
     if figures["form"]:
         yield f"attempted of a twist beyond the joints: by the {figures['form']}"
     yield f"methods: {_shares(figures['methods'])}; statuses: {_shares(figures['statuses'])}"

@@ -45,7 +45,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.control.clearance_pairs import Dropped, Pairs, Part, chain_of, frame_of, shapes_of
 from invariantqp.control.clearance_rows import DEEP, USUAL_SPEED, Found, Rate, moved_by, placed_at, rows_of
-from invariantqp.control.limits import Limit, Loop, boxes
+from invariantqp.control.limits import Limit, Loop, boxes, no_degrees, not_believed, refuse
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
@@ -148,6 +148,7 @@ class OtherArm:
         ranges = self.robot.position_lower, self.robot.position_upper
         self.limits = np.array((self.robot.velocity_limit, a, *ranges))
         self.q, self.velocity, self.knows_velocity = np.zeros(m), np.zeros(m), False
+        self._no_degrees = no_degrees(self.robot, self.robot.screws)
 
     @property
     def yields(self) -> bool:
@@ -163,12 +164,21 @@ class OtherArm:
                 which keeps apart two arms that stop at once.
 
         Raises:
-            BadInput: NaN or wrong lengths.
+            BadInput: NaN, wrong lengths, or degrees.
         """
-        m = len(self.robot.names)
-        x = np.zeros(m) if velocity is None else arrays.vector(velocity, m, "velocity")
-        self.q, self.velocity = np.array(arrays.vector(q, m, "q")), np.array(x)
+        self.q, m = self.believed(q), len(self.robot.names)
+        self.velocity = np.zeros(m) if velocity is None else np.array(arrays.vector(velocity, m, "velocity"))
         self.knows_velocity = velocity is not None
+
+    def believed(self, q: ArrayLike, argument: str = "q") -> Array:
+        """Its joint positions (m,), copied; errors name the argument.
+
+        Raises:
+            BadInput: NaN, a wrong length, or a joint outside its range and two turns from zero.
+        """
+        positions = np.array(arrays.vector(q, len(self.robot.names), argument))
+        refuse(not_believed(self.robot, positions, self._no_degrees), argument)
+        return positions
 
 
 class Clearance(Limit):

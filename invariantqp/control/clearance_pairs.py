@@ -214,7 +214,8 @@ def frame_of(robot: Chain, name: str) -> tuple[int, Array]:
         return robot.names.index(name) + 1, np.eye(4)
     if name == "base":
         return 0, np.eye(4)
-    raise UnknownName("link", str(name), [], [*(link.name for link in robot.links), "tool", "base", *robot.names])
+    known = dict.fromkeys((*(link.name for link in robot.links), "tool", "base", *robot.names))
+    raise UnknownName("link", str(name), [], list(known))
 
 
 def chain_of(robot: Any) -> Chain:

@@ -24,7 +24,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.robots.kinematics import Robot, Sighting, middle, question_range
+from invariantqp.robots.kinematics import QUESTIONED_TURN, Robot, Sighting, middle, question_range
 from invariantqp.velocity.limits import BrakingBox, JointBox, LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.qp import Cone
 from invariantqp.velocity.reasons import Code, Reason, by_joint
@@ -736,6 +736,13 @@ class LoopLimits(NamedTuple):
         if self.braking is None and all(reason.code is Code.OUTSIDE for reason in found):
             return solution._replace(reasons=both(named, solution))
         return with_trouble(solution, named)
+
+
+def no_degrees(robot: Robot, J: Array) -> tuple[list[float], list[float]]:
+    """Bounds of joint positions (m,) inside their ranges or two turns of zero, of joints that turn in J (6, m)."""
+    bounded = np.isfinite(robot.position_upper - robot.position_lower)
+    far = np.where(np.logical_and(J[:3].any(axis=0), bounded), QUESTIONED_TURN, inf)
+    return np.minimum(-far, robot.position_lower).tolist(), np.maximum(far, robot.position_upper).tolist()
 
 
 def not_believed(robot: Robot, q: Array, believed: tuple[list[float], list[float]]) -> Reason | None:

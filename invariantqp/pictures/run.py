@@ -2,7 +2,7 @@
 
 Positions are drawn as shares of the joint's range, (q - lower) / (upper - lower), so that 0 and 1 are the limits of
 every joint; velocities are divided by the joint's velocity limit, accelerations by the task's acceleration limit, so
-that -1 and 1 are. Without such limits they are drawn as they are.
+that -1 and 1 are. Without such limits they are drawn as they are. Beside a clearance there is the least distance too.
 
 A run in contact shows force and path error over time, and the curve drawn beside the curve wanted, as seen along the
 contact's normal, or along the axis of a hinge; the point where the tool started is the origin.
@@ -22,7 +22,7 @@ from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.pictures.figure import figure_file
 from invariantqp.pictures.palette import BLACK, BLUE, COLOURS, CURVES, RULE, SHADE, SKY, VERMILION, errors_of
-from invariantqp.runs.trace import ContactTrace, PathTrace, Trace
+from invariantqp.runs.trace import ClearanceTrace, ContactTrace, PathTrace, Trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,9 +49,9 @@ def picture(trace: Trace, path: Path | str) -> Path:
     from cycler import cycler  # Matplotlib brings it
 
     style = {"axes.prop_cycle": cycler(color=COLOURS), "font.size": 9, "axes.grid": True}
-    rows = 4 if trace.along is None else 5
+    rows = 4 + (trace.along is not None) + (trace.clearance is not None)
     with figure_file(path, (7.5, 2.3 * rows), style) as figure:
-        error, position, velocity, acceleration, *progress = figure.subplots(rows, 1, sharex=True)
+        error, position, velocity, acceleration, *more = panels = figure.subplots(rows, 1, sharex=True)
         _plot_errors(error, trace)
         error.set_ylabel("tracking error")
         _legend_beside(error)
@@ -60,12 +60,14 @@ def picture(trace: Trace, path: Path | str) -> Path:
         _by_limit(velocity, trace, trace.velocity, speeds, "velocity", "rad/s, m/s")
         allowed = trace.task.law.acceleration_limit
         _by_limit(acceleration, trace, trace.acceleration, allowed, "acceleration", "rad/s², m/s²")
-        for axes in (error, position, velocity, acceleration):
+        if trace.clearance is not None:
+            _least_distance(more[0], trace.time, trace.clearance)
+        for axes in panels[: 4 + (trace.clearance is not None)]:
             axes.grid(alpha=0.25)
             _shade(axes, trace)
         if trace.along is not None:
-            _progress(progress[0], trace.time[1:], trace.along)
-        (progress or [acceleration])[-1].set_xlabel("time [s]")
+            _progress(more[-1], trace.time[1:], trace.along)
+        panels[-1].set_xlabel("time [s]")
         figure.suptitle(_title(trace), fontsize=10)
     return Path(path)
 
@@ -101,6 +103,15 @@ def _by_limit(axes: Axes, trace: Trace, values: Array, limit: ArrayLike | None, 
         axes.set_ylim(-1.1, 1.1)
 
 
+def _least_distance(axes: Axes, time: Array, clearance: ClearanceTrace) -> None:
+    """The least distance of bodies, up to several times what is kept, which is dashed."""
+    shown, most = clearance.shown
+    axes.plot(time, 1e3 * shown, color=BLUE, linewidth=1.1)
+    axes.axhline(1e3 * clearance.kept, color=RULE, linestyle="--", linewidth=0.8)
+    axes.set_ylim(1e3 * min(0.0, float(shown.min())), 1.02e3 * most)
+    axes.set_ylabel("least distance [mm]")
+
+
 def _progress(axes: Axes, time: Array, along: PathTrace) -> None:
     """The speed along the path over that of its timing, shaded in the colour of the limit that rules it."""
     inside = axes.get_xaxis_transform()
@@ -132,16 +143,20 @@ def _shade(axes: Axes, trace: Trace) -> None:
 
 def _contact_picture(trace: Trace, contact: ContactTrace, path: Path | str) -> Path:
     """The picture of a run in contact."""
-    with figure_file(path, (9.5, 5.4), {"font.size": 9}) as figure:
-        grid = figure.add_gridspec(2, 2, width_ratios=(1.15, 1.0))
+    rows = 2 if trace.clearance is None else 3
+    with figure_file(path, (9.5, 2.7 * rows), {"font.size": 9}) as figure:
+        grid = figure.add_gridspec(rows, 2, width_ratios=(1.15, 1.0))
         force = figure.add_subplot(grid[0, 0])
         error = figure.add_subplot(grid[1, 0], sharex=force)
         curve = figure.add_subplot(grid[:, 1])
         _force(force, trace, contact)
         _free_errors(error, trace)
         _curve(curve, trace, contact)
-        for axes in (force, error, curve):
+        if trace.clearance is not None:
+            _least_distance(figure.add_subplot(grid[2, 0], sharex=force), trace.time, trace.clearance)
+        for axes in figure.axes:
             axes.grid(alpha=0.25)
+        figure.axes[-1 if rows == 3 else 1].set_xlabel("time [s]")
         figure.suptitle(_contact_title(trace), fontsize=10)
     return Path(path)
 
@@ -168,7 +183,6 @@ def _force(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
 def _free_errors(axes: Axes, trace: Trace) -> None:
     _plot_errors(axes, trace)
     axes.set_ylabel("error in the free directions")
-    axes.set_xlabel("time [s]")
     axes.set_ylim(bottom=0.05 * axes.get_ylim()[0])  # room for the legend
     axes.legend(loc="lower right", fontsize=8, ncols=2)
     _settling(axes, trace, "settling")

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.analysis.survey import spread
 from invariantqp.control.demands import Exact, demands_of
-from invariantqp.control.limits import not_believed, refuse
+from invariantqp.control.limits import no_degrees, not_believed, refuse
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt, written
 from invariantqp.geometry import arrays
@@ -32,7 +32,7 @@ from invariantqp.geometry.fields import Compared, own
 from invariantqp.pose.error import PoseError, pose_arm, pose_error
 from invariantqp.pose.newton import Try, descend
 from invariantqp.progress import PROGRESS, Progress
-from invariantqp.robots.kinematics import QUESTIONED_TURN, Robot, require_robot
+from invariantqp.robots.kinematics import Robot, require_robot
 from invariantqp.velocity.forms import Form
 
 if TYPE_CHECKING:
@@ -104,9 +104,7 @@ class PoseSearch:
         self._clearance = clearance
         self._arm = pose_arm(robot)
         self._space = self._arm.space
-        turning = robot.jacobian(self._space.middle)[:3].any(axis=0)
-        far = np.where(turning & np.isfinite(robot.position_upper - robot.position_lower), QUESTIONED_TURN, inf)
-        self._believed = np.minimum(-far, robot.position_lower).tolist(), np.maximum(far, robot.position_upper).tolist()
+        self._believed = no_degrees(robot, robot.jacobian(self._space.middle))
         self._form = form
         self._exact = demands_of(exact)
         self._tolerance = arrays.number(tolerance, "tolerance", "a tolerance in radians and in lengths", positive=True)

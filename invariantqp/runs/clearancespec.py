@@ -18,14 +18,14 @@ from invariantqp.runs.section import Direction, NotNegative, Number, Positive, S
 if TYPE_CHECKING:
     from invariantqp.control.clearance import Clearance, OtherArm
 
-# What each kind of obstacle must have besides its place.
-NEEDS = {
-    "sphere": ("radius",),
-    "capsule": ("radius", "to"),
-    "box": ("size",),
-    "mesh": ("source",),
-    "half-space": (),
-    "arm": ("source", "start"),
+# What each kind of obstacle must have besides its place, and what it may have.
+KEYS = {
+    "sphere": (("radius",), ("moves",)),
+    "capsule": (("radius", "to"), ("moves",)),
+    "box": (("size",), ("turn", "moves")),
+    "mesh": (("source",), ("turn", "scale", "hull", "moves")),
+    "half-space": ((), ("normal", "moves")),
+    "arm": (("source", "start"), ("turn", "end")),
 }
 
 
@@ -74,9 +74,13 @@ class ObstacleSpec(Section):
 
     @model_validator(mode="after")
     def _is_whole(self) -> ObstacleSpec:
-        missing = [key for key in NEEDS[self.kind] if getattr(self, key) is None]
+        one, (needs, may) = f"{'a' if self.kind[0] != 'a' else 'an'} {self.kind}", KEYS[self.kind]
+        missing = [key for key in needs if getattr(self, key) is None]
         if missing:
-            raise ValueError(f"{'a' if self.kind[0] != 'a' else 'an'} {self.kind} needs {' and '.join(missing)}")
+            raise ValueError(f"{one} needs {' and '.join(missing)}")
+        known = ("kind", "name", "at", *needs, *may, "period")
+        if more := sorted(self.model_fields_set.difference(known)):
+            raise ValueError(f"{one} has no {' and no '.join(more)} (known keys: {', '.join(known)})")
         if self.kind == "arm" and self.end is not None and len(self.end) != len(self.start or ()):
             raise ValueError("start and end of an arm have as many joints")
         return self
@@ -110,6 +114,10 @@ class Around:
 
         self._specs = obstacles
         self.obstacles: list[Shape | OtherArm] = [_obstacle(spec, looked_up) for spec in obstacles]
+        for i, (told, obstacle) in enumerate(zip(obstacles, self.obstacles, strict=True)):
+            if not isinstance(obstacle, Shape):
+                for key in ("start",) if told.end is None else ("start", "end"):
+                    obstacle.believed(getattr(told, key), f"obstacle[{i}].{key}")
         bodies: dict[str, list[Shape]] | None = None
         if spec.body is not None:
             bodies = {}

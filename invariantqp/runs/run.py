@@ -171,11 +171,14 @@ def _trace(setup: Setup, controller: TaskController, record: _Record) -> Trace:
     )
 
 
-def _clearance(around: Around, q: Array, dt: float) -> ClearanceTrace:
-    """The least distances in states q (n + 1, m), and of which bodies."""
+def _clearance(around: Around, q: Array, dt: float) -> ClearanceTrace | None:
+    """The least distances in states q (n + 1, m), and of which bodies; None where nothing is kept apart."""
     found = []
     for k, state in enumerate(q):
         around.move(k * dt)
         found.append(around.clearance.at(state))
-    pairs = [f"{near.first} and {near.second}" for near in found]
-    return ClearanceTrace(np.array([near.distance for near in found]), pairs, around.clearance.distance)
+    distances, pairs = (
+        np.array([near.distance for near in found]),
+        [f"{near.first} and {near.second}" for near in found],
+    )
+    return ClearanceTrace(distances, pairs, around.clearance.distance) if np.isfinite(distances).any() else None

@@ -70,7 +70,10 @@ def problems(error: ValidationError, root: type[BaseModel]) -> list[str]:
     for one in error.errors():
         unknown = one["type"] == "extra_forbidden"
         place = _place(one["loc"], root, unknown)
-        found.setdefault(place.path, []).append(message(one))
+        single = one["type"] == "list_type" and isinstance(one["input"], dict)
+        found.setdefault(place.path, []).append(
+            f"write [[{place.path[2:]}]], of which there may be several" if single else message(one)
+        )
         advice[place.path] = _advice(place, unknown)
     return [f"{path}: {' or '.join(texts)}{advice[path]}" for path, texts in found.items()]
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -142,6 +143,13 @@ class ClearanceTrace:
     distance: Array  # (n + 1,) the least [m], negative inside
     pairs: list[str]  # (n + 1,) of which bodies
     kept: float  # what was to be kept [m]
+
+    @property
+    def shown(self) -> tuple[Array, float]:
+        """(n + 1,) the distances and the largest that a chart shows [m]: nothing matters at ten times what is kept."""
+        farthest = float(np.max(self.distance, where=np.isfinite(self.distance), initial=0.0))
+        most = max(min(farthest, 10.0 * self.kept or inf), 2.0 * self.kept)
+        return np.minimum(self.distance, most), most
 
     def describe(self) -> str:
         """The least of the run."""

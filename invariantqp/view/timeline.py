@@ -237,12 +237,12 @@ def colours(joints: int) -> tuple[str, ...]:
 
 def _clearance_charts(clearance: ClearanceTrace | None, ends: Array) -> list[CurveChart]:
     """The least distance of bodies, the least since the frame before, and what was to be kept."""
-    if clearance is None or not np.isfinite(clearance.distance).all():
+    if clearance is None:
         return []
-    least = 1e3 * np.array([clearance.distance[a : b + 1].min() for a, b in _ticks(ends)])
-    kept = 1e3 * clearance.kept
-    span = (min(0.0, float(least.min())), float(np.clip(least.max(), 2.0 * kept, 10.0 * kept)))
-    return [CurveChart("least distance [mm]", ("of bodies",), np.minimum(least, span[1])[None], (BLUE,), (kept,), span)]
+    shown, most = clearance.shown
+    least = 1e3 * np.array([shown[a : b + 1].min() for a, b in _ticks(ends)])
+    span = (min(0.0, float(least.min())), 1e3 * most)
+    return [CurveChart("least distance [mm]", ("of bodies",), least[None], (BLUE,), (1e3 * clearance.kept,), span)]
 
 
 def _force_charts(contact: ContactTrace | None, ends: Array) -> list[CurveChart]:

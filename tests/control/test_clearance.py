@@ -559,6 +559,8 @@ def test_another_arm_is_an_obstacle_and_takes_half_the_room_unless_its_velocity_
     other.move(q)
     assert other.yields is True
     assert any(name.startswith("left/") for pair in limit.pairs for name in pair)
+    with pytest.raises(iq.BadInput, match=r"q: found joint 3 .* degrees"):
+        other.move(np.degrees(q))
     x, y, h = 0.1 * np.ones(6), np.linspace(0.1, 0.6, 6), 1e-6
     C, low, of_pair, d = limit._asked(q, rate)
     near = [k for k in of_pair.astype(int) if limit._around[k] < 0 and d[k] > 0.02]

@@ -8,6 +8,7 @@ from support.task_files import content
 
 import invariantqp as iq
 from invariantqp.runs.taskfile import task_from
+from invariantqp.runs.trace import ClearanceTrace
 from invariantqp.view.page import page
 from invariantqp.view.timeline import timeline_of
 
@@ -86,11 +87,59 @@ def test_the_page_has_bodies_obstacles_and_the_curve():
     ({"kind": "cone"}, "kind"),
     ({"kind": "half-space", "normal": [0.0, 0.0, 0.0]}, "zero vector"),
     ({"kind": "arm", "source": "ur5", "start": [0.0] * 6, "end": [0.0] * 5}, "as many joints"),
+    ({"kind": "box", "size": [0.1] * 3, "radius": 0.1, "end": [0.0]}, "a box has no end and no radius"),
+    ({"kind": "half-space", "turn": [0.0, 1.0, 0.0]}, "a half-space has no turn"),
+    ({"kind": "arm", "source": "ur5", "start": [0.0] * 6, "moves": [0.0, 0.1, 0.0]}, "an arm has no moves"),
 ])  # fmt: skip
 def test_what_is_wrong_with_an_obstacle_is_told_with_its_place(obstacle, said):
     with pytest.raises(iq.errors.TaskFileError, match=said) as caught:
         task([obstacle])
     assert "$.obstacle[0]" in str(caught.value)
+
+
+def test_one_obstacle_in_single_brackets_is_told_of_the_others():
+    with pytest.raises(iq.errors.TaskFileError, match=r"\$\.obstacle: write \[\[obstacle\]\], of which there may be"):
+        task(BALL)
+
+
+@pytest.mark.parametrize(("key", "joints", "said"), [
+    ("start", [0.0, -1.0], r"obstacle\[1\].start: found shape \(2,\); expected shape \(6,\)"),
+    ("start", [0.0, -90.0, 90.0, 0.0, 0.0, 0.0], r"obstacle\[1\].start: found joint 1 .* degrees"),
+    ("end", [0.0, 0.0, 180.0, 0.0, 0.0, 0.0], r"obstacle\[1\].end: found joint 2 .* degrees"),
+])  # fmt: skip
+def test_joints_of_another_arm_are_as_many_as_it_has_and_no_degrees(key, joints, said):
+    arm = {"kind": "arm", "source": "ur5", "at": [1.5, 0.0, 0.0], "start": [0.0] * 6, key: joints}
+    arm["end" if key == "start" else "start"] = [0.0] * len(joints)
+    one = task([BALL, arm])
+    robot = one.load_robot()
+    with pytest.raises(iq.BadInput, match=said):
+        one.around(robot)
+
+
+def test_where_nothing_is_kept_apart_no_distance_is_told():
+    one = task([], exclude=[])
+    assert iq.run_task(one).clearance is None
+
+
+def test_a_chart_shows_what_is_near_and_ends_at_several_times_what_is_kept():
+    far, near = np.array([np.inf, 0.5, 0.03]), np.array([0.01, -0.004])
+    np.testing.assert_allclose(ClearanceTrace(far, [""] * 3, 0.02).shown[0], [0.2, 0.2, 0.03])
+    np.testing.assert_allclose(ClearanceTrace(near, [""] * 2, 0.02).shown[1], 0.04)
+    shown, most = ClearanceTrace(far, [""] * 3, 0.0).shown
+    np.testing.assert_allclose(shown, [0.5, 0.5, 0.03])
+    assert most == 0.5
+
+
+@pytest.mark.parametrize("name", ["two_arms_pass", "wipe_under_shelf"])
+def test_the_picture_of_a_run_has_the_least_distance(name, tmp_path):
+    mpl = pytest.importorskip("matplotlib")
+    one = iq.load_task(name)
+    shorter = one.model_copy(update={"path": one.path.model_copy(update={"duration": 0.1})})
+    for task, told in ((shorter, 1), (shorter.model_copy(update={"obstacle": [], "clearance": None}), 0)):
+        with mpl.rc_context({"svg.fonttype": "none"}):
+            text = iq.pictures.picture(iq.run_task(task), tmp_path / "run.svg").read_text(encoding="utf-8")
+        assert text.count("least distance [mm]") == told
+        assert text.count("time [s]") == 1
 
 
 def test_a_mesh_is_read_turned_scaled_and_drawn(tmp_path):
