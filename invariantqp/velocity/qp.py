@@ -57,7 +57,7 @@ class Polytope(NamedTuple):
     def margin(self, *velocities: Array) -> Array:
         """(k,) how far a value may be outside its limit: rounding, where it comes from some z (n,)."""
         speed = sum(norm(z) for z in velocities)
-        return np.asarray(self.rounding + ROUNDING * np.linalg.norm(self.A, axis=1) * speed)
+        return np.asarray(self.rounding + ROUNDING * speed * lengths_of(self.A))
 
     def allows(self, z: Array, *terms: Array) -> bool:
         """Whether z is inside but for rounding, also that of terms (n,) of which z is the sum."""
@@ -110,13 +110,18 @@ def product(A: Array, B: Array) -> Array:
 
     Columns of one length are one space, in which rounding chooses the axes: a row has a part in all of it, or none.
     """
-    lengths, C = np.linalg.norm(B, axis=0), np.asarray(A.dot(B))
-    cosines = C / (np.linalg.norm(A, axis=1)[:, None] * lengths + TINY)
+    lengths, C = lengths_of(B.T), np.asarray(A.dot(B))
+    cosines = C / (lengths_of(A)[:, None] * lengths + TINY)
     if (np.abs(cosines) >= 2.0 * COSINE_ROUNDING).all():
         return C
     alike = np.abs(lengths[:, None] - lengths) <= ROUNDING * lengths
     parts = np.sqrt((cosines * cosines).dot(alike))
     return np.asarray(np.clip(parts / COSINE_ROUNDING - 1.0, 0.0, 1.0) * C)
+
+
+def lengths_of(A: Array) -> Array:
+    """(k,) lengths of the rows of A (k, n)."""
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", A, A)))
 
 
 def svd(A: Array) -> tuple[Array, Array, Array]:
@@ -269,8 +274,8 @@ def at_speed_limit(
         low, high = (nu, high) if over > 0.0 else (low, nu)
         U, sizes, _ = svd(cone.J.dot(found.free))
         ahead = nu + _price(v, U, sizes * sizes, cone.limit, most)
-        if ahead > most:
-            ahead = most if nu >= halfway else halfway
+        if ahead > most:  # not while these limits are active
+            ahead = next((price for price in (typical, halfway) if price > nu), most)
         if not low < ahead < high or (high < inf and abs(ahead - nu) > 0.5 * step):
             ahead = sqrt(low * high) if low > 0.0 else min(typical, 0.5 * high)
         step = abs(ahead - nu)
@@ -320,13 +325,13 @@ def _in_polytope(backend: Backend, cost: Quadratic, limits: Polytope, inside: Ar
 
 
 def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
-    value, lengths = limits.A.dot(cost.centre), np.linalg.norm(limits.A, axis=1)
-    rounding = COSINE_ROUNDING * lengths * np.linalg.norm(cost.centre)
-    outside = np.maximum(limits.lower - value, value - limits.upper) - rounding
+    value = limits.A.dot(cost.centre)
+    outside = np.maximum(limits.lower - value, value - limits.upper)
     if (outside <= 0.0).all():
         return Optimum(cost.centre, np.zeros(len(value)), cost.T)
+    outside -= COSINE_ROUNDING * lengths_of(limits.A) * np.linalg.norm(cost.centre)
     N = product(limits.A, cost.T)
-    lengths = np.linalg.norm(N, axis=1)
+    lengths = lengths_of(N)
     if (outside > limits.rounding)[lengths == 0.0].any():
         raise SolverFailure("the exact rows", "their only velocity is outside the limits", infeasible=True)
     if (outside[lengths > 0.0] <= 0.0).all():
@@ -430,7 +435,7 @@ def _largest_pace(
     n, length = len(start), norm(cost.K.dot(way))
     columns = np.column_stack((cost.T, way / length))  # z = start + columns (r, g)
     N, value = product(limits.A, columns), limits.A.dot(start)
-    lengths = np.linalg.norm(N, axis=1)
+    lengths = lengths_of(N)
     moving = (lengths > 0.0).nonzero()[0]
     N = np.vstack((N[moving] / lengths[moving, None], np.eye(n + 1)[-1]))
     lower = np.append((limits.lower - value)[moving] / lengths[moving], 0.0)
