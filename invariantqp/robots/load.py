@@ -18,7 +18,7 @@ from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownN
 from invariantqp.geometry import arrays
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.compose import stand_on
-from invariantqp.robots.kinematics import Robot, question_range
+from invariantqp.robots.kinematics import question_range
 from invariantqp.robots.published import PUBLISHED, published
 from invariantqp.robots.tree import chain_to_link
 from invariantqp.robots.urdf import disabled, excluding, is_text, joint_of_yourdfpy, joints_of, parts_of, read_xml
@@ -69,7 +69,7 @@ def load_robot(
     offset: ArrayLike | None = None,
     base: Chain | ArrayLike | None = None,
     velocity_limit: ArrayLike | None = None,
-) -> Robot:
+) -> Chain:
     """An arm from its base to its tool; nothing beyond is modelled.
 
     Args:
@@ -90,8 +90,9 @@ def load_robot(
             None is the source's.
 
     Returns:
-        A `Robot`: .names, .position_lower, .position_upper, .velocity_limit, .pose(q), .jacobian(q). It can be used in
-        several threads at once, pickled and copied.
+        A `Chain`, which has all of `Robot`: .names, .position_lower, .position_upper, .velocity_limit, .pose(q),
+        .jacobian(q), .with_tool(offset); besides .with_limits(...), .tool, .links. It can be used in several threads at
+        once, pickled and copied.
 
     Raises:
         UnknownName: no robot, frame or joint of that name; near ones are listed.

@@ -106,10 +106,10 @@ def rest(joint: TreeJoint) -> float:
     return min(max(0.0, joint.lower), joint.upper)
 
 
-def _length(path: list[TreeJoint]) -> int:
-    """How many joints of their own a path has; -1 where one could not be part of an arm."""
+def _length(path: list[TreeJoint]) -> tuple[int, bool]:
+    """How many joints of their own a path has, and whether all of its joints can be an arm's: of two as long it is."""
     able = all(not joint.mimics and joint.kind in (*MOVING, "fixed") for joint in path)
-    return sum(joint.kind in MOVING for joint in path) if able else -1
+    return sum(joint.kind != "fixed" and not joint.mimics for joint in path), able
 
 
 def _chain(name: str, path: list[TreeJoint], moving: set[str], tool: str, links: tuple[Link, ...]) -> Chain:
@@ -174,4 +174,6 @@ def _require_one_coordinate(name: str, joint: TreeJoint) -> None:
 
 def cannot_move(name: str, joint: str, why: str) -> RobotModelError:
     """The error for a joint of a robot that an arm cannot be made of."""
-    return RobotModelError(f"{name}: joint {joint!r} {why}. Leave it out of `joints` to hold it still.")
+    return RobotModelError(
+        f"{name}: joint {joint!r} {why}. Leave it out of `joints` to hold it still, or name another tool."
+    )

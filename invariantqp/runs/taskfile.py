@@ -21,7 +21,6 @@ from invariantqp.geometry import arrays, screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import KNOWN, load_robot, urdf_of
 from invariantqp.runs.clearancespec import Around, ClearanceSpec, ObstacleSpec
 from invariantqp.runs.contactspec import ContactSpec, ForceSpec, OperatorSpec, Physics, SensorSpec
@@ -75,7 +74,7 @@ class RobotSpec(Section):
             raise ValueError(f"{given} given; give one of them")
         return self
 
-    def load(self, folder: FilePath | None) -> Robot:
+    def load(self, folder: FilePath | None) -> Chain:
         """The robot; relative URDF paths are looked up beside the task file."""
         if self.screws is None:
             return load_robot(_looked_up(self.source, folder), self.tool, self.joints)
@@ -232,7 +231,7 @@ class Task(Section):
             raise BadInput("physics", "a robot from joint screws", "one from a URDF", "Screws have no masses.")
         return urdf_of(_looked_up(self.robot.source, self._folder))
 
-    def load_robot(self, tool: str | None = None) -> Robot:
+    def load_robot(self, tool: str | None = None) -> Chain:
         """The task's robot, to another tool frame where one is named."""
         spec = self.robot if tool is None else self.robot.model_copy(update={"tool": tool})
         robot = spec.load(self._folder)
@@ -242,7 +241,7 @@ class Task(Section):
             raise TaskFileError(self.name, [found])
         return robot
 
-    def around(self, robot: Robot) -> Around | None:
+    def around(self, robot: Chain) -> Around | None:
         """What is around the arm; None where the task has neither an [[obstacle]] nor a [clearance]."""
         if self.clearance is None and not self.obstacle:
             return None
@@ -301,7 +300,7 @@ def task_from(content: dict[str, Any], source: str, folder: FilePath | None = No
     return task
 
 
-def load_arm(source: str | FilePath, tool: str | None = None) -> Robot:
+def load_arm(source: str | FilePath, tool: str | None = None) -> Chain:
     """The robot of a name, a URDF file, a task's name or a task file."""
     if tool == "":
         raise BadInput("tool", "an empty name", "the name of a frame")

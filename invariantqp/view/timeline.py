@@ -16,6 +16,7 @@ import numpy as np
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.pictures.palette import BLUE, CURVES, GREEN, SCREEN_COLOURS, SKY, VERMILION, errors_of
+from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import ClearanceTrace, ContactTrace, Trace
@@ -183,7 +184,7 @@ def arm_in(robot: Robot, q: Array) -> dict[str, Any]:
     }
 
 
-def _timeline(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) -> Timeline:
+def _timeline(task: Task, robot: Chain, time: Array, q: Array, wanted: Array) -> Timeline:
     """A timeline without results."""
     arm = arm_in(robot, q)
     return Timeline(
@@ -203,7 +204,7 @@ def _timeline(task: Task, robot: Robot, time: Array, q: Array, wanted: Array) ->
     )
 
 
-def _solids(task: Task, robot: Robot, time: Array, points: Array) -> tuple[Solid, ...]:
+def _solids(task: Task, robot: Chain, time: Array, points: Array) -> tuple[Solid, ...]:
     """What is kept apart in a task."""
     around = task.around(robot)
     if around is None:

@@ -118,6 +118,20 @@ def test_entities_of_a_file_are_refused_in_every_encoding(tmp_path):
         iq.load_robot(file)
 
 
+@pytest.mark.parametrize("tool", [None, "end"])
+def test_an_arm_beyond_a_joint_that_mimics_another_is_refused_or_its_joint_held(tool):
+    beyond = '<link name="mid"/><link name="end"/>' + "".join(
+        f'<joint name="{name}" type="revolute"><parent link="{above}"/><child link="{below}"/><axis xyz="0 1 0"/>'
+        f'<limit lower="-1" upper="1" velocity="1"/>{mimic}</joint>'
+        for name, above, below, mimic in (("gear", "tip", "mid", '<mimic joint="turn"/>'), ("last", "mid", "end", ""))
+    )
+    text = ARM.replace("</robot>", beyond + "</robot>")
+    with pytest.raises(iq.errors.RobotModelError, match=r"'gear' mimics 'turn'.*Leave it out of `joints`"):
+        iq.load_robot(text, tool)
+    held = iq.load_robot(text, tool, joints=["turn", "last"])
+    assert (held.names, held.tool) == (("turn", "last"), "end")
+
+
 def test_a_tool_may_be_named_by_the_joint_that_moves_it():
     assert iq.load_robot(ARM, tool="turn") == iq.load_robot(ARM, tool="tip")
 

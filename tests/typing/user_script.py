@@ -85,6 +85,11 @@ def loop() -> None:
     """The controller with everything a user may hand it."""
     robot = iq.load_robot("panda", tool="panda_hand_tcp")
     assert_type(robot.names, tuple[str, ...])
+    assert_type(robot.tool, str)
+    assert_type([link.name for link in robot.links], list[str])
+    assert_type(robot.with_limits(velocity_limit=1.0).with_tool(np.eye(4)), iq.robots.Chain)
+    assert_type(iq.load_task("panda_path").load_robot(), iq.robots.Chain)
+    assert_type(iq.robots.relative(robot, robot), iq.robots.Chain)
     controller = iq.Controller(
         robot,
         dt=0.001,
