@@ -47,7 +47,7 @@ SAYS = {
     "36_tare_and_weigh": "force first, reaction, 0.4",
     "37_force_profile": "['ok']",
     "38_force_ros": "no contact yet: approaching",
-    "39_look_at": "looking exactly",
+    "39_look_at": "at five times the gain",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")
