@@ -24,6 +24,10 @@ static bool is_array(PyObject *object, int dimensions)
 
 static void strided(const char *from, npy_intp down, npy_intp step, int rows, int n, int width, double *into)
 {
+    if (step == sizeof(double) && down == n * step && n == width) { /* one row */
+        n *= rows;
+        rows = 1;
+    }
     for (int i = 0; i < rows; i++, from += down, into += width)
         if (step == sizeof(double))
             memcpy(into, from, (size_t)n * sizeof(double));

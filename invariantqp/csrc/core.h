@@ -81,9 +81,10 @@ typedef struct {
     double threshold, ceiling, fixed, speed;
 } Demand;
 
-/* regular.c: S = AA', its lower triangle, S = LL', and X = L^-1 where nothing is damped */
+/* regular.c: S = AA', its lower triangle, S = LL', and X = L^-1 where nothing is damped; A is NULL of another L */
 typedef struct {
     bool holds;
+    const Row *A;
     Row S[6], L[6], X[6];
 } Regular;
 
@@ -122,10 +123,11 @@ typedef struct {
     Row K[MOST], T[MOST], centre;
 } Quadratic;
 
-/* quadratic.c: the e with N_a e = b_a; at[i] is a limit, N_a' = Q R by orthonormal rows Q[i]; the shortest e is Q'w. */
+/* quadratic.c: the e with N_a e = b_a; at[i] is a limit, N_a' = Q R by orthonormal rows Q[i] and columns R[i], over[i] is
+   1 / R[i][i], least and most are those of R[0][0] to R[i][i]; the shortest e is Q'w. */
 typedef struct {
     int k, at[MOST];
-    Row Q[MOST], R[MOST], w, shortest, e;
+    Row Q[MOST], R[MOST], over, least, most, w, e;
 } Face;
 
 /* quadratic.c: rows A T of limits, each divided by its length, and the face that the last optimum was on; `rows` is 0 where
@@ -269,6 +271,16 @@ static inline void add_in_steps(int n, double a, const double *restrict x, doubl
     for (; n > 0; n -= STEP, x += STEP, y += STEP)
         for (int j = 0; j < STEP; j++)
             y[j] += a * x[j];
+}
+
+/* What k orthonormal rows Q leave of a row, and its parts along them; its length. */
+static inline double left_of(int n, int k, const Row *Q, Row row, Row parts)
+{
+    for (int l = 0; l < k; l++)
+        parts[l] = dot_in_steps(n, Q[l], row);
+    for (int l = 0; l < k; l++)
+        add_in_steps(n, -parts[l], Q[l], row);
+    return sqrt(dot_in_steps(n, row, row));
 }
 
 static inline double norm(int n, const double *a) { return sqrt(dot(n, a, a)); }

@@ -79,7 +79,10 @@ void quadratic(const Objective *objective, Quadratic *problem)
     for (int i = 0; i < n; i++) {
         double root = i < regular ? 1.0 : sqrt(objective->weights[i]), over = 1.0 / root;
         const double *row = i < regular ? objective->regular->L[i] : &root, *column = i < regular ? &objective->regular->X[i][i] : &over;
-        combined(n, i < regular ? i + 1 : 1, row, 1, i < regular ? V : V + i, problem->K[i]);
+        if (i < regular && objective->regular->A != NULL)
+            memcpy(problem->K[i], objective->regular->A[i], sizeof(Row));
+        else
+            combined(n, i < regular ? i + 1 : 1, row, 1, i < regular ? V : V + i, problem->K[i]);
         combined(n, i < regular ? 6 - i : 1, column, MOST, V + i, problem->T[i]);
     }
 }
@@ -124,6 +127,7 @@ void calmed(Objective *objective, double mu)
                 calmer->L[k][i] = H[5 - i][5 - k];
         }
         inverse_triangle(6, (const Row *)calmer->L, calmer->X);
+        calmer->A = NULL;
         objective->regular = calmer;
     }
     for (int i = regular; i < objective->n; i++) {

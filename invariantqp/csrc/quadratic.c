@@ -33,12 +33,11 @@ double tool_speed(const Cone *cone, int n, const Row x)
 static void without_rounding(int n, double length, const Row columns, Row row)
 {
     Row cosine;
-    double least = 2.0 * COSINE_ROUNDING * length, missing = 0.0;
-    for (int j = 0; j < n; j++) {
-        double less = least * columns[j] - fabs(row[j]);
-        missing = less > missing ? less : missing;
-    }
-    if (missing == 0.0)
+    double least = 2.0 * COSINE_ROUNDING * length;
+    int small = 0;
+    for (int j = 0; j < n; j++)
+        small += fabs(row[j]) < least * columns[j];
+    if (small == 0)
         return;
     for (int j = 0; j < n; j++)
         cosine[j] = row[j] / (length * columns[j] + TINY);
@@ -129,10 +128,11 @@ static double multiplier(const double gains[4], const double squares[4], double 
     return nu;
 }
 
-/* The optimum on the face of k orthonormal rows Q whose shortest e is too fast: e, and the gradient e + nu M'v there. */
+/* The optimum on the face of k orthonormal rows Q whose shortest e is too fast: e, and the gradient e + nu M'v there along
+   each of them. */
 static Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu)
 {
-    Row M[3];
+    Row M[3], gradient;
     double v[3], left[3], along_u[3], gains[4] = {0.0}, squares[4] = {0.0};
     int rank = 0;
     Spectrum found;
@@ -162,10 +162,12 @@ static Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Ro
     }
     velocity(slow, n, e, v);
     for (int j = 0; j < n; j++) {
-        pull[j] = e[j];
+        gradient[j] = e[j];
         for (int i = 0; i < 3; i++)
-            pull[j] += *nu * v[i] * slow->M[i][j];
+            gradient[j] += *nu * v[i] * slow->M[i][j];
     }
+    for (int l = 0; l < k; l++)
+        pull[l] = dot(n, Q[l], gradient);
     return DONE;
 }
 
@@ -189,38 +191,33 @@ static void shortest(const Face *face, int n, const double *b, Row e)
     for (int j = 0; j < n; j++)
         e[j] = 0.0;
     for (int i = 0; i < face->k; i++) {
-        w[i] = b[i];
-        for (int l = 0; l < i; l++)
-            w[i] -= face->R[l][i] * w[l];
-        w[i] /= face->R[i][i];
+        w[i] = (b[i] - dot(i, face->R[i], w)) * face->over[i];
         for (int j = 0; j < n; j++)
             e[j] += w[i] * face->Q[i][j];
     }
 }
 
-/* y with pull + N_a'y = 0 on the active limits, zero for the others. */
+/* w becomes R^-1 w. */
+static inline void upwards(const Face *face, Row w)
+{
+    for (int i = face->k - 1; i >= 0; i--) {
+        w[i] *= face->over[i];
+        for (int l = 0; l < i; l++)
+            w[l] -= face->R[i][l] * w[i];
+    }
+}
+
+/* y with Q'pull + Q'N_a'y = 0 on the active limits, zero for the others. */
 static void multipliers(const Face *face, const Room *room, const Row pull, double *y)
 {
     Row w;
     for (int i = 0; i < room->count; i++)
         y[i] = 0.0;
-    for (int i = face->k - 1; i >= 0; i--) {
-        w[i] = -dot_in_steps(room->n, face->Q[i], pull);
-        for (int l = i + 1; l < face->k; l++)
-            w[i] -= face->R[i][l] * w[l];
-        w[i] /= face->R[i][i];
+    for (int i = 0; i < face->k; i++)
+        w[i] = -pull[i];
+    upwards(face, w);
+    for (int i = 0; i < face->k; i++)
         y[face->at[i]] = w[i];
-    }
-}
-
-/* What k orthonormal rows Q leave of a row, and its parts along them; its length. */
-static inline double left_of(int n, int k, const Row *Q, Row row, Row parts)
-{
-    for (int l = 0; l < k; l++)
-        parts[l] = dot_in_steps(n, Q[l], row);
-    for (int l = 0; l < k; l++)
-        add_in_steps(n, -parts[l], Q[l], row);
-    return sqrt(dot_in_steps(n, row, row));
 }
 
 /* The part of a limit's row beyond a face, of length one, as its next row; how long it was, 0 where the row depends on those
@@ -231,7 +228,8 @@ static inline double beyond_in(int n, const Room *room, int i, Face *face)
     if (k == room->n)
         return 0.0;
     const Row *Q = (const Row *)face->Q;
-    Row q, parts, rest;
+    Row q, rest;
+    double *parts = face->R[k];
     memcpy(q, room->N[i], (size_t)n * sizeof(double));
     double length = k == 0 ? 1.0 : left_of(n, k, Q, q, parts);
     if (length <= NEARLY_WHOLE) {
@@ -239,15 +237,12 @@ static inline double beyond_in(int n, const Room *room, int i, Face *face)
         for (int l = 0; l < k; l++)
             parts[l] += rest[l];
     }
-    double least = length, most = length, over = 1.0 / length;
-    for (int l = 0; l < k; l++) {
-        least = face->R[l][l] < least ? face->R[l][l] : least;
-        most = face->R[l][l] > most ? face->R[l][l] : most;
-        face->R[l][k] = parts[l];
-    }
-    if (!(least > DEPENDENT * most))
+    face->least[k] = k > 0 && face->least[k - 1] < length ? face->least[k - 1] : length;
+    face->most[k] = k > 0 && face->most[k - 1] > length ? face->most[k - 1] : length;
+    if (!(face->least[k] > DEPENDENT * face->most[k]))
         return 0.0;
-    face->R[k][k] = length;
+    double over = face->over[k] = 1.0 / length;
+    parts[k] = length;
     for (int j = 0; j < n; j++)
         face->Q[k][j] = q[j] * over;
     return length;
@@ -262,12 +257,10 @@ static double beyond(const Room *room, int i, Face *face)
 static void with_next(const Room *room, int i, int side, Face *face)
 {
     int k = face->k++;
-    double w = side > 0 ? room->upper[i] : room->lower[i];
-    for (int l = 0; l < k; l++)
-        w -= face->R[l][k] * face->w[l];
+    double bound = side > 0 ? room->upper[i] : room->lower[i];
     face->at[k] = i;
-    face->w[k] = w / face->R[k][k];
-    add_in_steps(room->n, face->w[k], face->Q[k], face->shortest);
+    face->w[k] = (bound - dot(k, face->R[k], face->w)) * face->over[k];
+    add_in_steps(room->n, face->w[k], face->Q[k], face->e);
 }
 
 /* The face of all active limits, from another one, which stays as far as the same limits are active. Limits that depend on
@@ -277,7 +270,7 @@ static bool face_of(const Room *room, int *side, Face *face)
     int k = face->k;
     bool on[LIMITS] = {false}, all = true;
     face->k = 0;
-    zeroed(face->shortest);
+    zeroed(face->e);
     for (int l = 0; l < k && side[face->at[l]] != 0; l++) {
         on[face->at[l]] = true;
         with_next(room, face->at[l], side[face->at[l]], face);
@@ -295,10 +288,10 @@ static bool face_of(const Room *room, int *side, Face *face)
 
 /* The limit whose multiplier has the wrong sign by most; -1 for none. Late in a search the first one is taken (Bland's
    rule), so that no active set repeats. */
-static int weakest(const Room *room, const Face *face, const Row pull, const int *side, const double *y, bool late)
+static int weakest(const Face *face, const Row pull, const int *side, const double *y, bool late)
 {
     int found = -1;
-    double most = 0.0, size = WRONG_SIGN * norm(room->n, pull);
+    double most = 0.0, size = WRONG_SIGN * norm(face->k, pull);
     for (int k = 0; k < face->k; k++) {
         int i = face->at[k];
         double wrong = -side[i] * y[i];
@@ -310,13 +303,15 @@ static int weakest(const Room *room, const Face *face, const Row pull, const int
     return found;
 }
 
-/* The optimum on a face, with the speed limit where there is one, and the gradient and the limit's multiplier there. */
+/* The optimum on a face, with the speed limit where there is one, the gradient there along Q, and the limit's multiplier. */
 static Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu)
 {
     *nu = 0.0;
-    memcpy(face->e, face->shortest, sizeof(Row));
-    memcpy(pull, face->shortest, sizeof(Row));
-    if (slow == NULL || slow_enough(slow, n, face->e, 0.0))
+    memcpy(pull, face->w, sizeof(Row));
+    if (slow == NULL)
+        return DONE;
+    combined(n, face->k, face->w, 1, (const Row *)face->Q, face->e);
+    if (slow_enough(slow, n, face->e, 0.0))
         return DONE;
     return slowed_on(slow, n, face->k, (const Row *)face->Q, face->e, pull, nu);
 }
@@ -337,9 +332,8 @@ static Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e,
         for (int j = 0; j < n; j++)
             step[j] = face->e[j] - e[j];
         along(n, face->k, (const Row *)face->Q, step); /* the rest is rounding, and would meet rows that depend on these */
-        double first = 1.0, least = 1.0; /* how much the active rows leave of each other tells how well their step is known */
-        for (int l = 0; l < face->k; l++)
-            least = fmin(least, face->R[l][l]);
+        double first = 1.0; /* how much the active rows leave of each other tells how well their step is known */
+        double least = face->k > 0 ? face->least[face->k - 1] : 1.0;
         double rounding = fmax(QP_ROUNDING, COSINE_ROUNDING / least) * norm(n, step);
         int meets = 0;
         for (int i = 0; i < room->count; i++) {
@@ -359,7 +353,7 @@ static Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e,
             continue;
         }
         multipliers(face, room, pull, y);
-        int wrong = weakest(room, face, pull, side, y, count > 2 * room->count);
+        int wrong = weakest(face, pull, side, y, count > 2 * room->count);
         if (wrong < 0)
             return slow == NULL || slow_enough(slow, n, face->e, QP_ROUNDING) ? DONE : HAND_BACK;
         for (int j = 0; j < n; j++)
@@ -383,38 +377,58 @@ static double rounding_of(const Room *room, int i, const Row e)
     return EXCEEDED * terms;
 }
 
-/* A limit that is exceeded `by` so much becomes active, others leave as their multipliers y reach zero on the way
-   (Goldfarb and Idnani 1983); HAND_BACK where all of them together leave nothing inside. */
+/* The limit that z is farthest outside of, and e by how much: i + 1 above its upper one, -(i + 1) below the lower one, 0 for
+   none. n is that of the rows, or more. */
+static inline int farthest(int n, const Room *room, const int *side, const Row e, double *outside)
+{
+    double size = sqrt(dot_in_steps(n, e, e)), most = 0.0;
+    int worst = 0;
+    for (int i = 0; i < room->count; i++) {
+        if (side[i] != 0)
+            continue;
+        double value = dot_in_steps(n, room->N[i], e);
+        double over = value - room->upper[i], under = room->lower[i] - value, by = over > under ? over : under;
+        if (room->length[i] * by > most && (by > SURELY * EXCEEDED * size || by > rounding_of(room, i, e))) {
+            most = room->length[i] * by;
+            *outside = by;
+            worst = over > under ? i + 1 : -i - 1;
+        }
+    }
+    return worst;
+}
+
+/* A limit that is exceeded `by` so much becomes active, others leave as their multipliers y reach zero on the way, which y
+   follows (Goldfarb and Idnani 1983); HAND_BACK where all of them together leave nothing inside. */
 static Outcome entered(const Room *room, int i, int sign, double by, int *side, Face *face, double *y)
 {
     for (;;) {
         double length = beyond(room, i, face), first = length > 0.0 ? by / (length * length) : INFINITY;
         int k = face->k, leaves = -1;
         Row r;
-        for (int l = k - 1; l >= 0; l--) { /* N_i = r'N_a + what is beyond */
-            r[l] = k < room->n ? face->R[l][k] : dot(room->n, face->Q[l], room->N[i]);
-            for (int h = l + 1; h < k; h++)
-                r[l] -= face->R[l][h] * r[h];
-            r[l] /= face->R[l][l];
-        }
+        for (int l = 0; l < k; l++) /* N_i = r'N_a + what is beyond */
+            r[l] = k < room->n ? face->R[k][l] : dot(room->n, face->Q[l], room->N[i]);
+        upwards(face, r);
         for (int l = 0; l < k; l++) {
             double rate = sign * r[l], price = y[face->at[l]];
-            if (side[face->at[l]] * rate > 0.0 && fmax(price / rate, 0.0) < first) {
-                first = fmax(price / rate, 0.0);
+            if (side[face->at[l]] * rate > 0.0 && side[face->at[l]] * (price - first * rate) < 0.0) {
+                double share = price / rate;
+                first = share > 0.0 ? share : 0.0;
                 leaves = l;
             }
         }
         if (leaves < 0 && !(length > 0.0))
             return HAND_BACK;
+        for (int l = 0; l < k; l++)
+            y[face->at[l]] -= first * sign * r[l];
+        y[i] += first * sign;
         if (leaves < 0) {
             side[i] = sign;
             with_next(room, i, sign, face);
             return DONE;
         }
-        for (int l = 0; l < k; l++)
-            y[face->at[l]] -= first * sign * r[l];
         by -= first * length * length;
         side[face->at[leaves]] = 0;
+        y[face->at[leaves]] = 0.0;
         face_of(room, side, face);
     }
 }
@@ -423,34 +437,28 @@ static Outcome entered(const Room *room, int i, int sign, double by, int *side, 
 static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *face, double *y, double *nu)
 {
     Row pull;
+    bool followed = false; /* whether y was only followed from the last face, where all had the right sign */
     face_of(room, side, face);
     for (int tried = 0; tried < CORRECTIONS * room->count; tried++) {
-        if (on_face(slow, room->n, face, pull, nu) == HAND_BACK)
-            return HAND_BACK;
-        multipliers(face, room, pull, y);
-        int wrong = weakest(room, face, pull, side, y, false);
-        if (wrong >= 0) {
-            side[wrong] = 0;
-            face_of(room, side, face);
-            continue;
-        }
-        double outside = 0.0, size = sqrt(dot_in_steps(room->n, face->e, face->e));
-        int worst = 0; /* i + 1 above its upper limit, -(i + 1) below the lower one */
-        for (int i = 0; i < room->count; i++) {
-            if (side[i] != 0)
+        if (!followed) {
+            if (on_face(slow, room->n, face, pull, nu) == HAND_BACK)
+                return HAND_BACK;
+            multipliers(face, room, pull, y);
+            int wrong = weakest(face, pull, side, y, false);
+            if (wrong >= 0) {
+                side[wrong] = 0;
+                face_of(room, side, face);
                 continue;
-            double value = dot_in_steps(room->n, room->N[i], face->e);
-            double over = value - room->upper[i], under = room->lower[i] - value, by = over > under ? over : under;
-            if (room->length[i] * by > outside && (by > SURELY * EXCEEDED * size || by > rounding_of(room, i, face->e))) {
-                outside = room->length[i] * by;
-                worst = over > under ? i + 1 : -i - 1;
             }
         }
-        if (worst == 0)
+        double outside;
+        int worst = room->n <= 2 * STEP ? farthest(2 * STEP, room, side, face->e, &outside) : farthest(MOST, room, side, face->e, &outside);
+        if (worst == 0 && !followed)
             return slow == NULL || slow_enough(slow, room->n, face->e, QP_ROUNDING) ? DONE : HAND_BACK;
         int i = abs(worst) - 1;
-        if (entered(room, i, worst > 0 ? 1 : -1, outside / room->length[i], side, face, y) == HAND_BACK)
+        if (worst != 0 && entered(room, i, worst > 0 ? 1 : -1, outside, side, face, y) == HAND_BACK)
             return HAND_BACK;
+        followed = worst != 0 && slow == NULL;
     }
     return HAND_BACK;
 }

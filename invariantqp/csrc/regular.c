@@ -10,6 +10,7 @@ bool is_regular(const Demand *demand, const Row A[6], Regular *regular)
     Row *L = regular->L;
     double squares = 0.0, inverse_squares = 0.0;
     regular->holds = false;
+    regular->A = A;
     if (demand->m < 6 || demand->speed > 0.0)
         return false;
     for (int i = 0; i < 6; i++)
@@ -46,9 +47,10 @@ static void tridiagonal(Row S[6], double d[6], double e[5])
         v[k + 1] += length;
         if (k == 4 || !(square > 0.0))
             continue;
+        double over = 1.0 / square;
         for (int i = k + 1; i < 6; i++) {
-            p[i] = dot(6, S[i], v) / square;
-            along += 0.5 * p[i] * v[i] / square;
+            p[i] = dot(6, S[i], v) * over;
+            along += 0.5 * p[i] * v[i] * over;
         }
         for (int i = k + 1; i < 6; i++)
             p[i] -= along * v[i];
@@ -59,19 +61,21 @@ static void tridiagonal(Row S[6], double d[6], double e[5])
     d[5] = S[5][5];
 }
 
-/* The largest eigenvalue of S by Laguerre's steps from |S|, which is above it: with q_i the pivots of x - S,
+/* The largest eigenvalue of S by Laguerre's steps, the first of which is from infinity: with q_i the pivots of x - S,
 
        x - 6 / (g + sqrt(5 (6 h - g^2))),   g = sum of q_i'/q_i,   h = -g' */
 static double largest_eigenvalue(const Row lower[6])
 {
     Row S[6];
-    double d[6], e[5], x = 0.0, step = INFINITY;
+    double d[6], e[5], x, trace = 0.0, squares = 0.0, step = INFINITY;
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < 6; j++) {
             S[i][j] = lower[i > j ? i : j][i > j ? j : i];
-            x += S[i][j] * S[i][j];
+            squares += S[i][j] * S[i][j];
         }
-    x = sqrt(x);
+    for (int i = 0; i < 6; i++)
+        trace += S[i][i];
+    x = (trace + sqrt(fmax(5.0 * (6.0 * squares - trace * trace), 0.0))) / 6.0;
     tridiagonal(S, d, e);
     while (step > LAST_STEP * x) {
         double over = 0.0, slope = 0.0, bend = 0.0, g = 0.0, h = 0.0;
@@ -105,12 +109,20 @@ void regular_spectrum(int n, const Regular *regular, const Row A[6], const doubl
     want(found, b, ahead);
 }
 
+/* (AA')^-1 y */
+static void over_square(const Regular *regular, Row y)
+{
+    Row parts;
+    for (int i = 0; i < 6; i++)
+        parts[i] = dot(i + 1, regular->X[i], y);
+    combined(6, 6, parts, 1, regular->X, y);
+}
+
 /* Where no limit is met; false where there is none. */
 bool regular_velocity(const Demand *demand, const Regular *regular, const Row A[6], const double b[6], Row x)
 {
     int n = demand->m;
-    const Row *L = regular->L;
-    double y[6];
+    Row y;
     if (!regular->holds)
         return false;
     double pace = demand->has_posture ? 1.0 : 0.0;
@@ -121,13 +133,13 @@ bool regular_velocity(const Demand *demand, const Regular *regular, const Row A[
         double share = steady_share(demand, b, ahead);
         for (int i = 0; i < 6; i++)
             y[i] = ahead[i] + share * (b[i] - ahead[i]);
-        solved(6, L, y, y);
+        over_square(regular, y);
         combined(n, 6, y, 1, A, x);
         pace = posture_share(demand, x);
     }
     for (int i = 0; i < 6; i++)
         y[i] = pace > 0.0 ? b[i] - pace * dot(n, A[i], demand->posture) : b[i];
-    solved(6, L, y, y);
+    over_square(regular, y);
     combined(n, 6, y, 1, A, x);
     for (int j = 0; j < n && pace > 0.0; j++)
         x[j] += pace * demand->posture[j];

@@ -26,24 +26,29 @@ static inline void rotate(int n, double *restrict p, double *restrict q, double 
         }
 }
 
-/* Rotate all pairs until the rows are orthogonal; squares of lengths are carried along in a sweep. */
+/* Rotate all pairs until the rows are orthogonal; squares of lengths are carried along in a sweep. Pairs come as in a
+   tournament: each row is in one of a turn, so that their rotations do not wait for each other. */
 static Outcome orthogonalised(int rows, int n, int with, Rotated *R, double least)
 {
+    int last = rows - 1 + rows % 2;
     for (int sweep = 0; sweep < SWEEPS; sweep++) {
         bool rotated = false;
         double square[MOST];
         for (int i = 0; i < rows; i++)
             square[i] = dot_in_steps(n, R[i].row, R[i].row);
-        for (int i = 0; i + 1 < rows; i++)
-            for (int j = i + 1; j < rows; j++) {
+        for (int turn = 0; turn < last; turn++)
+            for (int k = 0; 2 * k < last; k++) {
+                int i = k == 0 ? last : (turn + k) % last, j = (turn + last - k) % last;
+                if (i >= rows)
+                    continue;
                 double *p = R[i].row, *q = R[j].row;
                 double pp = square[i], qq = square[j], pq = dot_in_steps(n, p, q);
                 if (pq * pq <= ORTHOGONAL * ORTHOGONAL * pp * qq || pp <= least || qq <= least)
                     continue;
-                double zeta = 0.5 * (qq - pp) / pq;
-                double t = (zeta < 0.0 ? -1.0 : 1.0) / (fabs(zeta) + sqrt(1.0 + zeta * zeta));
-                double c = 1.0 / sqrt(1.0 + t * t), s = c * t;
-                square[i] = fmax(pp - t * pq, 0.0);
+                double zeta = 0.5 * (qq - pp) / pq, cotangent = fabs(zeta) + sqrt(1.0 + zeta * zeta);
+                double s = (zeta < 0.0 ? -1.0 : 1.0) / sqrt(1.0 + cotangent * cotangent), c = fabs(s) * cotangent;
+                double t = (zeta < 0.0 ? -1.0 : 1.0) / cotangent, left = pp - t * pq;
+                square[i] = left > 0.0 ? left : 0.0;
                 square[j] = qq + t * pq;
                 rotate(n, p, q, c, s);
                 rotate(with, R[i].with, R[j].with, c, s);
@@ -96,10 +101,9 @@ void completed(int n, int rank, Row *V)
             best = left[axis] > left[best] ? axis : best;
         zeroed(V[k]);
         V[k][best] = 1.0;
-        for (int twice = 0; twice < 2; twice++)
-            for (int i = 0; i < k; i++)
-                add_in_steps(n, -dot_in_steps(n, V[i], V[k]), V[i], V[k]);
-        double over = 1.0 / norm(n, V[k]);
+        Row parts;
+        left_of(n, k, (const Row *)V, V[k], parts);
+        double over = 1.0 / left_of(n, k, (const Row *)V, V[k], parts);
         for (int j = 0; j < n; j++) {
             V[k][j] *= over;
             left[j] -= V[k][j] * V[k][j];
