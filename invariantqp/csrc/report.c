@@ -17,17 +17,31 @@ bool allows(const Demand *demand, const Row x)
     return true;
 }
 
+/* A x, and the square of what is rounding of it */
+static double done_by(int n, const Row A[6], const Row x, double done[6])
+{
+    double size = 0.0;
+    for (int i = 0; i < 6; i++) {
+        done[i] = dot(n, A[i], x);
+        size += dot_in_steps(n, A[i], A[i]);
+    }
+    return PRODUCT_ROUNDING * PRODUCT_ROUNDING * size * dot(n, x, x);
+}
+
+/* Whether that is b but for rounding, or a tolerance. */
+static bool is_done(const double b[6], const double done[6], double rounding, double tolerance)
+{
+    double square = 0.0;
+    for (int i = 0; i < 6; i++)
+        square += (b[i] - done[i]) * (b[i] - done[i]);
+    return square <= tolerance * tolerance * dot(6, b, b) || square <= rounding;
+}
+
 /* Whether A x = b but for rounding, or a tolerance. */
 bool is_met(int n, const Row A[6], const double b[6], const Row x, double tolerance)
 {
-    double square = 0.0, size = 0.0;
-    for (int i = 0; i < 6; i++) {
-        double left = b[i] - dot(n, A[i], x);
-        square += left * left;
-        size += dot_in_steps(n, A[i], A[i]);
-    }
-    return square <= tolerance * tolerance * dot(6, b, b) ||
-           square <= PRODUCT_ROUNDING * PRODUCT_ROUNDING * size * dot(n, x, x);
+    double done[6], rounding = done_by(n, A, x, done);
+    return is_done(b, done, rounding, tolerance);
 }
 
 /* A measured twist up to which nothing is to move, as an error of a pose that may stay. */
@@ -37,16 +51,11 @@ static double nothing(const Demand *demand)
 }
 
 /* Whether nothing moves towards a twist or along the exact rows, short of both. */
-static bool is_stuck(const Demand *demand, const Row A[6], const double wanted[6], const Row x, double share)
+static bool is_stuck(const Demand *demand, const double wanted[6], const double done[6], double rounding, double share)
 {
-    if (demand->rows > 0 && share > PROGRESS_SHARE)
-        return false;
-    double along = 0.0, square = dot(6, wanted, wanted);
-    if (square <= nothing(demand) * nothing(demand))
-        return false;
-    for (int i = 0; i < 6; i++)
-        along += wanted[i] * dot(demand->m, A[i], x);
-    return along < PROGRESS_SHARE * square && !is_met(demand->m, A, wanted, x, QP_ROUNDING);
+    double square = dot(6, wanted, wanted);
+    return !(demand->rows > 0 && share > PROGRESS_SHARE) && square > nothing(demand) * nothing(demand) &&
+           dot(6, wanted, done) < PROGRESS_SHARE * square && !is_done(wanted, done, rounding, QP_ROUNDING);
 }
 
 /* The share of a velocity that a limit above zero allows where only rounding exceeds it; 1 where more does: it gave way. */
@@ -61,7 +70,7 @@ static double rounded(double value, double limit)
 static void shortened(const Demand *demand, const Row y, Row x)
 {
     double limit = demand->cone.limit, share = limit > 0.0 ? rounded(tool_speed(&demand->cone, demand->m, y), limit) : 1.0;
-    memcpy(x, y, (size_t)demand->m * sizeof(double));
+    memcpy(x, y, sizeof(Row));
     for (int j = 0; j < demand->m; j++)
         if (demand->lower[j] > 0.0 || demand->upper[j] < 0.0)
             return;
@@ -97,7 +106,7 @@ Outcome clipped(const Demand *demand, const Row y, Solution *solution)
     shortened(demand, y, x);
     for (int j = 0; j < demand->m; j++) {
         double lower = demand->lower[j], upper = demand->upper[j], value = between(x[j], lower, upper);
-        double margin = ACTIVE_TOLERANCE * fmax(SLOWEST, fabs(value));
+        double size = fabs(value), margin = ACTIVE_TOLERANCE * (size > SLOWEST ? size : SLOWEST);
         solution->velocity[j] = value;
         solution->active[j] = value <= lower + margin || value >= upper - margin;
     }
@@ -131,16 +140,15 @@ static bool falls(const Demand *demand, const Row x)
     return true;
 }
 
-/* The share of the measured twist that x misses, or of what is possible of it; 0 where it is met but for rounding. */
-static double missed_share(const Demand *demand, const Row A[6], const double wanted[6], const double *possible,
-                           const Row x)
+/* The share of the measured twist that is missed, or of what is possible of it; 0 where it is done but for rounding. */
+static double missed_share(const Demand *demand, const double wanted[6], const double *possible, const double done[6],
+                           double rounding)
 {
-    int m = demand->m;
     double left[6], size = norm(6, possible);
-    if (is_met(m, A, wanted, x, QP_ROUNDING) || (possible != wanted && is_met(m, A, possible, x, QP_ROUNDING)))
+    if (is_done(wanted, done, rounding, QP_ROUNDING) || (possible != wanted && is_done(possible, done, rounding, QP_ROUNDING)))
         return 0.0;
     for (int i = 0; i < 6; i++)
-        left[i] = possible[i] - dot(m, A[i], x);
+        left[i] = possible[i] - done[i];
     return size > nothing(demand) ? norm(6, left) / size : INFINITY;
 }
 
@@ -205,12 +213,13 @@ Outcome reported(const Demand *demand, const Row A[6], const double wanted[6], c
 {
     if (clipped(demand, y, solution) == HAND_BACK)
         return HAND_BACK;
+    double done[6], rounding = done_by(demand->m, A, solution->velocity, done);
     solution->scale = share->value;
     solution->pace = pace;
     solution->slow = share->value < WHOLE_SPEED;
     solution->m = demand->m;
-    solution->stuck = is_stuck(demand, A, wanted, solution->velocity, share->value);
-    solution->missed = missed_share(demand, A, wanted, possible, solution->velocity);
+    solution->stuck = is_stuck(demand, wanted, done, rounding, share->value);
+    solution->missed = missed_share(demand, wanted, possible, done, rounding);
     solution->limited = solution->stuck || solution->rows > 0 || (solution->missed > MISSED_SHARE && !falls(demand, solution->velocity));
     solution->damping = solution->missed > 0.0 ? objective->damping : 0.0;
     solution->method = solution->slow || found->met ? QP : solution->damping > 0.0 ? DAMPED : CLOSED_FORM;

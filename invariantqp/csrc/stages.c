@@ -246,7 +246,7 @@ static void moved(const Demand *demand, const Row y, Row x)
     if (demand->metric != NULL)
         transformed(demand->m, demand->metric->T, y, x);
     else
-        memcpy(x, y, (size_t)demand->m * sizeof(double));
+        memcpy(x, y, sizeof(Row));
 }
 
 /* The limits on z at a share of the exact rows' speed. */
@@ -594,7 +594,7 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
     bool blocked = demand->rows > 0 && problem.reduction.unmet > QP_ROUNDING;
     bool free = !blocked && allows(demand, x);
     if (free)
-        memcpy(share.inside, y, (size_t)m * sizeof(double));
+        memcpy(share.inside, y, sizeof(Row));
     else if (roomy(&problem, &share, &solution->yielded) == HAND_BACK ||
              (demand->rows > 0 && objective(&problem, problem.attempt, problem.unchased, share.value, &cost) == HAND_BACK))
         return HAND_BACK;
