@@ -353,8 +353,8 @@ def descents(
 ) -> tuple[Array, int]: ...
 def follow(
     course: Array,
-    loop: Loop,
-    beside: Loop | None,
+    law: Loop | tuple[Any, ...],
+    joints: Loop | tuple[Any, ...] | None,
     memory: Array,
     twist: Array | None,
     late: bool,

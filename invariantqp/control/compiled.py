@@ -19,18 +19,15 @@ from invariantqp.engine import core, core_for
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.law import VelocityLaw
-from invariantqp.velocity.reasons import Written
-from invariantqp.velocity.solution import VelocitySolution
 
 if TYPE_CHECKING:
     from invariantqp.engine import Loop, Wanted
 
 # A tick by the core, for the loop of `compiled_loop`, the numbers of its Memory, which it writes, and what `step` is
-# given; without a target (None), what `follow` is. The solution, and what of joints is to be said beside it, if any;
-# None where Python has to answer, or to say what is wrong with an argument.
-compiled_tick: Callable[..., tuple[VelocitySolution, Written | None] | None] = getattr(core, "step", lambda *_: None)
-# The same beside a limit whose rows the core finds itself, and what is to be told of that (`ForCore.told`).
-tick_beside: Callable[..., tuple[Any, ...] | None] = compiled_tick
+# given; without a target (None), what `follow` is. The solution, what of joints is to be said beside it, if any, and
+# what a limit is told whose rows the core finds itself (`ForCore.told`); None where Python has to answer, or to say
+# what is wrong with an argument.
+compiled_tick: Callable[..., tuple[Any, ...] | None] = getattr(core, "step", lambda *_: None)
 
 
 def compiled_loop(

@@ -8,7 +8,7 @@ where acceleration limits need room to brake (`approach`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from functools import partial
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.compiled import compiled_loop, compiled_tick, tick_beside
+from invariantqp.control.compiled import compiled_loop, compiled_tick
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
 from invariantqp.control.limits import (
     AccelerationLimit,
@@ -57,7 +57,7 @@ from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.law import SLACK, Chase, Demand, Guard, VelocityLaw
 from invariantqp.velocity.limits import LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.problem import guard_of, metric_of
-from invariantqp.velocity.reasons import Code, Reason, Written, read
+from invariantqp.velocity.reasons import Code, Reason, read
 from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve, standing
 
@@ -339,7 +339,7 @@ class Controller:
         else:
             found = compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
-            return self.named(found) if found[1] is not None or self._row_names else found[0]
+            return found[0] if found[1:] == (None,) and not self._row_names else self.named(found)
         memory = self.memory
         before = memory.now(velocity)
         positions, target = arrays.vector(q, self._count, "q"), self.robot.target(target)
@@ -405,7 +405,8 @@ class Controller:
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
         own = rows is None and sighting is None and at is None and calm is True
         core = self.compiled if own else None
-        found = None if core is None else self._by_core(core, q, None, twist, velocity, now, posture)
+        other = {} if posture is None else {"posture": posture}
+        found = None if core is None else self._by_core(core, q, None, twist, velocity, now, **other)
         if found is not None:
             return self.named(found)
         positions = arrays.vector(q, self._count, "q")
@@ -445,15 +446,17 @@ class Controller:
         feedforward: ArrayLike | None,
         velocity: ArrayLike | None,
         now: Changes | None,
-        posture: ArrayLike | None = None,
-    ) -> tuple[VelocitySolution, Written | None] | None:
-        """A tick by the core, given what Python computes in each; None where Python has to answer."""
-        other = {} if now is None else now.for_core(self._limits.loop)
-        if other is None:
+        **other: Any,
+    ) -> tuple[Any, ...] | None:
+        """A tick by the core, for `named`, given what Python computes in each; None where Python has to answer."""
+        changes = {} if now is None else now.for_core(self._limits.loop)
+        if changes is None:
             return None
-        other |= {} if posture is None else {"posture": posture}
-        if now is None and (beside := self._beside(core, q, target, feedforward, velocity, **other)) is not None:
-            return beside
+        other |= changes
+        if now is None and isinstance(beside := self.for_core, tuple):
+            found = compiled_tick(core, self.kept, q, target, feedforward, velocity, *beside[1:], **other)
+            if found is not None:
+                return found
         rows: LimitRows | None = None
         if self.varies or (now is not None and now.joint_rows):
             positions = arrays.vector(q, self._count, "q")
@@ -471,6 +474,12 @@ class Controller:
         tick = partial(compiled_tick, core, self.kept, q, target, feedforward, velocity, **other)
         if rows is None:
             return tick()
+        return self._by_rows(tick, there, rows, now)
+
+    def _by_rows(
+        self, tick: Callable[..., tuple[Any, ...] | None], there: Array, rows: LimitRows, now: Changes | None
+    ) -> tuple[Any, ...] | None:
+        """A tick by the core with rows at joint positions (m,), and more where these do not keep to its end."""
         kept = self.kept.copy() if self._looks or now is not None else None
         found = tick(G=rows.C, least=rows.lower, most=rows.upper)
         if kept is not None and found is not None:
@@ -480,30 +489,23 @@ class Controller:
                 found = tick(G=rows.C, least=rows.lower, most=rows.upper)
         return (found[0]._replace(row_names=rows.names), found[1]) if found is not None and rows.names else found
 
-    def _beside(
-        self,
-        core: Loop,
-        q: ArrayLike,
-        target: Any,
-        feedforward: ArrayLike | None,
-        velocity: ArrayLike | None,
-        **other: Any,
-    ) -> tuple[VelocitySolution, Written | None] | None:
-        """A tick by the core beside a limit whose rows it finds itself; None where Python gives it rows, or answers."""
-        alone = None if self.joint_rows is None else self.joint_rows.alone
-        given = None if alone is None else alone.for_core()
-        if given is None:
-            return None
-        found = tick_beside(core, self.kept, q, target, feedforward, velocity, *given, **other)
-        if found is None or alone is None:
-            return None
-        answer, troubles, *told = found
-        return VelocitySolution._make((*answer[:-1], alone.told(*told))), troubles
+    @property
+    def for_core(self) -> Loop | tuple[Any, ...] | None:
+        """The compiled loop, and what the core is given of a limit whose rows it finds; None where Python ticks."""
+        core, rows = self.compiled, self.joint_rows
+        if core is None or not self.varies:
+            return core
+        given = None if rows is None or rows.alone is None or core.law.form == "brought" else rows.alone.for_core()
+        return None if given is None else (core, *given)
 
-    def named(self, found: tuple[VelocitySolution, Written | None]) -> VelocitySolution:
+    def named(self, found: tuple[Any, ...]) -> VelocitySolution:
         """The solution of a tick by the core, with the names of rows, and of joints in what it says beside it."""
-        answer, troubles = found
-        answer = answer._replace(row_names=self._row_names) if self._row_names and not answer.row_names else answer
+        answer, troubles, *told = found
+        alone, names = None if self.joint_rows is None else self.joint_rows.alone, self._row_names
+        if told and alone is not None:
+            answer = VelocitySolution._make((*answer[:-1], alone.told(*told)))
+        elif names and not answer.row_names:
+            answer = answer._replace(row_names=names)
         return answer if troubles is None else self._limits.with_troubles(answer, read(troubles))
 
     @property

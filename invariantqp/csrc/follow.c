@@ -1,194 +1,248 @@
 /* Twin of a tick of paths/driver.py in which nothing new comes.
 
        v = (r(t + dt) - q) / dt, or towards r where joints catch up, or towards what the law makes of a twist,
-       inside the joints' limits,     command = v + the way back to q
+       inside the joints' limits,     command = v + the way back to q, or the nearest that the loop allows
 
    A tick in which a path whose shape is kept has to wait, and joints that are not where they were sent, are handed back. */
 
 #include "paths.h"
 
-/* _going_over, for a loop without acceleration limits and delay; the tick that answers the twist is told where it moves. */
-static Outcome towards_twist(const JointLimits *limits, const Loop *loop, const double *kept, const double *twist,
-                             const double *q, const double *velocity, Tick *tick, Row v)
+/* A loop for which commands are found, and a clearance of its own, or NULL. */
+typedef struct {
+    const Loop *loop;
+    Apart *apart, clearance;
+} Bounds;
+
+/* A tick: all that is followed and kept, before and after it; the source's last column then, a place; the residual that late joints go over by, if they do; and who has something to say, or NULL. */
+typedef struct {
+    Course course;
+    Bounds law, joints; /* without acceleration limits and delay; for joint velocities, its loop NULL where nothing binds them */
+    const double *kept;
+    bool by_twist, late, joins, held;
+    double twist[6], ease, time, left[6 * MOST];
+    Row q, sent, position, velocity, acceleration, command, pace;
+    double from, to;
+    Tick tick;
+    const Bounds *says;
+} Follow;
+
+/* Follower._wanted: the joint velocity that is wanted in this tick, by a twist: _going_over. */
+static Outcome towards_twist(Follow *f, Row v)
 {
+    const JointLimits *limits = &f->course.limits;
+    const Beside beside = {.apart = f->law.apart};
     int m = limits->m;
     double share = INFINITY;
     Row x = {0.0};
-    if (norm(6, twist) > 0.0) {
-        if (step(loop, NULL, q, NULL, twist, velocity, kept, tick) == HAND_BACK)
+    if (norm(6, f->twist) > 0.0) {
+        if (step_beside(f->law.loop, NULL, &beside, f->position, NULL, f->twist, f->velocity, f->kept, &f->tick) == HAND_BACK)
             return HAND_BACK;
-        memcpy(x, tick->solution.velocity, sizeof x);
+        memcpy(x, f->tick.solution.velocity, sizeof x);
+        f->says = &f->law;
     }
     for (int j = 0; j < m; j++)
-        if (x[j] != velocity[j])
-            share = fmin(share, towards(limits, j, velocity[j], x[j]) / (x[j] - velocity[j]));
+        if (x[j] != f->velocity[j])
+            share = fmin(share, towards(limits, j, f->velocity[j], x[j]) / (x[j] - f->velocity[j]));
     for (int j = 0; j < m; j++)
-        v[j] = share * limits->dt >= 1.0 ? x[j] : velocity[j] + limits->dt * share * (x[j] - velocity[j]);
+        v[j] = share * limits->dt >= 1.0 ? x[j] : f->velocity[j] + limits->dt * share * (x[j] - f->velocity[j]);
     return DONE;
 }
 
-/* Follower._nearest: the command nearest one that the loop of joints may not allow, in its place, where the loop does not. Which
-   of its fixed rows, or TOOL_SPEED_ROW, holds it, or ALLOWED. */
-#define ALLOWED (-2)
-static Outcome nearest_allowed(const Loop *loop, const double *kept, const double *q, const double *before, Tick *tick,
-                               Row command, int *held)
+/* Follower._wanted, by what is followed. */
+static void towards_source(Follow *f, Row v)
 {
-    int m = loop->joints;
-    double twist[6], most = 0.0, size = 0.0, price = 0.0;
-    const double *x = tick->solution.velocity;
-    Row J[6];
-    Pose tool, home;
-    const Beside as_seen = {.J = (const Row *)J, .tool = &tool, .posture = command};
-    pose_from(loop->home[0], &home);
-    kinematics(m, loop->screws, &home, q, J, &tool);
-    for (int i = 0; i < 6; i++)
-        twist[i] = dot(m, J[i], command);
-    if (step_beside(loop, NULL, &as_seen, q, NULL, twist, before, kept, tick) == HAND_BACK)
-        return HAND_BACK;
-    for (int j = 0; j < m; j++) {
-        most = fmax(most, fabs(x[j] - command[j]));
-        size = fmax(size, fabs(command[j]));
-    }
-    *held = ALLOWED;
-    if (!(most > EXCESS * size) && status(&tick->solution) != DEGRADED)
-        return DONE;
-    *held = TOOL_SPEED_ROW;
-    for (int i = 0; i < loop->limits; i++)
-        if (fabs(tick->solution.multipliers[m + i]) > price) {
-            price = fabs(tick->solution.multipliers[m + i]);
-            *held = i;
+    const JointLimits *limits = &f->course.limits;
+    int m = limits->m;
+    double dt = limits->dt, after = f->time + dt, state[3 * MOST];
+    Path now = {{0.0}}, then = {{0.0}};
+    if (f->late && f->ease > 0.0) {
+        for (int j = 0; j < m; j++) { /* of the motion through the ends of the last three ticks */
+            state[j] = f->position[j];
+            state[m + j] = f->velocity[j] + 0.5 * dt * f->acceleration[j];
+            state[2 * m + j] = f->acceleration[j];
         }
-    memcpy(command, x, sizeof(Row));
-    return DONE;
+        f->joins = splices(&f->course, f->time, state, f->ease, f->left);
+        f->late = !f->joins;
+    }
+    if (f->late) {
+        source_at(&f->course, after, then);
+        if (f->ease == 0.0) /* else no splice was found, and the last one is over */
+            left_over(&f->course, after, then);
+    } else {
+        source_position(&f->course, after, then[0]);
+        if (f->course.columns > m)
+            source_position(&f->course, f->time, now[0]);
+        if (f->joins)
+            quintic(m, f->left, dt, then);
+        else
+            left_over(&f->course, after, then);
+    }
+    f->from = now[0][m];
+    f->to = then[0][m];
+    for (int j = 0; j < m; j++) {
+        double q = f->position[j], speed = f->velocity[j], there = then[0][j];
+        v[j] = f->late ? speed + dt * catching_up(limits, j, q + dt * speed, speed, there, then[1][j]) : (there - q) / dt;
+    }
 }
 
-/* Follower._corrected: the command of a joint, and what it changes by; whether nothing else changes it. */
-static bool commanded(const Course *course, int j, double q, double off, double v, double last, double *command, double *pace)
+/* Follower._corrected: the command of a joint; whether nothing else changes it. */
+static bool corrected(const Follow *f, int j, double here, double off, double v, double *command)
 {
-    const JointLimits *limits = &course->limits;
-    double A = limits->acceleration[j], dt = limits->dt, before = *command;
-    double back = copysign(homing(limits, j, off, course->gain), off);
-    if (course->shape)
+    const JointLimits *limits = &f->course.limits;
+    double A = limits->acceleration[j], dt = limits->dt, before = f->command[j];
+    double back = copysign(homing(limits, j, off, f->course.gain), off);
+    if (f->course.shape) {
         *command = v + back;
-    else {
-        double w = before - last;
-        q = between(q, limits->lower[j], limits->upper[j]);
-        *command = nearest(limits, j, q, before, *pace, v + w + dt * towards(limits, j, w, back));
+        here = f->q[j];
+    } else {
+        double w = before - f->velocity[j];
+        here = between(here, limits->lower[j], limits->upper[j]);
+        *command = nearest(limits, j, here, before, f->pace[j], v + w + dt * towards(limits, j, w, back));
     }
-    *pace = (*command - before) / dt;
-    double room = *command > 0.0 ? limits->upper[j] - q : q - limits->lower[j];
+    double room = *command > 0.0 ? limits->upper[j] - here : here - limits->lower[j];
     double most = fmin(limits->fastest[j], braking_speed(room, A, dt));
     return fabs(*command - before) <= (1.0 + EXCESS) * A * dt && fabs(*command) <= (1.0 + EXCESS) * most;
 }
 
-/* The answer of a tick as `Controller.named` takes it; None where it says no more than `quiet`. */
-static PyObject *answer_of(const Loop *loop, const Tick *tick, Status quiet)
+/* Follower._nearest: whether the loop allows a command, and the nearest that it does. */
+static Outcome nearest_allowed(Follow *f, const double *here, Row command)
 {
-    PyObject *troubles = joint_troubles(loop, tick, false);
-    if (troubles == NULL || (troubles == Py_None && status(&tick->solution) <= quiet))
-        return troubles;
-    return Py_BuildValue("(NN)", fields(loop->joints, &tick->solution), troubles);
+    const Loop *loop = f->joints.loop;
+    int m = loop->joints;
+    double twist[6], most = 0.0, size = 0.0;
+    Row J[6];
+    Pose tool, home;
+    Tick tick;
+    const Beside beside = {.J = (const Row *)J, .tool = &tool, .posture = command, .apart = f->joints.apart};
+    pose_from(loop->home[0], &home);
+    kinematics(m, loop->screws, &home, here, J, &tool);
+    for (int i = 0; i < 6; i++)
+        twist[i] = dot(m, J[i], command);
+    if (step_beside(loop, NULL, &beside, here, NULL, twist, f->command, f->kept, &tick) == HAND_BACK)
+        return HAND_BACK;
+    for (int j = 0; j < m; j++) {
+        most = fmax(most, fabs(tick.solution.velocity[j] - command[j]));
+        size = fmax(size, fabs(command[j]));
+    }
+    f->held = most > EXCESS * size || status(&tick.solution) == DEGRADED;
+    if (f->held) {
+        f->tick = tick;
+        f->says = &f->joints;
+        memcpy(command, tick.solution.velocity, sizeof(Row));
+    }
+    return DONE;
 }
 
-/* follow(course, loop, beside, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command, pace):
+/* Follower._moved */
+static Outcome moved(Follow *f)
+{
+    const JointLimits *limits = &f->course.limits;
+    int m = limits->m;
+    bool shape = f->course.shape;
+    double dt = limits->dt;
+    Row here, wanted, command, v;
+    if (!f->by_twist)
+        towards_source(f, v);
+    else if (towards_twist(f, v) == HAND_BACK)
+        return HAND_BACK;
+    for (int j = 0; j < m; j++) {
+        double x = shape ? v[j] : nearest(limits, j, f->position[j], f->velocity[j], f->acceleration[j], v[j]), off = f->sent[j] - f->q[j];
+        f->late = f->late || (x != v[j] && !f->by_twist);
+        v[j] = x;
+        here[j] = f->position[j] - off;
+        if (!corrected(f, j, here[j], off, v[j], &wanted[j]))
+            return HAND_BACK;
+    }
+    memcpy(command, wanted, sizeof command);
+    if (f->joints.loop != NULL && nearest_allowed(f, here, command) == HAND_BACK)
+        return HAND_BACK;
+    if (f->held && shape)
+        return HAND_BACK;
+    f->late = f->late || (f->held && !f->by_twist);
+    for (int j = 0; j < m; j++) {
+        v[j] += command[j] - wanted[j]; /* how hard the loop braked is nothing to go on with */
+        f->pace[j] = f->held ? 0.0 : (command[j] - f->command[j]) / dt;
+        f->acceleration[j] = f->held ? 0.0 : (v[j] - f->velocity[j]) / dt;
+        f->position[j] += dt * v[j];
+        f->velocity[j] = v[j];
+        f->command[j] = command[j];
+    }
+    return DONE;
+}
+
+/* The loop of an argument, None for none, or a tuple of it and what the core is given of a clearance; whether it is one. */
+static bool bounds_of(PyObject *object, int m, Bounds *bounds)
+{
+    PyObject *given[5];
+    bool apart = PyTuple_Check(object) && PyTuple_Size(object) == 5;
+    for (int i = 0; i < 5 && apart; i++)
+        given[i] = PyTuple_GetItem(object, i);
+    bounds->apart = NULL;
+    bounds->loop = object == Py_None ? NULL : loop_of(apart ? given[0] : object);
+    if (apart && bounds->loop != NULL && apart_from(given + 1, m, &bounds->clearance))
+        bounds->apart = &bounds->clearance;
+    return object == Py_None || (bounds->loop != NULL && bounds->loop->joints == m && apart == (bounds->apart != NULL));
+}
+
+/* What the loop says of the tick as `Controller.named` takes it; None where that is no more than is told anyway. */
+static PyObject *said(const Follow *f)
+{
+    if (f->says == NULL)
+        Py_RETURN_NONE;
+    PyObject *found[5] = {NULL, joint_troubles(f->says->loop, &f->tick, false)};
+    if (!f->held && found[1] == Py_None && status(&f->tick.solution) == OK)
+        return found[1];
+    found[0] = fields(f->says->loop->joints, &f->tick.solution);
+    if (f->says->apart != NULL)
+        apart_told(f->says->apart, found + 2);
+    return named(&PyTuple_Type, f->says->apart != NULL ? 5 : 2, found);
+}
+
+/* follow(course, law, joints, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command, pace):
    position, velocity, acceleration, command and pace after the tick, q as an array, the source's last column before and
-   after, whether the joints are late, how they stop being it, a residual or None, what the loop says, or None, and which of
-   its rows, or -1 its tool speed, does not allow what was wanted, or None. None where Python has to answer, or to say what is
-   wrong with q. The loop is one without acceleration limits and delay, `beside` that for joint velocities, or None where
-   there are neither rows nor a tool speed. Late joints look for a splice that takes `ease`, unless that is 0. */
+   after, whether the joints are late, how they stop being it, a residual or None, what the loop says, or None, and whether it
+   does not allow what was wanted. None where Python has to answer, or to say what is wrong with q. `law` is the loop
+   without acceleration limits and delay, `joints` that for joint velocities, or None where nothing but joint limits binds
+   them; each a Loop, or a tuple of it and of what the core is given of a clearance. Late joints look for a splice that takes
+   `ease`, unless that is 0. */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    Course course;
-    Row q, here, sent, position, velocity, acceleration, command, pace, before, wanted, v;
-    Path now = {{0.0}}, then = {{0.0}};
-    double twist[6], left[6 * MOST];
-    bool joins = false;
-    Tick tick, held_tick;
-    static const char *const USE =
-        "follow(course, loop, beside, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command, pace)";
-    if (count != 15 || !course_of(arguments[0], &course))
+    static const char *const USE = "follow(course, law, joints, memory, twist, late, ease, time, q, sent, position, velocity, "
+                                   "acceleration, command, pace)";
+    Follow f = {.says = NULL};
+    if (count != 15 || !course_of(arguments[0], &f.course))
         return refused(USE);
-    const Loop *loop = loop_of(arguments[1]), *beside = arguments[2] == Py_None ? NULL : loop_of(arguments[2]);
-    const double *kept = loop == NULL ? NULL : memory_of(arguments[3], loop);
-    const JointLimits *limits = &course.limits;
-    int m = limits->m, late = PyObject_IsTrue(arguments[5]), held = ALLOWED;
-    bool by_twist = arguments[4] != Py_None, shape = course.shape;
-    if (kept == NULL || loop->joints != m || (beside == NULL) != (arguments[2] == Py_None))
+    int m = f.course.limits.m;
+    if (!bounds_of(arguments[1], m, &f.law) || f.law.loop == NULL || !bounds_of(arguments[2], m, &f.joints) ||
+        (f.kept = memory_of(arguments[3], f.law.loop)) == NULL)
         return refused(USE);
-    double ease = PyFloat_AsDouble(arguments[6]), time = PyFloat_AsDouble(arguments[7]), dt = limits->dt, after = time + dt;
-    bool good = !PyErr_Occurred() && vector(arguments[8], m, q) && vector(arguments[9], m, sent) &&
-                vector(arguments[10], m, position) && vector(arguments[11], m, velocity) &&
-                vector(arguments[12], m, acceleration) && vector(arguments[13], m, command) && vector(arguments[14], m, pace) &&
-                !(by_twist && !vector(arguments[4], 6, twist));
+    f.by_twist = arguments[4] != Py_None;
+    f.late = PyObject_IsTrue(arguments[5]);
+    f.ease = PyFloat_AsDouble(arguments[6]);
+    f.time = PyFloat_AsDouble(arguments[7]);
+    bool good = !PyErr_Occurred() && vector(arguments[8], m, f.q) && vector(arguments[9], m, f.sent) &&
+                vector(arguments[10], m, f.position) && vector(arguments[11], m, f.velocity) &&
+                vector(arguments[12], m, f.acceleration) && vector(arguments[13], m, f.command) &&
+                vector(arguments[14], m, f.pace) && !(f.by_twist && !vector(arguments[4], 6, f.twist));
     PyErr_Clear(); /* Python says what is wrong */
     for (int j = 0; j < m && good; j++)
-        good = fabs(sent[j] - q[j]) <= course.head[STRAY];
+        good = fabs(f.sent[j] - f.q[j]) <= f.course.head[STRAY];
     if (!good)
         Py_RETURN_NONE;
-    if (late && ease > 0.0) {
-        double state[3 * MOST];
-        for (int j = 0; j < m; j++) { /* of the motion through the ends of the last three ticks */
-            state[j] = position[j];
-            state[m + j] = velocity[j] + 0.5 * dt * acceleration[j];
-            state[2 * m + j] = acceleration[j];
-        }
-        joins = splices(&course, time, state, ease, left);
-        late = !joins;
-    }
-    if (by_twist) {
-        if (towards_twist(limits, loop, kept, twist, position, velocity, &tick, v) == HAND_BACK)
-            Py_RETURN_NONE;
-    } else if (late) {
-        source_at(&course, after, then);
-        if (ease == 0.0) /* else no splice was found, and the last one is over */
-            left_over(&course, after, then);
-        for (int j = 0; j < m; j++)
-            v[j] = velocity[j] + dt * catching_up(limits, j, position[j] + dt * velocity[j], velocity[j], then[0][j], then[1][j]);
-    } else {
-        source_position(&course, after, then[0]);
-        if (course.columns > m)
-            source_position(&course, time, now[0]);
-        memset(then[1], 0, 3 * sizeof then[1]);
-        if (joins)
-            quintic(m, left, dt, then);
-        else
-            left_over(&course, after, then);
-        for (int j = 0; j < m; j++)
-            v[j] = (then[0][j] - position[j]) / dt;
-    }
-    for (int j = 0; j < m && !shape; j++) {
-        double x = nearest(limits, j, position[j], velocity[j], acceleration[j], v[j]);
-        late = late || (x != v[j] && !by_twist);
-        v[j] = x;
-    }
-    for (int j = 0; j < m; j++) {
-        double off = sent[j] - q[j];
-        here[j] = position[j] - off;
-        before[j] = command[j];
-        if (!commanded(&course, j, shape ? q[j] : here[j], off, v[j], velocity[j], &command[j], &pace[j]))
-            Py_RETURN_NONE;
-    }
-    memcpy(wanted, command, sizeof wanted);
-    if (beside != NULL && nearest_allowed(beside, kept, here, before, &held_tick, command, &held) == HAND_BACK)
+    bool begun = (f.law.apart == NULL || apart_begun(f.law.apart)) && (f.joints.apart == NULL || apart_begun(f.joints.apart));
+    Outcome outcome = begun ? moved(&f) : HAND_BACK;
+    PyObject *says = outcome == DONE ? said(&f) : NULL;
+    if (f.law.apart != NULL)
+        apart_ended(f.law.apart);
+    if (f.joints.apart != NULL)
+        apart_ended(f.joints.apart);
+    if (!begun)
+        return PyErr_NoMemory();
+    if (outcome == HAND_BACK)
         Py_RETURN_NONE;
-    if (shape && held != ALLOWED)
-        Py_RETURN_NONE;
-    late = late || (held != ALLOWED && !by_twist);
-    PyObject *answer = held != ALLOWED ? answer_of(beside, &held_tick, GUARDED)
-                       : by_twist && norm(6, twist) > 0.0 ? answer_of(loop, &tick, OK) : Py_NewRef(Py_None);
-    for (int j = 0; j < m; j++) {
-        if (held != ALLOWED) {
-            v[j] += command[j] - wanted[j];
-            pace[j] = 0.0; /* how hard the loop braked is nothing to go on with */
-        }
-        position[j] += dt * v[j];
-        acceleration[j] = held != ALLOWED ? 0.0 : (v[j] - velocity[j]) / dt;
-        velocity[j] = v[j];
-    }
-    PyObject *way = joins ? new_matrix(6, m, m, left) : Py_NewRef(Py_None);
-    PyObject *which = held == ALLOWED ? Py_NewRef(Py_None) : PyLong_FromLong(held);
-    return Py_BuildValue("(NNNNNNddNNNN)", new_vector(m, position), new_vector(m, velocity), new_vector(m, acceleration),
-                         new_vector(m, command), new_vector(m, pace), new_vector(m, q), now[0][m], then[0][m],
-                         PyBool_FromLong(late), way, answer, which);
+    PyObject *way = f.joins ? new_matrix(6, m, m, f.left) : Py_NewRef(Py_None);
+    return Py_BuildValue("(NNNNNNddNNNN)", new_vector(m, f.position), new_vector(m, f.velocity), new_vector(m, f.acceleration),
+                         new_vector(m, f.command), new_vector(m, f.pace), new_vector(m, f.q), f.from, f.to,
+                         PyBool_FromLong(f.late), way, says, PyBool_FromLong(f.held));
 }

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from copy import deepcopy
+from functools import partial
 from math import inf, nan
 from typing import Any, Literal
 
@@ -47,7 +48,7 @@ from invariantqp.paths.reference import (
     resting,
 )
 from invariantqp.paths.shape import ASTRAY, PAUSE, Shape, Told
-from invariantqp.paths.solution import FollowerSolution
+from invariantqp.paths.solution import FollowerSolution, Why
 from invariantqp.paths.time_law import JointLimits
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
@@ -75,7 +76,7 @@ MOST_WAITING, MOST_POINTS = 8, 96
 # The largest override of a path whose shape is kept.
 MOST_OVERRIDE = 1.5
 # Why joints catch up.
-LATE, TOOL_SPEED = "the joints' limits", "the tool's speed"
+LATE = "the joints' limits"
 # Joint speeds below this share of their limits are rest; joints this near [rad, length] are there.
 AT_REST, ARRIVED = 1e-6, 1e-8
 # Rows and a tool speed that are exceeded by this share are kept: rounding.
@@ -191,8 +192,8 @@ class Follower:
         self._closed = False
         self._why = "nothing to follow yet"
         self._retry = 0.0  # when to look next
-        self._held_by = ""  # the limit of the loop that does not allow what was wanted in this tick
         self._answer: VelocitySolution | None = None  # what the law made of a twist, or the loop of a command
+        self._bound = False  # whether that is a command that the loop's rows or tool speed do not allow
         self._late = False  # whether the joints cannot be where they are wanted, and catch up
 
     def __copy__(self) -> Follower:
@@ -413,7 +414,7 @@ class Follower:
     def _made_course(self, reference: Reference) -> tuple[Reference, Array, float] | None:
         """What the core follows, and until when nothing new comes; None where Python has to."""
         loop, shape = self.controller, self._shape
-        if core is None or loop.compiled is None or (loop.joint_rows is not None and loop.joint_rows.fixed is None):
+        if core is None or loop.for_core is None:
             return None
         if self._samples or (shape is None and self._source is None and self._twist is None):
             return None
@@ -424,8 +425,8 @@ class Follower:
         until = self._looked + 0.5 * AHEAD if self._function else inf
         if shape is not None:
             until = min(until, shape.until)
-        elif self._twist is None and not self._late:
-            until = min(until, reference.end if self._last is None else self._due)
+        elif self._twist is None:
+            until = min(until, inf if self._late else reference.end) if self._last is None else min(until, self._due)
         until = min(until, inf if self._next is None else self._next[2])
         if self._turns or (self._twist is None and self._newest is not None):
             until = min(until, self._heard + self.timeout)
@@ -457,8 +458,8 @@ class Follower:
         ease = max(EASE_SAMPLE, SHORTEST_STOP * loop.dt) if self._looks_over else 0.0
         found = core.follow(  # type: ignore[union-attr]
             numbers,
-            self._unbraked.compiled,
-            None if self._beside is None else self._beside.compiled,
+            self._unbraked.for_core,
+            None if self._beside is None else self._beside.for_core,
             self._unbraked.kept,
             self._twist,
             self._late,
@@ -476,13 +477,13 @@ class Follower:
             return None
         if not begun:
             sent.append(self._q)
-        self._q, self._v, self._a, self._command, self._pace, measured, before, after, late, way, answer, which = found
+        self._q, self._v, self._a, self._command, self._pace, measured, before, after, *more = found
+        self._late, way, answer, self._bound = more
         if ease:
             self._retry = time + RETRY
         self._time += loop.dt
-        self._late = late
-        self._answer = None if answer is None else self._unbraked.named(answer)
-        self._held_by = "" if which is None else self._named(which)
+        answered = self._beside if self._bound and self._beside is not None else self._unbraked
+        self._answer = None if answer is None else answered.named(answer)
         if way is not None or (ease and time < reference.joined):
             reference.joins(time, *((np.zeros((6, self._m)), 0.0) if way is None else (way, ease)))
             self._course = self._made_course(reference)
@@ -491,11 +492,6 @@ class Follower:
             told = None if self.paused else shape.told_by_core(measured, before, after, self._override)
             return self._reported(reference, measured, command) if told is None else FollowerSolution(command, *told)
         return self._reported(reference, measured, command)
-
-    def _named(self, which: int) -> str:
-        """What the core calls a limit of the loop: a row, or -1 its tool speed."""
-        fixed = None if self.controller.joint_rows is None else self.controller.joint_rows.fixed
-        return TOOL_SPEED if which < 0 or fixed is None else row_name(which, fixed.names)
 
     def _moved(self, reference: Reference, measured: Array, moving: Array | None) -> Array:
         """(m,) the command of a tick along a reference, inside the limits; the joints are sent so far."""
@@ -506,18 +502,18 @@ class Follower:
         v = self._wanted(reference) if along else self._limited(reference)
         wanted = self._corrected(measured, v, before)
         command = self._nearest(measured, wanted, before)
-        if self._held_by and along and shape is not None:  # the path waits
+        if self._bound and along and shape is not None:  # the path waits
             share = self._share(measured, wanted, before)
             reference.source = self._source = shape.delayed((1.0 - share) * dt)
             v = self._wanted(reference)
             wanted = self._corrected(measured, v, before)
             command = self._nearest(measured, wanted, before)
-        if self._held_by and not along:
+        if self._bound and not along:
             v = v + command - wanted
             self._late = self._twist is None
         self._pace, self._command = (command - before) / dt, command
         self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
-        if self._held_by:  # how hard the loop braked is nothing to go on with
+        if self._bound:  # how hard the loop braked is nothing to go on with
             self._pace = self._a = np.zeros(self._m)
         return command
 
@@ -531,7 +527,7 @@ class Follower:
 
     def _nearest(self, measured: Array, wanted: Array, before: Array) -> Array:
         """(m,) the command nearest the wanted one (m,) that rows and tool speed of the loop allow: argmin |x - c|."""
-        loop, self._held_by = self._beside, ""
+        loop, self._bound = self._beside, False
         if loop is None:
             return wanted
         q = self._here(measured)
@@ -539,10 +535,7 @@ class Follower:
         other = np.abs(answer.velocity - wanted).max() > EXCESS * np.abs(wanted).max()
         if not other and answer.status not in (Status.DEGRADED, Status.HELD):
             return wanted
-        price = answer.row_multipliers
-        self._answer, self._held_by = answer, TOOL_SPEED
-        if price is not None and price.any():
-            self._held_by = row_name(int(np.abs(price).argmax()), tuple(answer.row_names))
+        self._answer, self._bound = answer, True
         return np.array(answer.velocity)
 
     def _share(self, measured: Array, wanted: Array, before: Array) -> float:
@@ -910,7 +903,7 @@ class Follower:
         limit = self._limits.velocity
         return bool((np.abs(self._v) <= AT_REST * np.where(np.isfinite(limit), limit, 1.0)).all())
 
-    def _status(self, reference: Reference, place: float) -> tuple[Status, str]:
+    def _status(self, reference: Reference, place: float) -> tuple[Status, Why]:
         """The status of a tick at a place, and its reason."""
         if (found := self._by_loop(self._source is not None and not self.paused)) is not None:
             return found
@@ -923,20 +916,18 @@ class Follower:
         over = self._closed and not self._samples and self._next is None and self._still
         return (Status.DONE, "") if over else (Status.WAITING, self._why)
 
-    def _by_loop(self, streams: bool) -> tuple[Status, str] | None:
+    def _by_loop(self, streams: bool) -> tuple[Status, Why] | None:
         """What the loop says of the tick, None where nothing; a stream that its limits hold back is late instead."""
         answer = self._answer
         if answer is not None and answer.status in (Status.DEGRADED, Status.HELD):
-            return answer.status, answer.reason
+            return answer.status, partial(getattr, answer, "reason")
         if streams:
             return None
-        if self._held_by:
-            return Status.LIMITED, f"held by {self._held_by}"
-        if answer is None or answer.status is Status.OK or not self._turns:
+        if answer is None or not (self._bound or (self._turns and answer.status is not Status.OK)):
             return None
-        return Status.LIMITED, answer.reason
+        return Status.LIMITED, partial(_held_by, answer) if self._bound else partial(getattr, answer, "reason")
 
-    def _on_the_way(self, end: float, place: float) -> tuple[Status, str]:
+    def _on_the_way(self, end: float, place: float) -> tuple[Status, Why]:
         """The same while points or samples are followed, which end at a time."""
         if self._last is not None and self._time >= self._last[1]:
             return Status.WAITING, "for newer points"
@@ -948,7 +939,7 @@ class Follower:
         if missed > self._tolerance:
             return Status.LEFT, f"out of reach, by {missed:.3g}"
         if self._late:
-            return Status.LATE, f"held by {self._held_by}" if self._held_by else LATE
+            return Status.LATE, LATE if self._answer is None or not self._bound else partial(_held_by, self._answer)
         return Status.MOVING, ""
 
     def _missed_at(self, place: float) -> float:
@@ -1027,6 +1018,14 @@ class PathFollower(Follower):
             BadInput: not a number.
         """
         return self._kept_shape("place").given.pose(arrays.number(place, "place", "the path's parameter"))
+
+
+def _held_by(answer: VelocitySolution) -> str:
+    """What of the loop's an answer to a command says does not allow it."""
+    price = answer.row_multipliers
+    if price is None or not price.any():
+        return "held by the tool's speed"
+    return f"held by {row_name(int(np.abs(price).argmax()), tuple(answer.row_names))}"
 
 
 def _going_over(v: Array, x: Array, limits: JointLimits) -> Array:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypeAlias
 
 from invariantqp.force.control import HybridSolution
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.solution import Status
+
+# A reason, or what finds it when it is read.
+Why: TypeAlias = str | Callable[[], str]
 
 
 class FollowerSolution:
@@ -16,7 +20,6 @@ class FollowerSolution:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
         status: "moving", "late", "slowed", "limited", "waiting", "blocked", "left", "paused", "done", "degraded" or
             "held": see `Status`.
-        reason: why, in words, "" where there is nothing to report.
         place: where in what is followed the joints are when the tick is over: a stamp [s], or a path's parameter.
         late: how long after its stamp that is [s].
         speed: of the place [1/s], negative backward.
@@ -24,13 +27,13 @@ class FollowerSolution:
         hybrid: in contact, the hybrid controller's answer, with the forces; else None.
     """
 
-    __slots__ = ("_across", "hybrid", "late", "place", "reason", "ruling", "speed", "status", "velocity")
+    __slots__ = ("_across", "_why", "hybrid", "late", "place", "ruling", "speed", "status", "velocity")
 
     def __init__(
         self,
         velocity: Array,
         status: Status,
-        reason: str,
+        reason: Why,
         place: float,
         late: float,
         across: Callable[[], float],
@@ -38,10 +41,18 @@ class FollowerSolution:
         ruling: str = "",
         hybrid: HybridSolution | None = None,
     ) -> None:
-        """As the attributes say; `across` is computed when it is read."""
-        self.velocity, self.status, self.reason, self.place, self.late = velocity, status, reason, place, late
+        """As the attributes say; `across` and a reason are computed when they are read."""
+        self.velocity, self.status, self.place, self.late = velocity, status, place, late
+        self._why: Why = reason
         self.speed, self.ruling, self.hybrid = speed, ruling, hybrid
         self._across: Callable[[], float] | float = across
+
+    @property
+    def reason(self) -> str:
+        """Why, in words, "" where there is nothing to report."""
+        if callable(self._why):
+            self._why = self._why()
+        return self._why
 
     @property
     def across(self) -> float:

@@ -359,7 +359,7 @@ def test_the_core_answers_where_braking_alone_keeps_the_rows(ur5, q, before):
     box = Box(iq.transform(translation=[0.45, 0.0, 0.15]), [0.24, 0.4, 0.3], name="box")
     options = {"dt": 0.001, "acceleration_limit": 10.0, "limits": [Clearance(ur5, None, [box])]}
     loop, target, q, before = iq.Controller(ur5, **options), ur5.pose(q), np.array(q), np.array(before)
-    found = loop._beside(loop.compiled, q, target, None, before)
+    found = engine.core.step(loop.for_core[0], loop.kept, q, target, None, before, *loop.for_core[1:])
     assert found is not None
     wanted = iq.Controller(ur5, engine="python", **options).step(q, target, None, before)
     np.testing.assert_allclose(found[0].velocity, wanted.velocity, atol=1e-6)

@@ -56,13 +56,32 @@ def fast(arm, truth):
     ]
 
 
+def beside(arm, truth):
+    """Beside a table above which the tool is kept, and a ball that comes nearer."""
+    x, y, z = arm.robot.pose(arm.start)[:3, 3]
+    ball = iq.limits.Sphere([x, y + 0.4, z + 0.1], 0.1, name="ball")
+    table = iq.limits.HalfSpace([0.0, 0.0, z - 0.2], [0.0, 0.0, 1.0], name="table")
+    hand = {"tool": [iq.limits.Sphere([0.0, 0.0, 0.0], 0.05, name="hand")]}
+    limit = iq.limits.Clearance(arm.robot, hand, [table, ball], distance=0.02)
+    stamps = np.arange(0.0, 0.6, 0.05)
+
+    def moved(t):
+        ball.move(iq.transform(translation=[0.0, -0.2 * t, 0.0]), [0, 0, 0, 0, -0.2, 0])
+
+    return iq.Follower(arm.controller(limits=[limit]), jerk=arm.jerk), [
+        (0.0, lambda f: f.follow([truth(t) for t in stamps], stamps)),
+        *((t, lambda f, t=t: moved(t)) for t in np.arange(0.0, 1.0, 0.02)),
+        *((t, lambda f: f.twist([0.0, 0.0, 0.0, 0.0, 0.1, -0.3])) for t in np.arange(0.7, 1.4, 0.05)),
+    ]
+
+
 def by_python(monkeypatch):
     monkeypatch.setattr(driver.Follower, "_made_course", lambda *_: None)
     monkeypatch.setattr(reference, "core", None)
 
 
 ARMS = [("panda", 0.006), ("ur5", 0.0), ("so101", 0.006)]
-WAYS = [chunks, hand, path, leaps, twists, fast]
+WAYS = [chunks, hand, path, leaps, twists, fast, beside]
 
 
 @pytest.mark.parametrize(("way", "name", "delay"), [(way, *ARMS[k % 3]) for k, way in enumerate(WAYS)])
