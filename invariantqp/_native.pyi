@@ -64,8 +64,6 @@ class Wanted:
 
 class Loop:
     law: Law  # of its ticks
-    planned_threshold: float  # of damping where the joint motion is planned
-    planned_ceiling: float  # likewise
     screws: Array  # (6, joints) joint twists at q = 0
     home: Array  # (4, 4) tool pose at q = 0
     dt: float  # tick [s]
@@ -84,6 +82,8 @@ class Loop:
     beyond: Array  # (joints,) how far outside it a joint's position is believed
     fastest: Array  # (joints,) joint speeds [rad/s, length/s]
     acceleration: Array | None  # (joints,) limits of acceleration
+    brakes: Array  # (joints,) accelerations at which joints stop, whoever limits them
+    rise: float  # in which they are had [s]
     fast: Array  # (3,) of the tool, a point whose speed is limited [length]
     speed_limit: float  # of that point [length/s]; 0 is none
     exact: tuple[Wanted, ...]  # what is met exactly
@@ -95,8 +95,6 @@ class Loop:
         self,
         *,
         law: Law,
-        planned_threshold: float | None = None,
-        planned_ceiling: float | None = None,
         screws: Array,
         home: Array,
         dt: float,
@@ -115,6 +113,8 @@ class Loop:
         beyond: Array,
         fastest: Array,
         acceleration: Array | None = None,
+        brakes: Array | None = None,
+        rise: float | None = None,
         fast: Array | None = None,
         speed_limit: float | None = None,
         exact: tuple[Wanted, ...] | None = None,
@@ -299,6 +299,7 @@ def tick(
     e: Array | None = None,
     D: Array | None = None,
     row_rank: int | None = None,
+    held: float | None = None,
     G: Array | None = None,
     least: Array | None = None,
     most: Array | None = None,

@@ -49,7 +49,7 @@ def compiled_loop(
     m = len(robot.names)
     if type(robot) is not Chain or m > core.MOST_JOINTS:  # a class of the user's may be no such chain
         return None
-    wanted, planned = compiled_demands(exact), law.planned.compiled or fixed
+    wanted = compiled_demands(exact)
     if wanted is None or len(wanted) > core.MOST_ROWS:
         return None
     rows = None if limits.joint_rows is None else limits.joint_rows.fixed
@@ -65,8 +65,6 @@ def compiled_loop(
     box, braking = limits.box, limits.braking
     made: Loop = core.Loop(
         law=fixed,
-        planned_threshold=planned.threshold,
-        planned_ceiling=planned.ceiling,
         screws=robot.screws,
         home=robot.home,
         dt=box.dt,

@@ -231,15 +231,15 @@ class Controller:
         self._limits = LoopLimits.of(loop_of(robot, self.dt, self.delay), told, far_outside, turning)
         refuse(self.wrong(self._posture), "posture")
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
-        fixed = None if self.joint_rows is None else self.joint_rows.fixed
-        self._row_names: tuple[str, ...] = () if fixed is None else fixed.names
+        self._rise, self._brakes = 0.0, self._limits.loop.acceleration
+        self._row_names: tuple[str, ...] = () if self.joint_rows is None else self.joint_rows.names
         fastest = self.box.velocity_limit
         self._fastest = np.where(np.isfinite(fastest) & (fastest > 0.0), fastest, 1.0)
         self._slowness = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), fastest)
         self._late = ticks_late(self.delay, self.dt)
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
         brought = self.law.compiled is not None and self.law.compiled.form == "brought"
-        self.varies: bool = brought or (self.joint_rows is not None and fixed is None)
+        self.varies: bool = brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
         self._looks = self.joint_rows is not None and bool(self.joint_rows.looking)
         self.compiled: Loop | None = self._compiled()  # for the core; None for a loop that it does not have
 
@@ -265,6 +265,8 @@ class Controller:
             slack=self._slack,
             slowness=self._slowness,
             row_rank=-1 if self.row_rank is None else self.row_rank,
+            rise=self._rise,
+            brakes=self._brakes,
         )
 
     def by_engine(self, engine: Engine) -> Controller:
@@ -273,9 +275,9 @@ class Controller:
         law = replace(self.law, engine=arrays.choice(engine, "engine", ENGINES))
         return self._but(robot=robot, law=law)
 
-    def unbraked(self) -> Controller:
-        """The loop without acceleration limits and delay, for whoever limits those himself."""
-        return self._undelayed(braking=None, _limits=self._limits._replace(braking=None))
+    def unbraked(self, rise: float) -> Controller:
+        """The loop without acceleration limits and delay, for whoever limits those himself; they rise in a time [s]."""
+        return self._undelayed(braking=None, _limits=self._limits._replace(braking=None), _rise=rise)
 
     def of_joints(self) -> Controller:
         """The loop without delay, for joint velocities c: `follow(q, J c, posture=c)` is the nearest that limits allow.
@@ -374,7 +376,6 @@ class Controller:
         at: ArrayLike | None = None,
         posture: ArrayLike | None = None,
         *,
-        calm: bool = True,
         speed: float = 1.0,
         velocity_limit: ArrayLike | None = None,
         tool_speed: float | None = None,
@@ -390,7 +391,6 @@ class Controller:
             sighting: what `robot.sight` returned at q, if it was called in this tick already.
             at: (3,) in the base frame, the point to measure at in this tick; None is the controller's own.
             posture: (m,) joint velocity wanted where the twist leaves joints free; None is the controller's own.
-            calm: False where the joint motion is planned: what damps the chase of a target out of reach is left out.
             speed: as in `step`; exact `rows` are `speed` times as fast too.
             velocity_limit: as in `step`.
             tool_speed: as in `step`.
@@ -403,7 +403,7 @@ class Controller:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
-        own = rows is None and sighting is None and at is None and calm is True
+        own = rows is None and sighting is None and at is None
         core = self.compiled if own else None
         other = {} if posture is None else {"posture": posture}
         found = None if core is None else self._by_core(core, q, None, twist, velocity, now, **other)
@@ -416,7 +416,7 @@ class Controller:
         where = None if at is None else arrays.vector(at, 3, "at")
         free = None if posture is None else arrays.vector(posture, self._count, "posture")
         state = self._at_rest(positions, sighting, velocity, where)
-        return self._tick(state, s, None, s, rows, posture=free, calm=arrays.flag(calm, "calm"), now=now)
+        return self._tick(state, s, None, s, rows, posture=free, now=now)
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
@@ -563,7 +563,6 @@ class Controller:
         stand: Reason | None = None,
         posture: Array | None = None,
         *,
-        calm: bool = True,
         now: Changes | None = None,
     ) -> VelocitySolution:
         """The velocity for the twist s, or at rest if told to `stand`.
@@ -602,8 +601,9 @@ class Controller:
             self.row_rank if more is None else None,
             chase,
             fastest,
+            self._held(before) if share is None else 0.0,
         )
-        law = self.law if calm else self.law.planned
+        law = self.law
         if now is not None and now.speed not in (0.0, 1.0):
             law, demand = law.slowed(now.speed), demand.slowed(now.speed)
         solution = solve(law, demand) if stand is None else standing(law, demand, (stand,))
@@ -612,6 +612,13 @@ class Controller:
             solution = solve(law, demand._replace(rows=missed))
         self.memory.after(positions, solution.velocity).write(self.kept)
         return self._limits.told(solution, positions, limits.strained)
+
+    def _held(self, before: Array) -> float:
+        """How long a twist's velocity is held beyond the law's dt [s], until accelerations let joints have another.
+
+        Their rise, and the way of joints that brake over their speed.
+        """
+        return self._rise + 0.5 * float(np.abs(before / self._brakes).max()) if self.law.dt > 0.0 else 0.0
 
     def _halted(self, state: Observed, s: Array, reason: Reason) -> VelocitySolution:
         """Standing still wherever the joints may be, or coming to rest as fast as their accelerations allow."""

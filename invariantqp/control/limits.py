@@ -514,6 +514,11 @@ class RowLimits:
         rows = [limit for limit in self._limits if isinstance(limit, LimitRows)]
         return _stacked(rows) if len(rows) == len(self._limits) else None
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the rows that are the same in every tick; () where not all are."""
+        return () if self.fixed is None else self.fixed.names
+
     def own(self, q: Array) -> LimitRows | None:
         """The rows at joint positions q (m,) but Pink's, None where there are none or they cannot be used."""
         known = [limit for limit in self._limits if not isinstance(limit, _InPink)]

@@ -59,7 +59,7 @@ typedef struct {
     Row fastest; /* where the posture is paced: it rests while the task rests */
     bool chased;
     Chase chase;
-    double dt;
+    double dt, held; /* how long the velocity is held, and how much longer */
     /* exact.py: C x = e, C = D J where D is not zero; row_rank is -1 for all */
     int rows, row_rank;
     bool of_twist;

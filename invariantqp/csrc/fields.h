@@ -73,8 +73,6 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     LENGTH(wanted, MOST_ROWS, "exact demands") \
     LENGTH(limits, MOST_LIMITS, "fixed rows that limit the joint velocity") \
     OBJECT(law, Law, "of its ticks") \
-    NUMBER(planned_threshold, 0.0, "of damping where the joint motion is planned") \
-    NUMBER(planned_ceiling, 0.0, "likewise") \
     MATRIX(screws, 6, joints, NEEDED, "joint twists at q = 0") \
     MATRIX(home, 4, 4, NEEDED, "tool pose at q = 0") \
     NUMBER(dt, NEEDED, "tick [s]") \
@@ -93,6 +91,8 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     VECTOR(beyond, joints, NEEDED, "how far outside it a joint's position is believed") \
     VECTOR(fastest, joints, NEEDED, "joint speeds [rad/s, length/s]") \
     MAYBE_VECTOR(acceleration, joints, has_braking, "limits of acceleration") \
+    VECTOR(brakes, joints, DEFAULT(INFINITY), "accelerations at which joints stop, whoever limits them") \
+    NUMBER(rise, 0.0, "in which they are had [s]") \
     VECTOR(fast, 3, DEFAULT(0.0), "of the tool, a point whose speed is limited [length]") \
     NUMBER(speed_limit, 0.0, "of that point [length/s]; 0 is none") \
     OBJECTS(exact, Wanted, wanted, "what is met exactly") \
@@ -231,6 +231,7 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     VECTOR(e, rows, NOTHING, "their demands") \
     MAYBE_MATRIX(D, rows, 6, of_twist, "C = D J, where D is not zero") \
     COUNT(row_rank, -1, "how many exact rows the arm can keep in its best state; -1 is all") \
+    NUMBER(held, 0.0, "how much longer than the law's dt the velocity is held [s]") \
     MATRIX(G, limits, m, NOTHING, "rows of limits, least <= G x <= most") \
     VECTOR(least, limits, NOTHING, "-inf where there is none") \
     VECTOR(most, limits, NOTHING, "inf where there is none") \

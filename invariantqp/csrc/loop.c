@@ -210,6 +210,7 @@ static bool demand_now(const Loop *loop, const Now *now, const double *q, const 
 static void slowed(Demand *demand, double share)
 {
     demand->dt /= share;
+    demand->held /= share;
     demand->chase.slack *= share;
     for (int i = 0; i < 6; i++) {
         demand->s[i] *= share;
@@ -312,6 +313,9 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
     }
     if (!(square < INFINITY) || (!demand.chased && most > LENGTH_LIMIT))
         return HAND_BACK;
+    demand.held = 0.0; /* controller.py, _held */
+    for (int j = 0; j < m && !demand.chased && demand.dt > 0.0; j++)
+        demand.held = fmax(demand.held, loop->rise + 0.5 * fabs(before[j] / loop->brakes[j]));
     demand.has_posture = loop->has_posture || beside->posture != NULL;
     demand.paced = beside->posture == NULL;
     for (int j = 0; j < m; j++) {

@@ -39,7 +39,7 @@ static bool quick(const Demand *demand, const Regular *regular, const Row A[6], 
     Row x;
     int m = demand->m;
     if (demand->metric != NULL || !agrees(demand) || !regular_velocity(demand, regular, A, b, x) || !allows(demand, x) || !achieves(demand, x) || !is_met(m, A, b, x, REGULAR) ||
-        excess_deviation(m, A, b, norm(m, x), demand->dt) > 0.0)
+        excess_deviation(m, A, b, norm(m, x), demand->dt + demand->held) > 0.0)
         return false;
     solution->rows = solution->yielded.rows = 0;
     solution->yielded.speed = solution->unmet = solution->beyond = 0.0;

@@ -450,7 +450,7 @@ static double calming(const Posed *problem, const Share *share, const Objective 
         return 0.0;
     free_part(problem, y, share->value, z);
     double factor = (demand->rows == 0 ? CALM : CALM * problem->reduction.bend) / worth(demand, problem->twists, problem->wanted);
-    return calm(demand->m, problem->A, problem->wanted, y, slowed, speed(objective, z), demand->dt, factor);
+    return calm(demand->m, problem->A, problem->wanted, y, slowed, speed(objective, z), demand->dt + demand->held, factor);
 }
 
 /* y, with as much least squares blended in as descent requires; `near` has the limits that hold the rows. */
@@ -522,7 +522,7 @@ static Outcome roomy(Posed *problem, Share *share, Yielded *yielded)
         share->value = 0.0;
         return DONE;
     }
-    return share_of(reduction, m, &problem->limits, &problem->cone, demand->dt, share);
+    return share_of(reduction, m, &problem->limits, &problem->cone, demand->dt + demand->held, share);
 }
 
 /* How far a motion that limits require moves each exact row beside its share of the speed; solution->rows of them are told. */

@@ -153,7 +153,8 @@ class Follower:
         self._tolerance = (
             least if tolerance is None else arrays.number(tolerance, "tolerance", "a distance", positive=True)
         )
-        self._solver, self._unbraked = Solver(loop, self._tolerance), loop.unbraked()
+        self._solver = Solver(loop, self._tolerance)
+        self._unbraked = loop.unbraked(2.0 * float((self._limits.acceleration / self.jerk).max()))
         # What no joint knows by itself: in each tick the loop has the last word.
         bound = loop.tool_speed is not None or loop.joint_rows is not None
         self._beside = loop.of_joints() if bound else None
@@ -1022,10 +1023,10 @@ class PathFollower(Follower):
 
 def _held_by(answer: VelocitySolution) -> str:
     """What of the loop's an answer to a command says does not allow it."""
-    price = answer.row_multipliers
-    if price is None or not price.any():
-        return "held by the tool's speed"
-    return f"held by {row_name(int(np.abs(price).argmax()), tuple(answer.row_names))}"
+    price, name = answer.row_multipliers, "the tool's speed"
+    if price is not None and price.any():
+        name = row_name(int(np.abs(price).argmax()), tuple(answer.row_names))
+    return f"held by {name}"
 
 
 def _going_over(v: Array, x: Array, limits: JointLimits) -> Array:

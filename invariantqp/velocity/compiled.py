@@ -47,6 +47,7 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
         "upper": demand.upper,
         "posture": demand.posture,
         "fastest": demand.fastest,
+        "held": demand.held,
         **_fields(rows, exact, cone),
     }
     if exact is not None:

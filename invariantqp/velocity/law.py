@@ -86,6 +86,7 @@ class Demand(NamedTuple):
     # (m,) speeds beside which joint velocities count, where the posture rests while the task rests; None is a posture
     # that is followed as it is
     fastest: Array | None = None
+    held: float = 0.0  # how much longer than the law's dt the velocity is held [s]
 
     def slowed(self, share: float) -> Demand:
         """All that is wanted, at a share of its speed; the limits are as they were."""
@@ -96,6 +97,7 @@ class Demand(NamedTuple):
             posture=None if self.posture is None else share * self.posture,
             chase=None if chase is None else chase.slowed(share),
             fastest=None if self.fastest is None else share * self.fastest,
+            held=self.held / share,
         )
 
     def allows(self, x: Array) -> bool:

@@ -185,7 +185,8 @@ def answered(law: VelocityLaw, problem: Problem) -> Answer:
     if law.dt > 0.0 and problem.spectrum is not None:
         achieved = problem.A.dot(first.y + first.slowed)
         speed = first.objective.speed(room.coordinates(first.y))
-        mu = calm(problem.A, problem.wanted, achieved, speed, law.dt, CALM * reduction.bend / _worth(problem))
+        factor = CALM * reduction.bend / _worth(problem)
+        mu = calm(problem.A, problem.wanted, achieved, speed, law.dt + demand.held, factor)
     answer = _calmed(law, first, mu)
     if law.guard is None or problem.attempt is problem.wanted:
         return answer
@@ -276,7 +277,8 @@ def room_within(law: VelocityLaw, demand: Demand, reduction: Reduction) -> Room:
         reduction = fixed_beside(reduction, limits.polytope, limits.cone, nearest)
         limits, share = limits.beside(nearest), Share(nearest.share, nearest.inside)
     else:
-        share = share_of(reduction, limits.polytope, limits.cone, nearest.inside, law.dt, law.backend)
+        dt = law.dt + demand.held
+        share = share_of(reduction, limits.polytope, limits.cone, nearest.inside, dt, law.backend)
     return room_of(reduction, limits, share)
 
 

@@ -229,3 +229,17 @@ def test_joint_velocities_give_way_to_limits_by_the_least(engine, exact):
         if exact is None:
             assert np.abs(before + best.x - x).max() < 1e-5
     assert held > 5
+
+
+@pytest.mark.parametrize("exact", [None, "position"])
+def test_no_joint_swings_where_a_twist_cannot_be_done(exact):
+    """Joints that brake slowly go on for longer than a tick: the law knows for how long a velocity is held."""
+    robot = iq.load_robot("so101" if exact else "ur5")
+    q = np.array([0.0, -0.4, 0.5, 0.6, 0.0] if exact else [0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    loop, V = iq.Controller(robot, dt=DT, acceleration_limit=3.0, exact=exact), []
+    for _ in range(1400):
+        answer = loop.follow(q, [0.0, 0.0, 0.0, 0.3, 0.0, 0.0])
+        V.append(answer.velocity)
+        q = q + DT * answer.velocity
+    assert answer.status == ("scaled" if exact else "limited")
+    assert np.abs(np.diff(V[-400:], axis=0)).max() / DT < 0.3
