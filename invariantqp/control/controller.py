@@ -276,8 +276,16 @@ class Controller:
         return self._but(robot=robot, law=law)
 
     def unbraked(self, rise: float) -> Controller:
-        """The loop without acceleration limits and delay, for whoever limits those himself; they rise in a time [s]."""
-        return self._undelayed(braking=None, _limits=self._limits._replace(braking=None), _rise=rise)
+        """The loop without acceleration limits and delay, for whoever limits those himself.
+
+        Args:
+            rise: in which accelerations rise to their limits and fall again [s].
+
+        Raises:
+            BadInput: not a time.
+        """
+        late = arrays.not_negative(rise, "rise", "a time in seconds")
+        return self._undelayed(braking=None, _limits=self._limits._replace(braking=None), _rise=late)
 
     def of_joints(self) -> Controller:
         """The loop without delay, for joint velocities c: `follow(q, J c, posture=c)` is the nearest that limits allow.

@@ -180,7 +180,7 @@ class Follower:
         self._missed = np.zeros(0)  # by how much points are out of reach, and whether one is
         self._some_missed = False
         self._last: tuple[Array, float, float] | None = None  # (m,) the last of them, its stamp, when to go back to it
-        self._next: tuple[Given, Array, float, bool] | None = None  # with stamps, when, whether alone
+        self._next: tuple[Given, Array | None, float, bool] | None = None  # with stamps, None for then; when; alone
         self._function: Callable[[float], Any] | None = None
         self._looked = 0.0
         self._samples: deque[tuple[Any, float | None]] = deque(maxlen=MOST_WAITING)
@@ -247,11 +247,9 @@ class Follower:
             self._function, self._looked = points, when - AHEAD
             return
         given = self._believed(Given(points, self._m, "points"), "points")
-        if stamps is None and len(given) == 1:
-            stamps = [when]
-        if stamps is None:
+        if stamps is None and len(given) > 1:
             raise BadInput("stamps", "None", f"({len(given)},) times in seconds, one for each point, increasing")
-        times = _increasing(stamps, len(given))
+        times = None if stamps is None else _increasing(stamps, len(given))
         self._forget()
         self._next = given, times, when, at is not None
 
@@ -353,8 +351,8 @@ class Follower:
 
         Args:
             q: (m,) measured joint positions [rad, length].
-            velocity: (m,) joint velocity now, where the arm moves when it is first stepped, or after a push; None is
-                the one commanded last, which counts at all other times.
+            velocity: (m,) joint velocity now, where it is not the one commanded last, which None is: of an arm that
+                moves when it is first stepped, after a push or an emergency stop.
             now: the time [s], by the clock of the stamps; None counts ticks.
             override: share of the wanted speed, 0 to 1; along a path up to 1.5, where limits allow it.
             wrench: in contact, as in `HybridController.step`, and so are the next two.
@@ -375,34 +373,37 @@ class Follower:
                 return found
             self._course = None
         measured = self._measured = arrays.vector(q, self._m, "q")
-        moving = None if velocity is None else arrays.vector(velocity, self._m, "velocity")
+        before = self._command if velocity is None else arrays.vector(velocity, self._m, "velocity")
         share = self._override_of(override)
         if self._pressed is not None:
-            return self._in_contact(self._pressed, measured, moving, clock, share, (wrench, contact, wanted))
+            return self._in_contact(self._pressed, measured, before, clock, share, (wrench, contact, wanted))
         _none(wrench=wrench, contact=contact, wanted=wanted)
+        shape, another = self._shape, np.abs(before - self._command) > self._limits.dt * self._limits.acceleration
+        self._command = before
         wrong = loop.wrong(measured)
         if wrong:
-            return self._held(str(wrong), clock, moving)
-        shape = self._shape
+            return self._held(str(wrong), clock)
+        if another.any() and shape is None:  # joints cannot have it by what was commanded
+            self._reference, self._pace = None, np.zeros(self._m)
         if shape is not None and shape.motion is None and (self._reference is None or not self._v.any()):
             if shape.plan is None:
-                return self._setting_out(shape, measured, moving, clock)
+                return self._setting_out(shape, measured, clock)
             self._source = shape.begin(self._time if clock is None else clock)
             self._reference = self._twist = None
-        reference = self._begin(measured, moving, clock)
+        reference = self._begin(measured, clock)
         self._take_in(reference, share)
-        return self._driven(reference, measured, moving)
+        return self._driven(reference, measured)
 
-    def _driven(self, reference: Reference, measured: Array, moving: Array | None) -> FollowerSolution:
+    def _driven(self, reference: Reference, measured: Array) -> FollowerSolution:
         """A tick along a reference."""
         self._course = course = self._made_course(reference)
-        found = None if course is None or moving is not None else self._by_core(course, measured, begun=True)
+        found = None if course is None else self._by_core(course, measured, begun=True)
         if found is not None:
             return found
         if self._looks_over:
             self._late = not reference.splice(reference.source, self._time, self._state, EASE_SAMPLE)
             self._retry = self._time + RETRY
-        command = self._moved(reference, measured, moving)
+        command = self._moved(reference, measured)
         self._time += self.controller.dt
         self._course = self._made_course(reference)
         return self._reported(reference, measured, command)
@@ -494,10 +495,10 @@ class Follower:
             return self._reported(reference, measured, command) if told is None else FollowerSolution(command, *told)
         return self._reported(reference, measured, command)
 
-    def _moved(self, reference: Reference, measured: Array, moving: Array | None) -> Array:
+    def _moved(self, reference: Reference, measured: Array) -> Array:
         """(m,) the command of a tick along a reference, inside the limits; the joints are sent so far."""
         dt, shape = self.controller.dt, self._shape
-        before = self._command if moving is None or shape is None else moving
+        before = self._command
         along = shape is not None and reference.source is shape.motion and not self._late
         self._answer = None
         v = self._wanted(reference) if along else self._limited(reference)
@@ -552,10 +553,9 @@ class Follower:
             raise BadInput("override", f"{share:g}", f"a share of the speed, 0 to {most:g}")
         return share
 
-    def _held(self, reason: str, clock: float | None, moving: Array | None) -> FollowerSolution:
+    def _held(self, reason: str, clock: float | None) -> FollowerSolution:
         """A tick of joint positions that cannot be true: wherever they may be, to rest as soon as they may."""
-        dt, shape = self.controller.dt, self._shape
-        v = self._command if moving is None else moving
+        dt, shape, v = self.controller.dt, self._shape, self._command
         self._reference = None
         self._time = (self._time if clock is None else clock) + dt
         place = nan
@@ -568,11 +568,9 @@ class Follower:
         self._v = self._command = np.sign(v) * np.maximum(np.abs(v) - step, 0.0)
         return FollowerSolution(self._v.copy(), Status.HELD, reason, place, 0.0, lambda: inf, 0.0, "joint positions")
 
-    def _setting_out(
-        self, shape: Shape, measured: Array, moving: Array | None, clock: float | None
-    ) -> FollowerSolution:
+    def _setting_out(self, shape: Shape, measured: Array, clock: float | None) -> FollowerSolution:
         """A tick on the way to a path whose shape is kept."""
-        dt, before = self.controller.dt, self._command if moving is None else moving
+        dt, before = self.controller.dt, self._command
         found = self._approaching(shape, measured, before) if np.isfinite(self._options["joint_jerk"]).all() else None
         velocity, told = shape.set_out(measured, before) if found is None else found
         self._time = (self._time if clock is None else clock) + dt
@@ -594,20 +592,20 @@ class Follower:
         self._twist, self._late = None, bool(np.abs(self._start - self._q).max() > ARRIVED) or not self._still
         if not self._late:
             return None
-        command = self._moved(Reference(self._limits, self._start, self._time), measured, before)
+        command = self._moved(Reference(self._limits, self._start, self._time), measured)
         return command.copy(), shape.on_the_way(measured)
 
     def _in_contact(
         self,
         pressed: Pressed,
         measured: Array,
-        moving: Array | None,
+        before: Array,
         clock: float | None,
         override: float,
         given: tuple[Any, Contact | None, ArrayLike | Wrench | None],
     ) -> FollowerSolution:
         """A tick along a path in contact."""
-        shape, before = self._kept_shape("step"), self._command if moving is None else moving
+        shape = self._kept_shape("step")
         time = self._time if clock is None else clock
         kept = shape.motion, shape.plan
         try:
@@ -671,7 +669,7 @@ class Follower:
         self._twist, self._turns, self._shape, self._late = STILL, False, None, False
         self._source = self._stream = self._given = self._newest = self._last = None
 
-    def _begin(self, measured: Array, moving: Array | None, clock: float | None) -> Reference:
+    def _begin(self, measured: Array, clock: float | None) -> Reference:
         """The reference at the beginning of a tick, made anew where the arm is not where it was sent."""
         reference = self._reference
         if reference is not None:
@@ -691,10 +689,8 @@ class Follower:
         if self._shape is not None and self._shape.motion is not None:
             self._source = self._shape.still(self._time)
         self._q = np.clip(measured, self._limits.lower, self._limits.upper)
-        self._a = self._pace if moving is None else np.zeros(self._m)
-        speed = self._limits.velocity
-        self._v = np.clip(self._command if moving is None else moving, -speed, speed)
-        self._command, self._pace = self._v, self._a
+        self._a, speed = self._pace, self._limits.velocity
+        self._command = self._v = np.clip(self._command, -speed, speed)
         self._sent.clear()
         self._sent.append(measured)
         self._reference = new = Reference(self._limits, self._q, self._time)
@@ -746,7 +742,7 @@ class Follower:
         if self._next is not None and now >= self._next[2]:
             given, stamps, _, alone = self._next
             self._next = None
-            self._take_points(reference, given, stamps, alone=alone)
+            self._take_points(reference, given, np.array((now,)) if stamps is None else stamps, alone=alone)
         elif self._function is not None and now >= self._looked + 0.5 * AHEAD:
             stamps = np.arange(now - 8.0 * SAMPLING, now + AHEAD, SAMPLING)
             self._looked = now
@@ -804,8 +800,11 @@ class Follower:
         kept = np.zeros(len(stamps), dtype=bool)
         kept[first:end] = True
         given, stamps = given.chosen(kept), stamps[kept]
-        near = self._q if not isinstance(followed, Motion) else followed.at(stamps[:1])[0, 0]
-        joints, missed = self._solver.points(given, near, stamps)
+        near, before = self._q, None
+        if isinstance(followed, Motion) and len(stamps) > 1 and not alone:  # out of reach, too, they go on from there
+            before = float(2.0 * stamps[0] - stamps[1])
+            near = followed.at(np.array((before,)))[0, 0]
+        joints, missed = self._solver.points(given, near, stamps, before)
         over = now if older is None else min(older[-1], stamps[-1])
         if isinstance(followed, Motion) and over > now:
             left = np.clip((over - stamps) / (over - now), 0.0, 1.0)[:, None]

@@ -180,7 +180,8 @@ class Solver:
         lower = np.maximum(np.minimum((self._lower - q) / step, 0.0), -speed)
         upper = np.minimum(np.maximum((self._upper - q) / step, 0.0), speed)
         twist = tracking_twist(sighting.error, CALM / step)
-        demand = Demand(sighting.J, twist, root, lower, upper, exact, None, row_rank=loop.row_rank)
+        held = max(step - loop.law.dt, 0.0)
+        demand = Demand(sighting.J, twist, root, lower, upper, exact, None, row_rank=loop.row_rank, held=held)
         return np.asarray(q + step * solve(loop.law, demand).velocity)
 
     def _off(self, target: Array, q: Array) -> float:

@@ -419,6 +419,48 @@ def test_one_point_is_a_goal():
     assert np.abs(arm.robot.pose(Q[-1]) - goal).max() < 1e-6
 
 
+def test_a_goal_without_a_stamp_is_wanted_now_whatever_the_first_clock_says():
+    arm = Arm("ur5")
+    follower, q = arm.follower(), arm.start
+    follower.follow([arm.start + 0.1])
+    for i in range(1000):
+        answer = follower.step(q, now=7e4 + i * arm.dt)
+        q = q + arm.dt * answer.velocity
+    assert answer.status == "done"
+    assert np.abs(q - arm.start - 0.1).max() < 1e-6
+
+
+@pytest.mark.parametrize("each", [False, True])
+def test_a_velocity_that_is_told_is_gone_on_from(each):
+    arm = Arm("ur5")
+    follower, q, before = arm.follower(), arm.start, np.zeros(6)
+    follower.follow([arm.start + 0.5])
+    for i in range(1500):
+        stopped = i >= 200 if each else i == 200  # by an emergency stop; or an arm that never moves again
+        assert i != 200 or np.abs(before).max() > 0.5
+        before = np.zeros(6) if stopped else before
+        answer = follower.step(q, velocity=before if stopped else None)
+        assert (np.abs(answer.velocity - before) <= 1.001 * arm.dt * arm.acceleration).all()
+        before = answer.velocity
+        q = q if each and stopped else q + arm.dt * before
+    assert each or np.abs(q - arm.start - 0.5).max() < 1e-6
+
+
+@pytest.mark.parametrize("again", [0.5, 3.0])
+def test_what_stands_out_of_reach_is_stood_before(again):
+    """As a function of time that is the same always, and as chunks of a policy that sends it again."""
+    arm = Arm("ur5")
+    pose = iq.transform(translation=[0.0, 1.2, 0.0]) @ arm.robot.pose(arm.start)
+    stamps = np.arange(0.0, 1.0, 0.05)
+    events = [(0.0, lambda f: f.follow(lambda t: pose))]
+    if again < 1.0:
+        events = [(t, lambda f, t=t: f.follow([pose] * len(stamps), stamps + t)) for t in np.arange(0.0, 6.0, again)]
+    Q, answers = driven(arm, arm.follower(), events, 6.0)
+    arm.held(Q)
+    assert answers[-1].status == "left"
+    assert np.abs(np.diff(Q[-500:], axis=0)).max() / arm.dt < 0.01
+
+
 @pytest.mark.parametrize("twist", [[0.0, 0.0, 0.0, 0.3, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.2, -0.2]])
 def test_a_twist_that_cannot_be_done_is_limited_and_no_joint_swings(twist):
     arm = Arm("ur5")

@@ -201,6 +201,7 @@ CONTROL = {
         controller().step,
         {"q": Q, "target": T, "feedforward": TWIST, "velocity": Q, **NOW},
     ),
+    "Controller.unbraked": lambda: (controller().unbraked, {"rise": 0.02}),
     "Controller.follow": lambda: (
         controller().follow,
         {
@@ -211,7 +212,6 @@ CONTROL = {
             "sighting": None,
             "at": POINT,
             "posture": Q,
-            "calm": True,
             **NOW,
         },
     ),
