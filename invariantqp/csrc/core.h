@@ -296,6 +296,7 @@ static inline double between(double x, double low, double high)
 double norm_of_rows(int rows, int n, const Row *A);
 bool all_finite(int n, const double *a);
 bool usual(int n, const double *a);
+bool usual_rows(int rows, int n, const Row *A);
 void transformed(int m, const Row *M, const Row x, Row y);
 void combined(int n, int rows, const double *a, int step, const Row *A, Row sum);
 void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row *C);

@@ -37,6 +37,14 @@ bool usual(int n, const double *a)
     return most == 0.0 || most >= SMALLEST;
 }
 
+bool usual_rows(int rows, int n, const Row *A)
+{
+    bool good = true;
+    for (int i = 0; i < rows; i++)
+        good = good && usual(n, A[i]);
+    return good;
+}
+
 /* a[0] A[0] + a[step] A[1] + ..., of so many rows; they and the sum have zeros after their n numbers. */
 void combined(int n, int rows, const double *a, int step, const Row *A, Row sum)
 {

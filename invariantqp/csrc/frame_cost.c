@@ -25,10 +25,8 @@ Outcome frame_cost(const Law *law, const FrameError *error, Row *H, Row c)
     for (int i = 0; i < 6; i++)
         b[i] = dot(6, demand->root[i], demand->s);
     product_of_rows(6, demand->root, m, demand->J, A);
-    bool plain = usual(6, b);
-    for (int i = 0; i < 6; i++)
-        plain = plain && usual(m, A[i]);
-    if (!plain || spectrum(6, m, (const Row *)A, demand->form == NULL ? b : NULL, NULL, &found) == HAND_BACK)
+    if (!usual(6, b) || !usual_rows(6, m, (const Row *)A) ||
+        spectrum(6, m, (const Row *)A, demand->form == NULL ? b : NULL, NULL, &found) == HAND_BACK)
         return HAND_BACK;
     if (demand->form != NULL) {
         if (attempted(demand, m, &found, b, attempt) == HAND_BACK)

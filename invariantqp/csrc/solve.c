@@ -84,26 +84,19 @@ Outcome solve_measured(const Demand *demand, const Row A[6], Solution *solution)
     double b[6];
     for (int i = 0; i < 6; i++)
         b[i] = dot(6, demand->root[i], demand->s);
-    bool plain = usual(6, b) && usual(m, demand->posture);
+    const Law *metric = demand->metric;
+    const Cone *cone = &demand->cone;
+    bool plain = usual(6, b) && usual(m, demand->posture) && usual_rows(6, m, A) && usual_rows(demand->rows, m, demand->C) &&
+                 usual(demand->rows, demand->e) && usual_rows(demand->limits, m, demand->G) && usual(1, &cone->limit) &&
+                 usual_rows(cone->limit > 0.0 ? 3 : 0, m, cone->J) &&
+                 (metric == NULL || (usual_rows(m, m, metric->T) && usual_rows(m, m, metric->inverse)));
     for (int j = 0; j < m && demand->paced; j++)
         plain = plain && demand->fastest[j] > 0.0;
-    for (int i = 0; i < 6; i++)
-        plain = plain && usual(m, A[i]);
     for (int j = 0; j < m; j++)
         plain = plain && is_between(demand->lower[j], demand->upper[j]) &&
                 (!demand->chased || is_between(demand->chase.lower[j], demand->chase.upper[j]));
     for (int i = 0; i < demand->limits; i++)
         plain = plain && is_between(demand->least[i], demand->most[i]);
-    for (int i = 0; i < demand->rows; i++)
-        plain = plain && usual(m, demand->C[i]);
-    plain = plain && usual(demand->rows, demand->e);
-    for (int i = 0; i < 3 && demand->cone.limit > 0.0; i++)
-        plain = plain && usual(m, demand->cone.J[i]);
-    plain = plain && usual(1, &demand->cone.limit);
-    for (int i = 0; i < demand->limits; i++)
-        plain = plain && usual(m, demand->G[i]);
-    for (int i = 0; i < m && demand->metric != NULL; i++)
-        plain = plain && usual(m, demand->metric->T[i]) && usual(m, demand->metric->inverse[i]);
     if (!plain)
         return HAND_BACK;
     Regular regular;

@@ -137,30 +137,20 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahea
             R[i].with[j] = !wide || b == NULL ? i == j : j == 0 ? b[i] : ahead != NULL ? ahead[i] : 0.0;
     }
     double size = norm_of_rows(k, n, A);
-    if (orthogonalised(rows, length, with, R, NOTHING * NOTHING * size * size) == HAND_BACK)
-        return HAND_BACK;
-
-    double sigma[MOST];
-    int order[MOST];
-    found->regular = NULL;
-    for (int i = 0; i < rows; i++) {
-        sigma[i] = norm(length, R[i].row);
-        int at = i;
-        for (; at > 0 && sigma[order[at - 1]] < sigma[i]; at--)
-            order[at] = order[at - 1];
-        order[at] = i;
-    }
     zeroed(found->sigma);
+    if (sorted_rows(rows, length, with, R, found->sigma) == HAND_BACK)
+        return HAND_BACK;
+    found->regular = NULL;
     zeroed(found->wanted);
     zeroed(found->ahead);
     memset(found->V, 0, (size_t)n * sizeof(Row));
     if (b == NULL)
         memset(found->U, 0, sizeof found->U);
     int rank = 0;
-    found->largest = rows > 0 ? sigma[order[0]] : 0.0;
+    found->largest = found->sigma[0];
     for (int i = 0; i < rows; i++) {
-        const Rotated *r = &R[order[i]];
-        double value = found->sigma[i] = sigma[order[i]];
+        const Rotated *r = &R[i];
+        double value = found->sigma[i];
         bool moving = value > NULL_RATIO * found->sigma[0];
         for (int j = 0; j < k && b == NULL; j++)
             found->U[i][j] = wide ? r->with[j] : value > NOTHING * size ? r->row[j] / value : 0.0;

@@ -60,6 +60,15 @@ static void limits_of(const Demand *demand, const Row lower, const Row upper, Po
         product_with(demand->limits, m, limits->A + m, metric->T);
 }
 
+/* x = T y */
+static void moved(const Demand *demand, const Row y, Row x)
+{
+    if (demand->metric != NULL)
+        transformed(demand->m, demand->metric->T, y, x);
+    else
+        memcpy(x, y, sizeof(Row));
+}
+
 /* tick.py, _followed: the share of the posture that is followed, by the joint speed that the task needs. */
 static Outcome pace(Posed *problem, double *share)
 {
@@ -105,10 +114,7 @@ static Outcome pace(Posed *problem, double *share)
                 y[j] += problem->reduction.basis[i][j] * z[i];
     else
         memcpy(y, z, sizeof(Row));
-    if (demand->metric != NULL)
-        transformed(m, demand->metric->T, y, x);
-    else
-        memcpy(x, y, sizeof(Row));
+    moved(demand, y, x);
     *share = posture_share(demand, x);
     return DONE;
 }
@@ -161,12 +167,8 @@ static Outcome posed(const Demand *demand, const Regular *regular, const Row A[6
         problem->A = (const Row *)problem->product;
         is_regular(demand, problem->A, &problem->own);
         regular = &problem->own;
-        for (int i = 0; i < 6; i++)
-            if (!usual(m, problem->product[i]))
-                return HAND_BACK;
-        for (int i = 0; i < demand->rows; i++)
-            if (!usual(m, C[i]))
-                return HAND_BACK;
+        if (!usual_rows(6, m, problem->A) || !usual_rows(demand->rows, m, (const Row *)C))
+            return HAND_BACK;
     }
     bool directions = demand->form != NULL || m < 6; /* whether U is needed */
     Spectrum *found = &problem->spectrum;
@@ -238,15 +240,6 @@ static void free_part(const Posed *problem, const Row y, double share, Row z)
         freed(&problem->reduction, m, y, share, z);
     for (int j = 0; j < m && problem->demand->rows == 0; j++)
         z[j] = y[j];
-}
-
-/* x = T y */
-static void moved(const Demand *demand, const Row y, Row x)
-{
-    if (demand->metric != NULL)
-        transformed(demand->m, demand->metric->T, y, x);
-    else
-        memcpy(x, y, sizeof(Row));
 }
 
 /* The limits on z at a share of the exact rows' speed. */
