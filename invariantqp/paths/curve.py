@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -114,6 +115,19 @@ def curve_of_samples(at: Array, poses: Array) -> Curve:
     return curve_through(at, poses, tangents)
 
 
+def straight(at: Array, poses: Array) -> PoseAt:
+    """The function of straight lines from pose to pose, each at one twist, that turns at the poses."""
+    knots = at.tolist()
+    ways = [se3.displacement(a, b) for a, b in pairwise(poses)]
+
+    def pose(t: float) -> Array:
+        i = piece_of(knots, t)
+        T: Array = se3.exp((t - knots[i]) / (knots[i + 1] - knots[i]) * ways[i], check=False).dot(poses[i])
+        return T
+
+    return pose
+
+
 def curve_of(pose: PoseAt, end: float, size: SizeAt, length: float) -> Curve:
     """The curve of a function on [0, end], as close to it as SHAPE says.
 
@@ -196,7 +210,14 @@ class GivenPath(NamedTuple):
 
 
 def given_path(
-    robot: Robot, measure: ToolMeasure, path: Any, end: float, times: ArrayLike | None, *, timed: bool
+    robot: Robot,
+    measure: ToolMeasure,
+    path: Any,
+    end: float,
+    times: ArrayLike | None,
+    *,
+    timed: bool,
+    corners: bool = False,
 ) -> GivenPath:
     """The path of a caller.
 
@@ -207,9 +228,10 @@ def given_path(
         end: of a function's parameter.
         times: (n,) the parameter of poses; None is their number, from 0. A function has its own.
         timed: whether the caller's parameter is the one that is driven; otherwise it is the length.
+        corners: whether poses are joined by straight lines, and not by a smooth curve.
 
     Raises:
-        BadInput: not a path, one that stands still, or times of a function.
+        BadInput: not a path, one that stands still, or times or corners of a function.
     """
     J = robot.jacobian(middle(robot))
     last = arrays.number(end, "end", "the end of the path's parameter", positive=True)
@@ -223,6 +245,8 @@ def given_path(
             raise BadInput(
                 "times", "times for a path that is a function", "none", "end=T and rate=1 time it in seconds."
             )
+        if corners:
+            raise BadInput("corners", "True for a path that is a function", "False", "It has its own.")
         curve = curve_of(lambda at: arrays.pose(path(at), "path"), last, size, measure.length)
     else:
         poses = _poses(path)
@@ -231,7 +255,11 @@ def given_path(
             at = arrays.vector(times, len(poses), "times")
             if not (np.diff(at) > 0.0).all():
                 raise BadInput("times", "times that do not increase", "one for each pose, increasing")
-        curve = curve_of_samples(at - at[0], poses)
+        at = at - at[0]
+        if corners:
+            curve = curve_of(straight(at, poses), float(at[-1]), size, measure.length)
+        else:
+            curve = curve_of_samples(at, poses)
     along, places = by_length(curve, size)
     if len(along.knots) < 2 or not along.end > STILL * measure.length:
         raise BadInput("path", "a path that stands still", "one along which the tool moves")

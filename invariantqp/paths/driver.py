@@ -981,6 +981,7 @@ class PathFollower(Follower):
         joint_jerk: ArrayLike | None = None,
         blocked: Literal["stop", "leave"] = "stop",
         tolerance: float | None = None,
+        corners: bool = False,
     ) -> None:
         """Fit the path; the joint motion along it is found by `prepare`, or in the first ticks.
 
@@ -997,6 +998,8 @@ class PathFollower(Follower):
             blocked: where the arm cannot reach the path: "stop" before it, or "leave" it by the least and rejoin it.
             tolerance: how near its end a tool is that is "done", in the controller's measure [length]; None is 1e-5 of
                 the measure's length, the arm's reach. Noise in q needs more.
+            corners: whether poses are joined by straight lines, at whose ends the tool stops to turn; otherwise a
+                smooth curve leads through them, which swings out where they turn a corner.
 
         Raises:
             BadInput: not a path, fewer than two poses, times that do not increase or of a function, a path that
@@ -1004,6 +1007,7 @@ class PathFollower(Follower):
         """
         super().__init__(loop, keep="shape", jerk=joint_jerk, blocked=blocked, tolerance=tolerance)
         along: dict[str, Any] = {"end": end, "times": times, "rate": rate, "acceleration": acceleration, "jerk": jerk}
+        along["corners"] = arrays.flag(corners, "corners")
         self._shape = Shape(self.controller, path, **along, **self._options)
 
     @property

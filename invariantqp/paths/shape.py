@@ -81,6 +81,7 @@ class Shape:
         joint_jerk: Array,
         blocked: Literal["stop", "leave"] = "stop",
         tolerance: float | None = None,
+        corners: bool = False,
     ) -> None:
         """Fit the path; all but `joint_jerk` (m,), inf for no limit, is as in `PathFollower`."""
         self._loop = loop
@@ -95,7 +96,8 @@ class Shape:
         self._tolerance = OFF_PATH * self._length
         if tolerance is not None:
             self._tolerance = arrays.number(tolerance, "tolerance", "a distance", positive=True)
-        self.given: GivenPath = given_path(loop.robot, loop.measure, path, end, times, timed=rate is not None)
+        timed = rate is not None
+        self.given: GivenPath = given_path(loop.robot, loop.measure, path, end, times, timed=timed, corners=corners)
         self._goal = loop.robot.target(self.given.curve.pose(0.0))
         self._search: JointPath | None = None
         self._share = 1.0  # the largest override so far: the plan is for that many times the rate

@@ -684,3 +684,18 @@ def test_what_is_no_path_is_refused(wrong, named):
     right = {"path": lambda u: iq.transform(translation=[0.4 + 0.1 * u, 0.0, 0.4])}
     with pytest.raises(iq.BadInput, match=named):
         follower_on(robot, **{"pose" if k == "path" else k: v for k, v in {**right, **wrong}.items()})
+
+
+@pytest.mark.parametrize("corners", [False, True])
+def test_poses_with_corners_are_joined_by_straight_lines(corners):
+    """An L with legs of 200 mm: a smooth curve through its three poses swings out."""
+    robot, q = iq.load_robot("ur5"), ready("ur5")
+    away = [iq.transform(translation=p) for p in ([0.0, 0.0, 0.0], [0.0, 0.2, 0.0], [-0.2, 0.2, 0.0])]
+    follower = follower_on(robot, np.array(away) @ robot.pose(q), corners=corners)
+    follower.prepare(q)
+    solutions, Q, _ = drive(follower, q)
+    p = np.array([robot.pose(x)[:3, 3] for x in Q]) - robot.pose(q)[:3, 3]
+    off = np.where(p[:, 1] < 0.2 + p[:, 0], np.hypot(p[:, 0], p[:, 2]), np.hypot(p[:, 1] - 0.2, p[:, 2]))
+    assert solutions[-1].status == "done"
+    assert np.abs(p[-1] - away[-1][:3, 3]).max() < 1e-4
+    assert off.max() < 1e-4 if corners else off.max() > 0.02

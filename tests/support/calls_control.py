@@ -234,6 +234,7 @@ CONTROL = {
             "joint_jerk": None,
             "blocked": "stop",
             "tolerance": None,
+            "corners": False,
         },
     ),
     "Clearance": lambda: (
