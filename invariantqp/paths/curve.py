@@ -202,7 +202,10 @@ class GivenPath(NamedTuple):
 
     def place(self, at: float) -> float:
         """The caller's parameter at a place of the curve."""
-        return float(np.interp(at, self.curve.at, self.places))
+        knots, places = self.curve.knots, self.places
+        i = piece_of(knots, at)
+        share = min(max((at - knots[i]) / (knots[i + 1] - knots[i]), 0.0), 1.0)
+        return (1.0 - share) * float(places[i]) + share * float(places[i + 1])
 
     def pose(self, place: float) -> Array:
         """(4, 4) the pose where the caller's parameter is `place`."""
