@@ -17,8 +17,9 @@ from __future__ import annotations
 
 import argparse
 import sys
+from itertools import count as forever
 from pathlib import Path
-from time import perf_counter_ns
+from time import perf_counter_ns, process_time_ns
 from typing import NamedTuple
 
 import numpy as np
@@ -444,49 +445,59 @@ def stream(seconds, seed):
 
 
 def time():
-    """The rows alone and a tick, with 21 and 31 pairs of shapes; the same loop without, turn by turn.
+    """The rows alone and a tick, with 21 and 31 pairs of shapes; the same loop without; tick by tick in turn.
 
-    Each is repeated from the same state and memory and its least time taken: what a quiet machine takes.
+    Each is repeated from the same state and memory and its least processor time taken: what a quiet machine takes. How
+    fast the machine was is told by a plain loop.
     """
     block = Box(iq.transform(translation=[0.6, 0.1, 0.25]), [0.2, 0.2, 0.2], name="block")
-    for more in ([], [block]):
-        for acceleration in (None, 10.0):
-            scene = panda()
-            timed(scene._replace(obstacles=[*scene.obstacles, *more]), acceleration)
+    scenes = [panda()._replace(obstacles=[*panda().obstacles, *more]) for more in ([], [block])]
+    times = {}
+    loops = [timed(scene, acceleration, times) for acceleration in (None, 10.0) for scene in scenes]
+    begun = process_time_ns()
+    for _ in range(4000):
+        for loop in loops:
+            next(loop)
+        times.setdefault("a plain loop of 500 additions", []).append(least(lambda: sum(i for i in range(500)))[0])
+    for name, values in times.items():
+        print(f"{name}: p50 {np.median(values):.1f}, p99 {np.percentile(values, 99):.1f}, p99.9 {np.percentile(values, 99.9):.1f} us; "
+              f"p50 of quarters {', '.join(f'{np.median(part):.1f}' for part in np.array_split(values, 4))}")  # fmt: skip
+    print(f"{1e-9 * (process_time_ns() - begun):.0f} s of processor time")
 
 
-def timed(scene, acceleration):
-    robot, m = scene.robot, len(scene.start)
-
-    def least(call, loop, *state):
-        """Of nine calls [us], and what the last returned."""
-        kept, times = loop.kept.copy(), []
-        for _ in range(9):
+def least(call, *state, loop=None):
+    """Of nine calls [us], and what the last returned; a loop's memory is what it was before each."""
+    kept, times = None if loop is None else loop.kept.copy(), []
+    for _ in range(9):
+        if loop is not None:
             loop.kept[:] = kept
-            begun = perf_counter_ns()
-            found = call(*state)
-            times.append(1e-3 * (perf_counter_ns() - begun))
-        return min(times), found
+        begun = process_time_ns()
+        found = call(*state)
+        times.append(1e-3 * (process_time_ns() - begun))
+    return min(times), found
 
+
+def timed(scene, acceleration, times):
+    """Ticks towards targets that jump, each timed."""
+    robot, m = scene.robot, len(scene.start)
     clearance, rng = scene.clearance(), np.random.default_rng(0)
     options = {"dt": 0.002, "acceleration_limit": acceleration}
     kept, free = iq.Controller(robot, limits=[clearance], **options), iq.Controller(robot, **options)
     brakes = np.full(m, np.inf if acceleration is None else acceleration)
     rows = clearance.for_loop(loop_of(robot, 0.002, 0.0)._replace(acceleration=brakes))
-    q, x, times = scene.start.copy(), np.zeros(m), {"rows": [], "tick without": [], "tick with": []}
-    wanted = targets(robot, rng)
-    for i in range(4000):
+    called = f"{len(clearance._pairs)} pairs of shapes, acceleration {acceleration}"
+    found = [times.setdefault(f"{what} ({called})", []) for what in ("rows", "tick without", "tick with")]
+    q, x, wanted = scene.start.copy(), np.zeros(m), targets(robot, rng)
+    for i in forever():
         if i % 200 == 0:
             target = robot.target(next(wanted))
-        times["rows"].append(least(rows.rows, kept, q, x)[0])
-        times["tick without"].append(least(free.step, free, q, target, None, x)[0])
-        spent, solution = least(kept.step, kept, q, target, None, x)
-        times["tick with"].append(spent)
+        found[0].append(least(rows.rows, q, x, loop=kept)[0])
+        found[1].append(least(free.step, q, target, None, x, loop=free)[0])
+        spent, solution = least(kept.step, q, target, None, x, loop=kept)
+        found[2].append(spent)
         x = solution.velocity
         q = q + 0.002 * x
-    for name, values in times.items():
-        print(f"acceleration {acceleration}, {name:13s} ({len(clearance.pairs)} pairs of bodies, {len(clearance._pairs)} of shapes): "
-              f"p50 {np.median(values):.1f}, p99 {np.percentile(values, 99):.1f}, p99.9 {np.percentile(values, 99.9):.1f} us")  # fmt: skip
+        yield
 
 
 def main():
