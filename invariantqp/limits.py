@@ -6,7 +6,7 @@ from invariantqp.lazy import loaded_on_use
 
 if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.control.clearance import Clearance as Clearance
-    from invariantqp.control.clearance import OtherArm as OtherArm
+    from invariantqp.control.clearance_bodies import OtherArm as OtherArm
     from invariantqp.control.limits import AccelerationLimit as AccelerationLimit
     from invariantqp.control.limits import JointLimits as JointLimits
     from invariantqp.control.limits import Limit as Limit

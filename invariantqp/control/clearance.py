@@ -43,9 +43,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.control.clearance_pairs import Dropped, Pairs, Part, chain_of, frame_of, shapes_of
+from invariantqp.control.clearance_bodies import OtherArm, chain_of, parts_of, shapes_of
+from invariantqp.control.clearance_pairs import Dropped, Pairs
 from invariantqp.control.clearance_rows import DEEP, USUAL_SPEED, Found, Rate, moved_by, placed_at, rows_of
-from invariantqp.control.limits import Limit, Loop, boxes, no_degrees, not_believed, refuse
+from invariantqp.control.limits import Limit, Loop, boxes
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
@@ -54,7 +55,7 @@ from invariantqp.geometry.distance import Placed, places
 from invariantqp.geometry.shapes import Shape
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
-from invariantqp.velocity.limits import BOUNDLESS, LimitRows, accelerations
+from invariantqp.velocity.limits import BOUNDLESS, LimitRows
 from invariantqp.velocity.qp import ACTIVE_TOLERANCE
 
 # A tick covers this share of the room that is left.
@@ -105,80 +106,6 @@ class Near(NamedTuple):
     def __str__(self) -> str:
         far = f", {1e3 * self.distance:.1f} mm" if self.distance < inf else ""
         return f"{self.first} and {self.second}{far}"
-
-
-class OtherArm:
-    """Another arm as an obstacle: its links move when `move` is called. Each of two arms has the other as one.
-
-    Attributes:
-        robot: that arm; both have the same base frame: put it where it stands with `load_robot(base=)`.
-        bodies: the shapes of its links.
-        name: what its links' names begin with.
-        q: (m,) where its joints are.
-        velocity: (m,) how fast; zero where that is not known.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        bodies: Mapping[str, Sequence[Shape]] | None = None,
-        *,
-        name: str = "other",
-        acceleration_limit: ArrayLike | None = None,
-    ) -> None:
-        """Another arm.
-
-        Args:
-            robot: that arm, its base frame the same as this one's.
-            bodies: as in `Clearance`.
-            name: what its links' names begin with.
-            acceleration_limit: (m,) or one for all [rad/s^2, length/s^2], of an arm that has a clearance from this one
-                in its own loop: it brakes for it as this one does, and each takes half of the room. None is an arm that
-                goes where its velocity says, whatever is in its way.
-
-        Raises:
-            BadInput: as `Clearance`; accelerations that are not above zero.
-        """
-        self.robot: Chain = chain_of(robot)
-        self.bodies = shapes_of(self.robot, bodies)
-        self.name = name if isinstance(name, str) else arrays.strings([name], "name")[0]
-        m = len(self.robot.names)
-        self._brakes = acceleration_limit is not None
-        a = np.zeros(m) if acceleration_limit is None else accelerations(acceleration_limit, m)
-        ranges = self.robot.position_lower, self.robot.position_upper
-        self.limits = np.array((self.robot.velocity_limit, a, *ranges))
-        self.q, self.velocity, self.knows_velocity = np.zeros(m), np.zeros(m), False
-        self._no_degrees = no_degrees(self.robot, self.robot.screws)
-
-    @property
-    def yields(self) -> bool:
-        """Whether it makes way too, and each takes half of the room: it is said to, or its velocity is not known."""
-        return self._brakes or not self.knows_velocity
-
-    def move(self, q: ArrayLike, velocity: ArrayLike | None = None) -> None:
-        """Say where its joints are from now on, between ticks.
-
-        Args:
-            q: (m,) its joint positions.
-            velocity: (m,) its joint velocity; None is not known: each arm may then take half of the room between them,
-                which keeps apart two arms that stop at once.
-
-        Raises:
-            BadInput: NaN, wrong lengths, or degrees.
-        """
-        self.q, m = self.believed(q), len(self.robot.names)
-        self.velocity = np.zeros(m) if velocity is None else np.array(arrays.vector(velocity, m, "velocity"))
-        self.knows_velocity = velocity is not None
-
-    def believed(self, q: ArrayLike, argument: str = "q") -> Array:
-        """Its joint positions (m,), copied; errors name the argument.
-
-        Raises:
-            BadInput: NaN, a wrong length, or a joint outside its range and two turns from zero.
-        """
-        positions = np.array(arrays.vector(q, len(self.robot.names), argument))
-        refuse(not_believed(self.robot, positions, self._no_degrees), argument)
-        return positions
 
 
 class Clearance(Limit):
@@ -234,9 +161,9 @@ class Clearance(Limit):
         self.obstacles: tuple[Shape | OtherArm, ...] = tuple(obstacles)
         self._rate = None if rate is None else arrays.number(rate, "rate", "a rate in 1/s", positive=True)
         self.arms = [arm for arm in self.obstacles if isinstance(arm, OtherArm)]
-        self._found = Pairs(
-            [self.robot, *(arm.robot for arm in self.arms)], self._listed(), self.distance, pairs, exclude
-        )
+        parts = parts_of(self.robot, self.bodies, self.obstacles)
+        robots = [self.robot, *(arm.robot for arm in self.arms)]
+        self._found = Pairs(robots, parts, self.distance, pairs, exclude)
         self._parts, self._numbers, self._of_pair = self._found.parts, self._found.numbers, self._found.of_shapes
         self._bodies = [(self._parts[i].name, self._parts[j].name) for i, j in self._of_pair]
         self._twists = np.zeros((len(self._parts), 6))
@@ -557,35 +484,6 @@ class Clearance(Limit):
         self._pairs[pairs, 2], self._unjudged[pairs] = share, True
         if any(self._reasons):
             self._reasons = ["" if new else old for new, old in zip(pairs.tolist(), self._reasons, strict=True)]
-
-    def _listed(self) -> list[Part]:
-        """All shapes, each with what moves it."""
-        parts: list[Part] = []
-        for link, shapes in self.bodies.items():
-            body, frame = frame_of(self.robot, link)
-            parts += [Part(link, shape, body, frame) for shape in shapes]
-        names, arms = list(self.bodies), 0
-        for obstacle in self.obstacles:
-            if isinstance(obstacle, (Shape, OtherArm)) and obstacle.name in names:
-                expected = "names of their own for obstacles, or none for shapes: these are numbered"
-                raise BadInput("obstacles", f"a second body {obstacle.name!r}", expected)
-            if isinstance(obstacle, OtherArm):
-                arms += 1
-                names.append(obstacle.name)
-                for link, shapes in obstacle.bodies.items():
-                    body, frame = frame_of(obstacle.robot, link)
-                    parts += [Part(f"{obstacle.name}/{link}", shape, body, frame, -arms) for shape in shapes]
-                continue
-            if not isinstance(obstacle, Shape):
-                raise BadInput("obstacles", excerpt(obstacle), "a Sphere, Capsule, Box, HalfSpace, Mesh or OtherArm")
-            name = obstacle.called
-            if not obstacle.name:
-                name = next(
-                    n for i in range(len(names) + 1) if (n := name if i == 0 else f"{name} {i + 1}") not in names
-                )
-            names.append(name)
-            parts.append(Part(name, obstacle, 0, None, 1))
-        return parts
 
 
 class _InLoop(Limit):

@@ -6,20 +6,20 @@ nearer than the distance wherever the joints between them are. Nothing is left o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from invariantqp.control.clearance_bodies import Part
 from invariantqp.control.clearance_rows import OF_SHAPE, levers_of, moved_by, placed_at, starts_of
 from invariantqp.errors import BadInput, UnknownName, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.distance import Place, Solid, places
-from invariantqp.geometry.shapes import Core, Shape
-from invariantqp.robots.bodies import bodies_of
+from invariantqp.geometry.shapes import Core
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.urdf import Exclusions, excluded
 
@@ -33,16 +33,6 @@ class Dropped(NamedTuple):
     first: str
     second: str
     reason: str
-
-
-class Part(NamedTuple):
-    """A shape as one of the bodies."""
-
-    name: str
-    shape: Shape
-    body: int  # moved by the first so many joints of its arm
-    frame: Array | None  # (4, 4) of its link at q = 0; None for an obstacle, which is where it was moved to
-    around: int = 0  # 1 for an obstacle; for a link of another arm -1, -2, ..., by which one it is
 
 
 class Pairs:
@@ -197,59 +187,3 @@ class Pairs:
                     raise UnknownName("body", str(name), [], known)
             found.append((pair[0], pair[1]))
         return found
-
-
-def frame_of(robot: Chain, name: str) -> tuple[int, Array]:
-    """How many joints move a link, and its (4, 4) frame at q = 0; as `Clearance` takes the names of bodies.
-
-    Raises:
-        UnknownName: no such link or joint.
-    """
-    for link in robot.links:
-        if link.name == name:
-            return link.body, link.frame
-    if name in (robot.tool, "tool"):
-        return len(robot.names), np.asarray(robot.home)
-    if name in robot.names:
-        return robot.names.index(name) + 1, np.eye(4)
-    if name == "base":
-        return 0, np.eye(4)
-    known = dict.fromkeys((*(link.name for link in robot.links), "tool", "base", *robot.names))
-    raise UnknownName("link", str(name), [], list(known))
-
-
-def chain_of(robot: Any) -> Chain:
-    """A robot that is known joint by joint.
-
-    Raises:
-        BadInput: another one.
-    """
-    if not isinstance(robot, Chain):
-        raise BadInput("robot", excerpt(robot), "a robot that load_robot returned")
-    return robot
-
-
-def shapes_of(robot: Chain, bodies: Mapping[str, Sequence[Shape]] | None) -> dict[str, list[Shape]]:
-    """The shapes of each link; those behind joints that this arm does not have are left out."""
-    if bodies is None:
-        unknown = {link.name for link in robot.links if link.unknown}
-        return {name: shapes for name, shapes in bodies_of(robot).items() if name not in unknown}
-    expected = "{link: [shapes in its frame]}"
-    if not isinstance(bodies, Mapping):
-        raise BadInput("bodies", excerpt(bodies), expected)
-    made: dict[str, list[Shape]] = {}
-    for link, shapes in bodies.items():
-        if not isinstance(link, str):
-            raise BadInput("bodies", excerpt(link), f"{expected}, links by name")
-        given: list[Shape] = [shapes] if isinstance(shapes, Shape) else list(arrays.listed(shapes, "bodies", expected))
-        wrong = next((shape for shape in given if not isinstance(shape, Shape) or shape.core is Core.MESH), None)
-        if wrong is not None:
-            raise BadInput(
-                "bodies",
-                f"{excerpt(wrong)} of {link!r}",
-                "shapes: Sphere, Capsule, Box, HalfSpace",
-                "Meshes are for obstacles; capsules about a link's meshes are made where bodies= is left out.",
-            )
-        frame_of(robot, link)
-        made[link] = given
-    return made

@@ -16,7 +16,8 @@ from invariantqp.robots.load import load_robot
 from invariantqp.runs.section import Direction, NotNegative, Number, Positive, Section, Vector3
 
 if TYPE_CHECKING:
-    from invariantqp.control.clearance import Clearance, OtherArm
+    from invariantqp.control.clearance import Clearance
+    from invariantqp.control.clearance_bodies import OtherArm
 
 # What each kind of obstacle must have besides its place, and what it may have.
 KEYS = {
@@ -145,7 +146,7 @@ class Around:
 
 
 def _obstacle(spec: ObstacleSpec, looked_up: Callable[[str], Any]) -> Shape | OtherArm:
-    from invariantqp.control.clearance import OtherArm  # only where a task asks for it
+    from invariantqp.control.clearance_bodies import OtherArm  # only where a task asks for it
 
     at: Array = np.array(spec.at)
     place = se3.transform(se3.rotation(np.array(spec.turn)), at)
