@@ -35,7 +35,7 @@ def drive(loop: iq.Controller, watched: Clearance, target: np.ndarray, ticks: in
             each(i * DT)
         solution = loop.step(q, target)
         q = q + DT * solution.velocity
-        reason = solution.reason or reason
+        reason = str(solution.reasons[-1]) if solution.reasons else reason
         if each is not None:
             each((i + 1) * DT)
         least = min(least, watched.at(q).distance)
@@ -104,7 +104,7 @@ def main() -> None:
     ):
         kept, reason = drive(iq.Controller(robot, dt=DT, limits=[limit]), limit, target, 700, each)
         free, _ = drive(iq.Controller(robot, dt=DT), limit, target, 700, each)
-        print(f"{what}: {1e3 * kept:.1f} mm; without {1e3 * free:.1f} mm. {reason.partition(';')[0]}")
+        print(f"{what}: {1e3 * kept:.1f} mm; without {1e3 * free:.1f} mm. {reason}")
         ball.move(iq.transform(translation=[0, 0, 5.0]))
         other.move(READY + np.array([1.5, 0, 0, 0, 0, 0, 0]))
 

@@ -25,7 +25,7 @@ SAYS = {
     "13_pose_ik": "along a path of 50 poses",
     "14_defaults": "posture_gain [1/s]; 2 tasks",
     "15_elastic_paths": "within 0.05 mm and 0.01 deg to the end: 1 of 1 tasks",
-    "29_clearance": "under the table: 20.0 mm",
+    "29_clearance": "at the limits of clearance: panda_hand and ball, 20.0 mm",
     "25_pink_scripts": "ours settles later in 0, and is then farther off in 0",
     "16_out_of_reach": "the same calls, invariantqp: a target held out of reach moves joints at 0.0 deg/s",
     "17_teleoperation": "ours: 0 steps above the limit",

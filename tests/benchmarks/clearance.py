@@ -4,6 +4,7 @@
     PYTHONPATH=tests python tests/benchmarks/clearance.py meet           two UR5s, each led by a loop with a clearance of the other
     PYTHONPATH=tests python tests/benchmarks/clearance.py peers          ours, Pink and mink: runs, starts inside, faces
     PYTHONPATH=tests python tests/benchmarks/clearance.py reach ur5      around a box: how many arrive
+    PYTHONPATH=tests python tests/benchmarks/clearance.py hold           led into an obstacle: whether an arm comes to rest
     PYTHONPATH=tests python tests/benchmarks/clearance.py stream         an SO-101 over a desk, led by a hand's poses
     PYTHONPATH=tests python tests/benchmarks/clearance.py time           a tick with and without, and of the rows alone
 
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from itertools import count as forever
 from pathlib import Path
 from time import perf_counter_ns, process_time_ns
@@ -415,6 +417,26 @@ def reach(name, count, seed):
               f"{sum(f[1] < 0.0 for f in found)} went through something, least {min(f[1] for f in found) * 1e3:.2f} mm", flush=True)  # fmt: skip
 
 
+def hold():
+    """A Panda's hand led into its table and a UR5's tool into its box: how still they are from 4 to 6 s, by the acceleration."""
+    table, box = panda(), ur5()
+    down = iq.transform(np.diag([1.0, -1.0, -1.0]), [0.5, 0.0, -0.05])
+    into = box.robot.pose(box.start)
+    into[:3, 3] = 0.45, 0.0, 0.15
+    for name, scene, target in (("a Panda into its table", table, down), ("a UR5 into its box", box, into)):
+        for acceleration in (None, 10.0, 3.0):
+            for dt in (0.001, 0.002, 0.01):
+                loop = iq.Controller(scene.robot, dt=dt, acceleration_limit=acceleration, limits=[scene.clearance()])
+                step = partial(lambda loop, q, target: loop.step(q, target).velocity, loop)
+                _, _, x = follow(step, scene.start, lambda _, T=target: T, dt, round(6.0 / dt), lambda _: 0.0)
+                x = x[round(4.0 / dt) :]
+                change = np.diff(x, axis=0)
+                turns = np.mean(change[1:] * change[:-1] < 0.0, axis=0).max()
+                print(f"{name}, {acceleration} rad/s^2, {dt * 1e3:g} ms: change of joint velocity a tick, median "
+                      f"{np.median(np.abs(change).max(axis=1)):.5f} rad/s of {(acceleration or np.inf) * dt:g}; it turns in "
+                      f"{100.0 * turns:.0f} % of ticks; fastest {np.abs(x).max():.3f} rad/s", flush=True)  # fmt: skip
+
+
 def stream(seconds, seed):
     """An SO-101 led over a desk by a hand's poses, 30 a second, late and noisy, that dip below the desk again and again."""
     scene, dt = so101(), 0.005
@@ -502,7 +524,7 @@ def timed(scene, acceleration, times):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["run", "meet", "peers", "reach", "stream", "time"])
+    parser.add_argument("what", choices=["run", "meet", "peers", "reach", "hold", "stream", "time"])
     parser.add_argument("scene", nargs="?", choices=list(SCENES), default="panda")
     parser.add_argument("--ticks", type=int, default=20_000)
     parser.add_argument("--dt", type=float, default=0.001)
@@ -519,6 +541,8 @@ def main():
         peers(given.ticks)
     elif given.what == "reach":
         reach(given.scene, 24, given.seed)
+    elif given.what == "hold":
+        hold()
     elif given.what == "stream":
         stream(given.ticks * given.dt, given.seed)
     else:
