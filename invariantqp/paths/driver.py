@@ -498,22 +498,21 @@ class Follower:
     def _moved(self, reference: Reference, measured: Array) -> Array:
         """(m,) the command of a tick along a reference, inside the limits; the joints are sent so far."""
         dt, shape = self.controller.dt, self._shape
-        before = self._command
         along = shape is not None and reference.source is shape.motion and not self._late
         self._answer = None
         v = self._wanted(reference) if along else self._limited(reference)
-        wanted = self._corrected(measured, v, before)
-        command = self._nearest(measured, wanted, before)
+        wanted = self._corrected(measured, v)
+        command = self._nearest(measured, wanted)
         if self._bound and along and shape is not None:  # the path waits
-            share = self._share(measured, wanted, before)
+            share = self._share(measured, wanted)
             reference.source = self._source = shape.delayed((1.0 - share) * dt)
             v = self._wanted(reference)
-            wanted = self._corrected(measured, v, before)
-            command = self._nearest(measured, wanted, before)
+            wanted = self._corrected(measured, v)
+            command = self._nearest(measured, wanted)
         if self._bound and not along:
             v = v + command - wanted
             self._late = self._twist is None
-        self._pace, self._command = (command - before) / dt, command
+        self._pace, self._command = (command - self._command) / dt, command
         self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
         if self._bound:  # how hard the loop braked is nothing to go on with
             self._pace = self._a = np.zeros(self._m)
@@ -527,24 +526,23 @@ class Follower:
             self._late = True
         return v
 
-    def _nearest(self, measured: Array, wanted: Array, before: Array) -> Array:
+    def _nearest(self, measured: Array, wanted: Array) -> Array:
         """(m,) the command nearest the wanted one (m,) that rows and tool speed of the loop allow: argmin |x - c|."""
         loop, self._bound = self._beside, False
         if loop is None:
             return wanted
         q = self._here(measured)
-        answer = loop.follow(q, loop.robot.jacobian(q).dot(wanted), before, posture=wanted)
+        answer = loop.follow(q, loop.robot.jacobian(q).dot(wanted), self._command, posture=wanted)
         other = np.abs(answer.velocity - wanted).max() > EXCESS * np.abs(wanted).max()
         if not other and answer.status not in (Status.DEGRADED, Status.HELD):
             return wanted
         self._answer, self._bound = answer, True
         return np.array(answer.velocity)
 
-    def _share(self, measured: Array, wanted: Array, before: Array) -> float:
+    def _share(self, measured: Array, wanted: Array) -> float:
         """The share of a command (m,) that the loop allows."""
-        loop, q = self.controller if self._beside is None else self._beside, self._here(measured)
-        rows = ExactRows(np.eye(self._m), wanted)
-        return loop.follow(q, loop.robot.jacobian(q).dot(wanted), before, rows=rows).scale
+        loop, q, rows = self._beside or self.controller, self._here(measured), ExactRows(np.eye(self._m), wanted)
+        return loop.follow(q, loop.robot.jacobian(q).dot(wanted), self._command, rows=rows).scale
 
     def _override_of(self, value: float) -> float:
         most = 1.0 if self._shape is None else MOST_OVERRIDE
@@ -570,10 +568,10 @@ class Follower:
 
     def _setting_out(self, shape: Shape, measured: Array, clock: float | None) -> FollowerSolution:
         """A tick on the way to a path whose shape is kept."""
-        dt, before = self.controller.dt, self._command
+        before = self._command
         found = self._approaching(shape, measured, before) if np.isfinite(self._options["joint_jerk"]).all() else None
         velocity, told = shape.set_out(measured, before) if found is None else found
-        self._time = (self._time if clock is None else clock) + dt
+        self._time = (self._time if clock is None else clock) + self.controller.dt
         self._command, self._pace = velocity.copy(), np.zeros(self._m)
         self._reference = None
         return FollowerSolution(velocity, *told)
@@ -616,12 +614,12 @@ class Follower:
         self._time, self._command = time + self.controller.dt, answer.velocity
         return FollowerSolution(answer.velocity, *told, hybrid=answer)
 
-    def _corrected(self, measured: Array, v: Array, before: Array) -> Array:
+    def _corrected(self, measured: Array, v: Array) -> Array:
         """(m,) the velocity to command: the wanted one, and the way back to where joints were sent.
 
         Where time is kept, `w` is the part that leads back, and the sum keeps all limits as what is wanted does.
         """
-        loop, limits, off = self.controller, self._limits, self._sent[0] - measured
+        loop, limits, off, before = self.controller, self._limits, self._sent[0] - measured, self._command
         if self._shape is not None:
             v = v + np.copysign(limits.homing(off, loop.gain), off)
             bounds = loop.box.at(measured) if loop.braking is None else loop.braking.at(measured, before)
