@@ -9,14 +9,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from math import pi
-from typing import Any
 
 import numpy as np
 
 from invariantqp.control.controller import Controller, Controls
-from invariantqp.control.demands import ExactPoint
 from invariantqp.control.limits import AnyLimit as Limit
-from invariantqp.control.measure import tool_metric
 from invariantqp.control.shared import SharedTask
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.engine import Engine
@@ -30,10 +27,9 @@ from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.contactspec import OperatorSpec
 from invariantqp.runs.plant import Measurement
 from invariantqp.runs.prepare import ControlProblem, Goal
-from invariantqp.runs.taskfile import LawSpec
+from invariantqp.runs.taskfile import LawSpec, law_options
 from invariantqp.systems.contacts import face_contact
 from invariantqp.velocity.forms import Form
-from invariantqp.velocity.limits import ToolSpeed
 from invariantqp.velocity.solution import Status, VelocitySolution, with_trouble
 
 MakeController = Callable[[Robot, LawSpec], Controls]
@@ -44,17 +40,6 @@ PATH_SAMPLES = 1500
 def our_controller(robot: Robot, law: LawSpec, limits: Sequence[Limit] = (), engine: Engine = "compiled") -> Controller:
     """The velocity controller that a [law] describes, with more limits."""
     return Controller(robot, limits=limits, **law_options(robot, law), engine=engine)
-
-
-def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
-    """A [law] as keyword arguments of `Controller`, which its keys are called as."""
-    speed = None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point)
-    return law.model_dump(exclude={"tool_speed_point"}) | {
-        "form": tool_metric(robot) if law.form == "tool" else law.form,
-        "exact": None if law.exact is None else ExactPoint(law.point),
-        "point": law.point if any(law.point) else None,  # in contact that is the point of contact
-        "tool_speed": speed,
-    }
 
 
 class TaskController(ABC):

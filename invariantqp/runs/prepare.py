@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from invariantqp.control.controller import Controller
-from invariantqp.errors import BadInput
+from invariantqp.errors import BadInput, InvariantQPError, TaskFileError
 from invariantqp.force.contact import HybridTask
 from invariantqp.force.sensor import WrenchSensor
 from invariantqp.geometry import se3
@@ -21,7 +20,7 @@ from invariantqp.runs.contactspec import OperatorSpec
 from invariantqp.runs.plant import IdealPlant, Plant
 from invariantqp.runs.scene import ContactScene, scene_of
 from invariantqp.runs.section import message
-from invariantqp.runs.taskfile import LawSpec, Task
+from invariantqp.runs.taskfile import LawSpec, Task, started
 
 
 class Goal(NamedTuple):
@@ -76,11 +75,21 @@ def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
     """A task made ready to run; arguments and errors are those of `run_task`."""
     if not isinstance(task, Task):
         raise BadInput("task", repr(task), "a Task, such as load_task returns")
-    law = overridden(task.law, overrides)
-    task = task.model_copy(update={"law": law})
-    n = task.ticks
+    task = task.model_copy(update={"law": overridden(task.law, overrides)})
+    try:
+        return _prepared(task, physics)
+    except InvariantQPError:
+        found = task.misfits()
+        if len(found) > 1:
+            raise TaskFileError(task.name, found) from None
+        raise
+
+
+def _prepared(task: Task, physics: str) -> Setup:
+    """A task with its law as overridden, ready to run."""
+    law, n = task.law, task.ticks
     robot = task.load_robot()
-    start = Controller(robot, dt=law.dt).believed(task.start(), "start")
+    start = started(robot, task.start())
     scene = scene_of(task, robot.pose(start), task.physics.force_noise if physics == "mujoco" else 0.0)
     time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
     wanted = _wanted(task, robot, scene, time)

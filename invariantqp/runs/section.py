@@ -11,6 +11,8 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Iterator
+from copy import deepcopy
+from itertools import takewhile
 from math import isnan
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -56,11 +58,15 @@ Direction = Annotated[Vector3, AfterValidator(checked_direction)]
 
 
 class _Place(NamedTuple):
-    """Where a problem is: the path in the file, its last key, and the tables that this key may be in."""
+    """Where a problem is: the keys that lead there, and the tables that the last of them may be in."""
 
-    path: str
-    key: str
+    keys: tuple[int | str, ...]
     tables: Models
+
+    @property
+    def path(self) -> str:
+        """As messages have it."""
+        return "$" + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in self.keys)
 
 
 def problems(error: ValidationError, root: type[BaseModel]) -> list[str]:
@@ -78,6 +84,22 @@ def problems(error: ValidationError, root: type[BaseModel]) -> list[str]:
     return [f"{path}: {' or '.join(texts)}{advice[path]}" for path, texts in found.items()]
 
 
+def without(content: dict[str, Any], error: ValidationError, root: type[BaseModel]) -> dict[str, Any] | None:
+    """The content of a file without what is wrong in it; None where something is missing, or no part of it is right."""
+    left = deepcopy(content)
+    for one in error.errors():
+        unknown, place = one["type"] == "extra_forbidden", _place(one["loc"], root, one["type"] == "extra_forbidden")
+        keys = [str(key) for key in takewhile(lambda key: isinstance(key, str), place.keys)]
+        about_a_table = not unknown and (len(place.keys) < 2 or isinstance(one["input"], dict))
+        if one["type"] == "missing" or about_a_table:
+            return None
+        table = left
+        for key in keys[:-1]:
+            table = table[key]
+        table.pop(keys[-1], None)
+    return left
+
+
 def message(found: Any) -> str:
     """One of pydantic's errors in its own words, as part of a sentence."""
     words = str(found["msg"]).removeprefix("Value error, ")
@@ -86,17 +108,17 @@ def message(found: Any) -> str:
 
 def _place(location: tuple[int | str, ...], root: type[BaseModel], unknown: bool) -> _Place:
     """A place as the file has it, whose last key may be unknown. pydantic also names the members of unions: no keys."""
-    path, key = "$", ""
+    keys: tuple[int | str, ...] = ()
     tables: Models = []
     below: Models = [root]
     for part in location:
         if isinstance(part, int):
-            path += f"[{part}]"
+            keys += (part,)
         elif any(part in table.model_fields for table in below) or (unknown and part == location[-1]):
-            path, key, tables, below = f"{path}.{part}", part, below, _tables_at(part, below)
+            keys, tables, below = (*keys, part), below, _tables_at(part, below)
         else:
             below = [table for table in below if _is_kind(table, part)] or below
-    return _Place(path, key, tables)
+    return _Place(keys, tables)
 
 
 def _tables_at(key: str, tables: Models) -> Models:
@@ -108,11 +130,12 @@ def _tables_at(key: str, tables: Models) -> Models:
 def _advice(place: _Place, unknown: bool) -> str:
     """A key like an unknown one, or an example of a value."""
     fields = {name: field for table in place.tables for name, field in table.model_fields.items()}
+    key = next((key for key in reversed(place.keys) if isinstance(key, str)), "")
     if unknown:
-        near = difflib.get_close_matches(place.key, list(fields), 1)
+        near = difflib.get_close_matches(key, list(fields), 1)
         return f" (did you mean {near[0]!r}?)" if near else f" (known keys: {', '.join(sorted(fields))})"
-    examples = fields[place.key].examples if place.key in fields else None
-    return f" (for example: {place.key} = {toml(examples[0])})" if examples else ""
+    examples = fields[key].examples if key in fields else None
+    return f" (for example: {key} = {toml(examples[0])})" if examples else ""
 
 
 def toml(value: Any) -> str:

@@ -7,20 +7,27 @@ as the arguments of the Python functions that they go to.
 from __future__ import annotations
 
 import difflib
+import re
 import sys
+import warnings
+from collections.abc import Callable
 from functools import partial
 from importlib import resources
 from pathlib import Path as FilePath
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, PlainValidator, PrivateAttr, StrictBool, ValidationError, model_validator
 
-from invariantqp.errors import BadInput, TaskFileError, UnknownName, excerpt
+from invariantqp.control.controller import Controller
+from invariantqp.control.demands import ExactPoint
+from invariantqp.control.measure import tool_metric
+from invariantqp.errors import BadInput, InvariantQPError, TaskFileError, UnknownName, excerpt
 from invariantqp.geometry import arrays, screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.robots.chain import Chain
+from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import KNOWN, load_robot, urdf_of
 from invariantqp.runs.clearancespec import Around, ClearanceSpec, ObstacleSpec
 from invariantqp.runs.contactspec import ContactSpec, ForceSpec, OperatorSpec, Physics, SensorSpec
@@ -34,7 +41,11 @@ from invariantqp.runs.section import (
     Section,
     Vector3,
     problems,
+    without,
 )
+from invariantqp.velocity.limits import ToolSpeed
+
+T = TypeVar("T")
 
 # Folders of tasks that come with the package.
 GROUPS = ("", "stability", "compare")
@@ -156,6 +167,17 @@ class LawSpec(Section):
     )
 
 
+def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
+    """A [law] as keyword arguments of `Controller`, which its keys are called as."""
+    speed = None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point)
+    return law.model_dump(exclude={"tool_speed_point"}) | {
+        "form": tool_metric(robot) if law.form == "tool" else law.form,
+        "exact": None if law.exact is None else ExactPoint(law.point),
+        "point": law.point if any(law.point) else None,  # in contact that is the point of contact
+        "tool_speed": speed,
+    }
+
+
 class Acceptance(Section):
     """The [accept] table: the numbers that a run has to meet. What is left out is not required."""
 
@@ -252,6 +274,38 @@ class Task(Section):
         """(m,) joint positions at the start."""
         return np.array(self.robot.start)
 
+    def misfits(self) -> list[str]:
+        """What does not fit together in it or with its robot, a line each as of `problems`."""
+        found: list[str] = []
+
+        def look(table: str, make: Callable[[], T]) -> T | None:
+            try:
+                return make()
+            except TaskFileError as error:
+                found.extend(error.problems)
+            except BadInput as error:
+                known = re.split(r"[.\[]", error.argument)[0] in Task.model_fields
+                found.append(f"$.{error}" if known else f"$.{table}.{error}")
+            except InvariantQPError as error:
+                found.append(f"$.{table}: {error}")
+            return None
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a run that begins warns
+            look("path", lambda: self.ticks)
+            robot = look("robot", self.load_robot)
+            if robot is not None:
+                look("robot", lambda: started(robot, self.start()))
+                look("path", lambda: self.path.along(robot, self.start()))
+                look("law", lambda: Controller(robot, **law_options(robot, self.law)))
+                look("clearance", lambda: self.around(robot))
+        return found
+
+
+def started(robot: Robot, start: Array) -> Array:
+    """Joint positions (m,) at the start of a run, which can be true."""
+    return Controller(robot, dt=LawSpec().dt).believed(start, "robot.start")
+
 
 def shipped_tasks(group: str = "") -> dict[str, FilePath]:
     """The tasks that come with the package, name to file: those to start from, or a group.
@@ -292,11 +346,20 @@ def load_task(path_or_name: str | FilePath) -> Task:
 
 def task_from(content: dict[str, Any], source: str, folder: FilePath | None = None) -> Task:
     """A task from decoded TOML; errors call the file `source`, relative URDF paths are looked up in `folder`."""
-    try:
-        task = Task.model_validate(content)
-    except ValidationError as error:
-        raise TaskFileError(source, problems(error, Task)) from error
-    task._folder = folder  # noqa: SLF001 (set once, here)
+    found: dict[str, str] = {}
+    task: Task | None = None
+    left: dict[str, Any] | None = content
+    while task is None and left is not None:  # what is wrong is left out, and the rest is read
+        try:
+            task = Task.model_validate(left)
+        except ValidationError as error:
+            for line in problems(error, Task):
+                found.setdefault(line.partition(": ")[0], line)
+            left = without(left, error, Task)
+    if task is not None:
+        task._folder = folder  # noqa: SLF001 (set once, here)
+    if task is None or found:
+        raise TaskFileError(source, [*found.values(), *(task.misfits() if task is not None else ())])
     return task
 
 

@@ -11,6 +11,7 @@ from support.task_files import PEN, content, pen
 
 import invariantqp as iq
 from invariantqp.runs.contactspec import SensorSpec
+from invariantqp.runs.prepare import prepare
 from invariantqp.runs.taskfile import LawSpec, shipped_tasks, task_from
 
 SCREW = {"axis": [0.0, 0.0, 1.0]}
@@ -160,6 +161,38 @@ def test_all_problems_are_told_at_once():
     with pytest.raises(iq.errors.TaskFileError, match=r"t\.toml: 3 problems\n") as caught:
         task_from(content(law__gian=1.0, path__duration=-1.0, robot__start=None), "t.toml")
     assert len(caught.value.problems) == 3
+
+
+SEVERAL = {
+    "a key, and what the rest has": (
+        {"path__mov": [0.1, 0.0, 0.0], "law__dt": 5, "robot__start": [0, -70, 0, -100, 0, 90, 45]},
+        ["$.path.mov: extra", "$.path.duration: found 0.05 s, 0.01 ticks", "$.robot.start: found joint 3 "],
+    ),
+    "a value, a name": (
+        {"law__gain": "fast", "robot__source": "pandas", "accept__force_error": -1.0},
+        ["$.law.gain: ", "$.accept.force_error: ", "$.robot: unknown robot 'pandas'"],
+    ),
+    "two of one table, a law of other joints": (
+        {"law__damping": -1.0, "law__guard": 3, "law__posture": [0.0]},
+        ["$.law.damping: ", "$.law.guard: ", "$.law.posture: found shape (1,)"],
+    ),
+    "none but with the robot": (
+        {"robot__start": [0, -70, 0, -100, 0, 90, 45], "path": {"kind": "joints", "duration": 1, "waypoints": [[0]]}},
+        ["$.robot.start: found joint 3 ", "$.path.waypoints[0]: found 1 number"],
+    ),
+    "a required one": ({"path__duration": "long", "law__gian": 1}, ["$.path.duration: ", "$.law.gian: "]),
+    "a table that is none": ({"law": 5, "path__mov": 1}, ["$.path.mov: ", "$.law: "]),
+}
+
+
+@pytest.mark.parametrize("case", SEVERAL)
+def test_what_does_not_fit_beside_a_wrong_key_is_told_with_it(case):
+    changes, said = SEVERAL[case]
+    with pytest.raises(iq.errors.TaskFileError) as caught:
+        prepare(task_from(content(**changes), "t.toml"))
+    lines = caught.value.problems
+    assert len(lines) == len(said)
+    assert all(any(line.startswith(start) for line in lines) for start in said), lines
 
 
 def test_a_start_for_another_robot_names_the_joints():
