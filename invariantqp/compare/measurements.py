@@ -20,7 +20,6 @@ import gc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from time import perf_counter_ns
 from typing import Any
 
@@ -37,9 +36,10 @@ from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
+from invariantqp.runs.controllers import controller_for
 from invariantqp.runs.plant import IdealPlant
 from invariantqp.runs.prepare import prepare
-from invariantqp.runs.run import run_task
+from invariantqp.runs.run import run
 from invariantqp.runs.taskfile import Task, load_task, shipped_tasks
 from invariantqp.velocity.solution import VelocitySolution
 
@@ -185,7 +185,7 @@ def tick_times(cell: Cell) -> dict[str, Result]:
     """
     task = cell.load()
     robot = task.load_robot()
-    inputs = inputs_of(task, robot, QUICK_STRETCHES if cell.quick else STRETCHES)
+    inputs = inputs_of(task, QUICK_STRETCHES if cell.quick else STRETCHES)
     calls: dict[str, Callable[[int], object]] = {}
     found: dict[str, Result] = {}
     for name in cell.methods:
@@ -200,22 +200,17 @@ def tick_times(cell: Cell) -> dict[str, Result]:
     return found | {name: spread(times) for name, times in taken.items()}
 
 
-def inputs_of(task: Task, robot: Robot, stretches: int) -> list[tuple[Array, Array, Array]]:
+def inputs_of(task: Task, stretches: int) -> list[tuple[Array, Array, Array]]:
     """(q, target pose, feedforward) of stretches of ticks spread over a run: over its ticks at limits, if any."""
-    dt = task.law.dt
-    trace = run_task(task)
-    pose = task.path.along(robot, task.start())
+    setup = prepare(task)
+    trace, given = run(setup, controller_for(setup.problem)), setup.problem
     length = min(LENGTH, (len(trace.q) - 1) // stretches)
     last = len(trace.q) - 1 - length
     where = np.flatnonzero(trace.limit_active[:last])
     where = where if len(where) else np.arange(last)
-    inputs = []
-    for first in where[np.linspace(0, len(where) - 1, stretches).astype(int)].tolist():
-        wanted = [pose(dt * k) for k in range(first, first + length + 1)]
-        for i, (now, then) in enumerate(pairwise(wanted)):
-            ahead = np.zeros(6) if task.path.jumps else se3.log(then.dot(se3.inverse(now))) / dt
-            inputs.append((trace.q[first + i], now, ahead))
-    return inputs
+    firsts = where[np.linspace(0, len(where) - 1, stretches).astype(int)].tolist()
+    ticks = [k for first in firsts for k in range(first, first + length)]
+    return [(trace.q[k], given.poses[k], given.feedforward[k]) for k in ticks]
 
 
 def _tick(loop: Controls, inputs: list[tuple[Array, Any, Array]], i: int) -> object:
