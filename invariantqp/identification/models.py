@@ -40,10 +40,10 @@ class Model(NamedTuple):
     kind: str
     freedoms: int
     rows: Callable[[Array, Array, Array], Rows]  # of poses C, curvature or pitch, and turns about z of B summed up
-    free_moments: tuple[int, ...]  # moments in the tool frame of the contact that are zero
-    extra: int  # how many numbers beside the two frames
-    pressed: bool  # whether it can be pressed but not pulled
-    reversible: bool  # whether surface and tip may be exchanged
+    free_moments: tuple[int, ...] = ()  # moments in the tool frame of the contact that are zero
+    extra: int = 0  # how many numbers beside the two frames
+    pressed: bool = False  # whether it can be pressed but not pulled
+    reversible: bool = False  # whether surface and tip may be exchanged
 
 
 def _height(C: Array) -> tuple[Array, Array]:
@@ -109,25 +109,17 @@ def _slide(C: Array, _: Array, __: Array) -> Rows:
 MODELS: dict[str, Model] = {
     model.kind: model
     for model in (
-        Model("slide", 1, _slide, (), 0, pressed=False, reversible=False),
-        Model("hinge", 1, lambda C, *_: _hinge(C), (), 0, pressed=False, reversible=False),
-        Model("screw", 1, _screw, (), 1, pressed=False, reversible=False),
+        Model("slide", 1, _slide),
+        Model("hinge", 1, lambda C, *_: _hinge(C)),
+        Model("screw", 1, _screw, extra=1),
+        Model("peg", 2, lambda C, *_: _rows(_place(C, slice(2)), _tilt(C, 2, slice(2)))),
+        Model("ball", 3, lambda C, *_: _rows(_place(C, slice(0, 3)))),
+        Model("face", 3, lambda C, *_: _rows(_height(C), _tilt(C, 2, slice(2))), pressed=True),
         Model(
-            "peg",
-            2,
-            lambda C, *_: _rows(_place(C, slice(2)), _tilt(C, 2, slice(2))),
-            (),
-            0,
-            pressed=False,
-            reversible=False,
+            "line", 4, lambda C, *_: _rows(_height(C), _tilt(C, 0, slice(2, 3))), (0,), pressed=True, reversible=True
         ),
-        Model("ball", 3, lambda C, *_: _rows(_place(C, slice(0, 3))), (), 0, pressed=False, reversible=False),
-        Model("face", 3, lambda C, *_: _rows(_height(C), _tilt(C, 2, slice(2))), (), 0, pressed=True, reversible=False),
-        Model(
-            "line", 4, lambda C, *_: _rows(_height(C), _tilt(C, 0, slice(2, 3))), (0,), 0, pressed=True, reversible=True
-        ),
-        Model("point", 5, lambda C, *_: _rows(_height(C)), (0, 1, 2), 0, pressed=True, reversible=True),
-        Model("sphere", 5, _sphere, (0, 1, 2), 1, pressed=True, reversible=True),
+        Model("point", 5, lambda C, *_: _rows(_height(C)), (0, 1, 2), pressed=True, reversible=True),
+        Model("sphere", 5, _sphere, (0, 1, 2), extra=1, pressed=True, reversible=True),
     )
 }
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from attrs import frozen
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.sensor import WrenchSensor, load_of, wrench_of
@@ -51,8 +51,7 @@ class Recording(Compared):
     def blocks(self, start: int, stop: int) -> Samples:
         """Samples of a stretch, wrenches averaged; those without contact force left out."""
         samples = self._samples(start, stop, BLOCKS)
-        w = samples.wrench
-        loaded = (w * np.linalg.solve(samples.wrench_noise[0], w.T).T).sum(axis=1) > 6.0 * SURELY**2
+        loaded = _loaded(samples.wrench, samples.wrench_noise[0])
         return Samples(*(part[loaded] for part in samples)) if loaded.sum() >= FEWEST else samples
 
     def every(self, start: int, stop: int) -> Samples:
@@ -79,9 +78,12 @@ class Recording(Compared):
         half, count = size // 2, min(most, n // size)
         at = start + np.linspace(half, n - 1 - half, count).round().astype(int)
         w = np.mean([self.wrench[at + j] for j in range(-half, half + 1)], axis=0)
-        noise = self.wrench_noise * (self.white / size + 1.0 - self.white)
-        pose_noise, wrench_noise = (np.broadcast_to(N, (count, 6, 6)) for N in (self.pose_noise, noise))
+        pose_noise, wrench_noise = (np.broadcast_to(N, (count, 6, 6)) for N in (self.pose_noise, self._averaged(size)))
         return Samples(at, self.turned[at], self.pose[at], w, pose_noise, wrench_noise, np.zeros((count, 6, 0)))
+
+    def _averaged(self, size: int) -> Array:
+        """(6, 6) noise of the mean of so many wrenches."""
+        return self.wrench_noise * (self.white / size + 1.0 - self.white)
 
     def contacts(self) -> list[tuple[int, int]]:
         """First sample of each stretch in which the tool is loaded, and the one after its last."""
@@ -89,8 +91,7 @@ class Recording(Compared):
         size = max(1, n // BLOCKS | 1)
         edges = np.linspace(0, n, n // size + 1).round().astype(int)
         w = np.array([self.wrench[a:b].mean(axis=0) for a, b in pairwise(edges.tolist())])
-        noise = self.wrench_noise * (self.white / size + 1.0 - self.white)
-        loaded = (w * np.linalg.solve(noise, w.T).T).sum(axis=1) > 6.0 * SURELY**2
+        loaded = _loaded(w, self._averaged(size))
         # Forces pass zero within a contact: gaps of less than the fewest samples belong to it.
         spans: list[tuple[int, int]] = []
         for k in np.flatnonzero(loaded).tolist():
@@ -100,6 +101,11 @@ class Recording(Compared):
             else:
                 spans.append((a, b))
         return spans
+
+
+def _loaded(w: Array, noise: Array) -> NDArray[np.bool_]:
+    """(n,) whether wrenches (n, 6) are surely more than their noise (6, 6)."""
+    return np.asarray((w * np.linalg.solve(noise, w.T).T).sum(axis=1) > 6.0 * SURELY**2)
 
 
 def recording(
