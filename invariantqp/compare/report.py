@@ -125,7 +125,7 @@ def inline_svg(file: Path) -> str:
 
 
 # Errors within this factor of the least, or below a micrometre and a thousandth of a degree, are as good.
-AS_GOOD, NOTHING = 1.1, 1e-3
+AS_GOOD, AS_NONE = 1.1, 1e-3
 Figures = dict[str, dict[str, Any]]
 
 
@@ -151,7 +151,7 @@ def as_good(loops: Figures) -> list[str]:
     """The rows whose largest position error is as good as the least of all."""
     have = {name: r["position_mm"] for name, r in loops.items() if r["position_mm"] is not None}
     least = min(have.values(), default=0.0)
-    return [name for name, mm in have.items() if mm <= max(AS_GOOD * least, NOTHING)]
+    return [name for name, mm in have.items() if mm <= max(AS_GOOD * least, AS_NONE)]
 
 
 def _time(ticks: Figures, name: str) -> str:
@@ -172,7 +172,7 @@ def losses(results: Results) -> list[str]:
         turned = {
             n: r
             for n, r in loops.items()
-            if (r["orientation_deg"] or 0.0) * AS_GOOD < (mine["orientation_deg"] or 0.0) > NOTHING
+            if (r["orientation_deg"] or 0.0) * AS_GOOD < (mine["orientation_deg"] or 0.0) > AS_NONE
         }
         if turned:
             parts.append(f"it tilts by {_missed([mine])}; {', '.join(turned)} by {_missed(turned.values())}")
@@ -190,7 +190,7 @@ def _missed(loops: Iterable[dict[str, Any]]) -> str:
 
 def _nearer(theirs: float | None, mine: float | None) -> bool:
     """Whether an error is less by more than nothing; one that was not measured is not."""
-    return theirs is not None and mine is not None and theirs * AS_GOOD < mine > NOTHING
+    return theirs is not None and mine is not None and theirs * AS_GOOD < mine > AS_NONE
 
 
 def _good_in(results: Results, name: str) -> tuple[list[str], list[str]]:
