@@ -19,6 +19,18 @@ from invariantqp.identification.fit import OPEN, Fit, covariance
 from invariantqp.systems.classification import gibson_hunt
 from invariantqp.systems.contacts import BALL, FACE, LINE, PEG, POINT, Contact, ContactKind, screw_kind
 
+# Which entries of the small twists of surface and tip say how surely something of each kind is known.
+_ENTRIES: dict[str, dict[str, list[int]]] = {
+    "point": {"normal": [0, 1], "point": [9, 10, 11]},
+    "sphere": {"point": [9, 10, 11]},
+    "line": {"normal": [0, 1], "point": [10, 11], "axis": [7, 8]},
+    "face": {"normal": [0, 1]},
+    "ball": {"point": [3, 4, 5]},
+    "peg": {"axis": [0, 1], "point": [3, 4]},
+    "hinge": {"axis": [0, 1], "point": [3, 4]},
+    "screw": {"axis": [0, 1], "point": [3, 4]},
+    "slide": {"axis": [0, 1]},
+}
 _KINDS = {"point": POINT, "sphere": POINT, "line": LINE, "face": FACE, "ball": BALL, "peg": PEG}
 
 
@@ -102,21 +114,7 @@ class Candidate(Compared):
 
         inf is what the recording does not determine.
         """
-        found: dict[str, float] = {}
-        joint = self.kind in ("peg", "hinge", "screw", "slide")
-        if not joint and self.kind != "ball":
-            if self.kind != "sphere":
-                found["normal"] = self._deviation([0, 1])
-            if self.kind != "face":
-                found["point"] = self._deviation([10, 11] if self.kind == "line" else [9, 10, 11])
-        if self.kind == "line":
-            found["axis"] = self._deviation([7, 8])
-        if self.kind == "ball":
-            found["point"] = self._deviation([3, 4, 5])
-        if joint:
-            found["axis"] = self._deviation([0, 1])
-            if self.kind != "slide":
-                found["point"] = self._deviation([3, 4])
+        found = {name: self._deviation(entries) for name, entries in _ENTRIES[self.kind].items()}
         if self.kind == "screw":
             found["pitch"] = sqrt(self.covariance[12, 12])
         if self.kind == "sphere":
