@@ -27,12 +27,18 @@ static double integrated(double error, double wanted, bool reached)
 static double sure(const Stiffness *known) { return fmax(known->found[0] - known->errors[0], 0.0) / known->bound; }
 
 static Drive pressed(const Drive *drive, double error, double wanted, const Stiffness *known, const Setting *setting,
-                     double inwards, double outwards, double eased, bool grows)
+                     double inwards, double outwards, double eased, bool grows, const Stiffness *beside)
 {
     bool rose = known->rose != 0.0, rises = wanted > 0.0 && known->reached == 0.0;
     double M, D, before = rose ? fmin(drive->speed, 0.0) : drive->speed, slope = rose ? fmin(drive->slope, 0.0) : drive->slope;
     double bound = setting->slope_speed;
     mass_and_damper(known, setting, eased, &M, &D);
+    if (beside != NULL) { /* a moment is levelled no faster than the press presses */
+        double m, d;
+        mass_and_damper(beside, setting, eased, &m, &d);
+        M = fmax(M, m);
+        D = fmax(D, d);
+    }
     double per_tick = M / setting->dt;
     if (grows) {
         double share = wanted > 0.0 ? fmin(fmax(SURE * sure(known), UNSURE), 1.0) : 1.0;
@@ -48,7 +54,7 @@ static Drive struck(const Drive *drive, double coming, double error, const Stiff
                     double most, double eased)
 {
     const Drive still = {0.0, drive->slope};
-    Drive law = pressed(&still, error, 0.0, known, setting, 0.0, most, eased, false);
+    Drive law = pressed(&still, error, 0.0, known, setting, 0.0, most, eased, false, NULL);
     law.speed = fmax(fmin(law.speed, -coming / setting->dt), -most);
     return law;
 }
@@ -60,8 +66,7 @@ static Drive sought(const Drive *drive, double gentle, const Setting *setting, d
     double bound = setting->slope_speed, slope = 0.0;
     if (touch->airborne == INFINITY)
         return (Drive){fmin(gentle * fmax(IN_DOUBT, clear(touch)), most), 0.0};
-    double again = press->lost_after > 0.0 ? gentle * fmin(1.0, touch->airborne / press->lost_after) : gentle;
-    double rate = fmin(again + bound, most);
+    double rate = fmin((gentle + bound) * (press->lost_after > 0.0 ? fmin(1.0, touch->airborne / press->lost_after) : 1.0), most);
     if (touch->airborne < press->lost_after) {
         double grown = drive->slope + setting->dt * UNSURE * FORCE_GAIN / (INTEGRAL * setting->late) * (rate - drive->slope);
         slope = fmin(fmax(grown, -bound), bound);
@@ -114,7 +119,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             double gain = eased * FORCE_GAIN / ((setting->late - UNKNOWN_LATE) * k);
             drives[i] = fixed(drive, error, gain, k, 0.0, setting->dt, INFINITY, grows);
         } else if (i >= presses) {
-            drives[i] = touching ? pressed(drive, error, 0.0, known, setting, fastest, fastest, eased, grows)
+            drives[i] = touching ? pressed(drive, error, 0.0, known, setting, fastest, fastest, eased, grows, &now->known[0])
                                  : none;
         } else if (now->touches[i].touching == 0.0) {
             drives[i] = sought(drive, gentle, setting, fastest, &now->touches[i], press);
@@ -126,7 +131,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             double inwards = touch_speed(press, room, setting->late) - (known->reached != 0.0 ? fmax(drive->slope, 0.0) : 0.0);
             inwards = fmax(touch_speed(press, wished, setting->late), inwards)
                     + (known->reached != 0.0 ? 0.0 : press->slope * now->along);
-            drives[i] = pressed(drive, error, wished, known, setting, inwards, OUTWARDS * fastest, eased, grows);
+            drives[i] = pressed(drive, error, wished, known, setting, inwards, OUTWARDS * fastest, eased, grows, NULL);
         }
     }
     return acts;

@@ -75,6 +75,7 @@ from invariantqp.force.law import (
     slid,
     sought,
     struck,
+    taken_up,
     touch_speed,
     trembling,
 )
@@ -185,6 +186,7 @@ class Memory(NamedTuple):
         last: (6,) reading; None before the first.
         coming: (3,) way of the place of contact that does not show yet [length].
         smooth: (6,) wrench in the sensor's frame; None before the first.
+        motion: (6,) along the contact in the last tick, base frame.
     """
 
     pressing: Pressing = Pressing()
@@ -196,6 +198,7 @@ class Memory(NamedTuple):
     last: Annotated[Array, 6] | None = None
     coming: Annotated[Array, 3] = np.zeros(3)
     smooth: Annotated[Array, 6] | None = None
+    motion: Annotated[Array, 6] = np.zeros(6)
 
 
 PACKING = Packing(Memory)
@@ -520,6 +523,7 @@ class HybridController:
             last=reading,
             coming=(1.0 - shows) * led,
             smooth=smooth,
+            motion=motion,
         )
         self.room = max(1.0 - trembles, 1.0 - MOST)
         B, split = here.contact.coadjoint, here.split
@@ -742,12 +746,13 @@ class HybridController:
         parts = zip(now.known, now.ways, here.force.tolist(), here.wanted.tolist(), strict=True)
         for i, (known, (way, _), force, wanted) in enumerate(parts):
             press = i < here.presses
-            if now.touches[i].airborne <= self.task.lost_after if press else tick.touch.touching:
+            touch = now.touches[i] if press else tick.touch
+            if touch.touching or (press and touch.airborne <= self.task.lost_after):
                 short = int(wanted - force > most) - int(force - wanted > most)
-                felt = not press or (now.touches[i].touching and force > tick.limit)
+                felt = not press or (touch.touching and force > tick.limit)
                 made.append(known.after(force, way, setting, short, felt=felt))
             else:
-                made.append(known.in_air(force, way, tick.limit, now.touches[i] if press else tick.touch, setting))
+                made.append(known.in_air(force, way, tick.limit, touch, setting))
         return tuple(made)
 
     def _kept_gain(self, J: Array, here: Placed, now: Pressing, setting: Setting, noise: float) -> tuple[float, float]:
@@ -805,7 +810,8 @@ class HybridController:
             elif not press and not touching:
                 drives.append(Drive())
             elif not press:
-                drives.append(pressed(drive, error, 0.0, known, setting, (fastest, fastest), eased, grows=grows))
+                speeds, beside = (fastest, fastest), now.known[0]
+                drives.append(pressed(drive, error, 0.0, known, setting, speeds, eased, grows=grows, beside=beside))
             elif not now.touches[i].touching:
                 drives.append(sought(drive, gentle, setting, fastest, now.touches[i], task))
             elif known.time <= setting.late:  # the filters still hold the air: nothing is pushed in
@@ -845,6 +851,8 @@ class HybridController:
             left, away = monitor.left
             return none, retreat(task, contact, left + task.retreat_distance - away, dt)
         motion = slid(task, contact, here.along(chase), here.along(ahead))
+        if self.loop.braking is None:
+            motion = taken_up(task, contact, here.along(self.memory.motion), motion, dt)
         if waits:
             return motion, self._beyond.twist(task, contact, dt) if answer.beyond else none
         return motion, contact.adjoint.dot(here.split.twist.dot(np.array([drive.rate for drive in drives])))

@@ -48,6 +48,9 @@ STRUCK = 0.01
 IN_DOUBT = 0.3
 # How much faster than an approach the law may let go.
 LET_GO = 2.5
+# Where joints have no acceleration limits motion along a contact is taken up within this time [s]: at its speed by
+# default 1 m/s^2, as arms are usually moved.
+TAKES_UP = 0.1
 # With a fixed compliance on a declared stiffness k: c k times the time constant of the integral.
 OVERDAMPED = 5.0
 # An error above this share of the wanted press counts as this much in an integral: until the press was reached once,
@@ -98,6 +101,7 @@ def pressed(
     eased: float,
     *,
     grows: bool,
+    beside: Stiffness | None = None,
 ) -> Drive:
     """The law's speed and slope in a tick.
 
@@ -110,8 +114,11 @@ def pressed(
         most: speed inwards and outwards at most [length/s].
         eased: share of the gain that noise and chatter leave.
         grows: whether the slope may change: limits and a touch hold it.
+        beside: of the press beside which this is a moment, which is levelled no faster than that presses.
     """
     M, D = mass_and_damper(known, setting, eased)
+    if beside is not None:
+        M, D = map(max, (M, D), mass_and_damper(beside, setting, eased))
     before, slope = (min(drive.speed, 0.0), min(drive.slope, 0.0)) if known.rose else drive
     per_tick, bound = M / setting.dt, setting.slope_speed
     rises = wanted > 0.0 and not known.reached
@@ -151,8 +158,8 @@ def sought(drive: Drive, gentle: float, setting: Setting, most: float, touch: To
     """
     if touch.airborne == inf:
         return Drive(min(gentle * max(IN_DOUBT, touch.clear), most))
-    again = gentle * min(1.0, touch.airborne / task.lost_after) if task.lost_after else gentle
-    rate, bound = min(again + setting.slope_speed, most), setting.slope_speed
+    bound = setting.slope_speed
+    rate = min((gentle + bound) * (min(1.0, touch.airborne / task.lost_after) if task.lost_after else 1.0), most)
     slope = 0.0
     if touch.airborne < task.lost_after:
         grown = drive.slope + setting.dt * UNSURE * GAIN / (INTEGRAL * setting.late) * (rate - drive.slope)
@@ -197,6 +204,21 @@ def slid(task: HybridTask, contact: Contact, error: Array, ahead: Array) -> Arra
         ahead: (6,) part of the feedforward.
     """
     return ahead + min(1.0, task.slide_speed / speed_at(contact, error, task.size)) * error
+
+
+def taken_up(task: HybridTask, contact: Contact, before: Array, motion: Array, dt: float) -> Array:
+    """(6,) the motion along S, from that of the last tick on: what a step of it takes of an arm, the press would feel.
+
+    Args:
+        task: says how fast the tool slides.
+        contact: in the base frame.
+        before: (6,) motion of the last tick, along S.
+        motion: (6,) that is wanted.
+        dt: tick [s].
+    """
+    change, size = motion - before, task.size
+    fast = max(task.slide_speed, speed_at(contact, before, size), speed_at(contact, motion, size))
+    return before + min(1.0, fast * dt / TAKES_UP / speed_at(contact, change, size)) * change
 
 
 def retreat(task: HybridTask, contact: Contact, left: float, dt: float) -> Array:

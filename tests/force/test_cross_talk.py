@@ -1,5 +1,7 @@
 """A step in force moves nothing along S, a step in motion asks for no force: in every tick, and in closed loops."""
 
+from copy import copy
+
 import numpy as np
 import pytest
 from support.spring_plane import DT, PANDA, SO101, Bench, carried, circle, gantry, pen
@@ -22,15 +24,14 @@ def test_neither_part_touches_the_other_in_any_tick(panda, rule):
     """Joint velocities, limits not met: a step in force adds nothing along S, one in motion nothing in S*."""
     task = pen(compliance=1e-3, **rule)  # a gain that depends on nothing that was felt before
     bench = Bench(panda, PANDA, task, depth=3e-4)
-    other = iq.HybridController(panda, task, dt=DT, order="moment first")
     path = circle(bench.start, 0.03, 2.0)
     for k in range(100):
         q, W = bench.q.copy(), bench.wrench()
         target, ahead = path(k * DT)
         elsewhere = iq.exp([0.02, 0.01, -0.02, 0.004, -0.003, 0.002]) @ target
+        pressed = copy(bench.loop).step(q, target, W, ahead, wanted=[8.0])
+        steered = copy(bench.loop).step(q, elsewhere, W, ahead)
         plain = bench.tick(target, ahead)
-        pressed = other.step(q, target, W, ahead, wanted=[8.0])
-        steered = other.step(q, elsewhere, W, ahead)
         split = iq.dual_projectors(plain.contact.freedoms, **carried(rule, plain.contact))
         J = plain.J
         assert np.abs(split.motion @ J @ (pressed.velocity - plain.velocity)).max() < 1e-9
@@ -45,13 +46,13 @@ def test_five_joints_keep_the_two_apart_at_the_tip(so101):
     options = {"dt": 5e-3, "exact": "position"}
     task = pen(2.0, compliance=1e-3)
     bench = Bench(so101, SO101, task, stiffness=2e3, **options)
-    other = iq.HybridController(so101, task, order="moment first", **options)
     path = circle(bench.start, 0.02, 3.0)
     for k in range(60):
         q, W, (target, ahead) = bench.q.copy(), bench.wrench(), path(k * 5e-3)
         elsewhere = iq.exp([0.0, 0.0, 0.0, 0.001, -0.002, 0.001]) @ target
+        pressed = copy(bench.loop).step(q, target, W, ahead, wanted=[3.0])
+        steered = copy(bench.loop).step(q, elsewhere, W, ahead)
         plain = bench.tick(target, ahead)
-        pressed, steered = other.step(q, target, W, ahead, wanted=[3.0]), other.step(q, elsewhere, W, ahead)
         p = so101.pose(q)[:3, 3]
         J = plain.J[3:] + np.cross(plain.J[:3].T, p).T
         assert np.abs((J @ (pressed.velocity - plain.velocity))[:2]).max() < 1e-9

@@ -8,7 +8,7 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.force.estimate import UNKNOWN, Setting, Stiffness, Touch
-from invariantqp.force.law import GAIN, Drive, pressed, sought
+from invariantqp.force.law import GAIN, TAKES_UP, Drive, pressed, sought, taken_up
 
 
 def setting_of(dt, late, slope_speed=0.0):
@@ -75,6 +75,38 @@ def test_a_contact_lost_for_moments_is_approached_from_rest():
         touch = Touch(airborne=airborne)
         speeds.append(sought(Drive(), 0.01, setting, 0.02, touch, task).rate)
     assert speeds == pytest.approx([0.0002, 0.005, 0.01, 0.01, 0.01])
+    again = [
+        sought(Drive(), 0.01, setting_of(0.002, 0.02, 0.01), 0.05, Touch(airborne=t), task).rate for t in (0.002, 0.1)
+    ]
+    assert again == pytest.approx([0.0004, 0.02])  # so is a surface that may have gone away while the tool slid
+
+
+def test_a_moment_is_levelled_no_faster_than_the_press_beside_it():
+    """A sponge that had touched with a corner was turned so hard that it left the table, and struck it."""
+    random = np.random.default_rng(9)
+    for _ in range(300):
+        dt, late = 10 ** random.uniform([-3.0, -2.5], [-1.3, -1.0])
+        press, moment = (knows(k, b * k) for k, b in 10 ** random.uniform([2.5, -3.0], [6.0, -1.0], (2, 2)))
+        setting, most = setting_of(dt, max(dt, late)), (1e9, 1e9)
+        own, alone = (pressed(Drive(), 1.0, 0.0, one, setting, most, 1.0, grows=False).rate for one in (press, moment))
+        beside = pressed(Drive(), 1.0, 0.0, moment, setting, most, 1.0, grows=False, beside=press).rate
+        assert 0.0 < beside <= min(own, alone) * (1.0 + 1e-12)
+
+
+def test_a_motion_along_a_contact_is_taken_up_and_a_smooth_one_is_as_asked():
+    contact = iq.point_contact(np.array([0.4, -0.1, 0.3]), [0.0, 0.0, 1.0])
+    task, dt, asked = iq.HybridTask(contact, [10.0]), 0.002, np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
+    motion, ticks = np.zeros(6), 0
+    while not np.array_equal(motion, asked):
+        before, ticks = motion, ticks + 1
+        motion = taken_up(task, contact, before, asked, dt)
+        assert np.linalg.norm(motion - before) <= task.slide_speed * dt / TAKES_UP * (1.0 + 1e-9)
+    assert ticks == pytest.approx(TAKES_UP / dt, abs=1)
+    for t in np.arange(0.0, 1.0, dt):  # 50 mm, 0.25 m/s: 1.25 m/s^2
+        circle = [
+            np.array([0.0, 0.0, 0.0, *(0.25 * np.array([np.cos(5.0 * s), np.sin(5.0 * s), 0.0]))]) for s in (t, t + dt)
+        ]
+        assert np.allclose(taken_up(task, contact, *circle, dt), circle[1], rtol=0.0, atol=1e-15)
 
 
 def test_until_the_press_was_reached_speed_and_slope_together_are_no_faster_than_a_touch():

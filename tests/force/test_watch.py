@@ -83,6 +83,14 @@ def test_a_short_gap_is_no_loss_and_a_contact_found_again_is_ok(panda):
         assert [s.status for s in again[-4:]] == ["lost", "ok", "ok", "ok"]
 
 
+def test_a_press_in_doubt_of_its_contact_presses_on(panda):
+    """Just below what counts as contact it stood still, as long as it takes to be sure of the air, again and again."""
+    solutions, _ = fed(panda, [TOUCH] * 3 + [0.499] * 100, lost_after=0.05, yields=0.0)
+    presses_on = [rises(solution)[0] < -1e-5 for solution in solutions[3:]]
+    assert "lost" not in {solution.status for solution in solutions}
+    assert sum(presses_on) >= 90  # of a second
+
+
 def test_a_retreat_ends_after_its_distance_and_stays_until_reset(panda):
     presses = [TOUCH] * 2 + [AIR] * 140 + [TOUCH] * 3
     solutions, loop = fed(panda, presses, on_loss="retreat", retreat_speed=0.02, retreat_distance=0.01)
