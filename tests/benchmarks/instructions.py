@@ -2,9 +2,9 @@
 
     python tests/benchmarks/instructions.py
 
-Needs `valgrind` (the Debian package of that name) and a minute or two. What is counted is the core's `step`, from joint
-positions and target to velocity, limits and memory of the loop, with what it calls of the C library; the conversion of
-Python's arguments is not.
+Needs `valgrind` (the Debian package of that name) and a minute or two. What is counted is the core's `step_beside`,
+from joint positions and target to velocity, limits and memory of the loop, with what it calls of the C library; the
+conversion of Python's arguments is not.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def counted(name, options, *, limited):
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "ticks"
         file.write_bytes(pickle.dumps((name, options, ticks)))
-        command = ["valgrind", "--tool=callgrind", "--collect-atstart=no", "--toggle-collect=step"]
+        command = ["valgrind", "--tool=callgrind", "--collect-atstart=no", "--toggle-collect=step_beside"]
         command += [f"--callgrind-out-file={folder}/out", sys.executable, __file__, str(file)]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
     return int(re.search(r"Collected : (\d+)", done.stderr)[1]) / len(ticks)
