@@ -37,10 +37,11 @@ from invariantqp.control.limits import (
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.memory import HEADER, Memory, slowness, ticks_late
 from invariantqp.control.tracking import (
+    Approach,
+    approach,
     question_gain,
     question_times,
     same_turn,
-    share_of_gain,
     tracking_gain,
     tracking_twist,
 )
@@ -360,19 +361,21 @@ class Controller:
         led = ahead if now is None else now.speed * ahead
         error = turn + self.delay * led  # the target, too, is on by then
         s = tracking_twist(error, self.gain, feedforward)
-        root = self.measure.root_for(sighting.J, sighting.pose)
-        A = root.dot(sighting.J)
-        share = 1.0
+        J, root = sighting.J, self.measure.root_for(sighting.J, sighting.pose)
+        share, braked = 1.0, None
         gain = self.gain if now is None else now.speed * self.gain
         if self.braking is not None and gain > 0.0:
-            share = share_of_gain(self.law, self.braking, gain, A, root.dot(error))
+            slack = self._slack / self.gain
+            braked = approach(self.law, self.braking, gain, slack, J, root, error, led, before)
+        if braked is not None:
+            share = braked.share
             s -= (1.0 - share) * self.gain * error
         state = Observed(positions, there, sighting, target, root, before)
         if self.wrong(positions):
             return self._tick(state, s, share, ahead)
-        memory = memory.followed(positions, A, self.dt, self._slowness / self.dt)._replace(turn=turn[:3])
+        memory = memory.followed(positions, root.dot(J), self.dt, self._slowness / self.dt)._replace(turn=turn[:3])
         self.kept[:HEADER] = memory.numbers[:HEADER]
-        return memory.judged(self._tick(state, s, share, ahead, now=now))
+        return memory.judged(self._tick(state, s, share, ahead, braked=braked, now=now))
 
     def follow(
         self,
@@ -571,11 +574,12 @@ class Controller:
         stand: Reason | None = None,
         posture: Array | None = None,
         *,
+        braked: Approach | None = None,
         now: Changes | None = None,
     ) -> VelocitySolution:
         """The velocity for the twist s, or at rest if told to `stand`.
 
-        What of s is not `ahead` chases the target, at a share of the gain; None is a twist by itself.
+        What of s is not `ahead` chases the target, at a share of the gain and `braked`; None is a twist by itself.
         """
         positions, there, sighting, target, root, before = state
         wrong = self.wrong(positions)
@@ -614,7 +618,8 @@ class Controller:
         law = self.law
         if now is not None and now.speed not in (0.0, 1.0):
             law, demand = law.slowed(now.speed), demand.slowed(now.speed)
-        solution = solve(law, demand) if stand is None else standing(law, demand, (stand,))
+        within = demand if braked is None else braked.within(demand)
+        solution = solve(law, within) if stand is None else standing(law, demand, (stand,))
         missed = None if stand is not None else self._limits.after(there, solution.velocity, limits.rows, now)
         if missed is not None:
             solution = solve(law, demand._replace(rows=missed))

@@ -28,7 +28,7 @@ from invariantqp.robots.kinematics import QUESTIONED_TURN, Robot, Sighting, midd
 from invariantqp.velocity.limits import BrakingBox, JointBox, LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.qp import Cone
 from invariantqp.velocity.reasons import Code, Reason, by_joint
-from invariantqp.velocity.solution import VelocitySolution, both, with_trouble
+from invariantqp.velocity.solution import Status, VelocitySolution, both, with_trouble
 
 # A joint that turns is never this far outside its position range [rad]: its position is no measurement in radians.
 FAR_OUTSIDE = 0.5
@@ -736,10 +736,11 @@ class LoopLimits(NamedTuple):
         return self.with_troubles(solution, strained) if strained else solution
 
     def with_troubles(self, solution: VelocitySolution, found: tuple[Reason, ...]) -> VelocitySolution:
-        """The solution with reasons that name joints; a joint outside its range alone degrades nothing."""
+        """The solution with reasons that name joints; one that returns from outside its range is "limited" at least."""
         named = by_joint(found, self.loop.robot.names)
         if self.braking is None and all(reason.code is Code.OUTSIDE for reason in found):
-            return solution._replace(reasons=both(named, solution))
+            status = Status.LIMITED if solution.status is Status.OK else solution.status
+            return solution._replace(reasons=both(named, solution), status=status)
         return with_trouble(solution, named)
 
 

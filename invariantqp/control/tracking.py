@@ -6,12 +6,23 @@
 
 d_i = |x_i(e)| is what is left for joint i. Near half a turn a displacement has two logarithms; the loop keeps the one
 that it has followed.
+
+Where a target is out of reach, what is left is no error but the way to where the error is least, and near a stretched
+arm joints are fast there while the tool is not. So a joint that goes on at its velocity keeps room to brake until then,
+as before a position limit. With c = x_before - x(feedforward), after a time t about
+
+    1/2 |e - t A c - 1/2 t^2 R b|^2 is least:   t = (|e'A c| + slack |A c|) / (|A c|^2 + max(0, -e'R b))
+
+where A = R J is measured, b = sum over j < i of c_j c_i [J_j, J_i] is how the twist J c turns, and an error within
+slack may stay. |x_i - x_i(feedforward)| is then at most the speed from which joint i brakes within t |c_i|: a bound
+that is continuous in e and c, whichever way the error changes.
 """
 
 from __future__ import annotations
 
 import warnings
-from math import pi, sqrt
+from math import inf, pi, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,10 +30,10 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.se3 import norm
+from invariantqp.geometry.se3 import lie, norm
 from invariantqp.velocity.damping import Adaptive, PaperLambda
-from invariantqp.velocity.law import VelocityLaw
-from invariantqp.velocity.limits import BrakingBox
+from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.velocity.limits import BrakingBox, braking_speed
 from invariantqp.velocity.objective import least_squares, spectrum_of
 
 # Share of the error removed in a tick where no gain is given. A velocity held for dt leaves the path by half of
@@ -101,14 +112,6 @@ def tracking_twist(error: Array, gain: float | Array, feedforward: ArrayLike | N
     return s
 
 
-def distances(A: Array, error: Array) -> Array:
-    """(n,) joint displacements for the whole error (6,), by measured joint twists A (6, n).
-
-    They are damped: near singularities no joint travels long ones.
-    """
-    return least_squares(spectrum_of(A), error, None, DISTANCE_DAMPING).centre()
-
-
 def braking_share(distance: Array, acceleration: Array, gain: float) -> float:
     """b in (0, 1]: the share of gain e [1/s] from which the joints can still brake before the target.
 
@@ -124,13 +127,74 @@ def braking_share(distance: Array, acceleration: Array, gain: float) -> float:
     return min(1.0, float(share.min()))
 
 
-def share_of_gain(law: VelocityLaw, braking: BrakingBox, gain: float, A: Array, error: Array) -> float:
-    """b for a law and its acceleration limits, 1 where its damping is [DS]'s; A (6, m) and error (6,) are measured."""
+class Approach(NamedTuple):
+    """How fast a loop with acceleration limits approaches its target."""
+
+    share: float  # b, of the gain
+    lower: Array  # (m,) joint velocities from which joints brake before the error is least, -inf where there is none
+    upper: Array  # (m,) likewise
+
+    def within(self, demand: Demand) -> Demand:
+        """The demand with these bounds; beside rows of limits, which may ask joints to go on, as it is."""
+        if demand.rows is not None:
+            return demand
+        lower = np.minimum(np.maximum(demand.lower, self.lower), demand.upper)
+        upper = np.maximum(np.minimum(demand.upper, self.upper), demand.lower)
+        return demand._replace(lower=lower, upper=upper)
+
+
+def approach(
+    law: VelocityLaw,
+    braking: BrakingBox,
+    gain: float,
+    slack: float,
+    J: Array,
+    root: Array,
+    error: Array,
+    feedforward: Array,
+    before: Array,
+) -> Approach | None:
+    """The approach for a law and its acceleration limits; None where its damping is [DS]'s.
+
+    Args:
+        law: of the loop.
+        braking: its limits.
+        gain: of the error [1/s].
+        slack: a measured error that may stay [length].
+        J: (6, m) joint twists.
+        root: (6, 6) of the measure.
+        error: (6,) twist that leads to the target.
+        feedforward: (6,) the target's own twist.
+        before: (m,) the joint velocity now.
+    """
     if isinstance(law.damping, PaperLambda):
-        return 1.0
-    T = law.to_joint
-    distance = distances(A, error) if T is None else T.dot(distances(A.dot(T), error))
-    return braking_share(distance, braking.acceleration, gain)
+        return None
+    A, e, T = root.dot(J), root.dot(error), law.to_joint
+    spectrum = spectrum_of(A if T is None else A.dot(T))
+    # Damped: near singularities no joint travels long distances.
+    distance = least_squares(spectrum, e, None, DISTANCE_DAMPING).centre()
+    follows = least_squares(spectrum, root.dot(feedforward), None, law.damping).centre()
+    if T is not None:
+        distance, follows = T.dot(distance), T.dot(follows)
+    a, dt = braking.acceleration, braking.box.dt
+    c = before - follows
+    size, moves, most = np.abs(c), c != 0.0, np.full(len(c), inf)
+    slower = np.maximum(size - dt * a, dt * a)  # a joint that can stop in a tick needs no room
+    room = time_to_least(J, root, e, c, slack) * size[moves]
+    most[moves] = np.maximum(braking_speed(room, BRAKING_SHARE * a[moves], dt), slower[moves])
+    lower, upper = np.where(c < 0.0, follows - most, -inf), np.where(c > 0.0, follows + most, inf)
+    return Approach(braking_share(distance, a, gain), lower, upper)
+
+
+def time_to_least(J: Array, root: Array, e: Array, c: Array, slack: float) -> float:
+    """t [s] until the measured error e (6,) is least, or greatest, while joints go on at c (m,); inf where it stays."""
+    twist, bend = np.zeros(6), np.zeros(6)
+    for column in (J * c).T:
+        bend += lie(twist, column)
+        twist += column
+    moved = root.dot(twist)
+    change = float(moved.dot(moved)) + max(0.0, -float(e.dot(root.dot(bend))))
+    return (abs(float(e.dot(moved))) + slack * norm(moved)) / change if change > 0.0 else inf
 
 
 def same_turn(error: Array, before: Array | None) -> Array:

@@ -4,6 +4,7 @@
        |x - x_before| <= a dt,     D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ... while positive) <= room */
 
 #include "loop.h"
+#include <string.h>
 
 /* tracking.py: both numbers of its Adaptive */
 #define DISTANCE_DAMPING 0.1
@@ -35,7 +36,7 @@ static void one_way(double room, double behind, double before, double accelerati
         if (*most < slowest)
             *most = late_braking(room, before, dt);
     } else
-        *most = fmin(fmax(fmax(room / dt, -braking_speed(behind, acceleration, dt)), slowest), 0.0);
+        *most = fmin(fmax(fmax(-braking_speed(-room, acceleration, dt), -braking_speed(behind, acceleration, dt)), slowest), 0.0);
     *least = fmin(slowest, *most);
 }
 
@@ -74,22 +75,73 @@ static double share_within(const Loop *loop, double gain, const Row distance)
     return share;
 }
 
-/* The same before the target; `error` is measured, as A is;
+/* tracking.py, time_to_least: until the measured error is least, or greatest, while joints go on at c. */
+static double time_to_least(const Demand *demand, double slack, const double error[6], const Row c)
+{
+    double twist[6] = {0.0}, bend[6] = {0.0}, along = 0.0, square = 0.0, curve = 0.0;
+    for (int j = 0; j < demand->m; j++) {
+        double column[6], turned[6], slid[3];
+        for (int i = 0; i < 6; i++)
+            column[i] = demand->J[i][j] * c[j];
+        cross(twist, column, turned);
+        cross(twist, column + 3, turned + 3);
+        cross(twist + 3, column, slid);
+        for (int i = 0; i < 6; i++) {
+            bend[i] += turned[i] + (i < 3 ? 0.0 : slid[i - 3]);
+            twist[i] += column[i];
+        }
+    }
+    for (int i = 0; i < 6; i++) {
+        double moved = dot(6, demand->root[i], twist);
+        along += error[i] * moved;
+        square += moved * moved;
+        curve += error[i] * dot(6, demand->root[i], bend);
+    }
+    double change = square + fmax(0.0, -curve);
+    return change > 0.0 ? (fabs(along) + slack * sqrt(square)) / change : INFINITY;
+}
+
+/* The same before the target, and on the way to where the error is least; error and feedforward are measured, as A is;
    A is on y where there is a joint metric. */
-Outcome braking_share(const Loop *loop, double gain, const Row A[6], const double error[6], double *share)
+Outcome approach(const Loop *loop, double gain, const Demand *demand, const Row A[6], const double error[6],
+                 const double feedforward[6], const double *before, Braking *found)
 {
     static const Row STILL = {0.0};
     Demand damped = {.threshold = DISTANCE_DAMPING, .ceiling = DISTANCE_DAMPING};
     Objective objective;
-    Spectrum found;
-    Row distance;
+    Spectrum of;
+    Row distance, follows, c;
     int m = loop->joints;
-    if (spectrum(6, m, A, error, NULL, &found) == HAND_BACK ||
-        least_squares(&damped, m, &found, STILL, &objective) == HAND_BACK)
+    if (spectrum(6, m, A, error, feedforward, &of) == HAND_BACK || least_squares(&damped, m, &of, STILL, &objective) == HAND_BACK)
         return HAND_BACK;
     centre(&objective, distance);
-    if (loop->law.has_metric)
+    memcpy(of.wanted, of.ahead, sizeof of.wanted);
+    if (least_squares(demand, m, &of, STILL, &objective) == HAND_BACK)
+        return HAND_BACK;
+    centre(&objective, follows);
+    if (loop->law.has_metric) {
         transformed(m, loop->law.T, distance, distance);
-    *share = share_within(loop, gain, distance);
+        transformed(m, loop->law.T, follows, follows);
+    }
+    found->share = share_within(loop, gain, distance);
+    for (int j = 0; j < m; j++)
+        c[j] = before[j] - follows[j];
+    double time = time_to_least(demand, loop->slack / loop->gain, error, c);
+    for (int j = 0; j < m; j++) {
+        double size = fabs(c[j]), step = loop->dt * loop->acceleration[j], slower = fmax(size - step, step);
+        double most = size > 0.0 ? fmax(braking_speed(time * size, BRAKING_SHARE * loop->acceleration[j], loop->dt), slower) : INFINITY;
+        found->lower[j] = c[j] < 0.0 ? follows[j] - most : -INFINITY;
+        found->upper[j] = c[j] > 0.0 ? follows[j] + most : INFINITY;
+    }
     return DONE;
+}
+
+/* tracking.py, Approach.within: a demand with these bounds; beside rows of limits, which may ask joints to go on, as it is. */
+void braked(const Braking *braking, Demand *demand)
+{
+    for (int j = 0; j < demand->m && demand->limits == 0; j++) {
+        double lower = demand->lower[j], upper = demand->upper[j];
+        demand->lower[j] = between(lower, braking->lower[j], upper);
+        demand->upper[j] = fmax(fmin(upper, braking->upper[j]), lower);
+    }
 }

@@ -139,16 +139,6 @@ void limited_point(const Loop *loop, const Pose *tool, Demand *demand)
     product_of_rows(3, root + 3, demand->m, demand->J, demand->cone.J);
 }
 
-/* controller.py: the share of the gain that leaves the joints room to brake before the target. */
-static Outcome approach(const Loop *loop, double gain, const Row A[6], const double measured[6], double *share)
-{
-    Row y[6];
-    memcpy(y, A, sizeof y);
-    if (loop->law.has_metric)
-        product_with(6, loop->joints, y, loop->law.T);
-    return braking_share(loop, gain, (const Row *)y, measured, share);
-}
-
 /* control/limits.py: joint speeds of this tick; no joint has to slow down faster than it can. */
 static void joint_speeds(const Loop *loop, const Now *now, const double *before, Row speeds)
 {
@@ -273,8 +263,9 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
     Demand demand;
     Memory *memory = &tick->memory;
     Pose tool, home;
-    double speed = now != NULL ? now->speed : 1.0, error[6] = {0.0}, measured[6], ahead[6] = {0.0}, along[6], most = 0.0, square = 0.0, share = 1.0, gain = 0.0;
-    Row there, A[6];
+    double speed = now != NULL ? now->speed : 1.0, error[6] = {0.0}, measured[6], ahead[6] = {0.0}, along[6], led[6], most = 0.0, square = 0.0, gain = 0.0;
+    Row there, A[6], on[6];
+    Braking braking = {.share = 1.0};
     int m = demand.m = loop->joints;
     demand.chased = target != NULL;
     memcpy(memory, kept, sizeof *memory);
@@ -299,12 +290,19 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
         ahead[i] = feedforward[i];
         error[i] += demand.chased ? loop->delay * speed * feedforward[i] : 0.0; /* the target, too, is on by then */
     }
-    for (int i = 0; i < 6; i++)
+    for (int i = 0; i < 6; i++) {
         measured[i] = dot(6, demand.root[i], error);
+        led[i] = speed * dot(6, demand.root[i], ahead);
+    }
     product_of_rows(6, demand.root, m, demand.J, A);
-    if (demand.chased && loop->has_braking && approach(loop, speed * loop->gain, (const Row *)A, measured, &share) == HAND_BACK)
-        return HAND_BACK;
-    gain = demand.chased ? share * loop->gain : 0.0;
+    if (demand.chased && loop->has_braking) {
+        memcpy(on, A, sizeof on);
+        if (loop->law.has_metric)
+            product_with(6, m, on, loop->law.T);
+        if (approach(loop, speed * loop->gain, &demand, (const Row *)on, measured, led, before, &braking) == HAND_BACK)
+            return HAND_BACK;
+    }
+    gain = demand.chased ? braking.share * loop->gain : 0.0;
     for (int i = 0; i < 6; i++) {
         demand.s[i] = gain * error[i] + ahead[i];
         along[i] = demand.chased ? (1.0 + gain * loop->delay * speed) * ahead[i] : ahead[i];
@@ -341,8 +339,11 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
         slowed(&demand, speed);
     if (now != NULL && now->has_brought)
         memcpy(demand.brought, now->brought, sizeof demand.brought);
-    if ((beside->apart != NULL && apart_now(beside->apart, there, before, &demand) == HAND_BACK) ||
-        solve_measured(&demand, (const Row *)A, &tick->solution) == HAND_BACK)
+    if (beside->apart != NULL && apart_now(beside->apart, there, before, &demand) == HAND_BACK)
+        return HAND_BACK;
+    if (demand.chased && loop->has_braking)
+        braked(&braking, &demand);
+    if (solve_measured(&demand, (const Row *)A, &tick->solution) == HAND_BACK)
         return HAND_BACK;
     if (beside->apart != NULL && apart_after(beside->apart, there, tick->solution.velocity, &demand) &&
         solve_measured(&demand, (const Row *)A, &tick->solution) == HAND_BACK)

@@ -48,13 +48,22 @@ typedef struct {
     Apart *apart;
 } Beside;
 
+/* control/tracking.py: how fast a loop with acceleration limits approaches its target: the share of the gain, joint velocities
+   from which joints brake before the error is least */
+typedef struct {
+    double share;
+    Row lower, upper;
+} Braking;
+
 /* braking.c, demands.c, loop.c */
 Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
                 const double *feedforward, Demand *demand);
 bool braking_box(const Loop *loop, const double *q, const double *before, const double *speeds, Demand *demand, Tick *tick);
 double braking_speed(double room, double acceleration, double dt);
 double late_braking(double room, double before, double dt);
-Outcome braking_share(const Loop *loop, double gain, const Row A[6], const double error[6], double *share);
+Outcome approach(const Loop *loop, double gain, const Demand *demand, const Row A[6], const double error[6],
+                 const double feedforward[6], const double *before, Braking *found);
+void braked(const Braking *braking, Demand *demand);
 void limited_point(const Loop *loop, const Pose *tool, Demand *demand);
 int commands_of(const Loop *loop);
 void remembered(const Loop *loop, const double *q, const double *command, double *kept);

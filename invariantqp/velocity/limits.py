@@ -189,7 +189,7 @@ class BrakingBox(Value):
 
     Where they contradict each other the box is still not empty, and reports the joint:
         too fast for the room        the smallest deceleration, kept up, that stops inside; more than a
-        outside a position limit     not further out, and back as fast as acceleration and the opposite limit allow
+        outside a position limit     not further out, and back as fast as it can stop at that limit
         faster than v_max            v_max: velocity never gives way
     """
 
@@ -217,8 +217,8 @@ class BrakingBox(Value):
         dt = self.box.dt
         slowest = before - self.acceleration * dt
         braking = braking_speed(room, self.acceleration, dt)
-        # Outside: never further out, and back inside as fast as acceleration and the opposite limit allow.
-        back = np.maximum(room / dt, -braking[::-1])
+        # Outside: never further out, and back to the limit as fast as it can stop there, before the opposite one too.
+        back = np.maximum(-braking_speed(-room, self.acceleration, dt), -braking[::-1])
         inside = room >= 0.0
         returning = np.minimum(np.maximum(back, slowest), 0.0)
         most = np.where(inside, braking, returning)

@@ -47,6 +47,45 @@ def test_a_step_under_acceleration_limits_does_not_overshoot(dt, limit, way):
         assert re.search(r"limits allow 0\.\d+ of the approach's speed|of the twist is missed", s.reason)
 
 
+@pytest.mark.parametrize(("dt", "limit"), [(0.001, 8.0), (0.002, 3.0), (0.004, 2.0), (0.01, 20.0)])
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_out_of_reach_under_acceleration_limits_the_arm_rests_and_does_not_swing(name, dt, limit):
+    """A stretched elbow is fast where the tool is not: it brakes before the error is least, and stays there."""
+    robot = iq.load_robot(name)
+    start = {"ur5": np.array([0.0, -1.2, 1.6, -1.8, -1.57, 0.3]), "panda": READY}[name]
+    for way in ((1.5, 0.0, 0.0), (0.0, 1.2, 0.3)):
+        target = robot.pose(start)
+        target[:3, 3] += way
+        ends = {}
+        for most in (limit, None):
+            loop = iq.Controller(robot, dt=dt, acceleration_limit=most)
+            q, x, _ = driven(robot, loop, start, target, round((2.0 + 12.0 / limit) / dt))
+            ends[most] = np.array(
+                [np.linalg.norm(target[:3, 3] - robot.pose(p)[:3, 3]) for p in q[:: round(0.02 / dt)]]
+            )
+            if most is not None:
+                assert np.abs(np.diff(x, axis=0)).max() <= dt * limit * (1.0 + 1e-9)
+                assert np.abs(x[-round(0.1 / dt) :]).max() < 0.03
+        left, least = ends[limit], ends[None].min()
+        first = int((left < least + 3e-3).argmax())
+        assert left[first] < least + 3e-3  # it gets as near as without these limits
+        assert left[first:].max() < least + 6e-3  # and does not go back
+
+
+def test_a_feedforward_is_no_way_to_brake_on():
+    """A target's own motion is not braked: beside acceleration limits a line at constant speed is followed."""
+    loop = iq.Controller(PANDA, dt=0.002, acceleration_limit=5.0)
+    q, x, far = READY, np.zeros(7), []
+    for k in range(800):
+        target = PANDA.pose(READY)
+        target[1, 3] += 0.3 * max(0.0, 0.002 * k - 0.2)
+        twist = np.array([0.0, 0.0, 0.0, 0.0, 0.3 * (0.002 * k >= 0.2), 0.0])
+        x = loop.step(q, target, twist).velocity
+        q = q + 0.002 * x
+        far.append(np.linalg.norm(target[:3, 3] - PANDA.pose(q)[:3, 3]))
+    assert max(far[500:]) < 1e-3
+
+
 def test_a_delay_that_was_told_is_waited_for_and_one_that_was_not_is_noticed():
     target = iq.exp([0.2, -0.1, 0.3, 0.1, -0.05, 0.1]) @ PANDA.pose(READY)
     dt, late = 0.002, 15
