@@ -32,7 +32,7 @@ MEMORY = 50
 # Below this share of what was commanded the joints do not follow.
 KEPT_SHARE = 0.2
 # Below this share of full speed, on average, an arm does not oscillate: a small share is then noise.
-FAST_SHARE = 0.02
+FAST_SHARE = 0.005
 # A robot that is later than this many ticks is none: a delay in milliseconds, say.
 MOST_LATE = 10_000
 HEADER = 7

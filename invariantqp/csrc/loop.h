@@ -78,7 +78,7 @@ double outside_by(const Loop *loop, const double *q, int j);
 #define WHOLE_TICKS 1e-9
 #define MOST_LATE 10000
 #define KEPT_SHARE 0.2
-#define FAST_SHARE 0.02
+#define FAST_SHARE 0.005
 #define OUTSIDE 1e-3
 #define BOUNDLESS 1e30
 #define BRAKING_SHARE 0.5

@@ -106,6 +106,23 @@ def test_a_delay_that_was_told_is_waited_for_and_one_that_was_not_is_noticed():
     assert not any("not converging" in s.reason for s in solutions)
 
 
+def test_a_small_vibration_that_an_untold_delay_keeps_up_is_told():
+    """Some millimetres at the tool, under acceleration limits: 20 ms of dead time and a motor's lag of 15."""
+    dt, q, v = 0.001, np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]), np.zeros(7)
+    target = PANDA.pose(q)
+    target[:3, 3] += (0.1, 0.1, 0.05)
+    loop, seen, tool, said = iq.Controller(PANDA, dt=dt, acceleration_limit=8.0), [q] * 21, [], []
+    for _ in range(3000):
+        solution = loop.step(seen[-21], target)
+        v = v + (1.0 - np.exp(-dt / 0.015)) * (solution.velocity - v)
+        q = q + dt * v
+        seen.append(q)
+        tool.append(PANDA.pose(q)[:3, 3])
+        said.append((solution.status, "not converging" in solution.reason))
+    assert np.ptp(tool[-500:], axis=0).max() > 1e-3
+    assert set(said[-500:]) == {("degraded", True)}
+
+
 @pytest.mark.parametrize("yaw", np.linspace(-np.pi, np.pi, 6))
 def test_half_a_turn_out_of_reach_is_turned_one_way(yaw):
     screws = np.column_stack([iq.revolute(Z, (x, 0.0, 0.0)) for x in (0.0, 0.4, 0.7)])
