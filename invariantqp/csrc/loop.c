@@ -248,15 +248,7 @@ static void same_turn(const double before[3], double error[6])
 
 /* The tick towards a target and, without one (NULL), `Controller.follow` for the twist `feedforward`. `before` is the
    joint velocity now, which acceleration limits count from; `kept` is what the loop keeps, tick->memory its numbers after;
-   `now` is what is other in this tick, or NULL. */
-Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *target, const double *feedforward, const double *before,
-             const double *kept, Tick *tick)
-{
-    static const Beside NOTHING_BESIDE = {.J = NULL};
-    return step_beside(loop, now, &NOTHING_BESIDE, q, target, feedforward, before, kept, tick);
-}
-
-/* The same with what `Controller.follow` may be given beside a twist. */
+   `now` is what is other in this tick, or NULL; `beside` what `Controller.follow` may be given beside a twist. */
 Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, const double *q, const Pose *target,
                     const double *feedforward, const double *before, const double *kept, Tick *tick)
 {

@@ -67,8 +67,6 @@ void braked(const Braking *braking, Demand *demand);
 void limited_point(const Loop *loop, const Pose *tool, Demand *demand);
 int commands_of(const Loop *loop);
 void remembered(const Loop *loop, const double *q, const double *command, double *kept);
-Outcome step(const Loop *loop, const Now *now, const double *q, const Pose *target, const double *feedforward, const double *before,
-             const double *kept, Tick *tick);
 Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, const double *q, const Pose *target,
                     const double *feedforward, const double *before, const double *kept, Tick *tick);
 bool follows(const Memory *memory);
