@@ -297,7 +297,7 @@ def test_a_chunk_into_the_desk_stops_above_it_and_the_next_one_leads_away(so101)
         lowest[bool(limits)] = min(heights)
         follower.follow(np.tile(Q, (1, 50, 1)), 2.5)
         np.testing.assert_allclose(driven(follower, 2.0, now=2.5)[-1], Q, atol=0.01)
-    assert lowest[False] < 0.0 < 0.0499 < lowest[True] < 0.07
+    assert lowest[False] < 0.0 < 0.0495 < lowest[True] < 0.07  # 20 mm, half a millimetre of it at ticks of 10 ms
 
 
 def test_a_tensor_is_taken():

@@ -124,7 +124,8 @@ rate = 60.0
 
 
 def test_a_run_in_contact(run, task, tmp_path):
-    task.write_text(TASK + PEN, encoding="utf-8")
+    slower = TASK.replace("duration = 0.05", "duration = 0.15")  # in contact motion is taken up at 1 m/s^2
+    task.write_text(slower + PEN, encoding="utf-8")
     plot, figures = tmp_path / "pen.png", tmp_path / "pen.json"
     status, out, err = run("run", task, "--plot", plot, "--json", figures, "--check-frame")
     assert (status, err) == (0, "")
