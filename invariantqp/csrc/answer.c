@@ -28,7 +28,7 @@ bool words_made(PyObject *module)
 
 /* Take the type of answers, a named tuple, and the members of their enum of statuses, by their words; false with an
    error where they are something else. Both are kept. */
-bool taken_as(const char *use, PyObject *const *arguments, Py_ssize_t count, const char *const *words, int n,
+static bool taken_as(const char *use, PyObject *const *arguments, Py_ssize_t count, const char *const *words, int n,
               PyTypeObject **answer, PyObject **statuses)
 {
     if (count != 2 || !PyType_Check(arguments[0]) ||

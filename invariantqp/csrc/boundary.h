@@ -49,8 +49,6 @@ PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_
 typedef enum { OK, LIMITED, SCALED, GUARDED, DEGRADED } Status;
 bool words_made(PyObject *module);
 Status status(const Solution *solution);
-bool taken_as(const char *use, PyObject *const *arguments, Py_ssize_t count, const char *const *words, int n,
-              PyTypeObject **answer, PyObject **statuses);
 PyObject *answer_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *named(PyTypeObject *type, int n, PyObject *const *values);
 PyObject *fields(int m, const Solution *solution);

@@ -129,7 +129,7 @@ static bool is_far(const Loop *loop, const double *q)
 }
 
 /* velocity/limits.py: the velocity v + omega x p of the limited point */
-void limited_point(const Loop *loop, const Pose *tool, Demand *demand)
+static void limited_point(const Loop *loop, const Pose *tool, Demand *demand)
 {
     double p[3], root[6][6];
     place(tool, loop->fast, p);
@@ -282,12 +282,12 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
         ahead[i] = feedforward[i];
         error[i] += demand.chased ? loop->delay * speed * feedforward[i] : 0.0; /* the target, too, is on by then */
     }
-    for (int i = 0; i < 6; i++) {
+    for (int i = 0; i < 6; i++)
         measured[i] = dot(6, demand.root[i], error);
-        led[i] = speed * dot(6, demand.root[i], ahead);
-    }
     product_of_rows(6, demand.root, m, demand.J, A);
     if (demand.chased && loop->has_braking) {
+        for (int i = 0; i < 6; i++)
+            led[i] = speed * dot(6, demand.root[i], ahead);
         memcpy(on, A, sizeof on);
         if (loop->law.has_metric)
             product_with(6, m, on, loop->law.T);

@@ -64,7 +64,6 @@ double late_braking(double room, double before, double dt);
 Outcome approach(const Loop *loop, double gain, const Demand *demand, const Row A[6], const double error[6],
                  const double feedforward[6], const double *before, Braking *found);
 void braked(const Braking *braking, Demand *demand);
-void limited_point(const Loop *loop, const Pose *tool, Demand *demand);
 int commands_of(const Loop *loop);
 void remembered(const Loop *loop, const double *q, const double *command, double *kept);
 Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, const double *q, const Pose *target,

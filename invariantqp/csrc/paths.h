@@ -50,7 +50,6 @@ double nearest(const JointLimits *limits, int j, double q, double velocity, doub
 bool course_of(PyObject *object, Course *course);
 void source_at(const Course *course, double time, Path r);
 void source_position(const Course *course, double time, double *r);
-void reference_at(const Course *course, double time, Path r);
 bool splices(const Course *course, double time, const double *state, double duration, double *found);
 void quintic(int m, const double *powers, double u, Path r);
 void left_over(const Course *course, double time, Path r);

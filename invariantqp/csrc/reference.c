@@ -126,7 +126,7 @@ void left_over(const Course *course, double time, Path r)
 }
 
 /* Reference.at */
-void reference_at(const Course *course, double time, Path r)
+static void reference_at(const Course *course, double time, Path r)
 {
     source_at(course, time, r);
     left_over(course, time, r);

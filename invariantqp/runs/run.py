@@ -177,8 +177,6 @@ def _clearance(around: Around, q: Array, dt: float) -> ClearanceTrace | None:
     for k, state in enumerate(q):
         around.move(k * dt)
         found.append(around.clearance.at(state))
-    distances, pairs = (
-        np.array([near.distance for near in found]),
-        [f"{near.first} and {near.second}" for near in found],
-    )
+    distances = np.array([near.distance for near in found])
+    pairs = [f"{near.first} and {near.second}" for near in found]
     return ClearanceTrace(distances, pairs, around.clearance.distance) if np.isfinite(distances).any() else None

@@ -88,7 +88,8 @@ def without(content: dict[str, Any], error: ValidationError, root: type[BaseMode
     """The content of a file without what is wrong in it; None where something is missing, or no part of it is right."""
     left = deepcopy(content)
     for one in error.errors():
-        unknown, place = one["type"] == "extra_forbidden", _place(one["loc"], root, one["type"] == "extra_forbidden")
+        unknown = one["type"] == "extra_forbidden"
+        place = _place(one["loc"], root, unknown)
         keys = [str(key) for key in takewhile(lambda key: isinstance(key, str), place.keys)]
         about_a_table = not unknown and (len(place.keys) < 2 or isinstance(one["input"], dict))
         if one["type"] == "missing" or about_a_table:
