@@ -68,6 +68,7 @@ class Loop:
     home: Array  # (4, 4) tool pose at q = 0
     dt: float  # tick [s]
     gain: float  # of the error [1/s]
+    rate: float  # at which position limits are approached [1/s]
     delay: float  # until a command shows, beyond one tick [s]
     point: Array  # (3,) of the tool, where the error is measured [length]
     length: float  # what a radian counts as there [length]
@@ -99,6 +100,7 @@ class Loop:
         home: Array,
         dt: float,
         gain: float,
+        rate: float,
         delay: float | None = None,
         point: Array | None = None,
         length: float | None = None,

@@ -19,6 +19,7 @@ NEEDED = {
     "home": np.eye(4),
     "dt": 0.01,
     "gain": 5.0,
+    "rate": 10.0,
     "position_lower": -np.ones(2),
     "position_upper": np.ones(2),
     "beyond": np.ones(2),

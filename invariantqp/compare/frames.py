@@ -217,7 +217,7 @@ class RaibertCraig(TaskController):
         self._wanted = scene.wanted
         self._gain, self._compliance = tracking_gain(law.gain, law.dt), np.diag(np.asarray(scene.task.compliance))
         self._sensor_axes = np.asarray(problem.sensor.mount)[:3, :3]
-        self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, law.dt)
+        self._box = JointBox(robot.position_lower, robot.position_upper, robot.velocity_limit, 1.0 / law.dt)
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""

@@ -136,7 +136,7 @@ class MethodLaw:
         self._solve = make(setting)
         self._middle, self._pull = posture_of(robot, law)
         limits = robot.position_lower, robot.position_upper, robot.velocity_limit
-        self._box = JointBox(*limits, law.dt, law.position_margin)
+        self._box = JointBox(*limits, 1.0 / law.dt, law.position_margin)
         self._reach = AccelerationReach(law, setting.m)
         self._exact, self._point = law.exact is not None, point
         self._at_point = root_at(point, 1.0)[3:]

@@ -257,7 +257,7 @@ class Clearance(Limit):
         rate = self._at_rate(alpha if self._rate is None else min(alpha, self._rate), loop.delay, loop.dt)
         box = boxes(loop, loop.velocity_limit)[0]
         limits = box.velocity_limit, loop.acceleration, box.position_lower, box.position_upper
-        return rate._replace(limits=np.array(limits))
+        return rate._replace(limits=np.array(limits), settings=np.append(rate.settings[:5], box.rate))
 
     def rows_at(self, q: Array, rate: Rate, before: Array | None = None) -> LimitRows | None:
         """The rows at joint positions q (m,) after a velocity `before` (m,), None where nothing is near enough."""
@@ -285,7 +285,7 @@ class Clearance(Limit):
         may = (d - self._levers.dot(dt * np.abs(x)) < self.distance + others) & (shares > 0.0)
         if not may.any():
             return None
-        to_its_end = rate._replace(settings=np.array((self.distance, 1.0 / dt, inf, 0.0, BRAKING)))
+        to_its_end = rate._replace(settings=np.array((self.distance, 1.0 / dt, inf, 0.0, BRAKING, inf)))
         C, lower, of_pair, ends = self._asked(q + dt * x, to_its_end, shares=may.astype(np.float64))
         if (ends - others >= np.minimum(d, self._enough))[may].all():
             return None
@@ -379,7 +379,7 @@ class Clearance(Limit):
         robot = self.robot
         free = np.full(len(robot.names), inf)
         limits = np.array((robot.velocity_limit, free, robot.position_lower, robot.position_upper))
-        return Rate(limits, np.array((self.distance, alpha, ESCAPE, dt, BRAKING)), delay)
+        return Rate(limits, np.array((self.distance, alpha, ESCAPE, dt, BRAKING, inf)), delay)
 
     def _near(self, k: int, d: float) -> Near:
         return Near(*self._bodies[k], d) if k >= 0 else Near("", "", inf)

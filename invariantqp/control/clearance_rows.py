@@ -48,7 +48,7 @@ class Rate(NamedTuple):
     """What decides how fast bodies may come nearer."""
 
     limits: Array  # (4, m) of speed, acceleration (inf where joints stop at once) and position, the lower and the upper
-    settings: Array  # d_min [length], alpha [1/s], ESCAPE, a tick [s], BRAKING
+    settings: Array  # d_min [length], alpha [1/s], ESCAPE, a tick [s], BRAKING, the rate of joint limits [1/s]
     delay: float  # of the robot [s]
 
     def braked(self, before: Array, share: float) -> Array:
@@ -85,10 +85,10 @@ class States(NamedTuple):
 
         The rest is as in `Rate`; another arm that does not brake has accelerations of zero.
         """
-        (_, a, low, high), (dt, share) = limits, settings[3:].tolist()
+        (_, a, low, high), (dt, share, rate) = limits, settings[3:].tolist()
         others = np.where(np.arange(len(q)) < m, 0.0, before)
         if np.isinf(a[:m]).all():
-            free = cls._free(q, before, np.zeros(len(q)), limits, dt)
+            free = cls._free(q, before, np.zeros(len(q)), limits, dt, rate)
             return cls(q[None], np.ones((1, len(q))), others[None], np.zeros(1), np.zeros(len(q)), free, free, free)
         fast, on = np.abs(before), a == 0.0
         with np.errstate(invalid="ignore", divide="ignore"):  # infinitely strong brakes, and none
@@ -105,19 +105,19 @@ class States(NamedTuple):
         weights = np.vstack((np.ones(len(q)), (own + 1.0) * (1.0 - shorter)))
         going = np.vstack((others, np.where(on, others, 0.0) * np.ones((len(n), 1))))
         y, times = np.sign(before) * y, dt * np.array([0.0, *n])
-        free = cls._free(q, before, y, limits, dt)
+        free = cls._free(q, before, y, limits, dt, rate)
         as_fast = np.maximum((-before, before), 0.0) - np.maximum((-y, y), 0.0)
         sure, led = np.minimum(free, harder), np.minimum(free, as_fast + harder)
         return cls(np.vstack((q, states)), weights, going, times, y, free, sure, led)
 
     @staticmethod
-    def _free(q: Array, before: Array, y: Array, limits: Array, dt: float) -> Array:
+    def _free(q: Array, before: Array, y: Array, limits: Array, dt: float, rate: float) -> Array:
         """(2, M) how far joint limits let a velocity be below y and above."""
         speed, a, low, high = limits
         if not dt > 0.0:
             return np.array((speed, speed))
         with np.errstate(invalid="ignore", divide="ignore"):  # others without brakes
-            ends = [braking_speed(room, a, dt) for room in (q - low, high - q)]
+            ends = [braking_speed(room, a, dt, rate) for room in (q - low, high - q)]
         most = np.minimum(np.minimum(speed, ends), np.array((-before, before)) + a * dt)
         return np.asarray(np.maximum(most + np.array((y, -y)), 0.0))
 

@@ -286,7 +286,8 @@ class Controller:
             BadInput: not a time.
         """
         late = arrays.not_negative(rise, "rise", "a time in seconds")
-        return self._undelayed(braking=None, _limits=self._limits._replace(braking=None), _rise=late)
+        limits = self._limits.at_once
+        return self._undelayed(limits._replace(braking=None), _rise=late)
 
     def of_joints(self) -> Controller:
         """The loop without delay, for joint velocities c: `follow(q, J c, posture=c)` is the nearest that limits allow.
@@ -294,12 +295,13 @@ class Controller:
         It is damped towards c so much that joints alone count: no direction is cheap near a singularity.
         """
         law = replace(self.law, form=None, damping=Fixed(OF_JOINTS * self.measure.length), dt=0.0)
-        return self._undelayed(law=law)
+        return self._undelayed(self._limits.at_once, law=law)
 
-    def _undelayed(self, **fields: Any) -> Controller:
-        """A loop of its own with other fields, told where the joints are when a command acts."""
+    def _undelayed(self, limits: LoopLimits, **fields: Any) -> Controller:
+        """A loop of its own with other limits and fields, told where the joints are when a command acts."""
         kept = Memory.at_first(self._count, 0.0, self.dt).numbers
-        return self._but(delay=0.0, _late=(0, 0.0), kept=kept, **fields)
+        box, braking = limits[:2]
+        return self._but(delay=0.0, _late=(0, 0.0), kept=kept, box=box, braking=braking, _limits=limits, **fields)
 
     def _but(self, **fields: Any) -> Controller:
         """A loop of its own with other fields."""

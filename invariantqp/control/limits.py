@@ -20,6 +20,7 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike, NDArray
 
+from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -450,10 +451,14 @@ def _within(loop: Loop, limits: Iterable[Limit]) -> Loop:
     return loop
 
 
-def boxes(loop: Loop, velocity_limit: Array) -> tuple[JointBox, BrakingBox | None]:
-    """The joint limits of a loop at a velocity limit (m,); the same with room to brake, or None."""
-    box = JointBox(loop.position_lower, loop.position_upper, velocity_limit, loop.dt, loop.margin)
-    return box, BrakingBox(box, loop.acceleration) if np.isfinite(loop.acceleration).any() else None
+def boxes(loop: Loop, velocity_limit: Array, rate: float | None = None) -> tuple[JointBox, BrakingBox | None]:
+    """The joint limits of a loop at a velocity limit (m,); the same with room to brake, or None.
+
+    The rate [1/s] at which position limits are approached is by default that of targets.
+    """
+    rate = tracking_gain(None, loop.dt, loop.delay) if rate is None else rate
+    box = JointBox(loop.position_lower, loop.position_upper, velocity_limit, rate, loop.margin)
+    return box, BrakingBox(box, loop.acceleration, loop.dt) if np.isfinite(loop.acceleration).any() else None
 
 
 class TickRows(NamedTuple):
@@ -597,8 +602,8 @@ class Changes(NamedTuple):
         """Joint limits of this tick, coming from the joint velocity `before` (m,)."""
         fastest = self.loop.velocity_limit
         fastest = self.speed * fastest if self.speed > 0.0 else np.zeros(len(before))  # which may be infinite
-        slowest = np.maximum(np.abs(before) - self.loop.acceleration * usual.dt, 0.0)
-        return boxes(self.loop, np.minimum(np.maximum(fastest, slowest), usual.velocity_limit))
+        slowest = np.maximum(np.abs(before) - self.loop.acceleration * self.loop.dt, 0.0)
+        return boxes(self.loop, np.minimum(np.maximum(fastest, slowest), usual.velocity_limit), usual.rate)
 
     def for_core(self, usual: Loop) -> dict[str, Any] | None:
         """The same but rows, for the core; None for ranges, accelerations or points of the tool other than usual."""
@@ -667,6 +672,12 @@ class LoopLimits(NamedTuple):
         beyond = np.where(turning & held, FAR_OUTSIDE, inf)
         believed = (robot.position_lower - beyond).tolist(), (robot.position_upper + beyond).tolist()
         return cls(box, braking, loop.tool_speed, rows or None, loop, beyond, believed)
+
+    @property
+    def at_once(self) -> LoopLimits:
+        """The same for joints that are where they are said to be: all of the way to a position limit in a tick."""
+        box, braking = boxes(self.loop, self.box.velocity_limit, 1.0 / self.loop.dt)
+        return self._replace(box=box, braking=braking)
 
     def changed(
         self,

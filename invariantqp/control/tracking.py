@@ -176,7 +176,7 @@ def approach(
     follows = least_squares(spectrum, root.dot(feedforward), None, law.damping).centre()
     if T is not None:
         distance, follows = T.dot(distance), T.dot(follows)
-    a, dt = braking.acceleration, braking.box.dt
+    a, dt = braking.acceleration, braking.dt
     c = before - follows
     size, moves, most = np.abs(c), c != 0.0, np.full(len(c), inf)
     slower = np.maximum(size - dt * a, dt * a)  # a joint that can stop in a tick needs no room

@@ -1,7 +1,7 @@
 /* Twin of velocity/limits.py (BrakingBox) and control/tracking.py: a joint is never faster than it can still brake in the room
    it has left, nor the tool faster than its joints can brake before the target.
 
-       |x - x_before| <= a dt,     D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ... while positive) <= room */
+       |x - x_before| <= a dt,     D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ...) + y / rate <= room */
 
 #include "loop.h"
 #include <string.h>
@@ -9,12 +9,12 @@
 /* tracking.py: both numbers of its Adaptive */
 #define DISTANCE_DAMPING 0.1
 
-/* The largest x >= 0 with D(x) <= room. */
-double braking_speed(double room, double acceleration, double dt)
+/* The largest x >= 0 with D(x) <= room; the rest is covered at a rate. */
+double braking_speed(double room, double acceleration, double dt, double rate)
 {
-    double a = fmin(acceleration, BOUNDLESS), r = between(room, 0.0, BOUNDLESS) / (a * dt * dt);
-    double n = fmax(ceil(0.5 * (sqrt(8.0 * r + 1.0) - 1.0)), 1.0);
-    return isinf(room) ? INFINITY : a * dt * (r / n + 0.5 * (n - 1.0));
+    double a = fmin(acceleration, BOUNDLESS), r = between(room, 0.0, BOUNDLESS) / (a * dt * dt), k = 1.0 / (rate * dt);
+    double n = fmax(ceil(sqrt(fmax(2.0 * r - k * k + k + 0.25, 0.0)) - k - 0.5), 0.0);
+    return isinf(room) ? INFINITY : a * dt * (r + n * (0.5 * (n - 1.0) + k)) / (n + k);
 }
 
 /* The next velocity under the smallest constant deceleration that stops within the room. */
@@ -27,16 +27,18 @@ double late_braking(double room, double before, double dt)
     return before * (1.0 - share);
 }
 
-/* The least and the largest velocity towards a limit `room` away, `behind` from the opposite one. */
-static void one_way(double room, double behind, double before, double acceleration, double dt, double *least, double *most)
+/* The least and the largest velocity of a joint towards a limit `room` away, `behind` from the opposite one. */
+static void one_way(const Loop *loop, int j, double room, double behind, double before, double *least, double *most)
 {
-    double slowest = before - acceleration * dt;
+    double a = loop->acceleration[j], slowest = before - a * loop->dt;
     if (room >= 0.0) {
-        *most = braking_speed(room, acceleration, dt);
+        *most = braking_speed(room, a, loop->dt, loop->rate);
         if (*most < slowest)
-            *most = late_braking(room, before, dt);
-    } else
-        *most = fmin(fmax(fmax(-braking_speed(-room, acceleration, dt), -braking_speed(behind, acceleration, dt)), slowest), 0.0);
+            *most = fmin(late_braking(room, before, loop->dt), slowest);
+    } else {
+        double back = fmin(braking_speed(-room, a, loop->dt, loop->rate), braking_speed(behind, a, loop->dt, loop->rate));
+        *most = fmin(fmax(-back, slowest), 0.0);
+    }
     *least = fmin(slowest, *most);
 }
 
@@ -48,12 +50,12 @@ bool braking_box(const Loop *loop, const double *q, const double *before, const 
     for (int j = 0; j < loop->joints; j++) {
         double ahead = loop->position_upper[j] - q[j], behind = q[j] - loop->position_lower[j];
         double fastest = speeds[j], step = loop->acceleration[j] * dt, least, most, least_back, most_back;
-        one_way(ahead, behind, before[j], loop->acceleration[j], dt, &least, &most);
-        one_way(behind, ahead, -before[j], loop->acceleration[j], dt, &least_back, &most_back);
+        one_way(loop, j, ahead, behind, before[j], &least, &most);
+        one_way(loop, j, behind, ahead, -before[j], &least_back, &most_back);
         lower[j] = fmin(fmax(fmax(least, -most_back), -fastest), fastest);
         upper[j] = fmax(fmin(fmax(fmin(most, -least_back), -fastest), fastest), lower[j]);
-        demand->chase.lower[j] = fmin(lower[j], -braking_speed(behind, loop->acceleration[j], dt));
-        demand->chase.upper[j] = fmax(upper[j], braking_speed(ahead, loop->acceleration[j], dt));
+        demand->chase.lower[j] = fmin(lower[j], -braking_speed(behind, loop->acceleration[j], dt, loop->rate));
+        demand->chase.upper[j] = fmax(upper[j], braking_speed(ahead, loop->acceleration[j], dt, loop->rate));
         double allowance = QP_ROUNDING * (1.0 + fabs(before[j]) + (isfinite(step) ? step : 0.0));
         double change = fmax(lower[j] - before[j], before[j] - upper[j]), outside = outside_by(loop, q, j);
         tick->acceleration[j] = change - step > allowance ? change / dt : 0.0;
@@ -129,7 +131,7 @@ Outcome approach(const Loop *loop, double gain, const Demand *demand, const Row 
     double time = time_to_least(demand, loop->slack / loop->gain, error, c);
     for (int j = 0; j < m; j++) {
         double size = fabs(c[j]), step = loop->dt * loop->acceleration[j], slower = fmax(size - step, step);
-        double most = size > 0.0 ? fmax(braking_speed(time * size, BRAKING_SHARE * loop->acceleration[j], loop->dt), slower) : INFINITY;
+        double most = size > 0.0 ? fmax(braking_speed(time * size, BRAKING_SHARE * loop->acceleration[j], loop->dt, 1.0 / loop->dt), slower) : INFINITY;
         found->lower[j] = c[j] < 0.0 ? follows[j] - most : -INFINITY;
         found->upper[j] = c[j] > 0.0 ? follows[j] + most : INFINITY;
     }

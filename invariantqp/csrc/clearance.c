@@ -125,13 +125,13 @@ static void braked_states(int all, const double *q, const double *before, Wide l
 }
 
 /* How far joint limits let a velocity of the own joints be below the one braked for a tick, and above. */
-static void set_free(int m, const double *q, const double *before, Wide limits[4], double dt, States *states)
+static void set_free(int m, const double *q, const double *before, Wide limits[4], double dt, double rate, States *states)
 {
     for (int j = 0; j < m; j++)
         for (int up = 0; up < 2; up++) {
             double sign = up ? 1.0 : -1.0, room = up ? limits[3][j] - q[j] : q[j] - limits[2][j], most = limits[0][j];
             if (dt > 0.0)
-                most = fmin(fmin(most, braking_speed(room, limits[1][j], dt)), sign * before[j] + limits[1][j] * dt);
+                most = fmin(fmin(most, braking_speed(room, limits[1][j], dt, rate)), sign * before[j] + limits[1][j] * dt);
             states->free[up][j] = fmax(most - sign * states->braked[j], 0.0);
             states->sure[up][j] = fmin(states->free[up][j], states->sure[up][j]);
             states->led[up][j] = fmin(states->free[up][j], states->led[up][j]);
@@ -356,7 +356,7 @@ static double share_of_pair(const Scene *scene, int k) { return scene->table[PAI
    its distance has changed by at most what joints have turned times their levers. Distances of pairs that are neither the
    nearest nor near are infinite, unless the rate is 0. `shares` are NULL for those of the scene. False with an error of a
    function of Python's. */
-static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const double *before, Wide limits[4], const double settings[5],
+static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const double *before, Wide limits[4], const double settings[6],
                     const double *shares, Pair *of_pairs, double *least, Rows *rows)
 {
     int all = scene->all, m = scene->m, k = scene->pairs, seen_in[MOST_SHAPES];
@@ -376,7 +376,7 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
         brakes = brakes || isfinite(limits[1][j]);
     if (brakes)
         braked_states(all, q, before, limits, settings[3], settings[4], &states);
-    set_free(m, q, before, limits, settings[3], &states);
+    set_free(m, q, before, limits, settings[3], settings[5], &states);
     for (int i = 0; i < scene->shapes; i++) {
         seen_in[i] = -1;
         still[i] = norm(6, scene->table[TWISTS] + 6 * i) == 0.0;
@@ -519,7 +519,7 @@ bool apart_after(Apart *apart, const double *there, const double *x, Demand *dem
     const Scene *scene = apart->scene;
     int m = scene->m;
     double wanted = apart->settings[0], dt = apart->settings[3], enough = enough_of(wanted);
-    double to_its_end[5] = {wanted, 1.0 / dt, INFINITY, 0.0, apart->settings[4]};
+    double to_its_end[6] = {wanted, 1.0 / dt, INFINITY, 0.0, apart->settings[4], INFINITY};
     Wide turned = {0.0}, still = {0.0};
     bool any = false, all = true;
     Rows rows;
@@ -657,7 +657,7 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
     PyObject *found = NULL, *distances = NULL;
     if (!vector(arguments[1], all, apart.q) || !vector(arguments[2], all, apart.velocity) || !all_finite(all, apart.q) ||
         !all_finite(all, apart.velocity) || !matrix(arguments[3], 4, all, ALL_JOINTS, apart.limits[0]) ||
-        !vector(arguments[4], 5, apart.settings) || (!shared && !vector(arguments[5], (int)k, apart.shares)))
+        !vector(arguments[4], 6, apart.settings) || (!shared && !vector(arguments[5], (int)k, apart.shares)))
         found = left_to_python();
     else if ((distances = PyArray_SimpleNew(1, &k, NPY_DOUBLE)) != NULL) {
         double *least = PyArray_DATA((PyArrayObject *)distances), of_pair[APART_ROWS];
@@ -680,7 +680,7 @@ bool apart_from(PyObject *const *given, int m, Apart *apart)
 {
     const Scene *scene = apart->scene = scene_of(given[0]);
     if (scene == NULL || scene->meshes || scene->m != m || !matrix(given[1], 4, scene->all, ALL_JOINTS, apart->limits[0]) ||
-        !vector(given[2], 5, apart->settings))
+        !vector(given[2], 6, apart->settings))
         return false;
     int others = scene->all - m;
     Wide around[2];

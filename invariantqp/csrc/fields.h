@@ -77,6 +77,7 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     MATRIX(home, 4, 4, NEEDED, "tool pose at q = 0") \
     NUMBER(dt, NEEDED, "tick [s]") \
     NUMBER(gain, NEEDED, "of the error [1/s]") \
+    NUMBER(rate, NEEDED, "at which position limits are approached [1/s]") \
     NUMBER(delay, 0.0, "until a command shows, beyond one tick [s]") \
     VECTOR(point, 3, DEFAULT(0.0), "of the tool, where the error is measured [length]") \
     NUMBER(length, 1.0, "what a radian counts as there [length]") \

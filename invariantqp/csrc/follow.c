@@ -100,7 +100,7 @@ static bool corrected(const Follow *f, int j, double here, double off, double v,
         *command = nearest(limits, j, here, before, f->pace[j], v + w + dt * towards(limits, j, w, back));
     }
     double room = *command > 0.0 ? limits->upper[j] - here : here - limits->lower[j];
-    double most = fmin(limits->fastest[j], braking_speed(room, A, dt));
+    double most = fmin(limits->fastest[j], braking_speed(room, A, dt, f->law.loop->rate));
     return fabs(*command - before) <= (1.0 + EXCESS) * A * dt && fabs(*command) <= (1.0 + EXCESS) * most;
 }
 

@@ -30,9 +30,8 @@ static void measured_by(const Loop *loop, const Pose *tool, double root[6][6])
 /* velocity/limits.py, JointBox */
 static void box(const Loop *loop, const double *q, const double *speeds, Demand *demand)
 {
-    double rate = 1.0 / loop->dt;
     for (int j = 0; j < loop->joints; j++) {
-        double fastest = speeds[j], low = (loop->position_lower[j] - q[j]) * rate, high = (loop->position_upper[j] - q[j]) * rate;
+        double fastest = speeds[j], low = loop->rate * (loop->position_lower[j] - q[j]), high = loop->rate * (loop->position_upper[j] - q[j]);
         demand->lower[j] = between(low, -fastest, fastest);
         demand->upper[j] = between(high, -fastest, fastest);
         demand->chase.lower[j] = fmin(low, fastest);

@@ -29,7 +29,7 @@ typedef struct Scene Scene;
 typedef struct {
     const Scene *scene;
     Wide limits[4], q, velocity;
-    double settings[5], distance[2 * APART_ROWS];
+    double settings[6], distance[2 * APART_ROWS];
     int count, pair[2 * APART_ROWS], nearest;
     double *least, *ends, *shares; /* of each pair */
     struct Pair *pairs;
@@ -59,7 +59,7 @@ typedef struct {
 Outcome rows_of(const Wanted *exact, int count, double gain, const Pose *tool, const Pose *target,
                 const double *feedforward, Demand *demand);
 bool braking_box(const Loop *loop, const double *q, const double *before, const double *speeds, Demand *demand, Tick *tick);
-double braking_speed(double room, double acceleration, double dt);
+double braking_speed(double room, double acceleration, double dt, double rate);
 double late_braking(double room, double before, double dt);
 Outcome approach(const Loop *loop, double gain, const Demand *demand, const Row A[6], const double error[6],
                  const double feedforward[6], const double *before, Braking *found);

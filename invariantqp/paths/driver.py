@@ -157,7 +157,9 @@ class Follower:
         self._unbraked = loop.unbraked(2.0 * float((self._limits.acceleration / self.jerk).max()))
         # What no joint knows by itself: in each tick the loop has the last word.
         bound = loop.tool_speed is not None or loop.joint_rows is not None
-        self._beside = loop.of_joints() if bound else None
+        joints = loop.of_joints()
+        self._box, self._braking = joints.box, joints.braking
+        self._beside = joints if bound else None
         self.paused: bool = False
         self._reset()
 
@@ -622,12 +624,12 @@ class Follower:
         loop, limits, off, before = self.controller, self._limits, self._sent[0] - measured, self._command
         if self._shape is not None:
             v = v + np.copysign(limits.homing(off, loop.gain), off)
-            bounds = loop.box.at(measured) if loop.braking is None else loop.braking.at(measured, before)
+            bounds = self._box.at(measured) if self._braking is None else self._braking.at(measured, before)
             return np.clip(v, *bounds[:2])
         here = np.clip(self._q - off, limits.lower, limits.upper)
         w, back = before - self._v, np.copysign(limits.homing(off, JOINT_GAIN), off)
         x = limits.nearest(here, before, self._pace, v + w + limits.dt * limits.towards(w, back))
-        return x if loop.braking is None else np.clip(x, *loop.braking.at(here, before)[:2])
+        return x if self._braking is None else np.clip(x, *self._braking.at(here, before)[:2])
 
     @property
     def _state(self) -> Array:

@@ -113,24 +113,28 @@ def bounds_of(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, m: int) -> Bo
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class JointBox(Value):
-    """The box that keeps q + x dt inside its limits at |x| <= v_max, or moves it back there.
+    """The box that lets a joint come to its limits, or back to them, at no more than `rate` times the way, nor v_max.
+
+        |x| <= v_max,     rate (lower - q) <= x <= rate (upper - q)
+
+    At 1/dt all of the way is gone in a tick, and whatever joints lag behind or encoders add makes them chatter.
 
     Attributes:
         position_lower: (m,) [rad, length], -inf where there is none.
         position_upper: (m,).
         velocity_limit: (m,) [rad/s, length/s], positive, inf where there is none.
-        dt: [s].
+        rate: [1/s], at most 1/dt.
     """
 
     position_lower: Array = field(converter=own)
     position_upper: Array = field(converter=own)
     velocity_limit: Array = field(converter=own)
-    dt: float
+    rate: float
 
     def __init__(
-        self, position_lower: Array, position_upper: Array, velocity_limit: Array, dt: float, margin: float = 0.0
+        self, position_lower: Array, position_upper: Array, velocity_limit: Array, rate: float, margin: float = 0.0
     ) -> None:
-        """From limits (m,) that are already checked [rad, length; per s], inf where there is none, for ticks of dt [s].
+        """From limits (m,) that are already checked [rad, length; per s], inf where there is none, and a rate [1/s].
 
         `margin`, less than half of any range, is kept from position limits; a locked joint has none to keep.
         """
@@ -138,7 +142,7 @@ class JointBox(Value):
         if margin:
             kept = np.where(high > low, margin, 0.0)
             low, high = low + kept, high - kept
-        self.__attrs_init__(low, high, velocity_limit, dt)
+        self.__attrs_init__(low, high, velocity_limit, rate)
 
     def at(self, q: Array) -> tuple[Array, Array]:
         """(lower, upper), each (m,), at joint positions q (m,)."""
@@ -152,9 +156,8 @@ class JointBox(Value):
         return np.minimum(low, self.velocity_limit), np.maximum(high, -self.velocity_limit)
 
     def _speeds(self, q: Array) -> tuple[Array, Array]:
-        """The velocities (m,) that lead to the position limits in one tick."""
-        place = q * (1.0 / self.dt)
-        return self.position_lower / self.dt - place, self.position_upper / self.dt - place
+        """The velocities (m,) that lead to the position limits at the rate."""
+        return self.rate * (self.position_lower - q), self.rate * (self.position_upper - q)
 
     def outside(self, q: ArrayLike, joints: Iterable[int]) -> tuple[Reason, ...]:
         """Those of some joints that are outside their range by more than rounding and encoders make of a limit."""
@@ -181,11 +184,11 @@ class BrakingBounds(NamedTuple):
 class BrakingBox(Value):
     """The box of position, velocity and acceleration limits: a joint can always still brake in the room it has left.
 
-        |x - x_before| <= a dt,     D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ... while positive) <= room
+        |x - x_before| <= a dt,     D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ... ) + y / rate <= room
 
-    D is what a joint travels that moves at x for this tick and brakes at a from the next on, tick by tick: with
-    u = x / (a dt) and n = ceil(u) ticks, D = a dt^2 (n u - n (n - 1) / 2). If D(x) fits into the room now, D(x - a dt)
-    fits into what is left after the tick, so a joint that obeys both limits once can obey them for ever.
+    D is what a joint travels that moves at x for this tick and brakes at a from the next on, tick by tick, until its
+    velocity y is so low that it can cover the rest at the box's rate. If D(x) fits into the room now, D(x - a dt) fits
+    into what is left after the tick, so a joint that obeys both limits once can obey them for ever.
 
     Where they contradict each other the box is still not empty, and reports the joint:
         too fast for the room        the smallest deceleration, kept up, that stops inside; more than a
@@ -195,6 +198,7 @@ class BrakingBox(Value):
 
     box: JointBox  # position and velocity limits
     acceleration: Array = field(converter=own)  # (m,) [rad/s^2, length/s^2], positive, inf where there is none
+    dt: float  # [s]
 
     def at(self, q: Array, before: Array) -> BrakingBounds:
         """The box at joint positions q (m,), coming from the joint velocity `before` (m,)."""
@@ -205,7 +209,7 @@ class BrakingBox(Value):
         lower, upper = np.maximum(least, -most_back), np.minimum(most, -least_back)
         lower = np.minimum(np.maximum(lower, -fastest), fastest)
         upper = np.maximum(np.minimum(np.maximum(upper, -fastest), fastest), lower)
-        down, up = (braking_speed(room, self.acceleration, self.box.dt) for room in (behind, ahead))
+        down, up = self._speed(behind), self._speed(ahead)
         placed = np.minimum(lower, -down), np.maximum(upper, up)
         return BrakingBounds(lower, upper, self._strained(q, before, lower, upper), *placed)
 
@@ -214,25 +218,27 @@ class BrakingBox(Value):
 
         `least` is what one tick of braking leaves of `before`, or `most` where that is not slow enough.
         """
-        dt = self.box.dt
-        slowest = before - self.acceleration * dt
-        braking = braking_speed(room, self.acceleration, dt)
+        slowest = before - self.acceleration * self.dt
+        braking = self._speed(room)
         # Outside: never further out, and back to the limit as fast as it can stop there, before the opposite one too.
-        back = np.maximum(-braking_speed(-room, self.acceleration, dt), -braking[::-1])
+        back = np.maximum(-self._speed(-room), -braking[::-1])
         inside = room >= 0.0
         returning = np.minimum(np.maximum(back, slowest), 0.0)
         most = np.where(inside, braking, returning)
         late = inside & (most < slowest)
         if late.any():
-            most = np.where(late, late_braking(room, before, dt), most)
+            most = np.where(late, np.minimum(late_braking(room, before, self.dt), slowest), most)
         return np.minimum(slowest, most), most
+
+    def _speed(self, room: Array) -> Array:
+        return braking_speed(room, self.acceleration, self.dt, self.box.rate)
 
     def _strained(self, q: Array, before: Array, lower: Array, upper: Array) -> tuple[Reason, ...]:
         """Joints that cannot have all their limits kept."""
-        step = self.acceleration * self.box.dt
+        step = self.acceleration * self.dt
         jerked = np.maximum(lower - before, before - upper) - step
         allowance = ROUNDING * (1.0 + np.abs(before) + np.where(np.isfinite(step), step, 0.0))
-        dt, a = self.box.dt, self.acceleration
+        dt, a = self.dt, self.acceleration
         fast = (
             Reason(Code.ACCELERATION, (i,), numbers=(float(jerked[i] + step[i]) / dt, float(a[i])))
             for i in np.flatnonzero(jerked > allowance).tolist()
@@ -240,13 +246,17 @@ class BrakingBox(Value):
         return (*self.box.outside(q.tolist(), range(len(q))), *fast)
 
 
-def braking_speed(room: Array, acceleration: Array, dt: float) -> Array:
-    """The largest x >= 0 with D(x) <= room, for each joint; inf where the room is, 0 where there is none."""
+def braking_speed(room: Array, acceleration: Array, dt: float, rate: float | None = None) -> Array:
+    """The largest x >= 0 with D(x) <= room, for each joint; inf where the room is, 0 where there is none.
+
+    D is that of `BrakingBox`; without a `rate` [1/s] the last tick covers all that is left.
+    """
     a = np.minimum(acceleration, BOUNDLESS)
+    k = 1.0 if rate is None else 1.0 / (rate * dt)  # ticks in which the rest is covered
     # Room in units of what one tick of acceleration makes in one tick; n ticks of braking need n (n + 1) / 2 of it.
     r = np.minimum(np.maximum(room, 0.0), BOUNDLESS) / (a * dt * dt)
-    n = np.maximum(np.ceil(0.5 * (np.sqrt(8.0 * r + 1.0) - 1.0)), 1.0)
-    return np.where(np.isinf(room), np.inf, a * dt * (r / n + 0.5 * (n - 1.0)))
+    n = np.maximum(np.ceil(np.sqrt(np.maximum(2.0 * r - k * k + k + 0.25, 0.0)) - k - 0.5), 0.0)
+    return np.where(np.isinf(room), np.inf, a * dt * (r + n * (0.5 * (n - 1.0) + k)) / (n + k))
 
 
 def late_braking(room: Array, before: Array, dt: float) -> Array:

@@ -72,7 +72,7 @@ def test_the_largest_error_jump_and_failures_are_those_of_the_whole_run():
 
 def test_ticks_are_timed_at_limits_where_the_run_meets_some():
     task = load_task("compare/panda_limits")
-    task = task.model_copy(update={"law": task.law.model_copy(update={"dt": 0.01})})
+    task = task.model_copy(update={"law": task.law.model_copy(update={"dt": 0.005})})
     robot = task.load_robot()
     near = [(np.minimum(robot.position_upper - q, q - robot.position_lower)).min() for q, *_ in inputs_of(task, 5)]
     assert np.median(near) < 0.02

@@ -372,7 +372,7 @@ def test_who_brakes_on_goes_through_the_states_that_were_looked_at(ur5):
     rng, dt, near = np.random.default_rng(0), 0.001, 0
     high = np.concatenate((ur5.position_upper, np.full(3, np.inf)))
     limits = np.array((np.full(9, np.pi), np.array([10.0] * 5 + [np.inf] + [5.0] * 3), -high, high))
-    settings = np.array((0.02, 100.0, 0.06, dt, 0.7))
+    settings = np.array((0.02, 100.0, 0.06, dt, 0.7, 1.0 / dt))
     for _ in range(200):
         q, before = rng.uniform(-2.0, 2.0, 9), rng.uniform(-3.0, 3.0, 9)
         ends = np.sign(before[:4]) * high[:4]

@@ -138,7 +138,7 @@ def test_an_arm_that_follows_a_path_into_its_limits(name, exact, limits):
     q = middle + np.linspace(0.07, 0.14, len(middle))  # no two joints alike: no ties for rounding to break
     goal = robot.pose(q)
     methods, answered = set(), 0
-    for k in range(48):
+    for k in range(96 if name == "so101" else 48):  # which is slow to get there
         goal = iq.exp([0.0, 0.0, 0.003, 0.006 * np.sin(0.05 * k), 0.006, 0.0]) @ goal
         ahead = np.array([0.0, 0.0, 0.3, 0.0, 0.6, 0.0])
         answered += compiled_tick(controller.compiled, controller.kept.copy(), q, goal, ahead, None) is not None

@@ -222,11 +222,38 @@ def test_a_tool_that_limits_move_off_a_still_target_is_not_ok(limit, engine):
         q = q + 0.004 * solution.velocity
 
 
+@pytest.mark.parametrize("options", [{}, {"delay": 0.02}, {"acceleration_limit": 8.0, "delay": 0.02}], ids=str)
+@pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
+def test_a_joint_at_its_limit_is_as_quiet_as_one_elsewhere(name, options):
+    """A target past the end of a range, a drive that lags by 20 ms, an encoder's noise: once there the arm rests."""
+    robot, dt, lag, noise, rng = iq.load_robot(name), 0.004, 0.02, 1e-4, np.random.default_rng(3)
+    if name == "ur5":
+        robot = robot.with_limits(position_upper=np.full(6, 1.7))
+    goal = {
+        "panda": np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]),
+        "ur5": np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]),
+        "so101": np.zeros(5),
+    }[name].copy()
+    joint = {"panda": 5, "ur5": 2, "so101": 3}[name]
+    q, moving, seen = goal.copy(), np.zeros(len(goal)), []
+    goal[joint] = (1.3 if name == "so101" else 1.0) * robot.position_upper[joint] + 0.2
+    loop, target = iq.Controller(robot, dt=dt, **options), robot.pose(goal)
+    for _ in range(round(4.0 / dt)):
+        solution = loop.step(q + noise * rng.standard_normal(len(q)), target)
+        moving = moving + dt / lag * (solution.velocity - moving)
+        q = q + dt * moving
+        seen.append((solution.velocity, solution.status))
+    x, said = np.array([x for x, _ in seen[-250:]]), {status for _, status in seen[-250:]}
+    assert robot.position_upper[joint] - q[joint] < 0.01
+    assert np.abs(np.diff(x, axis=0)).max() / dt < 6.0  # the noise alone gives 4, through the gain
+    assert said <= {"ok", "limited"}
+
+
 @pytest.mark.parametrize("name", ["panda", "ur5", "z1"])
 def test_the_tick_decides_no_status(name):
     """At one gain loops with a long and a short tick are "ok" for the same time."""
     robot, share = iq.load_robot(name), []
-    for dt in (0.01, 0.002):
+    for dt in (0.004, 0.001):
         rng, ok, ticks = np.random.default_rng(6), 0, round(1.5 / dt)
         for _ in range(6):
             q, loop = somewhere(rng, robot), iq.Controller(robot, dt=dt, gain=10.0)

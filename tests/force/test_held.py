@@ -1,6 +1,5 @@
 """Stiff hinges, screws and corners whose stiffness nobody declared: the law finds it before it swings."""
 
-import re
 import runpy
 from dataclasses import replace
 from pathlib import Path
@@ -84,13 +83,12 @@ def test_five_joints_wind_up_no_integral_against_a_screw_that_they_cannot_follow
 
 
 def test_a_turn_handed_from_a_joint_at_its_limit_to_others_presses_little_behind_a_delay():
-    """Joint 7 brakes, joints 1 and 3 take the turn at 2.2 rad/s; measured 32 ms ago, they would press with 30 N."""
+    """Joint 7 slows down, joints 1 and 3 take the turn; measured 32 ms ago, they would press with 30 N."""
     robot, q = iq.load_robot("panda"), np.array([*PANDA[:6], 2.0])
     start = robot.pose(q)
     bolt = iq.se3.helical(-start[:3, 2], start[:3, 3], 0.01)
     told = iq.contacts.hinge(start[:3, 3], -start[:3, 2], 0.01)
     scene = SHARED["grip"](start, bolt, lambda _: told, SHARED["along"](start, -1.5 * bolt))
     said, forces, _ = run(robot, q, scene, 2.8, delay=0.032)
-    assert {status for status, _ in said} == {"ok", "limited"}
-    assert all(re.search("at the limits of joints? (0, )?6$", why) for status, why in said if status == "limited")
+    assert {status for status, _ in said} == {"ok"}
     assert max(forces) < 4.0

@@ -42,14 +42,14 @@ def test_a_point_and_an_open_box_are_boxes():
     st.floats(-2.0, 0.0),
     st.floats(0.0, 2.0),
     st.floats(0.01, 5.0),
-    st.sampled_from([1e-3, 1e-2, 0.1]),
+    st.sampled_from([10.0, 100.0, 1000.0]),
     st.floats(-4, 4),
 )
-def test_the_box_is_what_its_formula_says_and_leads_back(low, high, speed, dt, q):
-    box = JointBox(np.array([low]), np.array([high]), np.array([speed]), dt)
+def test_the_box_is_what_its_formula_says_and_leads_back(low, high, speed, rate, q):
+    box = JointBox(np.array([low]), np.array([high]), np.array([speed]), rate)
     (lower,), (upper,) = box.at(np.array([q]))
-    assert lower == pytest.approx(np.clip((low - q) / dt, -speed, speed), rel=1e-12, abs=1e-9)
-    assert upper == pytest.approx(np.clip((high - q) / dt, -speed, speed), rel=1e-12, abs=1e-9)
+    assert lower == pytest.approx(np.clip(rate * (low - q), -speed, speed), rel=1e-12, abs=1e-9)
+    assert upper == pytest.approx(np.clip(rate * (high - q), -speed, speed), rel=1e-12, abs=1e-9)
     assert -speed <= lower <= upper <= speed
     if low <= q <= high:
         assert lower <= 1e-12
@@ -58,35 +58,37 @@ def test_the_box_is_what_its_formula_says_and_leads_back(low, high, speed, dt, q
         back = 1.0 if q < low else -1.0
         slowest = min(back * lower, back * upper)
         outside = low - q if q < low else q - high
-        assert slowest == pytest.approx(min(speed, outside / dt), rel=1e-9, abs=1e-9)
+        assert slowest == pytest.approx(min(speed, rate * outside), rel=1e-9, abs=1e-9)
 
 
 def test_without_limits_there_is_no_box():
-    box = JointBox(np.array([-INF]), np.array([INF]), np.array([INF]), 0.01)
+    box = JointBox(np.array([-INF]), np.array([INF]), np.array([INF]), 100.0)
     assert box.at(np.array([1e6])) == (-INF, INF)
 
 
 def test_a_margin_shrinks_a_range_but_not_that_of_a_locked_joint():
-    box = JointBox(np.array([-1.0, 0.05, -INF]), np.array([1.0, 0.05, INF]), np.full(3, 9.0), 0.1, margin=0.2)
+    box = JointBox(np.array([-1.0, 0.05, -INF]), np.array([1.0, 0.05, INF]), np.full(3, 9.0), 10.0, margin=0.2)
     lower, upper = box.at(np.array([0.0, 0.0, 0.0]))
     np.testing.assert_allclose(lower, [-8.0, 0.5, -9.0])
     np.testing.assert_allclose(upper, [8.0, 0.5, 9.0])
 
 
-def distance(x, a, dt):
-    """What a joint travels at x for one tick and braking at a from then on, tick by tick."""
+def distance(x, a, dt, rate):
+    """What a joint travels at x for one tick and braking at a from then on, tick by tick, the rest at a rate."""
     total = 0.0
-    while x > 0.0:
+    while rate * x > a * (1.0 + 1e-12):
         total += x * dt
         x -= a * dt
-    return total
+    return total + x / rate
 
 
 @EXAMPLES
-@given(st.floats(0.0, 3.0), st.floats(0.05, 50.0), st.sampled_from([1e-3, 1e-2, 0.1]))
-def test_braking_speed_is_the_largest_that_stops_in_the_room(room, a, dt):
-    (x,) = braking_speed(np.array([room]), np.array([a]), dt)
-    assert distance(x, a, dt) == pytest.approx(room, rel=1e-9, abs=1e-12)
+@given(
+    st.floats(0.0, 3.0), st.floats(0.05, 50.0), st.sampled_from([1e-3, 1e-2, 0.1]), st.sampled_from([None, 1.0, 0.1])
+)
+def test_braking_speed_is_the_largest_that_stops_in_the_room(room, a, dt, share):
+    (x,) = braking_speed(np.array([room]), np.array([a]), dt, None if share is None else share / dt)
+    assert distance(x, a, dt, (share or 1.0) / dt) == pytest.approx(room, rel=1e-9, abs=1e-12)
 
 
 def test_braking_speed_without_limits():
@@ -95,17 +97,18 @@ def test_braking_speed_without_limits():
     assert late == pytest.approx(50.0)  # nothing to wait for: up to the limit in one tick
 
 
-def braking_box(rng, m, dt):
+def braking_box(rng, m, dt, share=1.0):
     low, high = -rng.uniform(0.0, 2.0, m), rng.uniform(0.0, 2.0, m)
     speed, a = rng.uniform(0.05, 5.0, m), 10.0 ** rng.uniform(-1.0, 3.0, m)
-    return BrakingBox(JointBox(low, high, speed, dt), a)
+    return BrakingBox(JointBox(low, high, speed, share / dt), a, dt)
 
 
+@pytest.mark.parametrize("share", [1.0, 0.1])
 @pytest.mark.parametrize("dt", [1e-3, 1e-2, 0.1])
-def test_from_rest_all_three_limits_hold_for_ever(dt):
+def test_from_rest_all_three_limits_hold_for_ever(dt, share):
     """Four hundred joints pushed to the edges of their boxes, 300 ticks."""
     rng = np.random.default_rng(0)
-    limits = braking_box(rng, 400, dt)
+    limits = braking_box(rng, 400, dt, share)
     box = limits.box
     q = box.position_lower + (box.position_upper - box.position_lower) * rng.random(400)
     x = np.zeros(400)
@@ -142,7 +145,7 @@ def test_started_too_fast_acceleration_gives_way_and_is_named(dt):
 
 def test_the_deceleration_of_late_braking_is_constant_and_the_least_that_stops():
     """w^2 / (2 room) in continuous time: nothing is gained by braking harder first."""
-    limits = BrakingBox(JointBox(np.array([-1.0]), np.array([0.1]), np.array([5.0]), 1e-3), np.array([10.0]))
+    limits = BrakingBox(JointBox(np.array([-1.0]), np.array([0.1]), np.array([5.0]), 1e3), np.array([10.0]), 1e-3)
     q, x, used = np.zeros(1), np.array([4.0]), []
     while x[0] > 0.0:
         upper = limits.at(q, x).upper
@@ -155,7 +158,7 @@ def test_the_deceleration_of_late_braking_is_constant_and_the_least_that_stops()
 
 
 def test_outside_a_limit_the_way_back_stops_at_it_and_is_as_smooth_as_acceleration_asks():
-    limits = BrakingBox(JointBox(np.array([-1.0]), np.array([1.0]), np.array([2.0]), 0.01), np.array([5.0]))
+    limits = BrakingBox(JointBox(np.array([-1.0]), np.array([1.0]), np.array([2.0]), 100.0), np.array([5.0]), 0.01)
     q, x, seen = np.array([2.5]), np.zeros(1), [0.0]
     for _ in range(200):
         _, upper, strained, *_ = limits.at(q, x)
@@ -172,15 +175,15 @@ def test_outside_a_limit_the_way_back_stops_at_it_and_is_as_smooth_as_accelerati
 
 
 def test_faster_than_the_velocity_limit_is_the_velocity_limit():
-    limits = BrakingBox(JointBox(np.full(2, -9.0), np.full(2, 9.0), np.ones(2), 0.01), np.full(2, 1.0))
+    limits = BrakingBox(JointBox(np.full(2, -9.0), np.full(2, 9.0), np.ones(2), 100.0), np.full(2, 1.0), 0.01)
     lower, upper, strained, *_ = limits.at(np.zeros(2), np.array([3.0, 0.0]))
     assert (lower[0], upper[0]) == (1.0, 1.0)
     assert [reason.joints for reason in strained] == [(0,)]
 
 
 def test_no_acceleration_limit_at_a_joint_is_the_box_there():
-    box = JointBox(np.array([-1.0, -INF]), np.array([1.0, INF]), np.array([3.0, INF]), 0.01)
-    limits = BrakingBox(box, np.full(2, INF))
+    box = JointBox(np.array([-1.0, -INF]), np.array([1.0, INF]), np.array([3.0, INF]), 10.0)
+    limits = BrakingBox(box, np.full(2, INF), 0.01)
     for q in ([0.0, 0.0], [0.99, 5.0], [1.01, -1e9], [-3.0, 0.0]):
         lower, upper, *_ = limits.at(np.array(q), np.array([2.0, -1.0]))
         np.testing.assert_allclose((lower, upper), box.at(np.array(q)), rtol=1e-12, atol=1e-9)
