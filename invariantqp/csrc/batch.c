@@ -122,7 +122,7 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
                                        solution.scale, solution.damping, solution.blended};
             memcpy(numbers, outcome, sizeof outcome);
             if (record >= 0 && record < n)
-                memcpy((double *)PyArray_DATA(arrays[RECORDS]) + record * RECORD, &solution, sizeof solution);
+                memcpy((double *)PyArray_DATA(arrays[RECORDS]) + record * RECORD, &solution, RECORD * sizeof(double));
         }
     Py_END_ALLOW_THREADS
     Py_RETURN_NONE;
@@ -132,9 +132,9 @@ PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    Solution solution;
+    Solution solution = {.m = 0};
     if (count != 1 || !vector(arguments[0], (int)RECORD, (double *)&solution) || !within(solution.m, 1, MOST) ||
-        !within(solution.limits, 0, MOST_LIMITS) || !within((int)solution.method, CLOSED_FORM, QP))
+        solution.limits != 0 || !within((int)solution.method, CLOSED_FORM, QP))
         return refused("solution(record)");
     return fields(solution.m, &solution);
 }

@@ -40,8 +40,8 @@ double *memory_of(PyObject *object, const Loop *loop);
 bool target_pose(PyObject *object, Pose *T);
 int joints_of(PyObject *J);
 
-/* batch.c; numbers of a row's record */
-#define RECORD ((npy_intp)(sizeof(Solution) / sizeof(double)))
+/* batch.c; numbers of a row's record, a Solution up to what rows of limits and exact rows add */
+#define RECORD ((npy_intp)(offsetof(Solution, multipliers) / sizeof(double)) + MOST)
 PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names);
 PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 

@@ -81,17 +81,17 @@ typedef struct {
     double threshold, ceiling, fixed, speed;
 } Demand;
 
-/* regular.c: S = AA', its lower triangle, S = LL', and X = L^-1 where nothing is damped; A is NULL of another L */
+/* regular.c: A = L V and X = L^-1 where nothing is damped; A is NULL of another L */
 typedef struct {
     bool holds;
     const Row *A;
-    Row S[6], L[6], X[6];
+    Row L[6], X[6], V[6];
 } Regular;
 
 /* objective.py: 1/2 |K (z - z*)|^2, K = diag(sqrt(weights)) V' */
 typedef struct {
     int n, rank;
-    Row V[MOST]; /* V[i] is direction i, for steps */
+    const Row *V; /* V[i] is direction i, of the spectrum */
     Row weights, optimum, still; /* still: the optimum without the chase */
     double damping, ratio;
     const Regular *regular; /* or NULL: K = L V and T = V'X in the first six directions */
@@ -197,7 +197,7 @@ typedef enum { CLOSED_FORM, DAMPED, QP } Method;
 typedef struct {
     int m, limits;
     Row velocity;
-    double multipliers[LIMITS], residual[6]; /* of joints, then of rows */
+    double residual[6];
     Method method;
     bool active[MOST];
     bool stuck, limited, slow, met, at_speed;
@@ -205,6 +205,7 @@ typedef struct {
     double scale, pace, damping, blended, ratio, missed; /* for the reason */
     int rows, row_rank;
     double unmet, beyond; /* of exact rows, 0 where they are met but for rounding */
+    double multipliers[LIMITS]; /* of joints, then of rows; what follows is of rows alone */
     Yielded yielded;
     double beside[MOST_ROWS]; /* how far limits move each exact row besides, of `rows` of them, 0 where it is not told */
 } Solution;
@@ -226,16 +227,34 @@ typedef struct {
     double R[3][3], p[3];
 } Pose;
 
+/* Two numbers that are worked on at once, by compilers that have such a type. */
+#if defined(__GNUC__)
+typedef double Two __attribute__((vector_size(16)));
+static inline Two of_two(const double *p, const double *q)
+{
+    Two a, b;
+    memcpy(&a, p, sizeof a);
+    memcpy(&b, q, sizeof b);
+    return a * b;
+}
+#endif
+
 /* Two sums, which do not wait for each other. */
 static inline double dot(int n, const double *a, const double *b)
 {
-    double even = 0.0, odd = 0.0;
     int i = 0;
+#if defined(__GNUC__)
+    Two sums = {0.0, 0.0};
+    for (; i + 1 < n; i += 2)
+        sums += of_two(a + i, b + i);
+#else
+    double sums[2] = {0.0};
     for (; i + 1 < n; i += 2) {
-        even += a[i] * b[i];
-        odd += a[i + 1] * b[i + 1];
+        sums[0] += a[i] * b[i];
+        sums[1] += a[i + 1] * b[i + 1];
     }
-    return i < n ? even + a[i] * b[i] + odd : even + odd;
+#endif
+    return i < n ? sums[0] + a[i] * b[i] + sums[1] : sums[0] + sums[1];
 }
 
 /* In two halves, for which compilers write a few stores; of a whole row they make a loop that is slower. */
@@ -248,12 +267,13 @@ static inline void zeroed(Row row)
 /* Rows whose numbers after the last one are zero, in steps of STEP; two of them, which are usual, in one line. */
 static inline double dot_in_steps(int n, const double *p, const double *q)
 {
-    double sums[STEP] = {0.0};
+#if defined(__GNUC__)
     if (n > STEP && n <= 2 * STEP) {
-        for (int j = 0; j < STEP; j++)
-            sums[j] = p[j] * q[j] + p[STEP + j] * q[STEP + j];
-        return (sums[0] + sums[2]) + (sums[1] + sums[3]);
+        Two both = (of_two(p, q) + of_two(p + 4, q + 4)) + (of_two(p + 2, q + 2) + of_two(p + 6, q + 6));
+        return both[0] + both[1];
     }
+#endif
+    double sums[STEP] = {0.0};
     for (; n > 0; n -= STEP, p += STEP, q += STEP)
         for (int j = 0; j < STEP; j++)
             sums[j] += p[j] * q[j];
@@ -273,14 +293,13 @@ static inline void add_in_steps(int n, double a, const double *restrict x, doubl
             y[j] += a * x[j];
 }
 
-/* What k orthonormal rows Q leave of a row, and its parts along them; its length. */
-static inline double left_of(int n, int k, const Row *Q, Row row, Row parts)
+/* A row becomes a times as long. */
+static inline void scaled(int n, double a, Row row)
 {
-    for (int l = 0; l < k; l++)
-        parts[l] = dot_in_steps(n, Q[l], row);
-    for (int l = 0; l < k; l++)
-        add_in_steps(n, -parts[l], Q[l], row);
-    return sqrt(dot_in_steps(n, row, row));
+    for (int j = 0; j < 2 * STEP; j++)
+        row[j] *= a;
+    for (int j = 2 * STEP; j < n; j++)
+        row[j] *= a;
 }
 
 static inline double norm(int n, const double *a) { return sqrt(dot(n, a, a)); }
@@ -299,6 +318,7 @@ bool usual(int n, const double *a);
 bool usual_rows(int rows, int n, const Row *A);
 void transformed(int m, const Row *M, const Row x, Row y);
 void combined(int n, int rows, const double *a, int step, const Row *A, Row sum);
+double left_of(int n, int k, const Row *Q, Row row, Row parts);
 void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row *C);
 void product_with(int rows, int m, Row *A, const Row *T);
 bool factored(int n, Row *H);

@@ -57,6 +57,21 @@ void combined(int n, int rows, const double *a, int step, const Row *A, Row sum)
         add_in_steps(n, a[k * step], A[k], sum);
 }
 
+/* What k orthonormal rows Q leave of a row, and its parts along them; its length. All have zeros after their n numbers. */
+double left_of(int n, int k, const Row *Q, Row row, Row parts)
+{
+    double few[2 * STEP];
+    memcpy(few, row, sizeof few);
+    for (int l = 0; l < k; l++)
+        parts[l] = dot_in_steps(n, Q[l], row);
+    for (int l = 0; l < k && n <= 2 * STEP; l++)
+        add_in_steps(2 * STEP, -parts[l], Q[l], few);
+    memcpy(row, few, sizeof few);
+    for (int l = 0; l < k && n > 2 * STEP; l++)
+        add_in_steps(n, -parts[l], Q[l], row);
+    return sqrt(dot_in_steps(n, row, row));
+}
+
 /* D J, with zeros after its m numbers */
 void product_of_rows(int rows, const double (*D)[6], int m, const Row J[6], Row *C)
 {

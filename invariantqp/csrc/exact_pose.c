@@ -87,7 +87,7 @@ Outcome exact_step(int m, const Linearization *state, double damping, const Row 
     double least = fmax(damping * missed, ROW_FLOOR * found.sigma[0] * found.sigma[0]);
     rows.n = m;
     rows.regular = NULL;
-    memcpy(rows.V, found.V, sizeof rows.V);
+    rows.V = (const Row *)found.V;
     for (int i = 0; i < m; i++) {
         double sigma = i < rank ? found.sigma[i] : 0.0;
         rows.weights[i] = sigma * sigma + least;

@@ -32,9 +32,9 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
     objective->n = n;
     objective->rank = 0;
     objective->regular = found->regular;
+    objective->V = (const Row *)found->V;
     for (int i = 0; i < n; i++) {
-        double *v = objective->V[i], sigma = found->sigma[i], wanted = found->wanted[i];
-        memcpy(v, found->V[i], sizeof(Row));
+        double sigma = found->sigma[i], wanted = found->wanted[i];
         if (found->regular && i < 6) { /* nothing is damped */
             objective->rank++;
             objective->optimum[i] = wanted;
@@ -48,7 +48,7 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
         double squared = damped_square(demand, sigma, wanted, largest);
         if (null && squared == 0.0)
             squared = NULL_WEIGHT * largest * largest;
-        double weight = sigma * sigma + squared, towards = dot(n, v, posture);
+        double weight = sigma * sigma + squared, towards = dot(n, found->V[i], posture);
         if (!null) {
             damped = fmax(damped, squared);
             objective->rank++;

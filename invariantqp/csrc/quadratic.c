@@ -29,15 +29,14 @@ double tool_speed(const Cone *cone, int n, const Row x)
     return norm(3, v);
 }
 
-/* Twin of `product` in velocity/qp.py: what is only rounding of a row of T = (columns of these lengths) becomes zero. */
-static void without_rounding(int n, double length, const Row columns, Row row)
+/* Twin of `product` in velocity/qp.py: what is only rounding of a row of T = (columns of these lengths, the longest of them apart) becomes zero. */
+static void without_rounding(int n, double length, double longest, const Row columns, Row row)
 {
     Row cosine;
-    double least = 2.0 * COSINE_ROUNDING * length;
-    int small = 0;
+    double least = INFINITY;
     for (int j = 0; j < n; j++)
-        small += fabs(row[j]) < least * columns[j];
-    if (small == 0)
+        least = fabs(row[j]) < least ? fabs(row[j]) : least;
+    if (least >= 2.0 * COSINE_ROUNDING * length * longest)
         return;
     for (int j = 0; j < n; j++)
         cosine[j] = row[j] / (length * columns[j] + TINY);
@@ -50,23 +49,28 @@ static void without_rounding(int n, double length, const Row columns, Row row)
     }
 }
 
-static void lengths_of(int m, int n, const Row *basis, Row lengths)
+/* Those lengths, and the longest. */
+static double lengths_of(int m, int n, const Row *basis, Row lengths)
 {
-    for (int l = 0; l < n; l++)
+    double longest = 0.0;
+    for (int l = 0; l < n; l++) {
         lengths[l] = norm(m, basis[l]);
+        longest = lengths[l] > longest ? lengths[l] : longest;
+    }
+    return longest;
 }
 
 /* The same on z, x = origin + basis z; basis[i] is column i of n. */
 void cone_on(const Cone *cone, int m, const Row origin, int n, const Row *basis, Cone *result)
 {
     Row lengths;
-    lengths_of(m, n, basis, lengths);
+    double longest = lengths_of(m, n, basis, lengths);
     result->limit = cone->limit;
     for (int i = 0; i < 3; i++) {
         Row row;
         for (int l = 0; l < n; l++)
             row[l] = dot(m, cone->J[i], basis[l]);
-        without_rounding(n, norm(m, cone->J[i]), lengths, row);
+        without_rounding(n, norm(m, cone->J[i]), longest, lengths, row);
         result->start[i] = cone->start[i] + dot(m, cone->J[i], origin);
         memcpy(result->J[i], row, (size_t)n * sizeof(double));
     }
@@ -188,13 +192,9 @@ static const double SURELY = 4.0;
 static void shortest(const Face *face, int n, const double *b, Row e)
 {
     Row w;
-    for (int j = 0; j < n; j++)
-        e[j] = 0.0;
-    for (int i = 0; i < face->k; i++) {
+    for (int i = 0; i < face->k; i++)
         w[i] = (b[i] - dot(i, face->R[i], w)) * face->over[i];
-        for (int j = 0; j < n; j++)
-            e[j] += w[i] * face->Q[i][j];
-    }
+    combined(n, face->k, w, 1, (const Row *)face->Q, e);
 }
 
 /* w becomes R^-1 w. */
@@ -221,16 +221,16 @@ static void multipliers(const Face *face, const Room *room, const Row pull, doub
 }
 
 /* The part of a limit's row beyond a face, of length one, as its next row; how long it was, 0 where the row depends on those
-   before it. n is that of the rows, or more. */
-static inline double beyond_in(int n, const Room *room, int i, Face *face)
+   before it. */
+static double beyond(const Room *room, int i, Face *face)
 {
-    int k = face->k;
-    if (k == room->n)
+    int k = face->k, n = room->n;
+    if (k == n)
         return 0.0;
     const Row *Q = (const Row *)face->Q;
-    Row q, rest;
-    double *parts = face->R[k];
-    memcpy(q, room->N[i], (size_t)n * sizeof(double));
+    Row rest;
+    double *parts = face->R[k], *q = face->Q[k];
+    memcpy(q, room->N[i], sizeof(Row));
     double length = k == 0 ? 1.0 : left_of(n, k, Q, q, parts);
     if (length <= NEARLY_WHOLE) {
         length = left_of(n, k, Q, q, rest);
@@ -243,14 +243,8 @@ static inline double beyond_in(int n, const Room *room, int i, Face *face)
         return 0.0;
     double over = face->over[k] = 1.0 / length;
     parts[k] = length;
-    for (int j = 0; j < n; j++)
-        face->Q[k][j] = q[j] * over;
+    scaled(n, over, q);
     return length;
-}
-
-static double beyond(const Room *room, int i, Face *face)
-{
-    return room->n <= 2 * STEP ? beyond_in(2 * STEP, room, i, face) : beyond_in(MOST, room, i, face);
 }
 
 /* A face with its next row, of limit i. */
@@ -437,7 +431,7 @@ static Outcome entered(const Room *room, int i, int sign, double by, int *side, 
 static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *face, double *y, double *nu)
 {
     Row pull;
-    bool followed = false; /* whether y was only followed from the last face, where all had the right sign */
+    bool inside = false, followed = false; /* whether y was only followed from the last face, where all had the right sign */
     face_of(room, side, face);
     for (int tried = 0; tried < CORRECTIONS * room->count; tried++) {
         if (!followed) {
@@ -448,8 +442,11 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
             if (wrong >= 0) {
                 side[wrong] = 0;
                 face_of(room, side, face);
+                inside = false;
                 continue;
             }
+            if (inside)
+                return DONE;
         }
         double outside;
         int worst = room->n <= 2 * STEP ? farthest(2 * STEP, room, side, face->e, &outside) : farthest(MOST, room, side, face->e, &outside);
@@ -458,7 +455,8 @@ static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *fa
         int i = abs(worst) - 1;
         if (worst != 0 && entered(room, i, worst > 0 ? 1 : -1, outside, side, face, y) == HAND_BACK)
             return HAND_BACK;
-        followed = worst != 0 && slow == NULL;
+        inside = worst == 0;
+        followed = !inside && slow == NULL;
     }
     return HAND_BACK;
 }
@@ -468,21 +466,22 @@ static void turned_by(const Quadratic *problem, const Polytope *limits, Turned *
 {
     int n = problem->n;
     Row columns;
-    for (int j = 0; j < n; j++)
-        columns[j] = sqrt(dot_in_steps(n, problem->T[j], problem->T[j]));
+    double longest = lengths_of(n, n, problem->T, columns);
     turned->rows = limits->count;
     turned->face.k = 0;
     for (int i = 0; i < limits->count; i++)
         zeroed(turned->N[i]);
-    for (int j = 0; j < n; j++)
-        for (int i = 0; i < limits->count; i++)
-            turned->N[i][j] = limits->box ? problem->T[j][i] : dot(n, limits->A[i], problem->T[j]);
     for (int i = 0; i < limits->count; i++) {
         double *row = turned->N[i];
-        without_rounding(n, limits->box ? 1.0 : norm(n, limits->A[i]), columns, row);
+        if (limits->box)
+            for (int j = 0; j < n; j++)
+                row[j] = problem->T[j][i];
+        else
+            for (int j = 0; j < n; j++)
+                row[j] = dot(n, limits->A[i], problem->T[j]);
+        without_rounding(n, limits->box ? 1.0 : norm(n, limits->A[i]), longest, columns, row);
         double length = turned->length[i] = sqrt(dot_in_steps(n, row, row)), over = length > 0.0 ? 1.0 / length : 0.0;
-        for (int j = 0; j < MOST; j++)
-            row[j] *= over;
+        scaled(n, over, row);
     }
 }
 
@@ -510,7 +509,7 @@ void polytope_on(const Polytope *limits, int m, const Row origin, const Row insi
 {
     double size = QP_ROUNDING * norm(m, inside);
     Row lengths;
-    lengths_of(m, n, basis, lengths);
+    double longest = lengths_of(m, n, basis, lengths);
     result->count = limits->count;
     result->box = false;
     for (int i = 0; i < limits->count; i++) {
@@ -518,7 +517,7 @@ void polytope_on(const Polytope *limits, int m, const Row origin, const Row insi
         for (int l = 0; l < n; l++)
             result->A[i][l] = limits->box ? basis[l][i] : dot(m, limits->A[i], basis[l]);
         double length = limits->box ? 1.0 : norm(m, limits->A[i]);
-        without_rounding(n, length, lengths, result->A[i]);
+        without_rounding(n, length, longest, lengths, result->A[i]);
         result->lower[i] = limits->lower[i] - start;
         result->upper[i] = limits->upper[i] - start;
         result->rounding[i] = limits->rounding[i] + size * length;
@@ -530,8 +529,7 @@ static void precise(const Quadratic *problem, const Polytope *limits, const Room
                     Row z)
 {
     int n = problem->n;
-    Row missing, e;
-    zeroed(missing);
+    Row missing, e, more;
     combined(n, n, face->e, 1, problem->T, z);
     add_in_steps(n, 1.0, problem->centre, z);
     for (int k = 0; k < face->k; k++) {
@@ -540,8 +538,8 @@ static void precise(const Quadratic *problem, const Polytope *limits, const Room
         missing[k] = ((side[face->at[k]] > 0 ? limits->upper[i] : limits->lower[i]) - value) / room->length[face->at[k]];
     }
     shortest(face, n, missing, e);
-    for (int j = 0; j < n; j++)
-        add_in_steps(n, e[j], problem->T[j], z);
+    combined(n, n, e, 1, problem->T, more);
+    add_in_steps(n, 1.0, more, z);
 }
 
 /* The same at an active speed limit: v of z has digits that v of e has lost. */
@@ -604,16 +602,15 @@ static Outcome kept(const Quadratic *problem, const Polytope *limits, const Row 
 static void slow_on(const Quadratic *problem, const Cone *cone, Slow *slow)
 {
     int n = problem->n;
-    double size = 0.0;
     Row columns;
-    lengths_of(n, n, problem->T, columns);
+    double size = 0.0, longest = lengths_of(n, n, problem->T, columns);
     slow->limit = cone->limit;
     for (int i = 0; i < 3; i++) {
         slow->start[i] = cone->start[i] + dot(n, cone->J[i], problem->centre);
         size += dot(n, cone->J[i], cone->J[i]);
         for (int j = 0; j < n; j++)
             slow->M[i][j] = dot(n, cone->J[i], problem->T[j]);
-        without_rounding(n, norm(n, cone->J[i]), columns, slow->M[i]);
+        without_rounding(n, norm(n, cone->J[i]), longest, columns, slow->M[i]);
     }
     double whole = norm_of_rows(n, n, problem->K);
     slow->most = size > 0.0 ? MOST_SHARE * whole * whole / size : 0.0;

@@ -1,49 +1,24 @@
-/* Where the joints can move the tool in all six directions, far from singular, and no limit acts: one Cholesky factor.
+/* Where the joints can move the tool in all six directions, far from singular: A = L V by Gram and Schmidt.
 
-       x = x_p + A'(AA')^-1 (b - A x_p),      AA' = LL'
-       sigma_min^2 >= 1 / |(AA')^-1|,         sigma_max^2 <= |AA'| */
+       x = x_p + V'L^-1 (b - A x_p), the answer where no limit acts
+       sigma_min^2 >= 1 / |L^-1|^2,         sigma_max^2 <= |A|^2 <= 6 sigma_max^2 */
 
 #include "core.h"
-
-bool is_regular(const Demand *demand, const Row A[6], Regular *regular)
-{
-    Row *L = regular->L;
-    double squares = 0.0, inverse_squares = 0.0;
-    regular->holds = false;
-    regular->A = A;
-    if (demand->m < 6 || demand->speed > 0.0)
-        return false;
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j <= i; j++) {
-            double entry = dot_in_steps(demand->m, A[i], A[j]);
-            squares += (i == j ? 1.0 : 2.0) * entry * entry;
-            L[i][j] = regular->S[i][j] = entry;
-        }
-    if (!factored(6, L))
-        return false;
-    /* trace (AA')^-1 = |L^-1|^2 bounds its norm. */
-    inverse_triangle(6, (const Row *)L, regular->X);
-    for (int i = 0; i < 6; i++)
-        inverse_squares += dot_in_steps(6, regular->X[i], regular->X[i]);
-    double smallest = 1.0 / inverse_squares, largest = sqrt(squares);
-    double share = demand->threshold > ACCURATE_SHARE ? demand->threshold : ACCURATE_SHARE;
-    return regular->holds = smallest >= share * share * largest;
-}
 
 /* A step of less than this share is the last one: the next would be as its third power. */
 static const double LAST_STEP = 1e-4;
 
-/* S becomes tridiagonal by reflections, its diagonal d and the squares e of what is beside that. */
-static void tridiagonal(Row S[6], double d[6], double e[5])
+/* S becomes tridiagonal by reflections, its diagonal d and the squares e of what is before that. */
+static void tridiagonal(double S[6][6], double d[6], double e[6])
 {
     for (int k = 0; k < 5; k++) {
         double v[6] = {0.0}, p[6] = {0.0}, length, square, along = 0.0;
         for (int i = k + 1; i < 6; i++)
             v[i] = S[i][k];
         d[k] = S[k][k];
-        e[k] = dot(6, v, v);
-        length = copysign(sqrt(e[k]), v[k + 1]);
-        square = e[k] + length * v[k + 1]; /* half of v.v, after the next line */
+        e[k + 1] = dot(6, v, v);
+        length = copysign(sqrt(e[k + 1]), v[k + 1]);
+        square = e[k + 1] + length * v[k + 1]; /* half of v.v, after the next line */
         v[k + 1] += length;
         if (k == 4 || !(square > 0.0))
             continue;
@@ -55,67 +30,94 @@ static void tridiagonal(Row S[6], double d[6], double e[5])
         for (int i = k + 1; i < 6; i++)
             p[i] -= along * v[i];
         for (int i = k + 1; i < 6; i++)
-            for (int j = k + 1; j < 6; j++)
+            for (int j = 0; j < 6; j++) /* of which v and p have zeros: a loop of known length */
                 S[i][j] -= v[i] * p[j] + p[i] * v[j];
     }
     d[5] = S[5][5];
 }
 
-/* The largest eigenvalue of S by Laguerre's steps, the first of which is from infinity: with q_i the pivots of x - S,
+/* The largest eigenvalue of S = AA' by Laguerre's steps, the first of which is from infinity, with p = det(x - S):
 
-       x - 6 / (g + sqrt(5 (6 h - g^2))),   g = sum of q_i'/q_i,   h = -g' */
-static double largest_eigenvalue(const Row lower[6])
+       x - 6 p / (p' + sqrt(5 (5 p'^2 - 6 p p''))) */
+static double largest_eigenvalue(int n, const Row A[6])
 {
-    Row S[6];
-    double d[6], e[5], x, trace = 0.0, squares = 0.0, step = INFINITY;
+    double S[6][6], d[6], e[6] = {0.0}, x = 1.0, trace = 0.0, squares = 0.0, step = INFINITY;
     for (int i = 0; i < 6; i++)
-        for (int j = 0; j < 6; j++) {
-            S[i][j] = lower[i > j ? i : j][i > j ? j : i];
-            squares += S[i][j] * S[i][j];
+        for (int j = 0; j <= i; j++) {
+            double entry = S[i][j] = S[j][i] = dot_in_steps(n, A[i], A[j]);
+            squares += (i == j ? 1.0 : 2.0) * entry * entry;
+            trace += i == j ? entry : 0.0;
         }
-    for (int i = 0; i < 6; i++)
-        trace += S[i][i];
-    x = (trace + sqrt(fmax(5.0 * (6.0 * squares - trace * trace), 0.0))) / 6.0;
+    double first = (trace + sqrt(fmax(5.0 * (6.0 * squares - trace * trace), 0.0))) / 6.0, over = 1.0 / first;
     tridiagonal(S, d, e);
-    while (step > LAST_STEP * x) {
-        double over = 0.0, slope = 0.0, bend = 0.0, g = 0.0, h = 0.0;
-        for (int i = 0; i < 6; i++) { /* over: 1 / q, and its pivots' derivatives over q */
-            double t = i > 0 ? e[i - 1] * over : 0.0, q = x - d[i] - t;
-            if (!(q > 0.0)) /* rounding: it is the eigenvalue */
-                return x;
-            over = 1.0 / q;
-            bend = t * (bend - 2.0 * slope * slope) * over;
-            slope = (1.0 + t * slope) * over;
-            g += slope;
-            h += slope * slope - bend;
+    for (int i = 0; i < 6; i++) {
+        d[i] *= over;
+        e[i] *= over * over;
+    }
+    while (step > LAST_STEP * x) { /* in units of the first */
+        double p[7] = {1.0}, slope[7] = {0.0}, bend[7] = {0.0}; /* determinants of so many rows, p' and p''/2 */
+        for (int i = 0; i < 6; i++) {
+            p[i + 1] = (x - d[i]) * p[i];
+            slope[i + 1] = p[i] + (x - d[i]) * slope[i];
+            bend[i + 1] = slope[i] + (x - d[i]) * bend[i];
+            if (i == 0)
+                continue;
+            p[i + 1] -= e[i] * p[i - 1];
+            slope[i + 1] -= e[i] * slope[i - 1];
+            bend[i + 1] -= e[i] * bend[i - 1];
         }
-        step = 6.0 / (g + sqrt(fmax(5.0 * (6.0 * h - g * g), 0.0)));
+        if (!(p[6] > 0.0)) /* rounding: it is the eigenvalue */
+            break;
+        step = 6.0 * p[6] / (slope[6] + sqrt(fmax(5.0 * (5.0 * slope[6] * slope[6] - 12.0 * p[6] * bend[6]), 0.0)));
         x -= step;
     }
-    return x;
+    return first * x;
 }
 
-/* In place of `spectrum`: A = L V, V orthonormal but for rounding times the condition of S. */
+bool is_regular(const Demand *demand, const Row A[6], Regular *regular)
+{
+    double square = 0.0, inverse_square = 0.0, share = fmax(demand->threshold, ACCURATE_SHARE), smallest;
+    int n = demand->m;
+    regular->holds = false;
+    regular->A = A;
+    if (n < 6 || demand->speed > 0.0)
+        return false;
+    for (int i = 0; i < 6; i++) {
+        double *v = regular->V[i];
+        memcpy(v, A[i], sizeof(Row));
+        double length = regular->L[i][i] = left_of(n, i, (const Row *)regular->V, v, regular->L[i]);
+        if (!(length > 0.0))
+            return false;
+        scaled(n, 1.0 / length, v);
+        square += dot_in_steps(n, A[i], A[i]);
+    }
+    inverse_triangle(6, (const Row *)regular->L, regular->X);
+    for (int i = 0; i < 6; i++)
+        inverse_square += dot_in_steps(6, regular->X[i], regular->X[i]);
+    smallest = 1.0 / (share * share * inverse_square);
+    return regular->holds = smallest >= square || (6.0 * smallest >= square && smallest >= largest_eigenvalue(n, A));
+}
+
+/* In place of `spectrum`: A = L V, V orthonormal but for rounding times the condition of AA'. */
 void regular_spectrum(int n, const Regular *regular, const Row A[6], const double b[6], const double *ahead, Spectrum *found)
 {
     zeroed(found->sigma);
     zeroed(found->wanted);
     zeroed(found->ahead);
-    for (int i = 0; i < 6; i++)
-        combined(n, i + 1, regular->X[i], 1, A, found->V[i]);
+    memcpy(found->V, regular->V, sizeof regular->V);
     completed(n, 6, found->V);
     found->regular = regular;
-    found->largest = n > 6 ? sqrt(largest_eigenvalue(regular->S)) : 1.0; /* for what moves nothing alone */
+    found->largest = n > 6 ? sqrt(largest_eigenvalue(n, A)) : 1.0; /* for what moves nothing alone */
     want(found, b, ahead);
 }
 
-/* (AA')^-1 y */
-static void over_square(const Regular *regular, Row y)
+/* The shortest x with A x = b */
+static void shortest(int n, const Regular *regular, const double b[6], Row x)
 {
-    Row parts;
+    double y[6];
     for (int i = 0; i < 6; i++)
-        parts[i] = dot(i + 1, regular->X[i], y);
-    combined(6, 6, parts, 1, regular->X, y);
+        y[i] = dot(i + 1, regular->X[i], b);
+    combined(n, 6, y, 1, regular->V, x);
 }
 
 /* Where no limit is met; false where there is none. */
@@ -133,14 +135,12 @@ bool regular_velocity(const Demand *demand, const Regular *regular, const Row A[
         double share = steady_share(demand, b, ahead);
         for (int i = 0; i < 6; i++)
             y[i] = ahead[i] + share * (b[i] - ahead[i]);
-        over_square(regular, y);
-        combined(n, 6, y, 1, A, x);
+        shortest(n, regular, y, x);
         pace = posture_share(demand, x);
     }
     for (int i = 0; i < 6; i++)
         y[i] = pace > 0.0 ? b[i] - pace * dot(n, A[i], demand->posture) : b[i];
-    over_square(regular, y);
-    combined(n, 6, y, 1, A, x);
+    shortest(n, regular, y, x);
     for (int j = 0; j < n && pace > 0.0; j++)
         x[j] += pace * demand->posture[j];
     return all_finite(n, x);

@@ -72,17 +72,18 @@ Outcome nearest_to_demand(Reduction *reduction, int m, const Polytope *limits, c
 {
     int n = reduction->n;
     double length = reduction->unmet > QP_ROUNDING ? 0.0 : norm(m, reduction->full), *inside = share->inside;
-    Objective way = {.n = m, .regular = NULL};
+    Row V[MOST];
+    Objective way = {.n = m, .V = (const Row *)V, .regular = NULL};
     if (undecided(length, norm(m, inside)))
         return HAND_BACK;
     length = length > QP_ROUNDING * norm(m, inside) ? length : 0.0;
     int line = length > 0.0 ? n + 1 : n;
-    memset(way.V, 0, sizeof way.V);
+    memset(V, 0, sizeof V);
     for (int i = 0; i < n; i++)
-        memcpy(way.V[i], reduction->basis[i], sizeof(Row));
+        memcpy(V[i], reduction->basis[i], sizeof(Row));
     for (int j = 0; j < m && line > n; j++)
-        way.V[n][j] = reduction->full[j] / length;
-    completed(m, line, way.V);
+        V[n][j] = reduction->full[j] / length;
+    completed(m, line, V);
     found->met = true;
     for (int i = 0; i < limits->count; i++) /* active at first: limits that do not allow standing still */
         found->multipliers[i] = (limits->upper[i] < 0.0) - (limits->lower[i] > 0.0);

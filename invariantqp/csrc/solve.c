@@ -1,6 +1,6 @@
 /* Twin of velocity/solve.py: one tick of the law.
 
-       six joints or more, far from singular, no limit active    one Cholesky factor (regular.c)
+       six joints or more, far from singular, no limit active    one triangular factor (regular.c)
        otherwise                                                 stage by stage (stages.c) */
 
 #include "core.h"

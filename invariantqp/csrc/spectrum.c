@@ -38,7 +38,7 @@ static Outcome orthogonalised(int rows, int n, int with, Rotated *R, double leas
             square[i] = dot_in_steps(n, R[i].row, R[i].row);
         for (int turn = 0; turn < last; turn++)
             for (int k = 0; 2 * k < last; k++) {
-                int i = k == 0 ? last : (turn + k) % last, j = (turn + last - k) % last;
+                int i = k == 0 ? last : turn + k - (turn + k < last ? 0 : last), j = turn - k + (turn < k ? last : 0);
                 if (i >= rows)
                     continue;
                 double *p = R[i].row, *q = R[j].row;
