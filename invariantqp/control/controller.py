@@ -55,7 +55,7 @@ from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.damping import Damping, Fixed, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
-from invariantqp.velocity.law import SLACK, Chase, Demand, Guard, VelocityLaw
+from invariantqp.velocity.law import SLACK, SLACK_GAIN, Chase, Demand, Guard, VelocityLaw
 from invariantqp.velocity.limits import LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.reasons import Code, Reason, read
@@ -219,7 +219,7 @@ class Controller:
         )
         self._posture, self._pull = posture_of(posture, posture_gain, robot)
         self.posture_gain: float = float(self._pull.max())
-        self._slack = SLACK * self.gain * self.measure.radian
+        self._slack = SLACK * min(self.gain, SLACK_GAIN) * self.measure.radian
         turning = np.array(seen.J[:3].any(axis=0))
         told: list[Limit] = [] if rows is None else [row_limit(rows)]
         told += [] if tool_speed is None else [tool_speed_of(tool_speed)]
@@ -367,7 +367,7 @@ class Controller:
         share, braked = 1.0, None
         gain = self.gain if now is None else now.speed * self.gain
         if self.braking is not None and gain > 0.0:
-            slack = self._slack / self.gain
+            slack = SLACK * self.measure.radian
             braked = approach(self.law, self.braking, gain, slack, J, root, error, led, before)
         if braked is not None:
             share = braked.share

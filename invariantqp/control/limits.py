@@ -696,7 +696,9 @@ class LoopLimits(NamedTuple):
         if velocity_limit is not None:
             told.append(_slower(velocity_limit, len(self.loop.velocity_limit)))
         if tool_speed is not None:
-            told.append(tool_speed_of(arrays.number(tool_speed, "tool_speed", "a speed", positive=True)))
+            told.append(
+                tool_speed_of(arrays.number(tool_speed, "tool_speed", "a speed (speed=0 stops)", positive=True))
+            )
         if share == 1.0 and not told:
             return None
         loop = _within(self.loop, told)

@@ -128,7 +128,7 @@ Outcome approach(const Loop *loop, double gain, const Demand *demand, const Row 
     found->share = share_within(loop, gain, distance);
     for (int j = 0; j < m; j++)
         c[j] = before[j] - follows[j];
-    double time = time_to_least(demand, loop->slack / loop->gain, error, c);
+    double time = time_to_least(demand, loop->slack / fmin(loop->gain, SLACK_GAIN), error, c);
     for (int j = 0; j < m; j++) {
         double size = fabs(c[j]), step = loop->dt * loop->acceleration[j], slower = fmax(size - step, step);
         double most = size > 0.0 ? fmax(braking_speed(time * size, BRAKING_SHARE * loop->acceleration[j], loop->dt, 1.0 / loop->dt), slower) : INFINITY;

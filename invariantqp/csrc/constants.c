@@ -72,6 +72,7 @@ const Constant CONSTANTS[] = {
     ONE("velocity.limits", OUTSIDE),
     ONE("velocity.limits", BOUNDLESS),
     ONE("control.tracking", BRAKING_SHARE),
+    ONE("velocity.law", SLACK_GAIN),
     ONE("pose.newton", DAMPING),
     ONE("pose.newton", EASED),
     ONE("pose.newton", STIFFENED),

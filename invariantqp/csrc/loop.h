@@ -79,5 +79,6 @@ double outside_by(const Loop *loop, const double *q, int j);
 #define OUTSIDE 1e-3
 #define BOUNDLESS 1e30
 #define BRAKING_SHARE 0.5
+#define SLACK_GAIN 10.0
 
 #endif

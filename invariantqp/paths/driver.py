@@ -929,7 +929,12 @@ class Follower:
 
     def _on_the_way(self, end: float, place: float) -> tuple[Status, Why]:
         """The same while points or samples are followed, which end at a time."""
-        if self._last is not None and self._time >= self._last[1]:
+        if (
+            self._last is not None
+            and self._time >= self._last[1]
+            and self._given is not None
+            and len(self._given[1]) > 1
+        ):
             return Status.WAITING, "for newer points"
         missed = self._missed_at(place) if self._some_missed else 0.0
         if self._time >= end and self._still:

@@ -3,8 +3,8 @@
     poses (n, 4, 4)      solved one from the other, beginning with the arm's own joints: one branch, no leap
     joints (n, m)        as they are, inside the position limits
 
-Where a pose is out of reach its joints are the closest downhill; `Solver` counts for how long, and looks for another
-branch where that lasts although the pose can be reached.
+Where a pose is out of reach its joints are the closest downhill; where that lasts, or a pose is wanted whenever joints
+get there, `Solver` looks for another branch.
 """
 
 from __future__ import annotations
@@ -119,8 +119,9 @@ class Solver:
             self._stalled = None
             return reached, 0.0
         if step == inf:
-            return reached, missed
-        q = self._nearer(target, near, step)
+            other = next((q for _ in ELSEWHERE if (q := self._elsewhere(target, near)) is not None), None)
+            return (reached, missed) if other is None else (other, 0.0)
+        q, missed_there = self._nearer(target, near, step), missed
         missed = self._off(target, q)
         if self._stalled is None or time < self._stalled[0] or missed < PROGRESS * self._stalled[1]:
             self._stalled = time, missed
@@ -128,7 +129,7 @@ class Solver:
             return q, missed
         self._stalled = self._stalled[0], max(missed, self._stalled[1])
         if time - self._stalled[0] >= PATIENCE * (1 + self._tried // len(ELSEWHERE)):
-            other = self._elsewhere(target, near)
+            other = reached if missed_there <= self._tolerance else self._elsewhere(target, near)
             if other is not None:
                 self._stalled = None
                 return other, 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from invariantqp.force.control import HybridSolution
 from invariantqp.geometry.arrays import Array
@@ -63,6 +63,10 @@ class FollowerSolution:
         if callable(self._across):
             self._across = float(self._across())
         return self._across
+
+    def __getstate__(self) -> tuple[None, dict[str, Any]]:
+        read = {"_why": self.reason, "_across": self.across}
+        return None, {name: read.get(name, getattr(self, name)) for name in self.__slots__}
 
     def __repr__(self) -> str:
         names = "velocity", "status", "reason", "place", "late"

@@ -40,7 +40,9 @@ def test_a_step_under_acceleration_limits_does_not_overshoot(dt, limit, way):
     assert abs(left[-1]) < 1e-3
     statuses = [s.status for s in solutions]
     assert set(statuses) == {"ok", "limited"}  # limits bend the way: the tool turns a little, and back
-    assert statuses.index("ok") * dt < (0.25 if limit > 4.0 else 0.35)  # while the joints gather speed
+    assert statuses.index("ok") * dt < (0.25 if limit > 4.0 else 0.45)  # while the joints gather speed
+    gone = np.array([PANDA.pose(p)[:3, 3] for p in q[:: round(0.01 / dt)]]) - PANDA.pose(READY)[:3, 3]
+    assert np.linalg.norm(gone - np.outer(gone @ way, way) / 0.09, axis=1).max() < 0.006  # off its line
     assert set(statuses[len(statuses) // 2 :]) == {"ok"}
     assert all(s.status == "ok" or s.active for s in solutions)
     for s in solutions[: statuses.index("ok")]:

@@ -1,6 +1,7 @@
 """One driver for chunks, hands, twists: limits in every tick whatever comes, and at rest when nothing does."""
 
 import copy
+import pickle
 from functools import cache
 from itertools import pairwise
 
@@ -417,6 +418,59 @@ def test_one_point_is_a_goal():
     arm.held(Q)
     assert answers[-1].status == "done"
     assert np.abs(arm.robot.pose(Q[-1]) - goal).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "turn"), [("panda", [0.0, 1.57, 0.0]), ("iiwa14", [0.0, 3.14, 0.0]), ("lite6", [3.14, 0.0, 0.0])]
+)
+def test_a_goal_in_reach_is_reached_where_the_way_straight_there_is_not_one(name, turn):
+    robot, dt = iq.load_robot(name), 0.004
+    q = {"panda": [0, -0.4, 0, -2.2, 0, 1.8, 0.8], "iiwa14": [0, 0.4, 0, -1.5, 0, 1.2, 0]}.get(
+        name, [0, 0.3, 1.2, 0, 0.9, 0]
+    )
+    q = np.array(q, float)
+    goal = robot.pose(q) @ iq.exp([*turn, 0.0, 0.0, 0.0])
+    follower, said = iq.Follower(iq.Controller(robot, dt=dt, acceleration_limit=10.0), jerk=500.0), []
+    follower.follow([goal])
+    for k in range(800):
+        solution = follower.step(q, now=dt * k)
+        q = q + dt * solution.velocity
+        said.append(solution.status)
+    np.testing.assert_allclose(robot.pose(q), goal, atol=1e-6)
+    assert set(said) <= {"moving", "late", "done"}
+    assert said[-1] == "done"
+
+
+def test_a_goal_that_is_sent_again_is_no_stream_that_waits():
+    robot = iq.load_robot("ur5e")
+    q, dt = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]), 0.002
+    goal = iq.transform(translation=[0.1, 0.2, -0.1]) @ robot.pose(q)
+    follower, said = iq.Follower(iq.Controller(robot, dt=dt, acceleration_limit=10.0)), set()
+    for k in range(600):
+        if k % 3 != 1:
+            follower.follow([goal])
+        solution = follower.step(q, now=dt * k)
+        q = q + dt * solution.velocity
+        said.add(solution.status)
+    assert said <= {"moving", "late", "done"}
+    assert np.linalg.norm((robot.pose(q) - goal)[:3, 3]) < 1e-4
+
+
+def test_a_solution_can_be_pickled():
+    robot, q = iq.load_robot("ur5e"), np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    follower = iq.Follower(iq.Controller(robot, dt=0.002, acceleration_limit=10.0))
+    follower.add(robot.pose(q + 0.1))
+    for _ in range(20):
+        solution = follower.step(q)
+        q = q + 0.002 * solution.velocity
+    other = pickle.loads(pickle.dumps(solution))
+    assert (other.status, other.reason, other.across, other.late) == (
+        solution.status,
+        solution.reason,
+        solution.across,
+        solution.late,
+    )
+    np.testing.assert_array_equal(other.velocity, solution.velocity)
 
 
 def test_a_goal_without_a_stamp_is_wanted_now_whatever_the_first_clock_says():
