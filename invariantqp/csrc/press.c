@@ -172,13 +172,15 @@ static void read_tick(const Press *press, const Split *split, const Hybrid *now,
 }
 
 /* HybridController._setting */
-static void setting_of(const Press *press, const Split *split, double arm, double dt, const Pressing *before, bool held,
-                       const double *asked, double noise, Setting *setting)
+static void setting_of(const Press *press, const Split *split, double arm, double dt, const Pressing *before,
+                       const Monitor *monitor, bool held, const double *asked, double noise, Setting *setting)
 {
-    double most = 0.0, share = press->share;
+    double most = 0.0, share = press->share, moves = 0.0;
+    for (int i = 0; i < (int)monitor->asked; i++)
+        moves = fmax(moves, monitor->answers[i].moves);
     for (int i = 0; i < split->n; i++)
         most = fmax(most, fabs(asked[i]));
-    double speed = press->slope * before->along + fmin(press->yields / MOVES_IN, press->approach_speed);
+    double speed = press->slope * before->along + fmin((press->yields + moves) / MOVES_IN, press->approach_speed);
     *setting = (Setting){.dt = dt,
                          .share = share,
                          .filter_time = press->filter_time,
@@ -326,7 +328,7 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     /* What is known after this reading. */
     PressTick *tick = &answer->read;
     read_tick(press, split, now, dt, reading, &placed, answer->wanted, answer->error, noise, state, tick);
-    setting_of(press, split, arm, dt, pressing, held, placed.asked, noise, &setting);
+    setting_of(press, split, arm, dt, pressing, &state->monitor, held, placed.asked, noise, &setting);
     if (!loop->has_braking)
         taken_up(press, split, &placed, dt, state->motion, answer->motion);
     memcpy(state->motion, answer->motion, sizeof state->motion);

@@ -269,7 +269,7 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define LOSSES_FOR 1.0
 #define OVERSHOT 1.3
 #define TURNS 5
-#define SWUNG 4.0
+#define SWUNG 2.5
 #define SWING 0.3
 #define SWING_NOISE 10.0
 #define PATIENT_FOR 1.0

@@ -119,7 +119,7 @@ QUICKER = 2.0
 MAY_BE_STEEP = 0.1
 # The share of an arm's lateness that can be taken back at a touch: its lag, not its dead time.
 TAKEN_BACK = 0.5
-# A surface that is said to move may do so within this time [s].
+# A surface that is said, or known, to move may do so within this time [s].
 MOVES_IN = 0.3
 # After the contact was lost again and again the gain is reduced by this factor, each time, to this share of it.
 SLOWER = 0.5
@@ -723,7 +723,8 @@ class HybridController:
     def _setting(self, before: Pressing, here: Placed, noise: float) -> Setting:
         """What estimates and laws have in common in a tick."""
         task, dt, share, held = self.task, self.loop.dt, self._smoothing.share, here.presses == 0
-        speed = task.slope * before.along + min(task.yields / MOVES_IN, task.approach_speed)
+        moves = task.yields + max((check.moves for check in self.memory.monitor.answers), default=0.0)
+        speed = task.slope * before.along + min(moves / MOVES_IN, task.approach_speed)
         return Setting(
             dt,
             share,

@@ -96,7 +96,7 @@ OVERSHOT = 1.3
 # More turns than these within so long [s] are swings, each by this share of the wanted press and so many standard
 # deviations of noise at least.
 TURNS = 5
-SWUNG = 4.0
+SWUNG = 2.5
 SWING = 0.3
 SWING_NOISE = 10.0
 # A press that is SHORT for this long [s] is not reached; the time constant of its average.

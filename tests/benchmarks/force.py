@@ -18,11 +18,15 @@ from collections import Counter
 from dataclasses import dataclass
 from math import cos, exp, inf, log10, pi, sin
 from time import process_time
+from types import SimpleNamespace
 
 import numpy as np
 
 import invariantqp as iq
+from invariantqp.control.tracking import tracking_twist
 from invariantqp.force import monitor
+from invariantqp.force.sensor import Smoothing, cleaned
+from invariantqp.geometry.se3 import velocity_at
 
 ARMS = {
     "panda": [0.0, -0.5, 0.0, -2.2, 0.0, 1.7, 0.8],
@@ -199,8 +203,27 @@ class Told:
 ROBOTS: dict = {}
 
 
-def run(scene, dt, seconds, trace=0, *, defined=False):
-    """The scene for some seconds, or until it was stopped for .3 s; by the law's definition where that is asked for."""
+class OneLine:
+    """The rival: v = c (f_d - f) along the normal beside the target's motion, by `Controller.follow`. It checks nothing."""
+
+    def __init__(self, robot, task, c, sensor, **options):
+        self.robot, self.task, self.c, self.sensor = robot, task, c, sensor
+        self.loop, self.smooth = iq.Controller(robot, **options), Smoothing.of(sensor.cutoff, options["dt"])
+
+    def step(self, q, target, reading, ahead, wanted=None):
+        tool = self.robot.pose(q)
+        _, felt, self.smooth = cleaned(self.sensor, np.roll(reading, 3), tool, self.smooth)
+        twist = tracking_twist(self.robot.sight(q, target).error, self.loop.gain) + ahead
+        at = tool[:3, 3]
+        press = (self.task.wrench if wanted is None else wanted)[0]
+        down = velocity_at(twist, at)[2] + self.c * (press + felt[5])
+        twist[5] -= down
+        solution = self.loop.follow(q, twist, at=at)
+        return SimpleNamespace(velocity=solution.velocity, J=self.robot.jacobian(q), status="ok", reason="")
+
+
+def run(scene, dt, seconds, trace=0, *, defined=False, c=None):
+    """The scene for some seconds, or until it was stopped for .3 s; by the law's definition, or with the rival's gain c."""
     robot = ROBOTS.setdefault(scene.arm, iq.load_robot(scene.arm))
     q, random, up = np.array(ARMS[scene.arm]), np.random.default_rng(scene.seed), np.array([0.0, 0.0, 1.0])
     home = robot.pose(q)
@@ -212,7 +235,9 @@ def run(scene, dt, seconds, trace=0, *, defined=False):
     yields = 2.0 * scene.moves[0] * scene.told
     task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], up), [scene.press], yields=yields)
     loop = iq.HybridController(robot, task, dt=dt, sensor=sensor, delay=scene.told * (scene.dead + scene.lag))
-    if defined:
+    if c is not None:
+        loop = OneLine(robot, task, c, sensor, dt=dt, delay=scene.told * (scene.dead + scene.lag))
+    elif defined:
         loop._core = None
     steps = max(1, round(dt / (SUBSTEP if dt < 0.02 else 1e-3)))
     h, ticks = dt / steps, round(seconds / dt)
