@@ -220,6 +220,7 @@ Outcome reported(const Demand *demand, const Row A[6], const double wanted[6], c
     solution->m = demand->m;
     solution->stuck = is_stuck(demand, wanted, done, rounding, share->value);
     solution->missed = missed_share(demand, wanted, possible, done, rounding);
+    solution->beyond = norm(6, wanted) > nothing(demand) ? solution->beyond : 0.0;
     solution->limited = solution->stuck || solution->rows > 0 || (solution->missed > MISSED_SHARE && !falls(demand, solution->velocity));
     solution->damping = solution->missed > 0.0 ? objective->damping : 0.0;
     solution->method = solution->slow || found->met ? QP : solution->damping > 0.0 ? DAMPED : CLOSED_FORM;

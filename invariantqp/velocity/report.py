@@ -159,7 +159,7 @@ def row_troubles(demand: Demand, reduction: Reduction) -> list[Reason]:
     troubles = []
     if reduction.contradicts:
         troubles.append(Reason(Code.ROWS_UNKEPT, numbers=(reduction.unmet,)))
-    if reduction.beyond > ROUNDING:
+    if reduction.beyond > ROUNDING and norm(demand.root.dot(demand.s)) > _nothing(demand):
         troubles.append(Reason(Code.ROWS_TOO_MANY, numbers=(float(demand.row_rank or 0), reduction.beyond)))
     return troubles
 

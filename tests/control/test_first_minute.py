@@ -249,6 +249,23 @@ def test_a_joint_at_its_limit_is_as_quiet_as_one_elsewhere(name, options):
     assert said <= {"ok", "limited"}
 
 
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+def test_at_its_target_an_arm_with_fewer_joints_than_exact_rows_is_ok(engine):
+    joints = [iq.revolute([0, 0, 1]), iq.revolute([0, 1, 0]), iq.revolute([0, 1, 0], point=[0.3, 0, 0])]
+    robot = iq.robots.Chain(np.column_stack(joints), home=iq.transform(translation=[0.6, 0, 0]))
+    exact = [iq.control.ExactPoint([0.0, 0.0, 0.0]), iq.control.ExactAxis([0.0, 0.0, 1.0])]
+    loop, q = iq.Controller(robot, dt=0.002, exact=exact, engine=engine), np.array([0.3, 0.6, 0.9])
+    target = robot.pose(q + 0.1)
+    said = []
+    for _ in range(300):
+        solution = loop.step(q, target)
+        q = q + 0.002 * solution.velocity
+        said.append(solution.status)
+    np.testing.assert_allclose(robot.pose(q), target, atol=1e-9)
+    assert said[0] == "degraded"  # it cannot go there in that way
+    assert said[-1] == "ok"
+
+
 @pytest.mark.parametrize("options", [{}, {"acceleration_limit": 10.0}], ids=str)
 @pytest.mark.parametrize(("dt", "gain"), [(0.01, None), (0.004, None), (0.001, None), (0.001, 30.0)])
 def test_turned_in_place_the_tool_stays_at_every_rate(dt, gain, options):
