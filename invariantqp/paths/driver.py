@@ -57,8 +57,8 @@ from invariantqp.velocity.solution import Status, VelocitySolution
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
 RISE = 0.02
-# A splice takes the first [s], one of joints that catch up the second: a hand is caught up with 0.06 s later with 0.3,
-# and what takes longer goes past the hand, and back.
+# A splice takes the first [s], one to a hand or of joints that catch up the second: a hand is caught up with 0.06 s
+# later with 0.3, and what takes longer goes past it, and back.
 EASE, EASE_SAMPLE = 0.3, 0.1
 # A clock that differs by more than this from the sum of the ticks [s] has jumped.
 SKEW = 0.02
@@ -209,8 +209,7 @@ class Follower:
 
         The arm goes over from the motion it has, with bounded jerk. Points with stamps are one more sight of the motion
         that those before them were of, as the chunks of a policy are: where both say something, the new take over
-        evenly, from nothing now to all at the end of the overlap, or in the time of a splice. With `at` they are
-        another motion, and take over at once. Of sights whose order is mixed up on their way, the newest is followed.
+        evenly, from nothing now to all at their own end. With `at` they are another motion, and take over at once. Of sights whose order is mixed up on their way, the newest is followed.
         Points that are over already still say where the last of them is, for a second.
 
         Args:
@@ -769,7 +768,8 @@ class Follower:
         elif source is not None and (self._twist is not None or not same or override != self._override):
             place = slower.place(now) if slower and same and self._twist is None else now
             slower = Clocked(source, Clock(now, place, override, 0.0, override))
-            self._late = not reference.splice(source if override == 1.0 else slower, now, self._motion(reference), EASE)
+            ease = EASE if self._stream is None else EASE_SAMPLE
+            self._late = not reference.splice(source if override == 1.0 else slower, now, self._motion(reference), ease)
             self._twist = None
         self._override = override
 
@@ -800,15 +800,16 @@ class Follower:
         kept = np.zeros(len(stamps), dtype=bool)
         kept[first:end] = True
         given, stamps = given.chosen(kept), stamps[kept]
-        near, before = self._q, None
+        near, before, there = self._q, None, None
         if isinstance(followed, Motion) and len(stamps) > 1 and not alone:  # out of reach, too, they go on from there
             before = float(2.0 * stamps[0] - stamps[1])
-            near = followed.at(np.array((before,)))[0, 0]
+            near, *there = followed.at(np.append(before, stamps))[:, 0]
         joints, missed = self._solver.points(given, near, stamps, before)
-        over = now if older is None else min(older[-1], stamps[-1])
-        if isinstance(followed, Motion) and over > now:
-            left = np.clip((over - stamps) / (over - now), 0.0, 1.0)[:, None]
-            joints += left * (followed.at(stamps)[:, 0] - joints)
+        both = 0 if older is None or min(older[-1], last) <= now else int((stamps <= older[-1]).sum())
+        if there and both:  # beyond the end of those before they differ as at it
+            differ = np.array(there) - joints
+            differ[both:] = differ[both - 1]
+            joints += ((last - np.maximum(stamps, now)) / (last - now))[:, None] * differ
         self._given, self._newest, self._last = (
             (given, stamps),
             None,
