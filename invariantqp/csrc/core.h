@@ -391,7 +391,8 @@ void freed(const Reduction *reduction, int m, const Row y, double share, Row z);
 Outcome nearest_to_demand(Reduction *reduction, int m, const Polytope *limits, const Cone *cone, Share *share, Optimum *found);
 Outcome fixed_beside(Reduction *reduction, int m, Polytope *limits, Polytope *placed, Cone *cone, const Share *share,
                      const Optimum *found);
-Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, Share *share);
+double excess_turn(const Reduction *reduction, int m, double held, double share);
+Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, double held, Share *share);
 void governed(const Law *law, Demand *demand);
 Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], const double wanted[6], Solution *solution);
 void begun(int n, double weight, const double *centre, Squares *sum);

@@ -2,7 +2,7 @@
    speed the limits allow where they can keep their direction.
 
        minimise 1/2 (1 - a)^2 |y0|^2 + 1/2 nu |y|^2   over a in [0, 1] and z,   y = a y0 + B z inside the limits
-       nu = EXACT_CALM / 2 dt (1 - a_max) |y0| effort */
+       nu = EXACT_CALM / 2 dt (1 - a_max + max(0, 1/4 held a_max^2 |y0| effort - 1)) |y0| effort */
 
 #include "core.h"
 
@@ -177,8 +177,15 @@ Outcome fixed_beside(Reduction *reduction, int m, Polytope *limits, Polytope *pl
     return DONE;
 }
 
-/* From a velocity share->inside whose rows have a share of their speed. `limits` and `cone` are on y, dt is the tick. */
-Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, Share *share)
+/* Reduction.excess: by how much more than themselves the rows turn while a share of their velocity is held so long. */
+double excess_turn(const Reduction *reduction, int m, double held, double share)
+{
+    return fmax(0.0, DEVIATION_SHARE * held * share * share * reduction->effort * norm(m, reduction->full) - 1.0);
+}
+
+/* From a velocity share->inside whose rows have a share of their speed. `limits` and `cone` are on y, dt is the tick, `held`
+   how much longer the velocity is held. */
+Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, const Cone *cone, double dt, double held, Share *share)
 {
     static const Row STILL = {0.0};
     int n = reduction->n + 1, last = limits->count;
@@ -212,7 +219,8 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     if (best(&room, &slow, first, n, length, 0.0, &found) == HAND_BACK)
         return HAND_BACK;
     double possible = within(found.z[0] / length);
-    double nu = 0.5 * EXACT_CALM * dt * (1.0 - possible) * length * reduction->effort;
+    double missed = 1.0 - possible + excess_turn(reduction, m, held, possible);
+    double nu = 0.5 * EXACT_CALM * (dt + held) * missed * length * reduction->effort;
     if (nu > REGULARISATION && best(&room, &slow, first, n, length, nu, &found) == HAND_BACK)
         return HAND_BACK;
     double value = within(found.z[0] / length), known = within(first[0] / length);
@@ -229,14 +237,14 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     if (value >= WHOLE)
         return DONE;
     share->value = known + given * (value - known);
-    int held = 0, weakest = 0;
+    int tight = 0, weakest = 0;
     for (int i = 0; i < last; i++) {
         double pull = share->near.multipliers[i] = found.multipliers[i];
-        if (pull != 0.0 && (held++ == 0 || fabs(pull) < fabs(found.multipliers[weakest])))
+        if (pull != 0.0 && (tight++ == 0 || fabs(pull) < fabs(found.multipliers[weakest])))
             weakest = i;
     }
-    share->near.met = held > 0;
-    if (held > 1)
+    share->near.met = tight > 0;
+    if (tight > 1)
         share->near.multipliers[weakest] = 0.0;
     return DONE;
 }

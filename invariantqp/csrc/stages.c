@@ -515,7 +515,7 @@ static Outcome roomy(Posed *problem, Share *share, Yielded *yielded)
         share->value = 0.0;
         return DONE;
     }
-    return share_of(reduction, m, &problem->limits, &problem->cone, demand->dt + demand->held, share);
+    return share_of(reduction, m, &problem->limits, &problem->cone, demand->dt, demand->held, share);
 }
 
 /* How far a motion that limits require moves each exact row beside its share of the speed; solution->rows of them are told. */
@@ -585,7 +585,8 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
         return HAND_BACK;
     const double *reachable = possible(&problem, done);
     bool blocked = demand->rows > 0 && problem.reduction.unmet > QP_ROUNDING;
-    bool free = !blocked && allows(demand, x);
+    bool turns = demand->rows > 0 && excess_turn(&problem.reduction, m, demand->held, 1.0) > 0.0;
+    bool free = !blocked && !turns && allows(demand, x);
     if (free)
         memcpy(share.inside, y, sizeof(Row));
     else if (roomy(&problem, &share, &solution->yielded) == HAND_BACK ||

@@ -209,8 +209,9 @@ class Follower:
 
         The arm goes over from the motion it has, with bounded jerk. Points with stamps are one more sight of the motion
         that those before them were of, as the chunks of a policy are: where both say something, the new take over
-        evenly, from nothing now to all at their own end. With `at` they are another motion, and take over at once. Of sights whose order is mixed up on their way, the newest is followed.
-        Points that are over already still say where the last of them is, for a second.
+        evenly, from nothing now to all at their own end. With `at` they are another motion, and take over at once. Of
+        sights whose order is mixed up on their way, the newest is followed. Points that are over already still say
+        where the last of them is, for a second.
 
         Args:
             points: (n, 4, 4) poses in the base frame, (n, m) joint positions, or a function of time [s] that returns

@@ -6,11 +6,13 @@ What is left is a problem in z alone; y are coordinates in which the joint metri
 construction, in their direction, at the share a of their speed that limits allow:
 
     minimise 1/2 (1 - a)^2 |y0|^2 + 1/2 nu |y|^2   over a in [0, 1] and z,   y = a y0 + B z inside the limits
-    nu = EXACT_CALM / 2 dt (1 - a_max) |y0| effort
+    nu = EXACT_CALM / 2 dt (1 - a_max + max(0, 1/4 held a_max^2 |y0| effort - 1)) |y0| effort
 
 a_max is the largest share, the solution with nu nearly 0. Where it is below one, the problem is solved again with
-nu > 0, which grows with the unmet part of the rows and with the joint motion that the rows need (`Reduction.effort`).
-This damps the loop as `calm` does: joints do not move at full speed for a thousandth of the rows' speed.
+nu > 0, which grows with the unmet part of the rows and with the joint motion that the rows need (`Reduction.effort`),
+and so it is where that motion, held for longer than a tick, turns the rows by more than themselves. This damps the loop
+as `calm` does: joints do not move at full speed for a thousandth of the rows' speed, nor faster than they can brake
+before the rows are lost.
 
 Where standing still is outside the limits, as of joints that brake, it may be that no share is inside. Rows then move
 as near to {p y0, 0 <= p <= 1} as limits allow; p is their share, and what keeps them from being nearer is fixed as
@@ -38,6 +40,7 @@ from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import cross, norm
 from invariantqp.systems.subspaces import TINY, rank_of
 from invariantqp.velocity.backends import Backend
+from invariantqp.velocity.damping import DEVIATION_SHARE
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.qp import (
     ACTIVE_TOLERANCE,
@@ -211,6 +214,10 @@ class Reduction(NamedTuple):
     def contradicts(self) -> bool:
         """Whether the joints cannot keep the direction of the demand."""
         return self.unmet > ROUNDING
+
+    def excess(self, held: float, share: float = 1.0) -> float:
+        """By how much more than themselves the rows turn while a share of their velocity is held so long [s]."""
+        return max(0.0, DEVIATION_SHARE * held * share * share * self.effort * norm(self.full) - 1.0)
 
     def origin(self, share: float) -> Array:
         """(m,) where z = 0."""
@@ -387,7 +394,13 @@ def fixed_beside(reduction: Reduction, limits: Polytope, cone: Cone | None, near
 
 
 def share_of(
-    reduction: Reduction, limits: Polytope, cone: Cone | None, inside: Array, dt: float, backend: Backend
+    reduction: Reduction,
+    limits: Polytope,
+    cone: Cone | None,
+    inside: Array,
+    dt: float,
+    backend: Backend,
+    held: float = 0.0,
 ) -> Share:
     """The share of the rows' speed inside the limits on y, calmed for ticks of dt [s].
 
@@ -398,6 +411,7 @@ def share_of(
         inside: (m,) a y inside both whose rows have a share of their speed.
         dt: tick [s].
         backend: the solver asked first.
+        held: how much longer than that the velocity is held [s].
     """
     if reduction.contradicts:  # the share tends to zero as the joints lose a direction of the rows
         return Share(0.0, inside)
@@ -421,7 +435,8 @@ def share_of(
 
     found = best(0.0)
     possible = min(max(found.z[0] / length, 0.0), 1.0)
-    nu = 0.5 * EXACT_CALM * dt * (1.0 - possible) * length * reduction.effort
+    missed = 1.0 - possible + reduction.excess(held, possible)
+    nu = 0.5 * EXACT_CALM * (dt + held) * missed * length * reduction.effort
     if nu > REGULARISATION:
         found = best(nu)
     value, known = (min(max(along / length, 0.0), 1.0) for along in (float(found.z[0]), float(first[0])))

@@ -172,7 +172,8 @@ def answered(law: VelocityLaw, problem: Problem) -> Answer:
     demand, reduction = problem.demand, problem.reduction
     objective = problem.objective(1.0)
     y = reduction.full + reduction.basis.dot(objective.centre())
-    if not reduction.contradicts and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
+    whole = not reduction.contradicts and reduction.excess(demand.held) == 0.0
+    if whole and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
         room = room_of(reduction, Limits(*limits_of(law, demand), (), y), Share(1.0, y))
         first = Answer(y, room, objective, None, np.zeros(len(y)), 1.0, 0.0, ())
     else:
@@ -277,8 +278,7 @@ def room_within(law: VelocityLaw, demand: Demand, reduction: Reduction) -> Room:
         reduction = fixed_beside(reduction, limits.polytope, limits.cone, nearest)
         limits, share = limits.beside(nearest), Share(nearest.share, nearest.inside)
     else:
-        dt = law.dt + demand.held
-        share = share_of(reduction, limits.polytope, limits.cone, nearest.inside, dt, law.backend)
+        share = share_of(reduction, limits.polytope, limits.cone, nearest.inside, law.dt, law.backend, demand.held)
     return room_of(reduction, limits, share)
 
 

@@ -514,15 +514,20 @@ def test_what_stands_out_of_reach_is_stood_before(again):
     assert np.abs(np.diff(Q[-500:], axis=0)).max() / arm.dt < 0.01
 
 
-@pytest.mark.parametrize("twist", [[0.0, 0.0, 0.0, 0.3, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.2, -0.2]])
-def test_a_twist_that_cannot_be_done_is_limited_and_no_joint_swings(twist):
-    arm = Arm("ur5")
-    arm.start = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+@pytest.mark.parametrize(
+    ("name", "twist"), [("ur5", [0.3, 0.0, 0.0]), ("ur5", [0.0, 0.2, -0.2]), ("so101", [0.1, 0.0, 0.0])]
+)
+def test_a_twist_that_cannot_be_done_is_limited_and_no_joint_swings(name, twist):
+    arm, twist = Arm(name), [0.0, 0.0, 0.0, *twist]
+    if name == "ur5":
+        arm.start = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    else:  # slow to brake, and the rows that it meets exactly can be met until just before they are lost
+        arm.acceleration, arm.jerk = np.full(5, 10.0), 50.0
     events = [(t, lambda f: f.twist(twist)) for t in np.arange(0.0, 5.0, 0.05)]
     Q, answers = driven(arm, arm.follower(), events, 5.0)
     arm.held(Q)
     said = [a.status for a in answers]
-    assert said[250] == "moving"
+    assert said[100] == "moving"
     assert set(said[-500:]) == {"limited"}
     assert all(a.reason for a in answers if a.status == "limited")
     assert np.abs(np.diff(Q[-500:], 2, axis=0)).max() / arm.dt**2 < 0.1 * arm.acceleration.min()

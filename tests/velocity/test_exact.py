@@ -116,9 +116,9 @@ def test_never_held_where_a_velocity_exists(seed, m, kind):
         np.testing.assert_allclose(rows.A @ solution.velocity, solution.scale * rows.b, atol=1e-8)
 
 
-@pytest.mark.parametrize("dt", [0.0, 0.01])
-def test_the_share_by_another_solver_from_its_formula(dt):
-    """The largest share, then once more with what the first one misses as the price of motion."""
+@pytest.mark.parametrize(("dt", "held"), [(0.0, 0.0), (0.01, 0.0), (0.01, 0.5)])
+def test_the_share_by_another_solver_from_its_formula(dt, held):
+    """The largest share, then once more with what the first one misses, or turns, as the price of motion."""
     pytest.importorskip("quadprog")
     rng = np.random.default_rng(40)
     calmed = 0
@@ -127,7 +127,7 @@ def test_the_share_by_another_solver_from_its_formula(dt):
         A, b = rng.normal(size=(3, m)) * np.array([1.0, 0.3, 0.05])[:, None], rng.normal(size=3)
         reduction = reduce(iq.ExactRows(A, b), np.eye(6))
         reach = rng.uniform(0.1, 1.0, m) * np.abs(reduction.full).max() * rng.uniform(0.1, 1.5)
-        found = share_of(reduction, Polytope(np.eye(m), -reach, reach), None, np.zeros(m), dt, Daqp())
+        found = share_of(reduction, Polytope(np.eye(m), -reach, reach), None, np.zeros(m), dt, Daqp(), held)
 
         full = np.linalg.pinv(A) @ b
         size = np.linalg.norm(full)
@@ -157,7 +157,8 @@ def test_the_share_by_another_solver_from_its_formula(dt):
         singular = np.linalg.svd(A, compute_uv=False)
         y, met = np.linalg.lstsq(A, b, rcond=None)[0], b
         effort = np.linalg.norm(singular) * np.linalg.norm(y) / np.linalg.norm(met)
-        nu = 0.5 * exact_module.EXACT_CALM * dt * (1.0 - possible) * size * effort
+        missed = 1.0 - possible + max(0.0, 0.25 * held * possible**2 * effort * size - 1.0)
+        nu = 0.5 * exact_module.EXACT_CALM * (dt + held) * missed * size * effort
         expected = best(nu) if nu > exact_module.REGULARISATION else possible
         calmed += expected < possible - 1e-3
         assert found.value == pytest.approx(expected, rel=1e-5, abs=1e-9)
