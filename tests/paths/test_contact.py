@@ -69,7 +69,7 @@ def test_a_pushed_tool_comes_back_under_its_force_and_goes_on():
         off.append(off_circle(bench))
         if told[-1].status in ("done", "blocked"):
             break
-    back = [k for k, s in enumerate(told) if "pushed off the path" in s.reason]
+    back = [k for k, s in enumerate(told) if "off the path, pushed" in s.reason]
     assert back[0] == 100
     assert all(told[k].status == "waiting" and told[k].place == told[99].place for k in back)
     assert max(abs(told[k].hybrid.intensities[0] / 5.0 - 1.0) for k in back[50:]) < 0.05
