@@ -48,6 +48,20 @@ static void slid(const Press *press, const Split *split, const Placed *placed, c
         motion[i] = led[i] + share * chased[i];
 }
 
+/* The motion along S from that of the last tick on. */
+static void taken_up(const Press *press, const Split *split, const Placed *placed, double dt, const double last[6], double motion[6])
+{
+    double before[6], change[6];
+    along(split, &placed->frame, last, before);
+    for (int i = 0; i < 6; i++)
+        change[i] = motion[i] - before[i];
+    double size = press->size, fast = fmax(place_speed(before, placed->point, size), place_speed(motion, placed->point, size));
+    double most = fmax(press->slide_speed, fast) * dt / TAKES_UP;
+    double share = fmin(1.0, most / place_speed(change, placed->point, size));
+    for (int i = 0; i < 6; i++)
+        motion[i] = before[i] + share * change[i];
+}
+
 /* The reading in the frame of the contact; false for a way out that has turned round. */
 static bool placed_at(const Press *press, const Split *split, const Hybrid *now, const double reading[6], Pressed *state,
                       Placed *placed, double measured[6])
@@ -315,6 +329,9 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     PressTick *tick = &answer->read;
     read_tick(press, split, now, dt, reading, &placed, answer->wanted, answer->error, noise, state, tick);
     setting_of(press, split, arm, dt, pressing, &state->monitor, held, placed.asked, noise, &setting);
+    if (!loop->has_braking)
+        taken_up(press, split, &placed, dt, state->motion, answer->motion);
+    memcpy(state->motion, answer->motion, sizeof state->motion);
     known_now(press, split, &placed, state->monitor.dead.unchanged > 0.0, &setting, tick, pressing);
     double shared = press->filter_time > 0.0 ? fmin(1.0, dt / (2.0 * press->filter_time)) : 1.0;
     if (monitored(press, tick, presses, pressing->known, placed.felt, placed.asked, setting.noise, shared, &state->monitor) == HAND_BACK)

@@ -18,8 +18,8 @@ typedef struct {
 } Touch;
 
 typedef struct {
-    double found[3], errors[3], bound, way, force, mean[4], means[4], gone, seen[3][3], sums[3], residual;
-    double rose, begins, time, quiet, stiff, reached, lacked;
+    double found[3], errors[3], bound, way, force, mean[4], means[4], gone, seen[3][3], sums[3], residual, high[3];
+    double surprised, rose, begins, time, quiet, stiff, reached, lacked;
 } Stiffness;
 
 typedef struct {
@@ -117,7 +117,7 @@ typedef struct {
     Pressing pressing;
     Monitor monitor;
     Noise noise;
-    double stand, tool[16], out[3], last[6], coming[3], smooth[6];
+    double stand, tool[16], out[3], last[6], coming[3], smooth[6], motion[6];
 } Pressed;
 
 /* A wrench or a twist of the contact's frame in the base frame, and back. */
@@ -237,6 +237,7 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define IN_DOUBT 0.3
 #define OUTWARDS 2.5
 #define OVERDAMPED 5.0
+#define TAKES_UP 0.1
 #define TREMBLES 1.5
 #define MOST_TREMBLING 0.5
 #define LOWERED 0.5

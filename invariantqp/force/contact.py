@@ -169,6 +169,7 @@ class HybridTask(Value):
             approach_time: likewise [s]; the way alone ends it by default.
             slide_speed: the most that an error of the target moves the tool along the contact [length/s], its turning
                 counted over `size`; inf is any. A feedforward is not limited: a path that comes with one is followed.
+                Where joints have no acceleration limits, both take up such a speed within 0.1 s.
             max_force: force [N] above which the status is "overload"; None is 2.5 times the wanted one, the task's or
                 the tick's, whichever is larger, 20 N where none is wanted, for the press and for what is felt across it
                 (friction above all), each by itself; inf is never. Where a press is lowered, the limit falls with what

@@ -75,6 +75,7 @@ from invariantqp.force.law import (
     slid,
     sought,
     struck,
+    taken_up,
     touch_speed,
     trembling,
 )
@@ -102,9 +103,6 @@ from invariantqp.velocity.solution import Status, VelocitySolution
 if TYPE_CHECKING:
     from invariantqp.engine import Press
 
-# A joint without an acceleration limit takes this long to its full speed [s]: what a step of the motion takes of an
-# arm, the press would feel.
-TAKES_UP = 0.1
 # The longest dead time for which ways are remembered.
 MOST_TICKS = 10_000
 # For how long a speed along a surface counts: as long as an estimate remembers [s].
@@ -188,6 +186,7 @@ class Memory(NamedTuple):
         last: (6,) reading; None before the first.
         coming: (3,) way of the place of contact that does not show yet [length].
         smooth: (6,) wrench in the sensor's frame; None before the first.
+        motion: (6,) along the contact in the last tick, base frame.
     """
 
     pressing: Pressing = Pressing()
@@ -199,6 +198,7 @@ class Memory(NamedTuple):
     last: Annotated[Array, 6] | None = None
     coming: Annotated[Array, 3] = np.zeros(3)
     smooth: Annotated[Array, 6] | None = None
+    motion: Annotated[Array, 6] = np.zeros(6)
 
 
 PACKING = Packing(Memory)
@@ -334,8 +334,7 @@ class HybridController:
             force_first: whether W'J x = W's are exact rows, W the constraints of the contact. They matter only where
                 the arm cannot do all of s: at limits, near singularities, with fewer than six joints.
             options: as in `Controller`: gain, form, damping, exact, acceleration_limit, tool_speed, ... Without
-                `point`, twists are measured at the point of contact; without `acceleration_limit`, joints take 0.1 s
-                to their full speed.
+                `point`, twists are measured at the point of contact.
 
         Raises:
             BadInput, NoProjectors: what `HybridTask` and `Controller` refuse.
@@ -352,8 +351,6 @@ class HybridController:
         self._at_contact = options.get("point") is None
         if self._at_contact and options.get("length") is None:
             options["length"] = length_at(robot.jacobian(mid), contact.point)
-        if options.get("acceleration_limit") is None:
-            options["acceleration_limit"] = robot.velocity_limit / TAKES_UP
         self.loop: Controller = Controller(robot, dt=dt, **options)
         self.sensor = sensor
         self.force_first = arrays.flag(force_first, "force_first")
@@ -526,6 +523,7 @@ class HybridController:
             last=reading,
             coming=(1.0 - shows) * led,
             smooth=smooth,
+            motion=motion,
         )
         self.room = max(1.0 - trembles, 1.0 - MOST)
         B, split = here.contact.coadjoint, here.split
@@ -854,6 +852,8 @@ class HybridController:
             left, away = monitor.left
             return none, retreat(task, contact, left + task.retreat_distance - away, dt)
         motion = slid(task, contact, here.along(chase), here.along(ahead))
+        if self.loop.braking is None:
+            motion = taken_up(task, contact, here.along(self.memory.motion), motion, dt)
         if waits:
             return motion, self._beyond.twist(task, contact, dt) if answer.beyond else none
         return motion, contact.adjoint.dot(here.split.twist.dot(np.array([drive.rate for drive in drives])))

@@ -48,6 +48,9 @@ STRUCK = 0.01
 IN_DOUBT = 0.3
 # How much faster than an approach the law may let go.
 LET_GO = 2.5
+# Where joints have no acceleration limits motion along a contact is taken up within this time [s]: at its speed by
+# default 1 m/s^2, as arms are usually moved.
+TAKES_UP = 0.1
 # With a fixed compliance on a declared stiffness k: c k times the time constant of the integral.
 OVERDAMPED = 5.0
 # An error above this share of the wanted press counts as this much in an integral: until the press was reached once,
@@ -201,6 +204,21 @@ def slid(task: HybridTask, contact: Contact, error: Array, ahead: Array) -> Arra
         ahead: (6,) part of the feedforward.
     """
     return ahead + min(1.0, task.slide_speed / speed_at(contact, error, task.size)) * error
+
+
+def taken_up(task: HybridTask, contact: Contact, before: Array, motion: Array, dt: float) -> Array:
+    """(6,) the motion along S, from that of the last tick on: what a step of it takes of an arm, the press would feel.
+
+    Args:
+        task: says how fast the tool slides.
+        contact: in the base frame.
+        before: (6,) motion of the last tick, along S.
+        motion: (6,) that is wanted.
+        dt: tick [s].
+    """
+    change, size = motion - before, task.size
+    fast = max(task.slide_speed, speed_at(contact, before, size), speed_at(contact, motion, size))
+    return before + min(1.0, fast * dt / TAKES_UP / speed_at(contact, change, size)) * change
 
 
 def retreat(task: HybridTask, contact: Contact, left: float, dt: float) -> Array:

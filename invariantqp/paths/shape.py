@@ -42,7 +42,10 @@ ARRIVED, STOPPED, AT_END = 1e-6, 2e-5, 1e-4
 PUSHED = 0.02
 # What rules a tick where limits do not.
 OVERRIDDEN, ASTRAY, PAUSE, TURN = "the override", "the arm is off its path", "a pause", "the turn"
-ON_THE_WAY, ON_THE_WAY_BACK = "on the way to the path's start", "off the path, pushed or later than told (delay=), on the way back"
+ON_THE_WAY, ON_THE_WAY_BACK = (
+    "on the way to the path's start",
+    "off the path, pushed or later than told (delay=), on the way back",
+)
 SETTLING, ENDED, START = "settling", "the path's end", "the start"
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.force.estimate import UNKNOWN, Setting, Stiffness, Touch
-from invariantqp.force.law import GAIN, Drive, pressed, sought
+from invariantqp.force.law import GAIN, TAKES_UP, Drive, pressed, sought, taken_up
 
 
 def setting_of(dt, late, slope_speed=0.0):
@@ -91,6 +91,22 @@ def test_a_moment_is_levelled_no_faster_than_the_press_beside_it():
         own, alone = (pressed(Drive(), 1.0, 0.0, one, setting, most, 1.0, grows=False).rate for one in (press, moment))
         beside = pressed(Drive(), 1.0, 0.0, moment, setting, most, 1.0, grows=False, beside=press).rate
         assert 0.0 < beside <= min(own, alone) * (1.0 + 1e-12)
+
+
+def test_a_motion_along_a_contact_is_taken_up_and_a_smooth_one_is_as_asked():
+    contact = iq.point_contact(np.array([0.4, -0.1, 0.3]), [0.0, 0.0, 1.0])
+    task, dt, asked = iq.HybridTask(contact, [10.0]), 0.002, np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
+    motion, ticks = np.zeros(6), 0
+    while not np.array_equal(motion, asked):
+        before, ticks = motion, ticks + 1
+        motion = taken_up(task, contact, before, asked, dt)
+        assert np.linalg.norm(motion - before) <= task.slide_speed * dt / TAKES_UP * (1.0 + 1e-9)
+    assert ticks == pytest.approx(TAKES_UP / dt, abs=1)
+    for t in np.arange(0.0, 1.0, dt):  # 50 mm, 0.25 m/s: 1.25 m/s^2
+        circle = [
+            np.array([0.0, 0.0, 0.0, *(0.25 * np.array([np.cos(5.0 * s), np.sin(5.0 * s), 0.0]))]) for s in (t, t + dt)
+        ]
+        assert np.allclose(taken_up(task, contact, *circle, dt), circle[1], rtol=0.0, atol=1e-15)
 
 
 def test_until_the_press_was_reached_speed_and_slope_together_are_no_faster_than_a_touch():

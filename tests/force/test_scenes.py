@@ -50,15 +50,13 @@ def test_frames_of_tool_sensor_and_contact_change_nothing(arm):
         sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=0.02)
         if len(q0) < 6:
             exact = {"here": iq.control.ExactPoint(), "there": iq.control.ExactPoint(iq.inverse(Y)[:3, 3])}
-        free = {"acceleration_limit": np.inf}  # paths begin at their speed
-        here = iq.HybridController(robot, task, dt=DT, sensor=sensor, exact=exact.get("here"), **free)
+        here = iq.HybridController(robot, task, dt=DT, sensor=sensor, exact=exact.get("here"))
         there = iq.HybridController(
             robot.with_tool(Y),
             task.relabelled(X, Y),
             dt=DT,
             sensor=sensor.relabelled(Z, Y),
             exact=exact.get("there"),
-            **free,
         )
         q, twist, pressed, worst = lowered(robot, q0, 0.00199), np.zeros(6), 0, 0.0
         for k in range(60):
@@ -216,10 +214,7 @@ def test_a_door_that_five_joints_cannot_yield_to_is_no_ok():
 def test_a_turn_that_five_joints_leave_out_is_no_motion_that_stands():
     robot, q, random = iq.load_robot("so101"), ARMS["so101"], np.random.default_rng(0)
     scene = SHARED["scenes"](robot.pose(q), 0.015)["hard, 1e5 N/m"]
-    loop, said = (
-        loop_of(robot, iq.HybridTask(scene.told, scene.wanted), exact="position", acceleration_limit=np.inf),
-        [],
-    )
+    loop, said = loop_of(robot, iq.HybridTask(scene.told, scene.wanted), exact="position"), []
     for k in range(800):
         tool, (target, ahead) = robot.pose(q), scene.path(max(0.0, DT * k - 2.0))
         solution = loop.step(q, target, reading_of(scene, tool, np.zeros(6), random), ahead)

@@ -26,11 +26,7 @@ def fed(robot, presses, task=None, **options):
     """The solutions of a loop that is fed with presses, whatever it does; the arm moves, and so does the surface."""
     options = {"yields": np.inf, **options}
     task = iq.HybridTask(surface, [5.0], **options) if task is None else task
-    loop, q, solutions = (
-        iq.HybridController(robot, task, dt=DT, order="moment first", acceleration_limit=np.inf),
-        READY.copy(),
-        [],
-    )
+    loop, q, solutions = iq.HybridController(robot, task, dt=DT, order="moment first"), READY.copy(), []
     start = robot.pose(q)
     for press in presses:
         p = robot.pose(q)[:3, 3]
@@ -165,8 +161,7 @@ def test_a_moment_is_counted_about_the_place_of_contact(panda):
     p = panda.pose(READY)[:3, 3]
     turned = np.array([0.2, 0.0, 0.0, 0.0, 0.0, -5.0])
     turned[:3] += np.cross(p, turned[3:])
-    loop = iq.HybridController(panda, task, dt=DT, order="moment first", acceleration_limit=np.inf)
-    solution = loop.step(READY, panda.pose(READY), turned)
+    solution = iq.HybridController(panda, task, dt=DT, order="moment first").step(READY, panda.pose(READY), turned)
     assert solution.status == "overload"
     assert "0.2 N m of 0.1" in solution.reason
 
@@ -215,7 +210,7 @@ def test_a_retreat_leads_out_by_its_distance_and_no_further(name, q, speed):
     """Five joints cannot leave straight and keep their orientation: the way out goes first."""
     robot, dt = iq.load_robot(name), 0.005
     task = iq.HybridTask(surface, [5.0], max_force=20.0, on_overload="retreat", retreat_speed=speed)
-    loop = iq.HybridController(robot, task, dt=dt, order="moment first", acceleration_limit=np.inf)
+    loop = iq.HybridController(robot, task, dt=dt, order="moment first")
     q = np.array(q)
     start = robot.pose(q)
     for tick in range(400):
