@@ -21,7 +21,7 @@ static bool is_sound(const Demand *demand)
     double square = 0.0;
     bool sound = true;
     for (int i = 0; i < 6; i++) {
-        square += dot(demand->m, demand->J[i], demand->J[i]);
+        square += dot_in_steps(demand->m, demand->J[i], demand->J[i]); /* of zeros after them */
         sound = sound && fabs(demand->s[i]) <= LENGTH_LIMIT;
     }
     for (int j = 0; j < demand->m; j++)

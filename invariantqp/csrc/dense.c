@@ -49,12 +49,15 @@ bool usual_rows(int rows, int n, const Row *A)
 void combined(int n, int rows, const double *a, int step, const Row *A, Row sum)
 {
     double few[2 * STEP] = {0.0};
-    for (int k = 0; k < rows && n <= 2 * STEP; k++)
+    if (n > 2 * STEP) {
+        zeroed(sum);
+        for (int k = 0; k < rows; k++)
+            add_in_steps(n, a[k * step], A[k], sum);
+        return;
+    }
+    for (int k = 0; k < rows; k++)
         add_in_steps(2 * STEP, a[k * step], A[k], few);
     memcpy(sum, few, sizeof few);
-    memset(sum + 2 * STEP, 0, sizeof(Row) - sizeof few);
-    for (int k = 0; k < rows && n > 2 * STEP; k++)
-        add_in_steps(n, a[k * step], A[k], sum);
 }
 
 /* What k orthonormal rows Q leave of a row, and its parts along them; its length. All have zeros after their n numbers. */

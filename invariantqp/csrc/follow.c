@@ -199,12 +199,12 @@ static PyObject *said(const Follow *f)
 }
 
 /* follow(course, law, joints, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command, pace):
-   position, velocity, acceleration, command and pace after the tick, q as an array, the source's last column before and
-   after, whether the joints are late, how they stop being it, a residual or None, what the loop says, or None, and whether it
-   does not allow what was wanted. None where Python has to answer, or to say what is wrong with q. `law` is the loop
-   without acceleration limits and delay, `joints` that for joint velocities, or None where nothing but joint limits binds
-   them; each a Loop, or a tuple of it and of what the core is given of a clearance. Late joints look for a splice that takes
-   `ease`, unless that is 0. */
+   position, velocity, acceleration, command and pace after the tick, the command once more, q as an array, the source's last
+   column before and after, whether the joints are late, how they stop being it, a residual or None, what the loop says, or
+   None, and whether it does not allow what was wanted. None where Python has to answer, or to say what is wrong with q.
+   `law` is the loop without acceleration limits and delay, `joints` that for joint velocities, or None where nothing but
+   joint limits binds them; each a Loop, or a tuple of it and of what the core is given of a clearance. Late joints look for
+   a splice that takes `ease`, unless that is 0. */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -242,7 +242,7 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     if (outcome == HAND_BACK)
         Py_RETURN_NONE;
     PyObject *way = f.joins ? new_matrix(6, m, m, f.left) : Py_NewRef(Py_None);
-    return Py_BuildValue("(NNNNNNddNNNN)", new_vector(m, f.position), new_vector(m, f.velocity), new_vector(m, f.acceleration),
-                         new_vector(m, f.command), new_vector(m, f.pace), new_vector(m, f.q), f.from, f.to,
-                         PyBool_FromLong(f.late), way, says, PyBool_FromLong(f.held));
+    return Py_BuildValue("(NNNNNNNddNNNN)", new_vector(m, f.position), new_vector(m, f.velocity), new_vector(m, f.acceleration),
+                         new_vector(m, f.command), new_vector(m, f.pace), new_vector(m, f.command), new_vector(m, f.q),
+                         f.from, f.to, PyBool_FromLong(f.late), way, says, PyBool_FromLong(f.held));
 }

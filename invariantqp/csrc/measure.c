@@ -122,11 +122,13 @@ Outcome measured(Demand *demand)
 /* velocity/problem.py, prismatic: whether a joint only slides. */
 bool is_sliding(int m, const Row J[6], const double point[3], double length)
 {
+    double least = QP_ROUNDING / length;
+    bool slides = false;
     for (int j = 0; j < m; j++) {
-        const double w[3] = {J[0][j], J[1][j], J[2][j]}, v[3] = {J[3][j], J[4][j], J[5][j]};
-        double moving = speed_at(w, v, point);
-        if (norm(3, w) * length <= QP_ROUNDING * moving && moving > 0.0)
-            return true;
+        double x = J[0][j], y = J[1][j], z = J[2][j], turning = x * x + y * y + z * z;
+        double a = J[3][j] + y * point[2] - z * point[1], b = J[4][j] + z * point[0] - x * point[2];
+        double c = J[5][j] + x * point[1] - y * point[0], moving = a * a + b * b + c * c;
+        slides = slides || (turning <= least * least * moving && moving > 0.0);
     }
-    return false;
+    return slides;
 }

@@ -431,8 +431,11 @@ static Outcome entered(const Room *room, int i, int sign, double by, int *side, 
 static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *face, double *y, double *nu)
 {
     Row pull;
-    bool inside = false, followed = false; /* whether y was only followed from the last face, where all had the right sign */
     face_of(room, side, face);
+    for (int i = 0; i < room->count; i++)
+        y[i] = 0.0;
+    /* Whether y was only followed from the last face, where all had the right sign; at first from none. */
+    bool inside = false, followed = slow == NULL && face->k == 0;
     for (int tried = 0; tried < CORRECTIONS * room->count; tried++) {
         if (!followed) {
             if (on_face(slow, room->n, face, pull, nu) == HAND_BACK)

@@ -95,8 +95,9 @@ static bool holds(const Demand *demand, const Yielded *yielded, const Row x)
         if (!gave_way && !(value >= demand->least[i] - margin && value <= demand->most[i] + margin))
             return false;
     }
-    double margin = QP_ROUNDING * (limit + norm_of_rows(3, m, demand->cone.J) * size);
-    return !(limit > 0.0) || yielded->speed > 0.0 || tool_speed(&demand->cone, m, x) <= limit + margin;
+    if (!(limit > 0.0) || yielded->speed > 0.0)
+        return true;
+    return tool_speed(&demand->cone, m, x) <= limit + QP_ROUNDING * (limit + norm_of_rows(3, m, demand->cone.J) * size);
 }
 
 /* The velocity without rounding past its limits, the joints at them, and the residual; handed back where it exceeds them. */

@@ -86,7 +86,7 @@ Outcome solve_measured(const Demand *demand, const Row A[6], Solution *solution)
         b[i] = dot(6, demand->root[i], demand->s);
     const Law *metric = demand->metric;
     const Cone *cone = &demand->cone;
-    bool plain = usual(6, b) && usual(m, demand->posture) && usual_rows(6, m, A) && usual_rows(demand->rows, m, demand->C) &&
+    bool plain = usual(6, b) && (!demand->has_posture || usual(m, demand->posture)) && usual_rows(6, m, A) && usual_rows(demand->rows, m, demand->C) &&
                  usual(demand->rows, demand->e) && usual_rows(demand->limits, m, demand->G) && usual(1, &cone->limit) &&
                  usual_rows(cone->limit > 0.0 ? 3 : 0, m, cone->J) &&
                  (metric == NULL || (usual_rows(m, m, metric->T) && usual_rows(m, m, metric->inverse)));

@@ -99,10 +99,11 @@ void completed(int n, int rank, Row *V)
         int best = 0;
         for (int axis = 1; axis < n; axis++)
             best = left[axis] > left[best] ? axis : best;
-        zeroed(V[k]);
-        V[k][best] = 1.0;
         Row parts;
-        left_of(n, k, (const Row *)V, V[k], parts);
+        for (int i = 0; i < k; i++)
+            parts[i] = -V[i][best];
+        combined(n, k, parts, 1, (const Row *)V, V[k]);
+        V[k][best] += 1.0;
         double over = 1.0 / left_of(n, k, (const Row *)V, V[k], parts);
         for (int j = 0; j < n; j++) {
             V[k][j] *= over;

@@ -143,7 +143,9 @@ static Outcome posed(const Demand *demand, const Regular *regular, const Row A[6
     problem->demand = demand;
     problem->twists = problem->A = A;
     problem->wanted = problem->attempt = wanted;
-    problem->cone = demand->cone;
+    problem->cone.limit = demand->cone.limit;
+    if (demand->cone.limit > 0.0)
+        problem->cone = demand->cone;
     memcpy(problem->posture, demand->posture, sizeof(Row));
     memcpy(C, demand->C, (size_t)demand->rows * sizeof(Row));
     for (int i = 0; i < 6; i++) /* all of a twist by itself */
@@ -249,7 +251,9 @@ static void room_at(const Posed *problem, const Share *share, Room *room)
     const Demand *demand = problem->demand;
     int m = demand->m;
     room->share = share;
-    room->cone = problem->cone;
+    room->cone.limit = problem->cone.limit;
+    if (problem->cone.limit > 0.0)
+        room->cone = problem->cone;
     free_part(problem, share->inside, share->value, room->inside);
     room->limits = demand->rows == 0 ? &problem->limits : &room->on[0];
     room->placed = demand->rows == 0 ? &problem->placed : &room->on[1];
@@ -596,7 +600,8 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
     if (!free || mu > 0.0 || demand->form != NULL)
         room_at(&problem, &share, &room);
     if (!free) {
-        found = share.near;
+        if (share.near.met)
+            found = share.near;
         if (within(&problem, &room, &cost, &found, y, slowed, &pace) == HAND_BACK)
             return HAND_BACK;
         mu = calming(&problem, &share, &cost, y, slowed);

@@ -83,7 +83,7 @@ class Curve(NamedTuple):
 
 def piece_of(knots: list[float], at: float) -> int:
     """Which of the pieces between increasing knots a place is on; what is beyond the ends is on the first or last."""
-    return min(max(bisect_right(knots, at) - 1, 0), len(knots) - 2)
+    return bisect_right(knots, at, 1, len(knots) - 1) - 1
 
 
 def curve_through(at: Array, poses: Array, tangents: Array) -> Curve:
@@ -197,19 +197,24 @@ class GivenPath(NamedTuple):
     """A path to drive along."""
 
     curve: Curve  # with the parameter that is driven: the caller's, or the length in the measure
-    places: Array  # (n,) the caller's parameter at the knots of the curve
+    places: list[float]  # (n,) the caller's parameter at the knots of the curve
     slow: float  # a tangent of this size, in the measure, is that of a path that nearly stands still
 
     def place(self, at: float) -> float:
         """The caller's parameter at a place of the curve."""
-        knots, places = self.curve.knots, self.places
-        i = piece_of(knots, at)
-        share = min(max((at - knots[i]) / (knots[i + 1] - knots[i]), 0.0), 1.0)
-        return (1.0 - share) * float(places[i]) + share * float(places[i + 1])
+        return _between(self.curve.knots, self.places, at)
 
     def pose(self, place: float) -> Array:
         """(4, 4) the pose where the caller's parameter is `place`."""
-        return self.curve.pose(float(np.interp(place, self.places, self.curve.at)))
+        return self.curve.pose(_between(self.places, self.curve.knots, place))
+
+
+def _between(knots: list[float], values: list[float], at: float) -> float:
+    """What is linear between its values at increasing knots; beyond the ends it stays."""
+    i = piece_of(knots, at)
+    share = (at - knots[i]) / (knots[i + 1] - knots[i])
+    share = 0.0 if share < 0.0 else min(share, 1.0)
+    return (1.0 - share) * values[i] + share * values[i + 1]
 
 
 def given_path(
@@ -267,8 +272,8 @@ def given_path(
     if len(along.knots) < 2 or not along.end > STILL * measure.length:
         raise BadInput("path", "a path that stands still", "one along which the tool moves")
     if timed:
-        return GivenPath(curve, curve.at, SLOW * along.end / curve.end)
-    return GivenPath(along, places, SLOW)
+        return GivenPath(curve, curve.knots, SLOW * along.end / curve.end)
+    return GivenPath(along, places.tolist(), SLOW)
 
 
 def _poses(path: Any) -> Array:

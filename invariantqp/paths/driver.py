@@ -458,8 +458,9 @@ class Follower:
         """
         reference, numbers, _ = course
         time, sent, shape, loop = self._time, self._sent, self._shape, self.controller
-        shown = sent[0] if begun or len(sent) < (sent.maxlen or 0) else [*sent, self._q][1]
-        ease = max(EASE_SAMPLE, SHORTEST_STOP * loop.dt) if self._looks_over else 0.0
+        full = not begun and len(sent) == sent.maxlen  # the first goes as this tick's positions come
+        shown = sent[full] if full < len(sent) else self._q
+        ease = max(EASE_SAMPLE, SHORTEST_STOP * loop.dt) if self._late and self._looks_over else 0.0
         found = core.follow(  # type: ignore[union-attr]
             numbers,
             self._unbraked.for_core,
@@ -481,7 +482,7 @@ class Follower:
             return None
         if not begun:
             sent.append(self._q)
-        self._q, self._v, self._a, self._command, self._pace, measured, before, after, *more = found
+        self._q, self._v, self._a, self._command, self._pace, command, measured, before, after, *more = found
         self._late, way, answer, self._bound = more
         if ease:
             self._retry = time + RETRY
@@ -491,11 +492,10 @@ class Follower:
         if way is not None or (ease and time < reference.joined):
             reference.joins(time, *((np.zeros((6, self._m)), 0.0) if way is None else (way, ease)))
             self._course = self._made_course(reference)
-        command = self._command.copy()
-        if shape is not None:
-            told = None if self.paused else shape.told_by_core(measured, before, after, self._override)
-            return self._reported(reference, measured, command) if told is None else FollowerSolution(command, *told)
-        return self._reported(reference, measured, command)
+        told = None
+        if shape is not None and not self.paused:
+            told = shape.told_by_core(command, measured, before, after, self._override)
+        return self._reported(reference, measured, command) if told is None else told
 
     def _moved(self, reference: Reference, measured: Array) -> Array:
         """(m,) the command of a tick along a reference, inside the limits; the joints are sent so far."""

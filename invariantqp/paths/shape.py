@@ -10,7 +10,8 @@ they were sent.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf
+from functools import partial
+from math import inf, nan
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from invariantqp.paths.ahead import OFF_PATH, JointPath
 from invariantqp.paths.curve import GivenPath, given_path
 from invariantqp.paths.plan import ON_TIME, PathPlan, plan_of
 from invariantqp.paths.reference import Clock, Clocked
+from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.task_error import TaskError, task_error
 from invariantqp.paths.time_law import JointLimits
 from invariantqp.velocity.solution import Status
@@ -116,7 +118,8 @@ class Shape:
         self._few = len(loop.robot.names) < 6 and not loop.exact
         self._off = self._stood = 0.0  # on the way to the path: how far off it is, and for how long it gets no nearer
         self._ticks = 0  # since it set out
-        self._plain = False  # whether no place is left
+        self._usual = -inf  # up to which place all that is to be told is told by the core; none where a place is left
+        self._last = nan, nan  # the place that was told last, on the curve and by the caller's parameter
 
     # Setting out
 
@@ -166,7 +169,8 @@ class Shape:
         rate = inf if self._rate is None else self._share * self._rate
         along = (rate, self._along[0], self._along[1])
         plan = plan_of(self._loop, self.given.curve, search.knots, search.blocked, along=along, jerk=self._jerk)
-        self._plain = bool((plan.off <= OFF_PATH * self._length).all())
+        near = (STOPPED if plan.blocked else ARRIVED) * self.given.curve.end
+        self._usual = plan.end - near if (plan.off <= OFF_PATH * self._length).all() else -inf
         return plan
 
     # Driving
@@ -306,22 +310,27 @@ class Shape:
         left = end - place if rate > 0.0 else place
         return float(last + left / abs(rate)) if rate else float(last)
 
-    def told_by_core(self, q: Array, before: float, after: float, override: float) -> Told | None:
+    def told_by_core(
+        self, command: Array, q: Array, before: float, after: float, override: float
+    ) -> FollowerSolution | None:
         """As `told`, of a tick on the way from a place to another; None for one that is to be told otherwise."""
-        plan, motion = self.driven, self.motion
-        if motion is None or motion.clock.final <= 0.0 or self.back or not self._plain:
-            return None
-        near = (STOPPED if plan.blocked else ARRIVED) * self.given.curve.end
-        if plan.end - after <= near or motion.clock.rate < 0.0:
+        motion, dt = self.motion, self._loop.dt
+        if motion is None or motion.clock.final <= 0.0 or motion.clock.rate < 0.0 or self.back or after >= self._usual:
             return None
         self._ticks += 1
+        plan = self.driven
         ruling = plan.ruling[plan.nearest(before)]
         if ruling != ON_TIME and override < 1.0:
             ruling = OVERRIDDEN
         status = Status.MOVING if ruling == ON_TIME else Status.SLOWED
-        place, last = self.given.place(after), self.given.place(before)
-        late = 0.0 if self._rate is None else self._ticks * self._loop.dt - place / self._rate
-        return Told(status, "", place, late, lambda: self.across(q, before), (place - last) / self._loop.dt, ruling)
+        at, last = self._last
+        if before != at:
+            last = self.given.place(before)
+        place = self.given.place(after)
+        self._last = after, place
+        late = 0.0 if self._rate is None else self._ticks * dt - place / self._rate
+        across = partial(self.across, q, before)
+        return FollowerSolution(command, status, "", place, late, across, (place - last) / dt, ruling)
 
     def _on_the_way(self, at: float, now: float, rate: float, why: str, override: float) -> tuple[Status, str, str]:
         """Status, reason and what rules at a place and a time of the motion, its clock at a rate."""
