@@ -8,13 +8,16 @@ the room, and what is decided on positions D seconds old does not overshoot.
 
 Joints with acceleration limits a do not stop at once. A velocity is then one that can still be braked from:
 
-    q_n(x) = q + dt (x + x' + x'' + ...)      n ticks of braking x, each joint by itself, at 0.7 a or by what its range
-                                              leaves it
+    q_n(x) = q + dt (x + (1 - 1/N) x + (1 - 2/N) x + ...)     n ticks of braking x, all joints together in N(x) ticks:
+                                                              none harder than 0.7 a, but one whose range ends
     d(q_n(x), n dt) - d_min >= (1 - alpha dt) (d(q_n(y), n dt) - d_min),    y the last velocity braked for a tick
 
-to first order in x - y, for n = 0 and the ticks that it takes to stop, 0.7, 0.49, ... of them. In the next tick
-braking on goes through the same states: where all of them kept the distance, x = y keeps every row, every acceleration
-and every joint limit. So rows contradict nothing, but where a start did or something moves otherwise than was declared.
+to first order in x - y, N changing with x too, for the ticks n that it takes to stop, 0.7, 0.49, ... of them and 0. In
+the next tick braking on goes through the same states: where all of them kept the distance, x = y keeps every row, every
+acceleration and every joint limit. So rows contradict nothing, but where a start did or something moves otherwise than
+was declared. A way that is braked together stays along an obstacle where it was, however slow it is, so an arm that is
+held comes to rest; and no velocity comes nearer now than all of these states leave room for, whatever it would win in
+some of them by going on faster. So nothing is gained by swinging to and fro.
 What a state ahead lacks of d_min, a corner having been passed between two of them, is led back as far as limits leave.
 Another arm that brakes is in each of these states where its own joints have braked to.
 

@@ -10,7 +10,7 @@ arm around have the number of that joint which moves them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import floor, inf
+from math import floor, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -24,15 +24,13 @@ from invariantqp.velocity.limits import braking_speed, late_braking
 
 # Rows of a tick, at most: more than an arm has joints several times over.
 MOST_ROWS = 16
-# Rows that differ by less than this share of their length are one row.
+# Rows that differ by less than this share of their length are one row, and so many ticks more a whole number of them.
 EQUAL = 1e-9
 # A joint that moves a place along its normal by less than this share of what its terms sum up to does not move it.
 UNMOVED = 1e-12
 # Of the ticks until one state those until the next nearer one: with a half, an arm that passes a corner at full speed
 # sees it late in one of 2000 ticks.
 NEARER = 0.7
-# States that are ticks away keep this times the distance: what is linear in x - y is off by less.
-AHEAD = 1.01
 # Joints without a velocity limit count as this fast where pairs are ranked and led apart [rad/s, length/s].
 USUAL_SPEED = 1.0
 # Less than this share of the distance is what curvature takes of it in a tick; deeper, an arm began inside.
@@ -53,9 +51,18 @@ class Rate(NamedTuple):
 
     def braked(self, before: Array, share: float) -> Array:
         """(m,) how fast joints still are after a tick of braking a velocity (m,), at a share of what rows brake by."""
-        b = self.settings[4] * self.limits[1]
-        slower = np.abs(before) - self.settings[3] * np.where(np.isfinite(b), share * b, b)
-        return np.asarray(np.maximum(slower, 0.0))
+        b = self.settings[4] * self.settings[3] * self.limits[1]
+        return np.asarray(np.abs(before) * np.where(np.isfinite(b), 1.0 - share / max(1.0, ticks_of(before / b)), 0.0))
+
+
+def ticks_of(alone: Array) -> float:
+    """How many ticks the joints of an arm take to stop together, each alone taking (m,).
+
+    By the 8-norm: nearly the most, and smooth, so that no joint's brakes decide alone.
+    """
+    squares = alone * alone
+    fourth = squares * squares
+    return sqrt(sqrt(sqrt(float((fourth * fourth).sum()))))
 
 
 class Found(NamedTuple):
@@ -71,44 +78,58 @@ class States(NamedTuple):
     """The states in which distances are looked at: the arms' own first, and those that they pass as they brake."""
 
     positions: Array  # (s, M) of the joints
-    weights: Array  # (s, M) how they change with the velocity, in ticks
+    weights: Array  # (s, M) how they change with the velocity, in ticks, as many ticks being taken to stop
+    longer: Array  # (s, M) and with those ticks, in shares of them
     going: Array  # (s, M) velocities of others that go on from there
     times: Array  # (s,) from now [s]
+    grows: Array  # (M,) by which share the ticks grow with the velocity
     y: Array  # (M,) the velocity braked for a tick
     free: Array  # (2, M) how far another one can be below it and above
     sure: Array  # (2, M) and certainly: by what braking leaves of its acceleration
     led: Array  # (2, M) and where it is led apart: as fast as it was, and faster by that
 
     @classmethod
-    def ahead(cls, m: int, q: Array, before: Array, limits: Array, settings: Array) -> States:
-        """From positions q (M,) of m own joints and others, after a velocity `before` (M,).
+    def ahead(cls, starts: Array, q: Array, before: Array, limits: Array, settings: Array) -> States:
+        """From positions q (M,) of own joints and others, after a velocity `before` (M,).
 
-        The rest is as in `Rate`; another arm that does not brake has accelerations of zero.
+        `starts` is as in `starts_of`, the rest as in `Rate`; another arm that does not brake has accelerations of zero.
         """
         (_, a, low, high), (dt, share, rate) = limits, settings[3:].tolist()
-        others = np.where(np.arange(len(q)) < m, 0.0, before)
-        if np.isinf(a[:m]).all():
-            free = cls._free(q, before, np.zeros(len(q)), limits, dt, rate)
-            return cls(q[None], np.ones((1, len(q))), others[None], np.zeros(1), np.zeros(len(q)), free, free, free)
+        own_joints, still = starts[1:] == 0, np.zeros((1, len(q)))
+        others = np.where(own_joints, 0.0, before)
+        if np.isinf(a[own_joints]).all():
+            free = cls._free(q, before, still[0], limits, dt, rate)
+            return cls(q[None], still + 1.0, still, others[None], np.zeros(1), still[0], still[0], free, free, free)
         fast, on = np.abs(before), a == 0.0
         with np.errstate(invalid="ignore", divide="ignore"):  # infinitely strong brakes, and none
-            late = (fast - late_braking(np.where(before > 0.0, high - q, q - low), fast, dt)) / dt
-            b = np.maximum(share * a, np.where(on, 0.0, late))
+            room = np.where(before > 0.0, high - q, q - low)
+            late = (fast - np.minimum(late_braking(room, fast, dt), braking_speed(room, a, dt, rate))) / dt
+            step = share * a * dt  # of a velocity in a tick, each joint alone
+            alone, of_arms = np.where(on, 0.0, fast / step), [starts[1:] == arm for arm in starts[1:]]
+            together = [max(1.0, ticks_of(alone[arm])) for arm in of_arms]  # ticks that each arm takes
+            for_range = ~on & np.isfinite(a) & (late > fast / (np.array(together) * dt))  # by itself, to its end
+            ticks = np.array([max(1.0, ticks_of(alone[arm & ~for_range])) for arm in of_arms])
+            b = np.where(on, 0.0, np.where(np.isinf(a), a, np.where(for_range, late, fast / (ticks * dt))))
             y = np.maximum(fast - b * dt, 0.0)
-            ticks = np.where(y > 0.0, np.floor(y / (b * dt)), 0.0)  # that y takes to stop, but for a rest
-            n = [0.0, *moments(float(ticks[~on].max(initial=0.0)))]
-            own = np.minimum(np.array(n)[:, None], ticks)
-            lost = np.where(own > 0.0, own * b * dt, 0.0)
+            whole = np.where(y > 0.0, np.floor(y / (b * dt) + EQUAL), 0.0)  # ticks that y goes on, but for a rest
+            n = [*moments(float(whole[~on].max(initial=0.0))), 0.0]
+            own = np.minimum(np.array(n)[:, None], whole)
+            lost = np.where(own > 0.0, own * b * dt / y, 0.0)  # of y, by then
             harder = np.where(np.isinf(a), a, np.maximum(a * dt - b * dt, 0.0))
-            shorter = np.where((b > share * a) & (own > 0.0), lost / y, 0.0)  # its way ends where its range does
-        states = q + dt * np.sign(before) * (own + np.where(on, 0.0, 1.0)) * (y - 0.5 * lost)
-        weights = np.vstack((np.ones(len(q)), (own + 1.0) * (1.0 - shorter)))
+            grows = np.where(
+                (whole > 0.0) & ~on & ~for_range, (y / (step * (ticks - 1.0))) ** 7 / (step * (ticks - 1.0)), 0.0
+            )
+        y = np.sign(before) * y
+        states = q + dt * (own + np.where(on, 0.0, 1.0)) * (1.0 - 0.5 * lost) * y
+        weights = np.vstack((still + 1.0, (own + 1.0) * (1.0 - np.where(for_range, 1.0, 0.5) * lost)))
+        longer = np.vstack((still, (own + 1.0) * np.where(for_range, 0.0, 0.5) * lost * y))
         going = np.vstack((others, np.where(on, others, 0.0) * np.ones((len(n), 1))))
-        y, times = np.sign(before) * y, dt * np.array([0.0, *n])
+        times = dt * np.array([0.0, *n])
         free = cls._free(q, before, y, limits, dt, rate)
         as_fast = np.maximum((-before, before), 0.0) - np.maximum((-y, y), 0.0)
         sure, led = np.minimum(free, harder), np.minimum(free, as_fast + harder)
-        return cls(np.vstack((q, states)), weights, going, times, y, free, sure, led)
+        grows = np.sign(before) * grows
+        return cls(np.vstack((q, states)), weights, longer, going, times, grows, y, free, sure, led)
 
     @staticmethod
     def _free(q: Array, before: Array, y: Array, limits: Array, dt: float, rate: float) -> Array:
@@ -159,30 +180,37 @@ def rows_of(
         Found; the core leaves those distances infinite that are neither the least nor near enough for a row, unless
         alpha is 0.
     """
-    m = len(robots[0].names)
-    states, starts = States.ahead(m, q, before, limits, settings), starts_of(robots)
+    m, starts = len(robots[0].names), starts_of(robots)
+    states = States.ahead(starts, q, before, limits, settings)
+    last = len(states.times) - 1
     kept: list[tuple[float, float, int, Array]] = []  # urgency, lower limit, pair, row
     valid = True
-    distances = np.full(len(pairs), inf)
-    for s, (at, weight, going, time) in enumerate(zip(*states[:3], states.times.tolist(), strict=True)):
-        (J, motions), leaving = moved_by(robots, at), s == 0 and len(states.times) > 1
+    distances, leaves = np.full(len(pairs), inf), np.full(len(pairs), inf)
+    for s, (at, weight, longer, going, time) in enumerate(zip(*states[:4], states.times.tolist(), strict=True)):
+        (J, motions), leaving = moved_by(robots, at), s == 0 and last > 0
         placed = placed_at(shapes, motions, [se3.exp(time * twist, check=False) for twist in twists], solids)
         for k, (i, j, share) in enumerate(pairs.tolist()):
             one, other = int(i), int(j)
             if not share > 0.0:
                 continue
             signs = between(starts, int(shapes[one, 0]), int(shapes[other, 0]))
-            wanted = min(settings[0] * (AHEAD if s > 1 else 1.0), distances[k] if s > 0 else inf)
+            wanted = min(settings[0], distances[k] if s > 0 else inf)
             found = places(placed[one], placed[other])
             moved = [(place, C) for place in found if (C := _row(place, J, signs))[:m].any()]
             if s == 0:
                 distances[k] = min((place.distance for place, _ in moved), default=inf)
+            over = 0.0  # by how much the nearest place could come nearer faster than states ahead leave room for
             for place, whole in moved:
-                C = weight[:m] * whole[:m]
+                C = weight[:m] * whole[:m] + longer[:m].dot(whole[:m]) * states.grows[:m]
                 drift = float(_wrench(place).dot(twists[other] - twists[one]) + whole[m:].dot(going[m:]))
                 out = float(place.normal.dot(moved[0][0].normal))
                 room = place.distance - wanted
-                approach = min(room, share * room), out, drift
+                nearer = settings[1] * min(room, share * room) + drift
+                if place is moved[0][0] and 0 < s < last:
+                    leaves[k] = min(leaves[k], max(nearer, 0.0) / (time / settings[3] + 1.0))
+                elif place is moved[0][0] and s == last:
+                    over = max(nearer - leaves[k], 0.0)
+                approach = room, nearer - over, out, drift
                 lower, urgency = _asked_of(C, approach, states, limits[0, :m], settings, leaving=leaving)
                 if lower > -inf:
                     valid = valid and drift == 0.0 and (s > 0 or room >= -DEEP * settings[0])
@@ -246,15 +274,22 @@ def _row(place: Place, J: Array, signs: Array) -> Array:
 
 
 def _asked_of(
-    C: Array, approach: tuple[float, float, float], states: States, speed: Array, settings: Array, *, leaving: bool
+    C: Array,
+    approach: tuple[float, float, float, float],
+    states: States,
+    speed: Array,
+    settings: Array,
+    *,
+    leaving: bool,
 ) -> tuple[float, float]:
     """The lower limit of a row, -inf where every velocity keeps it, and how urgent it is.
 
-    `approach` has the room that the arm may take, the part of the way out that the row's direction is, and how fast
-    the distance grows by itself. In the state that an arm with brakes is `leaving`, rows lead out of what is too near,
-    faster from tick to tick by what joints certainly can, so that no such row contradicts their accelerations.
+    `approach` has the room, how much faster than as it brakes the arm may come nearer, the part of the way out that the
+    row's direction is, and how fast the distance grows by itself. In the state that an arm with brakes is `leaving`,
+    rows lead out of what is too near, faster from tick to tick by what joints certainly can, so that no such row
+    contradicts their accelerations.
     """
-    (room, out, drift), (alpha, escape), m = approach, settings[1:3].tolist(), len(C)
+    (room, nearer, out, drift), (alpha, escape), m = approach, settings[1:3].tolist(), len(C)
     scaled = np.abs(C) * np.where(np.isfinite(speed), speed, USUAL_SPEED)
     moved, size = C != 0.0, np.abs(C)
     braked = float(C[moved].dot(states.y[:m][moved]))
@@ -262,11 +297,10 @@ def _asked_of(
     below, above = (np.where(C > 0.0, *way[:, :m])[moved] for way in (states.free, sure[::-1]))
     if leaving and room >= 0.0:
         return -inf, 0.0
-    if room >= 0.0:
-        wish = -alpha * room
-    else:
-        wish = max(0.0, out) * min(-alpha * room, escape * float(scaled.dot(scaled)) / float(scaled.max()))
-    lower = (0.0 if leaving else braked) + wish - drift
+    if room < 0.0:
+        led = min(-alpha * room, escape * float(scaled.dot(scaled)) / float(scaled.max()))
+        nearer = drift - max(0.0, out) * led
+    lower = (0.0 if leaving else braked) - nearer
     if leaving or (room < 0.0 and drift == 0.0):
         lower = min(lower, braked + float(size[moved].dot(above)))
     if not lower > braked - float(size[moved].dot(below)):

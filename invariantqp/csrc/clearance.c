@@ -13,7 +13,7 @@ enum { BODY, KIND, RADIUS, HALF, TURN = HALF + 3, PLACE = TURN + 9, OF_SHAPE = P
 /* control/clearance_rows.py and clearance.py: their constants. */
 #define SWEEPS 20
 #define PASSED 2.0
-static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, AHEAD = 1.01, NEARER = 0.7, DEEP = 0.05, CURVED = 0.005;
+static const double EQUAL_ROWS = 1e-9, UNMOVED = 1e-12, USUAL_SPEED = 1.0, NEARER = 0.7, DEEP = 0.05, CURVED = 0.005;
 #define MOST_SHAPES 256
 
 static void shape_at(const double *numbers, const Pose *T, Shape *s)
@@ -70,7 +70,8 @@ typedef struct {
     const double *speed, *settings;
     Wide braked, free[2], sure[2], led[2]; /* velocity braked for a tick; how far another can be below it and above; certainly;
                                               and where it is led apart */
-    Wide q[MOST_STATES], weight[MOST_STATES], going[2]; /* how fast others go on: in the first state; in the others */
+    Wide q[MOST_STATES], going[2]; /* how fast others go on: in the first state; in the others */
+    Wide weight[MOST_STATES], longer[MOST_STATES], grows; /* how q changes with the velocity, with the ticks; those with it */
     double time[MOST_STATES];
 } States;
 
@@ -82,21 +83,45 @@ static void own_state(int m, int all, const double *q, const double *before, Sta
     for (int j = 0; j < all; j++) {
         states->q[0][j] = q[j];
         states->weight[0][j] = 1.0;
-        states->braked[j] = 0.0;
+        states->longer[0][j] = states->grows[j] = states->braked[j] = 0.0;
         states->sure[0][j] = states->sure[1][j] = states->led[0][j] = states->led[1][j] = INFINITY;
         states->going[0][j] = states->going[1][j] = j < m ? 0.0 : before[j];
     }
 }
 
-static void braked_states(int all, const double *q, const double *before, Wide limits[4], double dt, double share, States *states)
+/* How many ticks the arm of each joint takes to stop, those joints together that do not brake by themselves; `step` is what a
+   unit of acceleration takes of a velocity in a tick. */
+static void stopped_in(int all, const int *starts, const double *before, const double *a, double step, const bool *range, double *N)
 {
-    double ticks[ALL_JOINTS], b[ALL_JOINTS], most = 0.0;
+    double takes[ALL_JOINTS + 1] = {0.0}; /* of the arm that begins at a joint */
     for (int j = 0; j < all; j++) {
-        double a = limits[1][j], fast = fabs(before[j]), room = before[j] > 0.0 ? limits[3][j] - q[j] : q[j] - limits[2][j];
+        double alone = a[j] > 0.0 && !range[j] ? fabs(before[j]) / (step * a[j]) : 0.0, fourth = alone * alone * (alone * alone);
+        takes[starts[j + 1]] += fourth * fourth;
+    }
+    for (int j = 0; j < all; j++)
+        N[j] = fmax(1.0, sqrt(sqrt(sqrt(takes[starts[j + 1]]))));
+}
+
+static void braked_states(int all, const int *starts, const double *q, const double *before, Wide limits[4], const double *settings,
+                          States *states)
+{
+    double dt = settings[3], share = settings[4], ticks[ALL_JOINTS], b[ALL_JOINTS], N[ALL_JOINTS], late[ALL_JOINTS], most = 0.0;
+    bool range[ALL_JOINTS] = {false}; /* a joint brakes by itself, its way ends where its range does */
+    for (int j = 0; j < all; j++) {
+        double fast = fabs(before[j]), room = before[j] > 0.0 ? limits[3][j] - q[j] : q[j] - limits[2][j];
+        late[j] = (fast - fmin(late_braking(room, fast, dt), braking_speed(room, limits[1][j], dt, settings[5]))) / dt;
+    }
+    stopped_in(all, starts, before, limits[1], share * dt, range, N);
+    for (int j = 0; j < all; j++)
+        range[j] = limits[1][j] > 0.0 && isfinite(limits[1][j]) && late[j] > fabs(before[j]) / (N[j] * dt);
+    stopped_in(all, starts, before, limits[1], share * dt, range, N);
+    for (int j = 0; j < all; j++) {
+        double a = limits[1][j], fast = fabs(before[j]);
         bool on = a == 0.0;
-        b[j] = on ? 0.0 : fmax(share * a, (fast - late_braking(room, fast, dt)) / dt);
-        double y = fmax(fast - b[j] * dt, 0.0);
-        ticks[j] = y > 0.0 ? floor(y / (b[j] * dt)) : 0.0;
+        b[j] = on ? 0.0 : !isfinite(a) ? a : range[j] ? late[j] : fast / (N[j] * dt);
+        double y = fmax(fast - b[j] * dt, 0.0), left = share * a * dt * (N[j] - 1.0), part = y / left, square = part * part;
+        ticks[j] = y > 0.0 ? floor(y / (b[j] * dt) + EQUAL_ROWS) : 0.0;
+        states->grows[j] = ticks[j] > 0.0 && !on && !range[j] ? (before[j] < 0.0 ? -1.0 : 1.0) * (square * square * square * part) / left : 0.0;
         if (!on) {
             most = fmax(most, ticks[j]);
             states->going[1][j] = 0.0;
@@ -108,18 +133,17 @@ static void braked_states(int all, const double *q, const double *before, Wide l
             states->led[up][j] = states->sure[up][j] + (forth ? fast - y : 0.0);
         }
     }
-    double n = 0.0;
-    for (int s = 1; s < MOST_STATES; s++, n = s == 2 ? most : floor(NEARER * n)) {
+    double n = most;
+    for (int s = 1; s < MOST_STATES; s++, n = n > 1.0 ? floor(NEARER * n) : 0.0) {
         states->time[s] = n * dt;
         for (int j = 0; j < all; j++) {
-            double own = fmin(n, ticks[j]), y = fabs(states->braked[j]), lost = own > 0.0 ? own * b[j] * dt : 0.0;
-            double way = dt * (own + (limits[1][j] == 0.0 ? 0.0 : 1.0)) * (y - 0.5 * lost);
-            bool range = b[j] > share * limits[1][j] && own > 0.0; /* its way ends where its range does */
-            states->q[s][j] = q[j] + (before[j] < 0.0 ? -way : way);
-            states->weight[s][j] = (own + 1.0) * (range ? 1.0 - lost / y : 1.0);
+            double own = fmin(n, ticks[j]), lost = own > 0.0 ? own * b[j] * dt / fabs(states->braked[j]) : 0.0;
+            states->q[s][j] = q[j] + dt * (own + (limits[1][j] == 0.0 ? 0.0 : 1.0)) * (1.0 - 0.5 * lost) * states->braked[j];
+            states->weight[s][j] = (own + 1.0) * (1.0 - (range[j] ? 1.0 : 0.5) * lost);
+            states->longer[s][j] = (own + 1.0) * (range[j] ? 0.0 : 0.5) * lost * states->braked[j];
         }
         states->count = s + 1;
-        if (n == 1.0 || most == 0.0)
+        if (n == 0.0)
             break;
     }
 }
@@ -163,7 +187,7 @@ static void moved_by(int all, const Wide screws[6], const int *starts, const dou
 /* Two shapes, and which joints move each of them alone. */
 typedef struct Pair {
     int of[2], index, from[2], to[2];
-    double share, far; /* in the first state they are at least so far apart */
+    double share, far, leaves; /* in the first state they are at least so far apart; how fast states ahead let them come nearer */
     bool still;        /* neither moves by itself */
     const double *levers[2], *twists[2];
 } Pair;
@@ -171,18 +195,18 @@ typedef struct Pair {
 /* The rows of a pair in state s, of joint twists J, kept where they are urgent; the least distance, infinite where no joint
    changes it. `wanted` is the distance that it keeps there, `fastest` how fast it comes nearer, at most. In the arm's own
    state, beside those that it would brake through, rows lead out of what is too near alone. */
-static double rows_of_pair(const Pair *pair, const States *states, int s, const Wide J[6], double wanted, double fastest,
+static double rows_of_pair(Pair *pair, const States *states, int s, const Wide J[6], double wanted, double fastest,
                            const Places *found, Rows *rows)
 {
-    bool leaving = s == 0 && states->count > 1;
+    bool leaving = s == 0 && states->count > 1, last = s == states->count - 1;
     int m = states->m;
-    double out[3] = {0.0, 0.0, 0.0}, least = INFINITY, rate = states->settings[1];
+    double over = 0.0, out[3] = {0.0, 0.0, 0.0}, least = INFINITY, rate = states->settings[1];
     const double *weight = states->weight[s], *going = states->going[s > 0], *speed = states->speed;
     for (int f = 0; f < found->count; f++) {
         const Near *near = &found->at[f];
-        double w[6], C[MOST] = {0.0}, reach = 0.0, weighed = 0.0, square = 0.0, largest = 0.0, braked = 0.0, sure = 0.0;
+        double w[6], C[MOST] = {0.0}, reach = 0.0, weighed = 0.0, square = 0.0, largest = 0.0, braked = 0.0, sure = 0.0, longer = 0.0;
         double room = near->d - wanted, drift;
-        if (least < INFINITY && room >= 0.0 && (leaving || rate * pair->share * room > fastest))
+        if (least < INFINITY && room >= 0.0 && (leaving || rate * pair->share * room - over > fastest))
             break; /* no row of a place as far as this matters */
         cross(near->x, near->n, w);
         memcpy(w + 3, near->n, 3 * sizeof(double));
@@ -202,29 +226,37 @@ static double rows_of_pair(const Pair *pair, const States *states, int s, const 
                     continue;
                 }
                 C[j] = weight[j] * total;
-                double size = fabs(C[j]), scaled = size * (isfinite(speed[j]) ? speed[j] : USUAL_SPEED);
-                if (size > 0.0) {
-                    reach += size * states->free[C[j] < 0.0][j];
-                    sure += size * (leaving ? states->led : states->sure)[C[j] > 0.0][j];
-                    braked += C[j] * states->braked[j];
-                }
-                weighed += scaled;
-                square += scaled * scaled;
-                largest = fmax(largest, scaled);
+                longer += total * states->longer[s][j];
             }
+        for (int j = 0; j < m; j++) {
+            C[j] += longer * states->grows[j];
+            double size = fabs(C[j]), scaled = size * (isfinite(speed[j]) ? speed[j] : USUAL_SPEED);
+            if (size > 0.0) {
+                reach += size * states->free[C[j] < 0.0][j];
+                sure += size * (leaving ? states->led : states->sure)[C[j] > 0.0][j];
+                braked += C[j] * states->braked[j];
+            }
+            weighed += scaled;
+            square += scaled * scaled;
+            largest = fmax(largest, scaled);
+        }
         if (!(weighed > 0.0))
             continue;
+        bool first = least == INFINITY;
+        double later = f == 0 ? 0.0 : 1.0, may = rate * fmin(room, pair->share * room) + drift, lower;
         least = fmin(least, near->d);
-        double later = f == 0 ? 0.0 : 1.0, approach, lower;
         if (f == 0 || (out[0] == 0.0 && out[1] == 0.0 && out[2] == 0.0))
             memcpy(out, near->n, sizeof out);
         if (leaving && room >= 0.0)
             continue;
+        if (first && last)
+            over = fmax(may - pair->leaves, 0.0);
+        else if (first && s > 0)
+            pair->leaves = fmin(pair->leaves, fmax(may, 0.0) / (states->time[s] / states->settings[3] + 1.0));
         if (room >= 0.0)
-            approach = -rate * pair->share * room;
+            lower = braked - (may - over);
         else
-            approach = fmax(0.0, dot(3, near->n, out)) * fmin(-rate * room, states->settings[2] * square / largest);
-        lower = (leaving ? 0.0 : braked) + approach - drift;
+            lower = (leaving ? 0.0 : braked) + fmax(0.0, dot(3, near->n, out)) * fmin(-rate * room, states->settings[2] * square / largest) - drift;
         if (leaving || (room < 0.0 && drift == 0.0)) /* joints certainly can */
             lower = fmin(lower, braked + sure);
         if (!(lower > braked - reach))
@@ -361,7 +393,7 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
 {
     int all = scene->all, m = scene->m, k = scene->pairs, seen_in[MOST_SHAPES];
     const double *numbers = scene->table[SHAPES];
-    double smallest = INFINITY, wanted = settings[0], rate = settings[1], enough = AHEAD * wanted;
+    double smallest = INFINITY, wanted = settings[0], rate = settings[1];
     bool brakes = false, still[MOST_SHAPES];
     Shape shapes[MOST_SHAPES];
     States states;
@@ -375,7 +407,7 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
     for (int j = 0; j < m; j++)
         brakes = brakes || isfinite(limits[1][j]);
     if (brakes)
-        braked_states(all, q, before, limits, settings[3], settings[4], &states);
+        braked_states(all, scene->starts, q, before, limits, settings, &states);
     set_free(m, q, before, limits, settings[3], settings[5], &states);
     for (int i = 0; i < scene->shapes; i++) {
         seen_in[i] = -1;
@@ -386,20 +418,27 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
         of_pairs[i].share = shares != NULL ? shares[i] : share_of_pair(scene, i);
         of_pairs[i].still = still[of_pairs[i].of[0]] && still[of_pairs[i].of[1]];
         least[i] = INFINITY;
+        of_pairs[i].leaves = INFINITY;
     }
     for (int s = 0; s < states.count; s++) {
-        bool moved = false, leaving = brakes && s == 0;
+        bool moved = false, leaving = brakes && s == 0, last = s == states.count - 1;
         Pose motions[ALL_JOINTS + 1], step, motion;
+        double more = 0.0;
         Wide approach, since; /* how fast joints can turn, weighed, and by then so much of the room since the first state */
         for (int j = 0; j < all; j++) {
-            approach[j] = j < m ? states.weight[s][j] * fmax(states.free[0][j], states.free[1][j]) : fabs(states.going[s > 0][j]);
+            double free = j < m ? fmax(states.free[0][j], states.free[1][j]) : 0.0;
+            approach[j] = j < m ? (s > 0 ? states.time[s] / settings[3] + 1.0 : 1.0) * free : fabs(states.going[s > 0][j]);
+            more += states.grows[j] != 0.0 ? fabs(states.grows[j]) * free : 0.0;
+        }
+        for (int j = 0; j < all; j++) {
+            approach[j] += j < m && states.longer[s][j] != 0.0 ? fabs(states.longer[s][j]) * more : 0.0;
             since[j] = approach[j] + rate * fabs(states.q[s][j] - q[j]);
         }
         for (int i = 0; i < k; i++) {
             Pair *pair = &of_pairs[i];
             double near_by = rate * pair->share;
             bool skips = pair->still && rate > 0.0;
-            if (!(pair->share > 0.0) || (s > 0 && skips && near_by * (pair->far - enough) > nearer(pair, since)))
+            if (!(pair->share > 0.0) || (s > 0 && skips && (!last || pair->leaves == INFINITY) && near_by * (pair->far - wanted) > nearer(pair, since)))
                 continue;
             if (!moved)
                 moved_by(all, scene->screws, scene->starts, states.q[s], J, motions);
@@ -423,22 +462,23 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
             if (s == 0)
                 pair->far = far;
             /* Too far for any row, and for the least distance: where rows are asked for, a pair is not looked at closer. */
-            double room = near_by * (far - enough), fastest = INFINITY;
-            bool apart = skips && far > enough && (s > 0 || far > smallest);
+            double room = fmin(near_by * (far - wanted), last ? pair->leaves : INFINITY), fastest = INFINITY;
+            bool apart = skips && far > wanted && (s > 0 || far > smallest);
             if (apart && leaving)
                 continue;
             if (skips) {
                 fastest = nearer(pair, approach);
-                if (room > 0.0 && room <= fastest)
+                bool out_of_reach = room > fastest;
+                if (room > 0.0 && !out_of_reach)
                     fastest = fmin(fastest, swept(pair, shapes, (const Wide *)J, approach));
-                if (apart && room > fastest)
+                if (apart && (s == 0 || last ? room > fastest : out_of_reach))
                     continue;
             }
             if (a->kind != MESH && b->kind != MESH)
                 near_places(a, b, &found);
             else if (!told_places(tell, pair, a, b, &found))
                 return false;
-            double kept = fmin(s > 1 ? enough : wanted, s > 0 ? least[i] : INFINITY);
+            double kept = fmin(wanted, s > 0 ? least[i] : INFINITY);
             double nearest = rows_of_pair(pair, &states, s, (const Wide *)J, kept, fastest, &found, rows);
             if (s == 0) {
                 least[i] = nearest;
