@@ -55,7 +55,7 @@ ALSO_CALLED = {
     ("InvariantFrameTask.set_target, mink", "transform_target_to_world"): "target",
 }
 # Arguments that may be functions; what a function of the user's raises is the user's.
-FUNCTIONS = {"path", "damping", "progress", "normal", "implicit", "extent", "contact", "rows"}
+FUNCTIONS = {"path", "damping", "normal", "implicit", "extent", "contact", "rows"}
 
 # Where NaN, an axis more or an entry less is no mistake, and why.
 ROWS = (

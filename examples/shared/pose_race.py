@@ -29,7 +29,6 @@ from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.error import pose_arm, pose_error
 from invariantqp.pose.ik import RESTARTS, solve_pose
-from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import load_robot
 from invariantqp.runs.taskfile import LawSpec
@@ -92,7 +91,7 @@ def race(
     robots: tuple[str, ...] = ROBOTS,
     at_limits: int = 0,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[RaceOutcome]:
     """Run every solver on the same targets of every robot.
 

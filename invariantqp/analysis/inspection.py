@@ -21,7 +21,6 @@ from invariantqp.analysis.survey import Survey, spread, survey
 from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.progress import PROGRESS, Progress
 from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.points import centre
 from invariantqp.systems.report import SystemReport, describe
@@ -151,7 +150,6 @@ def inspect(
     name: str = "robot",
     q: ArrayLike | None = None,
     samples: int = 64,
-    progress: Progress | None = None,
 ) -> Inspection:
     """Look at an arm in one state and over its joint range.
 
@@ -161,7 +159,6 @@ def inspect(
         q: (m,) joint positions [rad, length]; None is the middle of each range or, where that is singular, the state of
             the range farthest from singularities.
         samples: states of the joint range to look at; 64 take some 50 ms.
-        progress: called with (states done, states in all).
     """
     mid = middle(require_robot(robot))
     state, where = mid, "in the middle of the joint range"
@@ -169,10 +166,8 @@ def inspect(
         state, where = arrays.vector(q, len(robot.names), "q"), "at the joint positions given"
     if not arrays.count(samples, "samples", arrays.MANY):
         raise BadInput("samples", "0", "one or more")
-    if progress is not None:
-        arrays.function(progress, "progress", PROGRESS)
     report = describe(robot.jacobian(state))
-    seen = survey(robot, spread(robot, samples), progress)
+    seen = survey(robot, spread(robot, samples))
     if q is None and report.rank < seen.attainable_rank:
         state = seen.q[int(np.where(seen.regular, seen.distance, -1.0).argmax())]
         report = describe(robot.jacobian(state))

@@ -16,7 +16,6 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import own
-from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot, middle, remembered
 from invariantqp.systems.report import describe
 
@@ -107,16 +106,14 @@ def joint_ranges(robot: Robot) -> tuple[Array, Array]:
     return np.where(np.isfinite(low), low, mid - half), np.where(np.isfinite(high), high, mid + half)
 
 
-def survey(robot: Robot, q: Array, progress: Progress | None = None) -> Survey:
+def survey(robot: Robot, q: Array) -> Survey:
     """Describe the arm in each of (n, m) states."""
     numbers, types = np.full((len(q), 9), np.nan), []
-    for i, (row, state) in enumerate(zip(numbers, q, strict=True), 1):
+    for row, state in zip(numbers, q, strict=True):
         report = describe(robot.jacobian(state))
         row[:3] = report.rank, report.blind_directions.shape[1], report.singularity_distance
         row[3 : 3 + len(report.principal_pitches)] = report.principal_pitches
         types.append(str(report.type))
-        if progress is not None:
-            progress(i, len(q))
     return Survey(
         q=q,
         rank=numbers[:, 0].astype(int),

@@ -6,7 +6,7 @@ What cannot be written is refused before the work is done, as far as can be know
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
@@ -16,7 +16,6 @@ import typer
 from rich.console import Console
 
 from invariantqp.errors import BadInput
-from invariantqp.progress import Progress
 
 
 class Exit(IntEnum):
@@ -71,8 +70,8 @@ def say(sentence: str, *, style: str | None = None) -> None:
 
 
 @contextmanager
-def progress(what: str, quiet: bool) -> Iterator[Progress | None]:
-    """A progress bar on standard error; nothing at all when quiet or when nobody watches."""
+def progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
+    """A progress bar on standard error, moved by (steps done, steps in all); None when quiet or when nobody watches."""
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
         yield None

@@ -18,7 +18,6 @@ from invariantqp.cli.console import (
     JsonFile,
     ToolFrame,
     numbers,
-    progress,
     writable,
     write,
     writing,
@@ -71,9 +70,8 @@ def inspect(
         require("pictures", "matplotlib")
     loaded = load_arm(robot, tool)
     state = None if q is None else numbers("--q", q)
-    with progress("inspecting", samples is None) as report:
-        many = {} if samples is None else {"samples": samples}
-        found = inspect_arm(loaded, name=robot, q=state, **many, progress=report)
+    many = {} if samples is None else {"samples": samples}
+    found = inspect_arm(loaded, name=robot, q=state, **many)
     kept = None
     if clearance:
         from invariantqp.control.clearance import Clearance

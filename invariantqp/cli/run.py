@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,8 +31,11 @@ from invariantqp.errors import BadInput
 from invariantqp.extras import require
 
 if TYPE_CHECKING:
+    from invariantqp.runs.plant import PlantState
+    from invariantqp.runs.run import Observer
     from invariantqp.runs.taskfile import Task
     from invariantqp.runs.trace import PathTrace, Trace
+    from invariantqp.velocity.solution import VelocitySolution
     from invariantqp.view.server import Viewer
 
 
@@ -100,8 +103,8 @@ def run(
     page, viewer = _watched(ctx, problem, view, quiet)
     overrides: dict[str, Any] = {} if backend is None else {"backend": backend}
     with progress("running", quiet) as report:
-        observer = None if viewer is None else viewer.watch
-        trace = run_task(problem, physics=physics, progress=report, observer=observer, **overrides)
+        observer = _observer(report, viewer, problem.ticks)
+        trace = run_task(problem, physics=physics, observer=observer, **overrides)
     _write(trace, json_file, plot, page)
     if page is not None and not view and not quiet:
         say(f"no display: the view is written to {page}")
@@ -113,6 +116,18 @@ def run(
         _play(viewer, trace, quiet)
     if not trace.passed:
         raise NotAccepted(trace.shortfalls)
+
+
+def _observer(report: Callable[[int, int], None] | None, viewer: Viewer | None, ticks: int) -> Observer:
+    """What a run tells of each tick, to a bar and to a browser."""
+
+    def observer(tick: int, state: PlantState, solution: VelocitySolution) -> None:
+        if report is not None:
+            report(min(tick + 1, ticks), ticks)
+        if viewer is not None:
+            viewer.watch(tick, state, solution)
+
+    return observer
 
 
 def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path | None, Viewer | None]:
@@ -230,10 +245,8 @@ def print_frame_check(task: Task, seed: int) -> None:
     """How much another tool frame changes a run under each law."""
     from invariantqp.compare.frames import frame_check
 
-    with progress("displacing the tool frame", quiet=False) as report:
-        checks = frame_check(task, seed, report)
     table = Table("law", "change of joint positions, rad", "start moved by 1e-12", "largest error, mm", box=None)
-    for check in checks:
+    for check in frame_check(task, seed):
         table.add_row(check.law, f"{check.change:.1e}", f"{check.control:.1e}", f"{check.worst_error_mm:.2g}")
     console = Console(highlight=False)
     console.print("\nThe same motion of the tool, of a tool frame displaced at random:")
@@ -244,12 +257,10 @@ def print_contact_frame_check(task: Task, seed: int, physics: str) -> None:
     """How much other frames of tool, sensor and contact change a run under each controller."""
     from invariantqp.compare.frames import contact_frame_check
 
-    with progress("displacing frames", quiet=False) as report:
-        checks = contact_frame_check(task, seed, physics, report)
     errors_and_forces = ("path error, mm", "in displaced frames", "force error", "in displaced frames")
     columns = ("law", "change of joint velocities, rad/s", *errors_and_forces)
     table = Table(*columns, box=None)
-    for c in checks:
+    for c in contact_frame_check(task, seed, physics):
         errors = (f"{c.error_mm:.2g}", f"{c.displaced_error_mm:.2g}")
         forces = (percent(f or 0.0) for f in (c.force_error, c.displaced_force_error))
         table.add_row(c.law, f"{c.change:.1e}", *errors, *forces)

@@ -27,7 +27,6 @@ from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.progress import Progress
 from invariantqp.runs.controllers import MakeController, TaskController, controller_for
 from invariantqp.runs.plant import Measurement, Plant, PlantState
 from invariantqp.runs.prepare import ControlProblem, Goal, Setup, prepare
@@ -129,40 +128,26 @@ def moved_start(task: Task, setup: Setup) -> Setup:
     return replace(other, problem=problem, wanted=setup.wanted, noise=setup.noise)
 
 
-def frame_check(task: Task, seed: int = 0, progress: Progress | None = None) -> list[FrameCheck]:
+def frame_check(task: Task, seed: int = 0) -> list[FrameCheck]:
     """Run a task under each law with its own tool frame, with one that is displaced at random, and with a start moved.
 
     The laws are ours, Moore-Penrose and damped, and for an elastic path, which the others do not
     have, ours. Runs of such a path may differ in length: the shorter one rests at its end. `seed` is that of the
-    displacement; `progress` is called with (ticks done, ticks in all).
+    displacement.
     """
     tool = random_displacement(seed)
     names = (OURS, PENROSE, DLS) if task.path.timing == "fixed" else (OURS,)
     laws: dict[str, MakeController] = {name: controller_named(name) for name in names}
     checks = []
-    count = _counted(progress, 3 * len(laws) * task.ticks)
     for name, make in laws.items():
         plain_setup, moved = prepare(task), displaced(prepare(task), tool)
         plain, other, nudged = (
-            run(setup, controller_for(setup.problem, make), count)
+            run(setup, controller_for(setup.problem, make))
             for setup in (plain_setup, moved, moved_start(task, plain_setup))
         )
         change, control = (largest_change(plain.q, trace.q) for trace in (other, nudged))
         checks.append(FrameCheck(name, change, control, 1e3 * float(plain.position_error.max())))
     return checks
-
-
-def _counted(progress: Progress | None, total: int) -> Progress:
-    """Progress of several runs one after the other, tick by tick."""
-    done = 0
-
-    def count(_: int, __: int) -> None:
-        nonlocal done
-        done += 1
-        if progress is not None:
-            progress(min(done, total), total)
-
-    return count
 
 
 def largest_change(a: Array, b: Array) -> float:
@@ -241,13 +226,10 @@ class RaibertCraig(TaskController):
         return VelocitySolution(clipped, "raibert-craig", Status.OK, "", active, residual, 1.0, 0.0, 0.0, "")
 
 
-def contact_frame_check(
-    task: Task, seed: int = 0, physics: str = "ideal", progress: Progress | None = None
-) -> list[ContactFrameCheck]:
+def contact_frame_check(task: Task, seed: int = 0, physics: str = "ideal") -> list[ContactFrameCheck]:
     """Run a task with contact in its own frames and in frames displaced at random, under our controller and another.
 
-    `seed` is that of the three displacements, `physics` the plant, "ideal" or "mujoco"; `progress` is called with
-    (ticks done, ticks in all). Ours is the first.
+    `seed` is that of the three displacements, `physics` the plant, "ideal" or "mujoco". Ours is the first.
     """
     laws: dict[str, Callable[[Setup, Array | None], TaskController]] = {
         OURS: lambda setup, _: controller_for(setup.problem),  # it needs no displacement
@@ -255,10 +237,9 @@ def contact_frame_check(
     }
     tool, sensor, contact = (random_displacement(seed + i) for i in range(3))
     checks = []
-    count = _counted(progress, 2 * len(laws) * task.ticks)
     for name, make in laws.items():
         plain_setup, moved = prepare(task, physics), displaced(prepare(task, physics), tool, sensor, contact)
-        plain, other = run(plain_setup, make(plain_setup, None), count), run(moved, make(moved, tool), count)
+        plain, other = run(plain_setup, make(plain_setup, None)), run(moved, make(moved, tool))
         change = float(np.abs(plain.velocity - other.velocity).max())
         errors = [1e3 * float(trace.position_error[trace.counted_from :].max()) for trace in (plain, other)]
         checks.append(ContactFrameCheck(name, change, errors[0], plain.force_error, errors[1], other.force_error))

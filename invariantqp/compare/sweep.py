@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stdout
 from pathlib import Path
 
@@ -22,7 +22,6 @@ from invariantqp.compare.registry import chosen
 from invariantqp.compare.results import SCHEMA, Results, machine, plain, versions, write_results
 from invariantqp.compare.watched import Result
 from invariantqp.errors import UnknownName
-from invariantqp.progress import Progress
 from invariantqp.runs.taskfile import load_task
 
 # Seven, six and five joints, each on a path that meets no limit and on one that meets some.
@@ -73,7 +72,7 @@ def sweep(
     quick: bool = False,
     jobs: int | None = None,
     only: Sequence[str] | None = None,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Results:
     """Measure every method on every task, write DIR/results.json and return its content.
 

@@ -31,7 +31,6 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, own
 from invariantqp.pose.error import PoseError, pose_arm, pose_error
 from invariantqp.pose.newton import Try, descend
-from invariantqp.progress import PROGRESS, Progress
 from invariantqp.robots.kinematics import Robot, require_robot
 from invariantqp.velocity.forms import Form
 
@@ -340,7 +339,6 @@ def solve_poses(
     q0: ArrayLike | None = None,
     along: bool = False,
     jobs: int = 1,
-    progress: Progress | None = None,
     **options: Any,
 ) -> list[PoseSolution]:
     """`solve_pose` for many targets: one PoseSolution each, in order.
@@ -353,58 +351,27 @@ def solve_poses(
         q0: (m,) where to begin, or (n, m), one for each target; None is the middle of the joint range.
         along: whether the targets are a path, each begun where the one before ended; on one process.
         jobs: processes; -1 is one a core.
-        progress: called with (targets done, targets in all).
         options: of `solve_pose`: form, exact, tolerance, time_limit, restarts, seed.
     """
     search = PoseSearch(robot, **options)
-    if progress is not None:
-        arrays.function(progress, "progress", PROGRESS)
     listed = arrays.listed(targets, "targets", "a list of poses")
     wanted = [arrays.pose(target, f"targets[{i}]") for i, target in enumerate(listed)]
-    path = arrays.flag(along, "along")
-    starts = _starts(search, q0, len(wanted), len(robot.names), along=path)
-    processes = _processes(jobs, along=path)
-    if processes == 1:
-        found = _in_turn(search, wanted, starts, along=path)
-    else:
-        from joblib import Parallel, delayed
-
-        work = (delayed(search.solve)(target, start) for target, start in zip(wanted, starts, strict=True))
-        found = Parallel(n_jobs=processes, return_as="generator")(work)
-    solutions: list[PoseSolution] = []
-    for solution in found:
-        solutions.append(solution)
-        if progress is not None:
-            progress(len(solutions), len(wanted))
-    return solutions
-
-
-def _processes(jobs: int, *, along: bool) -> int:
-    """The number of processes, -1 for one a core."""
+    path, n, m = arrays.flag(along, "along"), len(wanted), len(robot.names)
+    starts: list[Array | None] = [None] * n
+    if q0 is not None:
+        begin = arrays.array(q0, "q0", f"{m} joint positions, or as many for each target")
+        each = begin.ndim == 2 and not path
+        starts = [search.start(q) for q in arrays.matrix(begin, (n, m), "q0")] if each else [search.start(begin)] * n
     processes = -1 if type(jobs) is int and jobs == -1 else arrays.count(jobs, "jobs", arrays.MANY)
     if processes == 0:
         raise BadInput("jobs", "0", "a number of processes, or -1 for all cores")
-    if along and processes != 1:
+    if path and processes != 1:
         raise BadInput("jobs", f"{jobs} for a path", "1", "Each pose of a path begins where the one before ended.")
-    return processes
+    if processes != 1:
+        from joblib import Parallel, delayed
 
-
-def _in_turn(
-    search: PoseSearch, targets: list[Array], starts: list[Array | None], *, along: bool
-) -> Iterator[PoseSolution]:
-    """One solution at a time; along a path each begins where the one before ended."""
-    before: Array | None = None
-    for target, start in zip(targets, starts, strict=True):
-        solution = search.solve(target, start if before is None else before)
-        before = solution.q if along else None
-        yield solution
-
-
-def _starts(search: PoseSearch, q0: ArrayLike | None, n: int, m: int, *, along: bool) -> list[Array | None]:
-    """The start of each target."""
-    if q0 is None:
-        return [None] * n
-    begin = arrays.array(q0, "q0", f"{m} joint positions, or as many for each target")
-    if begin.ndim == 2 and not along:
-        return [search.start(q) for q in arrays.matrix(begin, (n, m), "q0")]
-    return [search.start(begin)] * n
+        return list(Parallel(n_jobs=processes)(map(delayed(search.solve), wanted, starts)))
+    found: list[PoseSolution] = []
+    for target, start in zip(wanted, starts, strict=True):
+        found.append(search.solve(target, found[-1].q if path and found else start))
+    return found

@@ -15,7 +15,6 @@ import numpy as np
 
 from invariantqp.errors import BlindSystem
 from invariantqp.geometry.arrays import Array
-from invariantqp.progress import Progress
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.clearancespec import Around
 from invariantqp.runs.controllers import ElasticPathController, MakeController, TaskController, controller_for
@@ -74,7 +73,6 @@ def run_task(
     *,
     physics: str = "ideal",
     controller: MakeController | None = None,
-    progress: Progress | None = None,
     observer: Observer | None = None,
     **overrides: Any,
 ) -> Trace:
@@ -85,7 +83,6 @@ def run_task(
         physics: the plant: "ideal", or "mujoco" with friction, lag and noise (extra `sim`).
         controller: makes the controller from robot and law: anything with step(q, target, feedforward=None) that
             returns a `VelocitySolution` or something like it. None is ours. Not for tasks in contact.
-        progress: called with (ticks done, ticks in all).
         observer: called after each tick with (its number, the plant's state then, the solution).
         overrides: keys of the task's [law] to change: dt, gain, form, damping, exact, guard, acceleration_limit, ...
 
@@ -96,17 +93,15 @@ def run_task(
         RobotModelError, UnknownName, MissingExtra: the robot cannot be had.
     """
     setup = prepare(task, physics, **overrides)
-    return run(setup, controller_for(setup.problem, controller), progress, observer)
+    return run(setup, controller_for(setup.problem, controller), observer)
 
 
-def run(
-    setup: Setup, controller: TaskController, progress: Progress | None = None, observer: Observer | None = None
-) -> Trace:
-    """Run a setup from `prepare`, whose plant moves, under a controller; the others as in `run_task`."""
-    return _trace(setup, controller, _loop(setup, controller, progress, observer))
+def run(setup: Setup, controller: TaskController, observer: Observer | None = None) -> Trace:
+    """Run a setup from `prepare`, whose plant moves, under a controller; the observer as in `run_task`."""
+    return _trace(setup, controller, _loop(setup, controller, observer))
 
 
-def _loop(setup: Setup, controller: TaskController, progress: Progress | None, observer: Observer | None) -> _Record:
+def _loop(setup: Setup, controller: TaskController, observer: Observer | None) -> _Record:
     """All ticks of a setup, in order; an elastic path ends when the controller is done."""
     plant, goals = setup.plant, setup.problem.goals()
     states, solutions = [plant.state()], []
@@ -126,8 +121,6 @@ def _loop(setup: Setup, controller: TaskController, progress: Progress | None, o
         states.append(plant.state())
         if observer is not None:
             observer(k, states[-1], solution)
-        if progress is not None:
-            progress(min(k + 1, n), n)
         if controller.done:
             break
     return _Record(states, solutions, np.array(tick_ns), np.array(read))

@@ -15,7 +15,7 @@ from invariantqp.analysis.recommendation import (
     recommend,
     upright,
 )
-from invariantqp.analysis.survey import joint_ranges, spread, survey
+from invariantqp.analysis.survey import joint_ranges, spread
 from invariantqp.robots.kinematics import middle
 from invariantqp.runs.taskfile import load_arm
 from invariantqp.velocity.measure import root_at
@@ -275,12 +275,6 @@ def test_states_are_spread_evenly_inside_the_range():
     # Joints without limits: a turn, or a unit of length.
     free = iq.robots.Chain(np.array([iq.revolute((0, 0, 1), (0, 0, 0)), iq.se3.prismatic((0, 0, 1))]).T, np.eye(4))
     np.testing.assert_allclose(joint_ranges(free), [[-np.pi, -0.5], [np.pi, 0.5]])
-
-
-def test_a_survey_tells_its_progress():
-    robot, told = load_arm("so101"), []
-    survey(robot, spread(robot, 3), lambda *steps: told.append(steps))
-    assert told == [(1, 3), (2, 3), (3, 3)]
 
 
 @pytest.mark.parametrize("name", [a[0] for a in ARMS])

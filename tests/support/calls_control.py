@@ -428,7 +428,6 @@ CONTROL = {
             "q0": Q + 0.01,
             "along": False,
             "jobs": 1,
-            "progress": None,
             **pose_options(),
         },
     ),
@@ -550,6 +549,6 @@ CONTROL = {
     "shipped_tasks": lambda: (iq.tasks.shipped_tasks, {"group": ""}),
     "inspect": lambda: (
         iq.analysis.inspect,
-        {"robot": ur5(), "name": "robot", "q": Q, "samples": 4, "progress": None},
+        {"robot": ur5(), "name": "robot", "q": Q, "samples": 4},
     ),
 }
