@@ -15,7 +15,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from numpy.typing import NDArray
 
 from invariantqp.compare.method import OURS
 from invariantqp.compare.results import Results, results_of
@@ -30,16 +29,8 @@ FONT, NAME, DIAMETER = 12.0, 10.0, 7.0
 ROOM, HEADROOM = 1.5, 12.0
 # From this change of a joint position on a frame matters to a user [rad].
 VISIBLE = 1e-4
-# What is never worth it, and what is only where nothing else is left [line heights].
-COVERED, CROSSED = 1000.0, 15.0
-# How far from its point a name may be, and the steps of its places [line heights].
-FARTHEST, STEP = 5.0, 0.5
-# Orders in which names are moved, and rounds of moving them in each.
-ORDERS, ROUNDS = 4, 20
-# Room between two names beside and above each other, and the length of a line that is seen [line heights].
-MARGIN, SEEN = (0.5, 0.15), 0.8
-
-Mask = NDArray[np.bool_]
+# How far from its point a name may be [line heights], by how many points its line is known, and orders that are tried.
+FARTHEST, SEEN, ORDERS = 6.0, 12, 8
 
 
 class Colours(NamedTuple):
@@ -157,11 +148,11 @@ def _names(axes: Axes, found: Sequence[Point], colours: Colours) -> None:
     points = axes.transData.transform([(p.time, p.error) for p in found])
     radius = 0.65 * DIAMETER * DOTS / 72.0
     to_data = axes.transData.inverted().transform
-    places = placed(points, sizes, Area(*axes.bbox.extents), radius)
+    places = placed(points, sizes, tuple(axes.bbox.extents), radius)
     for p, at, text, place in zip(found, points, texts, places, strict=True):
         centre = 0.5 * (place[:2] + place[2:])
         text.set(position=to_data(centre), horizontalalignment="center", verticalalignment="center")
-        (end,) = nearest(place[None], at)
+        end = np.clip(at, place[:2], place[2:])
         axes.plot(*to_data((at, end)).T, color=p.colour, linewidth=0.8, zorder=2)
 
 
@@ -177,103 +168,41 @@ def _legend(figure: Figure, colours: Colours, rows: int) -> None:
     figure.legend(handles=coloured, loc="outside lower center", ncols=-(-len(kinds) // rows), **look)
 
 
-class Area(NamedTuple):
-    """A rectangle that names have to be in."""
-
-    left: float
-    bottom: float
-    right: float
-    top: float
-
-
-def placed(points: Array, sizes: Array, room: Area, radius: float) -> Array:
+def placed(points: Array, sizes: Array, room: tuple[float, ...], radius: float) -> Array:
     """(n, 4) left, bottom, right, top of names of (n, 2) sizes beside (n, 2) points, discs of a radius, in a room.
 
-    Each is as near to its point as the others leave room for; the points stay where they are:
-
-        minimise the distances of names to their points, in line heights,
-                 + COVERED for each name on a name or a point
-                 + CROSSED for each line to a name across another name, line or point, and for each point beside a name
-                   that is not its own, where the line to its own is too short to see
-
-    Names are moved one at a time to the best place beside all others, until none moves; in several orders.
+    Each in turn takes the place nearest to its point that is inside, on no disc, name or line of another, and to which
+    a line comes that crosses none; where there is none, the one that meets fewest. Of several orders the best is taken.
     """
-    n, rng = len(points), np.random.default_rng(0)
-    choices = [_places(i, points, size, room, radius) for i, size in enumerate(sizes)]
-    found = []
-    for _ in range(ORDERS):
-        names, costs = np.array([places[cost.argmin()] for places, cost in choices]), np.full(n, np.inf)
-        for _ in range(ROUNDS):
-            before = names.copy()
-            for i in rng.permutation(n):
-                (places, alone), rest = choices[i], np.arange(n) != i
-                cost = alone + _beside(points[i], places, sizes[i], points[rest], names[rest])
-                names[i], costs[i] = places[cost.argmin()], cost.min()
-            if np.array_equal(names, before):
-                break
-        found.append((costs.sum(), names))
-    return min(found, key=lambda one: one[0])[1]
+    rng = np.random.default_rng(0)
+    tried = [_in_order(rng.permutation(len(points)), points, sizes, room, radius) for _ in range(ORDERS)]
+    return min(tried, key=lambda one: one[0])[1]
 
 
-def nearest(names: Array, point: Array) -> Array:
-    """(k, 2) the places of (k, 4) names that are nearest to a point (2,), or each to its own (k, 2)."""
-    return np.asarray(np.clip(point, names[..., :2], names[..., 2:]))
-
-
-def _places(i: int, points: Array, size: Array, room: Area, radius: float) -> tuple[Array, Array]:
-    """Where the name of a point may be (k, 4), and what each place costs by itself (k,)."""
-    point, (width, height) = points[i], size
-    along, up = np.arange(0.0, FARTHEST, 2.0 * STEP), np.arange(-FARTHEST, FARTHEST + STEP, STEP)
-    right = 1.5 * radius + along * height
-    left = point[0] + np.concatenate((right, -right - width, -0.5 * width + right, -0.5 * width - right))
-    x, y = (grid.ravel() for grid in np.meshgrid(left, point[1] + (up - 0.5) * height))
-    places = np.column_stack((x, y, x + width, y + height))
-    inside = (x >= room.left) & (places[:, 2] <= room.right) & (y >= room.bottom) & (places[:, 3] <= room.top)
-    places = places[inside] if inside.any() else places[:1]
-    ends = nearest(places, point)
-    own = np.linalg.norm(ends - point, axis=1)
-    cost = own / height
-    for j, other in enumerate(points):
-        disc = np.concatenate((other - radius, other + radius))
-        cost += COVERED * _covered(places, disc, np.zeros(2))
-        if j != i:
-            theirs = np.linalg.norm(nearest(places, other) - other, axis=1)
-            ambiguous = (own < radius + SEEN * height) & (theirs < own + SEEN * height)
-            cost += CROSSED * (ambiguous | _through(point, ends, disc))
-    return places, cost
-
-
-def _beside(point: Array, places: Array, size: Array, points: Array, names: Array) -> Array:
-    """(k,) what places (k, 4) of a name cost beside other names (n, 4) with their points (n, 2)."""
-    places, ends, tips = places[:, None], nearest(places, point)[:, None], nearest(names, points)
-    across = _through(point, ends, names) | _crossed(point, ends, points, tips) | _through(points, tips, places)
-    margin = np.array(MARGIN) * size[1]
-    return np.asarray((COVERED * _covered(places, names, margin) + CROSSED * across).sum(axis=1))
-
-
-def _covered(names: Array, others: Array, margin: Array) -> Mask:
-    """Whether names (..., 4) are on other rectangles (..., 4), or nearer to them than a margin (2,)."""
-    above, below = names[..., :2] < others[..., 2:] + margin, names[..., 2:] > others[..., :2] - margin
-    return np.asarray((above & below).all(axis=-1))
-
-
-def _through(starts: Array, ends: Array, rectangles: Array) -> Mask:
-    """Whether lines from (..., 2) to (..., 2) go through rectangles (..., 4)."""
-    low, high, step = rectangles[..., :2], rectangles[..., 2:], ends - starts
-    with np.errstate(divide="ignore", invalid="ignore"):
-        one, other = (low - starts) / step, (high - starts) / step
-    still, between = step == 0.0, (low < starts) & (starts < high)
-    first = np.where(still, np.where(between, 0.0, np.inf), np.minimum(one, other))
-    last = np.where(still, 1.0, np.maximum(one, other))
-    return np.asarray(np.maximum(first.max(axis=-1), 0.0) < np.minimum(last.min(axis=-1), 1.0))
-
-
-def _crossed(starts: Array, ends: Array, others: Array, tips: Array) -> Mask:
-    """Whether lines from (..., 2) to (..., 2) cross those from others to their tips."""
-
-    def side(a: Array, b: Array, p: Array) -> Array:
-        along, off = b - a, p - a
-        return np.asarray(along[..., 0] * off[..., 1] - along[..., 1] * off[..., 0])
-
-    apart = side(starts, ends, others) * side(starts, ends, tips) < 0.0
-    return np.asarray(apart & (side(others, tips, starts) * side(others, tips, ends) < 0.0))
+def _in_order(order: Any, points: Array, sizes: Array, room: tuple[float, ...], radius: float) -> tuple[float, Array]:
+    """What places cost that are taken in an order, in line heights, and the places."""
+    discs = np.hstack((points - radius, points + radius))
+    names, lines = np.empty((len(points), 4)), np.empty((0, 2))
+    cost = 0.0
+    for done, i in enumerate(order):
+        point, (width, height) = points[i], sizes[i]
+        away = np.arange(0.0, FARTHEST, 0.5) * height
+        right, over = 1.5 * radius + away, away - 0.5 * width
+        left = point[0] + np.concatenate((right, -right - width, over, -over - width))
+        x, y = (grid.ravel() for grid in np.meshgrid(left, point[1] - 0.5 * height + np.concatenate((away, -away))))
+        places = np.column_stack((x, y, x + width, y + height))
+        ends = np.clip(point, places[:, :2], places[:, 2:])
+        way = point + np.linspace(0.0, 1.0, SEEN)[:, None, None] * (ends - point)  # (s, k, 2)
+        taken, margin = np.vstack((discs, names[order[:done]])), height * np.array((0.4, 0.1))
+        on = (places[:, None, :2] < taken[:, 2:] + margin) & (places[:, None, 2:] > taken[:, :2] - margin)
+        on_line = ((places[:, None, :2] < lines + margin) & (places[:, None, 2:] > lines - margin)).all(axis=-1)
+        across = ((way[:, :, None] < taken[:, 2:]) & (way[:, :, None] > taken[:, :2])).all(axis=-1).any(axis=0)
+        across[:, i] = False
+        out = ((places[:, :2] < room[:2]) | (places[:, 2:] > room[2:])).any(axis=1)
+        worst = 1000 * out + 100 * on.all(axis=-1).sum(axis=1) + 10 * across.sum(axis=1) + on_line.any(axis=1)
+        costs = np.linalg.norm(ends - point, axis=1) / height + 10 * worst
+        best = int(costs.argmin())
+        cost += float(costs[best])
+        names[i] = places[best]
+        lines = np.vstack((lines, way[:, best]))
+    return cost, names
