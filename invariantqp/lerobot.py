@@ -228,10 +228,8 @@ class ActionFollower:
             limits: more of them, as `Controller` takes them, in radians: a `ToolSpeed`, a `Clearance` of
                 `kinematics.robot`.
         """
-        if not isinstance(kinematics, RobotKinematics):
-            raise BadInput("kinematics", excerpt(kinematics), "an invariantqp.lerobot.RobotKinematics")
-        if not isinstance(limits, (list, tuple)):
-            raise BadInput("limits", excerpt(limits), "a list of limits, as a Controller takes them")
+        arrays.instance(kinematics, RobotKinematics, "kinematics", "an invariantqp.lerobot.RobotKinematics")
+        arrays.instance(limits, (list, tuple), "limits", "a list of limits, as a Controller takes them")
         arm, few = kinematics.robot, len(kinematics.robot.names) < 6
         loop = Controller(
             arm,
@@ -334,10 +332,8 @@ def _rigid(value: ArrayLike, argument: str) -> Array:
 
 def _arm(source: str | PathLike[str], frame: str, given: tuple[str, ...] | None) -> Robot:
     """The joints that move the frame, of those given."""
-    if not isinstance(source, (str, PathLike)):
-        raise BadInput("urdf_path", excerpt(source), "the path or the text of a URDF, or a robot's name")
-    if not isinstance(frame, str):
-        raise BadInput("target_frame_name", excerpt(frame), "the name of a frame")
+    arrays.instance(source, (str, PathLike), "urdf_path", "the path or the text of a URDF, or a robot's name")
+    arrays.instance(frame, str, "target_frame_name", "the name of a frame")
     if given is not None and len(set(given)) < len(given):
         raise BadInput("joint_names", "a name twice", "each joint once")
     moving = None if given is None else [name for name in given if _moves(source, frame, name)]

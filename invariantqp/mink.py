@@ -15,7 +15,6 @@ from typing import Any, Literal
 from numpy.typing import ArrayLike
 
 from invariantqp.control.frame_cost import FrameCost
-from invariantqp.errors import BadInput, excerpt
 from invariantqp.extras import optional
 from invariantqp.geometry import arrays
 from invariantqp.velocity.damping import Damping
@@ -57,8 +56,7 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
         The frame is named or numbered, and of type "body", "geom" or "site". Costs, gain, damping and what follows are
         those of `invariantqp.pink.InvariantFrameTask`.
         """
-        if not isinstance(frame_name, (str, int)):
-            raise BadInput("frame_name", excerpt(frame_name), "a frame's name or id")
+        arrays.instance(frame_name, (str, int), "frame_name", "a frame's name or id")
         self._take(orientation_cost, lm_damping, gain, form, point, length, damping, guard)
         super().__init__(frame_name, frame_type, position_cost, orientation_cost, gain, lm_damping)
 

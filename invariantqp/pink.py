@@ -16,7 +16,7 @@ from typing import Any, Literal
 from numpy.typing import ArrayLike
 
 from invariantqp.control.frame_cost import FrameCost
-from invariantqp.errors import BadInput, excerpt
+from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
 from invariantqp.robots.pink import Configuration, FrameTask  # isort: skip (it names the extra that brings both)
@@ -73,8 +73,7 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
             BadInput: numbers out of range, something that is not a form, two arguments that both say what a radian
                 costs, or `PaperLambda`, which is no quadratic cost.
         """
-        if not isinstance(frame, str):
-            raise BadInput("frame", excerpt(frame), "a frame's name")
+        arrays.instance(frame, str, "frame", "a frame's name")
         self._take(orientation_cost, lm_damping, gain, form, point, length, damping, guard)
         super().__init__(frame, position_cost, orientation_cost, lm_damping, gain)
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.batches.measure import cross
 from invariantqp.batches.namespace import Rows, constant, shaped, together
-from invariantqp.errors import BadInput, excerpt
+from invariantqp.geometry import arrays
 from invariantqp.robots.chain import Chain
 
 
@@ -39,8 +39,7 @@ def kinematics(robot: Chain, q: ArrayLike) -> Kinematics:
         BadInput: not a `Chain`, another shape, or not real numbers.
         MissingExtra: array-api-compat is not installed.
     """
-    if not isinstance(robot, Chain):
-        raise BadInput("robot", excerpt(robot), "a Chain, as load_robot returns it")
+    arrays.instance(robot, Chain, "robot", "a Chain, as load_robot returns it")
     xp, (positions,) = together({"q": q})
     m = len(robot.names)
     shaped(positions, (m,), "q", f"shape (..., {m}), one position a joint")

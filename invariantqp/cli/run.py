@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -147,7 +148,7 @@ def _watched(ctx: Any, task: Task, view: str | None, quiet: bool) -> tuple[Path 
     if remote:
         say(f"on your machine: {viewer.tunnel}")
     else:
-        viewer.open_browser()
+        webbrowser.open(viewer.url)
     if remote or not quiet:
         say(f"the view is at {viewer.url}")
     return None, viewer

@@ -289,6 +289,12 @@ def flag(value: bool, argument: str) -> bool:
     return bool(value)
 
 
+def instance(value: object, kinds: type | tuple[type, ...], argument: str, expected: str) -> None:
+    """Refuse what is not of these kinds."""
+    if not isinstance(value, kinds):
+        raise BadInput(argument, excerpt(value), expected)
+
+
 def function(value: Callable[..., Result], argument: str, expected: str = "a function") -> Callable[..., Result]:
     """Something that can be called."""
     if not callable(value):

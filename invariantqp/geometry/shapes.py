@@ -45,8 +45,7 @@ class Shape:
 
     def __init__(self, core: Core, radius: float, half: ArrayLike, place: Array, name: str) -> None:
         """A shape from its parts; use Sphere, Capsule, Box or HalfSpace."""
-        if not isinstance(name, str):
-            raise BadInput("name", excerpt(name), "text, which reasons call it by")
+        arrays.instance(name, str, "name", "text, which reasons call it by")
         vars(self).update(name=name, core=core, radius=radius, half=own(np.asarray(half, float)), place=own(place))
         vars(self).update(pose=own(np.eye(4)), twist=own(np.zeros(6)))
 

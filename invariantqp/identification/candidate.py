@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from math import inf, nan, sqrt
+from math import inf, sqrt
 from typing import Any
 
 import numpy as np
@@ -16,21 +16,10 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.identification.fit import OPEN, Fit, covariance
+from invariantqp.identification.models import MODELS
 from invariantqp.systems.classification import gibson_hunt
 from invariantqp.systems.contacts import BALL, FACE, LINE, PEG, POINT, Contact, ContactKind, screw_kind
 
-# Which entries of the small twists of surface and tip say how surely something of each kind is known.
-_ENTRIES: dict[str, dict[str, list[int]]] = {
-    "point": {"normal": [0, 1], "point": [9, 10, 11]},
-    "sphere": {"point": [9, 10, 11]},
-    "line": {"normal": [0, 1], "point": [10, 11], "axis": [7, 8]},
-    "face": {"normal": [0, 1]},
-    "ball": {"point": [3, 4, 5]},
-    "peg": {"axis": [0, 1], "point": [3, 4]},
-    "hinge": {"axis": [0, 1], "point": [3, 4]},
-    "screw": {"axis": [0, 1], "point": [3, 4]},
-    "slide": {"axis": [0, 1]},
-}
 _KINDS = {"point": POINT, "sphere": POINT, "line": LINE, "face": FACE, "ball": BALL, "peg": PEG}
 
 
@@ -70,43 +59,37 @@ class Candidate(Compared):
     @property
     def point(self) -> Array | None:
         """(3,) the tip, in the frame of what it is fixed to; of a joint a point of its axis, or its centre."""
-        if self.kind == "slide":
-            return None
-        place: Array = self.surface[:3, 3] if self.kind in ("ball", "peg", "hinge", "screw") else self.tip[:3, 3]
-        return place
+        place = self.surface if self.kind in ("ball", "peg", "hinge", "screw") else self.tip
+        return None if self.kind == "slide" else np.asarray(place[:3, 3])
 
     @property
     def normal(self) -> Array | None:
         """(3,) outward normal of the plane, in the frame of what it is fixed to; None where there is none, or many."""
-        flat = self.kind in ("point", "line", "face")
-        n: Array = -self.surface[:3, 2]
-        return n if flat else None
+        return np.asarray(-self.surface[:3, 2]) if self.kind in ("point", "line", "face") else None
 
     @property
     def axis(self) -> Array | None:
         """(3,) direction of a joint's axis, or of an edge in the frame of what it is fixed to."""
-        along: Array = self.tip[:3, 0] if self.kind == "line" else self.surface[:3, 2]
-        return along if self.kind in ("line", "peg", "hinge", "screw", "slide") else None
+        if self.kind == "line":
+            return np.asarray(self.tip[:3, 0])
+        return np.asarray(self.surface[:3, 2]) if self.kind in ("peg", "hinge", "screw", "slide") else None
 
     @property
     def pitch(self) -> float | None:
         """Translation along the axis per radian [length/rad]: 0 of a hinge, inf of a slide."""
-        return {"screw": float(self.extra[0]) if len(self.extra) else nan, "hinge": 0.0, "slide": inf}.get(self.kind)
+        return float(self.extra[0]) if self.kind == "screw" else {"hinge": 0.0, "slide": inf}.get(self.kind)
 
     @property
     def centre(self) -> Array | None:
         """(3,) of a sphere, in the frame of what it is fixed to."""
-        if self.kind != "sphere":
-            return None
-        place: Array = self.surface[:3, 3] - self.surface[:3, 2] / self.extra[0]
-        return place
+        s = self.surface
+        return np.asarray(s[:3, 3] - s[:3, 2] / self.extra[0]) if self.kind == "sphere" else None
 
     @property
     def radius(self) -> float | None:
         """Of a sphere [length]: positive where the tool is outside of a ball, negative where it is in a hollow."""
-        if self.kind != "sphere":
-            return None
-        return float((1.0 if self.fixed_to == "tool" else -1.0) / self.extra[0])
+        side = 1.0 if self.fixed_to == "tool" else -1.0
+        return float(side / self.extra[0]) if self.kind == "sphere" else None
 
     @cached_property
     def deviations(self) -> dict[str, float]:
@@ -114,25 +97,21 @@ class Candidate(Compared):
 
         inf is what the recording does not determine.
         """
-        found = {name: self._deviation(entries) for name, entries in _ENTRIES[self.kind].items()}
+        found = {}
+        for name, entries in MODELS[self.kind].known.items():
+            variance = float(np.diag(self.covariance)[entries].sum())
+            limit = OPEN if max(entries) % 6 < 3 else OPEN * self.size
+            found[name] = sqrt(variance) if variance < limit * limit else inf
         if self.kind == "screw":
             found["pitch"] = sqrt(self.covariance[12, 12])
         if self.kind == "sphere":
             found["radius"] = sqrt(self.covariance[12, 12]) / float(self.extra[0]) ** 2
         return found
 
-    def _deviation(self, entries: list[int]) -> float:
-        variance = float(np.diag(self.covariance)[entries].sum())
-        limit = OPEN if max(entries) % 6 < 3 else OPEN * self.size
-        return sqrt(variance) if variance < limit * limit else inf
-
     @cached_property
     def contact_kind(self) -> ContactKind:
         """What it allows and constrains, in the contact's own frame."""
-        if self.kind in _KINDS:
-            return _KINDS[self.kind]
-        pitch = self.pitch
-        return screw_kind(0.0 if pitch is None else pitch)
+        return _KINDS.get(self.kind) or screw_kind(self.pitch or 0.0)
 
     @property
     def gibson_hunt(self) -> str:
@@ -170,8 +149,7 @@ class Candidate(Compared):
         for name in ("point", "normal", "axis", "centre"):
             value = getattr(self, name)
             found[name] = None if value is None else value.tolist()
-        pitch, radius = self.pitch, self.radius
-        found.update(pitch=None if pitch in (None, inf) else pitch, radius=radius)
+        found.update(pitch=None if self.pitch == inf else self.pitch, radius=self.radius)
         found["deviations"] = {name: None if d == inf else d for name, d in self.deviations.items()}
         return found
 

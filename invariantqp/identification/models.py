@@ -35,11 +35,15 @@ class Rows(NamedTuple):
 
 
 class Model(NamedTuple):
-    """A kind of contact to be fitted."""
+    """A kind of contact to be fitted: its name, how many ways it moves, and the constraints."""
 
     kind: str
     freedoms: int
     rows: Callable[[Array, Array, Array], Rows]  # of poses C, curvature or pitch, and turns about z of B summed up
+    # Twists of A, of B and of both that change no constraint, as columns of the identity: a plane turns about its
+    # normal and slides in itself, a point turns.
+    alike: tuple[tuple[int, ...], tuple[int, ...], tuple[tuple[int, int], ...]]
+    known: dict[str, list[int]]  # which entries of the twists of A and B say how surely something is known
     free_moments: tuple[int, ...] = ()  # moments in the tool frame of the contact that are zero
     extra: int = 0  # how many numbers beside the two frames
     pressed: bool = False  # whether it can be pressed but not pulled
@@ -106,42 +110,35 @@ def _slide(C: Array, _: Array, __: Array) -> Rows:
     return _rows(_place(C, slice(2)), (rotation_vectors(C[:, :3, :3]), turned))
 
 
+_TURNS, _IN_PLANE, _JOINTLY = (0, 1, 2), (2, 3, 4), ((5, 5),)
+_AXIS: dict[str, list[int]] = {"axis": [0, 1], "point": [3, 4]}
+_TIP: dict[str, list[int]] = {"normal": [0, 1], "point": [9, 10, 11]}
+_EDGE: dict[str, list[int]] = {"normal": [0, 1], "point": [10, 11], "axis": [7, 8]}
+
+
+def _face(C: Array, column: int = 2, rows: slice = slice(2)) -> Rows:
+    return _rows(_height(C), _tilt(C, column, rows))
+
+
 MODELS: dict[str, Model] = {
     model.kind: model
     for model in (
-        Model("slide", 1, _slide),
-        Model("hinge", 1, lambda C, *_: _hinge(C)),
-        Model("screw", 1, _screw, extra=1),
-        Model("peg", 2, lambda C, *_: _rows(_place(C, slice(2)), _tilt(C, 2, slice(2)))),
-        Model("ball", 3, lambda C, *_: _rows(_place(C, slice(0, 3)))),
-        Model("face", 3, lambda C, *_: _rows(_height(C), _tilt(C, 2, slice(2))), pressed=True),
-        Model(
-            "line", 4, lambda C, *_: _rows(_height(C), _tilt(C, 0, slice(2, 3))), (0,), pressed=True, reversible=True
-        ),
-        Model("point", 5, lambda C, *_: _rows(_height(C)), (0, 1, 2), pressed=True, reversible=True),
-        Model("sphere", 5, _sphere, (0, 1, 2), extra=1, pressed=True, reversible=True),
+        Model("slide", 1, _slide, ((5,), (5,), ((2, 2), (3, 3), (4, 4))), {"axis": [0, 1]}),
+        Model("hinge", 1, lambda C, *_: _hinge(C), ((2,), (2,), _JOINTLY), _AXIS),
+        Model("screw", 1, _screw, ((), (), _JOINTLY), _AXIS, extra=1),
+        Model("peg", 2, lambda C, *_: _rows(_place(C, slice(2)), _tilt(C, 2, slice(2))), ((2, 5), (2, 5), ()), _AXIS),
+        Model("ball", 3, lambda C, *_: _rows(_place(C, slice(3))), (_TURNS, _TURNS, ()), {"point": [3, 4, 5]}),
+        Model("face", 3, lambda C, *_: _face(C), (_IN_PLANE, _IN_PLANE, _JOINTLY), {"normal": [0, 1]}, (), 0, True),
+        Model("line", 4, lambda C, *_: _face(C, 0, slice(2, 3)), (_IN_PLANE, (0, 3), ()), _EDGE, (0,), 0, True, True),
+        Model("point", 5, lambda C, *_: _rows(_height(C)), (_IN_PLANE, _TURNS, ()), _TIP, _TURNS, 0, True, True),
+        Model("sphere", 5, _sphere, ((), _TURNS, ()), {"point": [9, 10, 11]}, _TURNS, 1, True, True),
     )
-}
-
-# Twists of A and B in themselves that change no constraint, as pairs of columns of the identity (None is no part):
-# a plane turns about its normal and slides in itself, a point turns.
-_TURNS, _IN_PLANE, _JOINTLY = (0, 1, 2), (2, 3, 4), ((5, 5),)
-_ALIKE: dict[str, tuple[tuple[int, ...], tuple[int, ...], tuple[tuple[int, int], ...]]] = {
-    "point": (_IN_PLANE, _TURNS, ()),
-    "sphere": ((), _TURNS, ()),
-    "line": (_IN_PLANE, (0, 3), ()),
-    "face": (_IN_PLANE, _IN_PLANE, _JOINTLY),
-    "ball": (_TURNS, _TURNS, ()),
-    "peg": ((2, 5), (2, 5), ()),
-    "hinge": ((2,), (2,), _JOINTLY),
-    "screw": ((), (), _JOINTLY),
-    "slide": ((5,), (5,), ((2, 2), (3, 3), (4, 4))),
 }
 
 
 def gauge(kind: str, extra: Array) -> Array:
     """(12 + e, g) small twists of A and B in themselves, beside curvature or pitch, that change no constraint."""
-    of_base, of_tool, jointly = _ALIKE[kind]
+    of_base, of_tool, jointly = MODELS[kind].alike
     E = np.eye(12 + len(extra))
     columns = [E[i] for i in of_base] + [E[6 + i] for i in of_tool] + [E[i] + E[6 + j] for i, j in jointly]
     if kind == "screw":

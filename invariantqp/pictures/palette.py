@@ -1,20 +1,9 @@
-"""The colours of every picture and page, and tracking errors as all of them draw them.
-
-Okabe and Ito's palette, which colour-blind readers can tell apart. Errors are in millimetres and degrees, logarithmic.
+"""The colours of every picture and page: Okabe and Ito's palette, which colour-blind readers can tell apart.
 
 Reference: Okabe & Ito 2008, Color Universal Design.
 """
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-import numpy as np
-
-from invariantqp.geometry.arrays import Array
-
-if TYPE_CHECKING:
-    from invariantqp.runs.trace import Trace
 
 BLUE = "#0072B2"
 ORANGE = "#E69F00"
@@ -32,12 +21,3 @@ SCREEN_COLOURS = (*COLOURS[:6], "#7F7F7F", "#B8A900")
 
 # Greys of what is not a result: text beside the data, reference lines, and shaded areas.
 TEXT, RULE, SHADE = "#444444", "#777777", "#999999"
-
-# Curves and their colours.
-CURVES = {"position [mm]": BLUE, "orientation [deg]": ORANGE}
-
-
-def errors_of(trace: Trace) -> Array:
-    """(n, 2) of each tick, in the order of CURVES; at least what a logarithmic axis can show, a picometre."""
-    errors: Array = np.column_stack((1e3 * trace.position_error, np.degrees(trace.orientation_error)))
-    return errors

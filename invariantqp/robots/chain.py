@@ -105,8 +105,7 @@ class Chain(Value):
             raise BadInput("names", excerpt(called), f"{m} different names")
         limits = joint_limits(m, position_lower, position_upper, velocity_limit)
         where = _places(twists, pose) if places is None else arrays.matrix(places, (m, 3), "places")
-        if not isinstance(tool, str):
-            raise BadInput("tool", excerpt(tool), "the name of the tool frame")
+        arrays.instance(tool, str, "tool", "the name of the tool frame")
         made_of = arrays.listed(links, "links", "the links that a reader of descriptions tells of")
         if not all(isinstance(link, Link) for link in made_of):
             raise BadInput("links", excerpt(links), "the links that a reader of descriptions tells of")

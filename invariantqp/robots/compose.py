@@ -16,24 +16,26 @@ from math import inf
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, excerpt
+from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import prismatic, revolute
 from invariantqp.robots.chain import Chain, Link
 
 # What a chain has of each joint besides its screw and name.
+A_CHAIN = "a Chain, such as load_robot returns"
 OF_JOINTS = ("position_lower", "position_upper", "velocity_limit", "places")
 
 
 def rail(axis: ArrayLike, lower: float = -inf, upper: float = inf, speed: float = inf, *, name: str = "rail") -> Chain:
     """A slide along an axis (3,), to put an arm on, with position limits [length] and a velocity limit [length/s]."""
+    arrays.instance(name, str, "name", "text")
     screw = prismatic(arrays.direction(axis, "axis"))
     low, high = arrays.number(lower, "lower", infinite=True), arrays.number(upper, "upper", infinite=True)
     if low > high:
         raise BadInput("lower", f"{low:g}, above the upper limit {high:g}", "lower <= upper")
     most = arrays.number(speed, "speed", positive=True, infinite=True)
-    return Chain(screw[:, None], np.eye(4), [_text(name)], low, high, most, tool=f"{name}_carriage")
+    return Chain(screw[:, None], np.eye(4), [name], low, high, most, tool=f"{name}_carriage")
 
 
 def mobile_base(speed: float = inf, turn_speed: float = inf, *, name: str = "base") -> Chain:
@@ -41,11 +43,12 @@ def mobile_base(speed: float = inf, turn_speed: float = inf, *, name: str = "bas
 
     `speed` is the velocity limit along x, and along y [length/s], `turn_speed` that of the turn [rad/s].
     """
+    arrays.instance(name, str, "name", "text")
     x, y, z = np.eye(3)
     screws = np.column_stack((prismatic(x), prismatic(y), revolute(z)))
     slide = arrays.number(speed, "speed", positive=True, infinite=True)
     limits = [slide, slide, arrays.number(turn_speed, "turn_speed", positive=True, infinite=True)]
-    names = [f"{_text(name)}_{part}" for part in ("x", "y", "turn")]
+    names = [f"{name}_{part}" for part in ("x", "y", "turn")]
     return Chain(screws, np.eye(4), names, velocity_limit=limits, tool=name)
 
 
@@ -54,7 +57,7 @@ def stand_on(base: Chain | ArrayLike, arm: Chain) -> Chain:
 
     The base's joints come first; the tool is the arm's. No two joints may have one name.
     """
-    _require_chain("arm", arm)
+    arrays.instance(arm, Chain, "arm", A_CHAIN)
     if isinstance(base, Chain):
         below, first = base.home, [base]
     else:
@@ -73,8 +76,8 @@ def relative(arm: Chain, other: Chain) -> Chain:
     `load_robot(base=)` first. A joint's name that both have begins with "other/" where it is the other's, twice where
     one begins so already.
     """
-    _require_chain("arm", arm)
-    _require_chain("other", other)
+    arrays.instance(arm, Chain, "arm", A_CHAIN)
+    arrays.instance(other, Chain, "other", A_CHAIN)
     back = se3.inverse(other.home, check=False)
     names: list[str] = []
     for name in other.names:
@@ -87,12 +90,6 @@ def relative(arm: Chain, other: Chain) -> Chain:
     links = tuple(link._replace(body=n - link.body) for link in _renamed(turned.links, arm.links, "other/"))
     reverse = Chain(-turned.screws[:, ::-1], np.eye(4), names[::-1], **kept, links=links)
     return _chain([reverse, _carried(arm, back)], back.dot(arm.home), arm.tool)
-
-
-def _text(name: object) -> str:
-    if not isinstance(name, str):
-        raise BadInput("name", excerpt(name), "text")
-    return name
 
 
 def _carried(arm: Chain, place: Array) -> Chain:
@@ -129,8 +126,3 @@ def _renamed(links: tuple[Link, ...], taken: tuple[Link, ...], prefix: str) -> t
             name = prefix + name
         made.append(link._replace(name=name))
     return tuple(made)
-
-
-def _require_chain(argument: str, value: object) -> None:
-    if not isinstance(value, Chain):
-        raise BadInput(argument, excerpt(value), "a Chain, such as load_robot returns")

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from invariantqp.errors import BadInput, RobotModelError, UnknownName, excerpt
+from invariantqp.errors import RobotModelError, UnknownName
+from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import UNLIMITED
@@ -24,8 +25,7 @@ from invariantqp.robots.urdf import excluded
 
 def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None) -> Chain:
     """The arm from the root of a `pinocchio.Model`, which is left as it is, to a frame; else as in `load_robot`."""
-    if not isinstance(model, pin.Model):
-        raise BadInput("source", excerpt(model), "a pinocchio.Model")
+    arrays.instance(model, pin.Model, "source", "a pinocchio.Model")
     name = f"the model {model.name!r}"
     if tool is None:
         tool = max(model.frames, key=lambda f: (len(_support(model, f)), f.type == pin.FrameType.BODY)).name

@@ -12,8 +12,10 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 from pydantic.fields import FieldInfo
 
+from invariantqp.analysis.survey import spread, survey
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.robots.load import load_robot
 from invariantqp.runs.clearancespec import BodySpec, ClearanceSpec, ObstacleSpec
@@ -22,9 +24,8 @@ from invariantqp.runs.path import Path
 from invariantqp.runs.section import Section, toml
 from invariantqp.runs.taskfile import Acceptance, LawSpec, RobotSpec, Screw, Task, task_from
 
-# States that are tried for a start, and how far from the middle of a joint's range: in half ranges, at most [rad, m].
+# States that are tried for a start.
 TRIED = 64
-SHARE, FARTHEST = 0.5, 1.5
 # Path keys without which a kind of path would not move, or has no place; [m], [rad].
 MOVES: dict[str, dict[str, Any]] = {
     "line": {"move": [0.0, 0.0, -0.05]},
@@ -38,13 +39,7 @@ COLUMN, WIDTH = 42, 120
 PATHS = {get_args(path.model_fields["kind"].annotation)[0]: path for path in get_args(get_args(Path)[0])}
 
 
-def new_task(
-    name: str,
-    robot: str,
-    *,
-    path: str = "line",
-    contact: str | None = None,
-) -> str:
+def new_task(name: str, robot: str, *, path: str = "line", contact: str | None = None) -> str:
     """The text of a task file, with every key of its tables explained, to be changed by hand.
 
     The arm, a known name or the path of a URDF or MJCF, starts in the best-conditioned of a few states around the
@@ -80,20 +75,10 @@ def new_task(
     return draft(content)
 
 
-def well_placed(robot: Robot) -> np.ndarray:
-    """(m,) joint positions near the middle of their ranges where the joints' twists are most independent."""
-    lower, upper = robot.position_lower, robot.position_upper
-    centre = middle(robot)
-    reach = np.minimum(SHARE * np.minimum(upper - centre, centre - lower), FARTHEST)
-    states = centre + reach * np.random.default_rng(0).uniform(-1.0, 1.0, size=(TRIED, len(centre)))
-
-    def independence(q: np.ndarray) -> float:
-        J, p = robot.jacobian(q), robot.pose(q)[:3, 3]
-        at_tool = np.vstack((J[:3], J[3:] - np.cross(p, J[:3], axisb=0).T))
-        return float(np.linalg.svd(at_tool, compute_uv=False)[min(at_tool.shape) - 1])
-
-    best: np.ndarray = max(states, key=independence)
-    return best
+def well_placed(robot: Robot) -> Array:
+    """(m,) joint positions in the middle half of their ranges, of some the farthest from a singularity."""
+    states = 0.5 * (middle(robot) + spread(robot, TRIED))
+    return np.asarray(states[survey(robot, states).distance.argmax()])
 
 
 class TaskTable(NamedTuple):

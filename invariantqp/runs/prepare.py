@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from invariantqp.errors import BadInput, InvariantQPError, TaskFileError
 from invariantqp.force.contact import HybridTask
 from invariantqp.force.sensor import WrenchSensor
-from invariantqp.geometry import se3
+from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.clearancespec import Around
@@ -73,8 +73,7 @@ class Setup:
 
 def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
     """A task made ready to run; arguments and errors are those of `run_task`."""
-    if not isinstance(task, Task):
-        raise BadInput("task", repr(task), "a Task, such as load_task returns")
+    arrays.instance(task, Task, "task", "a Task, such as load_task returns")
     task = task.model_copy(update={"law": overridden(task.law, overrides)})
     try:
         return _prepared(task, physics)

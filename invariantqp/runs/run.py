@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from time import perf_counter_ns
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -59,15 +59,6 @@ def _about_pitches(robot: Robot, h: float, q: Array) -> list[str]:
     return [f"h = {h:.4g} m comes near the principal pitch {nearest:.4g} m on this path"]
 
 
-class _Record(NamedTuple):
-    """What happened in n ticks."""
-
-    states: list[PlantState]  # n + 1, the plant before the first tick and after each
-    solutions: list[VelocitySolution]  # n, what the controller answered
-    tick_ns: Array  # (n,) how long that took [ns]
-    read: Array  # (n, 6) the wrench that the tool exerts as the controller read it in each tick, base frame
-
-
 def run_task(
     task: Task,
     *,
@@ -98,11 +89,17 @@ def run_task(
 
 def run(setup: Setup, controller: TaskController, observer: Observer | None = None) -> Trace:
     """Run a setup from `prepare`, whose plant moves, under a controller; the observer as in `run_task`."""
-    return _trace(setup, controller, _loop(setup, controller, observer))
+    return _trace(setup, controller, *_loop(setup, controller, observer))
 
 
-def _loop(setup: Setup, controller: TaskController, observer: Observer | None) -> _Record:
-    """All ticks of a setup, in order; an elastic path ends when the controller is done."""
+def _loop(
+    setup: Setup, controller: TaskController, observer: Observer | None
+) -> tuple[list[PlantState], list[VelocitySolution], Array, Array]:
+    """All ticks of a setup, in order; an elastic path ends when the controller is done.
+
+    The plant before the first tick and after each, what the controller answered, how long that took [ns], and the
+    wrenches (n, 6) that the tool exerts as the controller read them, base frame.
+    """
     plant, goals = setup.plant, setup.problem.goals()
     states, solutions = [plant.state()], []
     n = len(goals)
@@ -123,20 +120,26 @@ def _loop(setup: Setup, controller: TaskController, observer: Observer | None) -
             observer(k, states[-1], solution)
         if controller.done:
             break
-    return _Record(states, solutions, np.array(tick_ns), np.array(read))
+    return states, solutions, np.array(tick_ns), np.array(read)
 
 
-def _trace(setup: Setup, controller: TaskController, record: _Record) -> Trace:
+def _trace(
+    setup: Setup,
+    controller: TaskController,
+    states: list[PlantState],
+    solutions: list[VelocitySolution],
+    tick_ns: Array,
+    read: Array,
+) -> Trace:
     """What happened in a run, with its errors."""
-    robot, solutions, after = setup.robot, record.solutions, record.states[1:]
+    robot, scene, after = setup.robot, setup.scene, states[1:]
     along = (
         path_trace(controller.follower, controller.followed) if isinstance(controller, ElasticPathController) else None
     )
     wanted, time = setup.wanted, setup.problem.time
     if along is not None:
-        wanted, time = along.poses, np.asarray(setup.task.law.dt * np.arange(len(record.states)), np.float64)
-    q = np.array([state.q for state in record.states])
-    scene = setup.scene
+        wanted, time = along.poses, np.asarray(setup.task.law.dt * np.arange(len(states)), np.float64)
+    q = np.array([state.q for state in states])
     contacts = [] if scene is None else [scene.task.contact_at(state.pose) for state in after]
     position_error, orientation_error = errors(scene, contacts, after, wanted[1:]).T
     return Trace(
@@ -152,13 +155,13 @@ def _trace(setup: Setup, controller: TaskController, record: _Record) -> Trace:
         methods=[s.method for s in solutions],
         statuses=[s.status for s in solutions],
         limit_active=[bool(s.active) for s in solutions],
-        tick_ns=record.tick_ns,
+        tick_ns=tick_ns,
         wanted=wanted,
         form="" if controller.form is None else controller.form.describe(),
         warnings=warnings_of(robot, controller.form, q, solutions),
         physics=setup.physics,
         counted_from=setup.counted_from,
-        contact=None if scene is None else contact_trace(scene, contacts, after, record.read, setup.wanted[1:]),
+        contact=None if scene is None else contact_trace(scene, contacts, after, read, setup.wanted[1:]),
         along=along,
         clearance=None if setup.problem.around is None else _clearance(setup.problem.around, q, setup.task.law.dt),
     )

@@ -22,7 +22,7 @@ from pydantic import Field, PlainValidator, PrivateAttr, StrictBool, ValidationE
 from invariantqp.control.controller import Controller
 from invariantqp.control.demands import ExactPoint
 from invariantqp.control.measure import tool_metric
-from invariantqp.errors import BadInput, InvariantQPError, TaskFileError, UnknownName, excerpt
+from invariantqp.errors import BadInput, InvariantQPError, TaskFileError, UnknownName
 from invariantqp.geometry import arrays, screws, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.sizes import LENGTH_LIMIT
@@ -327,8 +327,7 @@ def load_task(path_or_name: str | FilePath) -> Task:
         TaskFileError: a file that cannot be read, is not TOML, or has keys and values that do not fit: every problem
             with its path.
     """
-    if not isinstance(path_or_name, (str, FilePath)):
-        raise BadInput("path_or_name", excerpt(path_or_name), "the name of a task, or the path of a task file")
+    arrays.instance(path_or_name, (str, FilePath), "path_or_name", "the name of a task, or the path of a task file")
     name = str(path_or_name)
     known = {task: file for group in GROUPS for task, file in shipped_tasks(group).items()}
     path = known.get(name, FilePath(name))
@@ -370,15 +369,10 @@ def load_arm(source: str | FilePath, tool: str | None = None) -> Chain:
     name, known = str(source), shipped_tasks()
     if name in known or FilePath(source).suffix.lower() == ".toml":
         return load_task(source).load_robot(tool)
-    if name in KNOWN or FilePath(source).suffix.lower() == ".urdf" or _is_file(source):
-        return load_robot(source, tool)
-    names = [*KNOWN, *known]
-    near = difflib.get_close_matches(name.lower(), names)
-    raise UnknownName("robot", name, near, [*names, "or the path of a .urdf or .toml file"])
-
-
-def _is_file(source: str | FilePath) -> bool:
     try:
-        return FilePath(source).is_file()
-    except OSError:  # a name that no file can have
-        return False
+        return load_robot(source, tool)
+    except UnknownName as error:
+        if error.kind != "robot":
+            raise
+        near = difflib.get_close_matches(name.lower(), [*KNOWN, *known])
+        raise UnknownName("robot", name, near, [*KNOWN, *known, "or the path of a .urdf or .toml file"]) from None

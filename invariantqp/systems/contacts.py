@@ -28,7 +28,7 @@ from attrs import field, frozen
 from attrs.converters import optional
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, excerpt
+from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
@@ -376,8 +376,7 @@ def two_contacts(first: Contact, second: Contact) -> Contact:
         BadInput: one presses where the other does already.
     """
     for name, contact in (("first", first), ("second", second)):
-        if not isinstance(contact, Contact):
-            raise BadInput(name, excerpt(contact), "a Contact")
+        arrays.instance(contact, Contact, name, "a Contact")
     kind = first.kind
     other = second.kind.relabelled(se3.inverse(second.pose, check=False).dot(first.pose))
     n, k = kind.presses, other.presses
@@ -387,23 +386,18 @@ def two_contacts(first: Contact, second: Contact) -> Contact:
         found = f"a {kind.name} and a {other.name} with {W.shape[1]} wrenches of rank {span(W).rank}"
         raise BadInput("second", found, "a contact that constrains what the first leaves free")
     S = annihilator(W) if W.shape[1] < 6 else np.zeros((6, 0))
+    out = None if kind.out is None or other.out is None else kind.out + other.out  # out of both
+    if out is not None:
+        speed = float(np.linalg.norm(se3.velocity_at(out, kind.origin)))
+        out = out / speed if speed > SIX_DIGITS else None
     both = ContactKind(
         f"{kind.name} and {other.name}",
         S,
         W,
         unilateral=n + k > 0,
-        out=_way_out(kind.out, other.out, kind.origin),
+        out=out,
         origin=kind.origin,
         presses=n + k,
     )
     edges = [contact.edge for contact in (first, second) if contact.edge is not None]
     return Contact(both, first.pose, min(edges, default=None))
-
-
-def _way_out(first: Array | None, second: Array | None, place: Array) -> Array | None:
-    """A twist out of both, from those that lead out of one, of unit speed at a place; None if there is none."""
-    if first is None or second is None:
-        return None
-    out = first + second
-    speed = float(np.linalg.norm(se3.velocity_at(out, place)))
-    return out / speed if speed > SIX_DIGITS else None

@@ -113,7 +113,10 @@ def dual_projectors(
         answer = core.projectors(S, wrenches, *rules.values())
         if answer is not None:  # where it is well conditioned
             return DualProjectors(*answer)
-    given = _columns(S, wrenches)
+    if (S is None) == (wrenches is None):
+        found = "neither S nor wrenches" if S is None else "both S and wrenches"
+        raise BadInput("S", found, "the freedoms S or the constraint wrenches")
+    given = arrays.columns(wrenches, "wrenches") if S is None else arrays.system(S, "S")  # type: ignore[arg-type]
     if len(rule) != 1:
         raise BadInput("h", " and ".join(rule) or "no rule for the complement", "one of h, complement, metric")
     U, unit, spread = _freedoms(given, S is not None)
@@ -146,16 +149,6 @@ def dual_projectors(
         norm=1.0 / sine if k else 0.0,
         unit=unit,
     )
-
-
-def _columns(S: ArrayLike | None, wrenches: ArrayLike | None) -> Array:
-    """The twists or the wrenches given, checked."""
-    if S is not None and wrenches is None:
-        return arrays.system(S, "S")
-    if wrenches is not None and S is None:
-        return arrays.columns(wrenches, "wrenches")
-    found = "neither S nor wrenches" if S is None else "both S and wrenches"
-    raise BadInput("S", found, "the freedoms S or the constraint wrenches")
 
 
 def _freedoms(given: Array, twists: bool) -> tuple[Array, float, float]:

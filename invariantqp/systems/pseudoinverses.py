@@ -230,20 +230,16 @@ def pseudoinverse(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = No
     if joint_metric is not None:
         metric = arrays.positive_definite(joint_metric, twists.shape[1], "joint_metric")
     found = factors(twists, pitch, metric)
-    if not found.exists:
-        raise _no_pseudoinverse(twists, pitch, found)
-    return found.inverse
-
-
-def _no_pseudoinverse(J: Array, h: float, found: Factors) -> NoPseudoinverse:
-    pitches = pitches_or_none(J)
-    z = screw_system(J)[:, -1] if found.dependent else found.lost
-    return NoPseudoinverse(
-        h=h,
+    if found.exists:
+        return found.inverse
+    pitches = pitches_or_none(twists)
+    z = screw_system(twists)[:, -1] if found.dependent else found.lost
+    raise NoPseudoinverse(
+        h=pitch,
         rank=found.rank,
         gram_rank=found.rank if found.dependent else found.gram_rank,
         self_reciprocal=z / np.linalg.norm(z),
-        principal_pitches=pitches[np.argsort(np.abs(pitches - h), kind="stable")],
+        principal_pitches=pitches[np.argsort(np.abs(pitches - pitch), kind="stable")],
     )
 
 
@@ -297,18 +293,11 @@ def penrose_conditions(
     limit = arrays.tolerance(tolerance)
     A, B = twists / lengths(unit), inverse * lengths(unit).T
     on_twists, on_joints = Q.dot(A).dot(B), M.dot(B).dot(A)
-    residuals = [
-        _relative(A.dot(B).dot(A) - A, A),
-        _relative(B.dot(A).dot(B) - B, B),
-        _relative(on_twists - on_twists.T, on_twists),
-        _relative(on_joints - on_joints.T, on_joints),
-    ]
-    return PenroseConditions(np.array(residuals), float(np.linalg.norm(A) * np.linalg.norm(B)), limit)
-
-
-def _relative(difference: Array, whole: Array) -> float:
-    size = float(np.linalg.norm(whole))
-    return float(np.linalg.norm(difference)) / size if size > 0.0 else 0.0
+    wholes = (A, B, on_twists, on_joints)
+    made = (A.dot(B).dot(A), B.dot(A).dot(B), on_twists.T, on_joints.T)
+    sizes = [float(np.linalg.norm(whole)) or 1.0 for whole in wholes]
+    off = [float(np.linalg.norm(one - whole)) / size for one, whole, size in zip(made, wholes, sizes, strict=True)]
+    return PenroseConditions(np.array(off), float(np.linalg.norm(A) * np.linalg.norm(B)), limit)
 
 
 @frozen(eq=False, repr=False, slots=False)

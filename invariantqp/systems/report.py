@@ -60,41 +60,31 @@ class SystemReport(Value):
 
     def sentences(self) -> tuple[str, ...]:
         """The report in words, one result a sentence."""
-        return (self._rank_words(), self._type_words(), self._pitch_words(), *self._border_words())
-
-    def _rank_words(self) -> str:
-        have = f"{self.joints} joint{'s' if self.joints != 1 else ''}, rank {self.rank}"
-        if self.singular:
-            return f"{have}: singular, {min(6, self.joints) - self.rank} direction(s) of motion lost."
-        return f"{have}: regular, {self.singularity_distance:.3g} away from a singularity (0 singular, 1 isotropic)."
-
-    def _type_words(self) -> str:
         t = self.type
-        if t.dimension == 6:
-            return "The joints move the tool in every direction; such a system has no type."
+        lost = f"singular, {min(6, self.joints) - self.rank} direction(s) of motion lost"
+        away = f"regular, {self.singularity_distance:.3g} away from a singularity (0 singular, 1 isotropic)"
+        joints = f"{self.joints} joint{'s' if self.joints != 1 else ''}, rank {self.rank}"
         moduli = ", ".join(f"{n} = {written(x, 6)}" for n, x in zip(t.modulus_names, t.moduli, strict=True))
         whose = f"the reciprocal of a {6 - t.dimension}-system of" if t.reciprocal else "of"
-        return f"A {t.dimension}-system, {whose} type {t.name}{f' ({moduli})' if moduli else ''}."
-
-    def _pitch_words(self) -> str:
+        kind = f"A {t.dimension}-system, {whose} type {t.name}{f' ({moduli})' if moduli else ''}."
+        if t.dimension == 6:
+            kind = "The joints move the tool in every direction; such a system has no type."
+        use = "Every pitch h works."
         if self.blind_directions.shape[1]:
             along = "; ".join(f"({listed(v)})" for v in self.blind_directions[3:].T)
-            return (
+            use = (
                 f"No pitch h works: every pitch form is blind to translation along {along}. "
                 "Say what may be given up, Complement(Z), or use a metric carried by a body, CarriedMetric."
             )
-        if not len(self.principal_pitches):
-            return "Every pitch h works."
-        pitches = listed(self.principal_pitches, 6)
-        return f"Stay away from the principal pitches h = {pitches} (length/rad): there no pseudoinverse exists."
-
-    def _border_words(self) -> tuple[str, ...]:
-        t = self.type
+        elif len(self.principal_pitches):
+            pitches = listed(self.principal_pitches, 6)
+            use = f"Stay away from the principal pitches h = {pitches} (length/rad): there no pseudoinverse exists."
+        found = (f"{joints}: {lost if self.singular else away}.", kind, use)
         if not t.near_border:
-            return ()
+            return found
         b = t.borders[0]
         size = f"the {b.quantity} has size {b.value:.3g}, a factor {t.margin:.3g} from {b.tolerance:.3g}"
-        return (f"Close to type {t.next}: {size}.",)
+        return (*found, f"Close to type {t.next}: {size}.")
 
 
 def describe(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> SystemReport:

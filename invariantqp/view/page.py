@@ -14,14 +14,18 @@ import numpy as np
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
+from invariantqp.pictures.charts import ERROR, colours
 from invariantqp.pictures.palette import BLUE, ORANGE, SKY
 from invariantqp.runs.trace import Trace
 from invariantqp.template import fill_template
 from invariantqp.view.appearance import Part
 from invariantqp.view.scenery import Solid
-from invariantqp.view.timeline import ERROR, FORCE, TRAVEL, Timeline, colours, timeline_of
+from invariantqp.view.timeline import FORCE, TRAVEL, Timeline, timeline_of
 
 SCRIPTS = ("motion.js", "hardware.js", "painter.js", "charts.js", "player.js")
+# What a page has of a timeline by its own name: as packed arrays, and as it is.
+ARRAYS = ("time", "screws", "places", "home", "travel", "wanted", "q", "limits", "speed", "speed_limit", "force")
+PLAIN = ("joints", "recorded", "slides", "size", "status", "limit_active", "floor", "force_scale", "travel_scale")
 # A chart of more curves than this has no key: the colours are those of the joints' bars.
 KEYED = 3
 
@@ -47,39 +51,17 @@ def animation(trace: Trace, file: Path | str) -> Path:
 
 def drawn(timeline: Timeline) -> dict[str, Any]:
     """What the page draws, as JSON has it, without what the arm looks like."""
-    named = {
-        "time": timeline.time,
-        "screws": timeline.screws,
-        "places": timeline.places,
-        "home": timeline.home,
-        "travel": timeline.travel,
-        "wanted": timeline.wanted,
-        "path": timeline.wanted[:, :3, 3],
-        "q": timeline.q,
-        "limits": timeline.limits,
-        "speed": timeline.speed,
-        "speed_limit": timeline.speed_limit,
-        "faces": timeline.surroundings.faces,
-    }
-    if timeline.force is not None:
-        named["force"] = timeline.force
+    named = {name: a for name in ARRAYS if (a := getattr(timeline, name)) is not None}
+    named |= {"path": timeline.wanted[:, :3, 3], "faces": timeline.surroundings.faces}
     return {
         "live": False,
         "duration": float(timeline.time[-1]),
-        "joints": timeline.joints,
         "error_title": ERROR,
-        "recorded": timeline.recorded,
         "colours": colours(len(timeline.joints)),
         "hues": {"wanted": ORANGE, "drawn": BLUE, "force": FORCE, "travel": TRAVEL, "body": SKY},
-        "slides": timeline.slides,
+        **{name: getattr(timeline, name) for name in PLAIN},
         "centre": timeline.centre.tolist(),
-        "size": timeline.size,
-        "status": timeline.status,
-        "limit_active": timeline.limit_active,
         "axis": None if timeline.surroundings.axis is None else timeline.surroundings.axis.tolist(),
-        "floor": timeline.floor,
-        "force_scale": timeline.force_scale,
-        "travel_scale": timeline.travel_scale,
         "missing": timeline.appearance.missing,
         "solids": [_solid(solid) for solid in timeline.solids],
         "charts": [{**c._asdict(), "values": _pack(c.values), "keyed": len(c.names) <= KEYED} for c in timeline.charts],

@@ -14,12 +14,13 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.identification.candidate import Candidate
 from invariantqp.identification.files import File, seconds
 from invariantqp.identification.identify import Identification
+from invariantqp.pictures.charts import FRAMES, CurveChart, frame_ends
 from invariantqp.pictures.palette import ORANGE, SKY
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of
 from invariantqp.view.appearance import Appearance, appearance_of
 from invariantqp.view.scenery import Surroundings, patch, tiles
-from invariantqp.view.timeline import FORCE, FRAMES, CurveChart, Timeline, arm_in, limit_charts
+from invariantqp.view.timeline import FORCE, Timeline, arm_in
 
 # How much of a surface is drawn beyond the path of the contact, and half of an axis, relative to that path's reach.
 MARGIN = 0.4
@@ -35,8 +36,7 @@ def timeline_of_recording(
     `source` is what names the robot, `title` that of the page.
     """
     time = seconds(file)
-    n = len(time)
-    at = np.unique(np.linspace(0, n - 1, min(n, FRAMES)).round().astype(int))
+    at = frame_ends(len(time) - 1)
     kinds = "; ".join(
         p.kind or f"undecided ({', '.join(dict.fromkeys(c.kind for c in p.candidates))})" for p in found.segments
     )
@@ -63,7 +63,7 @@ def timeline_of_recording(
         recorded=True,
         **{**arm, "tool": tool, "home": arm["home"] @ mark},
     )
-    return replace(timeline, charts=(_forces(shown, file.poses[at], w[:, 3:]), *limit_charts(timeline)))
+    return replace(timeline, charts=(_forces(shown, file.poses[at], w[:, 3:]), *timeline.limit_charts))
 
 
 def _touching(shown: Candidate | None, pose: Array) -> Array:

@@ -12,7 +12,6 @@ import os
 import re
 import socket
 import sys
-import webbrowser
 from contextlib import suppress
 from dataclasses import replace
 from getpass import getuser
@@ -25,22 +24,13 @@ import numpy as np
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.pictures.charts import CurveChart, extremes, frame_ends
 from invariantqp.runs.plant import PlantState
 from invariantqp.runs.taskfile import Task
 from invariantqp.runs.trace import Trace
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.view.page import drawn, page
-from invariantqp.view.timeline import (
-    FORCE,
-    FRAMES,
-    CurveChart,
-    Timeline,
-    extremes,
-    limit_charts,
-    states,
-    timeline_before,
-    timeline_of,
-)
+from invariantqp.view.timeline import FORCE, Timeline, states, timeline_before, timeline_of
 
 # The port to serve at, or the next one of so many that is free; the last that there is.
 PORT, PORTS, LAST_PORT = 8080, 100, 65535
@@ -90,10 +80,6 @@ class Viewer:
         """Play a run that is done."""
         self._done = timeline
 
-    def open_browser(self) -> None:
-        """Show the page on this machine's display."""
-        webbrowser.open(self.url)
-
     def play(self, trace: Trace) -> None:
         """Show a run that is done, until interrupted or closed."""
         self.show(timeline_of(trace))
@@ -121,7 +107,7 @@ class Viewer:
         """The first n ticks of the run."""
         q, speed, force, place, status, limited = zip(*self._seen[:n], strict=True)
         before, push = self._before, np.array(force)
-        ends = np.unique(np.linspace(0, n, min(n + 1, FRAMES)).round().astype(int))
+        ends = frame_ends(n)
         time = self._dt * ends
         then = [before.frame(t) for t in time.tolist()]
         places = np.vstack((before.tool[0, :3, 3], place))[ends]
@@ -138,7 +124,7 @@ class Viewer:
             force=push[np.maximum(ends - 1, 0)] if push.any() else None,
             **states(status, limited, ends),
         )
-        return replace(seen, charts=(*pressing, *limit_charts(seen)))
+        return replace(seen, charts=(*pressing, *seen.limit_charts))
 
 
 class _Seen(NamedTuple):

@@ -8,40 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from invariantqp.geometry import se3
-from invariantqp.geometry.arrays import NEGLIGIBLE, Array
-from invariantqp.pictures.palette import BLUE, CURVES, GREEN, SCREEN_COLOURS, SKY, VERMILION, errors_of
+from invariantqp.geometry.arrays import Array
+from invariantqp.pictures.charts import FRAMES, CurveChart, charts_of, extremes, frame_ends, limit_charts, ticks_of
+from invariantqp.pictures.palette import GREEN, VERMILION
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import Task
-from invariantqp.runs.trace import ClearanceTrace, ContactTrace, Trace
+from invariantqp.runs.trace import Trace
 from invariantqp.view.appearance import Appearance, Part, appearance_of
 from invariantqp.view.scenery import Solid, Surroundings, solids, surroundings
 
-# The most frames of a run; players interpolate. Of the ticks between two frames the worst values are shown.
-FRAMES = 600
 # No arrow is drawn for a velocity below this, relative to the size of all [1/s], or for a weaker force [N].
 REST, WEAK = 2e-4, 0.05
 FORCE, TRAVEL = VERMILION, GREEN
-# Title of the chart of errors, from which a page reads what the error is.
-ERROR = "tracking error"
-
-
-class CurveChart(NamedTuple):
-    """Curves over the frames' times."""
-
-    title: str  # with its unit
-    names: tuple[str, ...]  # of the c curves
-    values: Array  # (c, k)
-    colours: tuple[str, ...]  # of the curves
-    levels: tuple[float, ...] = ()  # heights of horizontal lines, at limits or wanted values
-    span: tuple[float, float] | None = None  # ends of the vertical axis; None is what the curves need
-    log: bool = False  # whether that axis is logarithmic
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +56,11 @@ class Timeline:
     force: Array | None = None  # (k, 3) that the tool exerts [N]; None without contact
     solids: tuple[Solid, ...] = ()  # bodies and obstacles that are kept apart
     recorded: bool = False  # whether it was recorded: no pose was wanted
+
+    @property
+    def limit_charts(self) -> list[CurveChart]:
+        """Joint positions and velocities by their limits."""
+        return limit_charts(self.joints, self.q, self.limits, self.speed, self.speed_limit)
 
     @property
     def centre(self) -> Array:
@@ -130,22 +119,15 @@ def _scale(vectors: Array, least: float) -> tuple[float, float]:
 def timeline_of(trace: Trace) -> Timeline:
     """A run from `run_task` as `FRAMES` frames at most."""
     robot = trace.task.load_robot()
-    n = len(trace.velocity)
-    ends = np.unique(np.linspace(0, n, min(n + 1, FRAMES)).round().astype(int))
+    ends = frame_ends(len(trace.velocity))
     went = "Accepted." if trace.passed else f"Not accepted: {'; '.join(trace.shortfalls)}."
-    then, errors = trace.velocity[np.maximum(ends - 1, 0)], np.maximum(extremes(errors_of(trace), ends), NEGLIGIBLE)
-    drawn = _timeline(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends])
-    drawn = replace(drawn, speed=extremes(trace.velocity, ends))
+    then = trace.velocity[np.maximum(ends - 1, 0)]
     return replace(
-        drawn,
+        _timeline(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends]),
+        speed=extremes(trace.velocity, ends),
         about=f"{trace.task.about} {went}",
         **states(trace.statuses, trace.limit_active, ends),
-        charts=(
-            CurveChart(ERROR, tuple(CURVES), errors.T, tuple(CURVES.values()), log=True),
-            *_clearance_charts(trace.clearance, ends),
-            *_force_charts(trace.contact, ends),
-            *limit_charts(drawn),
-        ),
+        charts=tuple(charts_of(trace, ends)),
         travel=np.array(
             [
                 se3.velocity_at(robot.jacobian(q).dot(velocity), robot.pose(q)[:3, 3])
@@ -213,58 +195,8 @@ def _solids(task: Task, robot: Chain, time: Array, points: Array) -> tuple[Solid
     return solids(around, time, len(robot.names), reach)
 
 
-def extremes(values: Array, ends: Array) -> Array:
-    """(k, ...) of (n, ...) values, one a tick: those farthest from zero since the frame before."""
-    blocks = (values[a:b] for a, b in _ticks(ends))
-    return np.array([np.take_along_axis(v, np.abs(v).argmax(axis=0)[None], axis=0)[0] for v in blocks])
-
-
 def states(statuses: Sequence[str], limited: Sequence[bool], ends: Array) -> dict[str, Any]:
     """What a timeline has of the statuses of the ticks and of whether a limit was active in each."""
-    ticks = _ticks(ends)
+    ticks = ticks_of(ends)
     status = [next((s for s in statuses[a:b] if s != "ok"), statuses[b - 1]) for a, b in ticks]
     return {"status": status, "limit_active": [any(limited[a:b]) for a, b in ticks]}
-
-
-def _ticks(ends: Array) -> list[tuple[int, int]]:
-    """First and last tick of each frame: those since the frame before; the first frame has the first tick."""
-    return [(0, 1), *pairwise(ends.tolist())]
-
-
-def colours(joints: int) -> tuple[str, ...]:
-    """A colour for each joint."""
-    return tuple(SCREEN_COLOURS[i % len(SCREEN_COLOURS)] for i in range(joints))
-
-
-def _clearance_charts(clearance: ClearanceTrace | None, ends: Array) -> list[CurveChart]:
-    """The least distance of bodies, the least since the frame before, and what was to be kept."""
-    if clearance is None:
-        return []
-    shown, most = clearance.shown
-    least = 1e3 * np.array([shown[a : b + 1].min() for a, b in _ticks(ends)])
-    span = (min(0.0, float(least.min())), 1e3 * most)
-    return [CurveChart("least distance [mm]", ("of bodies",), least[None], (BLUE,), (1e3 * clearance.kept,), span)]
-
-
-def _force_charts(contact: ContactTrace | None, ends: Array) -> list[CurveChart]:
-    """The press, true and as the controller read it, where it was farthest from the wanted one."""
-    if contact is None:
-        return []
-    press = np.column_stack((contact.measured_press, contact.press)) - contact.wanted
-    names, hues = ("as read", "true"), (SKY, FORCE)
-    return [CurveChart("contact force [N]", names, extremes(press, ends).T + contact.wanted, hues, (contact.wanted,))]
-
-
-def limit_charts(timeline: Timeline) -> list[CurveChart]:
-    """Joint positions as shares of their ranges and velocities as shares of their limits, for joints that have them."""
-    lower, upper = timeline.limits
-    ranged = np.isfinite(upper - lower) & (upper > lower)
-    limited = np.isfinite(timeline.speed_limit)
-    place = (timeline.q[:, ranged] - lower[ranged]) / (upper - lower)[ranged]
-    rate = timeline.speed[:, limited] / timeline.speed_limit[limited]
-    names, hues = np.array(timeline.joints), np.array(colours(len(timeline.joints)))
-    limits = (0.0, 1.0), (-0.05, 1.05)
-    positions = CurveChart("joint position / range", tuple(names[ranged]), place.T, tuple(hues[ranged]), *limits)
-    limits = (-1.0, 1.0), (-1.1, 1.1)
-    velocities = CurveChart("joint velocity / limit", tuple(names[limited]), rate.T, tuple(hues[limited]), *limits)
-    return [chart for chart in (positions, velocities) if chart.names]

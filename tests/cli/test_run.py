@@ -102,7 +102,7 @@ def test_a_picture(run, task, tmp_path):
 def test_a_picture_shows_accelerations_by_their_limit(run, task, tmp_path, law, axis):
     task.write_text(TASK.replace("dt = 0.002", "dt = 0.002" + law), encoding="utf-8")
     assert run("run", task, "--plot", tmp_path / "out.svg", "--quiet") == (0, "", "")
-    assert f"<!-- {axis}" in (tmp_path / "out.svg").read_text(encoding="utf-8")  # each text is a comment, too
+    assert f"<!-- joint {axis}" in (tmp_path / "out.svg").read_text(encoding="utf-8")  # each text is a comment, too
 
 
 def test_another_back_end_and_the_frame_check(run, task):

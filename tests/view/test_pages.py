@@ -17,12 +17,13 @@ import pytest
 from support.views import TASK, read
 
 import invariantqp as iq
+from invariantqp.pictures import charts
+from invariantqp.pictures.charts import extremes
 from invariantqp.robots.load import KNOWN
 from invariantqp.runs.scene import scene_of
 from invariantqp.runs.taskfile import task_from
-from invariantqp.view import timeline as film
 from invariantqp.view.page import drawn, page
-from invariantqp.view.timeline import arm_in, extremes, timeline_before, timeline_of
+from invariantqp.view.timeline import arm_in, timeline_before, timeline_of
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +117,7 @@ def test_a_film_shows_the_run(timeline, trace, task):
 
 
 def test_a_short_film_leaves_no_extreme_out(trace, monkeypatch):
-    monkeypatch.setattr(film, "FRAMES", 11)
+    monkeypatch.setattr(charts, "FRAMES", 11)
     spoilt = replace(
         trace,
         velocity=trace.velocity.copy(),
@@ -202,7 +203,7 @@ def test_a_doors_axis_is_the_hinges():
 
 
 def test_the_force_of_a_film_is_the_runs(monkeypatch):
-    monkeypatch.setattr(film, "FRAMES", 9)
+    monkeypatch.setattr(charts, "FRAMES", 9)
     trace = iq.run_task(touched(kind="point"))
     timeline = timeline_of(trace)
     ends = (timeline.time / 0.01).round().astype(int)
