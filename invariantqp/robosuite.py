@@ -28,7 +28,7 @@ from invariantqp.force import HybridController, HybridSolution, HybridTask, Wren
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.load import load_robot
-from invariantqp.systems.contacts import Contact, point_contact
+from invariantqp.systems.contacts import point_contact
 from invariantqp.velocity.solution import VelocitySolution
 
 with optional("robosuite", "robosuite"):
@@ -133,7 +133,7 @@ class InvariantPose(PartController):  # type: ignore[misc]
         self.free = Controller(robot, dt=dt, **chosen)
         self._prefix = ref_name.removesuffix("grip_site")
         self._friction = model.dof_frictionloss[self.qvel_index]
-        task = HybridTask(self._contact, [0.0], **(press or {}))
+        task = HybridTask(lambda tool: point_contact(tool[:3, 3], -self._pose[:3, 2]), [0.0], **(press or {}))
         self.hybrid = HybridController(robot, task, dt=dt, sensor=self._sensor(model), **chosen)
         self.solution: VelocitySolution | HybridSolution | None = None
 
@@ -196,9 +196,6 @@ class InvariantPose(PartController):  # type: ignore[misc]
     def _tool(self) -> Array:
         """(4, 4) pose of the tool in the world, by the simulator."""
         return se3.transform(self.ref_ori_mat, self.ref_pos)
-
-    def _contact(self, tool: Array) -> Contact:
-        return point_contact(tool[:3, 3], -self._pose[:3, 2])
 
     def _read(self, sensor: str) -> Array:
         model = self.sim.model._model  # noqa: SLF001

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import own
 from invariantqp.robots.kinematics import Robot, middle, remembered
 from invariantqp.systems.report import describe
 
@@ -86,15 +84,10 @@ def _quantiles(values: Array) -> dict[str, float]:
 def spread(robot: Robot, samples: int, origin: Array | float = 0.5) -> Array:
     """(n, m) joint positions spread evenly over the joint range; x_0, in [0, 1), is where the sequence begins."""
     low, high = remembered(robot, "ranges", joint_ranges)
-    share = (origin + np.arange(1.0, samples + 1.0)[:, None] * _strides(len(low))) % 1.0
+    m = len(low)
+    phi = max(np.roots([1.0, *[0.0] * (m - 1), -1.0, -1.0]).real)
+    share = (origin + np.arange(1.0, samples + 1.0)[:, None] * phi ** -np.arange(1.0, m + 1.0)) % 1.0
     return np.asarray(low + share * (high - low))
-
-
-@cache
-def _strides(m: int) -> Array:
-    """(m,) a."""
-    phi = float(max(np.roots([1.0, *[0.0] * (m - 1), -1.0, -1.0]).real))
-    return own(phi ** -np.arange(1.0, m + 1.0))
 
 
 def joint_ranges(robot: Robot) -> tuple[Array, Array]:

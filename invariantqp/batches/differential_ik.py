@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.batches.law import velocities
+from invariantqp.batches.measure import length_of
 from invariantqp.batches.motions import vector_of
 from invariantqp.batches.namespace import Namespace, Rows, shaped, together
 from invariantqp.errors import BadInput, excerpt
@@ -115,8 +116,11 @@ class DifferentialIK:
         if self._position:
             self.ee_quat_des = quat
         elif self._relative:
-            turn = _quaternion(xp, c[..., 3:])
-            self.ee_quat_des = self._ordered(xp, product(xp, turn, self._scalar_first(xp, quat)))
+            half = 0.5 * length_of(xp, c[..., 3:])[..., None]
+            some, one = half > 0.0, xp.ones_like(half)
+            share = xp.where(some, 0.5 * xp.sin(half) / xp.where(some, half, one), 0.5 * one)
+            turned = product(xp, xp.concat((xp.cos(half), share * c[..., 3:]), axis=-1), self._scalar_first(xp, quat))
+            self.ee_quat_des = turned if self._order == "wxyz" else xp.roll(turned, -1, axis=-1)
         else:
             self.ee_quat_des = c[..., 3:]
 
@@ -142,7 +146,9 @@ class DifferentialIK:
         shaped(J, (6, None), "jacobian", "shape (N, 6, m), linear rows first")
         self._rows(ee_pos=(p, 3), ee_quat=(quat, 4), joint_pos=(q, J.shape[-1]))
         with np.errstate(all="ignore"):  # quaternions of size zero: such rows are held
-            turn = product(xp, self._scalar_first(xp, quat_des), conjugate(xp, self._scalar_first(xp, quat)))
+            here_first = self._scalar_first(xp, quat)
+            back = xp.concat((here_first[..., :1], -here_first[..., 1:]), axis=-1)
+            turn = product(xp, self._scalar_first(xp, quat_des), back)
             twist = xp.concat((vector_of(xp, turn), p_des - p), axis=-1)
         if self._position:
             twist = xp.concat((xp.zeros_like(p), p_des - p), axis=-1)
@@ -165,17 +171,9 @@ class DifferentialIK:
         """(w, x, y, z) of a quaternion in the caller's order."""
         return quaternion if self._order == "wxyz" else xp.roll(quaternion, 1, axis=-1)
 
-    def _ordered(self, xp: Namespace, quaternion: Rows) -> Rows:
-        """The caller's order of (w, x, y, z)."""
-        return quaternion if self._order == "wxyz" else xp.roll(quaternion, -1, axis=-1)
-
 
 def _checked(lower: Any, upper: Any, speed: Any) -> tuple[Rows, Rows, Rows]:
-    """Limits that leave a row a motion; None where there is none.
-
-    Raises:
-        BadInput: they leave none.
-    """
+    """Limits, refused where they leave no motion; None where there is none."""
     xp, (low, high, fastest) = together(
         {}, {"position_limits[0]": lower, "position_limits[1]": upper, "velocity_limit": speed}
     )
@@ -199,17 +197,3 @@ def product(xp: Namespace, a: Rows, b: Rows) -> Rows:
         ),
         axis=-1,
     )
-
-
-def conjugate(xp: Namespace, quaternion: Rows) -> Rows:
-    """(..., 4) the inverse rotation of (w, x, y, z)."""
-    return xp.concat((quaternion[..., :1], -quaternion[..., 1:]), axis=-1)
-
-
-def _quaternion(xp: Namespace, vector: Rows) -> Rows:
-    """(..., 4) (w, x, y, z) of rotation vectors (..., 3)."""
-    square = xp.sum(vector * vector, axis=-1, keepdims=True)
-    some = square > 0.0
-    angle = xp.sqrt(xp.where(some, square, xp.ones_like(square)))
-    share = xp.where(some, xp.sin(0.5 * angle) / angle, 0.5 * xp.ones_like(angle))
-    return xp.concat((xp.where(some, xp.cos(0.5 * angle), xp.ones_like(angle)), share * vector), axis=-1)

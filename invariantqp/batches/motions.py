@@ -1,4 +1,7 @@
-"""Rigid motions and twists, many at once, on arrays of any library: `exp`, `log` and `adjoint` row by row."""
+"""Rigid motions and twists, many at once, on arrays of any library: `exp`, `log` and `adjoint` row by row.
+
+Errors are those of `kinematics`; NaN stays in its row.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,7 @@ POSES, TWISTS = "shape (..., 4, 4): homogeneous", "shape (..., 6): angular part 
 
 
 def exps(twists: ArrayLike) -> Rows:
-    """(..., 4, 4) the rigid motion of each of (..., 6) twists; NaN stays in its row.
-
-    Raises:
-        BadInput: another shape, or not real numbers.
-        MissingExtra: array-api-compat is not installed.
-    """
+    """(..., 4, 4) the rigid motion of each of (..., 6) twists."""
     xp, (s,) = together({"twists": twists})
     shaped(s, (6,), "twists", TWISTS)
     w, v = s[..., :3], s[..., 3:]
@@ -34,12 +32,7 @@ def exps(twists: ArrayLike) -> Rows:
 
 
 def logs(poses: ArrayLike) -> Rows:
-    """(..., 6) the twist of each of (..., 4, 4) poses, angle in [0, pi]; whether they are rigid is not checked.
-
-    Raises:
-        BadInput: another shape, or not real numbers.
-        MissingExtra: array-api-compat is not installed.
-    """
+    """(..., 6) the twist of each of (..., 4, 4) poses, angle in [0, pi]; whether they are rigid is not checked."""
     xp, (T,) = together({"poses": poses})
     shaped(T, (4, 4), "poses", POSES)
     p = T[..., :3, 3]
@@ -53,12 +46,7 @@ def logs(poses: ArrayLike) -> Rows:
 
 
 def adjoints(poses: ArrayLike) -> Rows:
-    """(..., 6, 6) the matrix [[R, 0], [p^ R, R]] of each of (..., 4, 4) poses.
-
-    Raises:
-        BadInput: another shape, or not real numbers.
-        MissingExtra: array-api-compat is not installed.
-    """
+    """(..., 6, 6) the matrix [[R, 0], [p^ R, R]] of each of (..., 4, 4) poses."""
     xp, (T,) = together({"poses": poses})
     shaped(T, (4, 4), "poses", POSES)
     R, p = T[..., :3, :3], T[..., :3, 3]

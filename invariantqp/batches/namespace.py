@@ -37,8 +37,12 @@ def together(needed: dict[str, Any], optional: dict[str, Any] | None = None) -> 
     import array_api_compat as api
 
     given = {name: v for name, v in values.items() if api.is_array_api_obj(v) and not api.is_numpy_array(v)}
-    if not given:
-        return _numpy(api, values)
+    if not given:  # no other library owns any: float32 where the first is, float64 otherwise
+        found = [None if v is None else checks.array(v, name, "real numbers") for name, v in values.items()]
+        first_array = next((v for v in values.values() if isinstance(v, np.ndarray)), np.empty(0))
+        if first_array.dtype == np.float32:
+            found = [None if a is None else a.astype(np.float32) for a in found]
+        return api.array_namespace(np.empty(0)), found
     first = next(iter(given))
     try:
         xp = api.array_namespace(*given.values())
@@ -47,27 +51,15 @@ def together(needed: dict[str, Any], optional: dict[str, Any] | None = None) -> 
         raise BadInput(first, f"arrays of {kinds}", "arrays of one library") from error
     floating = [v for v in given.values() if xp.isdtype(v.dtype, "real floating")]
     like = floating[0] if floating else xp.astype(given[first], xp.asarray(1.0).dtype)
-    return xp, [_as(xp, like, name, v, known=name in given) for name, v in values.items()]
-
-
-def _as(xp: Namespace, like: Rows, name: str, value: Any, *, known: bool) -> Rows:
-    """One argument as an array like another."""
-    if value is None:
-        return None
-    if known:
-        if not xp.isdtype(value.dtype, ("real floating", "integral")):
-            raise BadInput(name, f"an array of {value.dtype}", "real numbers")
-        return value if value.dtype == like.dtype else xp.astype(value, like.dtype)
-    return constant(xp, like, checks.array(value, name, "real numbers"))
-
-
-def _numpy(api: Any, values: dict[str, Any]) -> tuple[Namespace, list[Rows]]:
-    """Arguments that no other library owns: float32 where the first is, float64 otherwise."""
-    found = [None if v is None else checks.array(v, name, "real numbers") for name, v in values.items()]
-    first = next((v for v in values.values() if isinstance(v, np.ndarray)), None)
-    if first is not None and first.dtype == np.float32:
-        found = [None if a is None else a.astype(np.float32) for a in found]
-    return api.array_namespace(np.empty(0)), found
+    made = []
+    for name, v in values.items():
+        if name not in given:
+            made.append(None if v is None else constant(xp, like, checks.array(v, name, "real numbers")))
+            continue
+        if not xp.isdtype(v.dtype, ("real floating", "integral")):
+            raise BadInput(name, f"an array of {v.dtype}", "real numbers")
+        made.append(v if v.dtype == like.dtype else xp.astype(v, like.dtype))
+    return xp, made
 
 
 def constant(xp: Namespace, like: Rows, value: Any) -> Rows:
@@ -78,11 +70,7 @@ def constant(xp: Namespace, like: Rows, value: Any) -> Rows:
 
 
 def shaped(value: Rows, tail: tuple[int | None, ...], argument: str, expected: str) -> Rows:
-    """`value`, if its last axes are `tail`; None is any length of at least one.
-
-    Raises:
-        BadInput: they are not.
-    """
+    """`value`, if its last axes are `tail`; None is any length of at least one."""
     shape = tuple(value.shape)
     fits = len(shape) >= len(tail) and all(
         (n is None and k >= 1) or n == k for n, k in zip(tail, shape[len(shape) - len(tail) :], strict=True)
@@ -93,11 +81,7 @@ def shaped(value: Rows, tail: tuple[int | None, ...], argument: str, expected: s
 
 
 def joined(rows: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
-    """The leading axes that all arguments broadcast to.
-
-    Raises:
-        BadInput: they do not fit; the one that does not is named.
-    """
+    """The leading axes that all arguments broadcast to; the first that does not is refused."""
     lead: tuple[int, ...] = ()
     for name, shape in rows.items():
         try:

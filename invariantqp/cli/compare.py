@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from invariantqp.cli.console import WIDEST, NotAccepted, Quiet, folder, progress
+from invariantqp.cli.console import WIDEST, NotAccepted, Quiet, folder, progress, say
 from invariantqp.errors import BadInput, install_command
 from invariantqp.extras import require
 
@@ -61,8 +61,8 @@ def compare(
     rows = chosen(methods)  # a wrong name is refused before a folder is made
     for cell in cells(tasks or DEFAULT_TASKS, [row.name for row in rows[:1]], only=kinds):
         cell.load()
-    if not quiet:
-        print_not_installed(not_installed(rows))
+    for extra, names in {} if quiet else not_installed(rows).items():
+        say(f"not installed, so left out: {'; '.join(names)}. Run: {install_command(extra)}")
     folder("--out", out)
     with progress("measuring", quiet) as report:
         results = sweep(
@@ -74,14 +74,6 @@ def compare(
     failed = failed_stability(results) if stability else []
     if failed:
         raise NotAccepted([f"{task}: an answer of ours was not finite, or outside limits" for task in failed])
-
-
-def print_not_installed(missing: dict[str, list[str]]) -> None:
-    """What a comparison will leave out, on standard error, and how to install it; {extra: names}."""
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
-    for extra, names in missing.items():
-        listed = "; ".join(names)
-        console.print(f"not installed, so left out: {listed}. Run: {install_command(extra)}", markup=False)
 
 
 def print_comparison(results: dict[str, Any], files: list[Path]) -> None:

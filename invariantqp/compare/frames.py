@@ -27,7 +27,7 @@ from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.runs.controllers import MakeController, TaskController, controller_for
+from invariantqp.runs.controllers import TaskController, controller_for
 from invariantqp.runs.plant import Measurement, Plant, PlantState
 from invariantqp.runs.prepare import ControlProblem, Goal, Setup, prepare
 from invariantqp.runs.run import run
@@ -136,10 +136,9 @@ def frame_check(task: Task, seed: int = 0) -> list[FrameCheck]:
     displacement.
     """
     tool = random_displacement(seed)
-    names = (OURS, PENROSE, DLS) if task.path.timing == "fixed" else (OURS,)
-    laws: dict[str, MakeController] = {name: controller_named(name) for name in names}
     checks = []
-    for name, make in laws.items():
+    for name in (OURS, PENROSE, DLS) if task.path.timing == "fixed" else (OURS,):
+        make = controller_named(name)
         plain_setup, moved = prepare(task), displaced(prepare(task), tool)
         plain, other, nudged = (
             run(setup, controller_for(setup.problem, make))

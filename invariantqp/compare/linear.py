@@ -12,7 +12,6 @@ x_p is the posture, a joint velocity; it fills the null space of all that comes 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -63,15 +62,8 @@ def priority(setting: LoopSetting) -> Solve:
     return velocity
 
 
-class Saturated(NamedTuple):
-    """The answer of saturation in the null space."""
-
-    velocity: Array  # (m,) inside the limits
-    scale: float  # alpha, the part of the twist that it achieves
-
-
-def saturate(tick: Question) -> Saturated:
-    """A joint that would exceed its limit stays at it, and the other joints make up for it.
+def saturate(tick: Question) -> tuple[Array, float]:
+    """A joint that would exceed its limit stays at it, and the other joints make up for it: (m,) inside, and alpha.
 
     alpha is 1 if they can achieve s, else the largest value found on the way. Where the bounds exclude zero velocity,
     alpha may be 0; the velocity is then zero clipped to the bounds.
@@ -83,7 +75,7 @@ def saturate(tick: Question) -> Saturated:
     free, fixed = np.ones(m, dtype=bool), tick.posture.copy()
     limits = np.abs(np.concatenate((lower, upper)))
     edge = NEGLIGIBLE * float(limits[np.isfinite(limits)].max(initial=0.0))
-    best = Saturated(np.minimum(np.maximum(np.zeros(m), lower), upper), 0.0)
+    best, most = np.minimum(np.maximum(np.zeros(m), lower), upper), 0.0
     full = _rank(J, size)
     while _rank(J * free, size) == full:
         inverse = np.linalg.pinv(J * free, rcond=NEGLIGIBLE)
@@ -91,15 +83,15 @@ def saturate(tick: Question) -> Saturated:
         offset = fixed - inverse.dot(J.dot(fixed))
         x = along + offset
         if not ((x < lower - edge) | (x > upper + edge)).any():
-            return Saturated(np.minimum(np.maximum(x, lower), upper), 1.0)
+            return np.minimum(np.maximum(x, lower), upper), 1.0
         scale, critical = _largest_share(along, offset, lower, upper)
-        if scale > best.scale:
-            best = Saturated(np.minimum(np.maximum(scale * along + offset, lower), upper), scale)
+        if scale > most:
+            best, most = np.minimum(np.maximum(scale * along + offset, lower), upper), scale
         if not free[critical]:
             break
         free[critical] = False
         fixed[critical] = upper[critical] if x[critical] > upper[critical] else lower[critical]
-    return best
+    return best, most
 
 
 def _largest_share(along: Array, offset: Array, lower: Array, upper: Array) -> tuple[float, int]:
@@ -146,6 +138,6 @@ METHODS = [
         why="saturation in the null space: joints stay at their limits and others make up for them (Flacco, De Luca "
         "& Khatib 2012)",
         takes=Takes(IN_NULL_SPACE, CANNOT, "inside; slows the twist down", "none"),
-        make=lambda _: lambda tick: saturate(tick).velocity,
+        make=lambda _: lambda tick: saturate(tick)[0],
     ),
 ]

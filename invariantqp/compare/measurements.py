@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 from invariantqp.compare.frames import displaced, largest_change, moved_start, random_displacement
 from invariantqp.compare.method import pose_of
 from invariantqp.compare.registry import controller_named
+from invariantqp.compare.tables import EVERYDAY, TASKS
 from invariantqp.compare.watched import Result, figures, overshoot, quietly, watched_run, with_rest
 from invariantqp.control.controller import Controls
 from invariantqp.errors import InvariantQPError
@@ -47,19 +48,6 @@ from invariantqp.velocity.solution import VelocitySolution
 COARSER = 10.0
 # Displaced tool frames of a full run and of a quick one.
 FRAMES, QUICK_FRAMES = 3, 1
-# Targets out of reach.
-BEYOND = tuple(
-    f"stability/{name}" for name in ("out_of_reach", "five_joints_out_of_reach", "reach_and_back", "ur5_elbow")
-)
-EVERYDAY = (
-    "compare/stay",
-    "compare/jump",
-    "compare/turn",
-    "stability/ur5_wrist",
-    "compare/too_fast",
-    "stability/reach_and_back",
-    "compare/late",
-)
 # Standard deviations of how far each joint is turned and shifted, about and along each axis of the base [rad], [m]:
 # an arm whose links were measured by a ruler.
 TURNED, SHIFTED = 5e-3, 5e-3
@@ -248,8 +236,8 @@ def spread(times: Array) -> dict[str, float]:
 
 KINDS = {
     "loop": Kind(loops),
-    "beyond": Kind(loops, tasks=BEYOND),
-    "everyday": Kind(everyday, tasks=EVERYDAY),
+    "beyond": Kind(loops, tasks=tuple(name for name in TASKS if name.startswith("stability/"))),
+    "everyday": Kind(everyday, tasks=tuple(EVERYDAY)),
     "calibration": Kind(calibration, tasks=CALIBRATION, slow=True),
     "tick": Kind(tick_times, alone=True),
     "stability": Kind(stability, tasks=tuple(shipped_tasks("stability")), asked=True),

@@ -129,7 +129,9 @@ class MethodLaw:
 
     def __init__(self, robot: Robot, law: LawSpec, name: str, make: Callable[[LoopSetting], Solve]) -> None:
         """Of `law`, dt, gain, delay, acceleration_limit, point, length, posture, exact and position_margin count."""
-        self._name, self._robot, self._read = name, robot, state_reader(robot)
+        by_pinocchio = kinematics() != OURS and getattr(robot, "model", None) is not None
+        self._name, self._robot = name, robot
+        self._read = _read_by_pinocchio(robot) if by_pinocchio else _read_by_twists(robot)
         self._gain = tracking_gain(law.gain, law.dt, law.delay)
         point = np.asarray(law.point, np.float64)
         setting = LoopSetting(len(robot.names), law.dt, point, ToolMeasure(robot, point, law.length).length)
@@ -200,12 +202,6 @@ class ToolState(NamedTuple):
 
 
 ReadState = Callable[[Array, Any, Any], ToolState]
-
-
-def state_reader(robot: Robot) -> ReadState:
-    """The function of (q, target, feedforward) that gives the state of an arm and its error."""
-    by_pinocchio = kinematics() != OURS and getattr(robot, "model", None) is not None
-    return _read_by_pinocchio(robot) if by_pinocchio else _read_by_twists(robot)
 
 
 def kinematics() -> str:

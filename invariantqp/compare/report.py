@@ -154,11 +154,6 @@ def as_good(loops: Figures) -> list[str]:
     return [name for name, mm in have.items() if mm <= max(AS_GOOD * least, AS_NONE)]
 
 
-def _time(ticks: Figures, name: str) -> str:
-    took = ticks.get(name, {}).get("median_us")
-    return "" if took is None else f" ({figure(took)} us)"
-
-
 def losses(results: Results) -> list[str]:
     """Where ours is slower or further off than another row, or more tilted."""
     sentences = []
@@ -166,7 +161,8 @@ def losses(results: Results) -> list[str]:
         if OURS not in loops or OURS not in ticks:
             continue
         mine, took = loops[OURS], ticks[OURS]["median_us"]
-        faster = [f"{n}{_time(ticks, n)}" for n in as_good(loops) if n in ticks and ticks[n]["median_us"] < took]
+        times = {name: tick["median_us"] for name, tick in ticks.items()}
+        faster = [f"{n} ({figure(times[n])} us)" for n in as_good(loops) if n in times and times[n] < took]
         nearer = [n for n, r in loops.items() if _nearer(r["position_mm"], mine["position_mm"])]
         parts = [f"{what} are {', '.join(names)}" for what, names in (("faster", faster), ("nearer", nearer)) if names]
         turned = {
@@ -205,13 +201,9 @@ def _good_in(results: Results, name: str) -> tuple[list[str], list[str]]:
 
 def _penrose(results: Results) -> list[str]:
     good, off = _good_in(results, PENROSE)
-    if not good or not off:
-        return []
     errors = ", ".join(f"{title(t)} {figure(of_task(results, 'loop', t)[PENROSE]['position_mm'])}" for t in off)
-    where = " and ".join(title(t) for t in good)
-    return [
-        f"{PENROSE} is as near as any here: {where}; there it needs nothing else. It is off elsewhere [mm]: {errors}."
-    ]
+    text = f"as near as any here: {' and '.join(map(title, good))}; there it needs nothing else. It is off elsewhere"
+    return [f"{PENROSE} is {text} [mm]: {errors}."] if good and off else []
 
 
 def _plain_qp(results: Results) -> list[str]:
@@ -221,22 +213,18 @@ def _plain_qp(results: Results) -> list[str]:
         return []
     count = len(good) + len(off)
     where = f"in {len(good)} of {count} tasks" if off else f"in all {count} tasks" if count > 1 else "here"
-    text = f"A {HAND_WRITTEN} of Pinocchio and DAQP is as near {where}; it takes {_span(ratios)} times our time"
-    slower = (
-        f". Without the compiled core ours takes {_span(sorted(1.0 / r for r in alone))} times its time"
-        if alone
-        else ""
-    )
-    return [f"{text}{slower}."]
+    found = [f"A {HAND_WRITTEN} of Pinocchio and DAQP is as near {where}; it takes {_span(ratios)} times our time"]
+    if alone:
+        found.append(f"Without the compiled core ours takes {_span(sorted(1.0 / r for r in alone))} times its time")
+    return [f"{'. '.join(found)}."]
 
 
 def _ratios(results: Results, name: str) -> list[float]:
     """The hand-written loop's time over a row's, task by task."""
-    return [
-        ticks[HAND_WRITTEN]["median_us"] / ticks[name]["median_us"]
-        for _, _, ticks in by_task(results)
-        if name in ticks and HAND_WRITTEN in ticks
+    both = [
+        (ticks[HAND_WRITTEN], ticks[name]) for _, _, ticks in by_task(results) if {name, HAND_WRITTEN} <= set(ticks)
     ]
+    return [by_hand["median_us"] / mine["median_us"] for by_hand, mine in both]
 
 
 def _span(values: list[float]) -> str:

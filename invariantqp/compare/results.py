@@ -14,6 +14,7 @@ import json
 import math
 import os
 import platform
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -26,20 +27,8 @@ SCHEMA = 1
 # Significant digits of a figure in the file: repeated measurements do not agree to more.
 DIGITS = 4
 # Distributions whose version may change a result: solvers, the methods' own, references, and models of arms.
-LIBRARIES = (
-    "numpy",
-    "scipy",
-    "pin",
-    "daqp",
-    "osqp",
-    "qpsolvers",
-    "pin-pink",
-    "mink",
-    "placo",
-    "drake",
-    "mujoco",
-    "example-robot-data",
-)
+SOLVERS, OTHERS = ("daqp", "osqp", "qpsolvers"), ("pin-pink", "mink", "placo", "drake", "mujoco", "example-robot-data")
+LIBRARIES = ("numpy", "scipy", "pin", *SOLVERS, *OTHERS)
 
 Results = dict[str, Any]
 
@@ -101,22 +90,15 @@ def kinds_in(results: Results) -> dict[str, None]:
 @cache
 def machine() -> dict[str, str | int]:
     """Processor, number of cores, operating system, and version of Python."""
+    info = Path("/proc/cpuinfo")  # where the system's name of the processor is a family's
+    lines = info.read_text(encoding="utf-8", errors="replace").splitlines() if info.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return {
-        "processor": _processor(),
+        "processor": (names or [platform.processor() or platform.machine()])[0],
         "cores": os.cpu_count() or 1,
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
     }
-
-
-def _processor() -> str:
-    """The name of the processor as the operating system gives it."""
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        for line in info.read_text(encoding="utf-8", errors="replace").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
 
 
 @cache
@@ -124,8 +106,6 @@ def versions() -> dict[str, str]:
     """The version of this package and of each library above that is installed."""
     found = {"invariantqp": __version__}
     for name in LIBRARIES:
-        try:
+        with suppress(PackageNotFoundError):
             found[name] = version(name)
-        except PackageNotFoundError:
-            continue
     return found

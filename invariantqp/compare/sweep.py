@@ -20,19 +20,13 @@ from invariantqp.compare.measurements import KINDS, Cell, Kind
 from invariantqp.compare.method import kinematics
 from invariantqp.compare.registry import chosen
 from invariantqp.compare.results import SCHEMA, Results, machine, plain, versions, write_results
+from invariantqp.compare.tables import TASKS
 from invariantqp.compare.watched import Result
 from invariantqp.errors import UnknownName
 from invariantqp.runs.taskfile import load_task
 
 # Seven, six and five joints, each on a path that meets no limit and on one that meets some.
-DEFAULT_TASKS = (
-    "compare/panda",
-    "compare/panda_limits",
-    "compare/ur5",
-    "compare/ur5_limits",
-    "so101_line",
-    "compare/so101_limits",
-)
+DEFAULT_TASKS = tuple(name for name in TASKS if not name.startswith("stability/"))
 # Environment variables that BLAS libraries read when they are loaded.
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 

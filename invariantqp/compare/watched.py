@@ -91,20 +91,11 @@ def with_rest(setup: Setup) -> Setup:
     if setup.scene is not None or problem.elastic is not None:
         return setup
     time = setup.task.law.dt * np.arange(len(problem.time) + more, dtype=np.float64)
-    still = np.zeros((more, 6))
-    return replace(
-        setup,
-        wanted=_held(setup.wanted, more),
-        noise=np.resize(setup.noise, (len(setup.noise) + more, setup.noise.shape[1])),
-        problem=replace(
-            problem, time=time, poses=_held(problem.poses, more), feedforward=np.vstack((problem.feedforward, still))
-        ),
-    )
-
-
-def _held(poses: Array, more: int) -> Array:
-    """Poses (n, 4, 4), and the last of them again and again."""
-    return np.concatenate((poses, np.repeat(poses[-1:], more, axis=0)))
+    still = np.vstack((problem.feedforward, np.zeros((more, 6))))
+    wanted, poses = (np.concatenate((T, np.repeat(T[-1:], more, axis=0))) for T in (setup.wanted, problem.poses))
+    noise = np.resize(setup.noise, (len(setup.noise) + more, setup.noise.shape[1]))
+    given = replace(problem, time=time, poses=poses, feedforward=still)
+    return replace(setup, wanted=wanted, noise=noise, problem=given)
 
 
 @contextmanager

@@ -83,7 +83,16 @@ class Triangles:
     def __init__(self, points: Array, faces: NDArray[np.intp], hull: bool) -> None:
         """From corners (n, 3) and triangles (f, 3), anticlockwise as seen from outside where it is a hull."""
         self.points, self.faces, self.hull = points, faces, hull
-        self._model = coal.Convex(*_lists(points, faces)) if hull else _surface_of(points, faces)
+        corner, triangle = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+        for point in points:
+            corner.append(point)
+        for a, b, c in faces.tolist():
+            triangle.append(coal.Triangle(a, b, c))
+        self._model = coal.Convex(corner, triangle) if hull else coal.BVHModelOBBRSS()
+        if not hull:
+            self._model.beginModel(len(faces), len(points))
+            self._model.addSubModel(corner, triangle)
+            self._model.endModel()
         self._here, self._there = coal.Transform3s(), coal.Transform3s()
         self._wanted = coal.DistanceRequest(True, True)
 
@@ -131,7 +140,10 @@ def _read(source: Any, solid: bool) -> tuple[Array, NDArray[np.intp]]:
         except RobotModelError as error:
             raise BadInput("source", str(error), "a mesh file that coal reads: STL, OBJ, DAE, PLY") from error
     elif isinstance(source, tuple) and len(source) == 2:
-        points, faces = _points(source[0]), _indices(source[1])
+        points, given = _points(source[0]), arrays.matrix(source[1], (None, 3), "source")
+        if not (given == np.round(given)).all():
+            raise BadInput("source", excerpt(source[1]), SOURCE)
+        faces = given.astype(np.intp)
     elif solid and not isinstance(source, tuple):
         points, faces = _points(source), np.zeros((1, 3), np.intp)
     else:
@@ -146,13 +158,6 @@ def _points(value: Any) -> Array:
     if len(points) < 3:
         raise BadInput("source", f"{len(points)} points", SOURCE)
     return points
-
-
-def _indices(value: Any) -> NDArray[np.intp]:
-    given = arrays.matrix(value, (None, 3), "source")
-    if not (given == np.round(given)).all():
-        raise BadInput("source", excerpt(value), SOURCE)
-    return given.astype(np.intp)
 
 
 def _outside(points: Array) -> tuple[Array, NDArray[np.intp]]:
@@ -170,23 +175,6 @@ def _outside(points: Array) -> tuple[Array, NDArray[np.intp]]:
     faces = place[hull.simplices]
     faces[inward] = faces[inward][:, [0, 2, 1]]
     return points[kept], faces
-
-
-def _lists(points: Array, faces: NDArray[np.intp]) -> tuple[Any, Any]:
-    corner, triangle = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for point in points:
-        corner.append(point)
-    for a, b, c in faces.tolist():
-        triangle.append(coal.Triangle(a, b, c))
-    return corner, triangle
-
-
-def _surface_of(points: Array, faces: NDArray[np.intp]) -> Any:
-    model = coal.BVHModelOBBRSS()
-    model.beginModel(len(faces), len(points))
-    model.addSubModel(*_lists(points, faces))
-    model.endModel()
-    return model
 
 
 def triangles(file: str) -> tuple[Array, NDArray[np.intp]]:

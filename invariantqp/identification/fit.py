@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invariantqp.geometry import se3
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.identification.models import Model, angles, gauge
 from invariantqp.identification.motions import (
     adjoint,
@@ -56,7 +56,6 @@ CONVERGED = 1e-8
 NEAR = 4.0
 # Marquardt's damping, relative to the curvature of the sum of squares: at first, the least, and where it is given up.
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-7, 1e8
-TINY = 1e-14
 # Share by which the sum of squares may rise where corrections of poses have been made anew.
 RELINEARISED = 1e-4
 # Side force across the slide, relative to the force, that irregular friction may have: so weak a row that motion,
@@ -89,10 +88,6 @@ class Samples(NamedTuple):
     pose_noise: Array  # (n, 6, 6) covariance of the twist by which a pose is off, in the tool frame
     wrench_noise: Array  # (n, 6, 6)
     bending: Array  # (n, 6, c) twists by which a pose gives way, with each of the entries of a compliance; or c = 0
-
-    def thinned(self, step: int) -> Samples:
-        """Every so many-th."""
-        return Samples(*(part[::step] for part in self))
 
     @property
     def reversed(self) -> Samples:
@@ -214,13 +209,13 @@ def _step(H: Array, g: Array, damping: float, alike: Array) -> Array:
     Each parameter counts in the length at which it adds one to the sum of squares, so that no unit enters.
     """
     D = np.diag(H)
-    scale = 1.0 / np.sqrt(D + TINY * D.max())
+    scale = 1.0 / np.sqrt(D + ROUNDING * D.max())
     across = np.linalg.qr(alike / scale[:, None], mode="complete")[0][:, alike.shape[1] :]
     curved = across.T @ (H * np.outer(scale, scale)) @ across
-    damped = curved + np.diag(damping * np.diag(curved) + TINY)
+    damped = curved + np.diag(damping * np.diag(curved) + ROUNDING)
     delta: Array = np.asarray(-scale * (across @ np.linalg.solve(damped, across.T @ (scale * g))))
     turn = max(float(np.abs(delta[:3]).max()), float(np.abs(delta[6:9]).max()))
-    return delta * min(1.0, 0.5 / max(turn, TINY))
+    return delta * min(1.0, 0.5 / max(turn, ROUNDING))
 
 
 def _moved(state: _State, delta: Array) -> tuple[Array, Array, Array, Array]:
@@ -417,7 +412,11 @@ def _tips(model: Model, samples: Samples, R: Array, t: Array, w: Array) -> list[
     # An edge's moments are not all zero; they only place it where nothing else does.
     share_w = 1e-3 if model.kind == "line" else 1.0
     travel = np.linalg.svd(t - t.mean(axis=0), full_matrices=False)[2][0]
-    normals = np.stack((pushed, unit(pushed - travel * travel.dot(pushed) + 1e-12), *(_half_sphere() @ axes)))
+    i = np.arange(NORMALS) + 0.5
+    z, turn = 1.0 - i / NORMALS, np.pi * (1.0 + 5.0**0.5) * i
+    r = np.sqrt(1.0 - z * z)
+    half_sphere = np.stack((r * np.cos(turn), r * np.sin(turn), z), axis=-1)
+    normals = np.stack((pushed, unit(pushed - travel * travel.dot(pushed) + 1e-12), *(half_sphere @ axes)))
     G = np.einsum("nji,kj->kni", R, normals)  # R' n
     G = np.concatenate((G, np.full((*G.shape[:2], 1), -1.0)), axis=-1)
     y = -np.einsum("ni,ki->kn", t, normals)
@@ -456,19 +455,8 @@ def _tip(model: Model, R: Array, t: Array, n: Array, found: Array) -> list[Start
         # The tool never tilts: directions of the edge in its plane, 30 degrees apart.
         other, turns = np.cross(z, edge), np.arange(6) * np.pi / 6.0
         return [(base, framed(z, p, np.cos(t) * edge + np.sin(t) * other), np.zeros(0)) for t in turns]
-    tool = poses(np.eye(3), p)
-    return [(base, tool, np.zeros(0) if model.kind == "point" else np.array([_ball_under(x, base)]))]
-
-
-def _ball_under(x: Array, base: Array) -> float:
-    """The curvature k of z + k |p|^2 / 2 = 0 through points x in the base frame."""
-    y = (x - base[:3, 3]) @ base[:3, :3]
+    if model.kind == "point":
+        return [(base, poses(np.eye(3), p), np.zeros(0))]
+    y = (x - base[:3, 3]) @ base[:3, :3]  # z + k |p|^2 / 2 = 0 through them
     A = np.stack((0.5 * (y * y).sum(axis=1), np.ones(len(y))), axis=1)
-    return float(np.linalg.lstsq(A, -y[:, 2], rcond=None)[0][0])
-
-
-def _half_sphere() -> Array:
-    i = np.arange(NORMALS) + 0.5
-    z, turn = 1.0 - i / NORMALS, np.pi * (1.0 + 5.0**0.5) * i
-    r = np.sqrt(1.0 - z * z)
-    return np.stack((r * np.cos(turn), r * np.sin(turn), z), axis=-1)
+    return [(base, poses(np.eye(3), p), np.linalg.lstsq(A, -y[:, 2], rcond=None)[0][:1])]

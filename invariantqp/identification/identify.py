@@ -41,8 +41,6 @@ TRIED = 1.5
 COARSE, FINE = 10, 40
 # Share of a stretch that its contacts have to explain by a determined kind: less is noise cut into pieces.
 MOSTLY = 0.7
-# Contacts of one recording that are looked for, at most.
-MOST_SEGMENTS = 8
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -272,7 +270,7 @@ class _Look:
         """
         latest = self._ends(lambda a, b: self.explained(start + a, start + b), stop - start)
         earliest = self._ends(lambda a, b: self.explained(stop - b, stop - a), stop - start)
-        if not latest or len(latest) != len(earliest) or len(latest) >= MOST_SEGMENTS:
+        if not latest or len(latest) != len(earliest) or len(latest) >= COARSE:
             return []
         begins = [start, *(start + k for k in latest)]
         ends = [*(stop - k for k in reversed(earliest)), stop]
@@ -284,7 +282,7 @@ class _Look:
         found: list[int] = []
         begin = 0
         step = max(FEWEST, length // COARSE)
-        while begin < length and len(found) < MOST_SEGMENTS:
+        while begin < length and len(found) < COARSE:
             if explained(begin, length):
                 return found
             low, high = begin + step, length

@@ -30,6 +30,7 @@ SAME, AGAIN = 1e-2, 2
 ENOUGH = 0.1
 # Beyond so many standard deviations a pitch or a curvature is not zero.
 SURE = 5.0
+MOMENTS = "moments about what turns freely are {:.3g} times their noise"
 # Kinds whose frames are those of another kind that moves in more ways.
 _WITHIN = {
     "peg": ("slide", "hinge", "screw"),
@@ -82,7 +83,7 @@ def judged(samples: Samples, kinds: tuple[str, ...]) -> list[Verdict]:
                 best = _best(model, side, _inside(model, reversed_, found))
                 found.append(_verdict(model, reversed_, best, side))
             else:
-                found.append(Verdict(model, reversed_, _anywhere(model, side), _moments(least)))
+                found.append(Verdict(model, reversed_, _anywhere(model, side), MOMENTS.format(least)))
     return _simplest(found, samples)
 
 
@@ -97,10 +98,6 @@ def _least_moments(model: Model, resisted: Array) -> float:
     """What moments about turns that a kind leaves free are at least, root mean square, in their noise."""
     free = len(model.free_moments)
     return sqrt(max(0.0, float(resisted[:free].mean()))) if free else 0.0
-
-
-def _moments(times: float) -> str:
-    return f"moments about what turns freely are {times:.3g} times their noise"
 
 
 def _inside(model: Model, reversed_: bool, found: list[Verdict]) -> list[Start]:
@@ -129,7 +126,7 @@ def explains(samples: Samples, kinds: tuple[str, ...]) -> bool:
 
 def _best(model: Model, samples: Samples, inside: Sequence[Start] = ()) -> Fit:
     """The best fit from any start; only those that are near are worth all samples."""
-    few = samples.thinned(max(1, min(COARSE, len(samples.pose) // 40)))
+    few = Samples(*(part[:: max(1, min(COARSE, len(samples.pose) // 40))] for part in samples))
     best, again = None, 0
     for start in (*inside, *starts(model, samples)):
         found = _seated(fit(model, few, start, ENOUGH), few)
@@ -172,7 +169,7 @@ def _verdict(model: Model, reversed_: bool, found: Fit, samples: Samples) -> Ver
     if not found.motion < MISFIT:
         return verdict(f"poses leave it by {found.motion:.3g} times their noise")
     if not found.wrench < MISFIT:
-        return verdict(_moments(found.wrench))
+        return verdict(MOMENTS.format(found.wrench))
     C = inverse(found.base) @ samples.pose @ found.tool
     if model.kind in ("hinge", "screw"):
         turned = angles(C, samples.turned @ found.tool[:3, 2])
@@ -206,22 +203,16 @@ def _pressed(model: Model, verdict: Callable[..., Verdict], found: Fit, samples:
     side = f - press[:, None] * n
     if np.mean(np.linalg.norm(side, axis=1) < FRICTION * np.abs(press) + SURELY * noise) < PRESSED:
         return verdict("its side force is more than friction has")
-    along, across = _of_slide(samples, found, n, side)
+    which, way, sure = samples.slides(found.tool[:3, 3])
+    slides = sure > 0.5
+    u, f, normal = way[slides] @ found.base[:3, :3], side[which[slides]], n[which[slides]]
+    along, across = (f * u).sum(axis=1), (f * cross(normal, u)).sum(axis=1)  # of the side force, where it slides
     if len(along) >= 10 and np.sqrt(np.mean(across**2 + along**2)) > SURELY * noise:
         if np.mean(across**2) > CROSSWISE**2 * np.mean(along**2 + across**2):
             return verdict("its side force acts across the slide, and friction along it")
         if -along.sum() > CROSSWISE * np.abs(along).sum():
             return verdict("friction would drive it: is the sign of the wrenches right?")
     return verdict("", sign)
-
-
-def _of_slide(samples: Samples, found: Fit, n: Array, side: Array) -> tuple[Array, Array]:
-    """(k,) side forces along the slide and across it, where it slides."""
-    which, along, sure = samples.slides(found.tool[:3, 3])
-    slides = sure > 0.5
-    u = along[slides] @ found.base[:3, :3]
-    f, normal = side[which[slides]], n[which[slides]]
-    return (f * u).sum(axis=1), (f * cross(normal, u)).sum(axis=1)
 
 
 def _simplest(verdicts: list[Verdict], samples: Samples) -> list[Verdict]:

@@ -105,7 +105,7 @@ def _screw(C: Array, extra: Array, turned: Array) -> Rows:
     return Rows(values, by_twist, by_pitch)
 
 
-def _slide(C: Array, _: Array, __: Array) -> Rows:
+def _slide(C: Array) -> Rows:
     turned = np.broadcast_to(np.eye(3, 6), (len(C), 3, 6))
     return _rows(_place(C, slice(2)), (rotation_vectors(C[:, :3, :3]), turned))
 
@@ -123,7 +123,7 @@ def _face(C: Array, column: int = 2, rows: slice = slice(2)) -> Rows:
 MODELS: dict[str, Model] = {
     model.kind: model
     for model in (
-        Model("slide", 1, _slide, ((5,), (5,), ((2, 2), (3, 3), (4, 4))), {"axis": [0, 1]}),
+        Model("slide", 1, lambda C, *_: _slide(C), ((5,), (5,), ((2, 2), (3, 3), (4, 4))), {"axis": [0, 1]}),
         Model("hinge", 1, lambda C, *_: _hinge(C), ((2,), (2,), _JOINTLY), _AXIS),
         Model("screw", 1, _screw, ((), (), _JOINTLY), _AXIS, extra=1),
         Model("peg", 2, lambda C, *_: _rows(_place(C, slice(2)), _tilt(C, 2, slice(2))), ((2, 5), (2, 5), ()), _AXIS),

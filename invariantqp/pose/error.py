@@ -245,10 +245,12 @@ def pose_error(arm: PoseArm, target: Any, form: Form | float | None, exact: tupl
     L = arm.length
     if form is not None:
         chosen = form_of(form)
-        if isinstance(chosen, CarriedMetric):
+        if isinstance(chosen, CarriedMetric):  # fixed to the body at the target; its pose is in the base frame
             mid = arm.space.middle
             T = se3.exp(robot.sight(mid, wanted).error, check=False).dot(robot.pose(mid))  # the target as a matrix
-            return _metric_error(robot, wanted, chosen, T, exact)
+            pose, inverse = T if chosen.follows_tool else np.asarray(chosen.pose), T[:3, :3].T
+            root = np.linalg.cholesky(np.asarray(chosen.matrix)).T.dot(np.kron(np.eye(2), pose[:3, :3].T))
+            return PoseError(robot, wanted, root, inverse.dot(pose[:3, 3] - T[:3, 3]), even=False, exact=exact)
         if not isinstance(chosen, PitchForm) or chosen.h == 0.0:
             found = "h = 0" if isinstance(chosen, PitchForm) else "a complement"
             raise BadInput("form", f"{found}, which measures no distance", "a pitch other than 0, or CarriedMetric")
@@ -256,15 +258,6 @@ def pose_error(arm: PoseArm, target: Any, form: Form | float | None, exact: tupl
     point = next((np.asarray(demand.point) for demand in exact if isinstance(demand, ExactPoint)), arm.point)
     compiled = arm.compiled if not exact and arm.length == L else arm.measured(L, point, exact)
     return PoseError(robot, wanted, np.diag((L, L, L, 1.0, 1.0, 1.0)), point, even=True, exact=exact, compiled=compiled)
-
-
-def _metric_error(robot: Robot, wanted: Any, metric: CarriedMetric, T: Array, exact: tuple[Exact, ...]) -> PoseError:
-    """The measure of a metric that is fixed to the body at the target; its pose is in the base frame."""
-    pose = T if metric.follows_tool else np.asarray(metric.pose)
-    W = np.asarray(metric.matrix)
-    turn = np.kron(np.eye(2), pose[:3, :3].T)
-    point = T[:3, :3].T.dot(pose[:3, 3] - T[:3, 3])
-    return PoseError(robot, wanted, np.linalg.cholesky(W).T.dot(turn), point, even=False, exact=exact)
 
 
 def _log_derivative(omega: Array) -> Array:

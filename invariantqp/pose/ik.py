@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from math import inf, sqrt
+from math import sqrt
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -155,7 +155,9 @@ class PoseSearch:
         """The one that met the target with most room; or of those `ended`, whose first may be downhill from q0."""
         met = [one for one in tried if one.met]
         if met:
-            return met[-1] if self._is_good(met[-1]) else max(met, key=self._room)
+            keeps = self._clearance
+            far = keeps is not None and not self._is_good(met[-1])
+            return max(met, key=lambda one: keeps.at(one.q).distance) if far and keeps else met[-1]
         # From q0, and not to what is exact: only a try that met that is nearer.
         kept = [one for i, one in enumerate(ended) if not (downhill and i) or one.unmet <= self._tolerance]
         least = min(map(self._rank, kept))
@@ -211,10 +213,6 @@ class PoseSearch:
 
     def _blocked(self, q: Array) -> str:
         return "" if self._clearance is None else self._clearance.blocked(q)
-
-    def _room(self, one: Try) -> float:
-        """The least distance of bodies where a try ended."""
-        return inf if self._clearance is None else self._clearance.at(one.q).distance
 
     def _ended(self, error: PoseError, q: Array, goal: float, last: float) -> Try:
         """The last digits from q (m,); with exact demands several times: a penalty from far away is in their way."""

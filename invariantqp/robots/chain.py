@@ -186,7 +186,9 @@ class Chain(Value):
     def powers(self) -> tuple[Array, Array]:
         """(m,) rates |omega| of the joints, 1 for slides, and (m, 3, 16) powers 1 to 3 of S / rate as 4x4 matrices."""
         rates = np.array([hypot(*s[:3].tolist()) or 1.0 for s in self.screws.T])
-        S = np.array([_matrix(s) for s in (self.screws / rates).T])
+        S = np.zeros((len(rates), 4, 4))  # [[omega^, v], [0, 0]] of each
+        for matrix, s in zip(S, (self.screws / rates).T, strict=True):
+            matrix[:3, :3], matrix[:3, 3] = se3.cross_matrix(s[:3]), s[3:]
         return rates, np.stack((S, S @ S, S @ S @ S), axis=1).reshape(-1, 3, 16)
 
     def motions(self, q: Array) -> list[Array]:
@@ -227,14 +229,6 @@ class Chain(Value):
         v[1] += p[2] * w[0] - p[0] * w[2]
         v[2] += p[0] * w[1] - p[1] * w[0]
         return J, motions[-1].dot(self.home)
-
-
-def _matrix(s: Array) -> Array:
-    """A twist (6,) as a (4, 4) matrix [[omega^, v], [0, 0]]."""
-    S = np.zeros((4, 4))
-    S[:3, :3] = se3.cross_matrix(s[:3])
-    S[:3, 3] = s[3:]
-    return S
 
 
 def _places(screws: Array, home: Array) -> Array:

@@ -63,8 +63,29 @@ def chain_to_link(
     path = paths.get(tool, [])
     can = [joint.name for joint in path if joint.kind != "fixed"]
     moving = selected(name, tool, can, [joint.name for joint in joints], chosen)
-    behind = {link: paths.get(link, []) for link in links}
-    return _chain(name, path, set(moving), tool, _links(behind, path, moving, parts or {}))
+    made = _links({link: paths.get(link, []) for link in links}, path, moving, parts or {})
+    frames = {link.name: link.frame for link in made}
+    arm, screws = [joint for joint in path if joint.name in moving], []
+    for joint in arm:
+        if joint.kind not in MOVING:
+            raise cannot_move(name, joint.name, NOT_SINGLE.format(joint.kind))
+        if joint.mimics:
+            raise cannot_move(name, joint.name, f"mimics {joint.mimics!r} and has no coordinate of its own")
+        T, still = frames[joint.child], np.zeros(3)
+        along = T[:3, :3].dot(joint.axis)
+        hinge = (along, se3.cross(T[:3, 3], along))
+        screws.append(np.concatenate((still, along) if joint.kind == "prismatic" else hinge))
+    return Chain(
+        np.column_stack(screws),
+        frames[tool],
+        [joint.name for joint in arm],
+        [joint.lower for joint in arm],
+        [joint.upper for joint in arm],
+        [joint.speed for joint in arm],
+        tool=tool,
+        places=[frames[joint.child][:3, 3] for joint in arm],
+        links=made,
+    )
 
 
 def selected(name: str, tool: str, can: list[str], known: Sequence[str], chosen: Sequence[str] | None) -> list[str]:
@@ -112,32 +133,6 @@ def _length(path: list[TreeJoint]) -> tuple[int, bool]:
     return sum(joint.kind != "fixed" and not joint.mimics for joint in path), able
 
 
-def _chain(name: str, path: list[TreeJoint], moving: set[str], tool: str, links: tuple[Link, ...]) -> Chain:
-    T, screws, places = np.eye(4), [], []
-    for joint in path:
-        T = T.dot(joint.origin)
-        if joint.name in moving:
-            _require_one_coordinate(name, joint)
-            along, still = T[:3, :3].dot(joint.axis), np.zeros(3)
-            hinge = (along, se3.cross(T[:3, 3], along))
-            screws.append(np.concatenate((still, along) if joint.kind == "prismatic" else hinge))
-            places.append(T[:3, 3])
-        elif joint.kind in MOVING:
-            T = T.dot(displacement(joint, rest(joint)))
-    parts = [joint for joint in path if joint.name in moving]
-    return Chain(
-        np.column_stack(screws),
-        T,
-        [joint.name for joint in parts],
-        [joint.lower for joint in parts],
-        [joint.upper for joint in parts],
-        [joint.speed for joint in parts],
-        tool=tool,
-        places=places,
-        links=links,
-    )
-
-
 def _links(
     paths: dict[str, list[TreeJoint]],
     to_tool: list[TreeJoint],
@@ -163,13 +158,6 @@ def _links(
                     unknown = unknown or joint.name
         made.append(Link(name, body, T, parts.get(name, ()), unknown))
     return tuple(made)
-
-
-def _require_one_coordinate(name: str, joint: TreeJoint) -> None:
-    if joint.kind not in MOVING:
-        raise cannot_move(name, joint.name, NOT_SINGLE.format(joint.kind))
-    if joint.mimics:
-        raise cannot_move(name, joint.name, f"mimics {joint.mimics!r} and has no coordinate of its own")
 
 
 def cannot_move(name: str, joint: str, why: str) -> RobotModelError:

@@ -91,7 +91,10 @@ def _prepared(task: Task, physics: str) -> Setup:
     start = started(robot, task.start())
     scene = scene_of(task, robot.pose(start), task.physics.force_noise if physics == "mujoco" else 0.0)
     time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
-    wanted = _wanted(task, robot, scene, time)
+    pose = task.path.along(robot, start)
+    path = [pose(t) for t in np.maximum(time - task.settle, 0.0).tolist()]  # it waits until contact has settled
+    wanted = np.array(path if scene is None else [scene.on_surface(T) for T in path])
+    moves = np.array([se3.displacement(a, b) / law.dt for a, b in pairwise(wanted)])
     return Setup(
         task=task,
         robot=robot,
@@ -106,7 +109,7 @@ def _prepared(task: Task, physics: str) -> Setup:
             law=law,
             time=time,
             poses=wanted,
-            feedforward=_feedforward(task, wanted),
+            feedforward=np.zeros((n, 6)) if task.path.jumps else moves,
             contact_task=None if scene is None else scene.task,
             sensor=None if scene is None else scene.sensor,
             operator=task.operator,
@@ -139,18 +142,3 @@ def _plant(task: Task, robot: Robot, scene: ContactScene | None, physics: str) -
     from invariantqp.runs.mujoco import MujocoPlant  # only where it is asked for
 
     return MujocoPlant(task.urdf(), robot, task.start(), task.law.dt, springs, sensor, task.physics)
-
-
-def _wanted(task: Task, robot: Robot, scene: ContactScene | None, time: Array) -> Array:
-    """(n + 1, 4, 4) tool poses wanted; the path waits until contact has settled."""
-    pose = task.path.along(robot, task.start())
-    path = [pose(t) for t in np.maximum(time - task.settle, 0.0).tolist()]
-    return np.array(path if scene is None else [scene.on_surface(T) for T in path])
-
-
-def _feedforward(task: Task, wanted: Array) -> Array:
-    """(n, 6) twists that lead from one pose to the next in a tick, base frame; zero for a target that jumps."""
-    if task.path.jumps:
-        return np.zeros((len(wanted) - 1, 6))
-    moves = [b.dot(se3.inverse(a, check=False)) for a, b in pairwise(wanted)]
-    return np.array([se3.log(move, check=False) / task.law.dt for move in moves])

@@ -91,15 +91,14 @@ class ContactScene:
         """(6,) the wrench to exert, in the contact's frame."""
         return self.task.split(self.kind).wanted(np.asarray(self.task.wrench))
 
+    @property
+    def _weights(self) -> Array:
+        return np.asarray(self.stiffness[3] / self.stiffness)
+
     @cached_property
     def wanted_norm(self) -> float:
         """|W_d| [N]."""
         return sqrt((self.wanted * self.wanted).dot(self._weights))
-
-    @cached_property
-    def _weights(self) -> Array:
-        weights: Array = self.stiffness[3] / self.stiffness
-        return weights
 
     @cached_property
     def _resisted(self) -> Array:

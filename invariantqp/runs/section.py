@@ -116,16 +116,12 @@ def _place(location: tuple[int | str, ...], root: type[BaseModel], unknown: bool
         if isinstance(part, int):
             keys += (part,)
         elif any(part in table.model_fields for table in below) or (unknown and part == location[-1]):
-            keys, tables, below = (*keys, part), below, _tables_at(part, below)
-        else:
-            below = [table for table in below if _is_kind(table, part)] or below
+            fields = [table.model_fields[part] for table in below if part in table.model_fields]
+            keys, tables, below = (*keys, part), below, [t for field in fields for t in _models_in(field.annotation)]
+        else:  # the kind of that name, of several that may stand at a place: a path has kind = "line"
+            kinds = {table: getattr(table.model_fields.get("kind"), "annotation", None) for table in below}
+            below = [table for table, kind in kinds.items() if part in getattr(kind, "__args__", ())] or below
     return _Place(keys, tables)
-
-
-def _tables_at(key: str, tables: Models) -> Models:
-    """The tables that may be the value of a key."""
-    fields = [table.model_fields[key] for table in tables if key in table.model_fields]
-    return [table for field in fields for table in _models_in(field.annotation)]
 
 
 def _advice(place: _Place, unknown: bool) -> str:
@@ -146,12 +142,6 @@ def toml(value: Any) -> str:
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(toml, value))}]"
     return str(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)  # inf as well
-
-
-def _is_kind(table: type[BaseModel], name: str) -> bool:
-    """Whether a table is the kind of that name, of several that may stand at a place: a path has kind = "line"."""
-    kind = table.model_fields.get("kind")
-    return kind is not None and name in getattr(kind.annotation, "__args__", ())
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:

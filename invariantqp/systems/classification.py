@@ -8,8 +8,7 @@ A type is defined by equations, which data with rounding never satisfy exactly. 
 sine, a difference of pitches) compared with what an error of `tolerance` in the twists could make of zero. The result
 lists these numbers; `margin` is the factor by which the tolerance would have to change for another name.
 
-The numbers are computed about the point that the twists move least and in a length that the twists define, so they do
-not depend on frame or unit, unless the origin is so far away that the given digits resolve that length badly (`_unit`).
+They are computed about the point that the twists move least and in a length that the twists define (`_unit`).
 
     span(Ad(motion) J) = span(normal form of (class, moduli)),   motion = (R, -R p): axes R (rows), origin p
 

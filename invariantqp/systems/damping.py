@@ -3,8 +3,7 @@
     Phi_h(x) = (s - J x)'Q_h(s - J x),   grad = -2 J'Q_h(s - J x),   Hessian = 2 G,   G = J'Q_h J
     Phi_h(J^{+h} s) = det([J s]'Q_h[J s]) / det(J'Q_h J)
 
-Q_h has signature (3, 3), so with rank J >= 4 the stationary point is always a saddle. The factor 1/2 of [DS] (2.6) is
-left out, as in its Example 4. With Lambda,
+Q_h has signature (3, 3), so with rank J >= 4 the stationary point is always a saddle. With Lambda,
 
     Phi_h(x) + x'Lambda x is stationary at x = (G + Lambda)^-1 J'Q_h s;   psi = J (G + Lambda)^-1 J'Q_h,   s -> J x
 
@@ -18,8 +17,7 @@ The eigenvalues of psi are the gains of the closed loop: mu_i / (mu_i + 1) on J 
         mu < -lambda                               above 1: the tool overshoots
     Lambda = lambda^2 G^-1                         mu^2 / (mu^2 + lambda^2), in [0, 1) whatever the sign of mu
 
-An arm of rank 4 or more has values mu of both signs for every h. The velocity law of this library damps by the last
-choice (`Fixed`, `Adaptive`, `Selective`).
+An arm of rank 4 or more has values mu of both signs for every h; the velocity law damps by the last choice.
 
 Reference: [DS] Theorem 6.1, (6.3), (6.4), Example 4; Sect. 6.2, the formulas after it, which have no number. The
 formula for Phi_h(J^{+h}s), with it the h of zero error, and the eigenvalues of psi are ours.
@@ -60,7 +58,14 @@ def psi(J: ArrayLike, h: float, Lambda: ArrayLike) -> Array:
     """
     twists = arrays.columns(J)
     m = twists.shape[1]
-    total = gram_matrix(twists, h) + _symmetric(Lambda, m)
+    expected = f"a symmetric ({m}, {m}) matrix, its {m} diagonal entries, or a number"
+    a = arrays.array(Lambda, "Lambda", expected)
+    if a.ndim < 2:
+        a = np.diag(np.broadcast_to(a, m) if a.ndim == 0 else a)
+    if a.shape != (m, m):
+        raise BadInput("Lambda", f"shape {np.shape(Lambda)}", expected)
+    damping = arrays.symmetric(a, m, "Lambda", expected, "Pass (A + A.T) / 2 if that is meant.")
+    total = gram_matrix(twists, h) + damping
     scale = np.sqrt(np.abs(total).max(axis=0))
     scale[scale == 0.0] = 1.0
     scaled = total / np.outer(scale, scale)
@@ -70,16 +75,6 @@ def psi(J: ArrayLike, h: float, Lambda: ArrayLike) -> Array:
         )
     right = twists.T.dot(pitch_form(h)) / scale[:, None]
     return np.asarray((twists / scale).dot(np.linalg.solve(scaled, right)))
-
-
-def _symmetric(value: ArrayLike, m: int) -> Array:
-    expected = f"a symmetric ({m}, {m}) matrix, its {m} diagonal entries, or a number"
-    a = arrays.array(value, "Lambda", expected)
-    if a.ndim < 2:
-        a = np.diag(np.broadcast_to(a, m) if a.ndim == 0 else a)
-    if a.shape != (m, m):
-        raise BadInput("Lambda", f"shape {np.shape(value)}", expected)
-    return arrays.symmetric(a, m, "Lambda", expected, "Pass (A + A.T) / 2 if that is meant.")
 
 
 @frozen(eq=False, repr=False, slots=False)

@@ -26,15 +26,11 @@ Planes of null screws are the 3-systems in which all screws have one pitch h and
     beta     all screws of pitch h whose axes lie in a plane           w across n, and the slide n     type IIB
              ... in the plane at infinity: all slides                  of pitch inf, in every q_h      type IID
 
-They are the planes that lie wholly in the pitch hyperquadric q_h of projective 5-space, in two families, as a
-hyperboloid has two families of lines; there are no others. Two planes of one family and one h are equal or share one
-screw. An alpha- and a beta-plane share a pencil of screws if the point lies in the plane, and nothing otherwise. Such
-a system is its own h-reciprocal, S = S^{perp h}, so it has no h-pseudoinverse for its h. For any other pitch a finite
-alpha-plane has one, and the other three kinds have none.
-
-In machines, at h = 0: a spherical wrist is an alpha-plane; parallel hinges (a planar arm, a flat face on a table) are
-an alpha-plane at infinity; three hinges with axes in one plane are a beta-plane; a gantry is the beta-plane at
-infinity. As wrenches Q_0 s, an alpha-plane is all forces through a point, and a beta-plane all forces in a plane.
+They are the planes that lie wholly in the pitch hyperquadric q_h of projective 5-space, in two families; there are no
+others. Such a system is its own h-reciprocal, S = S^{perp h}, so it has no h-pseudoinverse for its h; for any other
+pitch a finite alpha-plane has one, and the other three kinds have none. At h = 0 a spherical wrist is an alpha-plane,
+parallel hinges one at infinity, three hinges with axes in one plane a beta-plane, a gantry the one at infinity. As
+wrenches Q_0 s, an alpha-plane is all forces through a point, and a beta-plane all forces in a plane.
 
 Reference: [DS] Sect. 4, corrected (errata 6 and 10 in `invariantqp.systems`); Sect. 2.2 (the two rulings), Table 2.
 """

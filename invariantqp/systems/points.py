@@ -108,13 +108,9 @@ def reach(J: ArrayLike, point: ArrayLike) -> float:
 
     The line starts at `point` (3,), goes to its foot on the last turning axis of J (6, m), from there to its foot on
     the axis before, and so on to the first; joints that only slide are skipped. With revolute joints no leg of it
-    depends on the joint positions: the first joins two points of the last link; its end lies on the last axis, so it is
-    also a point of the link before; and so on. Where a slide or a helical joint stands between two turning axes, the
-    leg between them changes with its position.
-
-    No revolute joint moves the point faster than `reach` times its own rate, in any position of the joints, since
-    the distance from the point to an axis is at most the length of the line up to there. It is the same in every frame,
-    the point given in that frame; 0 where all axes meet in the point, or where no joint turns.
+    depends on the joint positions, since both of its ends are points of one link. No revolute joint moves the point
+    faster than `reach` times its own rate, in any position of the joints. It is the same in every frame, the point
+    given in that frame; 0 where all axes meet in the point, or where no joint turns.
     """
     twists = arrays.columns(J)
     x, y, z = arrays.vector(point, 3, "point").tolist()

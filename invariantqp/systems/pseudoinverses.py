@@ -3,14 +3,12 @@
     J = T C  (T a basis of the system, C of full row rank):   J^{+h} = M^-1 C'(C M^-1 C')^-1 (T'Q_h T)^-1 T'Q_h
     (hP1) J X J = J     (hP2) X J X = X     (hP3) (J X)^{*h} = J X     (hP4) (X J)* = X J
 
-It measures twists by Q_h and so depends on no choice of frame. There is one iff rank(T'Q_h T) = rank(J). J is factored
-before a Gram matrix is formed, because (J'Q_h J)^-1 J'Q_h squares the condition number of J. In floating point the rank
-is decided by the condition number of J^{+h}: the answer is given where at least three digits of it are correct, and
-refused where rounding could have changed more.
+It measures twists by Q_h and so depends on no choice of frame. There is one iff rank(T'Q_h T) = rank(J); in floating
+point it is given where at least three digits of it are correct. J is factored before a Gram matrix is formed, because
+(J'Q_h J)^-1 J'Q_h squares the condition number of J.
 
 (hP3) says that Q_h J X is symmetric: J X projects twists on im J along its h-reciprocal. (hP4) says that M X J is
-symmetric, with the joint metric M: X J projects joint velocities along the self-motions, at right angles in M. [DS]
-prints the h-adjoint in (hP4), which an m x m matrix has not.
+symmetric, with the joint metric M: X J projects joint velocities along the self-motions, at right angles in M.
 
 Reference: [DS] Sect. 2.3 (2.12)-(2.15), (hP1)-(hP4), after Penrose 1955; Theorem 2.2; Theorem 3.1, Corollary 3.2.
 """
@@ -43,8 +41,7 @@ from invariantqp.systems.subspaces import (
 )
 
 # Above this the relative error of 1e-15 that forward kinematics in float64 leaves of joint twists can change J^{+h} by
-# more than a thousandth. Arms that are singular by structure (an
-# SO-101 at h = 0, a SCARA at any h) have hundreds of times this number, in every state and frame.
+# more than a thousandth. Arms that are singular by structure (a SCARA at any h) have hundreds of times this number.
 LARGEST_CONDITION = 1e12
 
 
@@ -97,11 +94,7 @@ class Factors(NamedTuple):
         dX = -X dJ X + G^+ dJ'Q_h(I - JX) + (I - XJ) dJ'X'X + ...
 
     The condition number is a bound on the sum of these terms, over |X|, for columns of J with relative errors of size
-    one. It grows as one over the distance of h from a principal pitch, as one over the least singular value of J, and
-    sometimes as the product of the two. The unit of length, the size of a column and the frame change it by a modest
-    factor only, unless the frame is so far away that the given numbers resolve the arm badly.
-
-    Two choices keep digits. Independent columns are scaled to unit size; the scaling cancels. And where |h| is longer
+    one. Two choices keep digits: independent columns are scaled to unit size, which cancels; and where |h| is longer
     than the arm, lengths are measured in |h|, since h times the rounding of a rotation would hide the translations.
 
     Reference: [DS] Theorem 2.2; the condition number is ours, after Wedin's for the Moore-Penrose inverse.
@@ -306,9 +299,8 @@ class Existence(Value):
 
         (i) rank(J'Q_h J) < rank(J)     (ii) S meets S^{perp h}     (iii) S is tangent to q_h at a point z of S
 
-    (i) is an eigenvalue problem, (ii) an angle between two subspaces, (iii) the distance from h to a principal pitch
-    (or a translation that is reciprocal to all of S). Each gives a number that is zero in exact arithmetic. Here it
-    counts as zero if an error of the twists small enough to leave J^{+h} three correct digits could have made it zero.
+    Each gives a number, which counts as zero if an error of the twists small enough to leave J^{+h} three correct
+    digits could have made it zero.
 
     Attributes:
         h: the given pitch [length/rad].

@@ -3,34 +3,23 @@
     J'Q_h J v_i = mu_i M v_i,   v_i'M v_j = delta_ij,   sigma_i = sign(mu_i) sqrt|mu_i|,   t_i = J v_i
     J = W S = R W,   S = |G|^(1/2) = sum g_i v_i v_i'M,   W v_i = w_i = J v_i / g_i,   g_i = sqrt|mu_i|
 
-The mu_i depend on the joint positions, h and the joint metric M alone, where ordinary singular values change with the
-origin of the frame; the twists t_i move with the arm. Q_h is indefinite, so mu_i and sigma_i can be negative. At rank 6
-the product of the |sigma_i| is sqrt det(J M^-1 J'), for every h.
+The mu_i and the gains depend on the joint positions, h and the joint metric M alone, where ordinary singular values
+change with the origin of the frame; the twists t_i, w_i move with the arm. Q_h is indefinite, so mu_i can be negative:
+the sign is that of w_i'Q_h w_i = 2 |omega|^2 (pitch - h), positive for a screw of pitch above h. At rank 6 the product
+of the |sigma_i| is sqrt det(J M^-1 J'), for every h. A small gain belongs to a screw of pitch near h.
 
-With G = M^-1 J'Q_h J, S stretches joint velocities, W moves the tool with all gains one, and R is S seen on the tool's
-side. Joint velocities are measured by a definite form M, twists by Q_h of signature (3, 3), and W has to carry the one
-to the other:
-
-- W an isometry, W'Q_h W = M on the joints that move (the canonical polar decomposition of Higham, Mehl and Tisseur):
-  iff G has no negative eigenvalue and its kernel is that of J. This takes rank J <= 3 and an h below all principal
-  pitches; with h above all of them it exists for -Q_h. With rank 4 or more there is none for any h. See `isometry`.
-- W an isometry up to signs, W'Q_h W = M sign(G), which is computed here: iff the kernel of G is that of J, which is to
-  say iff J has an h-pseudoinverse. At a principal pitch there is none: G, and with it S, is zero on a joint velocity
-  that moves the tool by a screw z, so W S cannot be J. Blind systems have none for any h.
-
-S and W are unique on the joint velocities that move the tool, given that W^{*h} W = sign(G) commutes with S; both are
-zero on the others. S and the gains are the same in every frame; a rigid change of frame takes W to Ad W and R to
-Ad R Ad^-1. A joint velocity of unit size along v_i moves the tool by the twist g_i w_i. The product of the gains is the
-manipulability, their ratio tells the distance from a singularity, and a small gain belongs to a screw of pitch near h.
-Its sign is that of w_i'Q_h w_i = 2 |omega|^2 (pitch - h): positive for a screw w_i of pitch above h.
+With G = M^-1 J'Q_h J, W moves the tool with all gains one, and R is S seen on the tool's side. W is an isometry up to
+signs, W'Q_h W = M sign(G): it exists iff the kernel of G is that of J, which is to say iff J has an h-pseudoinverse. It
+is an isometry (Higham, Mehl and Tisseur) iff G has no negative eigenvalue besides: for rank J <= 3 and h below all
+principal pitches, above all of them for -Q_h, and for rank 4 or more never. S and W are unique on the joint velocities
+that move the tool, and zero on the others.
 
 Parallel mechanisms have wrenches W of the legs instead of joint twists:
 
     W^{+h} = (W'Q_h^-1 W)^-1 W'Q_h^-1 = (Q_0 W)^{+(-h)} Q_0        K = W diag(k) W'
 
-Q_0 swaps the halves of a wrench, which makes it a twist and Q_h^-1 the form Q_{-h}; so W^{+h} is computed as the
-pseudoinverse of twists. The non-zero eigenvalues of K Q_h^-1 are those of (W'Q_h^-1 W, diag(1/k)): the same in every
-frame, where the singular values of W or K depend on the origin.
+Q_0 swaps the halves of a wrench, which makes it a twist and Q_h^-1 the form Q_{-h}. The non-zero eigenvalues of
+K Q_h^-1 are those of (W'Q_h^-1 W, diag(1/k)): the same in every frame.
 
 Reference: asked for in [DS] Sect. 7; W^{+h} is that of Sect. 6.3. Bolshakov, van der Mee, Ran, Reichstein and Rodman
 1997; Higham, Mehl and Tisseur 2010.

@@ -65,7 +65,8 @@ def plain(kind: str, size: Sequence[float]) -> Mesh:
 
 def reduced(meshes: Sequence[Mesh], most: int) -> list[Mesh]:
     """Meshes of about so many triangles together; those of a larger surface keep more, those of none lose all."""
-    weight = np.sqrt([_area(mesh) for mesh in meshes])
+    corners = (mesh.vertices[mesh.faces] for mesh in meshes)
+    weight = np.sqrt([float(trimesh.triangles.area(part).sum()) for part in corners])
     share = most * weight / (weight.sum() or 1.0)
     return [_fewer(mesh, max(FEWEST, int(n))) for mesh, n in zip(meshes, share, strict=True)]
 
@@ -100,11 +101,6 @@ def _snapped(mesh: Mesh, reach: float) -> Mesh:
     vertices = np.column_stack([np.bincount(at, x) / count for x in mesh.vertices.T])
     a, b, c = at[mesh.faces].T
     return Mesh(vertices, at[mesh.faces][(a != b) & (b != c) & (c != a)], mesh.colour)
-
-
-def _area(mesh: Mesh) -> float:
-    a, b, c = (mesh.vertices[corner] for corner in mesh.faces.T)
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2.0
 
 
 def _colour(part: Any) -> tuple[int, int, int] | None:

@@ -18,7 +18,6 @@ from invariantqp.pictures.charts import ERROR, colours
 from invariantqp.pictures.palette import BLUE, ORANGE, SKY
 from invariantqp.runs.trace import Trace
 from invariantqp.template import fill_template
-from invariantqp.view.appearance import Part
 from invariantqp.view.scenery import Solid
 from invariantqp.view.timeline import FORCE, TRAVEL, Timeline, timeline_of
 
@@ -34,7 +33,11 @@ def page(timeline: Timeline, *, live: bool = False) -> str:
     """The file's text; a live page asks its server for the run that it shows, again and again."""
     files = (*SCRIPTS, "live.js") if live else SCRIPTS
     scripts = [(resources.files(__package__) / name).read_text(encoding="utf-8") for name in files]
-    run = {**drawn(timeline), "live": live, "parts": [_part(part) for part in timeline.appearance.parts]}
+    parts = [
+        {**part._asdict(), "vertices": _pack(part.vertices), "faces": _pack(part.faces, "<u2")}
+        for part in timeline.appearance.parts
+    ]
+    run = {**drawn(timeline), "live": live, "parts": parts}
     values = {"title": timeline.title, "about": timeline.about, "run": run, "scripts": scripts}
     return fill_template("invariantqp.view", "page.html", values)
 
@@ -67,10 +70,6 @@ def drawn(timeline: Timeline) -> dict[str, Any]:
         "charts": [{**c._asdict(), "values": _pack(c.values), "keyed": len(c.names) <= KEYED} for c in timeline.charts],
         "arrays": {name: _pack(a) for name, a in named.items()},
     }
-
-
-def _part(part: Part) -> dict[str, Any]:
-    return {**part._asdict(), "vertices": _pack(part.vertices), "faces": _pack(part.faces, "<u2")}
 
 
 def _solid(solid: Solid) -> dict[str, Any]:

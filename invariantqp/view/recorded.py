@@ -22,6 +22,7 @@ from invariantqp.view.appearance import Appearance, appearance_of
 from invariantqp.view.scenery import Surroundings, patch, tiles
 from invariantqp.view.timeline import FORCE, Timeline, arm_in
 
+MOVING = "in the air, or changing"
 # How much of a surface is drawn beyond the path of the contact, and half of an axis, relative to that path's reach.
 MARGIN = 0.4
 # A contact that hardly moved is drawn this large, relative to the distance of the tool from the base.
@@ -40,6 +41,7 @@ def timeline_of_recording(
     kinds = "; ".join(
         p.kind or f"undecided ({', '.join(dict.fromkeys(c.kind for c in p.candidates))})" for p in found.segments
     )
+    named = {p.start: p.kind or "undecided" for p in found.segments}
     part = max(found.segments, key=lambda p: p.stop - p.start)
     shown = part.candidates[0] if part.candidates else None
     mark = _touching(shown, file.poses[part.start])
@@ -55,7 +57,7 @@ def timeline_of_recording(
         wanted=tool,
         speed=np.asarray(np.gradient(q, time[at], axis=0)) if q.size else np.zeros_like(q),
         limit_active=[False] * len(at),
-        status=[_status(found, k) for k in at.tolist()],
+        status=[next((named[p.start] for p in found.segments if p.start <= k < p.stop), MOVING) for k in at.tolist()],
         charts=(),
         surroundings=Surroundings() if shown is None else _surface(shown, file.poses[part.start : part.stop]),
         travel=np.gradient(tool[:, :3, 3], time[at], axis=0),
@@ -98,11 +100,6 @@ def _forces(shown: Candidate | None, poses: Array, force: Array) -> CurveChart:
     local = np.einsum("nji,nj->ni", frames[:, :3, :3], force)
     parts = np.stack((local[:, 2], np.linalg.norm(local[:, :2], axis=1)))
     return CurveChart(title, ("along z of the contact", "across it"), parts, (ORANGE, SKY))
-
-
-def _status(found: Identification, k: int) -> str:
-    part = next((p for p in found.segments if p.start <= k < p.stop), None)
-    return "in the air, or changing" if part is None else part.kind or "undecided"
 
 
 def _surface(c: Candidate, poses: Array) -> Surroundings:

@@ -16,7 +16,7 @@ from invariantqp.geometry.distance import Placed
 from invariantqp.geometry.shapes import Core
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.clearancespec import Around
-from invariantqp.runs.plant import HingeSprings, Plane
+from invariantqp.runs.plant import HingeSprings
 from invariantqp.runs.scene import scene_of
 from invariantqp.runs.taskfile import Task
 
@@ -50,16 +50,12 @@ def surroundings(task: Task, robot: Robot, path: Array) -> Surroundings:
         along, foot = screws.axis(springs.screw)
         middle = foot + along * along.dot(T[:3, 3])
         return Surroundings(axis=np.stack((middle - margin * along, middle + margin * along)))
-    return Surroundings(_faces(springs.surface, path, margin))
-
-
-def _faces(surface: Plane, path: Array, margin: float) -> Array:
-    """(SIDE^2, 4, 3) of a surface near a path."""
+    surface = springs.surface
     corners = patch(path, surface.point, *se3.across(surface.normal), margin)
     for edge in surface.edges:
         beyond = np.maximum((corners - surface.point - edge).dot(edge) / edge.dot(edge), 0.0)
         corners = corners - beyond[..., None] * edge
-    return tiles(corners)
+    return Surroundings(tiles(corners))
 
 
 def patch(path: Array, foot: Array, u: Array, v: Array, margin: float) -> Array:

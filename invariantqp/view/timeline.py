@@ -168,7 +168,8 @@ def arm_in(robot: Robot, q: Array) -> dict[str, Any]:
 
 def _timeline(task: Task, robot: Chain, time: Array, q: Array, wanted: Array) -> Timeline:
     """A timeline without results."""
-    arm = arm_in(robot, q)
+    arm, around = arm_in(robot, q), task.around(robot)
+    reach = np.linalg.norm(arm["points"] - arm["points"][:, :1], axis=2).max()
     return Timeline(
         title=task.name,
         about=task.about,
@@ -181,18 +182,9 @@ def _timeline(task: Task, robot: Chain, time: Array, q: Array, wanted: Array) ->
         charts=(),
         surroundings=surroundings(task, robot, wanted[:, :3, 3]),
         travel=np.zeros((len(time), 3)),
-        solids=_solids(task, robot, time, arm["points"]),
+        solids=() if around is None else solids(around, time, len(robot.names), float(reach)),
         **arm,
     )
-
-
-def _solids(task: Task, robot: Chain, time: Array, points: Array) -> tuple[Solid, ...]:
-    """What is kept apart in a task."""
-    around = task.around(robot)
-    if around is None:
-        return ()
-    reach = float(np.linalg.norm(points - points[:, :1], axis=2).max())
-    return solids(around, time, len(robot.names), reach)
 
 
 def states(statuses: Sequence[str], limited: Sequence[bool], ends: Array) -> dict[str, Any]:

@@ -194,10 +194,10 @@ def test_saturation_and_scaling_keep_the_direction_inside_the_limits(m):
         J, s = problem(seed, m)
         x0 = np.linalg.pinv(J) @ s
         reach = np.random.default_rng(seed).uniform(0.5, 1.2, m) * np.abs(x0).max()
-        found, best = saturate(plain(J, s, -reach, reach)), largest_share(J, s, reach)
-        assert (np.abs(found.velocity) <= reach).all()
-        np.testing.assert_allclose(J @ found.velocity, found.scale * s, atol=1e-9 * np.linalg.norm(s))
-        assert min(1.0, (reach / np.abs(x0)).min()) - 1e-9 <= found.scale <= best + 1e-9
+        (velocity, scale), best = saturate(plain(J, s, -reach, reach)), largest_share(J, s, reach)
+        assert (np.abs(velocity) <= reach).all()
+        np.testing.assert_allclose(J @ velocity, scale * s, atol=1e-9 * np.linalg.norm(s))
+        assert min(1.0, (reach / np.abs(x0)).min()) - 1e-9 <= scale <= best + 1e-9
         x = solved("scaling", J, s, reach)
         np.testing.assert_allclose(J @ x, best * s, atol=3e-3 * np.linalg.norm(s))
 
@@ -206,7 +206,7 @@ def test_saturation_outside_its_limits_goes_the_way_back():
     J, s = problem(3, 7)
     lower, upper = np.full(7, -1.0), np.full(7, 1.0)
     lower[2] = 0.4
-    x = saturate(plain(J, 5.0 * s, lower, upper)).velocity
+    x = saturate(plain(J, 5.0 * s, lower, upper))[0]
     assert (x >= lower).all()
     assert (x <= upper).all()
 
