@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from invariantqp.lerobot import RobotKinematics
 from invariantqp.robots.load import urdf_of
 from invariantqp.robots.urdf import read_xml
-from invariantqp.view.appearance import read_appearance
+from invariantqp.view.appearance import appearance_of
 
 HERE = Path(__file__).parent
 PICTURE, RECORDED = HERE / "pictures" / "out_of_reach.gif", HERE / "shared" / "out_of_reach_placo.csv"
@@ -98,7 +98,7 @@ def triangles(parts, robot, q):
 
 
 def draw(found, file, frames, robot, start):
-    parts = read_appearance(urdf_of("so101"), robot).parts
+    parts = appearance_of(robot, lambda: urdf_of("so101")).parts
     figure = Figure(figsize=(8.5, 4.0), dpi=100)
     figure.subplots_adjust(left=0.0, right=1.0, top=0.91, bottom=0.0, wspace=0.0)
     panels = []

@@ -169,11 +169,8 @@ def _tool_words(length: float, spread: _ProjectorNorms, up: _ProjectorNorms, i: 
 def _shares(spread: _ProjectorNorms, up: _ProjectorNorms, i: int) -> str:
     """In how many states of each kind a pitch serves."""
     said = f"{100.0 * spread.share()[i]:.3g} % of the states looked at"
-    if len(up.states):
-        said += (
-            f" and {100.0 * up.share()[i]:.3g} % of those with the last axis parallel to the first (tool up or down)"
-        )
-    return said
+    upright = f" and {100.0 * up.share()[i]:.3g} % of those with the last axis parallel to the first (tool up or down)"
+    return said + upright if len(up.states) else said
 
 
 def _unseen_words(q: Array, lost: Array, root: Array) -> str:

@@ -314,12 +314,15 @@ def urdf(robot: Robot, point: Array) -> str:
     """The joints as a URDF, base first, and frames at the tool and at the given point on the last link."""
     from scipy.spatial.transform import Rotation
 
+    def words(numbers: Array) -> str:
+        return " ".join(map(repr, numbers.tolist()))
+
     parts, parent, origin = [LINK.format("base")], "base", np.zeros(3)
     bounds = zip(robot.position_lower, robot.position_upper, robot.velocity_limit, strict=True)
     for name, joint, limits in zip(robot.names, joints_of(robot), bounds, strict=True):
         low, high, fast = (float(np.clip(limit, -UNLIMITED, UNLIMITED)) for limit in limits)
         kind, link = "prismatic" if joint.slides else "revolute", f"{name} link"
-        place = {"xyz": _words(joint.point - origin), "rpy": "0 0 0", "axis": _words(joint.axis)}
+        place = {"xyz": words(joint.point - origin), "rpy": "0 0 0", "axis": words(joint.axis)}
         ends = {"lower": low, "upper": high, "speed": fast}
         parts += [LINK.format(link), JOINT.format(name=name, kind=kind, parent=parent, child=link, **place, **ends)]
         parent, origin = link, joint.point
@@ -327,13 +330,9 @@ def urdf(robot: Robot, point: Array) -> str:
     home = robot.pose(np.zeros(len(robot.names)))
     for name, frame in (("tool", home), (POINT, home.dot(point))):
         angles = Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")
-        place = {"xyz": _words(frame[:3, 3] - origin), "rpy": _words(angles)}
+        place = {"xyz": words(frame[:3, 3] - origin), "rpy": words(angles)}
         parts += [LINK.format(name), JOINT.format(name=f"to {name}", parent=parent, child=name, **place, **fixed)]
     return f'<robot name="arm">{"".join(parts)}</robot>'
-
-
-def _words(numbers: Array) -> str:
-    return " ".join(repr(float(number)) for number in numbers)
 
 
 def drake_velocity(setting: LoopSetting) -> Solve:

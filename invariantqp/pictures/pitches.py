@@ -47,7 +47,9 @@ def pitch_picture(inspection: Inspection, robot: Robot, path: Path | str) -> Pat
             swept = survey(robot, states)
             upper, lower = axes[0, i], axes[1, i]
             _pitches(upper, i, swept, inspection)
-            _distance(lower, i, swept, inspection.survey)
+            seen = inspection.survey
+            lower.plot(seen.q[:, i], seen.distance, ".", color=DOT, markersize=3, alpha=0.5, label=RANGE)
+            lower.plot(swept.q[:, i], swept.distance, color=LINE, linewidth=1.4, label=ALONE)
             for panel in (upper, lower):
                 panel.axvline(inspection.q[i], color=STATE, linewidth=0.7, linestyle=":")
                 panel.grid(alpha=0.25)
@@ -57,7 +59,10 @@ def pitch_picture(inspection: Inspection, robot: Robot, path: Path | str) -> Pat
         axes[1, 0].set_ylabel("distance from a singularity")
         axes[1, 0].set_ylim(bottom=0.0)
         _absent(axes[0], inspection)
-        figure.suptitle(_title(inspection), fontsize=10)
+        h, rank = inspection.recommended.h, inspection.survey.attainable_rank
+        use = "no pitch" if h is None else f"pitch h = {written(h, 3)}"
+        title = f"{Path(inspection.robot).name} to {inspection.tool}: rank {rank}; recommended: {use}"
+        figure.suptitle(title, fontsize=10)
         marks = {
             label: handle for a in axes.ravel() for handle, label in zip(*a.get_legend_handles_labels(), strict=True)
         }
@@ -86,11 +91,6 @@ def _regular(states: Survey, rank: int) -> Array:
     return np.where((states.rank == rank)[:, None], states.pitches, np.nan)
 
 
-def _distance(axes: Axes, joint: int, swept: Survey, seen: Survey) -> None:
-    axes.plot(seen.q[:, joint], seen.distance, ".", color=DOT, markersize=3, alpha=0.5, label=RANGE)
-    axes.plot(swept.q[:, joint], swept.distance, color=LINE, linewidth=1.4, label=ALONE)
-
-
 def _absent(row: Array, inspection: Inspection) -> None:
     """Say why the panels of pitches are empty, where they are."""
     if inspection.survey.blind_share == 1.0:
@@ -102,10 +102,3 @@ def _absent(row: Array, inspection: Inspection) -> None:
         return
     for axes in row:
         axes.text(0.5, 0.75, reason, transform=axes.transAxes, ha="center", va="center", color=TEXT)
-
-
-def _title(inspection: Inspection) -> str:
-    advice = inspection.recommended
-    use = f"pitch h = {written(advice.h, 3)}" if advice.h is not None else "no pitch"
-    seen = inspection.survey
-    return f"{Path(inspection.robot).name} to {inspection.tool}: rank {seen.attainable_rank}; recommended: {use}"

@@ -11,7 +11,7 @@ Many poses are solved each on its own, in several processes, or along a path, ea
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from math import sqrt
 from time import perf_counter
@@ -201,7 +201,8 @@ class PoseSearch:
         """The first try, and others from states spread over the joint range until one is good or the time is over."""
         tried = [first]
         if not self._is_good(first):
-            for state in self._starts():
+            origin = _origin(self._seed, len(self._robot.names))  # the seed says where the sequence begins
+            for state in spread(self._robot, self._restarts, origin):
                 if self._is_good(tried[-1]) or perf_counter() > deadline:
                     break
                 tried.append(descend(error, self._space, state, goal, deadline))
@@ -228,11 +229,6 @@ class PoseSearch:
     def _rank(self, one: Try) -> tuple[bool, float]:
         """What is least for the best try: exact demands come before all else, and a penalty is that of its own try."""
         return one.unmet > self._tolerance, one.merit
-
-    def _starts(self) -> Iterator[Array]:
-        """States spread over the joint range; the seed says where the sequence begins."""
-        if self._restarts:
-            yield from spread(self._robot, self._restarts, _origin(self._seed, len(self._robot.names)))
 
     def _answer(self, error: PoseError, best: Try, start: Array, steps: int, tries: int, *, late: bool) -> PoseSolution:
         """The solution for the best try."""

@@ -107,8 +107,14 @@ def load_robot(
     arm = read_arm(source, tool, None if joints is None else arrays.strings(joints, "joints"))
     if velocity_limit is not None:
         arm = arm.with_limits(velocity_limit=velocity_limit)
-    elif not is_screws(source):
-        _warn_of_unlimited(arm)
+    elif not is_screws(source) and np.isinf(arm.velocity_limit).any():
+        unlimited = [name for name, v in zip(arm.names, arm.velocity_limit.tolist(), strict=True) if v == inf]
+        warnings.warn(
+            f"no velocity limit for {arrays.names(unlimited)}: the description gives none, or zero. Say "
+            "load_robot(..., velocity_limit=[...]) [rad/s, length/s]; inf is none",
+            UserWarning,
+            stacklevel=2,
+        )
     turning = np.asarray(arm.screws[:3].any(axis=0))
     question_range(arm.position_lower, arm.position_upper, turning, "the description's limits")
     arm = arm if offset is None else arm.with_tool(offset)
@@ -118,18 +124,6 @@ def load_robot(
 def is_screws(source: object) -> bool:
     """Whether a source is neither a name, a description nor a library's model: joint screws, or nothing of these."""
     return not isinstance(source, (str, PathLike)) and _library(source) is None
-
-
-def _warn_of_unlimited(arm: Chain) -> None:
-    """Warn of joints whose description gives no speed."""
-    unlimited = [name for name, v in zip(arm.names, arm.velocity_limit.tolist(), strict=True) if v == inf]
-    if unlimited:
-        warnings.warn(
-            f"no velocity limit for {arrays.names(unlimited)}: the description gives none, or zero. Say "
-            "load_robot(..., velocity_limit=[...]) [rad/s, length/s]; inf is none",
-            UserWarning,
-            stacklevel=3,
-        )
 
 
 def read_arm(source: Any, tool: str | ArrayLike | None, chosen: tuple[str, ...] | None) -> Chain:
@@ -148,9 +142,8 @@ def read_arm(source: Any, tool: str | ArrayLike | None, chosen: tuple[str, ...] 
     if known is not None and tool is None:
         tool, chosen = known.tool, known.joints if chosen is None else chosen
     arm = _described(urdf_of(source), tool, chosen)
-    if known is None or not known.srdf:
-        return arm
-    return arm.with_links(excluding(arm.links, disabled(_data_folder() / known.srdf)))
+    pairs = disabled(_data_folder() / known.srdf) if known is not None and known.srdf else {}
+    return arm.with_links(excluding(arm.links, pairs)) if pairs else arm
 
 
 def _described(source: Path | str, tool: str | None, joints: Sequence[str] | None) -> Chain:
@@ -174,8 +167,7 @@ def _library(source: object) -> str | None:
 
 def _of_library(model: Any, tool: str | None, joints: Sequence[str] | None) -> Chain:
     """The arm of another library's model; that library is imported only now."""
-    library = _library(model)
-    if library == "pinocchio":
+    if (library := _library(model)) == "pinocchio":
         from invariantqp.robots.models import load_model
 
         return load_model(model, tool, joints)

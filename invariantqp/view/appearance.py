@@ -44,16 +44,11 @@ class Appearance(NamedTuple):
 
 
 def appearance_of(robot: Robot, urdf: Callable[[], Path]) -> Appearance:
-    """What an arm looks like, where `urdf` finds its file."""
+    """What an arm looks like, where `urdf` finds its file; read anew where that or one of its meshes has changed."""
     try:
         file = urdf()
     except (BadInput, RobotModelError, MissingExtra):  # joint screws alone
         return Appearance()
-    return read_appearance(file, robot)
-
-
-def read_appearance(file: Path, robot: Robot) -> Appearance:
-    """What an arm looks like, by its URDF file; read anew where that or one of its meshes has changed."""
     if not isinstance(robot, Chain):
         return Appearance()
     try:

@@ -78,17 +78,9 @@ def _touching(shown: Candidate | None, pose: Array) -> Array:
 
 def _no_arm(tool: Array) -> dict[str, Any]:
     """What a timeline has where poses (k, 4, 4) alone were recorded."""
-    return {
-        "joints": (),
-        "slides": [],
-        "points": tool[:, None, :3, 3],
-        "screws": np.zeros((6, 0)),
-        "places": np.empty((0, 3)),
-        "home": np.eye(4),
-        "q": np.zeros((len(tool), 0)),
-        "limits": np.zeros((2, 0)),
-        "speed_limit": np.zeros(0),
-    }
+    empty = {"screws": (6, 0), "places": (0, 3), "q": (len(tool), 0), "limits": (2, 0), "speed_limit": (0,)}
+    arm = {name: np.zeros(shape) for name, shape in empty.items()}
+    return {"joints": (), "slides": [], "points": tool[:, None, :3, 3], "home": np.eye(4), **arm}
 
 
 def _forces(shown: Candidate | None, poses: Array, force: Array) -> CurveChart:

@@ -17,7 +17,7 @@ from dataclasses import replace
 from getpass import getuser
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Event, Thread
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -53,7 +53,8 @@ class Viewer:
         self._dt = task.law.dt
         self._before = timeline_before(task)
         self._done: Timeline | None = None
-        self._seen: list[_Seen] = []
+        # Of each tick: joint positions, velocities, the tool's force (3,) and place (3,), status, whether limited.
+        self._seen: list[tuple[Array, Array, Array, Array, str, bool]] = []
         self._closed = Event()
         self._text = page(self._before, live=True)
         self._path = drawn(self._before)["arrays"]["path"]
@@ -74,7 +75,7 @@ class Viewer:
     def watch(self, tick: int, state: PlantState, solution: VelocitySolution) -> None:  # noqa: ARG002 (an observer)
         """An observer for `run_task`: keeps what a browser may ask for."""
         status, limited = str(solution.status), bool(solution.active)
-        self._seen.append(_Seen(state.q, solution.velocity, -state.wrench[3:], state.pose[:3, 3], status, limited))
+        self._seen.append((state.q, solution.velocity, -state.wrench[3:], state.pose[:3, 3], status, limited))
 
     def show(self, timeline: Timeline) -> None:
         """Play a run that is done."""
@@ -125,17 +126,6 @@ class Viewer:
             **states(status, limited, ends),
         )
         return replace(seen, charts=(*pressing, *seen.limit_charts))
-
-
-class _Seen(NamedTuple):
-    """One tick of a run."""
-
-    q: Array
-    velocity: Array
-    force: Array  # (3,) that the tool exerts
-    place: Array  # (3,) of the tool
-    status: str
-    limited: bool
 
 
 class _Server(ThreadingHTTPServer):
