@@ -65,8 +65,6 @@ SKEW = 0.02
 # Where there is no acceleration limit a joint may turn round in a tick, one without a speed limit from this speed
 # [rad/s, length/s].
 FASTEST = 1e3
-# Joints that catch up look so often whether they can go over [s]; in every tick, one under a tool speed costs three.
-RETRY = 0.01
 # A function of time is looked ahead so far [s], at places so far apart [s], and again when half of that is driven.
 AHEAD, SAMPLING = 1.0, 0.02
 # Stamps this far [s] from the follower's clock are of another clock.
@@ -194,7 +192,6 @@ class Follower:
         self._override = 1.0
         self._closed = False
         self._why = "nothing to follow yet"
-        self._retry = 0.0  # when to look next
         self._answer: VelocitySolution | None = None  # what the law made of a twist, or the loop of a command
         self._bound = False  # whether that is a command that the loop's rows or tool speed do not allow
         self._late = False  # whether the joints cannot be where they are wanted, and catch up
@@ -404,7 +401,6 @@ class Follower:
             return found
         if self._looks_over:
             self._late = not reference.splice(reference.source, self._time, self._state, EASE_SAMPLE)
-            self._retry = self._time + RETRY
         command = self._moved(reference, measured)
         self._time += self.controller.dt
         self._course = self._made_course(reference)
@@ -413,7 +409,7 @@ class Follower:
     @property
     def _looks_over(self) -> bool:
         """Whether joints that catch up look for a splice in this tick."""
-        return self._late and self._twist is None and not 0.0 < self._retry - self._time <= RETRY
+        return self._late and self._twist is None
 
     def _made_course(self, reference: Reference) -> tuple[Reference, Array, float] | None:
         """What the core follows, and until when nothing new comes; None where Python has to."""
@@ -484,8 +480,6 @@ class Follower:
             sent.append(self._q)
         self._q, self._v, self._a, self._command, self._pace, command, measured, before, after, *more = found
         self._late, way, answer, self._bound = more
-        if ease:
-            self._retry = time + RETRY
         self._time += loop.dt
         answered = self._beside if self._bound and self._beside is not None else self._unbraked
         self._answer = None if answer is None else answered.named(answer)
@@ -505,8 +499,9 @@ class Follower:
         v = self._wanted(reference) if along else self._limited(reference)
         wanted = self._corrected(measured, v)
         command = self._nearest(measured, wanted)
-        if self._bound and along and shape is not None:  # the path waits
-            share = self._share(measured, wanted)
+        if self._bound and along and shape is not None and (loop := self._beside) is not None:  # the path waits
+            q, rows = self._here(measured), ExactRows(np.eye(self._m), wanted)
+            share = loop.follow(q, loop.robot.jacobian(q).dot(wanted), self._command, rows=rows).scale
             reference.source = self._source = shape.delayed((1.0 - share) * dt)
             v = self._wanted(reference)
             wanted = self._corrected(measured, v)
@@ -540,11 +535,6 @@ class Follower:
             return wanted
         self._answer, self._bound = answer, True
         return np.array(answer.velocity)
-
-    def _share(self, measured: Array, wanted: Array) -> float:
-        """The share of a command (m,) that the loop allows."""
-        loop, q, rows = self._beside or self.controller, self._here(measured), ExactRows(np.eye(self._m), wanted)
-        return loop.follow(q, loop.robot.jacobian(q).dot(wanted), self._command, rows=rows).scale
 
     def _override_of(self, value: float) -> float:
         most = 1.0 if self._shape is None else MOST_OVERRIDE
@@ -868,10 +858,10 @@ class Follower:
                 self._answer = self._unbraked.follow(self._q, self._twist, self._v)
                 x = self._answer.velocity
             return _going_over(self._v, x, self._limits)
+        there = reference.at(np.array((self._time + dt,)))[0]
         if self._late:
-            there = reference.at(np.array((self._time + dt,)))[0]
             return self._v + dt * self._limits.catching_up(self._q + dt * self._v, self._v, there)
-        return (reference.position(self._time + dt) - self._q) / dt
+        return np.asarray(there[0] - self._q) / dt
 
     def _here(self, measured: Array) -> Array:
         """(m,) where the joints are, by those sent and how far off the measured ones are."""

@@ -334,15 +334,6 @@ class Reference:
             answer = answer + left
         return answer
 
-    def position(self, time: float) -> Array:
-        """(m,) where the joints are to be."""
-        times = np.array((time,))
-        source = self.source
-        there: Array = source.at(times)[0, 0]
-        if time < self.joined:
-            there = there + (time - self._start) ** np.arange(6) @ self._residual
-        return there
-
     def course(self, source: Source | None = None, gain: float | None = None) -> Array | None:
         """What is followed, or would be with a source, as the compiled core takes it; None for what it does not have.
 
