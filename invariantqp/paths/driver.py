@@ -367,7 +367,8 @@ class Follower:
         loop = self.controller
         clock = None if now is None else arrays.number(now, "now", "a time in seconds")
         if self._course is not None and velocity is None and override == self._override:
-            found = self._undisturbed(self._course, q, clock)
+            soon = self._time < self._course[2] and (clock is None or -SKEW <= clock - self._time <= SKEW)
+            found = self._by_core(self._course, q) if soon else None  # None where Python has to answer, too
             if found is not None:
                 return found
             self._course = None
@@ -438,13 +439,6 @@ class Follower:
         """When to go back to the last point if no newer ones come."""
         return inf if self._last is None else self._last[1] if self._closed else self._last[2]
 
-    def _undisturbed(
-        self, course: tuple[Reference, Array, float], q: ArrayLike, now: float | None
-    ) -> FollowerSolution | None:
-        """A tick in which nothing new comes; None where something does, or Python has to answer."""
-        soon = self._time < course[2] and (now is None or -SKEW <= now - self._time <= SKEW)
-        return self._by_core(course, q) if soon else None
-
     def _by_core(
         self, course: tuple[Reference, Array, float], q: ArrayLike, *, begun: bool = False
     ) -> FollowerSolution | None:
@@ -481,8 +475,9 @@ class Follower:
         self._q, self._v, self._a, self._command, self._pace, command, measured, before, after, *more = found
         self._late, way, answer, self._bound = more
         self._time += loop.dt
-        answered = self._beside if self._bound and self._beside is not None else self._unbraked
-        self._answer = None if answer is None else answered.named(answer)
+        self._answer = None
+        if answer is not None:
+            self._answer = (self._beside if self._bound and self._beside is not None else self._unbraked).named(answer)
         if way is not None or (ease and time < reference.joined):
             reference.joins(time, *((np.zeros((6, self._m)), 0.0) if way is None else (way, ease)))
             self._course = self._made_course(reference)

@@ -314,11 +314,12 @@ class Shape:
         self, command: Array, q: Array, before: float, after: float, override: float
     ) -> FollowerSolution | None:
         """As `told`, of a tick on the way from a place to another; None for one that is to be told otherwise."""
-        motion, dt = self.motion, self._loop.dt
-        if motion is None or motion.clock.final <= 0.0 or motion.clock.rate < 0.0 or self.back or after >= self._usual:
+        plan, motion, dt = self.plan, self.motion, self._loop.dt
+        if plan is None or motion is None or self.back or after >= self._usual:
+            return None
+        if motion.clock.final <= 0.0 or motion.clock.rate < 0.0:
             return None
         self._ticks += 1
-        plan = self.driven
         ruling = plan.ruling[plan.nearest(before)]
         if ruling != ON_TIME and override < 1.0:
             ruling = OVERRIDDEN
