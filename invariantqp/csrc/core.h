@@ -23,10 +23,12 @@ typedef struct {
     Row J[3];
 } Cone;
 
-/* quadratic.c: |start + M e| <= limit, and the largest multiplier tried */
+/* quadratic.c: |start + M e| <= limit, the largest multiplier tried, and the directions that M moves on the last face */
 typedef struct {
     double limit, most, start[3];
-    Row M[3];
+    Row M[3], V[3];
+    double gains[4];
+    int rank;
 } Slow;
 
 /* velocity/qp.py: lower <= A z <= upper, A the identity for a box; joints first, then rows. A value may be outside by
@@ -422,7 +424,8 @@ extern const Constant CONSTANTS[];
 #define FORM_CEILING 0.3
 #define UNSEEN 1e-7
 #define UNTOUCHED 1e-11
-#define COSINE_ROUNDING 1e-13
+#define COSINE_ROUNDING 1e-12
+#define LEAST_DECREASE 1e-13
 #define NULL_RATIO 1e-12
 #define NULL_WEIGHT 1e-8
 #define FREE_WEIGHT 3e-10
@@ -449,6 +452,7 @@ extern const Constant CONSTANTS[];
 #define FASTER 1e-4
 #define EXACT_CALM 1.0
 #define LEAST_SHARE 1e-15
+#define FAR_SHARE 1e-3
 #define WHOLE (1.0 - 1e-8)
 #define INTERIOR (0.5 * ACTIVE_TOLERANCE)
 #define ROW_ROUNDING 1e-14

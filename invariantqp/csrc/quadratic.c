@@ -134,10 +134,10 @@ static double multiplier(const double gains[4], const double squares[4], double 
 
 /* The optimum on the face of k orthonormal rows Q whose shortest e is too fast: e, and the gradient e + nu M'v there along
    each of them. */
-static Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu)
+static Outcome slowed_on(Slow *slow, int n, int k, const Row *Q, Row e, Row pull, double *nu)
 {
     Row M[3], gradient;
-    double v[3], left[3], along_u[3], gains[4] = {0.0}, squares[4] = {0.0};
+    double v[3], left[3], along_u[3], *gains = slow->gains, squares[4] = {0.0};
     int rank = 0;
     Spectrum found;
     for (int i = 0; i < 3; i++) {
@@ -158,6 +158,9 @@ static Outcome slowed_on(const Slow *slow, int n, int k, const Row *Q, Row e, Ro
             left[i] -= along_u[rank] * found.U[rank][i];
     }
     squares[rank] = rank < 3 ? dot(3, left, left) : 0.0;
+    gains[rank] = 0.0;
+    memcpy(slow->V, found.V, sizeof slow->V);
+    slow->rank = rank;
     *nu = multiplier(gains, squares, slow->limit, slow->most);
     for (int i = 0; i < rank; i++) {
         double step = *nu * found.sigma[i] * along_u[i] / (1.0 + *nu * gains[i]);
@@ -298,7 +301,7 @@ static int weakest(const Face *face, const Row pull, const int *side, const doub
 }
 
 /* The optimum on a face, with the speed limit where there is one, the gradient there along Q, and the limit's multiplier. */
-static Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu)
+static Outcome on_face(Slow *slow, int n, Face *face, Row pull, double *nu)
 {
     *nu = 0.0;
     memcpy(pull, face->w, sizeof(Row));
@@ -313,7 +316,7 @@ static Outcome on_face(const Slow *slow, int n, Face *face, Row pull, double *nu
 /* Where Python asks a solver: the shortest e inside limits, from one that is inside. */
 
 /* Every step stays inside, and shortens e or changes the set of active limits; face->e is the answer. */
-static Outcome from_inside(const Room *room, const Slow *slow, int *side, Row e, Face *face, double *y, double *nu)
+static Outcome from_inside(const Room *room, Slow *slow, int *side, Row e, Face *face, double *y, double *nu)
 {
     int n = room->n;
     Row pull;
@@ -428,7 +431,7 @@ static Outcome entered(const Room *room, int i, int sign, double by, int *side, 
 }
 
 /* The shortest e inside, from a guess at its active set that is corrected; HAND_BACK where that does not end. */
-static Outcome corrected(const Room *room, const Slow *slow, int *side, Face *face, double *y, double *nu)
+static Outcome corrected(const Room *room, Slow *slow, int *side, Face *face, double *y, double *nu)
 {
     Row pull;
     face_of(room, side, face);
@@ -545,20 +548,42 @@ static void precise(const Quadratic *problem, const Polytope *limits, const Room
     add_in_steps(n, 1.0, more, z);
 }
 
-/* The same at an active speed limit: v of z has digits that v of e has lost. */
-static void precise_speed(const Quadratic *problem, const Cone *cone, const Slow *slow, const Face *face, Row z)
+/* velocity/qp.py, minimise: the same at an active speed limit. The speed and the pull of z have digits that those of e have
+   lost, so a step of Newton's finds z, its multiplier, and the gradient along Q once more. */
+static void refined(const Quadratic *problem, const Cone *cone, const Slow *slow, const Face *face, Row z, Row pull, double *nu)
 {
     int n = problem->n;
-    Row free;
-    double v[3];
-    for (int i = 0; i < 3; i++)
-        v[i] = cone->start[i] + dot(n, cone->J[i], z);
-    for (int j = 0; j < n; j++)
-        free[j] = v[0] * slow->M[0][j] + v[1] * slow->M[1][j] + v[2] * slow->M[2][j];
-    along(n, face->k, (const Row *)face->Q, free);
-    double speed = norm(3, v), over = speed * (speed - cone->limit), square = dot(n, free, free);
-    for (int j = 0; j < n && fabs(over) <= QP_ROUNDING * sqrt(square) * norm(n, face->e); j++)
-        add_in_steps(n, -over / square * free[j], problem->T[j], z);
+    const Row *Q = (const Row *)face->Q;
+    Row d, left[2]; /* what is left of the gradient on the face, and how the speed limit pulls there */
+    double v[3], part[2];
+    for (int twice = 0; twice < 2; twice++) {
+        for (int i = 0; i < 3; i++)
+            v[i] = cone->start[i] + dot(n, cone->J[i], z);
+        for (int j = 0; j < n; j++)
+            d[j] = z[j] - problem->centre[j];
+        for (int j = 0; j < n; j++) {
+            left[1][j] = v[0] * slow->M[0][j] + v[1] * slow->M[1][j] + v[2] * slow->M[2][j];
+            left[0][j] = dot(n, problem->K[j], d) + *nu * left[1][j];
+        }
+        for (int l = 0; l < face->k; l++)
+            pull[l] = dot(n, Q[l], left[0]);
+        for (int i = 0; i < 2; i++)
+            along(n, face->k, Q, left[i]);
+        memcpy(d, left[1], sizeof d);
+        for (int i = 0; i < 2; i++) {
+            for (int l = 0; l < slow->rank; l++) {
+                double share = *nu * slow->gains[l] / (1.0 + *nu * slow->gains[l]) * dot(n, slow->V[l], left[i]);
+                for (int j = 0; j < n; j++)
+                    left[i][j] -= share * slow->V[l][j];
+            }
+            part[i] = dot(n, d, left[i]);
+        }
+        double speed = norm(3, v), more = part[1] > 0.0 ? (speed * (speed - cone->limit) - part[0]) / part[1] : 0.0;
+        if (twice == 0)
+            *nu += more;
+        for (int j = 0; j < n; j++)
+            add_in_steps(n, -left[0][j] - more * left[1][j], problem->T[j], z);
+    }
 }
 
 /* Whether z is inside all limits but for rounding of what exact rows fix, and of terms of this size of which z is the sum. */
@@ -620,7 +645,7 @@ static void slow_on(const Quadratic *problem, const Cone *cone, Slow *slow)
 }
 
 /* The optimum by way of points inside the limits, from z = inside. */
-static Outcome searched(const Quadratic *problem, const double *inside, const Room *room, const Slow *slow, int *side,
+static Outcome searched(const Quadratic *problem, const double *inside, const Room *room, Slow *slow, int *side,
                         Face *face, double *y, double *nu)
 {
     Row d, e;
@@ -680,8 +705,11 @@ Outcome minimise_turned(const Quadratic *problem, const Polytope *limits, const 
         searched(problem, inside, &room, &slow, side, face, y, &nu) == HAND_BACK)
         return HAND_BACK;
     precise(problem, limits, &room, side, face, found->z);
-    if (nu > 0.0)
-        precise_speed(problem, cone, &slow, face, found->z);
+    if (nu > 0.0) {
+        Row pull;
+        refined(problem, cone, &slow, face, found->z, pull, &nu);
+        multipliers(face, &room, pull, y);
+    }
     found->nu = nu;
     found->met = nu > 0.0;
     for (int i = 0; i < room.count; i++) {

@@ -6,8 +6,6 @@
 
 #include "core.h"
 
-/* Beside the tool's speed limit a smaller share is told by weights 1e-9 apart where standing still is not allowed. */
-static const double LOOSE = 1e-3;
 /* A decision that rounding may make: within this factor of QP_ROUNDING of the velocity. */
 static const double CLOSE = 10.0;
 
@@ -221,10 +219,14 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
     double possible = within(found.z[0] / length);
     double missed = 1.0 - possible + excess_turn(reduction, m, held, possible);
     double nu = 0.5 * EXACT_CALM * (dt + held) * missed * length * reduction->effort;
-    if (nu > REGULARISATION && best(&room, &slow, first, n, length, nu, &found) == HAND_BACK)
+    bool calmed = nu > REGULARISATION;
+    if ((calmed || possible < FAR_SHARE) &&
+        best(&room, &slow, first, n, calmed ? length : fmax(found.z[0], 0.0) / FAR_SHARE, calmed ? nu : 0.0, &found) == HAND_BACK)
         return HAND_BACK;
-    double value = within(found.z[0] / length), known = within(first[0] / length);
-    if (value < LOOSE && found.nu > 0.0 && size > 0.0)
+    double value = within(found.z[0] / length), known = first[0] > QP_ROUNDING * size ? within(first[0] / length) : 0.0;
+    if (undecided(first[0], size))
+        return HAND_BACK;
+    if (value < FAR_SHARE && found.nu > 0.0 && size > 0.0) /* told by weights 1e-9 apart */
         return HAND_BACK;
     if (value < LEAST_SHARE || value * length <= ACTIVE_TOLERANCE * size) {
         share->value = known;

@@ -66,8 +66,8 @@ REGULARISATION = 1e-9
 EXACT_CALM = 1.0
 # A share above this counts as 1.
 WHOLE = 1.0 - 1e-8
-# A share below this counts as 0: it is rounding of 1, beside which it is found.
-LEAST_SHARE = 1e-15
+# A share below this counts as 0: it is rounding of 1, beside which it is found; and below the other it is found again.
+LEAST_SHARE, FAR_SHARE = 1e-15, 1e-3
 # Where limits bind, the share is reduced by this part of 1 - share, so that the next problem has an interior, and what
 # holds it still counts as a limit that is met.
 INTERIOR = 0.5 * ACTIVE_TOLERANCE
@@ -427,19 +427,23 @@ def share_of(
     slow = None if cone is None else cone.on(still, basis)
     first = inside.dot(basis)
 
-    def best(nu: float) -> Optimum:
+    def best(nu: float, aim: float) -> Optimum:
         weights, pull = np.full(n, REGULARISATION + nu), REGULARISATION * first
         weights[0] += 1.0
-        pull[0] += length
+        pull[0] += aim
         return minimise(backend, Quadratic.diagonal(np.sqrt(weights), pull / weights), room, slow, first)
 
-    found = best(0.0)
+    found = best(0.0, length)
     possible = min(max(found.z[0] / length, 0.0), 1.0)
     missed = 1.0 - possible + reduction.excess(held, possible)
     nu = 0.5 * EXACT_CALM * (dt + held) * missed * length * reduction.effort
     if nu > REGULARISATION:
-        found = best(nu)
+        found = best(nu, length)
+    elif possible < FAR_SHARE:  # from nearby: beside what is asked for, the limits are rounding
+        found = best(0.0, max(found.z[0], 0.0) / FAR_SHARE)
     value, known = (min(max(along / length, 0.0), 1.0) for along in (float(found.z[0]), float(first[0])))
+    if first[0] <= ROUNDING * norm(inside):
+        known = 0.0
     if value < LEAST_SHARE or value * length <= ACTIVE_TOLERANCE * norm(inside):
         return Share(known, inside)
     velocity = basis.dot(found.z)

@@ -29,19 +29,19 @@ from invariantqp.geometry.se3 import norm
 from invariantqp.systems.subspaces import TINY, rank_of
 from invariantqp.velocity.backends import Backend, BoxQP, Daqp, SolverFailure, semidefinite, solved
 
+EPSILON = float(np.finfo(float).eps)
 # Smaller than this share of what it is compared with, a difference is rounding.
 ROUNDING = 1e-9
 # A limit this close, relative to its value (or 1), is at it.
 ACTIVE_TOLERANCE = 1e-6
 # A row and directions whose cosine is below this are orthogonal, and what there is is rounding; it fades in, so that
 # the law has no jump.
-COSINE_ROUNDING = 1e-13
+COSINE_ROUNDING = 1e-12
 # A limit this close to the solver's answer, on the scaled problem, is near.
 CLOSE = 1e-7
 # The multiplier of a speed limit outweighs the rest by this factor at most, and is found in a few steps.
 MOST_SHARE = 1e8
 MOST_PRICES = 60
-SPEED_ROUNDING = 1e-14
 # What an answer is called that no solver gave.
 OWN = "least distance"
 
@@ -212,9 +212,17 @@ def minimise(
             priced = cost.plus(cone.J, -cone.start)
 
             def at(nu: float) -> Optimum:
-                return _in_polytope(backend, priced(nu), limits, inside)._replace(nu=nu)
+                """With the price nu; once more in terms of the cost, since that of a large nu has fewer digits."""
+                found = _in_polytope(backend, priced(nu), limits, inside)
+                pull = cost.K.dot(found.z - cost.centre).dot(cost.K) + nu * cone.velocity(found.z).dot(cone.J)
+                return found._replace(z=found.z - found.free.dot(pull.dot(found.free)), nu=nu)
 
             found = at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), found, at, inside)
+            speed, yields = cone.speed(found.z), cone.velocity(found.z).dot(cone.J).dot(found.free)
+            gain = norm(yields)
+            if gain > 0.0:  # what is left of its error, at this price
+                step = speed * (speed - cone.limit) / gain
+                found = found._replace(z=found.z - step * found.free.dot(yields / gain))
         elif inside is None:
             raise SolverFailure("the exact rows", "their only velocity is too fast for the tool", infeasible=True)
     return found if inside is None else found._replace(z=_kept(found.z, limits, cone, inside))
@@ -265,7 +273,7 @@ def at_speed_limit(
     for _ in range(MOST_PRICES):
         v = cone.velocity(found.z)
         over = norm(v) - cone.limit
-        if abs(over) <= SPEED_ROUNDING * (cone.limit + size * norm(found.z)):
+        if abs(over) <= EPSILON * (cone.limit + size * norm(found.z)):
             break
         if over > 0.0 and nu == most:
             if inside is None or not cone.allows(inside, ACTIVE_TOLERANCE):
@@ -321,7 +329,7 @@ def _in_polytope(backend: Backend, cost: Quadratic, limits: Polytope, inside: Ar
     try:
         return _optimum(backend, cost, limits.admitting(inside))
     except SolverFailure:
-        return Optimum(inside, np.zeros(len(limits.lower)), cost.T, OWN, trouble)
+        return Optimum(inside, np.zeros(len(limits.lower)), np.zeros((len(inside), 0)), OWN, trouble)
 
 
 def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
@@ -344,21 +352,23 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
     n, r = len(cost.centre), len(moving)
     G, b = np.vstack((N, -N)), np.append(high, -low) / size  # G e <= b in units of `size`
 
-    def optimum(e: Array, at: NDArray[np.intp], left: Array, name: str, trouble: str) -> Optimum:
-        y, multipliers = np.zeros(len(b)), np.zeros(len(value))
-        y[at] = _non_negative(G[at].T, -e)
-        multipliers[moving] = size * (y[:r] - y[r:]) / lengths
-        return Optimum(cost.centre + size * cost.T.dot(e), multipliers, cost.T.dot(left), name, trouble)
-
     def on_pulling(near: NDArray[np.bool_], name: str, trouble: str) -> Optimum:
         """On those of some limits that pull."""
         at = _pulling(G, b, near)
         shortest, left = _split(G[at])
-        found = optimum(shortest.dot(b[at]), at, left, name, trouble)
+        z, y = cost.centre + size * cost.T.dot(shortest.dot(b[at])), np.zeros(len(b))
         # Once more what is missing, measured in z: at its limits to rounding, whatever the condition of T.
-        value = rows.dot(found.z)
+        value = rows.dot(z)
         missing = np.concatenate(((upper - value) / lengths, (value - lower) / lengths))
-        return found._replace(z=found.z + cost.T.dot(shortest.dot(missing[at])))
+        z = z + cost.T.dot(shortest.dot(missing[at]))
+        e = cost.K.dot(z - cost.centre)
+        y[at] = np.maximum(-e.dot(shortest), 0.0)
+        return optimum(z - cost.T.dot(left.dot(e.dot(left))), y, left, name, trouble)
+
+    def optimum(z: Array, y: Array, left: Array, name: str, trouble: str) -> Optimum:
+        multipliers = np.zeros(len(value))
+        multipliers[moving] = (y[:r] - y[r:]) / lengths
+        return Optimum(z, multipliers, cost.T.dot(left), name, trouble)
 
     try:
         z, name, trouble = solved(backend, BoxQP.of(np.eye(n), np.zeros(n), low / size, high / size, N))
@@ -371,14 +381,15 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
     found = on_pulling(near, name, trouble)
     if limits.allows(found.z, found.z - cost.centre):
         return found
-    at = near.nonzero()[0]  # opposite limits were near, and cannot both be met
-    return optimum(z, at, _split(G[at])[1], name, trouble)
+    y = np.zeros(len(b))  # opposite limits were near, and cannot both be met
+    y[near] = size * _non_negative(G[near].T, -z)
+    return optimum(cost.centre + size * cost.T.dot(z), y, _split(G[near])[1], name, trouble)
 
 
 def _split(N: Array) -> tuple[Array, Array]:
     """The pseudoinverse of N (k, n), and an orthonormal basis (n, n - r) of what moves none of its rows."""
     U, sizes, Vt = svd(N)
-    r = rank_of(sizes, N.shape[1] * np.finfo(float).eps)
+    r = rank_of(sizes, N.shape[1] * EPSILON)
     return (Vt[:r].T / sizes[:r]).dot(U[:, :r].T), Vt[r:].T
 
 
