@@ -198,6 +198,7 @@ class Reduction(NamedTuple):
     """y = a full + start + B z, a in [0, 1] the share of the demanded speed."""
 
     full: Array  # (m,) y0, the shortest velocity that meets the rows
+    inverse: Array  # (k, m) the same for each demand by itself: of demands e it is e'inverse
     basis: Array  # (m, n) B, orthonormal: the velocities that the rows leave free
     effort: float  # joint speed that the demand needs, relative to the least that a demand of its size could need
     bend: float  # the same for the demand that needs the most joint speed
@@ -208,7 +209,7 @@ class Reduction(NamedTuple):
     @classmethod
     def without_rows(cls, m: int) -> Reduction:
         """Every velocity is free."""
-        return cls(np.zeros(m), np.eye(m), 1.0, 1.0, 0.0, 0.0, np.zeros(m))
+        return cls(np.zeros(m), np.zeros((0, m)), np.eye(m), 1.0, 1.0, 0.0, 0.0, np.zeros(m))
 
     @property
     def contradicts(self) -> bool:
@@ -254,7 +255,8 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | No
         rank: how many independent rows this arm can keep in its best state; None is all.
         s: (6,) the twist of which the demands are parts, if they are: contradictions within its rounding are none.
     """
-    whitened, wanted, contrary = _whitened(exact, root, s)
+    M, contrary = _whitened(exact, root, s)
+    whitened, wanted = M.T.dot(exact.A), exact.b.dot(M)
     m = whitened.shape[1]
     moves = np.asarray(whitened.any(axis=0))  # other joints stay free as they are, and rounding mixes none of them
     U, sigma, some = svd(whitened[:, moves])
@@ -273,6 +275,7 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | No
     whole, part = norm(sigma), norm(met)
     return Reduction(
         full=full,
+        inverse=M.dot(U[:, :r] / sigma[:r]).dot(Vt[:r]),
         basis=basis,
         effort=whole * norm(y) / part if part > 0.0 else 1.0,
         bend=whole / float(sigma[r - 1]) if r else 1.0,
@@ -282,32 +285,34 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | No
     )
 
 
-def _whitened(exact: ExactRows, root: Array, s: Array | None) -> tuple[Array, Array, float]:
-    """Those rows, their demands, and the share of the demands in which rows of one twist contradict each other."""
+def _whitened(exact: ExactRows, root: Array, s: Array | None) -> tuple[Array, float]:
+    """M (k, r), M'C are those rows, M'e their demands; in which share demands of one twist contradict each other."""
     C, e, D = exact.A, exact.b, exact.of_twist
     if D is None or np.count_nonzero(D) == 0:
-        return C, e, 0.0
+        return np.eye(len(e)), 0.0
     twist = D.any(axis=1)
+    mix, contrary = _orthonormal(e[twist], D[twist], root, s)
     if twist.all():
-        return _orthonormal(C, e, D, root, s)
-    parts, demands, contrary = _orthonormal(C[twist], e[twist], D[twist], root, s)
-    C, e = C[~twist], e[~twist]
-    sizes = np.sqrt((C * C).sum(axis=1))
+        return mix, contrary
+    parts = mix.T.dot(C[twist])
+    sizes = np.sqrt((C[~twist] * C[~twist]).sum(axis=1))
     scale = (sqrt(float((parts * parts).sum())) or 1.0) / np.where(sizes > 0.0, sizes, 1.0)
-    return np.vstack((parts, scale[:, None] * C)), np.concatenate((demands, scale * e)), contrary
+    M = np.zeros((len(e), len(parts) + len(scale)))
+    M[twist, : len(parts)], M[~twist, len(parts) :] = mix, np.diag(scale)
+    return M, contrary
 
 
-def _orthonormal(C: Array, e: Array, D: Array, root: Array, s: Array | None) -> tuple[Array, Array, float]:
-    """The same of rows that are all parts of the twist, C = D J."""
+def _orthonormal(e: Array, D: Array, root: Array, s: Array | None) -> tuple[Array, float]:
+    """The same of rows that are all parts of the twist."""
     measured: Array = lapack.dgesv(root.T, D.T)[2].T
     sizes = np.sqrt((measured * measured).sum(axis=1))
     U, sigma = lapack.dgesdd(measured / sizes[:, None])[:2]
     r = rank_of(sigma, ROW_TOLERANCE)
-    demands, mix, contrary = (e / sizes).dot(U), U[:, :r] / sigma[:r], 0.0
+    contrary = 0.0
     if r < len(e):
-        terms = 0.0 if s is None else TERMS * norm(np.abs(D).dot(np.abs(s)) / sizes)
+        demands, terms = (e / sizes).dot(U), 0.0 if s is None else TERMS * norm(np.abs(D).dot(np.abs(s)) / sizes)
         contrary = norm(demands[r:]) / max(norm(demands), terms, TINY)
-    return (mix / sizes[:, None]).T.dot(C), demands[:r] / sigma[:r], contrary
+    return U[:, :r] / sigma[:r] / sizes[:, None], contrary
 
 
 def _share(part: Array, whole: Array) -> float:

@@ -121,7 +121,7 @@ def product(A: Array, B: Array) -> Array:
 
 def lengths_of(A: Array) -> Array:
     """(k,) lengths of the rows of A (k, n)."""
-    return np.asarray(np.sqrt(np.einsum("ij,ij->i", A, A)))
+    return np.asarray(np.sqrt((A * A).sum(axis=1)))
 
 
 def svd(A: Array) -> tuple[Array, Array, Array]:

@@ -246,8 +246,8 @@ def _followed(law: VelocityLaw, problem: Problem) -> float:
         share = 0.0 if size <= chase.slack else 1.0 - (chase.slack / size) ** 2
         s = chase.ahead + share * (s - chase.ahead)
         if demand.exact is not None and chase.rows_ahead is not None:
-            exact = demand.exact.demanding(chase.rows_ahead + share * (demand.exact.b - chase.rows_ahead))
-            reduction = reduce(exact.on(law.to_joint), demand.root, demand.row_rank, s)
+            demands = chase.rows_ahead + share * (demand.exact.b - chase.rows_ahead)
+            reduction = reduction._replace(full=demands.dot(reduction.inverse))
     b = demand.root.dot(s)
     needed = problem._replace(attempt=b, ahead=None, posture=None, reduction=reduction).objective(1.0)
     y = reduction.full + reduction.basis.dot(needed.centre())
@@ -286,7 +286,8 @@ def room_of(reduction: Reduction, limits: Limits, share: Share) -> Room:
     """The velocities inside the limits at a share of the exact rows' speed."""
     origin, basis = reduction.origin(share.value), reduction.basis
     cone = None if limits.cone is None else limits.cone.on(origin, basis)
-    polytope, position = (those.on(origin, basis, share.velocity) for those in (limits.polytope, limits.position))
+    polytope, value = limits.polytope.on(origin, basis, share.velocity), limits.polytope.A.dot(origin)
+    position = polytope._replace(lower=limits.position.lower - value, upper=limits.position.upper - value)
     inside = (share.velocity - origin).dot(basis)
     return Room(share, reduction, origin, basis, polytope, position, cone, inside, limits.troubles)
 
