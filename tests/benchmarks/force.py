@@ -3,6 +3,7 @@
     python tests/benchmarks/force.py healthy --minutes 100 [--tick 0.004] [--seed 1] [--arms panda ur5] [--kinds hold slide]
     python tests/benchmarks/force.py faults --each 8 [--tick 0.002] [--seed 1] [--kinds drift untared]
     ... [--without settling]       either of them with one check switched off
+    ... healthy --rival 0.25       by v = c (f_d - f), c = 0.25/(k T) of the true stiffness and of all that is late
 
 The plant is made here and knows nothing of the law: an arm whose motors lag and are commanded late, a tip on springs,
 dampers, foam over a plate, slopes, waves, surfaces that move, with friction, and a sensor behind a lever that is late,
@@ -419,7 +420,10 @@ def healthy_minutes(a):
     for name, scene in scenes(healthy, a.kinds, a.each or inf, a.tick, a.seed, a.arms):
         if a.only and name != a.only:
             continue
-        told = run(scene, a.tick, a.seconds, a.trace, defined=bool(a.without))
+        late = a.tick + scene.dead + scene.lag + scene.late + 1.0 / (2.0 * pi * CUTOFF)
+        c = a.rival / (min(scene.stiffness, scene.series) * late) if a.rival else None
+        told = run(scene, a.tick, a.seconds, a.trace, defined=bool(a.without), c=c)
+        told.status = "overload" if c and told.most > monitor.OVERLOAD else told.status
         minutes += told.seconds / 60.0
         kind = sums[name.split(":")[0]]
         kind[0], kind[1] = kind[0] + 1, kind[1] + told.seconds / 60.0
@@ -495,6 +499,7 @@ def main():
     p.add_argument("--verbose", action="store_true")
     p.add_argument("--arms", nargs="+", default=list(ARMS))
     p.add_argument("--kinds", nargs="+", default=None)
+    p.add_argument("--rival", type=float, default=0.0)
     p.add_argument("--without", choices=("", *CHECKS), default="")
     a = p.parse_args()
     a.kinds = a.kinds or list(KINDS if a.what == "healthy" else FAULTS)
