@@ -36,6 +36,7 @@ from invariantqp.batches.namespace import (
     precision,
     settled,
 )
+from invariantqp.geometry.arrays import NEGLIGIBLE
 from invariantqp.velocity.damping import (
     CALM,
     DEVIATION_SHARE,
@@ -49,9 +50,6 @@ from invariantqp.velocity.objective import NULL_RATIO, NULL_WEIGHT
 # In single precision, directions that the law damps by less than this share of the largest singular value are damped by
 # so much: the square of a smaller one would be rounding beside the others.
 SINGLE_CEILING = 1e-3
-SINGLE_NULL_RATIO = 1e-6
-# eps above which an array is of single precision.
-SINGLE = 1e-10
 # Times the rounding that a joint may be outside its bound, or its bound may pull, before that counts.
 ROUNDING = 4.0
 
@@ -105,7 +103,7 @@ def damped_least_squares(
     U, sigma, Vt = xp.linalg.svd(A0, full_matrices=False)
     largest = sigma[..., :1]
     still = largest == 0.0
-    ratio = SINGLE_NULL_RATIO if precision(xp, A0) > SINGLE else NULL_RATIO
+    ratio = SINGLE_CEILING**2 if precision(xp, A0) > NEGLIGIBLE else NULL_RATIO
     largest = xp.where(still, xp.ones_like(largest), largest)
     sigma = sigma * xp.clip(sigma / (ratio * largest) - 1.0, 0.0, 1.0)
     null = sigma == 0.0
@@ -176,7 +174,7 @@ def _damped(
 ) -> Damped:
     """The policy's squares; directions that move nothing have a weight in any case."""
     s, top = sigma * sigma, largest * largest
-    single = precision(xp, sigma) > SINGLE
+    single = precision(xp, sigma) > NEGLIGIBLE
     if isinstance(damping, Fixed):
         values, inside = xp.zeros_like(s) + (damping.value / unit) ** 2, xp.zeros_like(s) > 1.0
         inner, by_largest = xp.zeros_like(s)[..., None], xp.zeros_like(s)

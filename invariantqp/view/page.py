@@ -25,8 +25,6 @@ SCRIPTS = ("motion.js", "hardware.js", "painter.js", "charts.js", "player.js")
 # What a page has of a timeline by its own name: as packed arrays, and as it is.
 ARRAYS = ("time", "screws", "places", "home", "travel", "wanted", "q", "limits", "speed", "speed_limit", "force")
 PLAIN = ("joints", "recorded", "slides", "size", "status", "limit_active", "floor", "force_scale", "travel_scale")
-# A chart of more curves than this has no key: the colours are those of the joints' bars.
-KEYED = 3
 
 
 def page(timeline: Timeline, *, live: bool = False) -> str:
@@ -67,7 +65,11 @@ def drawn(timeline: Timeline) -> dict[str, Any]:
         "axis": None if timeline.surroundings.axis is None else timeline.surroundings.axis.tolist(),
         "missing": timeline.appearance.missing,
         "solids": [_solid(solid) for solid in timeline.solids],
-        "charts": [{**c._asdict(), "values": _pack(c.values), "keyed": len(c.names) <= KEYED} for c in timeline.charts],
+        # A chart of joints has no key: the colours are those of the joints' bars.
+        "charts": [
+            {**c._asdict(), "values": _pack(c.values), "keyed": not set(c.names) <= set(timeline.joints)}
+            for c in timeline.charts
+        ],
         "arrays": {name: _pack(a) for name, a in named.items()},
     }
 
