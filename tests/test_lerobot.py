@@ -260,15 +260,15 @@ def test_a_chunk_is_done_when_its_stamps_say_inside_the_limits(so101):
     assert np.abs(jerk).max() <= 60000.0 * 1.001
 
 
-def test_a_late_chunk_that_disagrees_is_joined_where_it_is_due(so101):
+def test_a_late_chunk_that_disagrees_is_joined_by_its_own_end(so101):
     follower = ActionFollower(so101, acceleration_limit=1500.0, jerk=60000.0)
     follower.reset(Q)
     follower.follow(ramp(), 0.0)
     driven(follower, 0.9)
     other = ramp() + np.array([5.0, -5.0, 5.0, 0.0, 0.0, 0.0], dtype=np.float32)
     follower.follow(other, 0.2)  # observed 0.7 s ago
-    actions = driven(follower, 0.8, now=0.9)  # the first ends at 1.63 s
-    due = [np.interp(1.7, 0.2 + np.arange(50) / 30, x) for x in other[0].T]
+    actions = driven(follower, 0.91, now=0.9)  # it ends at 1.83 s
+    due = [np.interp(1.81, 0.2 + np.arange(50) / 30, x) for x in other[0].T]
     np.testing.assert_allclose(actions[-1], due, atol=0.3)
     assert np.abs(np.diff(actions[:, :5], axis=0)).max() < 1.0  # no leap
 
