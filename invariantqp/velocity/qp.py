@@ -36,7 +36,7 @@ ROUNDING = 1e-9
 ACTIVE_TOLERANCE = 1e-6
 # A row and directions whose cosine is below this are orthogonal, and what there is is rounding; it fades in, so that
 # the law has no jump.
-COSINE_ROUNDING = 1e-12
+COSINE_ROUNDING = 1e-13
 # A limit this close to the solver's answer, on the scaled problem, is near.
 CLOSE = 1e-7
 # The multiplier of a speed limit outweighs the rest by this factor at most, and is found in a few steps.

@@ -62,7 +62,6 @@ def tick():
 @example(1510004792)  # the price of a tool speed that no price was found for in sixty steps
 @example(910012748)  # what a form attempts where joints hardly move, and a direction that they move by 1e-12
 @example(700672630)  # exact rows that are slow beside a motion which limits require
-@example(700198305)  # a joint that moves nothing, and the tool by a ten-trillionth
 @example(4000087692)  # a tool speed that gave way, and whose price the first digits of its terms do not tell
 @example(4000091569)  # likewise, as joints move the tool by a ten-millionth of what each does by itself
 @example(1550005201)  # a share of 1e-12, beside which limits are rounding of what is asked for
