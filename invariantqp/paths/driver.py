@@ -52,6 +52,7 @@ from invariantqp.paths.solution import FollowerSolution, Why
 from invariantqp.paths.time_law import JointLimits
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.limits import BrakingBox
 from invariantqp.velocity.reasons import row_name
 from invariantqp.velocity.solution import Status, VelocitySolution
 
@@ -155,9 +156,9 @@ class Follower:
         self._unbraked = loop.unbraked(2.0 * float((self._limits.acceleration / self.jerk).max()))
         # What no joint knows by itself: in each tick the loop has the last word.
         bound = loop.tool_speed is not None or loop.joint_rows is not None
-        joints = loop.of_joints()
-        self._box, self._braking = joints.box, joints.braking
-        self._beside = joints if bound else None
+        self._beside = loop.of_joints() if bound else None
+        self._box, braking = self._unbraked.box, loop.braking
+        self._braking = None if braking is None else BrakingBox(self._box, braking.acceleration, loop.dt)
         self.paused: bool = False
         self._reset()
 

@@ -121,7 +121,8 @@ class Solver:
         if step == inf:
             other = next((q for _ in ELSEWHERE if (q := self._elsewhere(target, near)) is not None), None)
             return (reached, missed) if other is None else (other, 0.0)
-        q, missed_there = self._nearer(target, near, step), missed
+        far = reached if missed <= self._tolerance else None  # which joints do not get to in a step
+        q = self._nearer(target, near, step)
         missed = self._off(target, q)
         if self._stalled is None or time < self._stalled[0] or missed < PROGRESS * self._stalled[1]:
             self._stalled = time, missed
@@ -129,7 +130,7 @@ class Solver:
             return q, missed
         self._stalled = self._stalled[0], max(missed, self._stalled[1])
         if time - self._stalled[0] >= PATIENCE * (1 + self._tried // len(ELSEWHERE)):
-            other = reached if missed_there <= self._tolerance else self._elsewhere(target, near)
+            other = self._elsewhere(target, near) if far is None else far
             if other is not None:
                 self._stalled = None
                 return other, 0.0
