@@ -24,10 +24,8 @@ FLOAT64 = np.dtype(np.float64)
 # The kinds of numpy's types that are real numbers: signed and unsigned integers, floats. Objects ("O") may be numbers.
 REAL_KINDS = "iufO"
 # What to do with a position, a quaternion or both where a pose is expected.
-MADE_OF_PARTS = (
-    "iq.transform(rotation, position) makes one; a quaternion's rotation is scipy's "
-    "Rotation.from_quat(xyzw).as_matrix()."
-)
+OF_A_QUATERNION = "a quaternion's rotation is scipy's Rotation.from_quat(xyzw).as_matrix()."
+MADE_OF_PARTS = f"iq.transform(rotation, position) makes one; {OF_A_QUATERNION}"
 # Of every homogeneous matrix of a rigid motion.
 LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 # How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
@@ -166,6 +164,14 @@ def matrix_of(value: Any) -> Any:
     """The (4, 4) matrix of a pose object: `.homogeneous` (Pinocchio) or `.as_matrix()` (mink, jaxlie, SciPy)."""
     given = getattr(value, "homogeneous", value)
     return given.as_matrix() if callable(getattr(given, "as_matrix", None)) else given
+
+
+def rotation(value: ArrayLike, argument: str) -> Array:
+    """A finite (3, 3) matrix or what `matrix_of` reads as one; whether it is a rotation is not checked."""
+    a = array(matrix_of(value), argument, "shape (3, 3)")
+    if a.shape == (4,):
+        raise BadInput(argument, "shape (4,)", "shape (3, 3)", f"{OF_A_QUATERNION[0].upper()}{OF_A_QUATERNION[1:]}")
+    return matrix(a, (3, 3), argument)
 
 
 def pose(value: ArrayLike, argument: str = "pose") -> Array:

@@ -54,10 +54,14 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def transform(rotation: ArrayLike | None = None, translation: ArrayLike | None = None) -> Array:
-    """The (4, 4) pose with the given (3, 3) rotation and (3,) translation, either the identity by default."""
+    """The (4, 4) pose with the given (3, 3) rotation and (3,) translation, either the identity by default.
+
+    A rotation may be an object with `.as_matrix()`, such as SciPy's. Raises `BadInput` for another shape (a
+    quaternion's too), and for what is not a rotation.
+    """
     T = np.eye(4)
     if rotation is not None:
-        T[:3, :3] = arrays.matrix(rotation, (3, 3), "rotation")
+        T[:3, :3] = arrays.rotation(rotation, "rotation")
     if translation is not None:
         T[:3, 3] = arrays.vector(translation, 3, "translation")
     return arrays.pose(T, "rotation")

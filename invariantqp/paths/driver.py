@@ -927,10 +927,10 @@ class Follower:
         missed = self._missed_at(place) if self._some_missed else 0.0
         if self._time >= end and self._still:
             if missed > self._tolerance:
-                return Status.BLOCKED, f"the end is out of reach, by {missed:.3g}"
+                return Status.BLOCKED, f"the end is out of reach, by {missed:.3g} [length]"
             return Status.DONE, ""
         if missed > self._tolerance:
-            return Status.LEFT, f"out of reach, by {missed:.3g}"
+            return Status.LEFT, f"out of reach, by {missed:.3g} [length]"
         if self._late:
             return Status.LATE, LATE if self._answer is None or not self._bound else partial(_held_by, self._answer)
         return Status.MOVING, ""

@@ -279,7 +279,7 @@ class Shape:
 
         blocked = plan.blocked
         if not blocked and plan.off[-1] > OFF_PATH * self._length:
-            blocked = f"it is out of reach, by {plan.off[-1]:.3g}"
+            blocked = f"it is out of reach, by {plan.off[-1]:.3g} [length]"
         near = (STOPPED if blocked else ARRIVED) * self.given.curve.end
         if why or rate < 0.0 or plan.end - at > near:
             status, reason, ruling = self._on_the_way(before, now, rate, why, override)
@@ -291,7 +291,7 @@ class Shape:
             status, reason, ruling = Status.MOVING, "", SETTLING
         elif self._few and (across := off()) > self._tolerance:
             status, ruling = Status.BLOCKED, ENDED
-            reason = f'it is out of reach, by {across:.3g} (exact="position" would turn the tool instead)'
+            reason = f'it is out of reach, by {across:.3g} [length] (exact="position" would turn the tool instead)'
         else:
             status, reason, ruling = Status.DONE, "", ENDED
         return Told(status, reason, place, late, off, speed, ruling)

@@ -125,7 +125,7 @@ def timeline_of(trace: Trace) -> Timeline:
     return replace(
         _timeline(trace.task, robot, trace.time[ends], trace.q[ends], trace.wanted[ends]),
         speed=extremes(trace.velocity, ends),
-        about=f"{trace.task.about} {went}",
+        about=f"{trace.task.about.removesuffix('.')}. {went}" if trace.task.about else went,
         **states(trace.statuses, trace.limit_active, ends),
         charts=tuple(charts_of(trace, ends)),
         travel=np.array(

@@ -3,6 +3,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.random_systems import motion
 
 import invariantqp as iq
@@ -63,6 +64,7 @@ REFUSED = {
     "log": (lambda: iq.log(np.eye(3)), "pose", "shape (3, 3)"),
     "bracket": (lambda: iq.se3.bracket(np.zeros(6), np.zeros(3)), "second", "shape (3,)"),
     "transform": (lambda: iq.transform(2.0 * np.eye(3)), "rotation", "not a rotation"),
+    "transform of a quaternion": (lambda: iq.transform((0, 0, 0, 1)), "rotation", "shape (4,)"),
     "adjoint": (lambda: iq.adjoint(np.zeros((4, 4))), "pose", "not a rotation"),
     "coadjoint": (lambda: iq.coadjoint(np.full((4, 4), INF)), "pose", "NaN or infinity"),
     "inverse": (lambda: iq.inverse(SHEARED), "pose", "not a rotation"),
@@ -147,6 +149,13 @@ def test_large_finite_numbers_are_not_taken_for_infinite():
 def test_parts_of_a_pose_are_told_how_to_become_one(parts):
     with pytest.raises(iq.BadInput, match=r"iq\.transform\(rotation, position\) makes one; .*from_quat"):
         arrays.pose(parts, "target")
+
+
+def test_a_rotation_may_be_scipys_and_a_quaternion_is_told_how_to_become_one():
+    turned = Rotation.from_rotvec((0.1, -0.4, 0.3))
+    np.testing.assert_array_equal(iq.transform(turned)[:3, :3], turned.as_matrix())
+    with pytest.raises(iq.BadInput, match=r"quaternion's rotation .*from_quat"):
+        iq.transform(turned.as_quat())
 
 
 def test_a_pose_with_six_digits_passes():

@@ -309,6 +309,11 @@ def test_a_name_is_never_read_as_a_part_of_the_page(timeline, name):
     assert len([t for t, _ in read(text).tags if t == "script"]) == 2
 
 
+@pytest.mark.parametrize(("about", "then"), [("", ""), ("A circle", "A circle. "), ("A circle.", "A circle. ")])
+def test_what_a_run_is_about_ends_before_how_it_went(trace, about, then):
+    assert timeline_of(replace(trace, task=trace.task.model_copy(update={"about": about}))).about == f"{then}Accepted."
+
+
 def test_joints_without_limits_are_drawn_without(tmp_path):
     bare = {**TASK, "robot": {"screws": [{"axis": [0, 0, 1.0]}], "start": [0.3], "tool_point": [0.5, 0, 0]}}
     bare["path"] = {"kind": "joints", "duration": 0.1, "waypoints": [[0.5]]}
