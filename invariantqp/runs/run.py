@@ -154,7 +154,7 @@ def _trace(
         velocity_limit=robot.velocity_limit,
         methods=[s.method for s in solutions],
         statuses=[s.status for s in solutions],
-        limit_active=[bool(s.active) for s in solutions],
+        limit_active=[s.method == "qp" or bool(s.active) for s in solutions],
         tick_ns=tick_ns,
         wanted=wanted,
         form="" if controller.form is None else controller.form.describe(),

@@ -67,6 +67,15 @@ def test_a_run_tells_the_least_distance_and_is_judged_by_it():
     assert iq.run_task(task_from(content(), "t.toml")).summary()["least_clearance_mm"] is None
 
 
+def test_a_clearance_that_holds_the_arm_is_a_limit_that_was_active():
+    wall = {"kind": "half-space", "name": "wall", "at": [0.55, 0.0, 0.0], "normal": [-1.0, 0.0, 0.0]}
+    room = iq.run_task(task([wall])).clearance.distance[0]
+    trace = iq.run_task(task([wall], distance=room - 0.0005))  # the path is twice as long
+    assert not trace.limit_active[0]
+    assert trace.limit_active[-1]
+    assert "clearance: tool and wall" in trace.warnings[0]
+
+
 def test_the_page_has_bodies_obstacles_and_the_curve():
     trace = iq.run_task(task([BALL, SHELF]))
     timeline = timeline_of(trace)
