@@ -301,9 +301,10 @@ def meet(ticks, dt, acceleration, seed=0, delay=0.0):
 LAWS = {"ours": None, "mink": ("mink", 0.85), "Pink": ("Pink", 20.0), "Pink, gain 50": ("Pink", 50.0)}
 
 
-def law(name, scene, clearance, dt, q):
-    if LAWS[name] is None:
-        loop = iq.Controller(scene.robot, dt=dt, limits=[clearance])
+def law(name, scene, clearance, dt, q, acceleration=None):
+    if LAWS.get(name) is None:
+        limits = [clearance] if name in LAWS else []
+        loop = iq.Controller(scene.robot, dt=dt, acceleration_limit=acceleration, limits=limits)
         return lambda q, target: loop.step(q, target).velocity
     kind, gain = LAWS[name]
     return Peer(kind, clearance, dt, q, gain)
@@ -344,11 +345,13 @@ def peers(ticks):
         at[:3, 3] = 0.5 + 0.08 * np.sin(2 * np.pi * i * dt / 1.5), 0.05 * np.sin(2 * np.pi * i * dt / 1.1), 0.15
         return at
 
-    for label in LAWS:
+    compared = [(label, None) for label in ("without", *LAWS)]
+    for label, acceleration in (*compared, ("without", 10.0), ("ours", 10.0)):
         clearance = scene.clearance()
-        _, d, v = follow(law(label, scene, clearance, dt, start), start, along, dt, 1000, Judge(scene, clearance))
+        step = law(label, scene, clearance, dt, start, acceleration)
+        _, d, v = follow(step, start, along, dt, 1000, Judge(scene, clearance))
         change = np.abs(np.diff(v[400:], axis=0)).max(axis=1)
-        print(f"fingers along a face, {label:14s}: change of joint velocity a tick, median {np.median(change):.4f} rad/s, "
+        print(f"fingers along a face, {label:14s}, {acceleration} rad/s^2: change of joint velocity a tick, median {np.median(change):.4f} rad/s, "
               f"largest {change.max():.3f}; least {d.min() * 1e3:.2f} mm", flush=True)  # fmt: skip
     scene = ur5()
     rng, starts, clearance = np.random.default_rng(3), [], scene.clearance()
