@@ -281,8 +281,8 @@ def meet(ticks, dt, acceleration, seed=0, delay=0.0):
                 T[:3, 3] = rng.uniform([0.1, -0.35, 0.05], [0.8, 0.35, 0.75])
                 wanted.append(arm.target(T))
         for k in (0, 1):
-            there = q[1 - k] + dt * np.sum(flying[1 - k], axis=0) - delay * x[1 - k]
-            others[k].move(there, x[1 - k] if told else None)
+            there = q[1 - k] + dt * np.sum(flying[1 - k], axis=0)
+            others[k].move(*((there - delay * x[1 - k], x[1 - k]) if told else (there, None)))
         found = [loops[k].step(q[k], wanted[k]) for k in (0, 1)]
         x = [solution.velocity for solution in found]
         for queue, command in zip(flying, x, strict=True):
