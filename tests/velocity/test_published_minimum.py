@@ -170,7 +170,8 @@ class Published:
         if ((x1 >= demand.lower - size) & (x1 <= demand.upper + size)).all() and slow:
             return z1 if mu == 0.0 else self.nearest(origin, target), 0.0, 1.0
         z0 = self.nearest(origin, self.paced(target, 0.0), box, mu)
-        K, way = np.vstack((self.root, np.sqrt(mu) * np.eye(len(z1)))), z1 - z0
+        still = np.sqrt(mu) * np.eye(len(z1)) if mu > 0.0 else np.zeros((0, len(z1)))  # rows of zeros cost digits
+        K, way = np.vstack((self.root, still)), z1 - z0
         length = np.linalg.norm(K @ way)
         delta = chase.slack + self.share * np.linalg.norm(demand.root @ chase.ahead)
         z, p = cp.Variable(len(z1)), cp.Variable()
