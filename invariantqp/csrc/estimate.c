@@ -187,10 +187,6 @@ void known_after(Stiffness *known, double force, double way, const Setting *sett
     known->way = x;
     known->force = force;
     known->gone = gone;
-    known->high[0] = z[0];
-    known->high[1] = z[1];
-    known->high[2] = af;
-    known->surprised = surprised;
     known->rose = surprised && rest > 0.0;
     known->time = time;
     known->reached = known->reached != 0.0 || lacks == 0;

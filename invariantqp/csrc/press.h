@@ -18,8 +18,8 @@ typedef struct {
 } Touch;
 
 typedef struct {
-    double found[3], errors[3], bound, way, force, mean[4], means[4], gone, seen[3][3], sums[3], residual, high[3];
-    double surprised, rose, begins, time, quiet, stiff, reached, lacked;
+    double found[3], errors[3], bound, way, force, mean[4], means[4], gone, seen[3][3], sums[3], residual;
+    double rose, begins, time, quiet, stiff, reached, lacked;
 } Stiffness;
 
 typedef struct {

@@ -214,8 +214,7 @@ class Stiffness(NamedTuple):
         seen, sums: (3, 3) and (3,) weighed products of the first three with themselves and with the force, as they are
             above both means.
         residual: mean square of what is not explained.
-        high: way, speed and force above both means.
-        surprised, rose: whether the last reading was a surprise, and whether upwards.
+        rose: whether the last reading was a surprise, and upwards.
         begins: the stiffness that it began with.
         time: since the touch [s].
         quiet: smoothed way where nothing was felt last, certainly [length]; None before that.
@@ -235,8 +234,6 @@ class Stiffness(NamedTuple):
     seen: Annotated[Array, 3, 3] = np.zeros((3, 3))
     sums: Annotated[Array, 3] = np.zeros(3)
     residual: float = 0.0
-    high: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    surprised: bool = False
     rose: bool = False
     begins: float = STIFF
     time: float = 0.0
@@ -381,8 +378,6 @@ class Stiffness(NamedTuple):
             seen,
             sums,
             residual,
-            (float(z[0]), float(z[1]), af),
-            surprised,
             surprised and rest > 0.0,
             begins,
             time,
