@@ -76,9 +76,8 @@ class Objective(NamedTuple):
 
     def calmed(self, mu: float) -> Objective:
         """The same with 1/2 mu |z|^2 added."""
-        share = self.weights / (self.weights + mu)
-        still = None if self.still is None else share * self.still
-        return self._replace(weights=self.weights + mu, optimum=share * self.optimum, still=still)
+        weights = self.weights + mu
+        return self._replace(weights=weights, optimum=self.optimum * (self.weights / weights))
 
 
 class Spectrum(NamedTuple):
