@@ -23,7 +23,7 @@ Word = TypeVar("Word", bound=str)
 FLOAT64 = np.dtype(np.float64)
 # The kinds of numpy's types that are real numbers: signed and unsigned integers, floats. Objects ("O") may be numbers.
 REAL_KINDS = "iufO"
-# What to do with a position, a quaternion or both where a pose is expected.
+# What to do with a quaternion where a rotation is expected, and with a position, a quaternion or both for a pose.
 OF_A_QUATERNION = "a quaternion's rotation is scipy's Rotation.from_quat(xyzw).as_matrix()."
 MADE_OF_PARTS = f"iq.transform(rotation, position) makes one; {OF_A_QUATERNION}"
 # Of every homogeneous matrix of a rigid motion.
@@ -168,10 +168,12 @@ def matrix_of(value: Any) -> Any:
 
 def rotation(value: ArrayLike, argument: str) -> Array:
     """A finite (3, 3) matrix or what `matrix_of` reads as one; whether it is a rotation is not checked."""
-    a = array(matrix_of(value), argument, "shape (3, 3)")
-    if a.shape == (4,):
-        raise BadInput(argument, "shape (4,)", "shape (3, 3)", f"{OF_A_QUATERNION[0].upper()}{OF_A_QUATERNION[1:]}")
-    return matrix(a, (3, 3), argument)
+    expected = "shape (3, 3)"
+    a = array(matrix_of(value), argument, expected)
+    if a.shape == (3, 3):
+        return _finite(a, argument, expected)
+    remedy = f"It is a matrix; {OF_A_QUATERNION}" if a.shape == (4,) else ""
+    raise BadInput(argument, f"shape {a.shape}", expected, remedy)
 
 
 def pose(value: ArrayLike, argument: str = "pose") -> Array:

@@ -21,7 +21,7 @@ from invariantqp.runs.controllers import ElasticPathController, MakeController, 
 from invariantqp.runs.plant import PlantState
 from invariantqp.runs.prepare import Setup, prepare
 from invariantqp.runs.taskfile import Task
-from invariantqp.runs.trace import ClearanceTrace, Trace, contact_trace, errors, path_trace
+from invariantqp.runs.trace import ClearanceTrace, Trace, at_a_limit, contact_trace, errors, path_trace
 from invariantqp.systems.gram import principal_pitches
 from invariantqp.velocity.forms import Form, PitchForm
 from invariantqp.velocity.solution import VelocitySolution
@@ -154,7 +154,7 @@ def _trace(
         velocity_limit=robot.velocity_limit,
         methods=[s.method for s in solutions],
         statuses=[s.status for s in solutions],
-        limit_active=[s.method == "qp" or bool(s.active) for s in solutions],
+        limit_active=[at_a_limit(s) for s in solutions],
         tick_ns=tick_ns,
         wanted=wanted,
         form="" if controller.form is None else controller.form.describe(),

@@ -23,6 +23,12 @@ from invariantqp.runs.plant import PlantState
 from invariantqp.runs.scene import ContactScene
 from invariantqp.runs.taskfile import Task
 from invariantqp.systems.contacts import Contact
+from invariantqp.velocity.solution import VelocitySolution
+
+
+def at_a_limit(solution: VelocitySolution) -> bool:
+    """Whether a limit was active in a tick: a joint's, which `active` has, or another one, such as a clearance."""
+    return solution.method == "qp" or bool(solution.active)
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.pictures.charts import CurveChart, extremes, frame_ends
 from invariantqp.runs.plant import PlantState
 from invariantqp.runs.taskfile import Task
-from invariantqp.runs.trace import Trace
+from invariantqp.runs.trace import Trace, at_a_limit
 from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.view.page import drawn, page
 from invariantqp.view.timeline import FORCE, Timeline, states, timeline_before, timeline_of
@@ -74,7 +74,7 @@ class Viewer:
 
     def watch(self, tick: int, state: PlantState, solution: VelocitySolution) -> None:  # noqa: ARG002 (an observer)
         """An observer for `run_task`: keeps what a browser may ask for."""
-        status, limited = str(solution.status), bool(solution.active)
+        status, limited = str(solution.status), at_a_limit(solution)
         self._seen.append((state.q, solution.velocity, -state.wrench[3:], state.pose[:3, 3], status, limited))
 
     def show(self, timeline: Timeline) -> None:

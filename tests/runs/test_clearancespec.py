@@ -70,9 +70,17 @@ def test_a_run_tells_the_least_distance_and_is_judged_by_it():
 def test_a_clearance_that_holds_the_arm_is_a_limit_that_was_active():
     wall = {"kind": "half-space", "name": "wall", "at": [0.55, 0.0, 0.0], "normal": [-1.0, 0.0, 0.0]}
     room = iq.run_task(task([wall])).clearance.distance[0]
-    trace = iq.run_task(task([wall], distance=room - 0.0005))  # the path is twice as long
+    near = task([wall], distance=room - 0.0005)  # the path is twice as long
+    viewer = iq.view.Viewer(near, port=0)
+    try:
+        trace = iq.run_task(near, observer=viewer.watch)
+        live = json.loads(viewer.news("0")[1])["limit_active"]
+    finally:
+        viewer.close()
     assert not trace.limit_active[0]
     assert trace.limit_active[-1]
+    assert live[-1]
+    assert not live[0]
     assert "clearance: tool and wall" in trace.warnings[0]
 
 
