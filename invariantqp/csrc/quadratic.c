@@ -158,7 +158,8 @@ static Outcome slowed_on(Slow *slow, int n, int k, const Row *Q, Row e, Row pull
             left[i] -= along_u[rank] * found.U[rank][i];
     }
     squares[rank] = rank < 3 ? dot(3, left, left) : 0.0;
-    gains[rank] = 0.0;
+    for (int i = rank; i < 4; i++)
+        gains[i] = 0.0;
     memcpy(slow->V, found.V, sizeof slow->V);
     slow->rank = rank;
     *nu = multiplier(gains, squares, slow->limit, slow->most);
