@@ -30,8 +30,8 @@ double worth(const Demand *demand, const Row A[6], const double wanted[6])
     }
     double least = PROGRESS_SHARE * norm(6, wanted) * sum;
     if (nearer > least)
-        return fmax(1.0 - least / nearer * (least / nearer), PROGRESS_SHARE);
-    return least == 0.0 ? 1.0 : PROGRESS_SHARE;
+        return fmax(1.0 - least / nearer * (least / nearer), LEAST_WORTH);
+    return least == 0.0 ? 1.0 : LEAST_WORTH;
 }
 
 double excess_deviation(int n, const Row A[6], const double wanted[6], double speed, double dt)

@@ -48,6 +48,7 @@ const Constant CONSTANTS[] = {
     ONE("velocity.report", GROWING),
     ONE("velocity.tick", POSTURE_PACE),
     ONE("velocity.damping", PROGRESS_SHARE),
+    ONE("velocity.damping", LEAST_WORTH),
     ONE("velocity.exact", REGULARISATION),
     {"velocity.tick.REGULARISATION", LEAST_MOTION},
     ONE("velocity.tick", WIDENING),

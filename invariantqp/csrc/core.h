@@ -445,6 +445,7 @@ extern const Constant CONSTANTS[];
 #define POSTURE_PACE 0.01
 #define PACE_ROUNDING 1e-14
 #define PROGRESS_SHARE 2e-4
+#define LEAST_WORTH 2e-5
 #define WHOLE_SPEED (1.0 - ACTIVE_TOLERANCE)
 #define REGULARISATION 1e-9
 #define LEAST_MOTION 1e-8

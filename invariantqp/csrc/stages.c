@@ -361,6 +361,16 @@ static Outcome largest(Slowed *slowed, double length, double *pace)
     return DONE;
 }
 
+/* tick.py, _calm: damping for what a velocity y, and what is slowed on purpose, leave of the twist. */
+static double calming(const Posed *problem, const Row y, const Row slowed, double speed)
+{
+    const Demand *demand = problem->demand;
+    if (demand->dt == 0.0)
+        return 0.0;
+    double factor = (demand->rows == 0 ? CALM : CALM * problem->reduction.bend) / worth(demand, problem->twists, problem->wanted);
+    return calm(demand->m, problem->A, problem->wanted, y, slowed, speed, demand->dt + demand->held, factor);
+}
+
 /* The velocity inside the limits, as y: position limits bend the chase of a target, all others slow it down first.
    `found` begins with limits that are likely to be active; `slowed` is what of the chase is slowed down. */
 static Outcome within(const Posed *problem, const Room *room, const Objective *objective, Optimum *found, Row y,
@@ -371,33 +381,49 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
     static const Cone NONE = {.limit = 0.0};
     double length = 0.0, size = 0.0;
     Turned turned; /* limits of both rooms have the same rows */
-    Quadratic cost;
-    Row z1, unchased, whole, part;
+    Quadratic cost, calmer, *chase = &cost;
+    Row z1, unchased, whole, start, part;
     *pace = 1.0;
     turned.rows = 0;
     zeroed(slowed);
     quadratic(objective, &cost);
     memcpy(whole, cost.centre, sizeof whole);
+    double mu = 0.0;
     if (demand->chased) {
-        if (minimise_turned(&cost, room->placed, &NONE, room->inside, found, &turned, found) == HAND_BACK)
-            return HAND_BACK;
-        if (is_allowed(room, n, found->z)) {
-            joints(problem, found->z, room->share->value, y);
-            return DONE;
+        combined(n, n, objective->still, 1, objective->V, unchased);
+        memcpy(start, unchased, sizeof start);
+        joints(problem, whole, room->share->value, y);
+        mu = calming(problem, y, slowed, 0.0);
+        if (mu > 0.0) {
+            Objective other = *objective;
+            memcpy(other.optimum, objective->still, sizeof other.optimum);
+            calmed(&other, mu);
+            centre(&other, start);
+            other = *objective;
+            calmed(&other, mu);
+            quadratic(&other, chase = &calmer);
         }
+        if (minimise_turned(chase, room->placed, &NONE, room->inside, found, &turned, found) == HAND_BACK)
+            return HAND_BACK;
+    }
+    bool allowed = demand->chased && is_allowed(room, n, found->z);
+    if (allowed && mu == 0.0) {
+        joints(problem, found->z, room->share->value, y);
+        return DONE;
+    }
+    if (demand->chased && !allowed) {
         memcpy(z1, found->z, sizeof z1);
         Optimum still;
-        Slowed way = {.room = room, .cost = &cost, .turned = &turned, .found = found, .delta = demand->chase.slack};
-        combined(n, n, objective->still, 1, objective->V, unchased);
-        memcpy(cost.centre, unchased, sizeof unchased);
-        if (minimise_turned(&cost, room->placed, &NONE, room->inside, NULL, &turned, &still) == HAND_BACK)
+        Slowed way = {.room = room, .cost = chase, .turned = &turned, .found = found, .delta = demand->chase.slack};
+        memcpy(chase->centre, start, sizeof start);
+        if (minimise_turned(chase, room->placed, &NONE, room->inside, NULL, &turned, &still) == HAND_BACK)
             return HAND_BACK;
         memcpy(way.z0, still.z, sizeof way.z0);
         for (int j = 0; j < n; j++)
             way.way[j] = z1[j] - way.z0[j];
         for (int i = 0; i < n; i++) {
-            way.u[i] = dot(n, cost.K[i], way.way);
-            part[i] = dot(n, cost.K[i], z1);
+            way.u[i] = dot(n, chase->K[i], way.way);
+            part[i] = dot(n, chase->K[i], z1);
         }
         length = norm(n, way.u);
         size = norm(n, part);
@@ -418,6 +444,8 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
         if (demand->rows == 0)
             memcpy(slowed, part, sizeof(Row));
     }
+    if (mu > 0.0)
+        turned.rows = 0;
     if (minimise_turned(&cost, room->limits, &room->cone, room->inside, found, &turned, found) == HAND_BACK)
         return HAND_BACK;
     joints(problem, found->z, room->share->value, y);
@@ -437,17 +465,6 @@ static Outcome again(const Posed *problem, const Room *room, Objective *objectiv
         return HAND_BACK;
     joints(problem, found->z, room->share->value, y);
     return DONE;
-}
-
-static double calming(const Posed *problem, const Share *share, const Objective *objective, const Row y, const Row slowed)
-{
-    Row z;
-    const Demand *demand = problem->demand;
-    if (demand->dt == 0.0)
-        return 0.0;
-    free_part(problem, y, share->value, z);
-    double factor = (demand->rows == 0 ? CALM : CALM * problem->reduction.bend) / worth(demand, problem->twists, problem->wanted);
-    return calm(demand->m, problem->A, problem->wanted, y, slowed, speed(objective, z), demand->dt + demand->held, factor);
 }
 
 /* y, with as much least squares blended in as descent requires; `near` has the limits that hold the rows. */
@@ -571,7 +588,7 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
     Optimum found;
     Share share;
     Room room;
-    Row x, y, slowed;
+    Row x, y, z, slowed;
     int m = demand->m;
     zeroed(slowed);
     found.met = share.near.met = false;
@@ -596,7 +613,7 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
     else if (roomy(&problem, &share, &solution->yielded) == HAND_BACK ||
              (demand->rows > 0 && objective(&problem, problem.attempt, problem.unchased, share.value, &cost) == HAND_BACK))
         return HAND_BACK;
-    double mu = free ? calming(&problem, &share, &cost, y, slowed) : 0.0;
+    double mu = free ? calming(&problem, y, slowed, speed(&cost, found.z)) : 0.0;
     if (!free || mu > 0.0 || demand->form != NULL)
         room_at(&problem, &share, &room);
     if (!free) {
@@ -604,7 +621,8 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
             found = share.near;
         if (within(&problem, &room, &cost, &found, y, slowed, &pace) == HAND_BACK)
             return HAND_BACK;
-        mu = calming(&problem, &share, &cost, y, slowed);
+        free_part(&problem, y, share.value, z);
+        mu = calming(&problem, y, slowed, speed(&cost, z));
     }
     if (mu > 0.0 && again(&problem, &room, &cost, pace, mu, &found, y) == HAND_BACK)
         return HAND_BACK;

@@ -16,10 +16,10 @@ a residual |b - A x| asks for another velocity in the next tick, and the motion 
 half of that difference, per unit of time, exceeds the twist itself. mu is zero where the twist is met at moderate joint
 speeds, so such ticks are unchanged.
 
-Where joints at full speed hardly bring the tool nearer to its target, mu is five thousand times that, and they rest:
+Where joints at full speed hardly bring the tool nearer to its target, mu is up to fifty thousand times that; they rest:
 
     kappa = max b'A x / (|b| sum of |A_i| v_i),  |x_i| <= v_i and inside the position limits
-    mu / max(1 - (share / kappa)^2, share),   share = PROGRESS_SHARE
+    mu / max(1 - (share / kappa)^2, LEAST_WORTH),   share = PROGRESS_SHARE
 
 Reference: Sugihara 2011 (Levenberg-Marquardt, damping by the residual).
 """
@@ -59,6 +59,8 @@ DEVIATION_SHARE = 0.25
 # error. Measured: with 3e-4 one arm of eighty no longer leaves a singularity, with 2e-4 all do; then one of 294 late
 # loops creeps after 15 s, with 1e-4 five.
 PROGRESS_SHARE = 2e-4
+# The least that a motion is worth. Measured: with 2e-4 arms that should rest creep at some 1e-5 rad/s.
+LEAST_WORTH = 2e-5
 # mu below this share of |A|^2 changes no digit that matters; it is subtracted, so that mu sets in without a jump.
 QUIET_SHARE = 1e-9
 
@@ -251,7 +253,7 @@ def calm(A: Array, wanted: Array, achieved: Array, speed: float, dt: float, fact
 
 
 def worth(A: Array, wanted: Array, lower: Array, upper: Array, fastest: Array) -> float:
-    """1 - (share / kappa)^2, at least the share: whether it is worth it to move the joints for a target, at most 1.
+    """1 - (share / kappa)^2, at least `LEAST_WORTH`: whether it is worth it to move the joints for a target, at most 1.
 
     Args:
         A: (6, m) measured joint twists.
@@ -264,5 +266,5 @@ def worth(A: Array, wanted: Array, lower: Array, upper: Array, fastest: Array) -
     nearer = float(np.maximum(pull * np.maximum(lower, -fastest), pull * np.minimum(upper, fastest)).sum())
     least = PROGRESS_SHARE * norm(wanted) * float(sizes.dot(fastest))
     if nearer <= least:
-        return PROGRESS_SHARE if least > 0.0 else 1.0
-    return max(1.0 - (least / nearer) ** 2, PROGRESS_SHARE)
+        return LEAST_WORTH if least > 0.0 else 1.0
+    return max(1.0 - (least / nearer) ** 2, LEAST_WORTH)

@@ -76,8 +76,9 @@ class Objective(NamedTuple):
 
     def calmed(self, mu: float) -> Objective:
         """The same with 1/2 mu |z|^2 added."""
-        weights = self.weights + mu
-        return self._replace(weights=weights, optimum=self.optimum * (self.weights / weights))
+        share = self.weights / (self.weights + mu)
+        still = None if self.still is None else share * self.still
+        return self._replace(weights=self.weights + mu, optimum=share * self.optimum, still=still)
 
 
 class Spectrum(NamedTuple):

@@ -182,12 +182,7 @@ def answered(law: VelocityLaw, problem: Problem) -> Answer:
             problem = problem.on(room.reduction)
             objective = problem.objective(room.share.value)
         first = _chasing(law, problem, room, objective)
-    mu = 0.0
-    if law.dt > 0.0 and problem.spectrum is not None:
-        achieved = problem.A.dot(first.y + first.slowed)
-        speed = first.objective.speed(room.coordinates(first.y))
-        factor = CALM * reduction.bend / _worth(problem)
-        mu = calm(problem.A, problem.wanted, achieved, speed, law.dt + demand.held, factor)
+    mu = _calm(law, problem, first.y + first.slowed, first.objective.speed(room.coordinates(first.y)))
     answer = _calmed(law, first, mu)
     if law.guard is None or problem.attempt is problem.wanted:
         return answer
@@ -195,6 +190,14 @@ def answered(law: VelocityLaw, problem: Problem) -> Answer:
     plain = problem._replace(attempt=problem.wanted, ahead=ahead)
     best = _calmed(law, _chasing(law, plain, room, plain.objective(room.share.value)), mu)
     return _guarded(law.guard, problem, answer, best, mu)
+
+
+def _calm(law: VelocityLaw, problem: Problem, y: Array, speed: float) -> float:
+    """mu, the damping for what a velocity y (m,) leaves of the twist; `speed` is that of y, as `calm` has it."""
+    if law.dt == 0.0 or problem.spectrum is None:
+        return 0.0
+    factor = CALM * problem.reduction.bend / _worth(problem)
+    return calm(problem.A, problem.wanted, problem.A.dot(y), speed, law.dt + problem.demand.held, factor)
 
 
 def _worth(problem: Problem) -> float:
@@ -296,28 +299,33 @@ def _chasing(law: VelocityLaw, problem: Problem, room: Room, objective: Objectiv
     """The velocity inside the limits: position limits bend the chase of a target, all others slow it down first.
 
         z*(p)     the optimum without limits for the twist whose chase has the pace p in [0, 1]
-        z1, z0    nearest to z*(1) and z*(0) inside the position limits and rows
+        K, z+(p)  the same calmed, for what z*(1) leaves of the twist
+        z1, z0    nearest to z+(1) and z+(0) inside the position limits and rows
         p         of the minimum of 1/2 |K (z - z0 - p (z1 - z0))|^2 + delta |K (z1 - z0)| (1 - p) over z inside all
                   limits and p, delta = |ahead| + slack
         z         nearest to z*(p) inside all limits: least squares of that twist
 
     So limits may take away delta along the chase, as least squares has it; what is more slows the chase down, in all
-    its directions alike. p is part of the minimum of one convex function, so the answer is continuous in all data.
+    its directions alike. What will be calmed does not: out of reach, the speed of a stretched arm towards its target
+    keeps nothing else back. p is part of the minimum of one convex function, so the answer is continuous in all data.
     """
-    cost, chase = objective.quadratic(), problem.demand.chase
+    chase = problem.demand.chase
     if chase is None or objective.still is None:
         return _nearest(law, room, objective)
+    whole, unchased = objective.centre(), objective.paced(0.0).centre()
+    mu = _calm(law, problem, room.velocity(whole), 0.0)
+    calmed = objective.calmed(mu)
+    cost = calmed.quadratic()
     found = minimise(law.backend, cost, room.position, None, room.inside)
     if room.polytope.allows(found.z) and (room.cone is None or room.cone.allows(found.z, ROUNDING)):
-        return _answer(room, objective, found)
-    unchased = objective.paced(0.0).quadratic()
-    start = minimise(law.backend, unchased, room.position, None, room.inside).z
+        return _answer(room, objective, found) if mu == 0.0 else _nearest(law, room, objective)
+    start = minimise(law.backend, calmed.paced(0.0).quadratic(), room.position, None, room.inside).z
     way = found.z - start
     if norm(cost.K.dot(way)) <= NULL_RATIO * norm(cost.K.dot(found.z)):
         return _nearest(law, room, objective)
     delta = norm(problem.demand.root.dot(chase.ahead)) * room.share.value + chase.slack
     pace = largest_pace(cost, start, way, delta, room.polytope, room.cone, room.inside)
-    slowed = room.basis.dot((1.0 - pace) * (cost.centre - unchased.centre))
+    slowed = room.basis.dot((1.0 - pace) * (whole - unchased))
     return _nearest(law, room, objective.paced(pace))._replace(slowed=slowed, pace=pace)
 
 

@@ -74,6 +74,23 @@ def test_out_of_reach_under_acceleration_limits_the_arm_rests_and_does_not_swing
         assert left[first:].max() < least + 6e-3  # and does not go back
 
 
+@pytest.mark.parametrize("late", [0, 2, 8])
+@pytest.mark.parametrize("name", ["ur5", "kinova"])
+def test_far_out_of_reach_a_late_arm_rests_soon_without_acceleration_limits_too(name, late):
+    """The speed that a stretched arm would need towards its target keeps nothing else of the way back."""
+    robot, dt = iq.load_robot(name), 0.01
+    rng = np.random.default_rng(7)
+    low, high = np.maximum(robot.position_lower, -3.0), np.minimum(robot.position_upper, 3.0)
+    for _ in range(3):
+        start, aim = rng.uniform(0.6 * low + 0.4 * high, 0.4 * low + 0.6 * high, (2, len(low)))
+        target = robot.pose(aim)
+        loop = iq.Controller(robot, dt=dt, delay=late * dt)
+        target[:3, 3] *= 1.5 * loop.measure.length / np.linalg.norm(target[:3, 3])
+        _, x, solutions = driven(robot, loop, start, target, 800, late)
+        assert np.abs(x[-100:]).max() < 2e-3
+        assert solutions[-1].status == "limited"
+
+
 def test_a_feedforward_is_no_way_to_brake_on():
     """A target's own motion is not braked: beside acceleration limits a line at constant speed is followed."""
     loop = iq.Controller(PANDA, dt=0.002, acceleration_limit=5.0)

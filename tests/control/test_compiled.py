@@ -138,7 +138,7 @@ def test_an_arm_that_follows_a_path_into_its_limits(name, exact, limits):
     q = middle + np.linspace(0.07, 0.14, len(middle))  # no two joints alike: no ties for rounding to break
     goal = robot.pose(q)
     methods, answered = set(), 0
-    for k in range(96 if name == "so101" else 48):  # which is slow to get there
+    for k in range(120):
         goal = iq.exp([0.0, 0.0, 0.003, 0.006 * np.sin(0.05 * k), 0.006, 0.0]) @ goal
         ahead = np.array([0.0, 0.0, 0.3, 0.0, 0.6, 0.0])
         answered += compiled_tick(controller.compiled, controller.kept.copy(), q, goal, ahead, None) is not None
@@ -146,6 +146,8 @@ def test_an_arm_that_follows_a_path_into_its_limits(name, exact, limits):
         solution = assert_same(*tick) if k % 4 == 0 else controller.step(*tick[1:])  # Python takes its time
         methods.add(solution.method)
         q = q + 0.01 * solution.velocity
+        if k >= 47 and methods & {"qp", "damped"}:
+            break
     assert methods & {"qp", "damped"}
     assert answered > 24 or m < 6  # too few joints are left for a tool speed, or none
 
