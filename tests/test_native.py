@@ -1,12 +1,14 @@
 """Which engine an installation has, and how it is switched off."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from support.repeats import LONG
 
 import invariantqp as iq
 from invariantqp.engine import core, engine
@@ -58,3 +60,20 @@ def test_sources_without_a_core_say_so_once(tmp_path, wheel):
     assert (said in done.stderr, done.stderr.count("run there: pip install -e .")) == (not wheel, int(not wheel))
     if not wheel:
         assert run("-c", use, folder=tmp_path, INVARIANTQP_NATIVE="0").stderr == ""
+
+
+@pytest.mark.skipif(
+    core is None or not LONG or shutil.which("valgrind") is None, reason="long; needs a core and Valgrind"
+)
+def test_the_core_decides_nothing_by_memory_that_was_never_written():
+    """Sanitizers do not see it; a tick's answer once hung on what lay there. Python's own complaints are left out."""
+    tests, root = Path(__file__).parent, Path(iq.__file__).parents[1]
+    done = subprocess.run(
+        ["valgrind", "--error-limit=no", sys.executable, "-m", "support.every_tick"],
+        env={**os.environ, "PYTHONMALLOC": "malloc", "PYTHONPATH": os.pathsep.join((str(root), str(tests)))},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    complaints = re.split(r"==\d+== \n", done.stderr)
+    ours = [each for each in complaints if re.search(r" at 0x\w+: \w+ \(in .*_native", each)]
+    assert len(complaints) > 1
+    assert not ours, ours[0]
