@@ -78,7 +78,7 @@ def clarabel(problem):
             problem.solve(solver="CLARABEL", tol_feas=tight, tol_gap_abs=tight, tol_gap_rel=tight, max_iter=200)
         except cp.SolverError:
             continue
-        if problem.status.startswith("optimal"):
+        if problem.status == "optimal":
             return
     raise cp.SolverError("no answer at any tolerance")
 
