@@ -153,7 +153,6 @@ const Constant CONSTANTS[] = {
     ONE("force.law", SURE),
     ONE("force.law", APPROACHED),
     ONE("force.law", STRUCK),
-    ONE("force.law", IN_DOUBT),
     {"force.law.LET_GO", OUTWARDS},
     ONE("force.law", OVERDAMPED),
     {"force.law.ABOVE", TREMBLES},

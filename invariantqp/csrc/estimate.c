@@ -30,13 +30,6 @@ void touched(Touch *touch, double press, double limit, double noise, double dt)
     touch->airborne += dt;
 }
 
-/* How clearly nothing is touched, from 0 to 1. */
-double clear(const Touch *touch)
-{
-    double share = fmin(0.0, touch->evidence) / -CERTAIN;
-    return share * share * share;
-}
-
 /* control.py: of several presses, there is contact where all are felt. */
 Touch weakest_touch(int n, const Touch *touches)
 {

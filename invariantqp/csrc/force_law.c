@@ -65,7 +65,7 @@ static Drive sought(const Drive *drive, double gentle, const Setting *setting, d
 {
     double bound = setting->slope_speed, slope = 0.0;
     if (touch->airborne == INFINITY)
-        return (Drive){fmin(gentle * fmax(IN_DOUBT, clear(touch)), most), 0.0};
+        return (Drive){gentle, 0.0};
     double rate = fmin((gentle + bound) * (press->lost_after > 0.0 ? fmin(1.0, touch->airborne / press->lost_after) : 1.0), most);
     if (touch->airborne < press->lost_after) {
         double grown = drive->slope + setting->dt * UNSURE * FORCE_GAIN / (INTEGRAL * setting->late) * (rate - drive->slope);

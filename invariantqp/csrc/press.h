@@ -142,7 +142,6 @@ double weighed(double evidence, double press, double limit, double noise);
 bool certain(double evidence);
 void touch_begun(Touch *touch);
 void touched(Touch *touch, double press, double limit, double noise, double dt);
-double clear(const Touch *touch);
 Touch weakest_touch(int n, const Touch *touches);
 double loss_limit(double lost_below, double wanted, double noise);
 void unknown_stiffness(double begins, Stiffness *known);
@@ -234,7 +233,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define SURE 2.0
 #define APPROACHED 0.5
 #define STRUCK 0.01
-#define IN_DOUBT 0.3
 #define OUTWARDS 2.5
 #define OVERDAMPED 5.0
 #define TAKES_UP 0.1

@@ -34,8 +34,6 @@ LOST_SHARE = 0.1
 HALF = 0.5
 # Noise is taken to be at least this share of the limit: one tick then decides without noise.
 LEAST_NOISE = 0.25
-# The power of the evidence that says how clearly nothing is touched.
-SOON = 3
 
 # Stiffness. Where nothing is declared it is looked for as of 2e5 +- 2e5 N/m: no table behind an arm is much stiffer.
 STIFF = 2e5
@@ -120,11 +118,6 @@ class Touch(NamedTuple):
     evidence: float = -CERTAIN
     touching: bool = False
     airborne: float = inf
-
-    @property
-    def clear(self) -> float:
-        """How clearly nothing is touched, from 0 to 1; it falls soon, so that an approach slows down soon."""
-        return (min(0.0, self.evidence) / -CERTAIN) ** SOON
 
     def after(self, press: float, limit: float, noise: float, dt: float) -> Touch:
         """What is known after one more reading.

@@ -44,8 +44,6 @@ SURE = 2.0
 # What an approach reckons with: as stiff as half of where an estimate begins, of a damping of so many seconds of that.
 APPROACHED = 0.5
 STRUCK = 0.01
-# The share of its speed at which an approach goes on while it is not decided whether there is contact.
-IN_DOUBT = 0.3
 # How much faster than an approach the law may let go.
 LET_GO = 2.5
 # Where joints have no acceleration limits motion along a contact is taken up within this time [s]: at its speed by
@@ -157,7 +155,7 @@ def sought(drive: Drive, gentle: float, setting: Setting, most: float, touch: To
     the approach begins from rest, or a step of its speed, which compliant servos turn into a force, would be the touch.
     """
     if touch.airborne == inf:
-        return Drive(min(gentle * max(IN_DOUBT, touch.clear), most))
+        return Drive(gentle)
     bound = setting.slope_speed
     rate = min((gentle + bound) * (min(1.0, touch.airborne / task.lost_after) if task.lost_after else 1.0), most)
     slope = 0.0

@@ -30,7 +30,7 @@ def test_a_contact_with_a_damper_is_held(arm, stiffness, damping, told):
 
 
 @pytest.mark.parametrize(
-    ("press", "stiffness", "seed"), [(2.0, 1e4, 3), (2.0, 1e4, 4), (10.0, 356.0, 0), (10.0, 356.0, 1)]
+    ("press", "stiffness", "seed"), [(2.0, 1e3, 0), (2.0, 1e3, 1), (5.0, 356.0, 0), (10.0, 356.0, 2)]
 )
 def test_a_press_that_noise_nearly_hides_is_asked_gently(press, stiffness, seed):
     """Letting go ran away by up to 0.7 m while noise hid that nothing was touched; a soft one was a fault."""

@@ -18,7 +18,7 @@ def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
         if told[-1].status in ("done", "blocked"):
             break
     first = [s.status for s in told].index("slowed")
-    settled = first + 65
+    settled = first + 66
     assert {s.status for s in told[:first]} == {"waiting"}
     assert told[-1].status == "done"
     assert told[-1].late > PERIOD
