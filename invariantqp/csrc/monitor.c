@@ -3,8 +3,6 @@
 #include "press.h"
 #include <string.h>
 
-/* By a spring or by a damper of one of these times its stiffness [s]. */
-static const double DAMPERS[3] = {0.0, 0.01, 0.06};
 #define JUDGED (1.0 - exp(-1.0))
 
 static bool overloaded(const PressTick *tick, double most[2])
@@ -61,44 +59,32 @@ static void followed(const Stiffness *known, double noise, double wanted, double
 {
     double way = known->way, force = known->force, share = 1.0 - fmin(0.5, dt / PASSES), left = exp(-dt / SINCE);
     if (isnan(evidence->last[0])) {
-        *evidence = (Evidence){{way, 0.0, force}, {0.0, 0.0, 0.0, 1.0}, {{0.0}}, 0.0};
+        *evidence = (Evidence){{way, force}, {0.0, 0.0, 1.0}, {{0.0}}, 0.0};
         return;
     }
-    double speed = (way - evidence->last[0]) / dt;
-    bool first = true;
-    for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++)
-            first = first && evidence->sums[i][j] == 0.0;
-    const double steps[4] = {way - evidence->last[0], first ? 0.0 : speed - evidence->last[1], force - evidence->last[2], 0.0};
+    const double steps[3] = {way - evidence->last[0], force - evidence->last[1], 0.0};
     double weight = shared / (4.0 * noise * noise + (0.01 * wanted) * (0.01 * wanted));
-    for (int i = 0; i < 4; i++)
+    for (int i = 0; i < 3; i++)
         evidence->high[i] = share * (evidence->high[i] + steps[i]);
-    for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++)
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
             evidence->sums[i][j] = left * evidence->sums[i][j] + weight * (evidence->high[i] * evidence->high[j]);
     evidence->noise = left * evidence->noise + weight * noise * noise;
     evidence->last[0] = way;
-    evidence->last[1] = speed;
-    evidence->last[2] = force;
+    evidence->last[1] = force;
 }
 
 /* Evidence.stiffness */
 static double explaining(const Evidence *evidence)
 {
-    double s[3][3];
-    if (evidence->sums[3][3] == 0.0)
+    const double(*s)[3] = evidence->sums;
+    if (s[2][2] == 0.0)
         return 0.0;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            s[i][j] = evidence->sums[i][j] - evidence->sums[i][3] * evidence->sums[3][j] / evidence->sums[3][3];
-    if (s[2][2] < CHI)
+    double a = s[0][0] - s[0][2] * s[2][0] / s[2][2], b = s[0][1] - s[0][2] * s[2][1] / s[2][2];
+    double f = s[1][1] - s[1][2] * s[2][1] / s[2][2];
+    if (f < CHI || a <= 0.0 || b <= 0.0 || b * b <= fmax(CHI, EXPLAINED * (f - evidence->noise)) * a)
         return 0.0;
-    for (int k = 0; k < 3; k++) {
-        double a = s[0][0] + DAMPERS[k] * (2.0 * s[0][1] + DAMPERS[k] * s[1][1]), b = s[0][2] + DAMPERS[k] * s[1][2];
-        if (a > 0.0 && b > 0.0 && b * b > fmax(CHI, EXPLAINED * (s[2][2] - evidence->noise)) * a)
-            return b / a - 1.0 / sqrt(a);
-    }
-    return 0.0;
+    return b / a - 1.0 / sqrt(a);
 }
 
 /* Answers.begun, of what was known before or of nothing */
@@ -106,7 +92,7 @@ static void answers_begun(const Answers *before, Answers *check)
 {
     Answers none = {.shown = INFINITY};
     const Answers *known = before == NULL ? &none : before;
-    Answers begun = {.evidence = {.last = {NAN, NAN, NAN}},
+    Answers begun = {.evidence = {.last = {NAN, NAN}},
                      .rest = {NAN, NAN, NAN, NAN},
                      .release = {NAN, NAN, NAN, NAN, NAN},
                      .shown = known->shown,
@@ -146,7 +132,7 @@ static void heard(const Press *press, const Stiffness *known, double felt, doubl
     check->since[1] = felt;
     check->across[0] = check->across[1] = check->across[2] = 0.0;
     check->silent = 0.0;
-    check->evidence = (Evidence){.last = {NAN, NAN, NAN}};
+    check->evidence = (Evidence){.last = {NAN, NAN}};
 }
 
 /* Answers.at_rest */
@@ -205,7 +191,7 @@ static bool unanswered(const Press *press, const PressTick *tick, const Stiffnes
     bool rested = !isnan(check->rest[0]);
     rests(press, dt, felt, wanted, noise, check);
     double k = explaining(&check->evidence);
-    if (k > 0.0 || check->evidence.sums[2][2] > STIRRED * check->evidence.noise + CHI || known->rose != 0.0)
+    if (k > 0.0 || check->evidence.sums[1][1] > STIRRED * check->evidence.noise + CHI)
         heard(press, known, felt, k, noise, check);
     bool begun = tick->noise > 0.0 && !rested && !isnan(check->rest[0]);
     bool unshown = begun && isnan(known->stiff) && check->silent >= PATIENT_FOR;

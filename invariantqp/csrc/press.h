@@ -68,7 +68,7 @@ typedef struct {
 } Approach;
 
 typedef struct {
-    double last[3], high[4], sums[4][4], noise;
+    double last[2], high[3], sums[3][3], noise;
 } Evidence;
 
 typedef struct {

@@ -74,11 +74,9 @@ LEAST_ASKED, MOST_ASKED = 0.02, 0.4
 # A reading that changes by so many standard deviations while the tool lets go has answered.
 FELL_NOISE = 6.0
 # An answer: the way explains so much of the squared force over four variances of noise, four standard errors of k, and
-# this share of what noise does not, by a spring or by a damper of one of these times its stiffness [s]. What is longer
-# ago than this [s] counts no more.
+# this share of what noise does not. What is longer ago than this [s] counts no more.
 CHI = 4.0
 EXPLAINED = 0.5
-DAMPERS = (0.0, 0.01, 0.06)
 SINCE = 2.0
 # What is not stuck changes by this multiple of the square that noise has.
 STIRRED = 2.0
@@ -285,57 +283,50 @@ class Approach(NamedTuple):
 class Evidence(NamedTuple):
     """Whether readings follow the way, from the last answer on: what was before counts for nothing.
 
-        f = k (x + d x') + an offset,     all high-passed from zero on
+        f = k x + an offset,     both high-passed from zero on
 
     Attributes:
-        last: way, speed and force of the last tick; None before the first.
+        last: way and force of the last tick; None before the first.
         high: the same, high-passed, and a step.
-        sums: (4, 4) products of way, speed, force and the step.
+        sums: (3, 3) products of way, force and the step.
         noise: what of the square of the force is noise.
     """
 
-    last: tuple[float, float, float] | None = None
-    high: Annotated[Array, 4] = np.zeros(4)
-    sums: Annotated[Array, 4, 4] = np.zeros((4, 4))
+    last: tuple[float, float] | None = None
+    high: Annotated[Array, 3] = np.zeros(3)
+    sums: Annotated[Array, 3, 3] = np.zeros((3, 3))
     noise: float = 0.0
 
     def after(self, known: Stiffness, noise: float, wanted: float, shared: float, dt: float) -> Evidence:
         """The same after one more reading; the arguments as in `Answers.update`."""
         way, force = known.way, known.force
         if self.last is None:
-            return Evidence((way, 0.0, force), np.array((0.0, 0.0, 0.0, 1.0)))
-        speed = (way - self.last[0]) / dt
-        first = not self.sums.any()
-        steps = np.array((way - self.last[0], 0.0 if first else speed - self.last[1], force - self.last[2], 0.0))
-        high = (1.0 - min(0.5, dt / PASSES)) * (self.high + steps)
+            return Evidence((way, force), np.array((0.0, 0.0, 1.0)))
+        high = (1.0 - min(0.5, dt / PASSES)) * (self.high + np.array((way - self.last[0], force - self.last[1], 0.0)))
         weight = shared / (4.0 * noise * noise + (0.01 * wanted) ** 2)
         left = exp(-dt / SINCE)
         sums = left * self.sums + weight * np.outer(high, high)
-        return Evidence((way, speed, force), high, sums, left * self.noise + weight * noise * noise)
+        return Evidence((way, force), high, sums, left * self.noise + weight * noise * noise)
 
     @property
     def stirs(self) -> bool:
         """Whether the force changes, by whatever, by more than noise does: it is not stuck."""
-        return bool(self.sums[2, 2] > STIRRED * self.noise + CHI)
+        return bool(self.sums[1, 1] > STIRRED * self.noise + CHI)
 
     @property
     def stiffness(self) -> float:
-        """Of the spring, or spring and damper of one of DAMPERS, that explains the force by the way; 0 for none.
+        """Of the spring that explains the force by the way; 0 for none.
 
         Less two standard errors: an answer that noise helped shows more than there is.
         """
         s = self.sums
-        if s[3, 3] == 0.0:
+        if s[2, 2] == 0.0:
             return 0.0
-        s = s[:3, :3] - np.outer(s[:3, 3], s[3, :3]) / s[3, 3]
-        if s[2, 2] < CHI:  # no more can be explained than there is; what is less is rounding, too
+        (a, b), (_, f) = (s[:2, :2] - np.outer(s[:2, 2], s[2, :2]) / s[2, 2]).tolist()
+        # No more can be explained than there is; what is less is rounding, too.
+        if f < CHI or a <= 0.0 or b <= 0.0 or b * b <= max(CHI, EXPLAINED * (f - self.noise)) * a:
             return 0.0
-        for damper in DAMPERS:
-            a = s[0, 0] + damper * (2.0 * s[0, 1] + damper * s[1, 1])
-            b = s[0, 2] + damper * s[1, 2]
-            if a > 0.0 and b > 0.0 and b * b > max(CHI, EXPLAINED * (s[2, 2] - self.noise)) * a:
-                return float(b / a - 1.0 / sqrt(a))
-        return 0.0
+        return float(b / a - 1.0 / sqrt(a))
 
 
 class Release(NamedTuple):
@@ -454,7 +445,7 @@ class Answers(NamedTuple):
         now = now._replace(slid=slid, far=max(self.far, _length(slid)), evidence=evidence, silent=silent)
         now = now.at_rest(task, tick.dt, press, wanted, noise)
         k = evidence.stiffness
-        if k > 0.0 or evidence.stirs or known.rose:
+        if k > 0.0 or evidence.stirs:
             now = now.heard(task, known, press, k, noise)
         begun = tick.noise > 0.0 and self.rest is None and now.rest is not None
         unshown = begun and known.stiff is None and now.silent >= PATIENCE
