@@ -119,6 +119,7 @@ const Constant CONSTANTS[] = {
     ONE("force.estimate", RESOLVED),
     ONE("force.estimate", ROUGH),
     ONE("force.estimate", SURPRISE),
+    {"force.estimate.DOWN", COMES_DOWN},
     ONE("force.estimate", SHORT),
     ONE("force.estimate", PERSISTS),
     ONE("force.estimate", SOFTENS),

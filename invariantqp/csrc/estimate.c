@@ -3,9 +3,6 @@
 #include "press.h"
 #include <string.h>
 
-/* How fast the upper bound comes down to what is known, before and after it is known to two standard errors. */
-static const double DOWN[2] = {10.0, 60.0};
-
 /* E after one more reading. */
 double weighed(double evidence, double press, double limit, double noise)
 {
@@ -175,8 +172,7 @@ void known_after(Stiffness *known, double force, double way, const Setting *sett
     }
     known->begins = begins;
     posterior(known);
-    double down = known->found[0] > 2.0 * known->errors[0] ? DOWN[1] : DOWN[0];
-    known->bound = fmax(fmax(known->found[0], SOFTEST * begins), known->bound * exp(-down * dt));
+    known->bound = fmax(fmax(known->found[0], SOFTEST * begins), known->bound * exp(-COMES_DOWN * dt));
     known->way = x;
     known->force = force;
     known->gone = gone;

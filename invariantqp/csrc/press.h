@@ -197,6 +197,7 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define RESOLVED 2e-5
 #define ROUGH 2e-3
 #define SURPRISE 5.0
+#define COMES_DOWN 10.0
 #define SHORT 0.2
 #define PERSISTS 10.0
 #define SOFTENS 20.0

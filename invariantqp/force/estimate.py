@@ -52,8 +52,8 @@ RESOLVED = 2e-5
 ROUGH = 2e-3
 # A residual above so many standard deviations is a surprise: another contact, of which nothing is known yet.
 SURPRISE = 5.0
-# How fast the upper bound comes down to what is known [1/s], before and after it is known to two standard errors.
-DOWN = (10.0, 60.0)
+# How fast the upper bound comes down to what is known [1/s].
+DOWN = 10.0
 # Until a force is within this share of what is wanted, what nothing is known of is taken for softer and softer, with
 # this time constant in units of the loop's.
 SHORT = 0.2
@@ -356,9 +356,7 @@ class Stiffness(NamedTuple):
             left = 1.0 - FORGOTTEN * (1.0 - spread / variance)
             seen, sums = left * seen + w * np.outer(z, z), left * sums + w * af * z
         found, errors = _posterior(begins, seen, sums)
-        k, k_error = float(found[0]), float(errors[0])
-        down = DOWN[1] if k > 2.0 * k_error else DOWN[0]
-        bound = max(k, SOFTEST * begins, bound * exp(-down * dt))
+        bound = max(float(found[0]), SOFTEST * begins, bound * exp(-DOWN * dt))
         return Stiffness(
             found,
             errors,
