@@ -181,19 +181,6 @@ void known_after(Stiffness *known, double force, double way, const Setting *sett
     known->reached = known->reached != 0.0 || lacks == 0;
 }
 
-/* Stiffness.shown: ways show by so much earlier than was thought. */
-void shown_earlier(Stiffness *known, double earlier)
-{
-    if (earlier == 0.0)
-        return;
-    for (int i = 0; i < 3; i++)
-        known->seen[0][i] += earlier * known->seen[1][i];
-    for (int i = 0; i < 3; i++)
-        known->seen[i][0] += earlier * known->seen[i][1];
-    known->sums[0] += earlier * known->sums[1];
-    posterior(known);
-}
-
 /* Noise */
 void noise_after(Noise *noise, const double reading[6], const double last[6], double supposed)
 {

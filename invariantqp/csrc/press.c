@@ -286,8 +286,6 @@ static void remember(const Press *press, const Split *split, const Loop *loop, d
         pressing->ways[i].coming = way - shows * way;
         pressing->drives[i] = (Drive){done[i] - drives[i].slope, drives[i].slope};
         steep = fmax(steep, fabs(drives[i].slope));
-        if (lag_before > 0.0)
-            shown_earlier(&pressing->known[i], lag_before - lag);
     }
     pressing->driven = n;
     pressing->lag = lag;

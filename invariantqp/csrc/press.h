@@ -148,7 +148,6 @@ void unknown_stiffness(double begins, Stiffness *known);
 bool is_known(const Stiffness *known);
 void in_air(Stiffness *known, double force, double way, double limit, double evidence, const Setting *setting);
 void known_after(Stiffness *known, double force, double way, const Setting *setting, int lacks, bool felt);
-void shown_earlier(Stiffness *known, double earlier);
 void noise_after(Noise *noise, const double reading[6], const double last[6], double supposed);
 
 /* delay.c */

@@ -875,7 +875,6 @@ class HybridController:
         after = now._replace(
             drives=tuple(d._replace(speed=rate - d.slope) for d, rate in zip(drives, done, strict=True)),
             ways=tuple((way[0] + shows * c, c - shows * c) for way, c in zip(now.ways, coming, strict=True)),
-            known=tuple(one.shown(before - lag) for one in now.known) if before > 0.0 else now.known,
             lag=lag,
             along=along if along > TINY_SPEED else 0.0,
             steep=max(*(abs(drive.slope) for drive in drives), now.steep * fades, 0.0),

@@ -378,15 +378,6 @@ class Stiffness(NamedTuple):
             lacked,
         )
 
-    def shown(self, earlier: float) -> Stiffness:
-        """The same where ways show by so much [s] earlier than was thought: each was that time its speed further."""
-        if earlier == 0.0:
-            return self
-        further = np.array(((1.0, earlier, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
-        seen, sums = further.dot(self.seen).dot(further.T), further.dot(self.sums)
-        found, errors = _posterior(self.begins, seen, sums)
-        return self._replace(found=found, errors=errors, seen=seen, sums=sums)
-
     def trouble(self, declared: float | None) -> str:
         """How what was declared disagrees with what is known, in words, "" for not at all."""
         k = self.known
