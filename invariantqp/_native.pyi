@@ -81,6 +81,8 @@ class Loop:
     position_lower: Array  # (joints,) [rad, length]
     position_upper: Array  # (joints,) [rad, length]
     beyond: Array  # (joints,) how far outside it a joint's position is believed
+    tip: Array  # (3,) where the tool is in the middle of the joint range [length]
+    far: float  # how far away from there a target is believed [length]
     fastest: Array  # (joints,) joint speeds [rad/s, length/s]
     acceleration: Array | None  # (joints,) limits of acceleration
     brakes: Array  # (joints,) accelerations at which joints stop, whoever limits them
@@ -113,6 +115,8 @@ class Loop:
         position_lower: Array,
         position_upper: Array,
         beyond: Array,
+        tip: Array | None = None,
+        far: float | None = None,
         fastest: Array,
         acceleration: Array | None = None,
         brakes: Array | None = None,

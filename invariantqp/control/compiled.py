@@ -74,6 +74,8 @@ def compiled_loop(
         position_lower=box.position_lower,
         position_upper=box.position_upper,
         beyond=limits.beyond,
+        tip=limits.tip,
+        far=limits.far,
         fastest=box.velocity_limit,
         acceleration=None if braking is None else braking.acceleration,
         exact=wanted,

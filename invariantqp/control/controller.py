@@ -204,6 +204,7 @@ class Controller:
         mid = middle(robot)
         self._count = m
         seen = robot.sight(mid, robot.target(robot.pose(mid)))  # also loads what the first tick needs
+        tip = np.asarray(robot.pose(mid)[:3, 3])
         chosen = form_of(form)
         carried = chosen if isinstance(chosen, CarriedMetric) else None
         anchor = next((d.point for d in self.exact if isinstance(d, ExactPoint)), None) if point is None else point
@@ -212,7 +213,7 @@ class Controller:
             form=None if isinstance(chosen, CarriedMetric) else chosen,
             damping=damping_of(damping, limited=bool(np.isfinite(robot.velocity_limit).all())),
             guard=guard_of(guard),
-            metric=metric_of(joint_metric, seen.J, robot.pose(mid)[:3, 3], self.measure.length),
+            metric=metric_of(joint_metric, seen.J, tip, self.measure.length),
             backend=backend_of(backend),
             dt=self.dt + self.delay,
             engine=by,
@@ -220,7 +221,6 @@ class Controller:
         self._posture, self._pull = posture_of(posture, posture_gain, robot)
         self.posture_gain: float = float(self._pull.max())
         self._slack = SLACK * min(self.gain, SLACK_GAIN) * self.measure.radian
-        turning = np.array(seen.J[:3].any(axis=0))
         told: list[Limit] = [] if rows is None else [row_limit(rows)]
         told += [] if tool_speed is None else [tool_speed_of(tool_speed)]
         told += limits_of(limits)
@@ -229,7 +229,7 @@ class Controller:
         margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
         require_range(robot.position_lower, robot.position_upper, margin, "position_margin")
         told += [JointLimits(margin=margin)] if margin > 0.0 else []
-        self._limits = LoopLimits.of(loop_of(robot, self.dt, self.delay), told, far_outside, turning)
+        self._limits = LoopLimits.of(loop_of(robot, self.dt, self.delay), told, far_outside, seen.J, tip)
         refuse(self.wrong(self._posture), "posture")
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
         self._rise, self._brakes = 0.0, self._limits.loop.acceleration
@@ -343,7 +343,8 @@ class Controller:
             VelocitySolution: q + dt velocity is inside the position limits, or on its way back inside.
 
         Raises:
-            BadInput: NaN or wrong shapes; the controller is as it was.
+            BadInput: NaN, wrong shapes, or a target thirty times as far away as the arm is long, as one in millimetres
+                is; the controller is as it was.
         """
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
         core = None if target is None else self.compiled
@@ -375,6 +376,7 @@ class Controller:
         state = Observed(positions, there, sighting, target, root, before)
         if self.wrong(positions):
             return self._tick(state, s, share, ahead)
+        self._limits.near(self.robot.points(sighting, target, np.zeros(3))[1], "target")
         memory = memory.followed(positions, root.dot(J), self.dt, self._slowness / self.dt)._replace(turn=turn[:3])
         self.kept[:HEADER] = memory.numbers[:HEADER]
         return memory.judged(self._tick(state, s, share, ahead, braked=braked, now=now))
@@ -556,6 +558,14 @@ class Controller:
         positions = arrays.vector(q, self._count, argument)
         refuse(self.wrong(positions), argument)
         return positions
+
+    def near(self, poses: Array, argument: str) -> None:
+        """Refuse poses (n, 4, 4) for which a tick is refused, as far away as those in millimetres are.
+
+        Raises:
+            BadInput: by the argument's name.
+        """
+        self._limits.near(poses[:, :3, 3], argument)
 
     def posture_pull(self, q: Array) -> Array | None:
         """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""

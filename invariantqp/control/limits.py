@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property, lru_cache
-from math import inf
+from math import inf, sqrt
 from operator import le
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from attrs import field, frozen
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput, excerpt
@@ -26,6 +26,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.robots.kinematics import QUESTIONED_TURN, Robot, Sighting, middle, question_range
+from invariantqp.systems.points import reach
 from invariantqp.velocity.limits import BrakingBox, JointBox, LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.qp import Cone
 from invariantqp.velocity.reasons import Code, Reason, by_joint
@@ -33,6 +34,8 @@ from invariantqp.velocity.solution import Status, VelocitySolution, both, with_t
 
 # A joint that turns is never this far outside its position range [rad]: its position is no measurement in radians.
 FAR_OUTSIDE = 0.5
+# A pose is never so many times the arm's length away: this is halfway from one to a thousand, as in millimetres.
+FAR_AWAY = sqrt(1000.0)
 LIMITS = (
     "LimitRows, a function of q that returns them, JointLimits, AccelerationLimit, ToolSpeed, Clearance, a Limit of "
     "your own, or a limit made for Pink: compute_qp_inequalities(...)"
@@ -650,18 +653,20 @@ class LoopLimits(NamedTuple):
     loop: Loop  # what limits are given of it
     beyond: Array  # (m,) how far outside its range a joint's position is believed, inf where it always is
     believed: tuple[list[float], list[float]]  # bounds of those positions
+    tip: Array  # (3,) where the tool is in the middle of the joint range
+    far: float  # how far away from there a pose is believed [length], inf where it always is
 
     @classmethod
     def of(
-        cls, loop: Loop, limits: Sequence[Limit], far_outside: Literal["hold", "return"], turning: NDArray[np.bool_]
+        cls, loop: Loop, limits: Sequence[Limit], far_outside: Literal["hold", "return"], J: Array, tip: Array
     ) -> LoopLimits:
-        """The limits of a loop with the robot's own alone; `turning` (m,) says which joints turn.
+        """The limits of a loop with the robot's own alone, for its joint twists J (6, m) with the tool at `tip` (3,).
 
         Raises:
             BadInput: limits for another number of joints, or that have nothing in common.
             MissingExtra: a limit of Pink's without Pink.
         """
-        robot = loop.robot
+        robot, turning = loop.robot, np.array(J[:3].any(axis=0))
         for limit in limits:
             if isinstance(limit, JointLimits):
                 question_range(limit.position_lower, limit.position_upper, turning, "JointLimits")
@@ -671,7 +676,7 @@ class LoopLimits(NamedTuple):
         held = arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold"
         beyond = np.where(turning & held, FAR_OUTSIDE, inf)
         believed = (robot.position_lower - beyond).tolist(), (robot.position_upper + beyond).tolist()
-        return cls(box, braking, loop.tool_speed, rows or None, loop, beyond, believed)
+        return cls(box, braking, loop.tool_speed, rows or None, loop, beyond, believed, tip, far_away(robot, J, tip))
 
     @property
     def at_once(self) -> LoopLimits:
@@ -742,6 +747,21 @@ class LoopLimits(NamedTuple):
         """Why joint positions (m,) cannot be true, None where they may be; of several joints, the worst."""
         return not_believed(self.loop.robot, q, self.believed)
 
+    def near(self, places: Array, argument: str) -> None:
+        """Refuse places (..., 3) of a pose that are farther away than is believed.
+
+        Raises:
+            BadInput: by the argument's name.
+        """
+        away = float(np.linalg.norm(places - self.tip, axis=-1).max())
+        if away > self.far:
+            raise BadInput(
+                argument,
+                f"a pose {away:.4g} [length] away, {away * FAR_AWAY / self.far:.3g} times the arm's length",
+                "a pose in the arm's unit of length",
+                "Are these millimetres?",
+            )
+
     def told(self, solution: VelocitySolution, q: ArrayLike, strained: tuple[Reason, ...] = ()) -> VelocitySolution:
         """The solution with what is `strained`, or with joints outside their range that are held by limits."""
         if self.braking is None and solution.active:
@@ -786,6 +806,13 @@ def refuse(wrong: Reason | None, argument: str) -> None:
         raise BadInput(
             argument, str(wrong).partition(" Give")[0], "joint positions in radians, near the position ranges"
         )
+
+
+def far_away(robot: Robot, J: Array, tip: Array) -> float:
+    """How far away a pose is believed [length]; inf where no hinge moves the tool, and no length is the arm's."""
+    ways = (robot.position_upper - robot.position_lower)[~J[:3].any(axis=0)]
+    length = reach(J, tip)
+    return FAR_AWAY * (length + float(ways.sum())) if length > 0.0 else inf
 
 
 def tool_speed_of(limit: ToolSpeed | float) -> Limit:

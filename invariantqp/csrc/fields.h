@@ -90,6 +90,8 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     VECTOR(position_lower, joints, NEEDED, "[rad, length]") \
     VECTOR(position_upper, joints, NEEDED, "[rad, length]") \
     VECTOR(beyond, joints, NEEDED, "how far outside it a joint's position is believed") \
+    VECTOR(tip, 3, DEFAULT(0.0), "where the tool is in the middle of the joint range [length]") \
+    NUMBER(far, INFINITY, "how far away from there a target is believed [length]") \
     VECTOR(fastest, joints, NEEDED, "joint speeds [rad/s, length/s]") \
     MAYBE_VECTOR(acceleration, joints, has_braking, "limits of acceleration") \
     VECTOR(brakes, joints, DEFAULT(INFINITY), "accelerations at which joints stop, whoever limits them") \

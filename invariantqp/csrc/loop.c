@@ -118,9 +118,14 @@ double outside_by(const Loop *loop, const double *q, int j)
     return fmax(q[j] - loop->position_upper[j], loop->position_lower[j] - q[j]);
 }
 
-/* control/limits.py: whether joint positions may not be true; Python decides. */
-static bool is_far(const Loop *loop, const double *q)
+/* control/limits.py: whether joint positions or a target, where there is one, may not be true; Python decides. */
+static bool is_far(const Loop *loop, const double *q, const Pose *target)
 {
+    double way[3] = {0.0};
+    for (int i = 0; i < 3 && target != NULL; i++)
+        way[i] = target->p[i] - loop->tip[i];
+    if (norm(3, way) > loop->far)
+        return true;
     for (int j = 0; j < loop->joints; j++)
         if (outside_by(loop, q, j) > loop->beyond[j])
             return true;
@@ -268,7 +273,7 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
         pose_from(loop->home[0], &home);
         kinematics(m, loop->screws, &home, there, demand.J, &tool);
     }
-    if (is_far(loop, q) || (demand.chased && error_twist(target, &tool, error) == HAND_BACK))
+    if (is_far(loop, q, target) || (demand.chased && error_twist(target, &tool, error) == HAND_BACK))
         return HAND_BACK;
     demand_now(loop, now, there, before, &tool, &demand, tick);
     if (beside->at != NULL && loop->carried == AT_A_POINT)

@@ -638,7 +638,9 @@ class Follower:
             raise BadInput(argument, "more after close()", "a new Follower")
 
     def _believed(self, given: Given, argument: str) -> Given:
-        """What was given, if its joint positions can be true; degrees cannot."""
+        """What was given, if it can be true; degrees cannot, nor millimetres."""
+        if given.poses is not None:
+            self.controller.near(given.poses, argument)
         for q in () if given.joints is None else (given.joints.min(axis=0), given.joints.max(axis=0)):
             self.controller.believed(q, argument)
         return given

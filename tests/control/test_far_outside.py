@@ -169,3 +169,39 @@ def test_slides_ranges_without_an_end_and_half_a_radian_are_believed():
 def test_what_to_do_is_one_of_two_words(robot):
     with pytest.raises(iq.BadInput, match="far_outside: found 'back'; expected 'hold' or 'return'"):
         iq.Controller(robot, dt=DT, far_outside="back")
+
+
+def test_a_target_in_millimetres_is_refused(robot, loop):
+    """Where it is as near as a target in metres can be out of reach, it is followed."""
+    controller, here = loop(), robot.pose(PANDA)
+    controller.step(PANDA, here)
+    before = controller.kept.copy()
+    millimetres, far = here.copy(), here.copy()
+    millimetres[:3, 3] *= 1000.0
+    far[:3, 3] *= 30.0
+    with pytest.raises(iq.BadInput, match=r"target: found a pose .* times the arm's length; .* Are these millimetres"):
+        controller.step(PANDA, millimetres)
+    np.testing.assert_array_equal(controller.kept, before)
+    assert controller.step(PANDA, far).status == "limited"
+
+
+def test_lengths_of_any_unit_are_believed():
+    """An arm described in millimetres, a gantry, and a rail that is longer than the arm on it is."""
+    slide = iq.load_robot(np.array([[0, 0, 0, 1.0, 0, 0]]).T, np.eye(4))
+    assert iq.Controller(slide, dt=DT).step([0.0], iq.transform(translation=[500.0, 0, 0])).status != "held"
+    hinges = np.column_stack([iq.revolute([0, 0, 1], point=[x, 0, 0]) for x in (0.0, 300.0)])
+    tool, goal = (iq.transform(translation=[x, 0, 0]) for x in (500.0, 5000.0))
+    assert iq.Controller(iq.load_robot(hinges, tool), dt=DT).step([0.1, 0.2], goal).status == "limited"
+    rail = np.column_stack(([0, 0, 0, 1.0, 0, 0], hinges / [[1], [1], [1], [1e3], [1e3], [1e3]]))
+    along = iq.load_robot(rail, iq.transform(translation=[0.5, 0, 0])).with_limits([0.0, -3.0, -3.0], [200.0, 3.0, 3.0])
+    assert iq.Controller(along, dt=DT).step([0.0, 0.1, 0.2], iq.transform(translation=[150.0, 0, 0])).status != "held"
+
+
+def test_a_follower_refuses_millimetres(robot):
+    follower = iq.Follower(iq.Controller(robot, dt=DT, acceleration_limit=8.0))
+    millimetres = iq.transform(translation=[400.0, 0.0, 300.0])
+    with pytest.raises(iq.BadInput, match=r"points: .* millimetres"):
+        follower.follow([millimetres])
+    with pytest.raises(iq.BadInput, match=r"point: .* millimetres"):
+        follower.add(millimetres)
+    assert follower.step(PANDA).status == "waiting"
