@@ -625,7 +625,7 @@ class Controller:
             self.row_rank if more is None else None,
             chase,
             fastest,
-            self._held(before) if share is None else 0.0,
+            self._held(before) if share is None or limits.rows is not None else 0.0,
         )
         law = self.law
         if now is not None and now.speed not in (0.0, 1.0):
@@ -639,9 +639,10 @@ class Controller:
         return self._limits.told(solution, positions, limits.strained)
 
     def _held(self, before: Array) -> float:
-        """How long a twist's velocity is held beyond the law's dt [s], until accelerations let joints have another.
+        """How long a velocity is held beyond the law's dt [s], until accelerations let joints have another.
 
-        Their rise, and the way of joints that brake over their speed.
+        Their rise, and the way of joints that brake over their speed. It counts for a twist by itself and beside rows
+        of limits; a chase without these keeps room to brake instead (`approach`).
         """
         return self._rise + 0.5 * float(np.abs(before / self._brakes).max()) if self.law.dt > 0.0 else 0.0
 

@@ -307,8 +307,8 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
     }
     if (!(square < INFINITY) || (!demand.chased && most > LENGTH_LIMIT))
         return HAND_BACK;
-    demand.held = 0.0; /* controller.py, _held */
-    for (int j = 0; j < m && !demand.chased && demand.dt > 0.0; j++)
+    demand.held = 0.0;
+    for (int j = 0; j < m && demand.dt > 0.0; j++)
         demand.held = fmax(demand.held, loop->rise + 0.5 * fabs(before[j] / loop->brakes[j]));
     demand.has_posture = loop->has_posture || beside->posture != NULL;
     demand.paced = beside->posture == NULL;
@@ -337,6 +337,8 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
         memcpy(demand.brought, now->brought, sizeof demand.brought);
     if (beside->apart != NULL && apart_now(beside->apart, there, before, &demand) == HAND_BACK)
         return HAND_BACK;
+    if (demand.chased && demand.limits == 0)
+        demand.held = 0.0; /* controller.py, _held */
     if (demand.chased && loop->has_braking)
         braked(&braking, &demand);
     if (solve_measured(&demand, (const Row *)A, &tick->solution) == HAND_BACK)
