@@ -23,7 +23,7 @@ Another arm that brakes is in each of these states where its own joints have bra
 
 Joints that stop at once may be anywhere in a tick, and rows linear about x = 0 do not see how their ways turn: at
 3 rad/s and 10 ms, by 3 mm. What that takes of d_min is led back, a tenth in a tick; an answer x that ends nearer than
-99.5 % of d_min, and than it began, is made once more, beside rows
+99.5 % of d_min, and than it began, is made once more, and so is that one, up to four times, beside rows
 
     d(q + dt x) + dt C (x' - x) >= d_min,    C at q + dt x
 
@@ -69,7 +69,7 @@ BRAKING = 0.7
 # Inside the distance, bodies are led apart at the first share of the joints' velocity limits, and no joint is faster
 # than the second: an arm that begins inside comes out in a second or three, without a kick.
 ESCAPE, CALM = 0.06, 0.09
-# Ways that turn within a tick take this share of the distance at most: an answer that takes more is made once more.
+# Ways that turn within a tick take this share of the distance at most: an answer that takes more is made again.
 CURVED = 0.005
 # Two arms that do not know each other's velocity may each take half of the room between them.
 HALF = 0.5

@@ -67,6 +67,9 @@ if TYPE_CHECKING:
 
 # Damping over the measure's length, the arm's reach, beside which joint twists count for nothing: for 1e-5, squared.
 OF_JOINTS = 1000.0
+# So often at most an answer is made again that does not keep a limit to its end. Measured: a UR5 beside a box, ticks of
+# 10 ms, comes as near as 19.61 mm of 20 with 1, 19.72 with 2, 19.90 with 4.
+AGAIN = 4
 # The default gain [1/s]: slow beside any tracking gain, fast enough to keep the arm off its limits on long paths.
 POSTURE_GAIN = 1.0
 
@@ -497,11 +500,12 @@ class Controller:
         """A tick by the core with rows at joint positions (m,), and more where these do not keep to its end."""
         kept = self.kept.copy() if self._looks or now is not None else None
         found = tick(G=rows.C, least=rows.lower, most=rows.upper)
-        if kept is not None and found is not None:
-            more = self._limits.after(there, found[0].velocity, rows, now)
-            if more is not None:
-                rows, self.kept[:] = more, kept
-                found = tick(G=rows.C, least=rows.lower, most=rows.upper)
+        for _ in range(0 if kept is None else AGAIN):
+            more = None if found is None else self._limits.after(there, found[0].velocity, rows, now)
+            if more is None:
+                break
+            rows, self.kept[:] = more, kept
+            found = tick(G=rows.C, least=rows.lower, most=rows.upper)
         return (found[0]._replace(row_names=rows.names), found[1]) if found is not None and rows.names else found
 
     @property
@@ -632,9 +636,12 @@ class Controller:
             law, demand = law.slowed(now.speed), demand.slowed(now.speed)
         within = demand if braked is None else braked.within(demand)
         solution = solve(law, within) if stand is None else standing(law, demand, (stand,))
-        missed = None if stand is not None else self._limits.after(there, solution.velocity, limits.rows, now)
-        if missed is not None:
-            solution = solve(law, demand._replace(rows=missed))
+        rows = limits.rows
+        for _ in range(AGAIN if stand is None else 0):
+            rows = self._limits.after(there, solution.velocity, rows, now)
+            if rows is None:
+                break
+            solution = solve(law, demand._replace(rows=rows))
         self.memory.after(positions, solution.velocity).write(self.kept)
         return self._limits.told(solution, positions, limits.strained)
 

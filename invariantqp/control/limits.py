@@ -111,7 +111,7 @@ class Limit:
         return None
 
     def after(self, q: Array, velocity: Array) -> LimitRows | None:
-        """More rows, where the answer of a tick does not keep the limit to the tick's end; it is then made once more.
+        """More rows, where the answer of a tick does not keep the limit to the tick's end; it is then made again.
 
         Args:
             q: (m,) as in `rows`, which were asked for before.

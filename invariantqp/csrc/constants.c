@@ -61,6 +61,7 @@ const Constant CONSTANTS[] = {
     ONE("velocity.exact", TERMS),
     ONE("velocity.qp", MOST_SHARE),
     {"geometry.arrays.NEGLIGIBLE", WHOLE_TICKS},
+    ONE("control.controller", AGAIN),
     ONE("control.memory", MOST_LATE),
     ONE("control.memory", MEMORY),
     ONE("control.memory", KEPT_SHARE),

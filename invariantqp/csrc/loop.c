@@ -343,9 +343,9 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
         braked(&braking, &demand);
     if (solve_measured(&demand, (const Row *)A, &tick->solution) == HAND_BACK)
         return HAND_BACK;
-    if (beside->apart != NULL && apart_after(beside->apart, there, tick->solution.velocity, &demand) &&
-        solve_measured(&demand, (const Row *)A, &tick->solution) == HAND_BACK)
-        return HAND_BACK;
+    for (int again = 0; again < AGAIN && beside->apart != NULL && apart_after(beside->apart, there, tick->solution.velocity, &demand); again++)
+        if (solve_measured(&demand, (const Row *)A, &tick->solution) == HAND_BACK)
+            return HAND_BACK;
     for (int j = 0; j < m && !loop->has_braking; j++) {
         double outside = tick->solution.active[j] ? outside_by(loop, q, j) : 0.0;
         tick->outside[j] = outside > OUTSIDE ? outside : 0.0;

@@ -24,6 +24,7 @@ typedef struct {
    its distance, and which pair is the nearest. */
 #define ALL_JOINTS (4 * MOST) /* of the arm and of those around it */
 #define APART_ROWS 16
+#define AGAIN 4 /* control/controller.py */
 typedef double Wide[ALL_JOINTS];
 typedef struct Scene Scene;
 typedef struct {
