@@ -113,6 +113,8 @@ class Limit:
     def after(self, q: Array, velocity: Array) -> LimitRows | None:
         """More rows, where the answer of a tick does not keep the limit to the tick's end; it is then made again.
 
+        The next answer is asked about too, up to four times in a tick.
+
         Args:
             q: (m,) as in `rows`, which were asked for before.
             velocity: (m,) the answer [rad/s, length/s].

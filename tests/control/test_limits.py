@@ -188,11 +188,14 @@ class Wrist(Limit):
 
     name = "the wrist"
 
+    def __init__(self):
+        self.seen = []
+
     def rows(self, q, velocity):
         return MORE
 
     def after(self, q, velocity):
-        self.seen = q, velocity
+        self.seen.append((q, velocity))
         return LimitRows(np.eye(7)[6:], [-np.inf], [0.02]) if velocity[6] > 0.02 else None
 
 
@@ -201,8 +204,9 @@ def test_a_limit_of_ones_own_may_look_at_where_a_tick_ends(robot, goal, by):
     first, wrist, other = answer(robot, limits=[MORE], engine=by), Wrist(), Wrist()
     assert first.velocity[6] > 0.05
     solution = answer(robot, limits=[wrist, ROWS], engine=by)
-    assert np.abs(wrist.seen[0] - PANDA).max() == 0.0
-    assert wrist.seen[1][6] > 0.05
+    assert np.abs(wrist.seen[0][0] - PANDA).max() == 0.0
+    assert wrist.seen[0][1][6] > 0.05
+    assert len(wrist.seen) == 2  # the answer beside its rows is asked about too
     assert solution.velocity[6] == pytest.approx(0.02)
     assert ROWS.allow(solution.velocity) or np.abs(ROWS.excess(solution.velocity)).max() < 1e-9
     assert np.abs(MORE.excess(solution.velocity)).max() < 1e-9
