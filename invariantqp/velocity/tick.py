@@ -462,6 +462,7 @@ def _rows_given_way(
     if not moved.any():
         return wider, x, ()
     pulls = np.abs(found.multipliers[:m]) * np.linalg.norm(T, axis=1) > ROUNDING * size
-    worst = sorted(np.flatnonzero(moved).tolist(), key=lambda i: -abs(z[m + i]))
+    share = np.round(np.abs(z[m:]) / size, 9)  # rows alike but for rounding keep their order
+    worst = sorted(np.flatnonzero(moved).tolist(), key=lambda i: -share[i])
     names, by = tuple(row_name(i, rows.names) for i in worst), tuple((lengths * np.abs(z[m:]))[worst].tolist())
     return wider, x, (Reason(Code.ROWS_CONTRADICT, tuple(np.flatnonzero(pulls).tolist()), names, by),)
