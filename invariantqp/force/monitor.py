@@ -60,7 +60,7 @@ LED = 0.5
 JUDGED = 1.0 - exp(-1.0)
 FOLLOWED = 0.2
 MOVED = 0.02
-# By how much of the way that was let go already a release goes on each second [1/s].
+# By how much of the way that it was commanded already a release goes on each second [1/s].
 LETS_GO = 5.0
 # A retreat is over at this share of its distance: the rest is rounding.
 ALL_THE_WAY = 1.0 - 1e-9
@@ -336,19 +336,21 @@ class Release(NamedTuple):
         depth, force: where it began [length], [force].
         most: way that is let go, on a surface that stands: LEAST_ASKED beyond where nothing was felt last, and
             MOST_ASKED where noise would hide that less is read [length].
-        slid: how long a way across has been since then [length].
+        across: (3,) since then [length]: no further than a slope of that is the surface from where it was.
+        led: how far it was commanded out since then [length].
         fell: depth where the readings had fallen to nothing; None before.
     """
 
     depth: float
     force: float
     most: float
-    slid: float = 0.0
+    across: Annotated[Array, 3] = np.zeros(3)
+    led: float = 0.0
     fell: float | None = None
 
     def bound(self, task: HybridTask) -> float:
         """The way that is let go at most before the readings have fallen to nothing [length]."""
-        return self.most + task.slope * self.slid
+        return self.most + task.slope * _length(self.across)
 
 
 class Answers(NamedTuple):
@@ -437,7 +439,8 @@ class Answers(NamedTuple):
             return self._replace(stiff=stiff, since=(0.0, press), touched=press, read=CERTAIN), None
         now = self._replace(depth=self.depth + tick.came, across=self.across + tick.across, read=read)
         if self.release is not None:
-            release = self.release._replace(slid=self.release.slid + _length(tick.across))
+            across, led = self.release.across + tick.across, self.release.led - tick.commanded
+            release = self.release._replace(across=across, led=led)
             return now.released(release, task, known, press, wanted, noise)
         slid = self.slid + tick.across
         evidence = self.evidence.after(known, noise, wanted, shared, tick.dt)
@@ -741,7 +744,8 @@ class Monitor(NamedTuple):
 
         So slowly at first that they fall by a fifth of it before that shows, and faster and faster, from a surface that
         goes on as it was answered; no further than `Release.bound` until they have fallen, and no faster than the way
-        back allows.
+        back allows beside what a slope may do. Faster by what was commanded, not by how far that led: what leads the
+        tool in meanwhile, an arm's way beside its twist in a long tick, is outrun, too.
 
         Args:
             task: says how far.
@@ -755,7 +759,8 @@ class Monitor(NamedTuple):
             return None
         gone = max(0.0, check.release.depth - check.depth)
         waits = check.release.fell is None and gone > check.release.bound(task)
-        rate = 0.0 if waits else min(SHORT * check.release.force / (check.stiff * late) + LETS_GO * gone, most)
+        first, led = SHORT * check.release.force / (check.stiff * late), max(0.0, check.release.led)
+        rate = 0.0 if waits else min(first + LETS_GO * led, most + task.slope * _length(slides))
         return rate - float(check.grade.dot(slides))
 
     @property

@@ -154,7 +154,7 @@ FAULTS = {
     "late untold": (0.05, 0.15),
     "noisier than told": (5.0, 10.0),
 }
-# Which of them begin before the touch, at a time; the others about a second after it.
+# Which of them begin before the touch, at a time; the others about a second after it, and after the slide began.
 BEGIN = dict.fromkeys(("dead in the air", "nothing there", "arm stands", "held in the air"), 0.2) | dict.fromkeys(
     ("untared", "wrong sign", "moment first", "stuck in the touch", "late untold", "noisier than told"), 0.0
 )
@@ -187,6 +187,7 @@ class Told:
     """What came of a scene."""
 
     seconds: float = 0.0
+    since: float = inf  # when the fault began
     stopped: float = inf
     status: str = ""
     reason: str = ""
@@ -241,7 +242,7 @@ def run(scene, dt, seconds, trace=0, *, defined=False, c=None):
     elif defined:
         loop._core = None
     steps = max(1, round(dt / (SUBSTEP if dt < 0.02 else 1e-3)))
-    h, ticks = dt / steps, round(seconds / dt)
+    h, ticks = dt / steps, round(2.0 * seconds / dt)
     dead = round((scene.dead + (scene.value if fault == "late untold" else 0.0)) / h)
     late = round(scene.late / h)
     decay = exp(-h / scene.lag) if scene.lag > 0.0 else 0.0
@@ -252,10 +253,13 @@ def run(scene, dt, seconds, trace=0, *, defined=False, c=None):
     soft, thick, varies, length = scene.foam
     errors, squares, force = 0, 0.0, 0.0
     wanted, settles = scene.press, inf
+    # What is to begin after the touch waits for it: a reading that sticks in the air is another fault.
+    waits = bool(fault) and fault not in BEGIN
+    later = 0.0
     pace = min(0.02, scene.press / 1e5 / 0.012)
 
     def way(t):
-        t = max(0.0, t - scene.slides_from)
+        t = max(0.0, t - later - scene.slides_from)
         arc = scene.speed * (t - RAMP * (1.0 - exp(-t / RAMP)))
         if scene.circle > 0.0:
             angle = arc / scene.circle
@@ -263,7 +267,13 @@ def run(scene, dt, seconds, trace=0, *, defined=False, c=None):
         return np.array([0.0, WAY * sin(arc / WAY), 0.0])
 
     for i in range(ticks):
-        t, tool, on = i * dt, robot.pose(q), i * dt >= scene.since
+        t, tool = i * dt, robot.pose(q)
+        if t >= seconds + later:
+            break
+        if waits and told.touch == inf:
+            later = max(0.0, t - scene.slides_from)
+        begins = scene.since + later
+        on, told.since = t >= begins, begins
         depth = p0[2] - scene.gap - tool[2, 3]
         if i % 1000 == 0:
             block = random.normal(0.0, noise, (1000, 6)) * [1.0, 1.0, 1.0, 0.03, 0.03, 0.03]
@@ -276,7 +286,7 @@ def run(scene, dt, seconds, trace=0, *, defined=False, c=None):
                     stuck = read + shake[2] * (fault != "stuck in the touch")
                 read = read if stuck is None else stuck
             elif fault == "drift":
-                read += scene.value * (t - scene.since)
+                read += scene.value * (t - begins)
             elif fault == "jump":
                 read += scene.value
             elif fault == "untared":
@@ -344,7 +354,7 @@ def run(scene, dt, seconds, trace=0, *, defined=False, c=None):
             if fault == "nothing there":
                 surface = 1.0
             if fault == "pushed" and on:
-                surface -= scene.value * scene.press / k * min(1.0, (t - scene.since) / 0.1)
+                surface -= scene.value * scene.press / k * min(1.0, (t - begins) / 0.1)
             d = swings - surface
             if scene.series < inf:
                 d = min(d, (scene.series * d + b * k / h * max(before, 0.0)) / (scene.series + k + b * k / h))
@@ -473,7 +483,7 @@ def fault_table(a):
             told.append(run(scene, a.tick, 40.0 if kind == "drift" else a.seconds, a.trace, defined=bool(a.without)))
             if a.verbose:
                 print(
-                    f"    {name} {scene}\n      {told[-1].stopped - scene.since:.2f} s, {told[-1].last}, {told[-1].after:.2f} presses, {1e3 * told[-1].away:.2f} mm away: {told[-1].reason[:140]} {dict(told[-1].words)}",
+                    f"    {name} {scene}\n      {told[-1].stopped - told[-1].since:.2f} s, {told[-1].last}, {told[-1].after:.2f} presses, {1e3 * told[-1].away:.2f} mm away: {told[-1].reason[:140]} {dict(told[-1].words)}",
                     flush=True,
                 )
         if not told:

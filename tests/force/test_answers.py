@@ -148,6 +148,24 @@ def test_a_reading_stuck_in_its_noise_while_the_tool_slides_is_no_slope_that_is_
     assert run.press.max() < 4.0 * PRESS
 
 
+@pytest.mark.parametrize(
+    ("arm", "dt", "stiffness", "speed", "circle"),
+    [
+        ("ur5", 0.02, 4e4, 0.06, 0.02),
+        ("xarm7", 0.02, 8e4, 0.1, 0.02),
+        ("xarm7", 0.05, 8e4, 0.04, 0.02),
+        ("panda", 0.05, 6e4, 0.02, 0.0),
+    ],
+)
+def test_letting_go_gets_away_from_what_a_slope_and_long_ticks_do(arm, dt, stiffness, speed, circle):
+    """It was let go without end: by 55 mm, as fast as a slope may come, or led in by long ticks, to 40 presses."""
+    given = {"stiffness": stiffness, "speed": speed, "circle": circle, "press": 5.0, "noise": 0.05, "dt": dt}
+    run = press_on_damper(arm, reads=Held(), since=7.0, slides_from=6.0, seconds=20.0, **given)
+    assert run.said[-1][0] == "fault"
+    assert run.press[round(7.0 / dt) :].max() < 3.0 * 5.0
+    assert run.height[round(7.0 / dt) : run.stopped].max() < 8e-3
+
+
 @pytest.mark.parametrize(("slope", "stiffness"), [(-0.08, 2e3), (0.08, 2e4)])
 def test_a_slope_is_answered_and_followed(slope, stiffness):
     run = press_on_damper(stiffness=stiffness, slope=slope, speed=0.03, seconds=6.0)

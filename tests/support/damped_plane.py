@@ -9,7 +9,7 @@ import invariantqp as iq
 from support.arms import ready
 from support.spring_plane import PANDA, UP, gantry
 
-ARMS = {"gantry": np.zeros(6), "panda": PANDA, "ur5": ready("ur5")}
+ARMS = {"gantry": np.zeros(6), "panda": PANDA, "ur5": ready("ur5"), "xarm7": ready("xarm7")}
 SUBSTEP = 5e-4  # [s]
 
 
@@ -44,6 +44,7 @@ def press_on_damper(
     gap=0.002,
     seconds=4.0,
     speed=0.0,
+    circle=0.0,
     slope=0.0,
     slides_from=2.0,
     reads=None,
@@ -51,9 +52,9 @@ def press_on_damper(
     seed=0,
     **task,
 ):
-    """Press, and slide with a speed from a time on; `reads` makes a reading from the true press, after `since`.
+    """Press, and slide with a speed from a time on, straight or on a circle; `reads` makes a reading of the true press.
 
-    The run ends 0.05 s after it has stopped.
+    It does so from `since` on. The run ends 0.05 s after it has stopped.
     """
     random, robot, q = np.random.default_rng(seed), robot_of(arm), ARMS[arm].copy()
     start = robot.pose(q)
@@ -70,8 +71,10 @@ def press_on_damper(
         value = force if reads is None or t < since else reads(force, t)
         push = tool[:3, :3].T @ (value * UP) + random.normal(0.0, noise, 3)
         target, ahead = start.copy(), np.zeros(6)
-        target[0, 3] += speed * max(0.0, t - slides_from)
-        ahead[3] = speed * (t >= slides_from)
+        way, moves = speed * max(0.0, t - slides_from), speed * (t >= slides_from)
+        angle = way / circle if circle else 0.0
+        target[:2, 3] += (circle * np.array([np.sin(angle), 1.0 - np.cos(angle)])) if circle else (way, 0.0)
+        ahead[3:5] = moves * np.cos(angle), moves * np.sin(angle)
         solution = loop.step(q, target, np.concatenate((random.normal(0.0, 0.03 * noise, 3), push)), ahead)
         said.append((str(solution.status), solution.reason))
         for _ in range(steps):
