@@ -149,13 +149,13 @@ static void rests(const Press *press, double dt, double felt, double wanted, dou
             return;
         }
         const double rest[4] = {check->depth, felt,
-                                fmax(felt - check->touched, 0.0) / (fmax(check->depth, finest) + press->slope * check->far),
+                                fmax(felt - check->touched, 0.0) / (fmax(check->depth, finest) + press->slope * norm(3, check->slid)),
                                 wanted};
         memcpy(check->rest, rest, sizeof rest);
-        check->slid[0] = check->slid[1] = check->slid[2] = check->far = 0.0;
+        check->slid[0] = check->slid[1] = check->slid[2] = 0.0;
     } else {
         double least = check->rest[2], way = check->depth - check->rest[0], rise = felt - check->rest[1];
-        double room = press->slope * check->far + press->yields + check->moves + finest;
+        double room = press->slope * norm(3, check->slid) + press->yields + check->moves + finest;
         double low = (way > room ? least : check->stiff) * (way - room);
         double high = (way < -room ? least : check->stiff) * (way + room);
         check->off = fmax(low - rise, rise - high) > fmax(SHORT * wanted, FELL_NOISE * noise) ? check->off + dt : 0.0;
@@ -185,7 +185,6 @@ static bool unanswered(const Press *press, const PressTick *tick, const Stiffnes
         check->across[i] += tick->across[i];
         check->slid[i] += tick->across[i];
     }
-    check->far = fmax(check->far, norm(3, check->slid));
     check->silent += dt;
     followed(known, noise, wanted, shared, dt, &check->evidence);
     bool rested = !isnan(check->rest[0]);

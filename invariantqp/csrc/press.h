@@ -78,7 +78,7 @@ typedef struct {
 typedef struct {
     double stiff, depth, since[2], across[3], grade[3], silent;
     Evidence evidence;
-    double touched, rested, rest[4], slid[3], far, off;
+    double touched, rested, rest[4], slid[3], off;
     Release release;
     double shown, moves, read;
 } Answers;

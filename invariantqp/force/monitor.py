@@ -383,7 +383,6 @@ class Answers(NamedTuple):
         rested: for how long the force has been near the wanted one [s].
         rest: depth, force and least stiffness, and the wanted force they are of; None before it has rested.
         slid: (3,) across since the touch or since it has rested [length].
-        far: how far that has been [length].
         off: for how long the way has not been what the force says [s].
         release: of the press; None where it is not let go.
         shown: bound of the stiffness where letting go has lost the contact [force/length].
@@ -402,7 +401,6 @@ class Answers(NamedTuple):
     rested: float = 0.0
     rest: tuple[float, float, float, float] | None = None
     slid: Annotated[Array, 3] = np.zeros(3)
-    far: float = 0.0
     off: float = 0.0
     release: Release | None = None
     shown: float = inf
@@ -442,10 +440,9 @@ class Answers(NamedTuple):
             across, led = self.release.across + tick.across, self.release.led - tick.commanded
             release = self.release._replace(across=across, led=led)
             return now.released(release, task, known, press, wanted, noise)
-        slid = self.slid + tick.across
         evidence = self.evidence.after(known, noise, wanted, shared, tick.dt)
         silent = self.silent + tick.dt
-        now = now._replace(slid=slid, far=max(self.far, _length(slid)), evidence=evidence, silent=silent)
+        now = now._replace(slid=self.slid + tick.across, evidence=evidence, silent=silent)
         now = now.at_rest(task, tick.dt, press, wanted, noise)
         k = evidence.stiffness
         if k > 0.0 or evidence.stirs:
@@ -507,10 +504,10 @@ class Answers(NamedTuple):
             rested = self.rested + dt if abs(press - wanted) < SHORT * wanted else 0.0
             if rested < PATIENCE:
                 return self._replace(rested=rested)
-            least = max(press - self.touched, 0.0) / (max(self.depth, finest) + task.slope * self.far)
-            return self._replace(rest=(self.depth, press, least, wanted), slid=np.zeros(3), far=0.0)
+            least = max(press - self.touched, 0.0) / (max(self.depth, finest) + task.slope * _length(self.slid))
+            return self._replace(rest=(self.depth, press, least, wanted), slid=np.zeros(3))
         depth, force, least, _ = self.rest
-        way, room = self.depth - depth, task.slope * self.far + task.yields + self.moves + finest
+        way, room = self.depth - depth, task.slope * _length(self.slid) + task.yields + self.moves + finest
         low = (least if way > room else self.stiff) * (way - room)
         high = (least if way < -room else self.stiff) * (way + room)
         missing = max(low - (press - force), (press - force) - high)
@@ -532,7 +529,7 @@ class Answers(NamedTuple):
                 shown = max((release.force - press) / gone, 0.0) if gone > 0.0 else 0.0
                 now = self.heard(task, known, press, shown, noise)
                 none: Array = np.zeros(3)
-                return now._replace(touched=0.0, rested=0.0, rest=None, slid=none, far=0.0, off=0.0, release=None), None
+                return now._replace(touched=0.0, rested=0.0, rest=None, slid=none, off=0.0, release=None), None
             if gone > release.bound(task) and self.read == CERTAIN:
                 said = f"let go by {written(gone, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
                 away = max(0.0, self.depth + 2.0 * LEAST_ASKED * size)
