@@ -48,7 +48,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.control.clearance_bodies import OtherArm, chain_of, parts_of, shapes_of
 from invariantqp.control.clearance_pairs import Dropped, Pairs
-from invariantqp.control.clearance_rows import DEEP, USUAL_SPEED, Found, Rate, moved_by, placed_at, rows_of
+from invariantqp.control.clearance_rows import DEEP, EQUAL, USUAL_SPEED, Found, Rate, moved_by, placed_at, rows_of
 from invariantqp.control.limits import Limit, Loop, boxes
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
@@ -109,6 +109,28 @@ class Near(NamedTuple):
     def __str__(self) -> str:
         far = f", {1e3 * self.distance:.1f} mm" if self.distance < inf else ""
         return f"{self.first} and {self.second}{far}"
+
+
+class Moved(NamedTuple):
+    """An obstacle whose twist is not told: it moves as its last two poses say."""
+
+    pose: Array  # (4, 4) the last one
+    at: float  # when it was told [s], by the ticks
+    between: float  # the time between it and the one before [s]
+    twist: Array  # (6,) [rad/s; length/s]
+
+    def now(self, pose: Array, time: float, alpha: float) -> Moved:
+        """Known by a pose at a time.
+
+        Of a new twist it takes what rows at a rate alpha [1/s] take of the room meanwhile, so that noise in poses does
+        no more by it than by the room; it is held for twice the time between the poses.
+        """
+        if pose is self.pose:
+            held = time - self.at <= (2.0 + EQUAL) * self.between or not self.twist.any()
+            return self if held else self._replace(twist=np.zeros(6))
+        between = time - self.at
+        new = se3.displacement(self.pose, pose) / between
+        return Moved(pose, time, between, self.twist + min(1.0, alpha * between) * (new - self.twist))
 
 
 class Clearance(Limit):
@@ -173,6 +195,7 @@ class Clearance(Limit):
         self._pairs = np.array([(i, j, 1.0) for i, j in self._of_pair], dtype=np.float64).reshape(-1, 3)
         self._around = np.array([self._parts[j].around for _, j in self._of_pair], dtype=int)
         self._seen: dict[int, Any] = {}
+        self._time, self._moved = 0.0, dict[int, Moved]()  # [s], by the ticks; obstacles whose twists are not told
         self._reasons: list[str] = [""] * len(self._of_pair)  # why they are not kept apart as obstacles are now
         self._unjudged = self._around != 0
         self._nearest_now: tuple[int, float] = -1, inf
@@ -253,6 +276,15 @@ class Clearance(Limit):
             raise BadInput(
                 argument, f"{self!r} of another robot", "one made with this robot, of the same base= and offset="
             )
+
+    def begin(self, rate: Rate) -> None:
+        """A tick begins: obstacles whose twists are not told move as their last two poses say."""
+        self._time += float(rate.settings[3])
+        for i in self._found.moving:
+            shape, moved = self._parts[i].shape, self._moved.get(i)
+            if moved is None or shape.told:
+                moved = Moved(shape.pose, self._time, 0.0, shape.twist)
+            self._moved[i] = moved.now(shape.pose, self._time, float(rate.settings[1]))
 
     def in_loop(self, loop: Loop) -> Rate:
         """The rate in a loop, and what its joints brake by."""
@@ -469,12 +501,12 @@ class Clearance(Limit):
         """Where obstacles are, when a command of now acts; what has moved is judged anew."""
         for i in self._found.moving:
             shape, seen = self._parts[i].shape, self._seen.get(i)
-            late = delay if delay and shape.twist.any() else 0.0
-            if seen and seen[0] is shape.pose and seen[1] is shape.twist and seen[2] == late:
+            twist = self._moved[i].twist if i in self._moved and not shape.told else shape.twist
+            if seen and seen[0] is shape.pose and seen[1] is twist and seen[2] == delay:
                 continue
-            self._seen[i] = shape.pose, shape.twist, late
-            pose = se3.exp(late * shape.twist, check=False).dot(shape.pose) if late else shape.pose
-            place, self._twists[i] = pose.dot(shape.place), shape.twist
+            self._seen[i] = shape.pose, twist, delay
+            pose = se3.exp(delay * twist, check=False).dot(shape.pose) if delay and twist.any() else shape.pose
+            place, self._twists[i] = pose.dot(shape.place), twist
             self._numbers[i, 6:15], self._numbers[i, 15:] = place[:3, :3].ravel(), place[:3, 3]
             self._renewed(self._pairs[:, 1] == i, 1.0)
         for a, arm in enumerate(self.arms):
@@ -508,6 +540,9 @@ class _InLoop(Limit):
 
     def blocked(self, q: Array) -> str:
         return self._clearance.blocked(q)
+
+    def begin(self) -> None:
+        self._clearance.begin(self._rate)
 
     def for_core(self) -> tuple[Any, Array, Array, Array | None] | None:
         """What a tick of the core is given of it; None where the core has it row by row alone."""

@@ -244,6 +244,7 @@ class Controller:
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
         brought = self.law.compiled is not None and self.law.compiled.form == "brought"
         self.varies: bool = brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
+        self._ticks = True  # not where it is asked within ticks of another loop
         self._looks = self.joint_rows is not None and bool(self.joint_rows.looking)
         self.compiled: Loop | None = self._compiled()  # for the core; None for a loop that it does not have
 
@@ -292,6 +293,10 @@ class Controller:
         limits = self._limits.at_once
         return self._undelayed(limits._replace(braking=None), _rise=late)
 
+    def begin(self) -> None:
+        """A tick begins, of which loops made by the two methods beside this one are asked."""
+        self._begin(None)
+
     def of_joints(self) -> Controller:
         """The loop without delay, for joint velocities c: `follow(q, J c, posture=c)` is the nearest that limits allow.
 
@@ -304,7 +309,8 @@ class Controller:
         """A loop of its own with other limits and fields, told where the joints are when a command acts."""
         kept = Memory.at_first(self._count, 0.0, self.dt).numbers
         box, braking = limits[:2]
-        return self._but(delay=0.0, _late=(0, 0.0), kept=kept, box=box, braking=braking, _limits=limits, **fields)
+        fields |= {"_ticks": False, "_late": (0, 0.0), "box": box, "braking": braking, "_limits": limits}
+        return self._but(delay=0.0, kept=kept, **fields)
 
     def _but(self, **fields: Any) -> Controller:
         """A loop of its own with other fields."""
@@ -350,6 +356,8 @@ class Controller:
                 is; the controller is as it was.
         """
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
+        if self.varies or now is not None:
+            self._begin(now)
         core = None if target is None else self.compiled
         if core is None or now is not None or self.varies:
             found = None if core is None else self._by_core(core, q, target, feedforward, velocity, now)
@@ -421,6 +429,8 @@ class Controller:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
+        if self.varies or now is not None:
+            self._begin(now)
         own = rows is None and sighting is None and at is None
         core = self.compiled if own else None
         other = {} if posture is None else {"posture": posture}
@@ -453,8 +463,16 @@ class Controller:
         positions = arrays.vector(q, self._count, "q")
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
+        self._begin(None)
         state = self._at_rest(positions, sighting, velocity)
         return self._tick(state, np.zeros(6), None, np.zeros(6), stand=Reason(Code.TOLD, words=reason))
+
+    def _begin(self, now: Changes | None) -> None:
+        """A tick of this loop begins, for its limits and those of this tick."""
+        if self._ticks and self.joint_rows is not None:
+            self.joint_rows.begin()
+        if now is not None:
+            now.joint_rows.begin()
 
     def _by_core(
         self,

@@ -85,6 +85,9 @@ class Limit:
         """
         return loop
 
+    def begin(self) -> None:
+        """A tick of the loop that it is in begins: once in each, before rows are asked for."""
+
     def for_loop(self, loop: Loop) -> Limit | LimitRows:
         """The limit as it is in a loop, made once; rows that never change cost least where they are given here.
 
@@ -482,6 +485,7 @@ class RowLimits:
         self._m = len(loop.velocity_limit)
         self._limits: list[Limit | LimitRows] = []
         self.looking: list[Limit] = []  # those that see where a tick ends
+        self._watching: list[Limit] = []  # and those that see where it begins
         for limit in given:
             made = limit.for_loop(loop)
             if isinstance(made, LimitRows):
@@ -490,6 +494,8 @@ class RowLimits:
                 self._limits.append(made)
                 if type(made).after is not Limit.after:
                     self.looking.append(made)
+                if type(made).begin is not Limit.begin:
+                    self._watching.append(made)
             elif type(limit).narrowed is Limit.narrowed:
                 raise BadInput(
                     "limits", excerpt(limit), "a Limit that has rows, narrowed or for_loop: this limits nothing"
@@ -499,6 +505,11 @@ class RowLimits:
 
     def __bool__(self) -> bool:
         return bool(self._limits)
+
+    def begin(self) -> None:
+        """A tick begins."""
+        for limit in self._watching:
+            limit.begin()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> RowLimits:
         """Those of another loop, which shares what it was given, obstacles that move for instance."""

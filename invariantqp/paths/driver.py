@@ -367,8 +367,11 @@ class Follower:
         """
         loop = self.controller
         clock = None if now is None else arrays.number(now, "now", "a time in seconds")
-        if self._course is not None and velocity is None and override == self._override:
+        soon = self._course is not None and velocity is None and override == self._override
+        if soon and self._course is not None:
             soon = self._time < self._course[2] and (clock is None or -SKEW <= clock - self._time <= SKEW)
+            if soon:
+                loop.begin()
             found = self._by_core(self._course, q) if soon else None  # None where Python has to answer, too
             if found is not None:
                 return found
@@ -391,6 +394,8 @@ class Follower:
                 return self._setting_out(shape, measured, clock)
             self._source = shape.begin(self._time if clock is None else clock)
             self._reference = self._twist = None
+        if not soon:
+            loop.begin()
         reference = self._begin(measured, clock)
         self._take_in(reference, share)
         return self._driven(reference, measured)
