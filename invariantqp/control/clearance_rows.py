@@ -186,12 +186,13 @@ def rows_of(
     kept: list[tuple[float, float, int, Array]] = []  # urgency, lower limit, pair, row
     valid = True
     distances, leaves = np.full(len(pairs), inf), np.full(len(pairs), inf)
+    recedes = np.zeros(len(pairs), dtype=bool)
     for s, (at, weight, longer, going, time) in enumerate(zip(*states[:4], states.times.tolist(), strict=True)):
-        (J, motions), leaving = moved_by(robots, at), s == 0 and last > 0
+        J, motions = moved_by(robots, at)
         placed = placed_at(shapes, motions, [se3.exp(time * twist, check=False) for twist in twists], solids)
         for k, (i, j, share) in enumerate(pairs.tolist()):
             one, other = int(i), int(j)
-            if not share > 0.0:
+            if not share > 0.0 or recedes[k]:
                 continue
             signs = between(starts, int(shapes[one, 0]), int(shapes[other, 0]))
             wanted = min(settings[0], distances[k] if s > 0 else inf)
@@ -199,19 +200,26 @@ def rows_of(
             moved = [(place, C) for place in found if (C := _row(place, J, signs))[:m].any()]
             if s == 0:
                 distances[k] = min((place.distance for place, _ in moved), default=inf)
+            comes = [_coming(place, C[:m], twists[other] - twists[one], limits[:2, :m]) for place, C in moved]
+            if s == 0 < last and moved:
+                recedes[k] = comes[0] > 0.0 and float(moved[0][1][:m].dot(before[:m])) >= 0.0
+            leaving = s == 0 < last and not recedes[k]
             over = 0.0  # by how much the nearest place could come nearer faster than states ahead leave room for
-            for place, whole in moved:
+            for (place, whole), strong in zip(moved, comes, strict=True):
                 C = weight[:m] * whole[:m] + longer[:m].dot(whole[:m]) * states.grows[:m]
                 drift = float(_wrench(place).dot(twists[other] - twists[one]) + whole[m:].dot(going[m:]))
                 out = float(place.normal.dot(moved[0][0].normal))
                 room = place.distance - wanted
-                nearer = settings[1] * min(room, share * room) + drift
+                nearer, slower = settings[1] * min(room, share * room) + drift, inf
+                if strong > 0.0 and room > 0.0 and last > 0:
+                    a = np.float64(settings[4] * strong)
+                    slower = float(braking_speed(share * room, a, settings[3], settings[1])) + drift
                 if place is moved[0][0] and 0 < s < last:
                     leaves[k] = min(leaves[k], max(nearer, 0.0) / (time / settings[3] + 1.0))
                 elif place is moved[0][0] and s == last:
                     over = max(nearer - leaves[k], 0.0)
-                approach = room, nearer - over, out, drift
-                lower, urgency = _asked_of(C, approach, states, limits[0, :m], settings, leaving=leaving)
+                approach = room, nearer - over, slower, out, drift
+                lower, urgency = _asked_of(C, approach, states, limits[0, :m], settings, leaving=leaving, now=s == 0)
                 if lower > -inf:
                     valid = valid and drift == 0.0 and (s > 0 or room >= -DEEP * settings[0])
                     _keep(kept, (urgency - (place is not found[0]), lower, k, C))
@@ -262,6 +270,16 @@ def moved_by(robots: Sequence[Chain], q: Array) -> tuple[Array, list[Array]]:
     return np.hstack(J), motions
 
 
+def _coming(place: Place, row: Array, twist: Array, limits: Array) -> float:
+    """How hard an arm can make way for what comes by a relative twist (6,), 0 where nothing comes or it is faster.
+
+    `limits` (2, m) of speed and acceleration; it can by a row (m,) of a distance.
+    """
+    own = np.flatnonzero(row)
+    fast, strong = np.abs(row[own]).dot(limits[:, own].T).tolist()
+    return strong if 0.0 < -float(_wrench(place).dot(twist)) < fast else 0.0
+
+
 def _wrench(place: Place) -> Array:
     return np.concatenate((se3.cross(place.point, place.normal), place.normal))
 
@@ -275,34 +293,38 @@ def _row(place: Place, J: Array, signs: Array) -> Array:
 
 def _asked_of(
     C: Array,
-    approach: tuple[float, float, float, float],
+    approach: tuple[float, float, float, float, float],
     states: States,
     speed: Array,
     settings: Array,
     *,
     leaving: bool,
+    now: bool,
 ) -> tuple[float, float]:
     """The lower limit of a row, -inf where every velocity keeps it, and how urgent it is.
 
-    `approach` has the room, how much faster than as it brakes the arm may come nearer, the part of the way out that the
-    row's direction is, and how fast the distance grows by itself. In the state that an arm with brakes is `leaving`,
-    rows lead out of what is too near, faster from tick to tick by what joints certainly can, so that no such row
-    contradicts their accelerations.
+    `approach` has the room, how much faster than as it brakes the arm may come nearer, and where its joints take time
+    to make way, the part of the way out that the row's direction is, and how fast the distance grows by itself. In the
+    state that an arm with brakes is `leaving`, rows lead out of what is too near, faster from tick to tick by what
+    joints certainly can, so that no such row contradicts their accelerations; nor does one that makes way in time.
+    In the state of `now` rows are on the velocity itself, not on what it is more than braking.
     """
-    (room, nearer, out, drift), (alpha, escape), m = approach, settings[1:3].tolist(), len(C)
+    (room, nearer, slower, out, drift), (alpha, escape), m = approach, settings[1:3].tolist(), len(C)
     scaled = np.abs(C) * np.where(np.isfinite(speed), speed, USUAL_SPEED)
     moved, size = C != 0.0, np.abs(C)
     braked = float(C[moved].dot(states.y[:m][moved]))
     sure = states.led if leaving else states.sure
-    below, above = (np.where(C > 0.0, *way[:, :m])[moved] for way in (states.free, sure[::-1]))
+    ways = states.free, states.free[::-1], sure[::-1]
+    below, above, surely = (np.where(C > 0.0, *way[:, :m])[moved] for way in ways)
     if leaving and room >= 0.0:
         return -inf, 0.0
     if room < 0.0:
         led = min(-alpha * room, escape * float(scaled.dot(scaled)) / float(scaled.max()))
         nearer = drift - max(0.0, out) * led
-    lower = (0.0 if leaving else braked) - nearer
+    y = 0.0 if now else braked
+    lower = max(y - nearer, min(y - slower, braked + float(size[moved].dot(above))))
     if leaving or (room < 0.0 and drift == 0.0):
-        lower = min(lower, braked + float(size[moved].dot(above)))
+        lower = min(lower, braked + float(size[moved].dot(surely)))
     if not lower > braked - float(size[moved].dot(below)):
         return -inf, 0.0
     return lower, (lower - braked) / float(scaled.sum())

@@ -67,7 +67,7 @@ static void keep(Rows *rows, int m, const double *C, double lower, double urgenc
 #define MOST_STATES 34
 typedef struct {
     int m, count;
-    const double *speed, *settings;
+    const double *speed, *settings, *brakes, *before;
     Wide braked, free[2], sure[2], led[2]; /* velocity braked for a tick; how far another can be below it and above; certainly;
                                               and where it is led apart */
     Wide q[MOST_STATES], going[2]; /* how fast others go on: in the first state; in the others */
@@ -189,6 +189,7 @@ typedef struct Pair {
     int of[2], index, from[2], to[2];
     double share, far, leaves; /* in the first state they are at least so far apart; how fast states ahead let them come nearer */
     bool still;        /* neither moves by itself */
+    bool recedes;      /* one comes, and the arm goes before it: looked at now, not where the arm would have braked */
     const double *levers[2], *twists[2];
 } Pair;
 
@@ -198,19 +199,20 @@ typedef struct Pair {
 static double rows_of_pair(Pair *pair, const States *states, int s, const Wide J[6], double wanted, double fastest,
                            const Places *found, Rows *rows)
 {
-    bool leaving = s == 0 && states->count > 1, last = s == states->count - 1;
+    bool begins = s == 0 && states->count > 1, leaving = begins, last = s == states->count - 1;
     int m = states->m;
     double over = 0.0, out[3] = {0.0, 0.0, 0.0}, least = INFINITY, rate = states->settings[1];
     const double *weight = states->weight[s], *going = states->going[s > 0], *speed = states->speed;
     for (int f = 0; f < found->count; f++) {
         const Near *near = &found->at[f];
         double w[6], C[MOST] = {0.0}, reach = 0.0, weighed = 0.0, square = 0.0, largest = 0.0, braked = 0.0, sure = 0.0, longer = 0.0;
-        double room = near->d - wanted, drift;
+        double room = near->d - wanted, drift, coming, away = 0.0, strong = 0.0, fast = 0.0, most = 0.0;
         if (least < INFINITY && room >= 0.0 && (leaving || rate * pair->share * room - over > fastest))
             break; /* no row of a place as far as this matters */
         cross(near->x, near->n, w);
         memcpy(w + 3, near->n, 3 * sizeof(double));
         drift = dot(6, w, pair->twists[1]) - dot(6, w, pair->twists[0]);
+        coming = -drift;
         for (int e = 0; e < 2; e++)
             for (int j = pair->from[e]; j < pair->to[e]; j++) {
                 double total = 0.0, parts = 0.0;
@@ -227,12 +229,16 @@ static double rows_of_pair(Pair *pair, const States *states, int s, const Wide J
                 }
                 C[j] = weight[j] * total;
                 longer += total * states->longer[s][j];
+                away += total * states->before[j];
+                fast += fabs(total) * speed[j];
+                strong += fabs(total) * states->brakes[j];
             }
         for (int j = 0; j < m; j++) {
             C[j] += longer * states->grows[j];
             double size = fabs(C[j]), scaled = size * (isfinite(speed[j]) ? speed[j] : USUAL_SPEED);
             if (size > 0.0) {
                 reach += size * states->free[C[j] < 0.0][j];
+                most += size * states->free[C[j] > 0.0][j];
                 sure += size * (leaving ? states->led : states->sure)[C[j] > 0.0][j];
                 braked += C[j] * states->braked[j];
             }
@@ -244,7 +250,13 @@ static double rows_of_pair(Pair *pair, const States *states, int s, const Wide J
             continue;
         bool first = least == INFINITY;
         double later = f == 0 ? 0.0 : 1.0, may = rate * fmin(room, pair->share * room) + drift, lower;
+        double y = s == 0 ? 0.0 : braked; /* in the state of now rows are on the velocity itself */
+        bool comes = coming > 0.0 && fast > coming;
         least = fmin(least, near->d);
+        if (first && begins) {
+            pair->recedes = comes && away >= 0.0;
+            leaving = !pair->recedes;
+        }
         if (f == 0 || (out[0] == 0.0 && out[1] == 0.0 && out[2] == 0.0))
             memcpy(out, near->n, sizeof out);
         if (leaving && room >= 0.0)
@@ -254,9 +266,13 @@ static double rows_of_pair(Pair *pair, const States *states, int s, const Wide J
         else if (first && s > 0)
             pair->leaves = fmin(pair->leaves, fmax(may, 0.0) / (states->time[s] / states->settings[3] + 1.0));
         if (room >= 0.0)
-            lower = braked - (may - over);
+            lower = y - (may - over);
         else
-            lower = (leaving ? 0.0 : braked) + fmax(0.0, dot(3, near->n, out)) * fmin(-rate * room, states->settings[2] * square / largest) - drift;
+            lower = y + fmax(0.0, dot(3, near->n, out)) * fmin(-rate * room, states->settings[2] * square / largest) - drift;
+        if (comes && room > 0.0 && states->count > 1) { /* joints take time to make way, as hard as they can */
+            double slower = braking_speed(pair->share * room, states->settings[4] * strong, states->settings[3], rate) + drift;
+            lower = fmax(lower, fmin(y - slower, braked + most));
+        }
         if (leaving || (room < 0.0 && drift == 0.0)) /* joints certainly can */
             lower = fmin(lower, braked + sure);
         if (!(lower > braked - reach))
@@ -402,6 +418,8 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
     rows->count = 0;
     rows->valid = true;
     states.speed = limits[0];
+    states.brakes = limits[1];
+    states.before = before;
     states.settings = settings;
     own_state(m, all, q, before, &states);
     for (int j = 0; j < m; j++)
@@ -419,6 +437,7 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
         of_pairs[i].still = still[of_pairs[i].of[0]] && still[of_pairs[i].of[1]];
         least[i] = INFINITY;
         of_pairs[i].leaves = INFINITY;
+        of_pairs[i].recedes = false;
     }
     for (int s = 0; s < states.count; s++) {
         bool moved = false, leaving = brakes && s == 0, last = s == states.count - 1;
@@ -438,7 +457,7 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
             Pair *pair = &of_pairs[i];
             double near_by = rate * pair->share;
             bool skips = pair->still && rate > 0.0;
-            if (!(pair->share > 0.0) || (s > 0 && skips && (!last || pair->leaves == INFINITY) && near_by * (pair->far - wanted) > nearer(pair, since)))
+            if (!(pair->share > 0.0) || pair->recedes || (s > 0 && skips && (!last || pair->leaves == INFINITY) && near_by * (pair->far - wanted) > nearer(pair, since)))
                 continue;
             if (!moved)
                 moved_by(all, scene->screws, scene->starts, states.q[s], J, motions);
