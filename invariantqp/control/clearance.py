@@ -21,6 +21,12 @@ some of them by going on faster. So nothing is gained by swinging to and fro.
 What a state ahead lacks of d_min, a corner having been passed between two of them, is led back as far as limits leave.
 Another arm that brakes is in each of these states where its own joints have braked to.
 
+What comes, by its twist or as its last two poses say, is gone before: where the arm could be as fast, it begins while
+there is room for its joints to become so, v being how fast it comes and a what they can along n; and while it moves
+away, it is looked at where it is, for it need not brake:
+
+    C x >= v - sqrt(2 a (d - d_min)), nearly (`braking_speed`)        or as much as joints can
+
 Joints that stop at once may be anywhere in a tick, and rows linear about x = 0 do not see how their ways turn: at
 3 rad/s and 10 ms, by 3 mm. What that takes of d_min is led back, a tenth in a tick; an answer x that ends nearer than
 99.5 % of d_min, and than it began, is made once more, and so is that one, up to four times, beside rows
@@ -277,7 +283,7 @@ class Clearance(Limit):
                 argument, f"{self!r} of another robot", "one made with this robot, of the same base= and offset="
             )
 
-    def begin(self, rate: Rate) -> None:
+    def watch(self, rate: Rate) -> None:
         """A tick begins: obstacles whose twists are not told move as their last two poses say."""
         self._time += float(rate.settings[3])
         for i in self._found.moving:
@@ -303,7 +309,7 @@ class Clearance(Limit):
             return None
         upper, pairs = np.full(len(lower), inf), of_pair.astype(int)
         names = [*_Called(self._bodies, pairs.tolist(), distances[pairs].tolist(), self.distance)]
-        if inside and not (self._twists.any() or any(arm.velocity.any() for arm in self.arms)):
+        if inside and not (self._moves(pairs) or any(arm.velocity.any() for arm in self.arms)):
             speed = self._calm(rate, before)
             limited = np.isfinite(speed)
             C = np.vstack((C, np.eye(len(speed))[limited]))
@@ -346,6 +352,10 @@ class Clearance(Limit):
         """What the core found in a tick: the nearest pair, and the pair and distance of each row; the rows' names."""
         self._nearest_now = (k, distance) if self._of_pair else (-1, inf)
         return _Called(self._bodies, of_rows[::2], of_rows[1::2], self.distance)
+
+    def _moves(self, pairs: NDArray[np.int_]) -> bool:
+        """Whether a shape of some pairs moves by itself."""
+        return bool(self._twists[self._pairs[pairs, :2].astype(int)].any())
 
     def _calm(self, rate: Rate, before: Array | None) -> Array:
         """(m,) how fast joints may be, the nearest bodies being nearer than the distance, and no brakes too weak."""
@@ -542,7 +552,7 @@ class _InLoop(Limit):
         return self._clearance.blocked(q)
 
     def begin(self) -> None:
-        self._clearance.begin(self._rate)
+        self._clearance.watch(self._rate)
 
     def for_core(self) -> tuple[Any, Array, Array, Array | None] | None:
         """What a tick of the core is given of it; None where the core has it row by row alone."""

@@ -198,11 +198,10 @@ def rows_of(
             wanted = min(settings[0], distances[k] if s > 0 else inf)
             found = places(placed[one], placed[other])
             moved = [(place, C) for place in found if (C := _row(place, J, signs))[:m].any()]
+            comes = [_coming(place, C[:m], twists[other] - twists[one], limits[:2, :m]) for place, C in moved]
             if s == 0:
                 distances[k] = min((place.distance for place, _ in moved), default=inf)
-            comes = [_coming(place, C[:m], twists[other] - twists[one], limits[:2, :m]) for place, C in moved]
-            if s == 0 < last and moved:
-                recedes[k] = comes[0] > 0.0 and float(moved[0][1][:m].dot(before[:m])) >= 0.0
+                recedes[k] = last > 0 and sum(comes[:1]) > 0.0 and float(moved[0][1][:m].dot(before[:m])) >= 0.0
             leaving = s == 0 < last and not recedes[k]
             over = 0.0  # by how much the nearest place could come nearer faster than states ahead leave room for
             for (place, whole), strong in zip(moved, comes, strict=True):
@@ -210,10 +209,8 @@ def rows_of(
                 drift = float(_wrench(place).dot(twists[other] - twists[one]) + whole[m:].dot(going[m:]))
                 out = float(place.normal.dot(moved[0][0].normal))
                 room = place.distance - wanted
-                nearer, slower = settings[1] * min(room, share * room) + drift, inf
-                if strong > 0.0 and room > 0.0 and last > 0:
-                    a = np.float64(settings[4] * strong)
-                    slower = float(braking_speed(share * room, a, settings[3], settings[1])) + drift
+                nearer = settings[1] * min(room, share * room) + drift
+                slower = _made_way(share * room, strong, settings) + drift
                 if place is moved[0][0] and 0 < s < last:
                     leaves[k] = min(leaves[k], max(nearer, 0.0) / (time / settings[3] + 1.0))
                 elif place is moved[0][0] and s == last:
@@ -277,7 +274,15 @@ def _coming(place: Place, row: Array, twist: Array, limits: Array) -> float:
     """
     own = np.flatnonzero(row)
     fast, strong = np.abs(row[own]).dot(limits[:, own].T).tolist()
-    return strong if 0.0 < -float(_wrench(place).dot(twist)) < fast else 0.0
+    return float(strong) if 0.0 < -float(_wrench(place).dot(twist)) < fast else 0.0
+
+
+def _made_way(room: float, strong: float, settings: Array) -> float:
+    """How much faster what comes may be, for an arm that gets away from it so hard; inf where joints stop at once."""
+    if not (0.0 < strong < inf and room > 0.0):
+        return inf
+    alpha, dt = float(settings[1]), float(settings[3])
+    return float(braking_speed(np.array([room]), np.array([settings[4] * strong]), dt, alpha)[0])
 
 
 def _wrench(place: Place) -> Array:

@@ -111,6 +111,8 @@ class Controller:
         joint_rows: limits on combinations of joint velocities, or None.
     """
 
+    _ticks = True  # not of a loop that is asked within ticks of another
+
     def __init__(
         self,
         robot: Robot,
@@ -244,7 +246,6 @@ class Controller:
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
         brought = self.law.compiled is not None and self.law.compiled.form == "brought"
         self.varies: bool = brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
-        self._ticks = True  # not where it is asked within ticks of another loop
         self._looks = self.joint_rows is not None and bool(self.joint_rows.looking)
         self.compiled: Loop | None = self._compiled()  # for the core; None for a loop that it does not have
 
