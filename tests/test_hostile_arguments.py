@@ -44,9 +44,10 @@ INNER = {
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.used PaperLambda.of_size "
     "Controller.named Controller.near Controller.posture_pull Controller.told Controller.wrong "
     "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after Clearance.given Clearance.told "
-    "OtherArm.believed BoxQP.of Chain.motions Chain.with_links LimitRows.trusted Candidate.frame ExactPoint.rows "
-    "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called LimitRows.with_box ToolSpeed.cone "
-    "ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points InvariantFrameTask.compute_qp_objective",
+    "Clearance.watch OtherArm.believed BoxQP.of Chain.motions Chain.with_links LimitRows.trusted Candidate.frame "
+    "ExactPoint.rows Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called LimitRows.with_box "
+    "ToolSpeed.cone ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points "
+    "InvariantFrameTask.compute_qp_objective",
 }
 # An argument that messages call by another name: the one that a controller's user knows.
 ALSO_CALLED = {
