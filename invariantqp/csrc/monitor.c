@@ -94,7 +94,7 @@ static void answers_begun(const Answers *before, Answers *check)
     const Answers *known = before == NULL ? &none : before;
     Answers begun = {.evidence = {.last = {NAN, NAN}},
                      .rest = {NAN, NAN, NAN, NAN},
-                     .release = {NAN, NAN, NAN, {NAN, NAN, NAN}, NAN, NAN},
+                     .release = {NAN, NAN, NAN, NAN, {NAN, NAN, NAN}, NAN, NAN},
                      .shown = known->shown,
                      .moves = known->moves,
                      .read = -CERTAIN};

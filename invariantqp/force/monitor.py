@@ -334,8 +334,9 @@ class Release(NamedTuple):
 
     Attributes:
         depth, force: where it began [length], [force].
-        most: way that is let go, on a surface that stands: LEAST_ASKED beyond where nothing was felt last, and
-            MOST_ASKED where noise would hide that less is read [length].
+        most: way that is let go, on a surface that stands: LEAST_ASKED beyond where nothing was felt last, or where
+            readings last fell, and MOST_ASKED where noise would hide that less is read [length].
+        least: that was read since then [force].
         across: (3,) since then [length]: no further than a slope of that is the surface from where it was.
         led: how far it was commanded out since then [length].
         fell: depth where the readings had fallen to nothing; None before.
@@ -344,6 +345,7 @@ class Release(NamedTuple):
     depth: float
     force: float
     most: float
+    least: float
     across: Annotated[Array, 3] = np.zeros(3)
     led: float = 0.0
     fell: float | None = None
@@ -454,7 +456,7 @@ class Answers(NamedTuple):
             if press > FELL_NOISE * noise:  # less would fall unseen, and how far it reached is not known either
                 since_quiet = now.depth if known.quiet is None else max(now.depth, known.way - known.quiet)
                 most = min(max(since_quiet, 0.0) + LEAST_ASKED * task.size, most)
-            return now._replace(release=Release(now.depth, press, most)), None
+            return now._replace(release=Release(now.depth, press, most, press)), None
         return now, None
 
     def begun(self) -> Answers:
@@ -530,6 +532,8 @@ class Answers(NamedTuple):
                 now = self.heard(task, known, press, shown, noise)
                 none: Array = np.zeros(3)
                 return now._replace(touched=0.0, rested=0.0, rest=None, slid=none, off=0.0, release=None), None
+            if press < release.least - FELL_NOISE * noise:
+                release = release._replace(least=press, most=max(release.most, gone + LEAST_ASKED * size))
             if gone > release.bound(task) and self.read == CERTAIN:
                 said = f"let go by {written(gone, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
                 away = max(0.0, self.depth + 2.0 * LEAST_ASKED * size)

@@ -130,6 +130,16 @@ def test_a_force_that_changed_on_the_contact_is_asked_about_and_then_believed():
     assert {status for status, _ in run.said[-500:]} == {"ok"}
 
 
+@pytest.mark.parametrize(("stiffness", "b", "moves"), [(2600.0, 0.0, (1e-3, 0.6)), (2600.0, 0.04, (1e-3, 0.6))])
+def test_readings_that_fall_as_the_tool_lets_go_are_no_fault(stiffness, b, moves):
+    """A surface that moves, undeclared: fallen to 2 and to 0.7 of 10 N beyond the way of the touch: a fault."""
+    given = {"stiffness": stiffness, "damping": b * stiffness, "moves": moves, "gap": 4e-3, "noise": 0.2, "told": 0.0}
+    run = press_on_damper(dt=0.01, seconds=6.0, **given)
+    assert any("letting go" in why for _, why in run.said)
+    assert run.stopped is None
+    assert run.press.max() < 1.5 * PRESS
+
+
 def test_a_contact_that_is_pressed_as_wanted_from_the_start_is_asked_once_and_believed():
     def reads(press, t):  # the plant itself begins with none
         return press if t > 0.0 else PRESS

@@ -46,6 +46,7 @@ def press_on_damper(
     speed=0.0,
     circle=0.0,
     slope=0.0,
+    moves=(0.0, 1.0),
     slides_from=2.0,
     reads=None,
     since=np.inf,
@@ -54,7 +55,8 @@ def press_on_damper(
 ):
     """Press, and slide with a speed from a time on, straight or on a circle; `reads` makes a reading of the true press.
 
-    It does so from `since` on. The run ends 0.05 s after it has stopped.
+    It does so from `since` on. The plane moves by a height [m], so many times a second. The run ends 0.05 s after it
+    has stopped.
     """
     random, robot, q = np.random.default_rng(seed), robot_of(arm), ARMS[arm].copy()
     start = robot.pose(q)
@@ -71,17 +73,17 @@ def press_on_damper(
         value = force if reads is None or t < since else reads(force, t)
         push = tool[:3, :3].T @ (value * UP) + random.normal(0.0, noise, 3)
         target, ahead = start.copy(), np.zeros(6)
-        way, moves = speed * max(0.0, t - slides_from), speed * (t >= slides_from)
+        way, pace = speed * max(0.0, t - slides_from), speed * (t >= slides_from)
         angle = way / circle if circle else 0.0
         target[:2, 3] += (circle * np.array([np.sin(angle), 1.0 - np.cos(angle)])) if circle else (way, 0.0)
-        ahead[3:5] = moves * np.cos(angle), moves * np.sin(angle)
+        ahead[3:5] = pace * np.cos(angle), pace * np.sin(angle)
         solution = loop.step(q, target, np.concatenate((random.normal(0.0, 0.03 * noise, 3), push)), ahead)
         said.append((str(solution.status), solution.reason))
         for _ in range(steps):
             velocity = velocity + share * (solution.velocity - velocity)
             q = q + h * velocity
             p = robot.pose(q)[:3, 3]
-            now = plane + slope * (p[0] - start[0, 3]) - p[2]
+            now = plane + slope * (p[0] - start[0, 3]) + moves[0] * np.sin(2.0 * np.pi * moves[1] * t) - p[2]
             force = max(0.0, stiffness * now + damping * (now - depth) / h) if now > 0.0 else 0.0
             depth = now
         presses.append(force)
