@@ -19,6 +19,7 @@ was declared. A way that is braked together stays along an obstacle where it was
 held comes to rest; and no velocity comes nearer now than all of these states leave room for, whatever it would win in
 some of them by going on faster. So nothing is gained by swinging to and fro.
 What a state ahead lacks of d_min, a corner having been passed between two of them, is led back as far as limits leave.
+Two arms that do not know each other's velocity take half of the room each, or what the other one leaves as it goes.
 Another arm that brakes is in each of these states where its own joints have braked to.
 
 What comes, by its twist or as its last two poses say, is gone before: where the arm could be as fast, it begins while
@@ -44,7 +45,7 @@ What it does not do: find a way around. An arm that is led straight into an obst
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import e, inf
 from os import PathLike
 from typing import Any, NamedTuple
@@ -118,25 +119,27 @@ class Near(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """An obstacle whose twist is not told: it moves as its last two poses say."""
+    """What moves without saying how fast: as its last two places say."""
 
-    pose: Array  # (4, 4) the last one
+    place: Array  # the last one: (4, 4) a pose, or (m,) joint positions
     at: float  # when it was told [s], by the ticks
     between: float  # the time between it and the one before [s]
-    twist: Array  # (6,) [rad/s; length/s]
+    speed: Array  # (6,) its twist, or (m,) joint velocity
+    moves: bool = False  # whether that is not zero
 
-    def now(self, pose: Array, time: float, alpha: float) -> Moved:
-        """Known by a pose at a time.
+    def now(self, place: Array, way: Callable[[Array, Array], Array], time: float, alpha: float) -> Moved:
+        """Known by a place at a time; `way` leads from one place to another.
 
-        Of a new twist it takes what rows at a rate alpha [1/s] take of the room meanwhile, so that noise in poses does
-        no more by it than by the room; it is held for twice the time between the poses.
+        Of a new speed it takes what rows at a rate alpha [1/s] take of the room meanwhile, so that noise in places does
+        no more by it than by the room; it is held for twice the time between the places.
         """
-        if pose is self.pose:
-            held = time - self.at <= (2.0 + EQUAL) * self.between or not self.twist.any()
-            return self if held else self._replace(twist=np.zeros(6))
         between = time - self.at
-        new = se3.displacement(self.pose, pose) / between
-        return Moved(pose, time, between, self.twist + min(1.0, alpha * between) * (new - self.twist))
+        if place is self.place:
+            held = between <= (2.0 + EQUAL) * self.between
+            return self if held else self._replace(speed=np.zeros_like(self.speed), moves=False)
+        new = way(self.place, place) / between
+        speed = self.speed + min(1.0, alpha * between) * (new - self.speed)
+        return Moved(place, time, between, speed, bool(speed.any()))
 
 
 class Clearance(Limit):
@@ -201,7 +204,7 @@ class Clearance(Limit):
         self._pairs = np.array([(i, j, 1.0) for i, j in self._of_pair], dtype=np.float64).reshape(-1, 3)
         self._around = np.array([self._parts[j].around for _, j in self._of_pair], dtype=int)
         self._seen: dict[int, Any] = {}
-        self._time, self._moved = 0.0, dict[int, Moved]()  # [s], by the ticks; obstacles whose twists are not told
+        self._time, self._moved = 0.0, dict[int, Moved]()  # [s], by the ticks; what does not say how fast it is
         self._reasons: list[str] = [""] * len(self._of_pair)  # why they are not kept apart as obstacles are now
         self._unjudged = self._around != 0
         self._nearest_now: tuple[int, float] = -1, inf
@@ -284,13 +287,27 @@ class Clearance(Limit):
             )
 
     def watch(self, rate: Rate) -> None:
-        """A tick begins: obstacles whose twists are not told move as their last two poses say."""
+        """A tick begins: what does not say how fast it is moves as its last two places say."""
         self._time += float(rate.settings[3])
+        alpha = float(rate.settings[1])
         for i in self._found.moving:
-            shape, moved = self._parts[i].shape, self._moved.get(i)
-            if moved is None or shape.told:
-                moved = Moved(shape.pose, self._time, 0.0, shape.twist)
-            self._moved[i] = moved.now(shape.pose, self._time, float(rate.settings[1]))
+            shape, known = self._parts[i].shape, self._moved.get(i)
+            if known is None or known.moves or known.place is not shape.pose:
+                self._seen_at(i, shape.pose, shape.twist, se3.displacement, alpha, told=shape.told)
+        for a, arm in enumerate(self.arms):
+            self._seen_at(-1 - a, arm.q, arm.velocity, _turned, alpha, told=arm.knows_velocity)
+
+    def _seen_at(
+        self, of: int, place: Array, speed: Array, way: Callable[[Array, Array], Array], alpha: float, *, told: bool
+    ) -> None:
+        """Something is at a place when a tick begins."""
+        known = None if told else self._moved.get(of)
+        known = Moved(place, self._time, 0.0, speed) if known is None else known.now(place, way, self._time, alpha)
+        self._moved[of] = known
+
+    def _speed(self, of: int, speed: Array, *, told: bool) -> Array:
+        """How fast something is, by what it says or by its places."""
+        return speed if told or of not in self._moved else self._moved[of].speed
 
     def in_loop(self, loop: Loop) -> Rate:
         """The rate in a loop, and what its joints brake by."""
@@ -309,7 +326,7 @@ class Clearance(Limit):
             return None
         upper, pairs = np.full(len(lower), inf), of_pair.astype(int)
         names = [*_Called(self._bodies, pairs.tolist(), distances[pairs].tolist(), self.distance)]
-        if inside and not (self._moves(pairs) or any(arm.velocity.any() for arm in self.arms)):
+        if inside and not (self._moves(pairs) or (self.arms and self._others(0.0)[1].any())):
             speed = self._calm(rate, before)
             limited = np.isfinite(speed)
             C = np.vstack((C, np.eye(len(speed))[limited]))
@@ -479,7 +496,8 @@ class Clearance(Limit):
 
     def _others(self, delay: float) -> Array:
         """(2, M) where the joints of other arms are when a command of now acts, and how fast."""
-        return np.hstack([np.array((arm.q + delay * arm.velocity, arm.velocity)) for arm in self.arms])
+        speeds = [self._speed(-1 - a, arm.velocity, told=arm.knows_velocity) for a, arm in enumerate(self.arms)]
+        return np.hstack([np.array((arm.q + delay * v, v)) for arm, v in zip(self.arms, speeds, strict=True)])
 
     def scene(self) -> Any:
         """What of it does not change, for the core; None where that does not have it."""
@@ -511,7 +529,7 @@ class Clearance(Limit):
         """Where obstacles are, when a command of now acts; what has moved is judged anew."""
         for i in self._found.moving:
             shape, seen = self._parts[i].shape, self._seen.get(i)
-            twist = self._moved[i].twist if i in self._moved and not shape.told else shape.twist
+            twist = self._speed(i, shape.twist, told=shape.told)
             if seen and seen[0] is shape.pose and seen[1] is twist and seen[2] == delay:
                 continue
             self._seen[i] = shape.pose, twist, delay
@@ -529,6 +547,10 @@ class Clearance(Limit):
         self._pairs[pairs, 2], self._unjudged[pairs] = share, True
         if any(self._reasons):
             self._reasons = ["" if new else old for new, old in zip(pairs.tolist(), self._reasons, strict=True)]
+
+
+def _turned(q: Array, then: Array) -> Array:
+    return np.asarray(then - q)
 
 
 class _InLoop(Limit):

@@ -37,7 +37,7 @@ class OtherArm:
         bodies: the shapes of its links.
         name: what its links' names begin with.
         q: (m,) where its joints are.
-        velocity: (m,) how fast; zero where that is not known.
+        velocity: (m,) how fast, as it was told; zero where it was not.
     """
 
     def __init__(
@@ -82,8 +82,9 @@ class OtherArm:
 
         Args:
             q: (m,) its joint positions.
-            velocity: (m,) its joint velocity; None is not known: each arm may then take half of the room between them,
-                which keeps apart two arms that stop at once.
+            velocity: (m,) its joint velocity; None is as its last two positions say, over the ticks between them, and
+                each arm may then take half of the room between them, or what the other one leaves: two arms that stop
+                at once, each with the other as an obstacle.
 
         Raises:
             BadInput: NaN, wrong lengths, or degrees.

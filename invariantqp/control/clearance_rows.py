@@ -209,7 +209,8 @@ def rows_of(
                 drift = float(_wrench(place).dot(twists[other] - twists[one]) + whole[m:].dot(going[m:]))
                 out = float(place.normal.dot(moved[0][0].normal))
                 room = place.distance - wanted
-                nearer = settings[1] * min(room, share * room) + drift
+                mine = settings[1] * min(room, share * room)  # of what another one leaves that may take a share, too
+                nearer = mine + drift if share == 1.0 or room < 0.0 else min(mine, settings[1] * room + drift)
                 slower = _made_way(share * room, strong, settings) + drift
                 if place is moved[0][0] and 0 < s < last:
                     leaves[k] = min(leaves[k], max(nearer, 0.0) / (time / settings[3] + 1.0))

@@ -249,7 +249,8 @@ static double rows_of_pair(Pair *pair, const States *states, int s, const Wide J
         if (!(weighed > 0.0))
             continue;
         bool first = least == INFINITY;
-        double later = f == 0 ? 0.0 : 1.0, may = rate * fmin(room, pair->share * room) + drift, lower;
+        double later = f == 0 ? 0.0 : 1.0, may = rate * fmin(room, pair->share * room), lower;
+        may = pair->share == 1.0 || room < 0.0 ? may + drift : fmin(may, rate * room + drift); /* of what another one leaves */
         double y = s == 0 ? 0.0 : braked; /* in the state of now rows are on the velocity itself */
         bool comes = coming > 0.0 && fast > coming;
         least = fmin(least, near->d);

@@ -583,6 +583,25 @@ def test_an_obstacle_whose_twist_is_not_told_moves_as_its_last_two_poses_say(pan
     assert not twist(iq.transform(translation=[0.0, 3.0, 0.0]), np.zeros(6)).any()  # told to rest, wherever that is
 
 
+@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("acceleration", [None, 10.0])
+def test_it_makes_way_for_an_arm_that_sweeps(ur5, acceleration, told):
+    """Both tools at one place, if this arm stayed: it makes way, whether or not the other one's velocity is told."""
+    q = np.array([0.0, -1.2, 1.5, -1.0, -1.5, 0.3])
+    target, dt, speed, d = ur5.pose(q), 0.004, 0.5, []
+    facing = iq.transform(np.diag([-1.0, -1.0, 1.0]), [*(2.0 * target[:2, 3]), 0.0])
+    other = OtherArm(iq.load_robot("ur5", base=facing), {"tool": [Sphere([0, 0, 0], 0.1)]})
+    limit = Clearance(ur5, {"tool": [Sphere([0, 0, 0], 0.05)]}, [other])
+    loop, sweeps = iq.Controller(ur5, dt=dt, limits=[limit], acceleration_limit=acceleration), -speed * np.eye(6)[0]
+    start = q + 0.8 * np.eye(6)[0]
+    for i in range(500):
+        other.move(start + dt * i * sweeps, sweeps if told else None)
+        q = q + dt * loop.step(q, target).velocity
+        there = other.robot.pose(start + dt * (i + 1) * sweeps)
+        d.append(np.linalg.norm(ur5.pose(q)[:3, 3] - there[:3, 3]) - 0.15)
+    assert 0.0195 < min(d) < 0.025
+
+
 def test_pairs_that_are_not_kept_apart_are_listed_with_a_reason(panda, ur5):
     limit = Clearance(panda, None, [TABLE], exclude=[("panda_hand", "table")])
     why = {(one, other): reason for one, other, reason in limit.dropped}
