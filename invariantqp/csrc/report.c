@@ -51,11 +51,24 @@ static double nothing(const Demand *demand)
 }
 
 /* Whether nothing moves towards a twist or along the exact rows, short of both. */
-static bool is_stuck(const Demand *demand, const double wanted[6], const double done[6], double rounding, double share)
+static bool is_little(const Demand *demand, const double wanted[6], const double done[6], double rounding, double share)
 {
     double square = dot(6, wanted, wanted);
     return !(demand->rows > 0 && share > PROGRESS_SHARE) && square > nothing(demand) * nothing(demand) &&
            dot(6, wanted, done) < PROGRESS_SHARE * square && !is_done(wanted, done, rounding, QP_ROUNDING);
+}
+
+/* Whether joints on their way to a target move the tool, each by itself, by no more than nothing. */
+static bool rests(const Demand *demand, const Row A[6], const Row x)
+{
+    double moved = 0.0;
+    for (int j = 0; j < demand->m; j++) {
+        double square = 0.0;
+        for (int i = 0; i < 6; i++)
+            square += A[i][j] * A[i][j];
+        moved += sqrt(square) * fabs(x[j]);
+    }
+    return !demand->chased || moved <= nothing(demand);
 }
 
 /* The share of a velocity that a limit above zero allows where only rounding exceeds it; 1 where more does: it gave way. */
@@ -219,10 +232,11 @@ Outcome reported(const Demand *demand, const Row A[6], const double wanted[6], c
     solution->pace = pace;
     solution->slow = share->value < WHOLE_SPEED;
     solution->m = demand->m;
-    solution->stuck = is_stuck(demand, wanted, done, rounding, share->value);
+    bool little = is_little(demand, wanted, done, rounding, share->value);
+    solution->stuck = little && rests(demand, A, solution->velocity);
     solution->missed = missed_share(demand, wanted, possible, done, rounding);
     solution->beyond = norm(6, wanted) > nothing(demand) ? solution->beyond : 0.0;
-    solution->limited = solution->stuck || solution->rows > 0 || (solution->missed > MISSED_SHARE && !falls(demand, solution->velocity));
+    solution->limited = little || solution->rows > 0 || (solution->missed > MISSED_SHARE && !falls(demand, solution->velocity));
     solution->damping = solution->missed > 0.0 ? objective->damping : 0.0;
     solution->method = solution->slow || found->met ? QP : solution->damping > 0.0 ? DAMPED : CLOSED_FORM;
     solution->blended = blended;

@@ -47,10 +47,11 @@ def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array |
     x, active = clipped(demand, y)
     missed = _missed(demand, problem, x)
     damping = objective.damping if missed > 0.0 else 0.0
-    stuck = _is_stuck(demand, problem.wanted, x, share)
+    little = _is_little(demand, problem.wanted, x, share)
+    stuck = little and _rests(demand, x)
     slowed = _slowed(demand, answer, to_joint)
     moved = any(reason.code is Code.ROWS_MOVED for reason in slowed)
-    limited = stuck or moved or (missed > MISSED and not _falls(demand, x))
+    limited = little or moved or (missed > MISSED and not _falls(demand, x))
     troubles = [*answer.troubles, *row_troubles(demand, problem.reduction)]
     status = Status.DEGRADED if troubles else Status.SCALED if slow else Status.OK
     if status is Status.OK:
@@ -191,7 +192,15 @@ def slowed_rows(demand: Demand, room: Room, to_joint: Array | None) -> list[Reas
     return reasons
 
 
-def _is_stuck(demand: Demand, wanted: Array, x: Array, share: float) -> bool:
+def _rests(demand: Demand, x: Array) -> bool:
+    """Whether joints on their way to a target move the tool, each by itself, by no more than nothing."""
+    if demand.chase is None:
+        return True
+    A = demand.root.dot(demand.J)
+    return float(np.sqrt((A * A).sum(axis=0)).dot(np.abs(x))) <= _nothing(demand)
+
+
+def _is_little(demand: Demand, wanted: Array, x: Array, share: float) -> bool:
     """Whether nothing moves towards a twist or along the exact rows, short of both."""
     if (demand.exact is not None and share > PROGRESS_SHARE) or norm(wanted) <= _nothing(demand):
         return False
