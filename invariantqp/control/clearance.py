@@ -62,9 +62,9 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.distance import Placed, places
-from invariantqp.geometry.shapes import Shape
+from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.kinematics import MILLIMETRES, Robot, far_away, middle
 from invariantqp.velocity.limits import BOUNDLESS, LimitRows
 from invariantqp.velocity.qp import ACTIVE_TOLERANCE
 
@@ -185,7 +185,8 @@ class Clearance(Limit):
             MissingExtra: meshes that are no binary STL, without coal (extra `pin`).
 
         Warns:
-            UserWarning: an obstacle from which nothing is kept apart, because it is always nearer than the distance.
+            UserWarning: an obstacle from which nothing is kept apart, because it is always nearer than the distance, or
+                one that is both thirty times as far away and as large as the arm is long, as in millimetres.
         """
         self.robot: Chain = chain_of(robot)
         self.distance: float = arrays.not_negative(distance, "distance", "a distance in lengths")
@@ -216,6 +217,22 @@ class Clearance(Limit):
         self._refresh(0.0)
         self._judge(self._unjudged)
         self._question_the_distance()
+        self._question_the_obstacles()
+
+    def _question_the_obstacles(self) -> None:
+        """Warn of obstacles that are so far away and so large as in millimetres; what is small is parked there."""
+        mid = middle(self.robot)
+        far, near = far_away(self.robot, self.robot.jacobian(mid), self.robot.pose(mid)[:3, 3]), dict[str, float]()
+        for (_, name), away in self.distances(mid).items():
+            near[name] = min(near.get(name, inf), away)
+        around = [part for part in self._parts if part.around == 1 and far < near.get(part.name, 0.0) < inf]
+        sizes = ((part.name, 2.0 * (se3.norm(part.shape.half) + part.shape.radius), part.shape.core) for part in around)
+        if large := [
+            f"{name} by {near[name]:.4g}" for name, size, core in sizes if size > far or core is Core.HALF_SPACE
+        ]:
+            warnings.warn(
+                f"clearance: the arm is away from {', '.join(large)} [length]. {MILLIMETRES}", UserWarning, stacklevel=3
+            )
 
     def _question_the_distance(self) -> None:
         """Warn where nothing is kept apart from an obstacle because of the distance, which may be in millimetres."""

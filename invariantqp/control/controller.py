@@ -388,7 +388,7 @@ class Controller:
         state = Observed(positions, there, sighting, target, root, before)
         if self.wrong(positions):
             return self._tick(state, s, share, ahead)
-        self._limits.near(self.robot.points(sighting, target, np.zeros(3))[1], "target")
+        self.near(self.robot.points(sighting, target, np.zeros(3))[1], "target")
         memory = memory.followed(positions, root.dot(J), self.dt, self._slowness / self.dt)._replace(turn=turn[:3])
         self.kept[:HEADER] = memory.numbers[:HEADER]
         return memory.judged(self._tick(state, s, share, ahead, braked=braked, now=now))
@@ -582,13 +582,13 @@ class Controller:
         refuse(self.wrong(positions), argument)
         return positions
 
-    def near(self, poses: Array, argument: str) -> None:
-        """Refuse poses (n, 4, 4) for which a tick is refused, as far away as those in millimetres are.
+    def near(self, places: Array, argument: str) -> None:
+        """Refuse places (..., 3) of poses for which a tick is refused, as far away as those in millimetres are.
 
         Raises:
             BadInput: by the argument's name.
         """
-        self._limits.near(poses[:, :3, 3], argument)
+        self._limits.near(places, argument)
 
     def posture_pull(self, q: Array) -> Array | None:
         """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property, lru_cache
-from math import inf, sqrt
+from math import inf
 from operator import le
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
@@ -25,8 +25,15 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.robots.kinematics import QUESTIONED_TURN, Robot, Sighting, middle, question_range
-from invariantqp.systems.points import reach
+from invariantqp.robots.kinematics import (
+    QUESTIONED_TURN,
+    Robot,
+    Sighting,
+    far_away,
+    middle,
+    question_range,
+    refuse_far,
+)
 from invariantqp.velocity.limits import BrakingBox, JointBox, LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.qp import Cone
 from invariantqp.velocity.reasons import Code, Reason, by_joint
@@ -34,8 +41,6 @@ from invariantqp.velocity.solution import Status, VelocitySolution, both, with_t
 
 # A joint that turns is never this far outside its position range [rad]: its position is no measurement in radians.
 FAR_OUTSIDE = 0.5
-# A pose is never so many times the arm's length away: this is halfway from one to a thousand, as in millimetres.
-FAR_AWAY = sqrt(1000.0)
 LIMITS = (
     "LimitRows, a function of q that returns them, JointLimits, AccelerationLimit, ToolSpeed, Clearance, a Limit of "
     "your own, or a limit made for Pink: compute_qp_inequalities(...)"
@@ -766,14 +771,7 @@ class LoopLimits(NamedTuple):
         Raises:
             BadInput: by the argument's name.
         """
-        away = float(np.linalg.norm(places - self.tip, axis=-1).max())
-        if away > self.far:
-            raise BadInput(
-                argument,
-                f"a pose {away:.4g} [length] away, {away * FAR_AWAY / self.far:.3g} times the arm's length",
-                "a pose in the arm's unit of length",
-                "Are these millimetres?",
-            )
+        refuse_far(places, self.tip, self.far, argument)
 
     def told(self, solution: VelocitySolution, q: ArrayLike, strained: tuple[Reason, ...] = ()) -> VelocitySolution:
         """The solution with what is `strained`, or with joints outside their range that are held by limits."""
@@ -819,13 +817,6 @@ def refuse(wrong: Reason | None, argument: str) -> None:
         raise BadInput(
             argument, str(wrong).partition(" Give")[0], "joint positions in radians, near the position ranges"
         )
-
-
-def far_away(robot: Robot, J: Array, tip: Array) -> float:
-    """How far away a pose is believed [length]; inf where no hinge moves the tool, and no length is the arm's."""
-    ways = (robot.position_upper - robot.position_lower)[~J[:3].any(axis=0)]
-    length = reach(J, tip)
-    return FAR_AWAY * (length + float(ways.sum())) if length > 0.0 else inf
 
 
 def tool_speed_of(limit: ToolSpeed | float) -> Limit:

@@ -119,7 +119,7 @@ double outside_by(const Loop *loop, const double *q, int j)
 }
 
 /* control/limits.py: whether joint positions or a target, where there is one, may not be true; Python decides. */
-static bool is_far(const Loop *loop, const double *q, const Pose *target)
+bool is_far(const Loop *loop, const double *q, const Pose *target)
 {
     double way[3] = {0.0};
     for (int i = 0; i < 3 && target != NULL; i++)

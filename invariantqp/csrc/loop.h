@@ -71,6 +71,7 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
                     const double *feedforward, const double *before, const double *kept, Tick *tick);
 bool follows(const Memory *memory);
 double outside_by(const Loop *loop, const double *q, int j);
+bool is_far(const Loop *loop, const double *q, const Pose *target);
 
 #define MEMORY 50
 #define WHOLE_TICKS 1e-9

@@ -312,7 +312,7 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     int m = loop->joints, n = split->n, presses = split->presses;
     pose_from(loop->home[0], &home);
     kinematics(m, loop->screws, &home, q, answer->J, &placed.tool);
-    if (!yields || error_twist(target, &placed.tool, chase) == HAND_BACK)
+    if (!yields || is_far(loop, q, target) || error_twist(target, &placed.tool, chase) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < 6; i++)
         chase[i] *= gain_of(delay, loop->delay, loop->gain);

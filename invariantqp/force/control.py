@@ -461,6 +461,7 @@ class HybridController:
         sighting = robot.sight(positions, target)
         if loop.wrong(positions):
             return self._halted(positions, velocity, sighting, contact)
+        loop.near(robot.points(sighting, robot.target(target), np.zeros(3))[1], "target")
         ahead = np.zeros(6) if feedforward is None else arrays.vector(feedforward, 6, "feedforward")
         tool = sighting.pose if isinstance(sighting.pose, np.ndarray) else robot.pose(positions)
         here, smooth = self._placed(contact_now(task, tool, contact), tool, reading, wanted)
@@ -498,8 +499,14 @@ class HybridController:
         # What is remembered.
         twist, step, touching = then.J.dot(inner.velocity), dt * inner.velocity, tick.touch.touching
         way = dt * velocity_at(twist, here.contact.point)
-        free = acts and inner.scale == 1.0 and said.action == FOLLOW and not waits
-        after, led = self._remembered(now, here, motion, twist, drives, free=free)
+        after, led = self._remembered(
+            now,
+            here,
+            motion,
+            twist,
+            drives,
+            free=acts and inner.scale == 1.0 and said.action == FOLLOW and not waits,
+        )
         shows = 1.0 - exp(-dt / max(after.lag, 1e-9))
         self._normal = self._normal.found(
             task,

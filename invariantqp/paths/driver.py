@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable
 from copy import deepcopy
 from functools import partial
-from math import inf, nan
+from math import inf, nan, sqrt
 from typing import Any, Literal
 
 import numpy as np
@@ -70,6 +70,8 @@ FASTEST = 1e3
 AHEAD, SAMPLING = 1.0, 0.02
 # Stamps this far [s] from the follower's clock are of another clock.
 ANOTHER_CLOCK = 1.0
+# Nobody waits so long for a point [s]: this is halfway from a second to a second's nanoseconds.
+LONG = sqrt(1e9)
 # Samples that are taken in a tick at most, the newest; points that are planned at once: under a millisecond each.
 MOST_WAITING, MOST_POINTS = 8, 96
 # The largest override of a path whose shape is kept.
@@ -645,7 +647,7 @@ class Follower:
     def _believed(self, given: Given, argument: str) -> Given:
         """What was given, if it can be true; degrees cannot, nor millimetres."""
         if given.poses is not None:
-            self.controller.near(given.poses, argument)
+            self.controller.near(given.poses[:, :3, 3], argument)
         for q in () if given.joints is None else (given.joints.min(axis=0), given.joints.max(axis=0)):
             self.controller.believed(q, argument)
         return given
@@ -772,6 +774,9 @@ class Follower:
         now, smooth, followed = self._time, alone is not None, self._source
         if now - stamps[-1] > ANOTHER_CLOCK:
             self._why = "the points were over when they came"
+            return
+        if stamps[0] - now > LONG:
+            self._why = f"the points begin in {stamps[0] - now:.3g} s: stamps and now= are seconds of one clock"
             return
         older = self._given[1] if alone is False and self._last and self._given else None
         if older is not None and stamps[0] < older[0] and stamps[-1] <= older[-1]:
@@ -1050,8 +1055,11 @@ def _going_over(v: Array, x: Array, limits: JointLimits) -> Array:
 def _increasing(stamps: ArrayLike, count: int) -> Array:
     """(count,) checked."""
     times = arrays.vector(stamps, count, "stamps").copy()
-    if not (np.diff(times) > 0.0).all():
+    apart = np.diff(times)
+    if not (apart > 0.0).all():
         raise BadInput("stamps", "stamps that do not increase", "one for each point, increasing")
+    if (most := float(apart.max(initial=0.0))) > LONG:
+        raise BadInput("stamps", f"stamps {most:.3g} s apart", "times in seconds", "Are these nanoseconds?")
     return times
 
 

@@ -31,7 +31,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, own
 from invariantqp.pose.error import PoseError, pose_arm, pose_error
 from invariantqp.pose.newton import Try, descend
-from invariantqp.robots.kinematics import Robot, require_robot
+from invariantqp.robots.kinematics import Robot, far_away, refuse_far, require_robot
 from invariantqp.velocity.forms import Form
 
 if TYPE_CHECKING:
@@ -103,7 +103,8 @@ class PoseSearch:
         self._clearance = clearance
         self._arm = pose_arm(robot)
         self._space = self._arm.space
-        self._believed = no_degrees(robot, robot.jacobian(self._space.middle))
+        J, tip = robot.jacobian(self._space.middle), robot.pose(self._space.middle)[:3, 3]
+        self._believed, self._tip, self._far = no_degrees(robot, J), tip, far_away(robot, J, tip)
         self._form = form
         self._exact = demands_of(exact)
         self._tolerance = arrays.number(tolerance, "tolerance", "a tolerance in radians and in lengths", positive=True)
@@ -122,10 +123,23 @@ class PoseSearch:
         refuse(not_believed(self._robot, q, self._believed), "q0")
         return q
 
+    def near(self, pose: Array, argument: str) -> None:
+        """Refuse a pose (4, 4) as far away as one in millimetres.
+
+        Raises:
+            BadInput: by the argument's name.
+        """
+        refuse_far(pose[:3, 3], self._tip, self._far, argument)
+
     def solve(self, target: Any, q0: ArrayLike | None = None) -> PoseSolution:
-        """Joint positions for one target, from q0 first."""
+        """Joint positions for one target, from q0 first.
+
+        Raises:
+            BadInput: no pose, a target as far away as one in millimetres, or what `start` refuses.
+        """
         space = self._space
         error = pose_error(self._arm, target, self._form, self._exact)
+        self.near(error.matrix, "target")
         start = space.middle if q0 is None else space.inside(self.start(q0))
         error.misses(start)  # anything that loads at its first use loads now, not in this target's time
         begun = perf_counter()
@@ -312,6 +326,10 @@ def solve_pose(
 
     Returns:
         PoseSolution: q is inside the limits in any case; `reason` says what is missing.
+
+    Raises:
+        BadInput: NaN, wrong shapes, a start in degrees, or a target thirty times as far away as the arm is long, as one
+            in millimetres is.
     """
     search = PoseSearch(
         robot,
@@ -350,6 +368,8 @@ def solve_poses(
     search = PoseSearch(robot, **options)
     listed = arrays.listed(targets, "targets", "a list of poses")
     wanted = [arrays.pose(target, f"targets[{i}]") for i, target in enumerate(listed)]
+    for i, pose in enumerate(wanted):
+        search.near(pose, f"targets[{i}]")
     path, n, m = arrays.flag(along, "along"), len(wanted), len(robot.names)
     starts: list[Array | None] = [None] * n
     if q0 is not None:

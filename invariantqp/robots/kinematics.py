@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from math import pi
+from math import inf, pi, sqrt
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -17,6 +17,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
+from invariantqp.systems.points import reach
 
 T = TypeVar("T")
 
@@ -24,6 +25,8 @@ T = TypeVar("T")
 UNLIMITED = 1e9
 # Position limits of a joint that turns, this far from zero [rad], two whole turns, are questioned.
 QUESTIONED_TURN = 4.0 * pi
+# A pose is never so many times the arm's length away: this is halfway from one to a thousand, as in millimetres.
+FAR_AWAY, MILLIMETRES = sqrt(1000.0), "Are these millimetres?"
 
 
 class Sighting(NamedTuple):
@@ -143,6 +146,43 @@ def joint_limits(m: int, lower: ArrayLike, upper: ArrayLike, speed: ArrayLike) -
         i = int((v_max <= 0.0).argmax())
         raise BadInput("velocity_limit", f"{v_max[i]:g} at joint {i}", "positive limits")
     return low, high, v_max
+
+
+def far_away(robot: Robot, J: Array, tip: Array) -> float:
+    """How far away from its tool at `tip` (3,), with joint twists J (6, m) there, an arm's poses are believed [length].
+
+    inf where no hinge moves the tool, and no length is the arm's.
+    """
+    ways = (robot.position_upper - robot.position_lower)[~J[:3].any(axis=0)]
+    length = reach(J, tip)
+    return FAR_AWAY * (length + float(ways.sum())) if length > 0.0 else inf
+
+
+def refuse_far(places: Array, tip: Array, far: float, argument: str) -> None:
+    """Refuse places (..., 3) of poses that are farther from a tool at `tip` (3,) than is believed.
+
+    Raises:
+        BadInput: by the argument's name.
+    """
+    away = float(np.linalg.norm(places - tip, axis=-1).max())
+    if away > far:
+        raise BadInput(argument, _far(away, far), "a pose in the arm's unit of length", MILLIMETRES)
+
+
+def question_pose(robot: Robot, argument: str, pose: Array) -> None:
+    """Warn of a pose (4, 4) beside an arm, of its tool or its base, that looks like millimetres.
+
+    Warns:
+        UserWarning: by the argument's name.
+    """
+    mid, away = middle(robot), float(np.linalg.norm(pose[:3, 3]))
+    far = far_away(robot, robot.jacobian(mid), robot.pose(mid)[:3, 3])
+    if away > far:
+        warnings.warn(f"{argument}: {_far(away, far)}. {MILLIMETRES}", UserWarning, stacklevel=3)
+
+
+def _far(away: float, far: float) -> str:
+    return f"a pose {away:.4g} [length] away, {away * FAR_AWAY / far:.3g} times the arm's length"
 
 
 def question_range(lower: Array, upper: Array, turning: NDArray[np.bool_], argument: str) -> None:

@@ -18,7 +18,7 @@ from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownN
 from invariantqp.geometry import arrays
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.compose import stand_on
-from invariantqp.robots.kinematics import question_range
+from invariantqp.robots.kinematics import question_pose, question_range
 from invariantqp.robots.published import PUBLISHED, published
 from invariantqp.robots.tree import chain_to_link
 from invariantqp.robots.urdf import disabled, excluding, is_text, joint_of_yourdfpy, joints_of, parts_of, read_xml
@@ -102,7 +102,8 @@ def load_robot(
 
     Warns:
         UserWarning: a description without speeds for joints, or with zero for them: those have no velocity limit. One
-            whose joints turn more than two turns away from zero, as in degrees.
+            whose joints turn more than two turns away from zero, as in degrees. An offset or a base that is thirty
+            times as far away as the arm is long, as one in millimetres is.
     """
     arm = read_arm(source, tool, None if joints is None else arrays.strings(joints, "joints"))
     if velocity_limit is not None:
@@ -117,6 +118,9 @@ def load_robot(
         )
     turning = np.asarray(arm.screws[:3].any(axis=0))
     question_range(arm.position_lower, arm.position_upper, turning, "the description's limits")
+    for argument, given in (("offset", offset), ("base", base)):
+        if given is not None and not isinstance(given, Chain):
+            question_pose(arm, argument, arrays.pose(given, argument))
     arm = arm if offset is None else arm.with_tool(offset)
     return arm if base is None else stand_on(base, arm)
 

@@ -1,5 +1,6 @@
 """What an arm must not touch: kept in loops, by coal's distances; named, listed, led apart; with both engines."""
 
+import warnings
 from unittest.mock import patch
 
 import numpy as np
@@ -969,6 +970,19 @@ def test_what_decides_the_rate(panda):
 def test_what_is_none_is_refused_by_name(panda, make, said):
     with pytest.raises(iq.BadInput, match=said):
         make(panda)
+
+
+def test_obstacles_in_millimetres_are_questioned_and_parked_ones_are_not(panda):
+    box = Box(iq.transform(translation=[500.0, 0.0, 200.0]), [200.0, 200.0, 400.0], name="box")
+    table = HalfSpace([0.0, 0.0, -100.0], [0.0, 0.0, 1.0], name="table")
+    with pytest.warns(
+        UserWarning, match=r"away from box by 399\.\d.*, table by 10.* \[length\]. Are these millimetres"
+    ):
+        Clearance(panda, HAND, [box, table])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        floor = Box(iq.transform(translation=[0.0, 0.0, -0.5]), [200.0, 200.0, 1.0], name="floor")
+        Clearance(panda, HAND, [Sphere([100.0, 0.0, 0.0], 0.1, name="parked"), floor])
 
 
 def test_a_distance_that_leaves_nothing_to_keep_apart_is_questioned_once(ur5):

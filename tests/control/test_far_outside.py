@@ -197,6 +197,25 @@ def test_lengths_of_any_unit_are_believed():
     assert iq.Controller(along, dt=DT).step([0.0, 0.1, 0.2], iq.transform(translation=[150.0, 0, 0])).status != "held"
 
 
+def test_poses_in_millimetres_are_refused_wherever_they_come_in(robot):
+    """By the one rule that a tick has; an offset or a base, which may be so far away, is questioned."""
+    here = robot.pose(PANDA)
+    millimetres = iq.transform(translation=1000.0 * here[:3, 3])
+    with pytest.raises(iq.BadInput, match=r"target: found a pose .* Are these millimetres"):
+        iq.solve_pose(robot, millimetres)
+    with pytest.raises(iq.BadInput, match=r"targets\[1\]: found a pose .* Are these millimetres"):
+        iq.solve_poses(robot, [here, millimetres])
+    task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], normal=[0, 0, 1]), [5.0])
+    for engine in ("compiled", "python"):
+        loop = iq.HybridController(robot, task, dt=DT, order="force first", engine=engine)
+        loop.step(PANDA, here, np.zeros(6))
+        with pytest.raises(iq.BadInput, match=r"target: found a pose .* Are these millimetres"):
+            loop.step(PANDA, millimetres, np.zeros(6))
+    for argument in ("offset", "base"):
+        with pytest.warns(UserWarning, match=f"{argument}: a pose 100 .* Are these millimetres"):
+            iq.load_robot("panda", **{argument: iq.transform(translation=[0.0, 0.0, 100.0])})
+
+
 def test_a_follower_refuses_millimetres(robot):
     follower = iq.Follower(iq.Controller(robot, dt=DT, acceleration_limit=8.0))
     millimetres = iq.transform(translation=[400.0, 0.0, 300.0])
