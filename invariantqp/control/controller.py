@@ -389,9 +389,11 @@ class Controller:
         if self.wrong(positions):
             return self._tick(state, s, share, ahead)
         self.near(self.robot.points(sighting, target, np.zeros(3))[1], "target")
-        memory = memory.followed(positions, root.dot(J), self.dt, self._slowness / self.dt)._replace(turn=turn[:3])
+        A = root.dot(J)
+        memory = memory.followed(positions, A, self.dt, self._slowness / self.dt)._replace(turn=turn[:3])
         self.kept[:HEADER] = memory.numbers[:HEADER]
-        return memory.judged(self._tick(state, s, share, ahead, braked=braked, now=now))
+        answer = self._tick(state, s, share, ahead, braked=braked, now=now)
+        return memory.judged(answer, positions, A, self.dt, self.robot.names)
 
     def follow(
         self,

@@ -155,8 +155,10 @@ static PyObject *written(const Reasons *reasons, PyObject *nothing)
 PyObject *joint_troubles(const Loop *loop, const Tick *tick, bool towards)
 {
     Reasons found = {.count = 0};
-    if (towards && !follows(&tick->memory))
+    if (towards && !follows(&tick->memory)) {
         say(&found, WHY_NOT_FOLLOWING);
+        add(&found, JOINT, tick->least);
+    }
     for (int j = 0; j < loop->joints; j++)
         if (tick->outside[j] > 0.0) {
             say(&found, WHY_OUTSIDE);

@@ -80,19 +80,28 @@ void remembered(const Loop *loop, const double *q, const double *command, double
     memcpy(commands, command, (size_t)m * sizeof(double));
 }
 
-/* memory.py, followed: what the tool was told to move since the tick before, and what it moved. */
-static void watched(const Loop *loop, const Row A[6], const double *q, const double *kept, Memory *memory)
+/* memory.py, followed: what the tool was told to move since the tick before, and what it moved; the joint that is farthest from
+   where its command led. */
+static int watched(const Loop *loop, const Row A[6], const double *q, const double *kept, Memory *memory)
 {
-    int m = loop->joints;
-    double part, told[6], done[6], share = 1.0 / MEMORY, size, along;
+    int m = loop->joints, least = 0;
+    double part, told[6], done[6], share = 1.0 / MEMORY, size, along, farthest = 0.0;
     const double *positions = kept + KEPT, *commands = positions + m;
     int whole = ticks_late(loop, &part);
     Row shown, moved;
     if (isnan(positions[0]))
-        return;
+        return least;
     for (int j = 0; j < m; j++) {
         shown[j] = loop->dt * ((1.0 - part) * commands[whole * m + j] + part * commands[(whole + 1) * m + j]);
         moved[j] = q[j] - positions[j];
+        double square = 0.0;
+        for (int i = 0; i < 6; i++)
+            square += A[i][j] * A[i][j];
+        double off = sqrt(square) * fabs(shown[j] - moved[j]);
+        if (off > farthest) {
+            farthest = off;
+            least = j;
+        }
     }
     for (int i = 0; i < 6; i++) {
         told[i] = dot(m, A[i], shown);
@@ -104,6 +113,7 @@ static void watched(const Loop *loop, const Row A[6], const double *q, const dou
     memory->done = (1.0 - share) * memory->done + share * along;
     memory->speed = (1.0 - share) * memory->speed + share * loop->slowness / loop->dt * size;
     memory->ticks++;
+    return least;
 }
 
 /* memory.py: whether the joints do what they are told, as far as it can be said. */
@@ -351,7 +361,6 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
         tick->outside[j] = outside > OUTSIDE ? outside : 0.0;
         tick->acceleration[j] = 0.0;
     }
-    if (demand.chased)
-        watched(loop, (const Row *)A, q, kept, memory);
+    tick->least = demand.chased ? watched(loop, (const Row *)A, q, kept, memory) : 0;
     return DONE;
 }

@@ -18,6 +18,7 @@ typedef struct {
     Solution solution;
     Memory memory;
     Row outside, acceleration;
+    int least; /* the joint that followed its command least */
 } Tick;
 
 /* clearance.c: a clearance in a tick of a loop, beside arms of others, and what of it is to be told: the pair of each row and

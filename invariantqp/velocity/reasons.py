@@ -76,7 +76,8 @@ SENTENCES = {
     Code.PAPER_FORM: "PaperLambda needs a pitch form: give form=h",
     Code.PAPER_POLE: "G + Lambda is singular: this is the pole of [DS]'s formula",
     Code.MOVING_BACK: "moving back inside the limits",
-    Code.NOT_FOLLOWING: "not converging: the joints do not follow their commands; the cause may be a delay (give it as "
+    Code.NOT_FOLLOWING: "not converging: the joints do not follow their commands, joint {joint} ({words}) least; "
+    "the cause may be a delay (give it as "
     "delay=), a gain too high for the robot, or a robot that does not do what it is told",
     Code.OUTSIDE: f"{_JOINT}{{0:.3g}} outside its position range",
     Code.ACCELERATION: f"{_JOINT}acceleration {{0:.3g}}, above its limit {{1:.3g}}",

@@ -16,8 +16,8 @@ DEGREES = (
     "move back from there"
 )
 DELAY = (
-    "not converging: the joints do not follow their commands; the cause may be a delay (give it as delay=), a gain too "
-    "high for the robot, or a robot that does not do what it is told"
+    "not converging: the joints do not follow their commands, joint 2 (elbow) least; the cause may be a delay (give it "
+    "as delay=), a gain too high for the robot, or a robot that does not do what it is told"
 )
 GAINS = "[DS]'s Lambda gives closed-loop gains outside [0, 1]: -0.2, 1.3; negative ones drive the tool away"
 # Every code, with joints, rows, numbers and words as they come, and its sentence.
@@ -41,7 +41,7 @@ TABLE = {
     Code.PAPER_FORM: (Reason(Code.PAPER_FORM), "PaperLambda needs a pitch form: give form=h"),
     Code.PAPER_POLE: (Reason(Code.PAPER_POLE), "G + Lambda is singular: this is the pole of [DS]'s formula"),
     Code.MOVING_BACK: (Reason(Code.MOVING_BACK), "moving back inside the limits"),
-    Code.NOT_FOLLOWING: (Reason(Code.NOT_FOLLOWING), DELAY),
+    Code.NOT_FOLLOWING: (Reason(Code.NOT_FOLLOWING, (2,), words="elbow"), DELAY),
     Code.OUTSIDE: (
         Reason(Code.OUTSIDE, (2,), (), (0.1,), "elbow"),
         "joint 2 (elbow): 0.1 outside its position range",
