@@ -2,7 +2,9 @@
 # The tests of the compiled core with its sources built for the address and undefined-behaviour sanitizers (gcc or clang).
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-trap 'python invariantqp/csrc/build.py > /dev/null' EXIT
+kept=$(mktemp -d)
+cp invariantqp/_native*.so "$kept"
+trap 'mv "$kept"/* invariantqp; rmdir "$kept"' EXIT
 python invariantqp/csrc/build.py --sanitize > /dev/null
 # Both before Python, which is built without them: exceptions of C++ pass through the sanitizer.
 runtime="$(${CC:-cc} -print-file-name=libasan.so) $(${CC:-cc} -print-file-name=libstdc++.so.6)"
