@@ -194,15 +194,21 @@ def _in_order(order: Any, points: Array, sizes: Array, room: tuple[float, ...], 
         ends = np.clip(point, places[:, :2], places[:, 2:])
         way = point + np.linspace(0.0, 1.0, SEEN)[:, None, None] * (ends - point)  # (s, k, 2)
         taken, margin = np.vstack((discs, names[order[:done]])), height * np.array((0.4, 0.1))
-        on = (places[:, None, :2] < taken[:, 2:] + margin) & (places[:, None, 2:] > taken[:, :2] - margin)
-        on_line = ((places[:, None, :2] < lines + margin) & (places[:, None, 2:] > lines - margin)).all(axis=-1)
-        across = ((way[:, :, None] < taken[:, 2:]) & (way[:, :, None] > taken[:, :2])).all(axis=-1).any(axis=0)
+        on = _meet(places, taken + np.concatenate((-margin, margin)))
+        on_line = _meet(places, np.hstack((lines - margin, lines + margin)))
+        across = _meet(np.concatenate((way, way), axis=-1), taken).any(axis=0)
         across[:, i] = False
         out = ((places[:, :2] < room[:2]) | (places[:, 2:] > room[2:])).any(axis=1)
-        worst = 1000 * out + 100 * on.all(axis=-1).sum(axis=1) + 10 * across.sum(axis=1) + on_line.any(axis=1)
+        worst = 1000 * out + 100 * on.sum(axis=1) + 10 * across.sum(axis=1) + on_line.any(axis=1)
         costs = np.linalg.norm(ends - point, axis=1) / height + 10 * worst
         best = int(costs.argmin())
         cost += float(costs[best])
         names[i] = places[best]
         lines = np.vstack((lines, way[:, best]))
     return cost, names
+
+
+def _meet(boxes: Array, others: Array) -> Any:
+    """(..., n) which of (..., 4) boxes meet which of (n, 4) others; an axis at a time, as NumPy is slow over two."""
+    across, up = ((boxes[..., None, k] < others[:, k + 2]) & (boxes[..., None, k + 2] > others[:, k]) for k in range(2))
+    return across & up
