@@ -29,7 +29,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 DEFINITION = (
     "tests/velocity/",
     "tests/control/test_controller.py",
-    "tests/control/test_first_minute.py",
     "tests/properties/test_invariance.py",
 )
 
