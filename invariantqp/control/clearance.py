@@ -205,7 +205,10 @@ class Clearance(Limit):
         self._pairs = np.array([(i, j, 1.0) for i, j in self._of_pair], dtype=np.float64).reshape(-1, 3)
         self._around = np.array([self._parts[j].around for _, j in self._of_pair], dtype=int)
         self._seen: dict[int, Any] = {}
-        self._time, self._moved = 0.0, dict[int, Moved]()  # [s], by the ticks; what does not say how fast it is
+        self._time = 0.0  # [s], by the ticks
+        self._shapes = [(i, self._parts[i].shape) for i in self._found.moving]
+        self._moved = {i: Moved(shape.pose, -inf, 0.0, shape.twist) for i, shape in self._shapes}
+        self._moved |= {-1 - a: Moved(arm.q, -inf, 0.0, arm.velocity) for a, arm in enumerate(self.arms)}
         self._reasons: list[str] = [""] * len(self._of_pair)  # why they are not kept apart as obstacles are now
         self._unjudged = self._around != 0
         self._nearest_now: tuple[int, float] = -1, inf
@@ -303,28 +306,18 @@ class Clearance(Limit):
                 argument, f"{self!r} of another robot", "one made with this robot, of the same base= and offset="
             )
 
-    def watch(self, rate: Rate) -> None:
-        """A tick begins: what does not say how fast it is moves as its last two places say."""
-        self._time += float(rate.settings[3])
-        alpha = float(rate.settings[1])
-        for i in self._found.moving:
-            shape, known = self._parts[i].shape, self._moved.get(i)
-            if known is None or known.moves or known.place is not shape.pose:
-                self._seen_at(i, shape.pose, shape.twist, se3.displacement, alpha, told=shape.told)
-        for a, arm in enumerate(self.arms):
-            self._seen_at(-1 - a, arm.q, arm.velocity, _turned, alpha, told=arm.knows_velocity)
-
-    def _seen_at(
-        self, of: int, place: Array, speed: Array, way: Callable[[Array, Array], Array], alpha: float, *, told: bool
-    ) -> None:
-        """Something is at a place when a tick begins."""
-        known = None if told else self._moved.get(of)
-        known = Moved(place, self._time, 0.0, speed) if known is None else known.now(place, way, self._time, alpha)
-        self._moved[of] = known
-
-    def _speed(self, of: int, speed: Array, *, told: bool) -> Array:
-        """How fast something is, by what it says or by its places."""
-        return speed if told or of not in self._moved else self._moved[of].speed
+    def watch(self, dt: float, alpha: float) -> None:
+        """A tick of `dt` begins, at a rate alpha: what does not say how fast it is moves as its last two places say."""
+        now = self._time = self._time + dt
+        for i, shape in self._shapes:
+            known, pose = self._moved[i], shape.pose
+            if shape.told:
+                self._moved[i] = known if known.place is pose else Moved(pose, now, 0.0, shape.twist)
+            elif known.moves or known.place is not pose:
+                self._moved[i] = known.now(pose, se3.displacement, now, alpha)
+        for a, arm in enumerate(self.arms, 1):
+            told, known = arm.knows_velocity, self._moved[-a]
+            self._moved[-a] = Moved(arm.q, now, 0.0, arm.velocity) if told else known.now(arm.q, _turned, now, alpha)
 
     def in_loop(self, loop: Loop) -> Rate:
         """The rate in a loop, and what its joints brake by."""
@@ -513,7 +506,7 @@ class Clearance(Limit):
 
     def _others(self, delay: float) -> Array:
         """(2, M) where the joints of other arms are when a command of now acts, and how fast."""
-        speeds = [self._speed(-1 - a, arm.velocity, told=arm.knows_velocity) for a, arm in enumerate(self.arms)]
+        speeds = [x.velocity if x.knows_velocity else self._moved[-a].speed for a, x in enumerate(self.arms, 1)]
         return np.hstack([np.array((arm.q + delay * v, v)) for arm, v in zip(self.arms, speeds, strict=True)])
 
     def scene(self) -> Any:
@@ -544,9 +537,9 @@ class Clearance(Limit):
 
     def _refresh(self, delay: float) -> None:
         """Where obstacles are, when a command of now acts; what has moved is judged anew."""
-        for i in self._found.moving:
-            shape, seen = self._parts[i].shape, self._seen.get(i)
-            twist = self._speed(i, shape.twist, told=shape.told)
+        for i, shape in self._shapes:
+            seen = self._seen.get(i)
+            twist = shape.twist if shape.told else self._moved[i].speed
             if seen and seen[0] is shape.pose and seen[1] is twist and seen[2] == delay:
                 continue
             self._seen[i] = shape.pose, twist, delay
@@ -577,6 +570,7 @@ class _InLoop(Limit):
 
     def __init__(self, clearance: Clearance, rate: Rate) -> None:
         self._clearance, self._rate = clearance, rate
+        self._dt, self._alpha = float(rate.settings[3]), float(rate.settings[1])
         self._stops_at_once = bool(np.isinf(rate.limits[1]).all())
         self._limits = np.hstack((rate.limits, *(arm.limits for arm in clearance.arms)))
 
@@ -591,7 +585,7 @@ class _InLoop(Limit):
         return self._clearance.blocked(q)
 
     def begin(self) -> None:
-        self._clearance.watch(self._rate)
+        self._clearance.watch(self._dt, self._alpha)
 
     def for_core(self) -> tuple[Any, Array, Array, Array | None] | None:
         """What a tick of the core is given of it; None where the core has it row by row alone."""

@@ -357,10 +357,9 @@ class Controller:
                 is; the controller is as it was.
         """
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
-        if self.varies or now is not None:
-            self._begin(now)
         core = None if target is None else self.compiled
         if core is None or now is not None or self.varies:
+            self._begin(now)
             found = None if core is None else self._by_core(core, q, target, feedforward, velocity, now)
         else:
             found = compiled_tick(core, self.kept, q, target, feedforward, velocity)

@@ -80,8 +80,8 @@ void remembered(const Loop *loop, const double *q, const double *command, double
     memcpy(commands, command, (size_t)m * sizeof(double));
 }
 
-/* memory.py, followed: what the tool was told to move since the tick before, and what it moved; the joint that is farthest from
-   where its command led. */
+/* memory.py, followed: what the tool was told to move since the tick before, and what it moved; of joints that do not follow,
+   the one that is farthest from where its command led. */
 static int watched(const Loop *loop, const Row A[6], const double *q, const double *kept, Memory *memory)
 {
     int m = loop->joints, least = 0;
@@ -94,14 +94,6 @@ static int watched(const Loop *loop, const Row A[6], const double *q, const doub
     for (int j = 0; j < m; j++) {
         shown[j] = loop->dt * ((1.0 - part) * commands[whole * m + j] + part * commands[(whole + 1) * m + j]);
         moved[j] = q[j] - positions[j];
-        double square = 0.0;
-        for (int i = 0; i < 6; i++)
-            square += A[i][j] * A[i][j];
-        double off = sqrt(square) * fabs(shown[j] - moved[j]);
-        if (off > farthest) {
-            farthest = off;
-            least = j;
-        }
     }
     for (int i = 0; i < 6; i++) {
         told[i] = dot(m, A[i], shown);
@@ -113,6 +105,14 @@ static int watched(const Loop *loop, const Row A[6], const double *q, const doub
     memory->done = (1.0 - share) * memory->done + share * along;
     memory->speed = (1.0 - share) * memory->speed + share * loop->slowness / loop->dt * size;
     memory->ticks++;
+    for (int j = 0; j < m && !follows(memory); j++) {
+        double square = 0.0, off;
+        for (int i = 0; i < 6; i++)
+            square += A[i][j] * A[i][j];
+        off = sqrt(square) * fabs(shown[j] - moved[j]);
+        least = off > farthest ? j : least;
+        farthest = fmax(farthest, off);
+    }
     return least;
 }
 

@@ -513,8 +513,8 @@ def test_an_arm_that_begins_inside_comes_out_slowly_and_says_so(ur5, dt, acceler
 
 
 @pytest.mark.parametrize("told", [True, False])
-@pytest.mark.parametrize("dt", [0.001, 0.004, 0.02])
-@pytest.mark.parametrize("speed", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("dt", [0.002, 0.02])
+@pytest.mark.parametrize("speed", [0.05, 0.3])
 def test_it_makes_way_for_what_comes_with_brakes_and_without(ur5, dt, speed, told):
     """A ball goes through where the hand is: the arm begins in time to go before it, by its own distances."""
     q0 = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
