@@ -201,7 +201,8 @@ def rows_of(
             comes = [_coming(place, C[:m], twists[other] - twists[one], limits[:2, :m]) for place, C in moved]
             if s == 0:
                 distances[k] = min((place.distance for place, _ in moved), default=inf)
-                recedes[k] = last > 0 and sum(comes[:1]) > 0.0 and float(moved[0][1][:m].dot(before[:m])) >= 0.0
+                goes = len(moved) > 0 and float(moved[0][1][:m].dot(before[:m])) >= 0.0
+                recedes[k] = last > 0 and goes and comes[0] > 0.0
             leaving = s == 0 < last and not recedes[k]
             over = 0.0  # by how much the nearest place could come nearer faster than states ahead leave room for
             for (place, whole), strong in zip(moved, comes, strict=True):

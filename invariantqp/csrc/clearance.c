@@ -229,6 +229,8 @@ static double rows_of_pair(Pair *pair, const States *states, int s, const Wide J
                 }
                 C[j] = weight[j] * total;
                 longer += total * states->longer[s][j];
+                if (!(coming > 0.0))
+                    continue;
                 away += total * states->before[j];
                 fast += fabs(total) * speed[j];
                 strong += fabs(total) * states->brakes[j];

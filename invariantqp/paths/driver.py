@@ -369,12 +369,12 @@ class Follower:
         """
         loop = self.controller
         clock = None if now is None else arrays.number(now, "now", "a time in seconds")
-        soon = self._course is not None and velocity is None and override == self._override
-        if soon and self._course is not None:
-            soon = self._time < self._course[2] and (clock is None or -SKEW <= clock - self._time <= SKEW)
+        course = self._course if velocity is None and override == self._override else None
+        soon = course is not None and self._time < course[2] and (clock is None or -SKEW <= clock - self._time <= SKEW)
+        if course is not None:
             if soon:
                 loop.begin()
-            found = self._by_core(self._course, q) if soon else None  # None where Python has to answer, too
+            found = self._by_core(course, q) if soon else None  # None where Python has to answer, too
             if found is not None:
                 return found
             self._course = None
