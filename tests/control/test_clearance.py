@@ -307,8 +307,13 @@ def test_the_core_gives_the_rows_of_its_definition(panda):
     loop = loop_of(panda, 0.002, 0.0)._replace(acceleration=np.array([10.0, 10.0, 5.0, 10.0, np.inf, 10.0, 20.0]))
     brakes = limit.in_loop(loop)
     for rate in (*(limit._at_rate(alpha, 0.0) for alpha in (0.0, 10.0, 100.0)), brakes):
-        for _ in range(10):
+        for _ in range(20 if rate is brakes else 10):
             q, before = READY + rng.uniform(-0.6, 0.6, 7), rng.uniform(-2.0, 2.0, 7)
+            if rate is brakes and rng.random() < 0.5:  # it comes, at an arm that hardly moves
+                out, before = rng.standard_normal(3), 0.1 * before
+                out /= np.linalg.norm(out)
+                at = panda.pose(q)[:3, 3] + rng.uniform(0.2, 0.3) * out - np.array([0.5, 0.2, 0.5])
+                ball.move(iq.transform(translation=at), np.concatenate((np.zeros(3), -0.4 * out)))
             assert (len(States.ahead(np.zeros(8), q, before, *rate[:2]).positions) > 3) == (rate is brakes)
             fast = limit._asked(q, rate, before)
             plain = rows_of([panda], q, before, limit._numbers, limit._twists, limit._pairs, *rate[:2])
