@@ -338,12 +338,11 @@ def _asked_of(
 
 
 def _keep(kept: list[tuple[float, float, int, Array]], row: tuple[float, float, int, Array]) -> None:
-    """Keep a row among the most urgent; of equal ones the one that asks for more."""
+    """Keep a row among the most urgent; equal ones are one, as urgent as any of them, that asks for the most."""
     size = se3.norm(row[3])
     same = next((i for i, old in enumerate(kept) if np.abs(old[3] - row[3]).max() <= EQUAL * size), None)
     if same is not None:
-        if kept[same][1] < row[1]:
-            kept[same] = row
+        kept[same] = (max(kept[same][0], row[0]), *max(kept[same][1:], row[1:], key=lambda asks: asks[0]))
     elif len(kept) < MOST_ROWS:
         kept.append(row)
     else:

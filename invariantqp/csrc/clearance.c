@@ -43,6 +43,7 @@ static void keep(Rows *rows, int m, const double *C, double lower, double urgenc
         for (int k = 0; k < m; k++)
             apart = fmax(apart, fabs(rows->C[i][k] - C[k]));
         if (apart <= EQUAL_ROWS * size) {
+            rows->urgency[i] = urgency = fmax(rows->urgency[i], urgency);
             if (rows->lower[i] >= lower)
                 return;
             at = i;
