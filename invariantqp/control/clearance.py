@@ -85,25 +85,16 @@ HALF = 0.5
 ASIDE = 1e-7
 
 
-def is_inside(d: float, distance: float) -> bool:
-    """Whether two bodies so far apart are nearer than a distance, but for rounding."""
-    return d < distance - ACTIVE_TOLERANCE * max(distance, 1.0)
-
-
 class _Called:
     """What reasons call rows of pairs at some distances, said when it is read."""
 
-    __slots__ = ("bodies", "distance", "distances", "pairs")
+    __slots__ = ("bodies", "distances", "pairs")
 
-    def __init__(
-        self, bodies: Sequence[tuple[str, str]], pairs: Sequence[int], distances: Sequence[float], distance: float
-    ) -> None:
-        self.bodies, self.pairs, self.distances, self.distance = bodies, pairs, distances, distance
+    def __init__(self, bodies: Sequence[tuple[str, str]], pairs: Sequence[int], distances: Sequence[float]) -> None:
+        self.bodies, self.pairs, self.distances = bodies, pairs, distances
 
     def __iter__(self) -> Iterator[str]:
-        for k, d in zip(self.pairs, self.distances, strict=True):
-            inside = f" (nearer than {1e3 * self.distance:.1f})" if is_inside(d, self.distance) else ""
-            yield f"clearance: {Near(*self.bodies[k], d)}{inside}"
+        return (f"clearance: {Near(*self.bodies[k], d)}" for k, d in zip(self.pairs, self.distances, strict=True))
 
 
 class Near(NamedTuple):
@@ -335,7 +326,7 @@ class Clearance(Limit):
         if not (len(lower) or inside):
             return None
         upper, pairs = np.full(len(lower), inf), of_pair.astype(int)
-        names = [*_Called(self._bodies, pairs.tolist(), distances[pairs].tolist(), self.distance)]
+        names = [*_Called(self._bodies, pairs.tolist(), distances[pairs].tolist())]
         if inside and not (self._moves(pairs) or (self.arms and self._others(0.0)[1].any())):
             speed = self._calm(rate, before)
             limited = np.isfinite(speed)
@@ -343,6 +334,10 @@ class Clearance(Limit):
             lower, upper = np.append(lower, -speed[limited]), np.append(upper, speed[limited])
             names += ["clearance: slowly out"] * int(limited.sum())
         return LimitRows.trusted(C, lower, upper, tuple(names)) if len(lower) else None
+
+    def broken(self) -> str:
+        """Which bodies were too near in the last tick that asked for rows, "" where none were."""
+        return self._too_near(self.nearest) if self._nearest_now[1] < self._enough else ""
 
     def rows_after(self, q: Array, x: Array, rate: Rate) -> LimitRows | None:
         """Rows about the velocity x (m,) of a tick from q (m,) on that ends too near; None where it does not."""
@@ -364,7 +359,7 @@ class Clearance(Limit):
         if not lost.any():
             return None
         lower = asked[lost] + C[lost].dot(x)
-        names = [*_Called(self._bodies, of_pair[lost].tolist(), d[of_pair[lost]].tolist(), self.distance)]
+        names = [*_Called(self._bodies, of_pair[lost].tolist(), d[of_pair[lost]].tolist())]
         return LimitRows.trusted(C[lost], lower, np.full(len(lower), inf), names)
 
     def given(self, rate: Rate, limits: Array) -> tuple[Any, Array, Array, Array | None] | None:
@@ -378,7 +373,7 @@ class Clearance(Limit):
     def told(self, k: int, distance: float, of_rows: tuple[Any, ...]) -> Iterable[str]:
         """What the core found in a tick: the nearest pair, and the pair and distance of each row; the rows' names."""
         self._nearest_now = (k, distance) if self._of_pair else (-1, inf)
-        return _Called(self._bodies, of_rows[::2], of_rows[1::2], self.distance)
+        return _Called(self._bodies, of_rows[::2], of_rows[1::2])
 
     def _moves(self, pairs: NDArray[np.int_]) -> bool:
         """Whether a shape of some pairs moves by itself."""
@@ -409,11 +404,8 @@ class Clearance(Limit):
         """
         still = [not (self._parts[j].around < 0 or self._parts[j].shape.twist.any()) for _, j in self._of_pair]
         near = self._near(*self._least(np.where(still, self._distances(q), inf)))
-        return (
-            f"{near.first} and {near.second} are nearer than {1e3 * self.distance:.1f} mm"
-            if is_inside(near.distance, self.distance)
-            else ""
-        )
+        rounding = ACTIVE_TOLERANCE * max(self.distance, 1.0)
+        return self._too_near(near) if near.distance < self.distance - rounding else ""
 
     def distances(self, q: ArrayLike) -> dict[tuple[str, str], float]:
         """The distance of each pair of bodies at joint positions q (m,) [length]; negative inside.
@@ -452,6 +444,9 @@ class Clearance(Limit):
         free = np.full(len(robot.names), inf)
         limits = np.array((robot.velocity_limit, free, robot.position_lower, robot.position_upper))
         return Rate(limits, np.array((self.distance, alpha, ESCAPE, dt, BRAKING, inf)), delay)
+
+    def _too_near(self, near: Near) -> str:
+        return f"{near.first} and {near.second} are nearer than {1e3 * self.distance:.1f} mm"
 
     def _near(self, k: int, d: float) -> Near:
         return Near(*self._bodies[k], d) if k >= 0 else Near("", "", inf)
@@ -580,6 +575,9 @@ class _InLoop(Limit):
     def after(self, q: Array, velocity: Array) -> LimitRows | None:
         # Velocities of joints with brakes are so near the last one that rows about that one will do.
         return self._clearance.rows_after(q, velocity, self._rate) if self._stops_at_once else None
+
+    def broken(self) -> str:
+        return self._clearance.broken()
 
     def blocked(self, q: Array) -> str:
         return self._clearance.blocked(q)

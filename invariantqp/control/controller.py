@@ -526,7 +526,10 @@ class Controller:
                 break
             rows, self.kept[:] = more, kept
             found = tick(G=rows.C, least=rows.lower, most=rows.upper)
-        return (found[0]._replace(row_names=rows.names), found[1]) if found is not None and rows.names else found
+        if found is None:
+            return None
+        answer = self._limits.broken(found[0], now)
+        return (answer._replace(row_names=rows.names) if rows.names else answer, *found[1:])
 
     @property
     def for_core(self) -> Loop | tuple[Any, ...] | None:
@@ -663,7 +666,7 @@ class Controller:
                 break
             solution = solve(law, demand._replace(rows=rows))
         self.memory.after(positions, solution.velocity).write(self.kept)
-        return self._limits.told(solution, positions, limits.strained)
+        return self._limits.told(self._limits.broken(solution, now), positions, limits.strained)
 
     def _held(self, before: Array) -> float:
         """How long a velocity is held beyond the law's dt [s], until accelerations let joints have another.

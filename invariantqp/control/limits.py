@@ -36,7 +36,7 @@ from invariantqp.robots.kinematics import (
 )
 from invariantqp.velocity.limits import BrakingBox, JointBox, LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.qp import Cone
-from invariantqp.velocity.reasons import Code, Reason, by_joint
+from invariantqp.velocity.reasons import Code, Reason, by_joint, told
 from invariantqp.velocity.solution import Status, VelocitySolution, both, with_trouble
 
 # A joint that turns is never this far outside its position range [rad]: its position is no measurement in radians.
@@ -132,6 +132,10 @@ class Limit:
         """
         del q, velocity
         return None
+
+    def broken(self) -> str:
+        """What of it does not hold where rows were last asked for, "" where all does: such a tick is not "ok"."""
+        return ""
 
     def blocked(self, q: Array) -> str:
         """Why an arm cannot come to rest at joint positions q (m,), "" where it can: a path then ends before them.
@@ -553,6 +557,10 @@ class RowLimits:
         except _Unusable:
             return None
 
+    def broken(self) -> str:
+        """What of some limit does not hold where rows were last asked for, "" where all do."""
+        return next((why for limit in self._limits if isinstance(limit, Limit) and (why := limit.broken())), "")
+
     def blocked(self, q: Array) -> str:
         """Why an arm cannot come to rest at joint positions q (m,), "" where it can."""
         limits = (limit for limit in self._limits if isinstance(limit, Limit))
@@ -778,6 +786,13 @@ class LoopLimits(NamedTuple):
         if self.braking is None and solution.active:
             strained = self.box.outside(q, solution.active)
         return self.with_troubles(solution, strained) if strained else solution
+
+    def broken(self, solution: VelocitySolution, now: Changes | None) -> VelocitySolution:
+        """The solution with what of some limit does not hold now; it is then "limited" at least."""
+        given = [limits for limits in (self.joint_rows, None if now is None else now.joint_rows) if limits]
+        why = next((why for limits in given if (why := limits.broken())), "")
+        status = Status.LIMITED if solution.status is Status.OK else solution.status
+        return solution._replace(status=status, reasons=both(told(why), solution)) if why else solution
 
     def with_troubles(self, solution: VelocitySolution, found: tuple[Reason, ...]) -> VelocitySolution:
         """The solution with reasons that name joints; one that returns from outside its range is "limited" at least."""

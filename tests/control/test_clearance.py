@@ -15,7 +15,7 @@ from invariantqp.control import clearance_rows
 from invariantqp.control.clearance_rows import States, rows_of
 from invariantqp.control.limits import boxes, loop_of
 from invariantqp.geometry.shapes import Core
-from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, Limit, OtherArm, Sphere
+from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, Limit, LimitRows, OtherArm, Sphere
 
 coal = pytest.importorskip("coal")
 DT = 0.002
@@ -506,7 +506,7 @@ def test_an_arm_that_begins_inside_comes_out_slowly_and_says_so(ur5, dt, acceler
         tried += 1
         loop = iq.Controller(ur5, dt=dt, limits=[limit], acceleration_limit=acceleration)
         first = loop.step(q, ur5.pose(q))
-        assert "(nearer than 20.0)" in first.reason
+        assert "are nearer than 20.0 mm; " in first.reason
         target, ticks = ur5.pose(q), 0
         while limit.at(q).distance < 0.0199:
             x = loop.step(q, target).velocity
@@ -514,6 +514,27 @@ def test_an_arm_that_begins_inside_comes_out_slowly_and_says_so(ur5, dt, acceler
                 assert np.abs(x).max() < 0.3
             q, ticks = q + dt * x, ticks + 1
             assert ticks * dt < 2.5 + 25.0 * dt
+
+
+@pytest.mark.parametrize("acceleration", [None, 8.0])
+def test_no_tick_is_ok_while_bodies_are_nearer_than_the_distance(panda, acceleration):
+    """A ball begins inside the hand; the target moves away from it faster than the way out is asked for."""
+    ball = Sphere(panda.pose(READY)[:3, 3] + [0.0, 0.17, 0.0], 0.1, name="ball")
+    for more in ([], [lambda q: LimitRows(np.eye(7)[:1], [-1.0], [1.0])]):
+        limit = Clearance(panda, {"tool": [Sphere([0.0, 0.0, 0.0], 0.06)]}, [ball])
+        loop = iq.Controller(panda, dt=DT, limits=[limit, *more], acceleration_limit=acceleration)
+        q, inside, target = READY, 0, panda.pose(READY)
+        for _ in range(300):
+            ball.move(np.eye(4), [0.0, 0.0, 0.0, 0.0, 0.05, 0.0])
+            target[1, 3] -= 0.2 * DT
+            solution = loop.step(q, target, [0.0, 0.0, 0.0, 0.0, -0.2, 0.0])
+            near = limit.at(q).distance < 0.0199
+            inside += near
+            assert not near or solution.status != "ok"
+            assert ("tool and ball are nearer than 20.0 mm" in solution.reason) == near
+            q = q + DT * solution.velocity
+        assert 5 < inside < 250
+        assert solution.status == "ok"
 
 
 @pytest.mark.parametrize("told", [True, False])
