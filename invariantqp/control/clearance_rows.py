@@ -197,17 +197,22 @@ def rows_of(
             signs = between(starts, int(shapes[one, 0]), int(shapes[other, 0]))
             wanted = min(settings[0], distances[k] if s > 0 else inf)
             found = places(placed[one], placed[other])
-            moved = [(place, C) for place in found if (C := _row(place, J, signs))[:m].any()]
-            comes = [_coming(place, C[:m], twists[other] - twists[one], limits[:2, :m]) for place, C in moved]
+            twist, wrenches = twists[other] - twists[one], [_wrench(place) for place in found]
+            moved = [
+                (place, C, float(wrench.dot(twist)))
+                for place, wrench in zip(found, wrenches, strict=True)
+                if (C := _row(wrench, J, signs))[:m].any()
+            ]
+            comes = [_coming(C[:m], -grows, limits[:2, :m]) for _, C, grows in moved]
             if s == 0:
-                distances[k] = min((place.distance for place, _ in moved), default=inf)
+                distances[k] = min((place.distance for place, _, _ in moved), default=inf)
                 goes = len(moved) > 0 and float(moved[0][1][:m].dot(before[:m])) >= 0.0
                 recedes[k] = last > 0 and goes and comes[0] > 0.0
             leaving = s == 0 < last and not recedes[k]
             over = 0.0  # by how much the nearest place could come nearer faster than states ahead leave room for
-            for (place, whole), strong in zip(moved, comes, strict=True):
+            for (place, whole, grows), strong in zip(moved, comes, strict=True):
                 C = weight[:m] * whole[:m] + longer[:m].dot(whole[:m]) * states.grows[:m]
-                drift = float(_wrench(place).dot(twists[other] - twists[one]) + whole[m:].dot(going[m:]))
+                drift = grows + float(whole[m:].dot(going[m:]))
                 out = float(place.normal.dot(moved[0][0].normal))
                 room = place.distance - wanted
                 mine = settings[1] * min(room, share * room)  # of what another one leaves that may take a share, too
@@ -269,14 +274,16 @@ def moved_by(robots: Sequence[Chain], q: Array) -> tuple[Array, list[Array]]:
     return np.hstack(J), motions
 
 
-def _coming(place: Place, row: Array, twist: Array, limits: Array) -> float:
-    """How hard an arm can make way for what comes by a relative twist (6,), 0 where nothing comes or it is faster.
+def _coming(row: Array, falls: float, limits: Array) -> float:
+    """How hard an arm can make way by a row (m,) of a distance that `falls` by itself, 0 where it does not or faster.
 
-    `limits` (2, m) of speed and acceleration; it can by a row (m,) of a distance.
+    `limits` (2, m) of speed and acceleration.
     """
+    if not falls > 0.0:
+        return 0.0
     own = np.flatnonzero(row)
     fast, strong = np.abs(row[own]).dot(limits[:, own].T).tolist()
-    return float(strong) if 0.0 < -float(_wrench(place).dot(twist)) < fast else 0.0
+    return float(strong) if falls < fast else 0.0
 
 
 def _made_way(room: float, strong: float, settings: Array) -> float:
@@ -291,9 +298,9 @@ def _wrench(place: Place) -> Array:
     return np.concatenate((se3.cross(place.point, place.normal), place.normal))
 
 
-def _row(place: Place, J: Array, signs: Array) -> Array:
+def _row(wrench: Array, J: Array, signs: Array) -> Array:
     """(M,) how fast a distance grows with joint velocities; zero where that is rounding."""
-    parts = signs * _wrench(place)[:, None] * J
+    parts = signs * wrench[:, None] * J
     total = parts.sum(axis=0)
     return np.asarray(np.where(np.abs(total) > UNMOVED * np.abs(parts).sum(axis=0), total, 0.0))
 
@@ -318,13 +325,13 @@ def _asked_of(
     """
     (room, nearer, slower, out, drift), (alpha, escape), m = approach, settings[1:3].tolist(), len(C)
     scaled = np.abs(C) * np.where(np.isfinite(speed), speed, USUAL_SPEED)
+    if leaving and room >= 0.0:
+        return -inf, 0.0
     moved, size = C != 0.0, np.abs(C)
     braked = float(C[moved].dot(states.y[:m][moved]))
     sure = states.led if leaving else states.sure
     ways = states.free, states.free[::-1], sure[::-1]
     below, above, surely = (np.where(C > 0.0, *way[:, :m])[moved] for way in ways)
-    if leaving and room >= 0.0:
-        return -inf, 0.0
     if room < 0.0:
         led = min(-alpha * room, escape * float(scaled.dot(scaled)) / float(scaled.max()))
         nearer = drift - max(0.0, out) * led

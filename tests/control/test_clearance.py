@@ -128,7 +128,7 @@ def test_the_distance_is_kept_while_targets_jump(ur5, options, tolerance):
     assert limit.at(q).distance > 0.02
     least, statuses = 9.0, set()
     hold = round((1.2 if "acceleration_limit" in options else 0.4) / loop.dt)
-    for i in range(8 * hold):
+    for i in range(5 * hold):
         if i % hold == 0:
             target = ur5.pose(rng.uniform(-2.0, 2.0, 6))
         solution = loop.step(q, target)
@@ -307,7 +307,7 @@ def test_the_core_gives_the_rows_of_its_definition(panda):
     loop = loop_of(panda, 0.002, 0.0)._replace(acceleration=np.array([10.0, 10.0, 5.0, 10.0, np.inf, 10.0, 20.0]))
     brakes = limit.in_loop(loop)
     for rate in (*(limit._at_rate(alpha, 0.0) for alpha in (0.0, 10.0, 100.0)), brakes):
-        for _ in range(20 if rate is brakes else 10):
+        for _ in range(12 if rate is brakes else 5):
             q, before = READY + rng.uniform(-0.6, 0.6, 7), rng.uniform(-2.0, 2.0, 7)
             if rate is brakes and rng.random() < 0.5:  # it comes, at an arm that hardly moves
                 out, before = rng.standard_normal(3), 0.1 * before
@@ -337,7 +337,7 @@ def test_a_tick_in_which_the_core_finds_the_rows_is_one_in_which_it_is_given_the
     given = iq.Controller(ur5, limits=[limit], **{"dt": 0.002, **options})
     given.joint_rows.alone = None
     q, rng, led = np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0]), np.random.default_rng(4), 0
-    for tick in range(1200):
+    for tick in range(800):
         if tick % 100 == 0:
             target = ur5.pose(rng.uniform(-np.pi, np.pi, 6))
             target[:3, 3] = rng.uniform([0.35, -0.1, 0.0], [0.55, 0.3, 0.2])
@@ -493,7 +493,7 @@ def test_parallel_faces_do_not_make_it_tremble(panda, acceleration):
 
 
 @pytest.mark.parametrize(
-    ("dt", "acceleration", "starts"), [(DT, None, 6), (0.001, 8.0, 2), (0.005, 8.0, 6), (0.02, 2.0, 6)]
+    ("dt", "acceleration", "starts"), [(DT, None, 3), (0.001, 8.0, 1), (0.005, 8.0, 3), (0.02, 2.0, 3)]
 )
 def test_an_arm_that_begins_inside_comes_out_slowly_and_says_so(ur5, dt, acceleration, starts):
     """In the same time at every tick and acceleration, but for the last millimetre: a tick covers a tenth of it."""
@@ -565,7 +565,7 @@ def test_it_makes_way_for_what_comes_whether_or_not_its_twist_is_told(panda):
     for told, every in ((True, 1), (False, 1), (False, 16)):
         loop = iq.Controller(panda, dt=DT, limits=[limit])
         q, d = READY, []
-        for i in range(1200):
+        for i in range(800):
             y, speed = (0.5 - i * DT, -1.0) if i < 250 else (i * DT - 0.5, 1.0)
             if i % every == 0:
                 twist = [0.0, 0.0, 0.0, 0.0, speed, 0.0] if told else None
@@ -762,13 +762,11 @@ def test_the_core_looks_ahead_as_its_definition_does_until_another_arm_has_stopp
     )
     limit, rng, alike = Clearance(ur5, None, [other]), np.random.default_rng(1), 0
     rate = limit.in_loop(loop_of(ur5, 0.002, 0.0)._replace(acceleration=np.full(6, 10.0)))
-    for i in range(48):
+    for _ in range(5):
         q, p = (np.array([0.3, -1.3, 1.9, -2.17, -1.57, 0.0]) + rng.uniform(-0.5, 0.5, 6) for _ in range(2))
         before, speed = rng.uniform(-2.0, 2.0, (2, 6))
         other.move(p, speed)
         fast = limit._asked(q, rate, before)
-        if i > 4 and not 0 < len(fast.C) < clearance_rows.MOST_ROWS:
-            continue  # the definition takes its time
         both, limits = (
             (np.concatenate(two) for two in ((q, p), (before, speed))),
             np.hstack((rate.limits, other.limits)),

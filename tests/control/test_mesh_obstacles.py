@@ -79,14 +79,14 @@ def test_a_hull_is_as_far_as_mujoco_says():
             assert limit.at(q).distance == pytest.approx(d, abs=2e-6)
 
 
-@pytest.mark.parametrize(("acceleration", "hull", "seed"), [(None, True, 3), (10.0, False, 6)])
-def test_an_arm_keeps_off_a_mesh_while_targets_jump(ur5, acceleration, hull, seed):
-    place, rng = iq.transform(translation=[0.45, 0.0, 0.15]), np.random.default_rng(seed)
+@pytest.mark.parametrize(("acceleration", "hull"), [(None, True), (10.0, False)])
+def test_an_arm_keeps_off_a_mesh_while_targets_jump(ur5, acceleration, hull):
+    place, rng = iq.transform(translation=[0.45, 0.0, 0.15]), np.random.default_rng(6)
     block = Mesh(CORNERS, place, hull=True, name="block") if hull else surface(place, name="block")
     limit, truth = Clearance(ur5, None, [block]), Clearance(ur5, None, [Box(place, SIZE, name="block")])
     loop = iq.Controller(ur5, dt=DT, limits=[limit], acceleration_limit=acceleration)
     q, least, said = START, 9.0, ""
-    for i in range(1200):
+    for i in range(600):
         if i % 300 == 0:
             target = ur5.pose(rng.uniform(-2.0, 2.0, 6))
         solution = loop.step(q, target)
@@ -115,7 +115,7 @@ def test_a_hand_goes_into_a_hollow_but_not_through_its_sides():
     assert limit.at(inside).distance == pytest.approx(0.07 - 0.02, abs=1e-9)
     loop, q = iq.Controller(hand, dt=DT, limits=[limit]), np.array([0.0, 0.0, 0.4])
     for target, ends in (([0, 0.05, 0.01], [0, 0.05, 0.04]), ([0, 0.3, 0.1], [0, 0.06, 0.1])):
-        for _ in range(1200):
+        for _ in range(600):
             q = q + DT * loop.step(q, iq.transform(translation=target)).velocity
         np.testing.assert_allclose(q, ends, atol=1e-4)
 
