@@ -36,8 +36,7 @@ from scipy.optimize import minimize
 from shared.ten_arms import ARMS, arm, limits, spec
 
 import invariantqp as iq
-from invariantqp.compare.measurements import EVERYDAY
-from invariantqp.compare.watched import figures, overshoot, watched_run, with_rest
+from invariantqp.compare.measurements import EVERYDAY, figures, overshoot, watched_run, with_rest
 from invariantqp.control import controller, tracking
 from invariantqp.runs.controllers import law_options
 from invariantqp.runs.plant import IdealPlant

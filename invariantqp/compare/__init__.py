@@ -3,7 +3,7 @@
 method                     what a row is, what every row is given; the loop around a function of a tick
 ours  qp  linear  libraries    the rows, one family a file
 registry                   the table of all rows
-frames  watched  measurements  what is measured: other frames, a run under supervision, all of it
+frames  measurements       what is measured: other frames, all of it
 sweep                      every measurement of every method on every task
 results  tables  chart  report    results.json; tables, chart, sentences and page made from it
 """

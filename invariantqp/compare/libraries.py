@@ -48,8 +48,6 @@ from invariantqp.velocity.solution import VelocitySolution
 POSTURE_COST = 1e-3
 # Of the QP of an arm without a posture task; with one, the default of both libraries.
 QP_DAMPING, QP_DAMPING_BESIDE_POSTURE = 1e-6, 1e-12
-# placo counts six coordinates of the base, and seven positions, before those of the joints.
-BASE, BASE_POSITIONS = 6, 7
 # What the frame at the given point is called.
 POINT = "given point"
 # placo reads masses, and MuJoCo requires them of every moving link; kinematics does not depend on them [kg], [kg m^2].
@@ -293,7 +291,7 @@ class PlacoLaw:
         """One tick; raises whatever placo raises."""
         positions = np.asarray(q, np.float64)
         arm, pose = self._robot, pose_of(target)
-        arm.state.q = np.concatenate((arm.state.q[:BASE_POSITIONS], positions))
+        arm.state.q = np.concatenate((arm.state.q[:7], positions))  # after seven positions of the base
         arm.update_kinematics()
         self._task.T_world_frame = self._ahead(arm.get_T_world_frame("tool"), pose, feedforward)
         if self._point is not None:
@@ -302,7 +300,7 @@ class PlacoLaw:
         if self._posture is not None:
             towards = positions + self._pull * (self._middle - positions)
             self._posture.set_joints(dict(zip(self._names, towards.tolist(), strict=True)))
-        x = self._solver.solve(False)[BASE:] / self._dt
+        x = self._solver.solve(False)[6:] / self._dt  # after six coordinates of the base
         return answer(self._reach.cut(x), "placo", "eiquadprog")
 
     def _ahead(self, here: Array, pose: Array, feedforward: ArrayLike | None) -> Array:

@@ -11,50 +11,57 @@
     stability   tasks/stability, at which methods fail; `NaN in q` and its like: the one with a jump, an input broken
     tick        how long a tick takes: pose, Jacobian, law and limits, in states of a run of the task
 
-A tick fails if the method raises, if its answer is not finite, or if the arm is further outside its limits after it.
+A law is watched as the supervisor of a robot would: the arm stops in a tick in which it raises or its answer is not
+finite. Such a tick has failed, and one after which the arm is further outside its limits. Figures are of the whole run.
 """
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Mapping
+import logging
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter_ns
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.compare.frames import displaced, largest_change, moved_start, random_displacement
-from invariantqp.compare.method import pose_of
+from invariantqp.compare.method import answer, pose_of
 from invariantqp.compare.registry import controller_named
 from invariantqp.compare.tables import EVERYDAY, TASKS
-from invariantqp.compare.watched import Result, figures, overshoot, quietly, watched_run, with_rest
 from invariantqp.control.controller import Controls
 from invariantqp.errors import InvariantQPError
 from invariantqp.geometry import se3
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.controllers import controller_for
+from invariantqp.runs.controllers import MakeController, controller_for
 from invariantqp.runs.plant import IdealPlant
-from invariantqp.runs.prepare import prepare
+from invariantqp.runs.prepare import Setup, prepare
 from invariantqp.runs.run import run
 from invariantqp.runs.taskfile import Task, load_task, shipped_tasks
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.runs.trace import Trace, distance
+from invariantqp.velocity.solution import Status, VelocitySolution
 
-# In a quick run ticks are this many times longer.
-COARSER = 10.0
-# Displaced tool frames of a full run and of a quick one.
-FRAMES, QUICK_FRAMES = 3, 1
+# The figures of one method, ready for JSON.
+Result = dict[str, Any]
+# A broken input is NaN in every third tick of the first half of a run; the second half is time to recover.
+BROKEN_EVERY = 3
+# How long the target is at rest after a path, for the tool to settle [s].
+REST = 1.0
+# A tool nearer to its target than this has settled [m], [rad]; a first look at a run says as much.
+SETTLED = 1e-3, np.radians(1.0)
+# The last part of a run, in which the arm should be at rest, as a share of it.
+TAIL = 0.1
 # Standard deviations of how far each joint is turned and shifted, about and along each axis of the base [rad], [m]:
 # an arm whose links were measured by a ruler.
 TURNED, SHIFTED = 5e-3, 5e-3
 CALIBRATION = ("compare/panda", "compare/panda_limits", "compare/ur5_limits", "compare/so101_limits")
-# How many stretches of how many consecutive ticks are timed, and how often; then the same for a quick run.
-STRETCHES, LENGTH, ROUNDS = 20, 10, 10
-QUICK_STRETCHES, QUICK_ROUNDS = 5, 3
 
 
 @dataclass(frozen=True)
@@ -74,9 +81,9 @@ class Cell:
         return name
 
     def load(self) -> Task:
-        """Its task, with longer ticks in a quick run."""
+        """Its task, with ticks ten times as long in a quick run."""
         task = load_task(self.task)
-        dt = COARSER * task.law.dt
+        dt = 10.0 * task.law.dt
         return task.model_copy(update={"law": task.law.model_copy(update={"dt": dt})}) if self.quick else task
 
 
@@ -92,13 +99,151 @@ class Kind:
     asked: bool = False  # whether every run leaves it out that does not ask for it by name
 
 
+class Watched:
+    """A law whose arm stops for a tick if the law raises, or if its answer is not finite; such ticks are counted."""
+
+    def __init__(self, law: Controls, broken: str = "", ticks: int = 0) -> None:
+        """The input named `broken` is NaN in every third tick of the first half of `ticks`; none if it is empty."""
+        self._law = law
+        self._broken = broken
+        self._last = ticks // 2
+        self._tick = 0
+        self.exceptions = 0
+        self.not_finite = 0
+
+    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
+        """One tick; never raises."""
+        still = np.zeros(len(np.asarray(q)))
+        self._tick += 1
+        if self._broken and self._tick < self._last and self._tick % BROKEN_EVERY == 0:
+            q, target, feedforward = _spoilt(self._broken, q, target, feedforward)
+        try:
+            solution = self._law.step(q, target, feedforward)
+        except Exception as error:  # noqa: BLE001 (exceptions are counted)
+            self.exceptions += 1
+            return answer(still, "hold", status=Status.HELD, reason=f"{type(error).__name__}: {error}")
+        if np.isfinite(solution.velocity).all():
+            return solution
+        self.not_finite += 1
+        return answer(still, "hold", status=Status.HELD, reason="the answer was not finite")
+
+
+def _spoilt(broken: str, q: ArrayLike, target: Any, feedforward: ArrayLike | None) -> tuple[Any, Any, Any]:
+    """The inputs with NaN in one of them; a target keeps its class, which checked it before."""
+    if broken == "q":
+        return np.full(len(np.asarray(q)), np.nan), target, feedforward
+    if broken == "feedforward":
+        return q, target, np.full(6, np.nan)
+    spoilt = target.pose.copy()
+    spoilt[:3, 3] = np.nan
+    return q, target._replace(pose=spoilt), feedforward
+
+
+def watched_run(setup: Setup, make: MakeController, broken: str = "") -> tuple[Watched, Trace]:
+    """A run under a law that is watched, in which an input is sometimes NaN if one is named."""
+    with quietly():
+        law = Watched(make(setup.problem.robot, setup.problem.law), broken, len(setup.noise))
+        return law, run(setup, controller_for(setup.problem, lambda *_: law))
+
+
+def with_rest(setup: Setup) -> Setup:
+    """The setup with a second more, in which the target is at rest; a path that may be late and contact as they are."""
+    problem, more = setup.problem, round(REST / setup.task.law.dt)
+    if setup.scene is not None or problem.elastic is not None:
+        return setup
+    time = setup.task.law.dt * np.arange(len(problem.time) + more, dtype=np.float64)
+    still = np.vstack((problem.feedforward, np.zeros((more, 6))))
+    wanted, poses = (np.concatenate((T, np.repeat(T[-1:], more, axis=0))) for T in (setup.wanted, problem.poses))
+    noise = np.resize(setup.noise, (len(setup.noise) + more, setup.noise.shape[1]))
+    given = replace(problem, time=time, poses=poses, feedforward=still)
+    return replace(setup, wanted=wanted, noise=noise, problem=given)
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Suppress warnings, which a failing law would give in every tick."""
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logging.disable(before)
+
+
+def figures(law: Watched, trace: Trace) -> Result:
+    """What a run is judged by.
+
+    `excess` is the largest of three: how much further a joint went beyond a position limit in a tick, how far beyond
+    one it is at the end, and by how much a velocity exceeded its limit; `peak` is the largest joint velocity over its
+    limit, `tail` the largest in the last tenth of the run.
+    """
+    low, high = trace.position_limits
+    speed, ticks = np.abs(trace.velocity), len(trace.velocity)
+    at_speed = speed >= trace.velocity_limit * (1.0 - NEGLIGIBLE)
+    at_end = (trace.q[1:] <= low + NEGLIGIBLE) | (trace.q[1:] >= high - NEGLIGIBLE)
+    left = (np.diff(trace.outside, axis=0) > NEGLIGIBLE) | (speed - trace.velocity_limit > NEGLIGIBLE)
+    beyond = (np.diff(trace.outside, axis=0), trace.outside[-1], speed - trace.velocity_limit)
+    ways: dict[str, Any] = {
+        "raised": law.exceptions / ticks,
+        "not_finite": law.not_finite / ticks,
+        "outside": float(left.any(axis=1).mean()),
+    }
+    return {
+        "position_mm": 1e3 * float(trace.position_error.max()),
+        "orientation_deg": float(np.degrees(trace.orientation_error.max())),
+        "final_mm": 1e3 * float(trace.position_error[-1]),
+        "final_deg": float(np.degrees(trace.orientation_error[-1])),
+        "limits_met": float((at_speed | at_end).any(axis=1).mean()),
+        "acceleration": float(np.abs(trace.acceleration[1:]).max(initial=0.0)),
+        "settling_s": settling_time(trace),
+        "variation": float(np.abs(np.diff(trace.velocity, axis=0)).sum()),
+        "peak": float((speed / trace.velocity_limit).max()),
+        "excess": max(0.0, *(float(x.max()) for x in beyond)),
+        "tail": float(speed[-max(1, round(TAIL * ticks)) :].max()),
+        "ticks": ticks,
+        **ways,
+        "failed_ticks": sum(ways.values()),
+    }
+
+
+def settling_time(trace: Trace) -> float:
+    """When the tool is within a millimetre and a degree of its target for good, from when that came to rest on [s].
+
+    inf where it is not at the end of the run.
+    """
+    off = (trace.position_error > SETTLED[0]) | (trace.orientation_error > SETTLED[1])
+    if off[-1]:
+        return float("inf")
+    came = int(_jumps(trace.wanted).max(initial=0))
+    settled = int(np.flatnonzero(off).max(initial=-2)) + 2  # errors start with that after the first tick
+    return trace.task.law.dt * max(0, settled - came)
+
+
+def overshoot(trace: Trace, robot: Robot) -> Array:
+    """(2,) the largest errors [m], [rad] beyond those that the target made by jumping: how far the tool swings."""
+    first = distance(robot.pose(trace.q[0]), trace.wanted[0])
+    errors = np.vstack((first, np.column_stack((trace.position_error, trace.orientation_error))))
+    if trace.task.path.jumps:
+        since = np.zeros(len(errors), dtype=int)
+        since[_jumps(trace.wanted)] = _jumps(trace.wanted)
+        errors = errors - errors[np.maximum.accumulate(since)]
+    return np.asarray(errors.max(axis=0))
+
+
+def _jumps(wanted: Array) -> NDArray[np.intp]:
+    """Indices of the poses (n, 4, 4) that differ from the one before."""
+    return np.flatnonzero((wanted[1:] != wanted[:-1]).any(axis=(1, 2))) + 1
+
+
 def loops(cell: Cell) -> dict[str, Result]:
     """Errors, motion, failures and frame dependence of one method on one task."""
     task, make = cell.load(), controller_named(cell.method)
     setup = with_rest(prepare(task))
     law, trace = watched_run(setup, make)
     changes = []
-    for k in range(QUICK_FRAMES if cell.quick else FRAMES):
+    for k in range(1 if cell.quick else 3):
         other = displaced(with_rest(prepare(task)), random_displacement(cell.seed + k))
         changes.append(largest_change(trace.q, watched_run(other, make)[1].q))
     control = largest_change(trace.q, watched_run(moved_start(task, setup), make)[1].q)
@@ -173,7 +318,7 @@ def tick_times(cell: Cell) -> dict[str, Result]:
     """
     task = cell.load()
     robot = task.load_robot()
-    inputs = inputs_of(task, QUICK_STRETCHES if cell.quick else STRETCHES)
+    inputs = inputs_of(task, 5 if cell.quick else 20)
     calls: dict[str, Callable[[int], object]] = {}
     found: dict[str, Result] = {}
     for name in cell.methods:
@@ -184,15 +329,15 @@ def tick_times(cell: Cell) -> dict[str, Result]:
         except InvariantQPError as error:
             found[name] = {"failed": str(error)}
     with quietly():
-        taken = interleaved(calls, len(inputs), QUICK_ROUNDS if cell.quick else ROUNDS)
+        taken = interleaved(calls, len(inputs), 3 if cell.quick else 10)
     return found | {name: spread(times) for name, times in taken.items()}
 
 
 def inputs_of(task: Task, stretches: int) -> list[tuple[Array, Array, Array]]:
-    """(q, target pose, feedforward) of stretches of ticks spread over a run: over its ticks at limits, if any."""
+    """(q, target pose, feedforward) of stretches of ten ticks spread over a run: over its ticks at limits, if any."""
     setup = prepare(task)
     trace, given = run(setup, controller_for(setup.problem)), setup.problem
-    length = min(LENGTH, (len(trace.q) - 1) // stretches)
+    length = min(10, (len(trace.q) - 1) // stretches)
     last = len(trace.q) - 1 - length
     where = np.flatnonzero(trace.limit_active[:last])
     where = where if len(where) else np.arange(last)
@@ -214,7 +359,7 @@ def interleaved(calls: Mapping[str, Callable[[int], object]], count: int, rounds
     before = gc.isenabled()
     gc.disable()
     try:
-        for turn in range(-min(QUICK_ROUNDS, rounds), rounds):  # the first allocate workspaces and fill caches
+        for turn in range(-3, rounds):  # the first allocate workspaces and fill caches
             for name, call in calls.items():
                 times = []
                 for i in range(count):

@@ -192,16 +192,9 @@ class AccelerationReach:
         return self.last
 
 
-class ToolState(NamedTuple):
-    """An arm in one state, and how far it is from its target, all in its tool frame, angular part first."""
-
-    J: Array  # (6, m) joint twists
-    error: Array  # (6,) twist that takes the tool to its target in unit time
-    ahead: Array  # (6,) twist of the target
-    wanted: Array  # (4, 4) pose of the target
-
-
-ReadState = Callable[[Array, Any, Any], ToolState]
+# What is read of an arm at q, with its target and feedforward, in the tool frame: joint twists (6, m), the twist to the
+# target in unit time (6,), the target's own (6,), and its pose (4, 4).
+ReadState = Callable[[Array, Any, Any], tuple[Array, Array, Array, Array]]
 
 
 def kinematics() -> str:
@@ -215,28 +208,27 @@ def _read_by_pinocchio(robot: Any) -> ReadState:
     model, data = robot.model, robot.model.createData()
     frame = model.getFrameId(robot.tool)
 
-    def read(q: Array, target: Any, feedforward: Any) -> ToolState:
+    def read(q: Array, target: Any, feedforward: Any) -> tuple[Array, Array, Array, Array]:
         pin.forwardKinematics(model, data, q)
         tool = pin.updateFramePlacement(model, data, frame)
         J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL).take(se3.SWAPPED, axis=0)
         gap = tool.actInv(target if isinstance(target, pin.SE3) else pin.SE3(pose_of(target)))
-        error = pin.log6(gap).vector.take(se3.SWAPPED)
-        if feedforward is None:
-            return ToolState(J, error, np.zeros(6), gap.homogeneous)
-        ahead = tool.actInv(pin.Motion(feedforward[3:], feedforward[:3])).vector.take(se3.SWAPPED)
-        return ToolState(J, error, ahead, gap.homogeneous)
+        ahead = np.zeros(6)
+        if feedforward is not None:
+            ahead = tool.actInv(pin.Motion(feedforward[3:], feedforward[:3])).vector.take(se3.SWAPPED)
+        return J, pin.log6(gap).vector.take(se3.SWAPPED), ahead, gap.homogeneous
 
     return read
 
 
 def _read_by_twists(robot: Robot) -> ReadState:
-    def read(q: Array, target: Any, feedforward: Any) -> ToolState:
+    def read(q: Array, target: Any, feedforward: Any) -> tuple[Array, Array, Array, Array]:
         sighting = robot.sight(q, target)
         tool = pose_of(sighting.pose)
         to_tool = se3.inverse_adjoint(tool)
         ahead = np.zeros(6) if feedforward is None else to_tool.dot(feedforward)
         wanted = se3.inverse(tool, check=False).dot(pose_of(target))
-        return ToolState(to_tool.dot(sighting.J), to_tool.dot(sighting.error), ahead, wanted)
+        return to_tool.dot(sighting.J), to_tool.dot(sighting.error), ahead, wanted
 
     return read
 

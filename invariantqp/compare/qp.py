@@ -45,12 +45,8 @@ from invariantqp.velocity.solution import VelocitySolution
 FIXED_WEIGHT = 1e-6
 # Sugihara's factor, as measured to be calm and quick: of 1/2 dt |missed| |A|.
 CALM = 0.25
-# Shares of the exact rows' speed that are tried one after the other.
-SHARES = (1.0, 0.5, 0.25, 0.125, 0.0)
 # What scaling weighs the posture and the share of the twist with: the whole of the twist comes first.
 POSTURE_WEIGHT, TWIST_WEIGHT = 1e-3, 1e3
-# How DAQP marks a row that holds as an equation.
-EQUATION = 5
 
 
 class HandWritten:
@@ -78,7 +74,7 @@ class HandWritten:
         self.at_point = np.hstack((np.eye(3), -pinocchio.skew(self.point)))  # from a twist to the velocity of the point
         self.rows, self.still = np.zeros((0, m)), np.zeros(6)
         k = 3 if self.exact else 0
-        self.sense = np.concatenate((np.zeros(m), np.full(k, EQUATION))).astype(np.int32)
+        self.sense = np.concatenate((np.zeros(m), np.full(k, 5))).astype(np.int32)  # 5 is DAQP's mark of an equation
         # Bounds of the joints, and behind them the exact rows' right-hand side: allocated once, as H is.
         self.upper, self.lower = np.zeros((2, m + k))
         self.joint_upper, self.joint_lower = self.upper[:m], self.lower[:m]
@@ -147,7 +143,7 @@ def least_squares(setting: LoopSetting) -> Solve:
 def slowed(solver: Daqp, H: Array, c: Array, tick: Question) -> Array:
     """The minimiser with exact rows, slowed down by halves where limits forbid them."""
     rows = np.vstack((np.eye(len(c)), tick.C))
-    for share in SHARES:
+    for share in (1.0, 0.5, 0.25, 0.125, 0.0):
         e = share * tick.e
         try:
             return solver.solve(BoxQP(H, c, np.append(tick.lower, e), np.append(tick.upper, e), rows))

@@ -1,4 +1,4 @@
-"""The report: a verdict, the chart and ten rows on the first screen; everything else folded below.
+"""The report: a verdict, the chart and the rows to begin with on the first screen; everything else folded below.
 
 Every sentence with a figure or a winner is computed from the results, one arm at a time: where Moore-Penrose and a
 plain QP are enough, who sees the frame, who is better.
@@ -208,7 +208,11 @@ def _penrose(results: Results) -> list[str]:
 
 def _plain_qp(results: Results) -> list[str]:
     good, off = _good_in(results, HAND_WRITTEN)
-    ratios, alone = (sorted(_ratios(results, name)) for name in (OURS, OURS_PYTHON))
+    times = [{name: tick["median_us"] for name, tick in ticks.items()} for _, _, ticks in by_task(results)]
+    ratios, alone = (
+        sorted(t[HAND_WRITTEN] / t[name] for t in times if {name, HAND_WRITTEN} <= set(t))
+        for name in (OURS, OURS_PYTHON)
+    )
     if not good or not ratios:
         return []
     count = len(good) + len(off)
@@ -217,14 +221,6 @@ def _plain_qp(results: Results) -> list[str]:
     if alone:
         found.append(f"Without the compiled core ours takes {_span(sorted(1.0 / r for r in alone))} times its time")
     return [f"{'. '.join(found)}."]
-
-
-def _ratios(results: Results, name: str) -> list[float]:
-    """The hand-written loop's time over a row's, task by task."""
-    both = [
-        (ticks[HAND_WRITTEN], ticks[name]) for _, _, ticks in by_task(results) if {name, HAND_WRITTEN} <= set(ticks)
-    ]
-    return [by_hand["median_us"] / mine["median_us"] for by_hand, mine in both]
 
 
 def _span(values: list[float]) -> str:

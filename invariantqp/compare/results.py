@@ -24,8 +24,6 @@ from invariantqp.errors import BadInput
 from invariantqp.version import __version__
 
 SCHEMA = 1
-# Significant digits of a figure in the file: repeated measurements do not agree to more.
-DIGITS = 4
 # Distributions whose version may change a result: solvers, the methods' own, references, and models of arms.
 SOLVERS, OTHERS = ("daqp", "osqp", "qpsolvers"), ("pin-pink", "mink", "placo", "drake", "mujoco", "example-robot-data")
 LIBRARIES = ("numpy", "scipy", "pin", *SOLVERS, *OTHERS)
@@ -63,13 +61,16 @@ def write_results(file: Path, results: Results) -> None:
 
 
 def plain(value: Any) -> Any:
-    """The value as JSON has it: null for a figure that is not finite, four significant digits for every other one."""
+    """The value as JSON has it: null for a figure that is not finite, four significant digits for every other one.
+
+    Repeated measurements do not agree to more.
+    """
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
     if isinstance(value, float):
-        return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
+        return float(f"{value:.4g}") if math.isfinite(value) else None
     return value
 
 

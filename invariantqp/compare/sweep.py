@@ -16,12 +16,11 @@ from pathlib import Path
 import joblib
 from joblib.externals.loky import ProcessPoolExecutor
 
-from invariantqp.compare.measurements import KINDS, Cell, Kind
+from invariantqp.compare.measurements import KINDS, Cell, Kind, Result
 from invariantqp.compare.method import kinematics
 from invariantqp.compare.registry import chosen
 from invariantqp.compare.results import SCHEMA, Results, machine, plain, versions, write_results
 from invariantqp.compare.tables import TASKS
-from invariantqp.compare.watched import Result
 from invariantqp.errors import UnknownName
 from invariantqp.runs.taskfile import load_task
 

@@ -6,17 +6,21 @@ import pytest
 import invariantqp as iq
 from invariantqp.compare import measurements
 from invariantqp.compare.frames import moved_start, random_displacement
-from invariantqp.compare.measurements import EVERYDAY, Cell, everyday, inputs_of, loops
-from invariantqp.compare.registry import controller_named
-from invariantqp.compare.watched import (
+from invariantqp.compare.measurements import (
+    EVERYDAY,
     REST,
+    Cell,
     Watched,
+    everyday,
     figures,
+    inputs_of,
+    loops,
     overshoot,
     settling_time,
     watched_run,
     with_rest,
 )
+from invariantqp.compare.registry import controller_named
 from invariantqp.runs.prepare import prepare
 from invariantqp.runs.taskfile import load_task
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
+from invariantqp.compare.measurements import figures, watched_run
 from invariantqp.compare.method import SCALED_LEAST_SQUARES
 from invariantqp.compare.registry import controller_named
-from invariantqp.compare.watched import figures, watched_run
 from invariantqp.robots.kinematics import middle
 from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.prepare import prepare
