@@ -21,7 +21,7 @@ from invariantqp.geometry.arrays import Array
 
 from invariantqp.robots.pink import Configuration, FrameTask  # isort: skip (it names the extra that brings both)
 from invariantqp.robots.models import chain_to
-from invariantqp.robots.pinocchio import placement
+from invariantqp.robots.pinocchio import pin
 from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.forms import CarriedMetric, Form
 from invariantqp.velocity.law import Guard
@@ -79,7 +79,7 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
 
     def set_target(self, transform_target_to_world: Any) -> None:
         """Set the wanted pose, a `pinocchio.SE3` or (4, 4), in the world frame."""
-        super().set_target(placement(transform_target_to_world, "target"))
+        super().set_target(pin.SE3(arrays.pose(transform_target_to_world, "target")))
 
     def compute_qp_objective(self, configuration: Configuration) -> tuple[Array, Array]:
         """(H, c) of minimise 1/2 dq'H dq + c'dq, dq (nv,) the displacement of a step, once there is a target."""

@@ -17,9 +17,6 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle, remembered
 from invariantqp.systems.report import describe
 
-# A joint without limits is looked at over one turn [rad], a slide over one unit of length, in all.
-UNLIMITED_TURN, UNLIMITED_SLIDE = 2.0 * np.pi, 1.0
-
 
 @dataclass(frozen=True, eq=False)
 class Survey:
@@ -94,7 +91,7 @@ def joint_ranges(robot: Robot) -> tuple[Array, Array]:
     """(m,) the limits, or a turn about the middle, or a unit of length, of joints that have none."""
     mid = middle(robot)
     turns = np.abs(robot.jacobian(mid)[:3]).max(axis=0) > 0.0
-    half = 0.5 * np.where(turns, UNLIMITED_TURN, UNLIMITED_SLIDE)
+    half = np.where(turns, np.pi, 0.5)
     low, high = robot.position_lower, robot.position_upper
     return np.where(np.isfinite(low), low, mid - half), np.where(np.isfinite(high), high, mid + half)
 

@@ -25,8 +25,6 @@ from invariantqp.batches.namespace import Namespace, Rows, shaped, together
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 
-ORDERS = ("wxyz", "xyzw")
-
 
 class DifferentialIK:
     """Joint position targets for tool commands, `num_envs` rows at once.
@@ -70,7 +68,7 @@ class DifferentialIK:
         self._position = arrays.choice(getattr(cfg, "command_type", cfg), "cfg", ("position", "pose")) == "position"
         self._relative = arrays.flag(getattr(cfg, "use_relative_mode", False), "cfg")
         self.num_envs = arrays.count(num_envs, "num_envs")
-        self._order = arrays.choice(quaternion, "quaternion", ORDERS)
+        self._order = arrays.choice(quaternion, "quaternion", ("wxyz", "xyzw"))
         self._dt = arrays.number(dt, "dt", "a time", positive=True)
         if position_limits is not None and (
             not isinstance(position_limits, (tuple, list)) or len(position_limits) != 2

@@ -5,10 +5,11 @@ Errors are those of `kinematics`; NaN stays in its row.
 
 from __future__ import annotations
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.batches.measure import cross, length_of
-from invariantqp.batches.namespace import Namespace, Rows, shaped, together
+from invariantqp.batches.namespace import Namespace, Rows, constant, shaped, together
 from invariantqp.geometry.se3 import SMALL_ANGLE
 
 POSES, TWISTS = "shape (..., 4, 4): homogeneous", "shape (..., 6): angular part first"
@@ -28,7 +29,13 @@ def exps(twists: ArrayLike) -> Rows:
     c = xp.where(small, series, (1.0 - a) / (t * t))
     wv = cross(xp, w, v)
     p = v + b * wv + c * cross(xp, w, wv)
-    return pose_of(xp, rotation_by(xp, w, a, b), p)
+    x, y, z = (w[..., i] for i in range(3))
+    zero = xp.zeros_like(x)
+    W = xp.reshape(xp.stack((zero, -z, y, z, zero, -x, -y, x, zero), axis=-1), (*x.shape, 3, 3))
+    one = constant(xp, w, np.eye(3))
+    top = xp.concat((one + a[..., None] * W + b[..., None] * (W @ W), p[..., None]), axis=-1)
+    last = xp.concat((xp.zeros_like(p), xp.ones_like(p[..., :1])), axis=-1)
+    return xp.concat((top, last[..., None, :]), axis=-2)
 
 
 def logs(poses: ArrayLike) -> Rows:
@@ -53,23 +60,6 @@ def adjoints(poses: ArrayLike) -> Rows:
     moved = xp.matrix_transpose(cross(xp, p[..., None, :], xp.matrix_transpose(R)))
     upper = xp.concat((R, xp.zeros_like(R)), axis=-1)
     return xp.concat((upper, xp.concat((moved, R), axis=-1)), axis=-2)
-
-
-def pose_of(xp: Namespace, R: Rows, p: Rows) -> Rows:
-    """(..., 4, 4) poses of rotations (..., 3, 3) and positions (..., 3)."""
-    top = xp.concat((R, p[..., None]), axis=-1)
-    last = xp.concat((xp.zeros_like(p), xp.ones_like(p[..., :1])), axis=-1)
-    return xp.concat((top, last[..., None, :]), axis=-2)
-
-
-def rotation_by(xp: Namespace, w: Rows, a: Rows, b: Rows) -> Rows:
-    """(..., 3, 3) 1 + a w^ + b w^ w^, a and b (..., 1)."""
-    x, y, z = (w[..., i] for i in range(3))
-    zero = xp.zeros_like(x)
-    W = xp.stack((zero, -z, y, z, zero, -x, -y, x, zero), axis=-1)
-    W = xp.reshape(W, (*x.shape, 3, 3))
-    one = xp.reshape(xp.stack([zero + float(i % 4 == 0) for i in range(9)], axis=-1), (*x.shape, 3, 3))
-    return one + a[..., None] * W + b[..., None] * (W @ W)
 
 
 def quaternion_of(xp: Namespace, R: Rows) -> Rows:

@@ -233,18 +233,14 @@ class Boxed(NamedTuple):
     settled: Rows  # (N,) whether x is the optimum, to rounding
 
 
-def most_passes(m: int) -> int:
-    """How many passes are made at most for m joints; of 4096 random rows with 8 joints none needs more than 25."""
-    return 4 * m + 10
-
-
 def least_squares_in_box(xp: Namespace, problem: Problem) -> Boxed:
     """The optimum of every row; where it is not settled, the best velocity found."""
     _, centre, lower, upper, _ = problem
     zero = xp.zeros_like(centre)
     side = xp.where((lower >= upper) | (centre < lower), zero - 1.0, xp.where(centre > upper, zero + 1.0, zero))
     begin = Boxed(xp.minimum(xp.maximum(centre, lower), upper), side, zero[0] > 1.0)
-    x, side, found = settled(partial(_pass, xp), problem, begin, most_passes(centre.shape[0]))
+    # Of 4096 random rows with 8 joints none needs more than 25 passes.
+    x, side, found = settled(partial(_pass, xp), problem, begin, 4 * centre.shape[0] + 10)
     x = xp.where(side < 0.0, lower, xp.where(side > 0.0, upper, x))
     return Boxed(xp.minimum(xp.maximum(x, lower), upper), side, found)
 
@@ -256,8 +252,8 @@ def _pass(xp: Namespace, problem: Problem, here: Boxed) -> Boxed:
     one = zero + 1.0
     moved = xp.where(held, here.x - centre, zero)
     pull = xp.sum(K * moved[None], axis=1)
-    u, left = free_least_squares(xp, K, -pull, ~held)
-    x = centre + moved + u
+    R, z, left = triangular(xp, xp.where(held[None], xp.zeros_like(K), K), -pull)
+    x = centre + moved + _back(xp, R, z)
     eps = ROUNDING * precision(xp, x)
     slack = eps * condition * xp.max(xp.abs(x), axis=0)
     low, high = ~held & (x < lower - slack), ~held & (x > upper + slack)
@@ -275,12 +271,6 @@ def _pass(xp: Namespace, problem: Problem, here: Boxed) -> Boxed:
     bound = xp.where(low, lower, upper)
     x = xp.where(blocking, bound, here.x + share * (x - here.x))
     return Boxed(x, side, through & ~xp.any(weak, axis=0))
-
-
-def free_least_squares(xp: Namespace, K: Rows, right: Rows, free: Rows) -> tuple[Rows, Rows]:
-    """argmin |K_F u_F - right| over free joints, 0 for the others; and right - K u, K (m, m, ...), others (m, ...)."""
-    R, z, left = triangular(xp, xp.where(free[None], K, xp.zeros_like(K)), right)
-    return _back(xp, R, z), left
 
 
 def triangular(xp: Namespace, K: Rows, right: Rows) -> tuple[list[Rows], list[Rows], Rows]:

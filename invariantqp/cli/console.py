@@ -44,7 +44,6 @@ PICTURES = (".png", ".svg", ".pdf")
 PAGES = (".html",)
 # Width of paragraphs and of tables where no terminal says how wide it is.
 PLAIN_WIDTH, WIDEST = 100, 180
-NUMBERS = "numbers, such as 0,0.5,-1"
 
 
 class NotAccepted(Exception):
@@ -56,12 +55,7 @@ class NotAccepted(Exception):
 
 
 class NotWritten(Exception):
-    """A file could not be written to its end."""
-
-    def __init__(self, file: str, why: str) -> None:
-        self.file = file
-        self.why = why
-        super().__init__(f"{file} could not be written: {why}")
+    """A file could not be written to its end; its message names the file and says why."""
 
 
 def say(sentence: str, *, style: str | None = None) -> None:
@@ -99,10 +93,10 @@ def numbers(option: str, text: str) -> list[float]:
     """Numbers separated by commas or spaces."""
     try:
         found = [float(word) for word in text.replace(",", " ").split()]
-    except ValueError as error:
-        raise BadInput(option, repr(text), NUMBERS) from error
+    except ValueError:
+        found = []
     if not found:
-        raise BadInput(option, repr(text), NUMBERS)
+        raise BadInput(option, repr(text), "numbers, such as 0,0.5,-1")
     return found
 
 
@@ -136,7 +130,7 @@ def writing(file: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise NotWritten(str(file), error.strerror or str(error)) from error
+        raise NotWritten(f"{file} could not be written: {error.strerror or error}") from error
 
 
 def write(file: Path, text: str) -> None:

@@ -88,7 +88,8 @@ def identify(
     loaded: Robot | None = None if robot is None else load_arm(robot, tool)
     file = files.read(recording, loaded)
     sensor = WrenchSensor(frame, order="moment first", reads=reads, mass=mass, centre=place)  # type: ignore[arg-type]
-    if file.time is not None and files.largest_gap(file.time) > GAP:
+    steps = np.diff(files.seconds(file))
+    if steps.max(initial=0.0) > GAP * np.median(steps):
         say("note: samples are missing: time has gaps, and samples are taken as evenly spaced", style="yellow")
     options: dict[str, Any] = {"kinds": kind, "sensor": sensor}
     if off is not None:
@@ -165,7 +166,7 @@ def _motion(twist: Array) -> str:
 
     h = pitch(twist)
     if abs(h) > FLAT:
-        return f"a slide along ({direction(twist[3:] / max(sum(x * x for x in twist[3:]) ** 0.5, 1e-300))})"
+        return f"a slide along ({direction(twist[3:] / np.linalg.norm(twist[3:]))})"
     along, place = axis(twist)
     screw = "" if abs(h) < 1.0 / FLAT else f", sliding by {h:.2g} a radian"
     return f"a turn about ({direction(along)}) through ({direction(place)}){screw}"

@@ -6,7 +6,7 @@ import json
 from collections import Counter
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -78,8 +78,17 @@ def inspect(
 
         kept = Clearance(loaded)
     if json_file is not None:
-        more = {} if kept is None else {"clearance": _as_json(kept, found.q)}
-        write(json_file, json.dumps({**found.as_json(), **more}, indent=1) + "\n")
+        content = found.as_json()
+        if kept is not None:
+            near, bodies = kept.at(found.q), {name: len(shapes) for name, shapes in kept.bodies.items()}
+            nearest = {"bodies": near[:2], "distance": near.distance} if near.first else None
+            content["clearance"] = {
+                "bodies": bodies,
+                "nearest": nearest,
+                "pairs": kept.pairs,
+                "dropped": kept.dropped,
+            }
+        write(json_file, json.dumps(content, indent=1) + "\n")
     if plot is not None:
         with writing(plot):
             if kept is None:
@@ -93,14 +102,6 @@ def inspect(
     print_inspection(found)
     if kept is not None:
         print_clearance(kept, found.q)
-
-
-def _as_json(kept: Clearance, q: Array) -> dict[str, Any]:
-    """A clearance at joint positions q (m,)."""
-    near = kept.at(q)
-    nearest = {"bodies": near[:2], "distance": near.distance} if near.first else None
-    shapes = {name: len(shapes) for name, shapes in kept.bodies.items()}
-    return {"bodies": shapes, "nearest": nearest, "pairs": kept.pairs, "dropped": kept.dropped}
 
 
 def print_inspection(found: Inspection) -> None:

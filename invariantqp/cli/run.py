@@ -112,7 +112,7 @@ def run(
     if not quiet:
         print_run(trace)
     if check_frame:
-        (print_frame_check if trace.contact is None else print_contact_frame_check)(trace, seed or 0)
+        print_frame_check(trace, seed or 0)
     if viewer is not None:
         _play(viewer, trace, quiet)
     if not trace.passed:
@@ -235,30 +235,24 @@ def _path_lines(along: PathTrace, figures: dict[str, Any]) -> Iterator[str]:
 
 
 def print_frame_check(trace: Trace, seed: int) -> None:
-    """How much another tool frame changes a run under each law."""
-    from invariantqp.compare.frames import frame_check
+    """How much other frames, of the tool, and in contact of sensor and contact too, change a run under each law."""
+    from invariantqp.compare.frames import contact_frame_check, frame_check
 
-    table = Table("law", "change of joint positions, rad", "start moved by 1e-12", "largest error, mm", box=None)
-    for check in frame_check(trace.task, seed):
-        table.add_row(check.law, f"{check.change:.1e}", f"{check.control:.1e}", f"{check.worst_error_mm:.2g}")
+    if trace.contact is None:
+        said = "The same motion of the tool, of a tool frame displaced at random:"
+        table = Table("law", "change of joint positions, rad", "start moved by 1e-12", "largest error, mm", box=None)
+        for check in frame_check(trace.task, seed):
+            table.add_row(check.law, f"{check.change:.1e}", f"{check.control:.1e}", f"{check.worst_error_mm:.2g}")
+    else:
+        said = "The same task, with the frames of tool, sensor and contact displaced at random:"
+        errors_and_forces = ("path error, mm", "in displaced frames", "force error", "in displaced frames")
+        table = Table("law", "change of joint velocities, rad/s", *errors_and_forces, box=None)
+        for c in contact_frame_check(trace.task, seed, trace.physics):
+            errors = (f"{c.error_mm:.2g}", f"{c.displaced_error_mm:.2g}")
+            forces = (percent(f or 0.0) for f in (c.force_error, c.displaced_force_error))
+            table.add_row(c.law, f"{c.change:.1e}", *errors, *forces)
     console = Console(highlight=False)
-    console.print("\nThe same motion of the tool, of a tool frame displaced at random:")
-    console.print(table)
-
-
-def print_contact_frame_check(trace: Trace, seed: int) -> None:
-    """How much other frames of tool, sensor and contact change a run under each controller."""
-    from invariantqp.compare.frames import contact_frame_check
-
-    errors_and_forces = ("path error, mm", "in displaced frames", "force error", "in displaced frames")
-    columns = ("law", "change of joint velocities, rad/s", *errors_and_forces)
-    table = Table(*columns, box=None)
-    for c in contact_frame_check(trace.task, seed, trace.physics):
-        errors = (f"{c.error_mm:.2g}", f"{c.displaced_error_mm:.2g}")
-        forces = (percent(f or 0.0) for f in (c.force_error, c.displaced_force_error))
-        table.add_row(c.law, f"{c.change:.1e}", *errors, *forces)
-    console = Console(highlight=False)
-    console.print("\nThe same task, with the frames of tool, sensor and contact displaced at random:")
+    console.print(f"\n{said}")
     console.print(table)
 
 

@@ -38,11 +38,9 @@ class Solid(Protocol):
 
     def places(self, pose: Array, other: Placed) -> list[Place]:
         """Where another shape's core is near, from that to the mesh at a (4, 4) pose."""
-        ...
 
     def drawn(self) -> Array:
         """(n, 3, 3) corners of triangles to draw, few enough for a page, in the mesh's own frame."""
-        ...
 
 
 class Placed(NamedTuple):

@@ -11,7 +11,6 @@ An NPZ has the same as arrays: `time` (n,), `q` (n, m) or `poses` (n, 4, 4), `fo
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -160,10 +159,3 @@ def quaternion_poses(values: Array, name: str) -> Array:
 def seconds(file: File) -> Array:
     """(n,) times; 100 Hz where the file has none."""
     return np.arange(len(file.poses)) / 100.0 if file.time is None else file.time - file.time[0]
-
-
-def largest_gap(time: Array) -> float:
-    """The largest step relative to the usual one; 1 for even steps."""
-    steps = np.diff(time)
-    usual = float(np.median(steps))
-    return float(steps.max()) / usual if usual > 0.0 else math.inf

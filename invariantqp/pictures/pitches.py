@@ -28,7 +28,6 @@ SWEEP = 121
 # of the reach.
 VIEW = 4.0
 RANGE, ALONE = "states of the range", "this joint alone"
-LINE, DOT, ADVICE, STATE = BLUE, SKY, VERMILION, RULE
 
 
 def pitch_picture(inspection: Inspection, robot: Robot, path: Path | str) -> Path:
@@ -48,10 +47,10 @@ def pitch_picture(inspection: Inspection, robot: Robot, path: Path | str) -> Pat
             upper, lower = axes[0, i], axes[1, i]
             _pitches(upper, i, swept, inspection)
             seen = inspection.survey
-            lower.plot(seen.q[:, i], seen.distance, ".", color=DOT, markersize=3, alpha=0.5, label=RANGE)
-            lower.plot(swept.q[:, i], swept.distance, color=LINE, linewidth=1.4, label=ALONE)
+            lower.plot(seen.q[:, i], seen.distance, ".", color=SKY, markersize=3, alpha=0.5, label=RANGE)
+            lower.plot(swept.q[:, i], swept.distance, color=BLUE, linewidth=1.4, label=ALONE)
             for panel in (upper, lower):
-                panel.axvline(inspection.q[i], color=STATE, linewidth=0.7, linestyle=":")
+                panel.axvline(inspection.q[i], color=RULE, linewidth=0.7, linestyle=":")
                 panel.grid(alpha=0.25)
             upper.set_title(name)
             lower.set_xlabel("position [rad, m]")
@@ -76,12 +75,12 @@ def _pitches(axes: Axes, joint: int, swept: Survey, inspection: Inspection) -> N
         dots = _regular(seen, seen.attainable_rank)
         if np.isfinite(dots).any():
             x = np.repeat(seen.q[:, joint], dots.shape[1])
-            axes.plot(x, dots.ravel(), ".", color=DOT, markersize=3, alpha=0.5, label=RANGE)
+            axes.plot(x, dots.ravel(), ".", color=SKY, markersize=3, alpha=0.5, label=RANGE)
         lines = _regular(swept, seen.attainable_rank)
         for k in np.flatnonzero(np.isfinite(lines).any(axis=0)).tolist():
-            axes.plot(swept.q[:, joint], lines[:, k], color=LINE, linewidth=1.4, label=ALONE)
+            axes.plot(swept.q[:, joint], lines[:, k], color=BLUE, linewidth=1.4, label=ALONE)
     if h is not None:
-        axes.axhline(h, color=ADVICE, linestyle="--", linewidth=1.2, label=f"recommended h = {written(h, 3)}")
+        axes.axhline(h, color=VERMILION, linestyle="--", linewidth=1.2, label=f"recommended h = {written(h, 3)}")
     size = inspection.recommended.length if h is None else abs(h)
     axes.set_ylim(-VIEW * size, VIEW * size)
 

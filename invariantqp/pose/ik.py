@@ -12,7 +12,6 @@ Many poses are solved each on its own, in several processes, or along a path, ea
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from math import sqrt
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
@@ -28,7 +27,7 @@ from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import Compared, own
+from invariantqp.geometry.fields import Compared
 from invariantqp.pose.error import PoseError, pose_arm, pose_error
 from invariantqp.pose.newton import Try, descend
 from invariantqp.robots.kinematics import Robot, far_away, refuse_far, require_robot
@@ -215,7 +214,8 @@ class PoseSearch:
         """The first try, and others from states spread over the joint range until one is good or the time is over."""
         tried = [first]
         if not self._is_good(first):
-            origin = _origin(self._seed, len(self._robot.names))  # the seed says where the sequence begins
+            # The seed says where the sequence begins.
+            origin = np.random.default_rng(self._seed).random(len(self._robot.names))
             for state in spread(self._robot, self._restarts, origin):
                 if self._is_good(tried[-1]) or perf_counter() > deadline:
                     break
@@ -275,12 +275,6 @@ class PoseSearch:
             active=self._space.at_limits(q),
             reason=reason,
         )
-
-
-@lru_cache
-def _origin(seed: int, m: int) -> Array:
-    """(m,) random numbers from 0 to 1."""
-    return own(np.random.default_rng(seed).random(m))
 
 
 def solve_pose(

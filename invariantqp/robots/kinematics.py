@@ -49,50 +49,39 @@ class Robot(Protocol):
     @property
     def names(self) -> tuple[str, ...]:
         """Joint names, base first."""
-        ...
 
     @property
     def position_lower(self) -> Array:
         """(m,) lower position limits, -inf where there is none."""
-        ...
 
     @property
     def position_upper(self) -> Array:
         """(m,) upper position limits, inf where there is none."""
-        ...
 
     @property
     def velocity_limit(self) -> Array:
         """(m,) velocity limits, positive, inf where there is none."""
-        ...
 
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) pose of the tool."""
-        ...
 
     def jacobian(self, q: ArrayLike) -> Array:
         """(6, m) joint twists as columns."""
-        ...
 
     def origins(self, q: ArrayLike) -> Array:
         """(m, 3) where each joint is: a point of its axis, to draw the arm by."""
-        ...
 
     def target(self, pose: ArrayLike) -> Any:
         """A target pose, checked once, in the form that `sight` takes fastest; given such a target, the same."""
-        ...
 
     def sight(self, q: Array, target: Any) -> Sighting:
         """Joint twists and tool error at a checked q, for what `target` returned."""
-        ...
 
     def points(self, sighting: Sighting, target: Any, point: Array) -> tuple[Array, Array]:
         """Where a point (3,) of the tool frame is, and where it should be [length]."""
-        ...
 
     def with_tool(self, offset: ArrayLike) -> Robot:
         """The same arm with its tool frame moved by a (4, 4) offset in the old tool frame."""
-        ...
 
 
 # What a robot is known by.

@@ -55,8 +55,12 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
     names = [model.joint(i).name or f"unnamed joint {i}" for i in range(model.njnt)]
     moving = selected(MODEL, tool, [names[i] for i in paths[body]], names, chosen)
     joints = [i for i in paths[body] if names[i] in moving]
+    coupled = model.eq_obj1id[(model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & model.eq_active0.astype(bool)]
     for i in joints:
-        _require_one_coordinate(model, i, names[i])
+        if model.jnt_type[i] not in (HINGE, SLIDE):
+            raise cannot_move(MODEL, names[i], "has no single coordinate; only hinges and slides are modelled")
+        if i in coupled:
+            raise cannot_move(MODEL, names[i], "is coupled to another and has no coordinate of its own")
     data = _posed(model, joints)
     place = data.site(tool) if tool in sites else data.body(body)
     lower, upper = np.where(model.jnt_limited[joints, None], model.jnt_range[joints], (-np.inf, np.inf)).T
@@ -141,14 +145,6 @@ def _joints_to(model: Any, body: int) -> list[int]:
         path[:0] = range(first, first + int(model.body_jntnum[body]))
         body = int(model.body_parentid[body])
     return path
-
-
-def _require_one_coordinate(model: Any, joint: int, name: str) -> None:
-    if model.jnt_type[joint] not in (HINGE, SLIDE):
-        raise cannot_move(MODEL, name, "has no single coordinate; only hinges and slides are modelled")
-    coupled = (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & (model.eq_obj1id == joint)
-    if (coupled & model.eq_active0.astype(bool)).any():
-        raise cannot_move(MODEL, name, "is coupled to another and has no coordinate of its own")
 
 
 def _posed(model: Any, moving: Sequence[int]) -> Any:

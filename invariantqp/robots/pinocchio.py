@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.extras import optional
@@ -20,16 +19,7 @@ from invariantqp.robots.kinematics import UNLIMITED
 with optional("pin", "Pinocchio"):
     import pinocchio as pin
 
-__all__ = ["joint_twists", "model_of", "pin", "placement"]
-
-
-def placement(pose: ArrayLike | pin.SE3, argument: str) -> pin.SE3:
-    """A rigid motion as an SE3.
-
-    Raises:
-        BadInput: no rigid motion with finite numbers; names the argument.
-    """
-    return pin.SE3(arrays.pose(pose, argument))
+__all__ = ["joint_twists", "model_of", "pin"]
 
 
 def joint_twists(model: pin.Model, data: pin.Data, q: Array) -> Array:
@@ -60,17 +50,12 @@ def model_of(
         frame = se3.facing(along, place)
         bounds = [np.array([np.clip(limit[i], -UNLIMITED, UNLIMITED)]) for limit in limits]
         to_frame = pin.SE3(se3.inverse(last, check=False).dot(frame))
-        joint = model.addJoint(joint, _kind(screw), to_frame, names[i], np.full(1, np.inf), bounds[2], *bounds[:2])
+        h = pitch(screw)
+        kind = pin.JointModelPZ() if np.isinf(h) else pin.JointModelHZ(h)
+        kind = pin.JointModelRZ() if abs(h) < arrays.NEGLIGIBLE else kind
+        joint = model.addJoint(joint, kind, to_frame, names[i], np.full(1, np.inf), bounds[2], *bounds[:2])
         model.addJointFrame(joint)
         last = frame
     place_in_joint = pin.SE3(se3.inverse(last, check=False).dot(home))
     model.addFrame(pin.Frame(tool, joint, 0, place_in_joint, pin.FrameType.OP_FRAME))
     return model
-
-
-def _kind(screw: Array) -> pin.JointModel:
-    """The joint of a screw along z."""
-    h = pitch(screw)
-    if np.isinf(h):
-        return pin.JointModelPZ()
-    return pin.JointModelRZ() if abs(h) < arrays.NEGLIGIBLE else pin.JointModelHZ(h)

@@ -24,9 +24,6 @@ from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 
-# Steps for the angle of a hinge, where two reach rounding from a tick ago.
-NEWTON_STEPS = 6
-
 
 class Measurement(NamedTuple):
     """What the sensors say: joint positions (m,), and the wrench (6,) in the sensor's frame, None without a sensor."""
@@ -48,15 +45,12 @@ class Plant(Protocol):
 
     def measure(self) -> Measurement:
         """What the sensors say now."""
-        ...
 
     def command(self, velocity: Array) -> None:
         """Move for one tick at joint velocities (m,)."""
-        ...
 
     def state(self) -> PlantState:
         """How things really are now; no controller knows it."""
-        ...
 
 
 class Plane(NamedTuple):
@@ -117,7 +111,7 @@ class HingeSprings:
     def angle(self, T: Array, guess: float) -> float:
         """The angle [rad] of a door that only the springs hold, with the tool at pose T: where they stretch least."""
         p = self.points.dot(T[:3, :3].T) + T[:3, 3]
-        for _ in range(NEWTON_STEPS):
+        for _ in range(6):  # two reach rounding from a tick ago
             g = self.handle(guess)
             along = np.cross(self.screw[:3], g) + self.screw[3:]
             guess += float(np.vdot(along, p - g) / np.vdot(along, along))

@@ -88,17 +88,9 @@ def run_task(
 
 
 def run(setup: Setup, controller: TaskController, observer: Observer | None = None) -> Trace:
-    """Run a setup from `prepare`, whose plant moves, under a controller; the observer as in `run_task`."""
-    return _trace(setup, controller, *_loop(setup, controller, observer))
+    """Run a setup from `prepare`, whose plant moves, under a controller; the observer as in `run_task`.
 
-
-def _loop(
-    setup: Setup, controller: TaskController, observer: Observer | None
-) -> tuple[list[PlantState], list[VelocitySolution], Array, Array]:
-    """All ticks of a setup, in order; an elastic path ends when the controller is done.
-
-    The plant before the first tick and after each, what the controller answered, how long that took [ns], and the
-    wrenches (n, 6) that the tool exerts as the controller read them, base frame.
+    An elastic path ends when the controller is done.
     """
     plant, goals = setup.plant, setup.problem.goals()
     states, solutions = [plant.state()], []
@@ -120,7 +112,7 @@ def _loop(
             observer(k, states[-1], solution)
         if controller.done:
             break
-    return states, solutions, np.array(tick_ns), np.array(read)
+    return _trace(setup, controller, states, solutions, np.array(tick_ns), np.array(read))
 
 
 def _trace(

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from math import atan2, inf, sqrt
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from scipy.linalg import orth
@@ -112,14 +112,9 @@ class ContactScene:
         return orth(S[:3]), orth(S[3:])
 
 
-class _Touched(NamedTuple):
-    """What is touched."""
-
-    springs: Springs  # as it really is
-    stiffness: Array  # (6,) in the contact's frame
-    contact_at: Callable[[Array], Contact]  # the contact that the controller believes in, for a tool at a (4, 4) pose
-    normal: Array  # (3,) of the plane in which the path is drawn
-    surface: Plane | None  # as the controller believes it to be; None for a hinge
+# Of what is touched the springs, their stiffness, the contact that the controller believes in for a tool at a (4, 4)
+# pose, the normal, and the surface, as `ContactScene` has them.
+_Touched = tuple[Springs, Array, Callable[[Array], Contact], Array, Plane | None]
 
 
 def scene_of(task: Task, T: Array, noise: float = 0.0) -> ContactScene | None:
@@ -130,13 +125,13 @@ def scene_of(task: Task, T: Array, noise: float = 0.0) -> ContactScene | None:
     contact, force, sensor = task.contact, task.force, task.sensor
     if contact is None or force is None:
         return None
-    touched = (_hinge if contact.kind == "hinge" else _surface)(contact, T)
+    springs, stiffness, contact_at, normal, surface = (_hinge if contact.kind == "hinge" else _surface)(contact, T)
     mount = se3.transform(se3.rotation(np.asarray(sensor.mount_turn)), sensor.mount)
     return ContactScene(
-        kind=touched.contact_at(T).kind,
-        springs=touched.springs,
+        kind=contact_at(T).kind,
+        springs=springs,
         simulated_sensor=SimulatedSensor(mount, sensor.mass, sensor.centre),
-        task=_hybrid_task(contact, force, touched),
+        task=_hybrid_task(contact, force, stiffness, contact_at),
         sensor=WrenchSensor(
             mount,
             order="moment first",
@@ -146,26 +141,28 @@ def scene_of(task: Task, T: Array, noise: float = 0.0) -> ContactScene | None:
             noise=noise,
             origin=se3.inverse(mount)[:3, 3],
         ),
-        stiffness=touched.stiffness,
-        normal=touched.normal,
-        surface=touched.surface,
+        stiffness=stiffness,
+        normal=normal,
+        surface=surface,
     )
 
 
-def _hybrid_task(contact: ContactSpec, force: ForceSpec, touched: _Touched) -> HybridTask:
+def _hybrid_task(
+    contact: ContactSpec, force: ForceSpec, stiffness: Array, contact_at: Callable[[Array], Contact]
+) -> HybridTask:
     by_stiffness = force.h is None and force.complement is None
     press: list[float] | Wrench = [force.press] + [0.0] * SIDES[contact.kind]
     if contact.kind == "hinge":
         press = Wrench(moment=[0.0, 0.0, 0.0], force=[force.press, 0.0, 0.0])  # away from the axis
     return HybridTask(
-        touched.contact_at,
+        contact_at,
         press,
-        compliance=force.rate / touched.stiffness,
+        compliance=force.rate / stiffness,
         stiffness=contact.stiffness,
         size=POINT_SIZE if contact.size is None else 0.5 * max(contact.size),
         h=force.h,
         complement=None if force.complement is None else np.array(force.complement).T,
-        metric=touched.stiffness if by_stiffness else None,
+        metric=stiffness if by_stiffness else None,
         **force.model_dump(exclude={"press", "rate", "h", "complement"}),
         **contact.model_dump(include={"normal_within", "yields"}),
     )
@@ -181,7 +178,11 @@ def _surface(contact: ContactSpec, T: Array) -> _Touched:
     x /= np.linalg.norm(x)
     y = np.cross(n, x)
     foot = T[:3, 3] - contact.gap * n
-    edges = tuple(_in_plane(np.array(edge), n) for edge in contact.edges)
+    edges = tuple(np.array(edge) - n * n.dot(edge) for edge in contact.edges)
+    for told, edge in zip(contact.edges, edges, strict=True):
+        if not np.linalg.norm(edge) > SIX_DIGITS:
+            found = f"{list(told)} along the normal or too short"
+            raise BadInput("contact.edges", found, "a way along the surface from the tool to an edge")
     believed = Plane(foot, n, edges)
     real = Plane(foot, tilt.dot(n), tuple(tilt.dot(edge) for edge in edges))
     a, b = [*(0.5 * s for s in contact.size or ()), 0.0, 0.0][:2]
@@ -201,15 +202,7 @@ def _surface(contact: ContactSpec, T: Array) -> _Touched:
     lever = b or a or POINT_SIZE, a or POINT_SIZE, a or POINT_SIZE
     shape: Literal["point", "edge", "face"] = contact.kind  # type: ignore[assignment]
     stiffness = contact.stiffness * np.array([*np.square(lever), 1.0, 1.0, 1.0])
-    return _Touched(SurfaceSprings(shape, points, real, contact.stiffness), stiffness, contact_at, n, believed)
-
-
-def _in_plane(edge: Array, normal: Array) -> Array:
-    across: Array = edge - normal * normal.dot(edge)
-    if not np.linalg.norm(across) > SIX_DIGITS:
-        found = f"{edge.tolist()} along the normal or too short"
-        raise BadInput("contact.edges", found, "a way along the surface from the tool to an edge")
-    return across
+    return SurfaceSprings(shape, points, real, contact.stiffness), stiffness, contact_at, n, believed
 
 
 def _hinge(contact: ContactSpec, T: Array) -> _Touched:
@@ -237,4 +230,4 @@ def _hinge(contact: ContactSpec, T: Array) -> _Touched:
     tilt = se3.rotation(np.asarray(contact.tilt))
     real = screws.revolute(tilt.dot(axis), p + tilt.dot(to_axis))
     stiffness = contact.stiffness * np.array([b * b, a * a + b * b, a * a, 1.0, 1.0, 1.0])
-    return _Touched(HingeSprings(points, T.copy(), real, contact.stiffness), stiffness, contact_at, axis, None)
+    return HingeSprings(points, T.copy(), real, contact.stiffness), stiffness, contact_at, axis, None

@@ -33,31 +33,18 @@ def at_a_limit(solution: VelocitySolution) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class ContactTrace:
-    """What happened at the contact. Wrenches are those that the tool exerts (m; f), base frame, after each tick.
+    """What happened at the contact. Wrenches are those that the tool exerts (m; f), base frame, after each tick."""
 
-    Attributes:
-        wrench: (n, 6) as it really was.
-        measured: (n, 6) as the controller read it, at the beginning of the tick.
-        press: (n,) how much of the wanted wrench was there [N]: its part along P*, in the contact's stiffness.
-        measured_press: (n,) the same of the wrench as read.
-        error: (n,) |P*(W_d - W)| [N]; a moment counts as the force that stretches the contact as much.
-        measured_error: (n,) the same of the wrench as read.
-        wanted: |W_d| [N].
-        drawn: (n, 3) where the tool's point was [m].
-        desired: (n, 3) where it should have been.
-        normal: (3,) of the plane to look at these points in.
-    """
-
-    wrench: Array
-    measured: Array
-    press: Array
-    measured_press: Array
-    error: Array
-    measured_error: Array
-    wanted: float
-    drawn: Array
-    desired: Array
-    normal: Array
+    wrench: Array  # (n, 6) as it really was
+    measured: Array  # (n, 6) as the controller read it, at the beginning of the tick
+    press: Array  # (n,) how much of the wanted wrench was there [N]: its part along P*, in the contact's stiffness
+    measured_press: Array  # (n,) the same of the wrench as read
+    error: Array  # (n,) |P*(W_d - W)| [N]; a moment counts as the force that stretches the contact as much
+    measured_error: Array  # (n,) the same of the wrench as read
+    wanted: float  # |W_d| [N]
+    drawn: Array  # (n, 3) where the tool's point was [m]
+    desired: Array  # (n, 3) where it should have been
+    normal: Array  # (3,) of the plane to look at these points in
 
     def relative_rms(self, first: int, *, measured: bool = False) -> float | None:
         """Force error from tick `first` on, root mean square over |W_d|; None where no force is wanted."""

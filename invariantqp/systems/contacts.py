@@ -41,7 +41,6 @@ from invariantqp.systems.subspaces import annihilator, span
 SIX_DIGITS = 1e-6
 # Step of central differences, relative to the coordinates: where truncation and rounding are of one size.
 GRADIENT_STEP = float(np.cbrt(np.finfo(float).eps))
-NUMBER = "a function that gives a number"
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -296,8 +295,10 @@ def surface_contact(
     else:
         height = arrays.function(implicit, "implicit", "a function of a point (3,)")  # type: ignore[arg-type]
         steps = GRADIENT_STEP * max(1.0, float(np.abs(p).max())) * np.eye(3)
-        ahead = arrays.array([[height(p + sign * step) for sign in (1.0, -1.0)] for step in steps], "implicit", NUMBER)
-        n = arrays.direction(np.subtract(*ahead.T), "implicit")
+        ahead = [[height(p + sign * step) for sign in (1.0, -1.0)] for step in steps]
+        n = arrays.direction(
+            np.subtract(*arrays.array(ahead, "implicit", "a function that gives a number").T), "implicit"
+        )
     contact = point_contact(p, n, slip=slip)
     if extent is None:
         return contact

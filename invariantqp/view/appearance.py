@@ -5,10 +5,10 @@ What i joints move is drawn at  exp(s_1 q_1) ... exp(s_i q_i) p,  p its points a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -52,31 +52,21 @@ def appearance_of(robot: Robot, urdf: Callable[[], Path]) -> Appearance:
     if not isinstance(robot, Chain):
         return Appearance()
     try:
-        meshes = [visual.part.mesh for visual in _visuals(file) if visual.part.kind == "mesh"]
-        files = (file, *map(Path, meshes))
-        return _read(file, robot, frozenset((each, each.stat().st_mtime_ns) for each in files if each.exists()))
+        visuals = visuals_of(*read_xml(file), file.resolve().parent)  # none of an MJCF
+        files = [Path(visual.part.mesh) for visual in visuals if visual.part.kind == "mesh"]
+        return _drawn(tuple(visuals), robot, tuple(each.stat().st_mtime_ns for each in files if each.exists()))
     except RobotModelError as error:
         return Appearance(missing=f"drawn by its joints: {error}")
     except MissingExtra as error:
         return Appearance(missing=f"{error.install} draws its meshes")
 
 
-def _visuals(file: Path) -> list[Visual]:
-    """What the links of a URDF look like; none of an MJCF."""
-    visuals = visuals_of(*read_xml(file), file.resolve().parent)
-    for visual in visuals:
-        if visual.part.kind == "unreadable":
-            raise RobotModelError(str(visual.part.mesh))
-    return visuals
-
-
 @lru_cache(maxsize=8)
-def _read(file: Path, robot: Chain, _changed: frozenset[tuple[Path, int]]) -> Appearance:
-    visuals = _visuals(file)
+def _drawn(visuals: tuple[Visual, ...], robot: Chain, _changed: tuple[int, ...]) -> Appearance:
     return Appearance(tuple(_parts(visuals, {link.name: link for link in robot.links})) if visuals else ())
 
 
-def _parts(visuals: list[Visual], links: dict[str, Link]) -> Iterator[Part]:
+def _parts(visuals: Sequence[Visual], links: dict[str, Link]) -> Iterator[Part]:
     from invariantqp.view.meshes import read_meshes, reduced
 
     read = cache(read_meshes)
@@ -84,7 +74,7 @@ def _parts(visuals: list[Visual], links: dict[str, Link]) -> Iterator[Part]:
     for name, part, colour in visuals:
         link = links[name]
         place = link.frame.dot(part.pose)
-        own = None if colour is None else (round(255 * colour[0]), round(255 * colour[1]), round(255 * colour[2]))
+        own: Any = None if colour is None else tuple(round(255 * each) for each in colour[:3])
         for mesh in _shapes(part, read):
             vertices = mesh.vertices.dot(place[:3, :3].T) + place[:3, 3]
             found.append((link.body, mesh._replace(vertices=vertices, colour=mesh.colour or own or GREY)))
@@ -111,6 +101,8 @@ def _shapes(part: Geometry, read: Callable[[Path], list[Mesh]]) -> list[Mesh]:
     """The shapes of a visual, in its own frame; `read` reads a mesh file."""
     from invariantqp.view import meshes
 
+    if part.kind == "unreadable":
+        raise RobotModelError(str(part.mesh))
     if part.kind == "mesh":
         order = slice(None, None, -1 if np.prod(part.size) < 0.0 else 1)  # a mirror image turns its triangles over
         return [

@@ -45,7 +45,9 @@ def read_meshes(file: Path) -> list[Mesh]:
         raise RobotModelError(f"{file.name} {why}") from error
     if not found:
         raise RobotModelError(f"{file.name} has no triangles")
-    return [Mesh(np.array(part.vertices), np.array(part.faces), _colour(part)) for part in found]
+    materials = [getattr(part.visual, "material", None) for part in found]  # a file of triangles alone has none
+    colours: list[Any] = [None if one is None else tuple(map(int, one.main_color[:3])) for one in materials]
+    return [Mesh(np.array(part.vertices), np.array(part.faces), c) for part, c in zip(found, colours, strict=True)]
 
 
 def plain(kind: str, size: Sequence[float]) -> Mesh:
@@ -101,12 +103,3 @@ def _snapped(mesh: Mesh, reach: float) -> Mesh:
     vertices = np.column_stack([np.bincount(at, x) / count for x in mesh.vertices.T])
     a, b, c = at[mesh.faces].T
     return Mesh(vertices, at[mesh.faces][(a != b) & (b != c) & (c != a)], mesh.colour)
-
-
-def _colour(part: Any) -> tuple[int, int, int] | None:
-    """The main colour of a material; a file of triangles alone has none."""
-    material = getattr(part.visual, "material", None)
-    if material is None:
-        return None
-    red, green, blue = (int(c) for c in material.main_color[:3])
-    return red, green, blue

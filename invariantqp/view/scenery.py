@@ -100,17 +100,8 @@ def faces(placed: Placed, reach: float) -> Array:
         corners = placed.solid.drawn()
         return np.concatenate((corners, corners[:, 2:]), axis=1)
     if placed.core is Core.BOX:
-        h = placed.half
-        sides = []
-        for k in range(3):
-            i, j = (k + 1) % 3, (k + 2) % 3
-            for s in (-1.0, 1.0):
-                corners = np.zeros((4, 3))
-                corners[:, k] = s * h[k]
-                corners[:, i] = h[i] * np.array((-s, s, s, -s))
-                corners[:, j] = h[j] * np.array((-1.0, -1.0, 1.0, 1.0))
-                sides.append(corners)
-        return np.array(sides)
+        across = [[(s, -s, -1.0), (s, s, -1.0), (s, s, 1.0), (s, -s, 1.0)] for s in (-1.0, 1.0)]  # x, outwards
+        return np.array([np.roll(side, k, axis=1) for k in range(3) for side in across]) * placed.half
     angles = np.linspace(0.0, 0.5 * np.pi, SIDES // 4 + 1)
     low = [(-placed.half[2] - placed.radius * np.cos(a), placed.radius * np.sin(a)) for a in angles]
     profile = low + [(-z, r) for z, r in reversed(low)]

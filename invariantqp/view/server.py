@@ -32,8 +32,8 @@ from invariantqp.velocity.solution import VelocitySolution
 from invariantqp.view.page import drawn, page
 from invariantqp.view.timeline import FORCE, Timeline, states, timeline_before, timeline_of
 
-# The port to serve at, or the next one of so many that is free; the last that there is.
-PORT, PORTS, LAST_PORT = 8080, 100, 65535
+# The port to serve at, and the last that there is.
+PORT, LAST_PORT = 8080, 65535
 # Environment variables that say that nobody looks at this machine's screen, if it has one.
 ELSEWHERE = ("CI", "SSH_CONNECTION", "SSH_TTY")
 # Environment variables of which Linux and the BSDs set one where there is a screen.
@@ -135,9 +135,9 @@ class _Server(ThreadingHTTPServer):
 
 
 def _listening(port: int) -> _Server:
-    """A server at a port of this machine alone, or at the next one that is free."""
+    """A server at a port of this machine alone, or at the next one of a hundred that is free."""
     first = arrays.count(port, "port", LAST_PORT)
-    for at in range(first, min(first + PORTS, LAST_PORT + 1)):
+    for at in range(first, min(first + 100, LAST_PORT + 1)):
         with suppress(OSError):
             return _Server(("127.0.0.1", at), _Answer)
     raise BadInput("port", f"{first}, which is taken, and all after it", "a port that is free", "0 takes any.")
