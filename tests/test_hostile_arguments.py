@@ -153,7 +153,6 @@ def failure(function, arguments, names=()):
 @pytest.mark.parametrize("name", CALLS)
 def test_every_argument_of_the_wrong_kind_is_named(name):
     function, good = CALLS[name]()
-    assert failure(function, good) == ""
     function(**good)
     wrong = {}
     for argument in good:

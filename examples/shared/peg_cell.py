@@ -38,23 +38,21 @@ class PegCell(Cell):
         mouth = (hole[:3, :3] @ (self.wide * CIRCLE).T).T + hole[:3, 3]
         in_hole = (rim - hole[:3, 3]) @ hole[:3, :3]
         across = np.hypot(in_hole[:, 0], in_hole[:, 1])
-        ways = np.column_stack((-in_hole[:, 2], across - self.wide))  # out of the plate: up, or into the hole
-        up, walls = np.tile(hole[:3, 2], (POINTS, 1)), -(in_hole * [1.0, 1.0, 0.0] / across[:, None]) @ hole[:3, :3].T
         on_peg = (mouth - tool[:3, 3]) @ tool[:3, :3] * [1.0, 1.0, -1.0]  # heights above the tip
         beside = np.hypot(on_peg[:, 0], on_peg[:, 1])
-        more = np.column_stack((on_peg[:, 2], self.peg - beside))  # out of the peg: below its face, or aside
-        face = np.tile(-tool[:3, 2], (POINTS, 1))
-        sides = -(on_peg * [1.0, 1.0, 0.0] / np.maximum(beside, 1e-9)[:, None]) @ tool[:3, :3].T
-        points, depths = np.vstack((rim, mouth)), np.vstack((ways, more))
-        normals = np.where((depths[:, 0] < depths[:, 1])[:, None], np.vstack((up, face)), np.vstack((walls, sides)))
-        depth = np.maximum(depths.min(axis=1), 0.0)
-        back = iq.inverse(tool)
-        body = points @ back[:3, :3].T + back[:3, 3]
-        moved = (body @ self.before[:3, :3].T + self.before[:3, 3]) if self.before is not None else points
-        speed = (points - moved) / STEP
+        along = np.concatenate((-in_hole[:, 2], on_peg[:, 2]))  # out of the plate, up; out of the peg, below its face
+        aside = np.concatenate((across - self.wide, self.peg - beside))  # into the hole; out of the peg's side
+        back, before = iq.inverse(tool), tool if self.before is None else self.before
         self.before = tool
+        touching = (along > 0.0) & (aside > 0.0)
+        walls = -(in_hole * [1.0, 1.0, 0.0] / across[:, None]) @ hole[:3, :3].T
+        sides = -(on_peg * [1.0, 1.0, 0.0] / np.maximum(beside, 1e-9)[:, None]) @ tool[:3, :3].T
+        ways = np.where(np.arange(2 * POINTS)[:, None] < POINTS, hole[:3, 2], -tool[:3, 2])
+        normals = np.where((along < aside)[:, None], ways, np.concatenate((walls, sides)))[touching]
+        points, depth = np.concatenate((rim, mouth))[touching], np.minimum(along, aside)[touching]
+        speed = (points - ((points @ back[:3, :3].T + back[:3, 3]) @ before[:3, :3].T + before[:3, 3])) / STEP
         into = -(speed * normals).sum(axis=1)
-        push = np.where(depth > 0.0, np.maximum(STIFFNESS * (depth + DAMPING * into), 0.0), 0.0)
+        push = np.maximum(STIFFNESS * (depth + DAMPING * into), 0.0)
         slip = speed + into[:, None] * normals
         drag = slip / np.maximum(np.linalg.norm(slip, axis=1), CREEP)[:, None]
         forces = push[:, None] * (normals - FRICTION * drag)

@@ -90,12 +90,6 @@ def test_json_has_the_fixed_keys(run, task, tmp_path):
     assert f"speed: {speed:.3g}, acceleration: {acceleration:.3g}, counted from rest" in out
 
 
-def test_a_picture(run, task, tmp_path):
-    file = tmp_path / "out.png"
-    assert run("run", task, "--plot", file, "--quiet") == (0, "", "")
-    assert file.stat().st_size > 5000
-
-
 @pytest.mark.parametrize(
     ("law", "axis"), [("", "acceleration [rad/s²"), ("\nacceleration_limit = 40.0", "acceleration / limit")]
 )

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
 SHARED = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "shared" / "contact_scenes.py"))
 EACH = np.repeat((0.03, 1.0), 3)
 NEAR = 1e-8
-TICKS = 500  # where a normal is looked for, rounding grows by ten in a hundred ticks
+TICKS = 300  # where a normal is looked for, rounding grows by ten in a hundred ticks
 OPTIONS = {
     "lost_below": 0.0,
     "on_loss": "continue",
