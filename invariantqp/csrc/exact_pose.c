@@ -29,13 +29,15 @@ static void pull(int m, const Linearization *state, const Row x, int n, const Ro
         g[i] = dot(m, B[i], gradient);
 }
 
-/* The size of the multiplier y of the rows: C'y is what is left of the gradient where no limit holds a joint. */
-static Outcome multiplier(int m, const Linearization *state, const Row lower, const Row upper, const Row x, double *size)
+/* The size of the multiplier y of the rows: C'y is what is left of the gradient where no limit holds a joint. `whole` is the
+   spectrum of the rows of all joints. */
+static Outcome multiplier(int m, const Linearization *state, const Row lower, const Row upper, const Row x, const Spectrum *whole,
+                          double *size)
 {
     int n = 0;
     Row C[MOST_ROWS], each[MOST], all, gradient;
     double none[MOST_ROWS] = {0.0};
-    Spectrum found;
+    Spectrum free;
     for (int j = 0; j < m; j++) {
         memset(each[j], 0, sizeof(Row));
         each[j][j] = 1.0;
@@ -52,12 +54,13 @@ static Outcome multiplier(int m, const Linearization *state, const Row lower, co
     *size = 0.0;
     if (n == 0)
         return DONE;
-    if (spectrum(state->rows, n, (const Row *)C, none, NULL, &found) == HAND_BACK)
+    if (n < m && spectrum(state->rows, n, (const Row *)C, none, NULL, &free) == HAND_BACK)
         return HAND_BACK;
+    const Spectrum *found = n < m ? &free : whole;
     for (int i = 0; i < n && i < state->rows; i++) {
-        if (!(found.sigma[i] > EXACT_ROW_TOLERANCE * found.sigma[0]))
+        if (!(found->sigma[i] > EXACT_ROW_TOLERANCE * found->sigma[0]))
             break;
-        double y = dot(n, found.V[i], gradient) / found.sigma[i];
+        double y = dot(n, found->V[i], gradient) / found->sigma[i];
         *size += y * y;
     }
     *size = sqrt(*size);
@@ -131,7 +134,7 @@ Outcome exact_step(int m, const Linearization *state, double damping, const Row 
         for (int j = 0; j < m; j++)
             x[j] = between(x[j], lower[j], upper[j]);
     }
-    if (multiplier(m, state, lower, upper, x, price) == HAND_BACK)
+    if (multiplier(m, state, lower, upper, x, &found, price) == HAND_BACK)
         return HAND_BACK;
     *price = fmin(*price, DEAREST * sqrt(2.0 * size * state->f / square));
     return DONE;

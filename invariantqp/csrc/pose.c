@@ -208,10 +208,11 @@ void misses(const Arm *arm, const Pose *target, const double *q, double *positio
     *orientation = norm(3, omega);
 }
 
-/* Steps from found->q, inside the limits, until the goal is met or no step gains anything, AT_A_TIME of them. */
-Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, bool patient, Try *found)
+/* Steps from found->q, inside the limits, until the goal is met or no step gains anything, AT_A_TIME of them; it is given up
+   where so many, a window, have not halved the error. */
+Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, bool patient, int window, Try *found)
 {
-    int m = (int)arm->joints, longest = patient ? PATIENCE : LONGEST, window = patient ? FINISHED : STALLED;
+    int m = (int)arm->joints, longest = patient ? PATIENCE : LONGEST;
     long steps = (long)found->known.steps, until = steps + AT_A_TIME;
     double damping = found->known.damping, penalty = found->known.penalty, least = patient ? 0.0 : LEAST, price;
     double *past = found->known.past;

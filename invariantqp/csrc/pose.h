@@ -29,7 +29,7 @@ void quadratic_of(int n, const Row *L, const Row g, Quadratic *problem);
 Outcome exact_step(int m, const Linearization *state, double damping, const Row lower, const Row upper, Row x,
                    double *price);
 void misses(const Arm *arm, const Pose *target, const double *q, double *position, double *orientation);
-Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, bool patient, Try *found);
+Outcome descend(const Arm *arm, const Pose *target, double goal, bool turning, bool patient, int window, Try *found);
 
 #define DAMPING 0.1
 #define EASED 0.5

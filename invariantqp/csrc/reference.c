@@ -295,8 +295,8 @@ static void eased(const JointLimits *limits, int j, int count, const double *tim
     }
 }
 
-/* planned(limits, state, times, wanted, calm, pieces): the coefficients (pieces + 3, m) of the motion from a state (3, m)
-   that is near what is wanted (n, m) at times (n,) from now, with little jerk. */
+/* planned(limits, state, times, wanted, calm, pieces): powers (pieces, 4, m) of the motion from a state (3, m) that is near
+   what is wanted (n, m) at times (n,) from now, with little jerk. */
 PyObject *planned(PyObject *module, PyObject *const *arguments, Py_ssize_t given)
 {
     (void)module;
@@ -310,17 +310,22 @@ PyObject *planned(PyObject *module, PyObject *const *arguments, Py_ssize_t given
     long n = PyLong_AsLong(arguments[5]);
     if (PyErr_Occurred() || state == NULL || times == NULL || wanted == NULL || count < 1 || n < 4 || n > 1000000 || !(times[0] > 0.0))
         return refused(USE);
-    npy_intp sizes[2] = {n + 3, m};
+    npy_intp sizes[3] = {n, 4, m};
     double *work = PyMem_Malloc((size_t)(6 * n + 8) * sizeof *work), h = times[count - 1] / n;
-    PyObject *found = work == NULL ? PyErr_NoMemory() : PyArray_SimpleNew(2, sizes, NPY_DOUBLE);
+    PyObject *found = work == NULL ? PyErr_NoMemory() : PyArray_SimpleNew(3, sizes, NPY_DOUBLE);
     for (int j = 0; j < m && found != NULL; j++) {
         double x = state[j], v = h * state[m + j], a = h * h * state[2 * m + j], *c = work + 5 * (n + 1);
         c[0] = x - v + a / 3.0;
         c[1] = x - a / 6.0;
         c[2] = x + v + a / 3.0;
         eased(&limits, j, (int)count, times, wanted, calm, (int)n, c, work);
-        for (int i = 0; i < n + 3; i++)
-            ((double *)PyArray_DATA((PyArrayObject *)found))[i * m + j] = c[i];
+        double *powers = (double *)PyArray_DATA((PyArrayObject *)found) + j;
+        for (int i = 0; i < n; i++, c++, powers += 4 * m) { /* PIECE */
+            powers[0] = (c[0] + 4.0 * c[1] + c[2]) / 6.0;
+            powers[m] = (c[2] - c[0]) / (2.0 * h);
+            powers[2 * m] = (c[0] - 2.0 * c[1] + c[2]) / (2.0 * h * h);
+            powers[3 * m] = (c[3] - 3.0 * c[2] + 3.0 * c[1] - c[0]) / (6.0 * h * h * h);
+        }
     }
     PyMem_Free(work);
     return found;

@@ -25,7 +25,7 @@ PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_
         Py_RETURN_NONE;
     Outcome outcome;
     Py_BEGIN_ALLOW_THREADS
-    outcome = descend(arm, &target, goal, turning, patient, &found);
+    outcome = descend(arm, &target, goal, turning, patient, patient ? FINISHED : STALLED, &found);
     Py_END_ALLOW_THREADS
     if (outcome == HAND_BACK)
         Py_RETURN_NONE;
@@ -36,7 +36,7 @@ PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_
 
 /* descents(arm, targets, start, goal, turning, fastest, steps): joint positions (k, m) for the first k of several poses, each
    from the one before, k the first that is not met (beside exact demands: they are not), or not near enough to be reached at
-   speeds `fastest` in a step [s]; all where there is none such. */
+   speeds `fastest` in a step [s]; all where there is none such. Beside exact demands, the rest begins where it ended before. */
 PyObject *search_along(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -66,7 +66,7 @@ PyObject *search_along(PyObject *module, PyObject *const *arguments, Py_ssize_t 
         Pose target;
         pose_from(poses + 16 * met, &target);
         memcpy(one.q, q, sizeof q);
-        near = descend(arm, &target, goal, turning, false, &one) == DONE &&
+        near = descend(arm, &target, goal, turning, false, arm->wanted > 0.0 ? FINISHED : STALLED, &one) == DONE &&
                (one.met || (arm->wanted > 0.0 && !one.going && one.unmet <= goal));
         for (int j = 0; j < m && near; j++)
             near = fabs(one.q[j] - q[j]) <= fastest[j] * step[met];

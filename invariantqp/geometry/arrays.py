@@ -198,12 +198,11 @@ def poses(value: Array, argument: str) -> Array:
     """(n, 4, 4) rigid motions, each as `pose`; errors name the first that is none."""
     R = value[:, :3, :3]
     with np.errstate(invalid="ignore", over="ignore"):  # what is not a number is no rigid motion
-        off = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max(axis=(1, 2)) <= ROTATION_TOLERANCE
-        good = (
-            off & (np.linalg.det(R) > 0.0) & np.isfinite(value).all(axis=(1, 2)) & (value[:, 3] == LAST_ROW).all(axis=1)
-        )
-    for i in np.flatnonzero(~good).tolist():
-        pose(value[i], f"{argument}[{i}]")
+        rigid = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max(initial=0.0) <= ROTATION_TOLERANCE
+        rigid = rigid and (np.linalg.det(R) > 0.0).all() and np.isfinite(value[:, :3, 3]).all()
+    if not (rigid and (value[:, 3] == np.array(LAST_ROW)).all()):
+        for i, T in enumerate(value):
+            pose(T, f"{argument}[{i}]")
     return value.copy()
 
 

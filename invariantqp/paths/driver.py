@@ -789,22 +789,20 @@ class Follower:
         calm = max(0.5 / np.pi / self.cutoff, SHORTEST_STOP * self.controller.dt)
         reach, first, end = MOST_PIECES * KNOTS * calm, 0, len(stamps)
         if smooth:
-            first = max(int((stamps <= min(now, last - 4.0 * FADE)).sum()) - 1, 0)
-            end = min(first + MOST_POINTS, int((stamps <= now + reach).sum()))
+            first = max(int(stamps.searchsorted(min(now, last - 4.0 * FADE), side="right")) - 1, 0)
+            end = min(first + MOST_POINTS, int(stamps.searchsorted(now + reach, side="right")))
         if end < len(stamps):  # the rest when half of these are driven
             due = float(stamps[(first + end) // 2])
             self._next = given, stamps, due if now < due < now + reach else now + 0.25 * reach, bool(alone)
         if end == 0:
             return
-        kept = np.zeros(len(stamps), dtype=bool)
-        kept[first:end] = True
-        given, stamps = given.chosen(kept), stamps[kept]
+        given, stamps = given.chosen(slice(first, end)), stamps[first:end]
         near, before, there = self._q, None, None
         if isinstance(followed, Motion) and len(stamps) > 1 and not alone:  # out of reach, too, they go on from there
             before = float(2.0 * stamps[0] - stamps[1])
-            near, *there = followed.at(np.append(before, stamps))[:, 0]
+            near, *there = followed.positions(np.append(before, stamps))
         joints, missed = self._solver.points(given, near, stamps, before)
-        both = 0 if older is None or min(older[-1], last) <= now else int((stamps <= older[-1]).sum())
+        both = 0 if older is None or min(older[-1], last) <= now else int(stamps.searchsorted(older[-1], side="right"))
         if there and both:  # beyond the end of those before they differ as at it
             differ = np.array(there) - joints
             differ[both:] = differ[both - 1]

@@ -14,7 +14,7 @@ from math import inf
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
 from invariantqp.control.demands import View, rows_of
@@ -72,7 +72,7 @@ class Given:
     def __len__(self) -> int:
         return len(self.joints) if self.poses is None and self.joints is not None else len(np.asarray(self.poses))
 
-    def chosen(self, which: NDArray[np.bool_]) -> Given:
+    def chosen(self, which: slice) -> Given:
         """Those alone that are chosen."""
         new = Given.__new__(Given)
         new.poses = None if self.poses is None else self.poses[which]

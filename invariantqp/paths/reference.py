@@ -81,12 +81,18 @@ class Motion:
 
     def at(self, times: Array) -> Array:
         """As `Source.at`."""
-        i = np.clip(np.searchsorted(self.knots, times, side="right") - 1, 0, len(self.coefficients) - 1)
-        u = np.clip(times, self.start, self.end) - self.knots[i]
-        c = self.coefficients[i]
-        answer: Array = _powers(u, c.shape[1]) @ c
+        answer = self._at(times, 4)
         answer[(times >= self.end) | (times < self.start), 1:] = 0.0
         return answer
+
+    def positions(self, times: Array) -> Array:
+        """(k, m) at times (k,)."""
+        return self._at(times, 1)[:, 0]
+
+    def _at(self, times: Array, derivatives: int) -> Array:
+        i = np.minimum(np.maximum(self.knots.searchsorted(times, side="right") - 1, 0), len(self.coefficients) - 1)
+        u, c = np.minimum(np.maximum(times, self.start), self.end) - self.knots[i], self.coefficients[i]
+        return np.asarray(_powers(u, c.shape[1], derivatives) @ c)
 
 
 def resting(position: Array, time: float) -> Motion:
@@ -107,11 +113,10 @@ def planned(state: Array, now: float, stamps: Array, points: Array, limits: Join
     n = min(max(int(np.ceil(float(times[-1]) / (KNOTS * calm))), 4), MOST_PIECES)
     h = float(times[-1]) / n
     if core is not None and points.shape[1] <= core.MOST_JOINTS:
-        c = core.planned(limits.rows, state, times, wanted, calm, n)
+        pieces = core.planned(limits.rows, state, times, wanted, calm, n)
     else:
         c = np.stack([_eased(state, times, wanted, limits, calm, n, j) for j in range(points.shape[1])], axis=1)
-    pieces: Array = PIECE @ np.stack((c[:-3], c[1:-2], c[2:-1], c[3:]), axis=1)
-    pieces /= h ** np.arange(4.0)[:, None]
+        pieces = PIECE @ np.stack((c[:-3], c[1:-2], c[2:-1], c[3:]), axis=1) / h ** np.arange(4.0)[:, None]
     knots: Array = now + h * np.arange(n + 1.0)
     return Motion(knots, pieces)
 
@@ -123,18 +128,28 @@ def _going_on(times: Array, points: Array) -> tuple[Array, Array]:
     acceleration fade.
     """
     last = float(times[-1])
-    k = int((times >= last - 4.0 * FADE).sum())
-    degrees = 1 + min(int((last - times[-k]) / FADE), k - 1, 2)  # a derivative takes some time to be seen
-    rows = ((times[-k:, None] - last) / FADE) ** np.arange(degrees)
-    parabola = np.zeros((3, points.shape[1]))
-    parabola[:degrees] = np.linalg.solve(rows.T @ rows, rows.T @ points[-k:])
-    v, a = parabola[1], 2.0 * parabola[2]
+    first = int(times.searchsorted(last - 4.0 * FADE))
+    t, x = (times[first:] - last) / FADE, points[first:]
+    degree = min(int(-t[0]), len(t) - 1, 2)  # a derivative takes some time to be seen
+    v = a = np.zeros(points.shape[1])
+    if degree > 0:  # polynomials that are orthogonal at these times: t - mean, and its square without both
+        mean = float(t.sum()) / len(t)
+        line = t - mean
+        square = line * line
+        size = float(square.sum())
+        v = line.dot(x) / size
+        if degree > 1:
+            skew = float(square.dot(line)) / size
+            bow = square - skew * line - size / len(t)
+            a = 2.0 * bow.dot(x) / float(bow.dot(bow))
+            v = v - a * (mean + 0.5 * skew)
     over = max(-last, 0.0) + FADE * np.arange(1, FADING + 1)
     u = over[:, None] / FADE
-    goes_on = points[-1] + v * (1.0 - np.exp(-u)) + (v + a) * (1.0 - (1.0 + u) * np.exp(-u))
-    due, early = times > 0.0, FADE * np.arange(1, int(max(times[0], 0.0) / FADE) + 1)
-    before = np.tile(points[0], (len(early), 1))
-    return np.concatenate((early, times[due], last + over)), np.vstack((before, points[due], goes_on))
+    left = np.exp(-u)
+    goes_on = x[-1] + v * (1.0 - left) + (v + a) * (1.0 - (1.0 + u) * left)
+    due, early = int(times.searchsorted(0.0, side="right")), FADE * np.arange(1, int(max(times[0], 0.0) / FADE) + 1)
+    before = points[:1].repeat(len(early), axis=0)
+    return np.concatenate((early, times[due:], last + over)), np.concatenate((before, points[due:], goes_on))
 
 
 def _eased(state: Array, times: Array, wanted: Array, limits: JointLimits, calm: float, n: int, j: int) -> Array:
