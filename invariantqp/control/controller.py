@@ -364,7 +364,8 @@ class Controller:
         else:
             found = compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
-            return found[0] if found[1:] == (None,) and not self._row_names else self.named(found)
+            plain = found[1:] == (None,) and not found[0][3] and not self._row_names
+            return found[0] if plain else self.named(found)
         memory = self.memory
         before = memory.now(velocity)
         positions, target = arrays.vector(q, self._count, "q"), self.robot.target(target)
@@ -392,7 +393,7 @@ class Controller:
         memory = memory.followed(positions, A, self.dt, self._slowness / self.dt)._replace(turn=turn[:3])
         self.kept[:HEADER] = memory.numbers[:HEADER]
         answer = self._tick(state, s, share, ahead, braked=braked, now=now)
-        return memory.judged(answer, positions, A, self.dt, self.robot.names)
+        return self._called(memory.judged(answer, positions, A, self.dt))
 
     def follow(
         self,
@@ -545,10 +546,14 @@ class Controller:
         answer, troubles, *told = found
         alone, names = None if self.joint_rows is None else self.joint_rows.alone, self._row_names
         if told and alone is not None:
-            answer = VelocitySolution._make((*answer[:-1], alone.told(*told)))
+            answer = answer._replace(row_names=alone.told(*told))
         elif names and not answer.row_names:
             answer = answer._replace(row_names=names)
-        return answer if troubles is None else self._limits.with_troubles(answer, read(troubles))
+        return self._called(answer if troubles is None else self._limits.with_troubles(answer, read(troubles)))
+
+    def _called(self, solution: VelocitySolution) -> VelocitySolution:
+        """The solution with the names of joints, where it has something to say."""
+        return solution._replace(joint_names=self.robot.names) if solution[3] else solution
 
     @property
     def memory(self) -> Memory:
@@ -666,7 +671,7 @@ class Controller:
                 break
             solution = solve(law, demand._replace(rows=rows))
         self.memory.after(positions, solution.velocity).write(self.kept)
-        return self._limits.told(self._limits.broken(solution, now), positions, limits.strained)
+        return self._called(self._limits.told(self._limits.broken(solution, now), positions, limits.strained))
 
     def _held(self, before: Array) -> float:
         """How long a velocity is held beyond the law's dt [s], until accelerations let joints have another.

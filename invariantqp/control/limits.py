@@ -796,11 +796,11 @@ class LoopLimits(NamedTuple):
 
     def with_troubles(self, solution: VelocitySolution, found: tuple[Reason, ...]) -> VelocitySolution:
         """The solution with reasons that name joints; one that returns from outside its range is "limited" at least."""
-        named = by_joint(found, self.loop.robot.names)
+        worst = by_joint(found)
         if self.braking is None and all(reason.code is Code.OUTSIDE for reason in found):
             status = Status.LIMITED if solution.status is Status.OK else solution.status
-            return solution._replace(reasons=both(named, solution), status=status)
-        return with_trouble(solution, named)
+            return solution._replace(reasons=both(worst, solution), status=status)
+        return with_trouble(solution, worst)
 
 
 def no_degrees(robot: Robot, J: Array) -> tuple[list[float], list[float]]:
@@ -819,7 +819,7 @@ def not_believed(robot: Robot, q: Array, believed: tuple[list[float], list[float
     beyond = np.maximum(q - upper, lower - q)
     i = int(beyond.argmax())
     outside = max(float(q[i] - robot.position_upper[i]), float(robot.position_lower[i] - q[i]))
-    return Reason(Code.NOT_BELIEVED, (i,), numbers=(float(q[i]), outside), words=robot.names[i])
+    return Reason(Code.NOT_BELIEVED, (i,), numbers=(float(q[i]), outside), names=(robot.names[i],))
 
 
 def refuse(wrong: Reason | None, argument: str) -> None:

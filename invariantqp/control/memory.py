@@ -14,7 +14,6 @@ or the robot does not do what is commanded: a delay, a gain too high for it, a l
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import nan
 from typing import NamedTuple
 
@@ -25,7 +24,7 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.se3 import norm
-from invariantqp.velocity.reasons import Code, Reason, by_joint
+from invariantqp.velocity.reasons import Code, Reason
 from invariantqp.velocity.solution import VelocitySolution, with_trouble
 
 # Ticks over which averages are taken.
@@ -147,9 +146,7 @@ class Memory(NamedTuple):
         """Into `numbers`."""
         numbers[:] = self.numbers
 
-    def judged(
-        self, solution: VelocitySolution, q: Array, A: Array, dt: float, names: Sequence[str]
-    ) -> VelocitySolution:
+    def judged(self, solution: VelocitySolution, q: Array, A: Array, dt: float) -> VelocitySolution:
         """The solution of a tick at q (m,), as in `followed`; a loop whose joints do not follow is trouble.
 
         Of its joints, the one that is farthest from where its command led in this tick is named.
@@ -157,4 +154,4 @@ class Memory(NamedTuple):
         if self.convergence.follows:
             return solution
         off = np.sqrt((A * A).sum(axis=0)) * np.abs(dt * self.shown - (q - self.positions))
-        return with_trouble(solution, by_joint((Reason(Code.NOT_FOLLOWING, (int(off.argmax()),)),), names))
+        return with_trouble(solution, (Reason(Code.NOT_FOLLOWING, (int(off.argmax()),)),))

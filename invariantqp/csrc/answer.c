@@ -273,6 +273,7 @@ PyObject *fields(int m, const Solution *solution)
         met ? new_vector(m, solution->multipliers) : Py_NewRef(Py_None),
         rows ? new_vector(solution->limits, solution->multipliers + m) : Py_NewRef(Py_None),
         Py_NewRef(NONE_ACTIVE), /* row_names */
+        Py_NewRef(NONE_ACTIVE), /* joint_names */
     };
     return named(ANSWER, sizeof values / sizeof *values, values);
 }

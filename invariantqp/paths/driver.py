@@ -9,6 +9,7 @@ follows the twist zero. No tick is taken from which the joints cannot stop.
 
 from __future__ import annotations
 
+import warnings
 from collections import deque
 from collections.abc import Callable
 from copy import deepcopy
@@ -70,8 +71,9 @@ FASTEST = 1e3
 AHEAD, SAMPLING = 1.0, 0.02
 # Stamps this far [s] from the follower's clock are of another clock.
 ANOTHER_CLOCK = 1.0
-# Nobody waits so long for a point [s]: this is halfway from a second to a second's nanoseconds.
-LONG = sqrt(1e9)
+# Nobody waits so long for a point [s]: this is halfway from a second to a second's nanoseconds. Points this far apart
+# that joints could pass a thousand times as fast have stamps in milliseconds, it seems.
+LONG, QUESTIONED = sqrt(1e9), 1.0
 # Samples that are taken in a tick at most, the newest; points that are planned at once: under a millisecond each.
 MOST_WAITING, MOST_POINTS = 8, 96
 # The largest override of a path whose shape is kept.
@@ -252,6 +254,8 @@ class Follower:
         if stamps is None and len(given) > 1:
             raise BadInput("stamps", "None", f"({len(given)},) times in seconds, one for each point, increasing")
         times = None if stamps is None else _increasing(stamps, len(given))
+        if times is not None and times[-1] - times[0] >= QUESTIONED * max(len(times) - 1, 1):
+            _question(self.controller, given, float(times[-1] - times[0]))
         self._forget()
         self._next = given, times, when, at is not None
 
@@ -1059,6 +1063,24 @@ def _increasing(stamps: ArrayLike, count: int) -> Array:
     if (most := float(apart.max(initial=0.0))) > LONG:
         raise BadInput("stamps", f"stamps {most:.3g} s apart", "times in seconds", "Are these nanoseconds?")
     return times
+
+
+def _question(loop: Controller, given: Given, lasts: float) -> None:
+    """Warn of points that last so long [s] that a thousandth of it would do: are their stamps milliseconds?"""
+    speed, length = loop.box.velocity_limit, loop.measure.length
+    speed = np.where(np.isfinite(speed), speed, 1.0)
+    if given.poses is None:
+        ways = np.abs(np.diff(np.asarray(given.joints), axis=0)).sum(axis=0) / speed
+    else:
+        parts = np.diff(given.poses[:, :3] / (1.0, 1.0, 1.0, length), axis=0)
+        ways = np.linalg.norm(parts, axis=1).sum(axis=0) / speed.max()
+    if 0.0 < 1e3 * ways.max() <= lasts:
+        warnings.warn(
+            f"stamps are seconds here: in the {lasts:g} s of these points the arm hardly moves. "
+            "Times in milliseconds are stamps=1e-3 * times",
+            UserWarning,
+            stacklevel=3,
+        )
 
 
 def _none(**given: Any) -> None:

@@ -1,6 +1,6 @@
 """Why a tick is as it is: reasons as data, by either engine, and the one place where they become sentences.
 
-A reason is a code, joints by index, limits by name and numbers. Loops and tests compare and count these; the sentence
+A reason is a code, joints by index and name, limits by name and numbers. Loops and tests compare and count these; the sentence
 is made where somebody reads it. Codes stand in the order of their gravity, so a solution names the worst first.
 """
 
@@ -58,11 +58,10 @@ class Code(IntEnum):
     AT_LIMITS = auto()
 
 
-_JOINT = "joint {joint} ({words}): "
-# {0}, {1} are the numbers of a reason, {joint} its joint, {limits} its joints and rows, {bounds} its joints, {each} its
+# {0}, {1} are the numbers of a reason, {joint} its joints, {limits} these and rows, {bounds} its joints, {each} its
 # rows, each with its number, {words} what is not ours to word; {because} words, or none.
 SENTENCES = {
-    Code.NOT_BELIEVED: f"{_JOINT}{{0:.4g}} rad is {{1:.4g}} outside its position range; are these degrees? "
+    Code.NOT_BELIEVED: "{joint}: {0:.4g} rad is {1:.4g} outside its position range; are these degrees? "
     'Give far_outside="return" to move back from there',
     Code.TOLD: "{words}",
     Code.STOPPED: "speed is 0",
@@ -76,11 +75,11 @@ SENTENCES = {
     Code.PAPER_FORM: "PaperLambda needs a pitch form: give form=h",
     Code.PAPER_POLE: "G + Lambda is singular: this is the pole of [DS]'s formula",
     Code.MOVING_BACK: "moving back inside the limits",
-    Code.NOT_FOLLOWING: "not converging: the joints do not follow their commands, joint {joint} ({words}) least; "
+    Code.NOT_FOLLOWING: "not converging: the joints do not follow their commands, {joint} least; "
     "the cause may be a delay (give it as "
     "delay=), a gain too high for the robot, or a robot that does not do what it is told",
-    Code.OUTSIDE: f"{_JOINT}{{0:.3g}} outside its position range",
-    Code.ACCELERATION: f"{_JOINT}acceleration {{0:.3g}}, above its limit {{1:.3g}}",
+    Code.OUTSIDE: "{joint}: {0:.3g} outside its position range",
+    Code.ACCELERATION: "{joint}: acceleration {0:.3g}, above its limit {1:.3g}",
     Code.ROWS_CONTRADICT: "rows contradict {bounds}: exceeded at {each}",
     Code.TOOL_FASTER: "the tool's speed is {0:.3g}, not {1:.3g}: other limits require it",
     Code.SOLVER: "{words}",
@@ -110,7 +109,8 @@ class Reason(NamedTuple):
         rows: names of limits that are no joint's: the names that `LimitRows` give, "row 3" for one without,
             "the tool's speed", "exact row 0".
         numbers: as the sentence has them; of `rows` and numbers that belong together, the worst comes first.
-        words: a joint's name, a solver's own words, a text.
+        words: a solver's own words, a text.
+        names: what the joints are called; () where nobody said.
     """
 
     code: Code
@@ -118,14 +118,15 @@ class Reason(NamedTuple):
     rows: tuple[str, ...] = ()
     numbers: tuple[float, ...] = ()
     words: str = ""
+    names: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        limits = named(self.joints, self.rows)
+        joints = named(self.joints, names=self.names)
         return SENTENCES[self.code].format(
             *self.numbers,
-            joint=self.joints[0] if self.joints else "",
-            limits=limits,
-            bounds=f"the bounds of {named(self.joints)}" if self.joints else "each other",
+            joint=joints,
+            limits=named(self.joints, self.rows, self.names),
+            bounds=f"the bounds of {joints}" if joints else "each other",
             each=_each(self),
             words=self.words,
             because=f": {self.words}" if self.words else "",
@@ -142,10 +143,9 @@ def sentences(reasons: Iterable[Reason]) -> str:
     return "; ".join(filter(None, map(str, reasons)))
 
 
-def by_joint(reasons: Iterable[Reason], names: Sequence[str]) -> tuple[Reason, ...]:
-    """Reasons that name a joint each, with the joint's name as words; of one code, the largest number first."""
-    worst = sorted(reasons, key=lambda one: (one.code, *(-float(f"{number:.3g}") for number in one.numbers[:1])))
-    return tuple(one._replace(words=names[one.joints[0]]) if one.joints else one for one in worst)
+def by_joint(reasons: Iterable[Reason]) -> tuple[Reason, ...]:
+    """Reasons that name a joint each; of one code, the largest number first."""
+    return tuple(sorted(reasons, key=lambda one: (one.code, *(-float(f"{number:.3g}") for number in one.numbers[:1]))))
 
 
 def worst_first(reasons: Iterable[Reason]) -> tuple[Reason, ...]:
@@ -153,13 +153,14 @@ def worst_first(reasons: Iterable[Reason]) -> tuple[Reason, ...]:
     return tuple(sorted(reasons, key=lambda reason: reason.code))
 
 
-def named(joints: Sequence[int], rows: Sequence[str] = ()) -> str:
-    """Limits in words: "joints 0, 2 and the cable"; of many rows, the first few and how many more.
+def named(joints: Sequence[int], rows: Sequence[str] = (), names: Sequence[str] = ()) -> str:
+    """Limits in words: "joints 0 (base), 2 (elbow) and the cable"; of many rows, the first few and how many more.
 
-    Rows of one name are one limit.
+    Rows of one name are one limit. `names` are those of the joints, if they have any.
     """
     rows = list(dict.fromkeys(rows))
-    words = [f"joint{'s' if len(joints) > 1 else ''} {', '.join(map(str, joints))}"] if joints else []
+    called = [f"{i} ({name})" for i, name in zip(joints, names, strict=False)] or map(str, joints)
+    words = [f"joint{'s' if len(joints) > 1 else ''} {', '.join(called)}"] if joints else []
     shown = list(rows[:MOST_NAMED])
     numbers = [name.removeprefix("row ") for name in shown if name.startswith("row ")]
     if len(numbers) > 1:
@@ -219,7 +220,7 @@ def parts(why: Why) -> tuple[Reason | str | Written, ...]:
 
 
 class Explained:
-    """Base of a named tuple with fields `reasons` and `row_names`, which are made when they are read.
+    """Base of a named tuple with fields `reasons`, `row_names` and `joint_names`, which are made when they are read.
 
     Equal and printed as what they say, whatever they are made from.
     """
@@ -235,7 +236,8 @@ class Explained:
                 found.append(part)
             else:
                 found += told(part) if isinstance(part, str) else read(part, self.row_names)
-        return tuple(found)
+        names = self._given("joint_names")
+        return tuple(one._replace(names=tuple(names[i] for i in one.joints)) if names else one for one in found)
 
     @property
     def reason(self) -> str:

@@ -80,6 +80,7 @@ class _Solution(NamedTuple):
     multipliers: Array | None = None
     row_multipliers: Array | None = None
     row_names: Iterable[str] = ()
+    joint_names: tuple[str, ...] = ()
 
 
 class VelocitySolution(Explained, _Solution):
@@ -102,6 +103,7 @@ class VelocitySolution(Explained, _Solution):
             lower, 0 away from them. None where no limit is active.
         row_multipliers: (k,) the same for the rows of `LimitRows`.
         row_names: (k,) what these rows are called, "" for one without a name; () where none has one.
+        joint_names: (m,) what joints are called, which reasons say; () where none are named or nobody said.
     """
 
     __slots__ = ()

@@ -22,7 +22,7 @@ DELAY = (
 GAINS = "[DS]'s Lambda gives closed-loop gains outside [0, 1]: -0.2, 1.3; negative ones drive the tool away"
 # Every code, with joints, rows, numbers and words as they come, and its sentence.
 TABLE = {
-    Code.NOT_BELIEVED: (Reason(Code.NOT_BELIEVED, (2,), (), (57.296, 54.16), "elbow"), DEGREES),
+    Code.NOT_BELIEVED: (Reason(Code.NOT_BELIEVED, (2,), (), (57.296, 54.16), names=("elbow",)), DEGREES),
     Code.TOLD: (Reason(Code.TOLD, words="the door is open"), "the door is open"),
     Code.STOPPED: (Reason(Code.STOPPED), "speed is 0"),
     Code.ROWS_REFUSED: (Reason(Code.ROWS_REFUSED, rows=("wall",), words="q: found NaN"), "wall: q: found NaN"),
@@ -41,13 +41,13 @@ TABLE = {
     Code.PAPER_FORM: (Reason(Code.PAPER_FORM), "PaperLambda needs a pitch form: give form=h"),
     Code.PAPER_POLE: (Reason(Code.PAPER_POLE), "G + Lambda is singular: this is the pole of [DS]'s formula"),
     Code.MOVING_BACK: (Reason(Code.MOVING_BACK), "moving back inside the limits"),
-    Code.NOT_FOLLOWING: (Reason(Code.NOT_FOLLOWING, (2,), words="elbow"), DELAY),
+    Code.NOT_FOLLOWING: (Reason(Code.NOT_FOLLOWING, (2,), names=("elbow",)), DELAY),
     Code.OUTSIDE: (
-        Reason(Code.OUTSIDE, (2,), (), (0.1,), "elbow"),
+        Reason(Code.OUTSIDE, (2,), (), (0.1,), names=("elbow",)),
         "joint 2 (elbow): 0.1 outside its position range",
     ),
     Code.ACCELERATION: (
-        Reason(Code.ACCELERATION, (2,), (), (12.345, 8.0), "elbow"),
+        Reason(Code.ACCELERATION, (2,), (), (12.345, 8.0), names=("elbow",)),
         "joint 2 (elbow): acceleration 12.3, above its limit 8",
     ),
     Code.ROWS_CONTRADICT: (
@@ -93,8 +93,8 @@ TABLE = {
     Code.MISSED: (Reason(Code.MISSED, numbers=(0.0678,)), "0.068 of the twist is missed"),
     Code.MOVED: (Reason(Code.MOVED), "limits move the tool where nothing is to move"),
     Code.AT_LIMITS: (
-        Reason(Code.AT_LIMITS, (0, 2), ("wall", "row 1", "row 4")),
-        "at the limits of joints 0, 2 and rows 1, 4 and wall",
+        Reason(Code.AT_LIMITS, (0, 2), ("wall", "row 1", "row 4"), names=("base", "elbow")),
+        "at the limits of joints 0 (base), 2 (elbow) and rows 1, 4 and wall",
     ),
 }
 
@@ -175,6 +175,14 @@ def test_a_text_is_a_reason_too():
 
 def test_of_several_joints_the_worst_comes_first():
     told = [Reason(Code.OUTSIDE, (i,), numbers=(by,)) for i, by in ((0, 0.1), (3, 0.5), (5, 0.2))]
-    found = reasons.by_joint([Reason(Code.ACCELERATION, (1,), numbers=(9.0, 5.0)), *told], "abcdef")
+    found = reasons.by_joint([Reason(Code.ACCELERATION, (1,), numbers=(9.0, 5.0)), *told])
     assert [r.joints for r in found] == [(3,), (5,), (0,), (1,)]
-    assert [r.words for r in found] == ["d", "f", "a", "b"]
+
+
+def test_joints_have_the_names_that_a_solution_is_given():
+    written = array("d", [Code.AT_LIMITS, 2, 0, 0, 0, 1]).tobytes()
+    for why in (written, (Reason(Code.AT_LIMITS, (0, 1)),)):
+        assert solution(why).reason == "at the limits of joints 0, 1"
+        found = solution(why, joint_names=("base", "elbow"))
+        assert found.reason == "at the limits of joints 0 (base), 1 (elbow)"
+        assert [r.names for r in found.reasons] == [("base", "elbow")]
