@@ -225,6 +225,8 @@ static PyObject *reasons(int m, const Solution *solution)
         add(&found, NUMBER, solution->ratio);
     }
     if (status(solution) == LIMITED && !solution->stuck && solution->rows == 0 && solution->pace >= WHOLE_SPEED) {
+        if (isfinite(solution->missed) && solution->method == CLOSED_FORM)
+            say(&found, WHY_CALMED);
         say(&found, isfinite(solution->missed) ? WHY_MISSED : WHY_MOVED);
         if (isfinite(solution->missed))
             add(&found, NUMBER, solution->missed);

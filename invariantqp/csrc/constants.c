@@ -23,6 +23,7 @@ const Constant CONSTANTS[] = {
     CODE(CHASE_SLOWED),
     CODE(GUARDED),
     CODE(DAMPED),
+    CODE(CALMED),
     CODE(MISSED),
     CODE(MOVED),
     CODE(AT_LIMITS),

@@ -179,6 +179,7 @@ typedef enum {
     WHY_CHASE_SLOWED,
     WHY_GUARDED,
     WHY_DAMPED,
+    WHY_CALMED,
     WHY_MISSED,
     WHY_MOVED,
     WHY_AT_LIMITS

@@ -1,7 +1,7 @@
 """Why a tick is as it is: reasons as data, by either engine, and the one place where they become sentences.
 
-A reason is a code, joints by index and name, limits by name and numbers. Loops and tests compare and count these; the sentence
-is made where somebody reads it. Codes stand in the order of their gravity, so a solution names the worst first.
+A reason is a code, joints by index and name, limits by name and numbers. Loops and tests compare and count these; the
+sentence is made where somebody reads it. Codes stand in the order of their gravity, so a solution names the worst first.
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ class Code(IntEnum):
     CHASE_SLOWED = auto()
     GUARDED = auto()
     DAMPED = auto()
+    CALMED = auto()
     MISSED = auto()
     MOVED = auto()
     AT_LIMITS = auto()
@@ -94,6 +95,7 @@ SENTENCES = {
     Code.CHASE_SLOWED: "limits allow {0:.3g} of the approach's speed",
     Code.GUARDED: "descent guard: {0:.3g} of least squares blended in",
     Code.DAMPED: "near a singularity: the smallest singular value is {0:.1e} of the largest; damped",
+    Code.CALMED: "damped, so that joints do not swing for the little that more speed would win",
     Code.MISSED: "{0:.2g} of the twist is missed",
     Code.MOVED: "limits move the tool where nothing is to move",
     Code.AT_LIMITS: "at the limits of {limits}",

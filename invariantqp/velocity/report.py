@@ -59,9 +59,11 @@ def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array |
     reasons = [*troubles, *([Reason(Code.STUCK)] if stuck else []), *slowed]
     if damping > 0.0:
         reasons.append(damped(objective))
-    if status is Status.LIMITED and not stuck and not moved and answer.pace >= WHOLE_SPEED:
-        reasons.append(Reason(Code.MISSED, numbers=(missed,)) if missed < inf else Reason(Code.MOVED))
     bound = found is not None and (found.nu > 0.0 or bool(found.multipliers.any()) or answer.pace < 1.0)
+    if status is Status.LIMITED and not stuck and not moved and answer.pace >= WHOLE_SPEED:
+        if missed < inf and not bound and damping == 0.0:
+            reasons.append(Reason(Code.CALMED))
+        reasons.append(Reason(Code.MISSED, numbers=(missed,)) if missed < inf else Reason(Code.MOVED))
     multipliers, row_multipliers = _multipliers(demand, answer) if bound else (None, None)
     reasons += at_limits(demand, x, active, row_multipliers)
     return VelocitySolution(

@@ -64,6 +64,18 @@ def test_limits_that_contradict_each_other_are_named_by_joint():
     assert solution.velocity[2] == pytest.approx(-4.0 * DT)  # on its way back, no jump
 
 
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+def test_joints_at_their_limits_are_called_by_their_names(engine):
+    robot = iq.load_robot("ur5")
+    loop = iq.Controller(robot, dt=0.01, engine=engine)
+    q = np.array([0.3, -1.4, 1.8, -1.9, -1.5, 0.3])
+    solution = loop.step(q, robot.pose(q + 1.0))
+    joints = solution.active
+    assert ", ".join(f"{i} ({robot.names[i]})" for i in joints) in solution.reason
+    assert solution.reasons[-1].names == tuple(robot.names[i] for i in joints) != ()
+    assert f"2 ({robot.names[2]})" in loop.follow(q, 20.0 * robot.jacobian(q)[:, 2]).reason
+
+
 def test_a_joint_outside_its_range_is_named_under_any_limits():
     robot = arm()
     q = np.zeros(6)

@@ -361,6 +361,18 @@ def test_an_arm_waits_at_a_first_point_that_is_due_later():
     assert np.abs(Q - again[0]).max() < 0.12
 
 
+@pytest.mark.parametrize("poses", [True, False])
+def test_stamps_in_milliseconds_are_questioned(poses):
+    arm, rng = Arm("ur5"), np.random.default_rng(12)
+    for _, points, stamps in chunks(arm, rng, 3.0, poses=poses):
+        with pytest.warns(UserWarning, match="stamps are seconds here"):
+            arm.follower().follow(points, 1e3 * stamps)
+        arm.follower().follow(points, stamps)
+    still, slow = np.tile(arm.start, (3, 1)), arm.start + np.outer((0.0, 1.0, 2.0), 0.1 * np.ones(6))
+    for points in (still, slow):
+        arm.follower().follow(points, np.array((0.0, 20.0, 40.0)))
+
+
 @pytest.mark.parametrize("away", [15.0, 1e6])
 @pytest.mark.parametrize("cutoff", [3.0, np.inf])
 def test_points_far_ahead_are_waited_for(away, cutoff):

@@ -90,6 +90,10 @@ TABLE = {
         Reason(Code.DAMPED, numbers=(0.00123,)),
         "near a singularity: the smallest singular value is 1.2e-03 of the largest; damped",
     ),
+    Code.CALMED: (
+        Reason(Code.CALMED),
+        "damped, so that joints do not swing for the little that more speed would win",
+    ),
     Code.MISSED: (Reason(Code.MISSED, numbers=(0.0678,)), "0.068 of the twist is missed"),
     Code.MOVED: (Reason(Code.MOVED), "limits move the tool where nothing is to move"),
     Code.AT_LIMITS: (
