@@ -1,7 +1,7 @@
 """Why a tick is as it is: reasons as data, by either engine, and the one place where they become sentences.
 
 A reason is a code, joints by index and name, limits by name and numbers. Loops and tests compare and count these; the
-sentence is made where somebody reads it. Codes stand in the order of their gravity, so a solution names the worst first.
+sentence is made where somebody reads it. Codes stand in the order of their gravity: a solution names the worst first.
 """
 
 from __future__ import annotations
