@@ -9,7 +9,6 @@ follows the twist zero. No tick is taken from which the joints cannot stop.
 
 from __future__ import annotations
 
-import warnings
 from collections import deque
 from collections.abc import Callable
 from copy import deepcopy
@@ -22,6 +21,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from invariantqp.control.controller import Controller
+from invariantqp.control.tracking import question_stamps
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.control import HybridController
@@ -71,15 +71,15 @@ FASTEST = 1e3
 AHEAD, SAMPLING = 1.0, 0.02
 # Stamps this far [s] from the follower's clock are of another clock.
 ANOTHER_CLOCK = 1.0
-# Nobody waits so long for a point [s]: this is halfway from a second to a second's nanoseconds. Points this far apart
-# that joints could pass a thousand times as fast have stamps in milliseconds, it seems.
-LONG, QUESTIONED = sqrt(1e9), 1.0
+# Nobody waits so long for a point [s]: this is halfway from a second to a second's nanoseconds.
+LONG = sqrt(1e9)
 # Samples that are taken in a tick at most, the newest; points that are planned at once: under a millisecond each.
 MOST_WAITING, MOST_POINTS = 8, 96
 # The largest override of a path whose shape is kept.
 MOST_OVERRIDE = 1.5
-# Why joints catch up.
+# Why joints catch up, or are elsewhere.
 LATE = "the joints' limits"
+ELSEWHERE = "joints are not where they were sent: they do not follow, or later than told (delay=)"
 # Joint speeds below this share of their limits are rest; joints this near [rad, length] are there.
 AT_REST, ARRIVED = 1e-6, 1e-8
 # Rows and a tool speed that are exceeded by this share are kept: rounding.
@@ -171,7 +171,8 @@ class Follower:
         loop, m = self.controller, self._m
         self._shape: Shape | None = None  # a path whose shape is kept
         self._start: Array | None = None  # (m,) of its joints
-        self._astray = False  # whether its joints are not where they were sent
+        self._astray = False  # whether it waits for joints that are not where they were sent
+        self._strayed = False  # whether some are not
         self._command = self._pace = np.zeros(m)  # in the last tick, and what it had changed by, over the tick
         self._course: tuple[Reference, Array, float] | None = None  # what the core follows
         self._time = 0.0  # when the next tick begins, by the stamps' clock
@@ -254,8 +255,8 @@ class Follower:
         if stamps is None and len(given) > 1:
             raise BadInput("stamps", "None", f"({len(given)},) times in seconds, one for each point, increasing")
         times = None if stamps is None else _increasing(stamps, len(given))
-        if times is not None and times[-1] - times[0] >= QUESTIONED * max(len(times) - 1, 1):
-            _question(self.controller, given, float(times[-1] - times[0]))
+        if times is not None:
+            question_stamps(times, given.poses, given.joints, self._limits.velocity, self.controller.measure.length)
         self._forget()
         self._next = given, times, when, at is not None
 
@@ -382,7 +383,7 @@ class Follower:
             if found is not None:
                 return found
             self._course = None
-        measured = self._measured = arrays.vector(q, self._m, "q")
+        measured = self._measured = arrays.vector(q, self._m, "q").copy()
         before = self._command if velocity is None else arrays.vector(velocity, self._m, "velocity")
         share = self._override_of(override)
         if self._pressed is not None:
@@ -462,7 +463,7 @@ class Follower:
         time, sent, shape, loop = self._time, self._sent, self._shape, self.controller
         full = not begun and len(sent) == sent.maxlen  # the first goes as this tick's positions come
         shown = sent[full] if full < len(sent) else self._q
-        ease = max(EASE_SAMPLE, SHORTEST_STOP * loop.dt) if self._late and self._looks_over else 0.0
+        ease = max(EASE_SAMPLE, SHORTEST_STOP * loop.dt) if self._looks_over else 0.0
         found = core.follow(  # type: ignore[union-attr]
             numbers,
             self._unbraked.for_core,
@@ -485,7 +486,7 @@ class Follower:
         if not begun:
             sent.append(self._q)
         self._q, self._v, self._a, self._command, self._pace, command, measured, before, after, *more = found
-        self._late, way, answer, self._bound = more
+        self._late, way, answer, self._bound, self._strayed = more
         self._time += loop.dt
         self._answer = None
         if answer is not None:
@@ -700,7 +701,8 @@ class Follower:
     def _displaced(self, measured: Array) -> bool:
         """Whether joints are so far from where they were sent that they have been pushed."""
         off = float(np.abs(self._sent[0] - measured).max())
-        if off <= STRAYED or self._shape is None:
+        self._strayed = off > STRAYED
+        if not self._strayed or self._shape is None:
             return off > DISPLACED
         return off > DISPLACED or self._shape.is_off(measured, self._time)
 
@@ -804,7 +806,7 @@ class Follower:
         near, before, there = self._q, None, None
         if isinstance(followed, Motion) and len(stamps) > 1 and not alone:  # out of reach, too, they go on from there
             before = float(2.0 * stamps[0] - stamps[1])
-            near, *there = followed.positions(np.append(before, stamps))
+            near, *there = followed.at(np.append(before, stamps), 1)[:, 0]
         joints, missed = self._solver.points(given, near, stamps, before)
         both = 0 if older is None or min(older[-1], last) <= now else int(stamps.searchsorted(older[-1], side="right"))
         if there and both:  # beyond the end of those before they differ as at it
@@ -894,10 +896,8 @@ class Follower:
         elif self._newest is not None and self._stream is not None:
             late = self._stream.late
             place -= late
-        q, given = self._q, self._given
-        return FollowerSolution(
-            command.copy(), *self._status(reference, place), place, late, lambda: self._across(q, place, given)
-        )
+        across = partial(self._across, self._q, self._sent[0], measured, place, self._given)
+        return FollowerSolution(command.copy(), *self._status(reference, place), place, late, across)
 
     @property
     def _still(self) -> bool:
@@ -911,6 +911,8 @@ class Follower:
             return found
         if self.paused:
             return (Status.PAUSED if self._still else Status.MOVING), "paused"
+        if self._strayed and (self._turns or self._source is not None):
+            return Status.LATE, ELSEWHERE
         if self._turns:
             return Status.MOVING, ""
         if self._source is not None:
@@ -931,12 +933,8 @@ class Follower:
 
     def _on_the_way(self, end: float, place: float) -> tuple[Status, Why]:
         """The same while points or samples are followed, which end at a time."""
-        if (
-            self._last is not None
-            and self._time >= self._last[1]
-            and self._given is not None
-            and len(self._given[1]) > 1
-        ):
+        several = self._given is not None and len(self._given[1]) > 1
+        if several and self._last is not None and self._time >= self._last[1]:
             return Status.WAITING, "for newer points"
         missed = self._missed_at(place) if self._some_missed else 0.0
         if self._time >= end and self._still:
@@ -956,11 +954,13 @@ class Follower:
         i = int(np.clip(np.searchsorted(self._given[1], place), 0, len(self._missed) - 1))
         return float(self._missed[max(i - 1, 0) : i + 1].max())
 
-    def _across(self, q: Array, place: float, points: tuple[Given, Array] | None) -> float:
-        """How far the tool at q (m,) is off the points with stamps that are wanted at a place."""
+    def _across(
+        self, q: Array, sent: Array, measured: Array, place: float, points: tuple[Given, Array] | None
+    ) -> float:
+        """How far the tool is off the points wanted at a place, its joints as far from q (m,) as measured from sent."""
         if points is None:
             return nan
-        given, stamps = points
+        q, (given, stamps) = q - (sent - measured), points
         robot = self.controller.robot
         T = given.pose_at(place, stamps, robot)
         error = se3.displacement(robot.pose(q), T)
@@ -1063,24 +1063,6 @@ def _increasing(stamps: ArrayLike, count: int) -> Array:
     if (most := float(apart.max(initial=0.0))) > LONG:
         raise BadInput("stamps", f"stamps {most:.3g} s apart", "times in seconds", "Are these nanoseconds?")
     return times
-
-
-def _question(loop: Controller, given: Given, lasts: float) -> None:
-    """Warn of points that last so long [s] that a thousandth of it would do: are their stamps milliseconds?"""
-    speed, length = loop.box.velocity_limit, loop.measure.length
-    speed = np.where(np.isfinite(speed), speed, 1.0)
-    if given.poses is None:
-        ways = np.abs(np.diff(np.asarray(given.joints), axis=0)).sum(axis=0) / speed
-    else:
-        parts = np.diff(given.poses[:, :3] / (1.0, 1.0, 1.0, length), axis=0)
-        ways = np.linalg.norm(parts, axis=1).sum(axis=0) / speed.max()
-    if 0.0 < 1e3 * ways.max() <= lasts:
-        warnings.warn(
-            f"stamps are seconds here: in the {lasts:g} s of these points the arm hardly moves. "
-            "Times in milliseconds are stamps=1e-3 * times",
-            UserWarning,
-            stacklevel=3,
-        )
 
 
 def _none(**given: Any) -> None:

@@ -4,7 +4,7 @@
 
 A source may be replaced at any time: r is then continuous with its first two derivatives (a C2 splice), and jerk stays
 bounded. Sources: polynomials of time (`Motion`: points with stamps, smoothed without delay, a path, a stop), samples
-of a hand read a little late (`Window`), either of them by another clock (`Clocked`). Each comes to rest after its end.
+of a hand read a little late (`Stream`), either of them by another clock (`Clocked`). Each comes to rest after its end.
 """
 
 from __future__ import annotations
@@ -79,20 +79,13 @@ class Motion:
         self.knots, self.coefficients = knots, coefficients
         self.start, self.end = float(knots[0]), float(knots[-1])
 
-    def at(self, times: Array) -> Array:
-        """As `Source.at`."""
-        answer = self._at(times, 4)
-        answer[(times >= self.end) | (times < self.start), 1:] = 0.0
-        return answer
-
-    def positions(self, times: Array) -> Array:
-        """(k, m) at times (k,)."""
-        return self._at(times, 1)[:, 0]
-
-    def _at(self, times: Array, derivatives: int) -> Array:
+    def at(self, times: Array, derivatives: int = 4) -> Array:
+        """As `Source.at`, or the first of its rows alone."""
         i = np.minimum(np.maximum(self.knots.searchsorted(times, side="right") - 1, 0), len(self.coefficients) - 1)
         u, c = np.minimum(np.maximum(times, self.start), self.end) - self.knots[i], self.coefficients[i]
-        return np.asarray(_powers(u, c.shape[1], derivatives) @ c)
+        answer: Array = _powers(u, c.shape[1], derivatives) @ c
+        answer[(times >= self.end) | (times < self.start), 1:] = 0.0
+        return answer
 
 
 def resting(position: Array, time: float) -> Motion:
@@ -130,19 +123,10 @@ def _going_on(times: Array, points: Array) -> tuple[Array, Array]:
     last = float(times[-1])
     first = int(times.searchsorted(last - 4.0 * FADE))
     t, x = (times[first:] - last) / FADE, points[first:]
-    degree = min(int(-t[0]), len(t) - 1, 2)  # a derivative takes some time to be seen
-    v = a = np.zeros(points.shape[1])
-    if degree > 0:  # polynomials that are orthogonal at these times: t - mean, and its square without both
-        mean = float(t.sum()) / len(t)
-        line = t - mean
-        square = line * line
-        size = float(square.sum())
-        v = line.dot(x) / size
-        if degree > 1:
-            skew = float(square.dot(line)) / size
-            bow = square - skew * line - size / len(t)
-            a = 2.0 * bow.dot(x) / float(bow.dot(bow))
-            v = v - a * (mean + 0.5 * skew)
+    degrees = 1 + min(int(-t[0]), len(t) - 1, 2)  # a derivative takes some time to be seen
+    rows, parabola = t[:, None] ** np.arange(degrees), np.zeros((3, points.shape[1]))
+    parabola[:degrees] = np.linalg.solve(rows.T @ rows, rows.T @ x)
+    v, a = parabola[1], 2.0 * parabola[2]
     over = max(-last, 0.0) + FADE * np.arange(1, FADING + 1)
     u = over[:, None] / FADE
     left = np.exp(-u)
@@ -269,6 +253,10 @@ class Clocked(NamedTuple):
     def place(self, time: float) -> float:
         """The source's own time."""
         return self.clock.now(time)[0]
+
+    def last(self, time: float) -> float:
+        """The position of the source's last column, a place."""
+        return float(self.source.at(np.array((self.place(time),)))[0, 0, -1])
 
     def at(self, times: Array) -> Array:
         """As `Source.at`."""

@@ -245,10 +245,7 @@ class Shape:
 
     def place(self, time: float) -> float:
         """Where the motion is, by the caller's parameter."""
-        at = 0.0
-        if self.motion is not None:
-            at = float(self.motion.source.at(np.array((self.motion.place(time),)))[0, 0, -1])
-        return self.given.place(at)
+        return self.given.place(0.0 if self.motion is None else self.motion.last(time))
 
     def put(self, time: float, place: float) -> None:
         """Set the clock to where the motion is at a place."""
@@ -269,7 +266,7 @@ class Shape:
         plan, motion, dt = self.driven, self.motion or self.begin(time), self._loop.dt
         self._ticks += 1
         now, rate, _ = motion.clock.now(time)
-        at, before = (float(motion.source.at(np.array((t,)))[0, 0, -1]) for t in (now, motion.clock.now(time - dt)[0]))
+        at, before = motion.last(time), motion.last(time - dt)
         place = self.given.place(at)
         speed = (place - self.given.place(before)) / dt
         late = 0.0 if self._rate is None else self._ticks * dt - place / self._rate
@@ -378,10 +375,7 @@ class Shape:
 
     def is_off(self, q: Array, time: float) -> bool:
         """Whether the tool at q (m,) has been pushed off the path."""
-        if self.motion is None:
-            return False
-        at = float(self.motion.source.at(np.array((self.motion.place(time),)))[0, 0, -1])
-        return self.across(q, at) > PUSHED * self._length
+        return self.motion is not None and self.across(q, self.motion.last(time)) > PUSHED * self._length
 
     def _stands(self, velocity: Array) -> bool:
         """Whether joints at a velocity (m,) count as at rest."""

@@ -361,6 +361,27 @@ def test_an_arm_waits_at_a_first_point_that_is_due_later():
     assert np.abs(Q - again[0]).max() < 0.12
 
 
+@pytest.mark.parametrize("kind", ["points", "twist"])
+def test_an_arm_that_stands_although_it_is_sent_on_is_no_arm_that_moves(kind):
+    """Stopped without a word to the follower: it says so, tells how far off the tool is, and goes on with the arm."""
+    arm = Arm("ur5")
+    truth, stamps = arm.motion(np.random.default_rng(5)), np.arange(0.0, 3.0, 0.05)
+    follower, q = arm.follower(), arm.start
+    follower.follow([arm.robot.pose(truth(t)) for t in stamps], stamps)
+    for i in range(1400):
+        if kind == "twist":
+            follower.twist([0.0, 0.0, 0.1, 0.05, 0.08, 0.0])
+        told = follower.step(q, now=i * arm.dt)
+        stands = 500 <= i < 700
+        q = q if stands else q + arm.dt * told.velocity
+        if i in (490, 699, 1399):
+            assert told.status == ("late" if stands else "moving")
+            assert ("not where they were sent" in told.reason) == stands
+            if kind == "points":
+                off = np.linalg.norm((arm.robot.pose(q) - arm.robot.pose(truth(told.place)))[:3, 3])
+                assert 0.5 * off <= told.across < 1e-3 + 5.0 * off
+
+
 @pytest.mark.parametrize("poses", [True, False])
 def test_stamps_in_milliseconds_are_questioned(poses):
     arm, rng = Arm("ur5"), np.random.default_rng(12)
