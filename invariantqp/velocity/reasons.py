@@ -96,7 +96,7 @@ SENTENCES = {
     Code.GUARDED: "descent guard: {0:.3g} of least squares blended in",
     Code.DAMPED: "near a singularity: the smallest singular value is {0:.1e} of the largest; damped",
     Code.CALMED: "damped, so that joints do not swing for the little that more speed would win",
-    Code.MISSED: "{0:.2g} of the twist is missed",
+    Code.MISSED: "{0:.0%} of the twist is missed",
     Code.MOVED: "limits move the tool where nothing is to move",
     Code.AT_LIMITS: "at the limits of {limits}",
 }

@@ -94,7 +94,7 @@ TABLE = {
         Reason(Code.CALMED),
         "damped, so that joints do not swing for the little that more speed would win",
     ),
-    Code.MISSED: (Reason(Code.MISSED, numbers=(0.0678,)), "0.068 of the twist is missed"),
+    Code.MISSED: (Reason(Code.MISSED, numbers=(0.0678,)), "7% of the twist is missed"),
     Code.MOVED: (Reason(Code.MOVED), "limits move the tool where nothing is to move"),
     Code.AT_LIMITS: (
         Reason(Code.AT_LIMITS, (0, 2), ("wall", "row 1", "row 4"), names=("base", "elbow")),
