@@ -27,8 +27,8 @@ from invariantqp.paths.shape import (
     PUSHED,
     STOPPED,
     Shape,
-    Told,
 )
+from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.task_error import task_error
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.solution import Status
@@ -79,14 +79,14 @@ class Pressed:
         given: tuple[Any, Contact | None, ArrayLike | Wrench | None],
         *,
         paused: bool,
-    ) -> tuple[HybridSolution, Told]:
+    ) -> FollowerSolution:
         """A tick from a time on, from q (m,) and the velocity (m,) before; `given` are wrench, contact and wanted."""
         hybrid, loop, curve = self.hybrid, self.hybrid.loop, shape.given.curve
         wrench, contact, wanted = given
         here = contact_now(hybrid.task, hybrid.robot.pose(q), contact)
         if loop.wrong(q):
             answer = hybrid.step(q, curve.pose(self._place), wrench, None, None, before, wanted)
-            return answer, self._told(shape, answer.status, answer.reason, inf, "joint positions")
+            return self._told(answer, shape, answer.status, answer.reason, inf, "joint positions")
         if shape.motion is None and shape.plan is not None:
             shape.begin(time)
         beside = self._beside(shape, q, here)
@@ -98,9 +98,9 @@ class Pressed:
             self._touching = self._touches(answer)
             if shape.motion is not None:
                 shape.still(time)
-                return answer, self._told(shape, Status.WAITING, ON_THE_WAY_BACK, beside.off, ASTRAY)
+                return self._told(answer, shape, Status.WAITING, ON_THE_WAY_BACK, beside.off, ASTRAY)
             shape.look_on(q)
-            return answer, self._told(shape, Status.WAITING, ON_THE_WAY, beside.off, ON_THE_WAY)
+            return self._told(answer, shape, Status.WAITING, ON_THE_WAY, beside.off, ON_THE_WAY)
         return self._along(shape, q, before, time, override, (wrench, here, wanted), beside, paused=paused)
 
     def _along(
@@ -114,7 +114,7 @@ class Pressed:
         beside: Beside,
         *,
         paused: bool,
-    ) -> tuple[HybridSolution, Told]:
+    ) -> FollowerSolution:
         """A tick along the path."""
         hybrid, loop, curve, plan = self.hybrid, self.hybrid.loop, shape.given.curve, shape.driven
         dt, (wrench, here, wanted) = loop.dt, given
@@ -142,18 +142,22 @@ class Pressed:
         stalls = self._stalls(place, rate, curve.end, waits=bool(why) or share == 0.0)
         astray = ASTRAY if near < 1.0 and not there else ""
         told = shape.told(q, answer.velocity, time + dt, override, why=why or astray, pressed=beside.off)
+        told.hybrid = answer
         if why == NO_TOUCH:
-            told = told._replace(status=Status.WAITING, reason=answer.reason or NO_TOUCH, ruling=NO_TOUCH)
+            told.told_as(Status.WAITING, answer.reason or NO_TOUCH, NO_TOUCH)
         elif stalls and told.status not in (Status.DONE, Status.BLOCKED):
             at = f"the tool comes no farther than {shape.given.place(place):.4g}"
             reason = "; ".join(filter(None, (at, plan.blocked, answer.reason)))
-            told = told._replace(status=Status.BLOCKED, reason=reason)
+            told.told_as(Status.BLOCKED, reason)
         elif not told.reason and told.status != Status.DONE:
-            told = told._replace(reason=answer.reason)
-        return answer, told
+            told.told_as(told.status, answer.reason)
+        return told
 
-    def _told(self, shape: Shape, status: Status, reason: str, off: float, ruling: str) -> Told:
-        return Told(status, reason, shape.given.place(self._place), 0.0, lambda: off, 0.0, ruling)
+    def _told(
+        self, answer: HybridSolution, shape: Shape, status: Status, reason: str, off: float, ruling: str
+    ) -> FollowerSolution:
+        where = shape.given.place(self._place), 0.0, 0.0
+        return FollowerSolution(answer.velocity, status, reason, where, lambda: off, ruling, answer)
 
     def _beside(self, shape: Shape, q: Array, contact: Contact) -> Beside:
         """Where the tool of q (m,) is, seen along S."""

@@ -48,7 +48,7 @@ from invariantqp.paths.reference import (
     planned,
     resting,
 )
-from invariantqp.paths.shape import ASTRAY, PAUSE, Shape, Told
+from invariantqp.paths.shape import ASTRAY, PAUSE, Shape
 from invariantqp.paths.solution import FollowerSolution, Why
 from invariantqp.paths.time_law import JointLimits
 from invariantqp.systems.contacts import Contact
@@ -564,19 +564,19 @@ class Follower:
         step = np.full(self._m, inf) if limit is None else dt * limit.acceleration
         self._pace = np.zeros(self._m)
         self._v = self._command = np.sign(v) * np.maximum(np.abs(v) - step, 0.0)
-        return FollowerSolution(self._v.copy(), Status.HELD, reason, place, 0.0, lambda: inf, 0.0, "joint positions")
+        return FollowerSolution(self._v.copy(), Status.HELD, reason, (place, 0.0, 0.0), lambda: inf, "joint positions")
 
     def _setting_out(self, shape: Shape, measured: Array, clock: float | None) -> FollowerSolution:
         """A tick on the way to a path whose shape is kept."""
         before = self._command
         found = self._approaching(shape, measured, before) if np.isfinite(self._options["joint_jerk"]).all() else None
-        velocity, told = shape.set_out(measured, before) if found is None else found
+        told = shape.set_out(measured, before) if found is None else found
         self._time = (self._time if clock is None else clock) + self.controller.dt
-        self._command, self._pace = velocity.copy(), np.zeros(self._m)
+        self._command, self._pace = told.velocity.copy(), np.zeros(self._m)
         self._reference = None
-        return FollowerSolution(velocity, *told)
+        return told
 
-    def _approaching(self, shape: Shape, measured: Array, before: Array) -> tuple[Array, Told] | None:
+    def _approaching(self, shape: Shape, measured: Array, before: Array) -> FollowerSolution | None:
         """As `Shape.set_out`, inside limits of jerk, by the joints; None at the path's start, or where that fails."""
         if self._start is None or np.abs(self._sent[0] - measured).max() > DISPLACED:
             there, missed = self._solver.pose(shape.given.curve.pose(0.0), measured, self._time, inf)
@@ -591,7 +591,7 @@ class Follower:
         if not self._late:
             return None
         command = self._moved(Reference(self._limits, self._start, self._time), measured)
-        return command.copy(), shape.on_the_way(measured)
+        return shape.on_the_way(measured, command.copy())
 
     def _in_contact(
         self,
@@ -607,12 +607,12 @@ class Follower:
         time = self._time if clock is None else clock
         kept = shape.motion, shape.plan
         try:
-            answer, told = pressed.step(shape, measured, before, time, override, given, paused=self.paused)
+            told = pressed.step(shape, measured, before, time, override, given, paused=self.paused)
         except BadInput:  # the follower is as it was
             shape.motion, shape.plan = kept
             raise
-        self._time, self._command = time + self.controller.dt, answer.velocity
-        return FollowerSolution(answer.velocity, *told, hybrid=answer)
+        self._time, self._command = time + self.controller.dt, told.velocity
+        return told
 
     def _corrected(self, measured: Array, v: Array) -> Array:
         """(m,) the velocity to command: the wanted one, and the way back to where joints were sent.
@@ -886,9 +886,10 @@ class Follower:
         shape = self._shape
         if shape is not None and shape.motion is not None:
             why = ASTRAY if self._astray else PAUSE if self.paused else ""
-            told = shape.told(measured, command, self._time, self._override, why=why)
-            status, reason = (self._by_loop(streams=False) if self._late else None) or told[:2]
-            return FollowerSolution(command.copy(), status, reason, *told[2:])
+            told = shape.told(measured, command.copy(), self._time, self._override, why=why)
+            if self._late and (found := self._by_loop(streams=False)) is not None:
+                told.told_as(*found)
+            return told
         place, late = self._time, 0.0
         if isinstance(reference.source, Clocked) and self._twist is None:
             place = reference.source.place(self._time)
@@ -896,8 +897,9 @@ class Follower:
         elif self._newest is not None and self._stream is not None:
             late = self._stream.late
             place -= late
+        where = place, late, 1.0
         across = partial(self._across, self._q, self._sent[0], measured, place, self._given)
-        return FollowerSolution(command.copy(), *self._status(reference, place), place, late, across)
+        return FollowerSolution(command.copy(), *self._status(reference, place), where, across)
 
     @property
     def _still(self) -> bool:

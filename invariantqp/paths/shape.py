@@ -9,10 +9,9 @@ they were sent.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
-from math import inf, nan
-from typing import Any, Literal, NamedTuple
+from math import inf
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,18 +48,6 @@ ON_THE_WAY, ON_THE_WAY_BACK = (
     "off the path, pushed or later than told (delay=), on the way back",
 )
 SETTLING, ENDED, START = "settling", "the path's end", "the start"
-
-
-class Told(NamedTuple):
-    """The solution of a tick along a path."""
-
-    status: Status
-    reason: str
-    place: float
-    late: float
-    across: Callable[[], float]
-    speed: float
-    ruling: str
 
 
 class Shape:
@@ -119,7 +106,6 @@ class Shape:
         self._off = self._stood = 0.0  # on the way to the path: how far off it is, and for how long it gets no nearer
         self._ticks = 0  # since it set out
         self._usual = -inf  # up to which place all that is to be told is told by the core; none where a place is left
-        self._last = nan, nan  # the place that was told last, on the curve and by the caller's parameter
 
     # Setting out
 
@@ -129,8 +115,8 @@ class Shape:
         while self.plan is None:
             self.look_on(q)
 
-    def set_out(self, q: Array, before: Array) -> tuple[Array, Told]:
-        """A tick of the way to the path's start, and of looking along it: the joint velocity (m,), and the solution."""
+    def set_out(self, q: Array, before: Array) -> FollowerSolution:
+        """A tick of the way to the path's start, and of looking along it."""
         loop, dt = self._loop, self._loop.dt
         off = task_error(loop, q, self._goal).off
         if self._search is None and off > OFF_PATH * self._length:
@@ -142,10 +128,10 @@ class Shape:
                 lasts = self._stood >= PATIENCE
                 why = f"the arm comes no closer than {off:.3g} to the path" if lasts else ON_THE_WAY
                 status = Status.BLOCKED if lasts else Status.WAITING
-                return answer.velocity, self._waiting(status, "; ".join(filter(None, (why, answer.reason))), off)
+                return self._waiting(answer.velocity, status, "; ".join(filter(None, (why, answer.reason))), off)
         answer = loop.rest(q, "", before)
         self.look_on(q)
-        return answer.velocity, self._waiting(Status.WAITING, "looking along the path", off)
+        return self._waiting(answer.velocity, Status.WAITING, "looking along the path", off)
 
     def look_on(self, q: Array) -> None:
         """Look a little farther along the path, from joint positions (m,) near its start; make the plan at its end."""
@@ -157,12 +143,12 @@ class Shape:
                 return
             self._search.extend()
 
-    def on_the_way(self, q: Array) -> Told:
+    def on_the_way(self, q: Array, command: Array) -> FollowerSolution:
         """The solution on the way to the path's start, at q (m,)."""
-        return self._waiting(Status.WAITING, ON_THE_WAY, task_error(self._loop, q, self._goal).off)
+        return self._waiting(command, Status.WAITING, ON_THE_WAY, task_error(self._loop, q, self._goal).off)
 
-    def _waiting(self, status: Status, reason: str, off: float) -> Told:
-        return Told(status, reason, self.given.place(0.0), 0.0, lambda: off, 0.0, START)
+    def _waiting(self, command: Array, status: Status, reason: str, off: float) -> FollowerSolution:
+        return FollowerSolution(command, status, reason, (self.given.place(0.0), 0.0, 0.0), lambda: off, START)
 
     def _planned(self, search: JointPath) -> PathPlan:
         """The plan of what was found."""
@@ -258,7 +244,7 @@ class Shape:
 
     def told(
         self, q: Array, command: Array, time: float, override: float, *, why: str, pressed: float | None = None
-    ) -> Told:
+    ) -> FollowerSolution:
         """What is told of a tick that ends at a time, its joints at q (m,) when it began.
 
         `why` says why the clock is to rest, "" where it is not; `pressed` how far off a tool in contact is, along S.
@@ -267,9 +253,7 @@ class Shape:
         self._ticks += 1
         now, rate, _ = motion.clock.now(time)
         at, before = motion.last(time), motion.last(time - dt)
-        place = self.given.place(at)
-        speed = (place - self.given.place(before)) / dt
-        late = 0.0 if self._rate is None else self._ticks * dt - place / self._rate
+        where = self._where(before, at, self._ticks)
 
         def off() -> float:
             return self.across(q, before) if pressed is None else pressed
@@ -283,7 +267,11 @@ class Shape:
         elif not self._stands(command):
             status, reason, ruling = Status.MOVING, "", SETTLING
         elif blocked:
-            status, reason, ruling = Status.BLOCKED, f"the path cannot be had from {place:.6g} on: {blocked}", SETTLING
+            status, reason, ruling = (
+                Status.BLOCKED,
+                f"the path cannot be had from {where[0]:.6g} on: {blocked}",
+                SETTLING,
+            )
         elif not (self._arrived(q, before, command) if pressed is None else pressed <= AT_END * self._length):
             status, reason, ruling = Status.MOVING, "", SETTLING
         elif self._few and (across := off()) > self._tolerance:
@@ -291,7 +279,7 @@ class Shape:
             reason = f'it is out of reach, by {across:.3g} [length] (exact="position" would turn the tool instead)'
         else:
             status, reason, ruling = Status.DONE, "", ENDED
-        return Told(status, reason, place, late, off, speed, ruling)
+        return FollowerSolution(command, status, reason, where, off, ruling)
 
     @property
     def until(self) -> float:
@@ -311,7 +299,7 @@ class Shape:
         self, command: Array, q: Array, before: float, after: float, override: float
     ) -> FollowerSolution | None:
         """As `told`, of a tick on the way from a place to another; None for one that is to be told otherwise."""
-        plan, motion, dt = self.plan, self.motion, self._loop.dt
+        plan, motion = self.plan, self.motion
         if plan is None or motion is None or self.back or after >= self._usual:
             return None
         if motion.clock.final <= 0.0 or motion.clock.rate < 0.0:
@@ -321,14 +309,14 @@ class Shape:
         if ruling != ON_TIME and override < 1.0:
             ruling = OVERRIDDEN
         status = Status.MOVING if ruling == ON_TIME else Status.SLOWED
-        at, last = self._last
-        if before != at:
-            last = self.given.place(before)
-        place = self.given.place(after)
-        self._last = after, place
-        late = 0.0 if self._rate is None else self._ticks * dt - place / self._rate
-        across = partial(self.across, q, before)
-        return FollowerSolution(command, status, "", place, late, across, (place - last) / dt, ruling)
+        where, across = partial(self._where, before, after, self._ticks), partial(self.across, q, before)
+        return FollowerSolution(command, status, "", where, across, ruling)
+
+    def _where(self, before: float, after: float, ticks: int) -> tuple[float, float, float]:
+        """Place, how late it is and its speed, after so many ticks, on the way from a place of the curve to another."""
+        place, dt = self.given.place(after), self._loop.dt
+        late = 0.0 if self._rate is None else ticks * dt - place / self._rate
+        return place, late, (place - self.given.place(before)) / dt
 
     def _on_the_way(self, at: float, now: float, rate: float, why: str, override: float) -> tuple[Status, str, str]:
         """Status, reason and what rules at a place and a time of the motion, its clock at a rate."""

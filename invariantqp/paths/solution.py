@@ -9,8 +9,9 @@ from invariantqp.force.control import HybridSolution
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.solution import Status
 
-# A reason, or what finds it when it is read.
+# A reason, or what finds it when it is read; the same of a place, how late it is and its speed.
 Why: TypeAlias = str | Callable[[], str]
+Where: TypeAlias = tuple[float, float, float] | Callable[[], tuple[float, float, float]]
 
 
 class FollowerSolution:
@@ -20,32 +21,52 @@ class FollowerSolution:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
         status: "moving", "late", "slowed", "limited", "waiting", "blocked", "left", "paused", "done", "degraded" or
             "held": see `Status`.
-        place: where in what is followed the joints are when the tick is over: a stamp [s], or a path's parameter.
-        late: how long after its stamp that is [s].
-        speed: of the place [1/s], negative backward.
         ruling: what rules the speed along a path, in words; "settling" at its end until joints rest.
         hybrid: in contact, the hybrid controller's answer, with the forces; else None.
     """
 
-    __slots__ = ("_across", "_why", "hybrid", "late", "place", "ruling", "speed", "status", "velocity")
+    __slots__ = ("_across", "_where", "_why", "hybrid", "ruling", "status", "velocity")
 
     def __init__(
         self,
         velocity: Array,
         status: Status,
         reason: Why,
-        place: float,
-        late: float,
+        where: Where,
         across: Callable[[], float],
-        speed: float = 1.0,
         ruling: str = "",
         hybrid: HybridSolution | None = None,
     ) -> None:
-        """As the attributes say; `across` and a reason are computed when they are read."""
-        self.velocity, self.status, self.place, self.late = velocity, status, place, late
+        """As the attributes say; what is given as a function is computed when it is read."""
+        self.velocity, self.status, self.ruling, self.hybrid = velocity, status, ruling, hybrid
         self._why: Why = reason
-        self.speed, self.ruling, self.hybrid = speed, ruling, hybrid
+        self._where: Where = where
         self._across: Callable[[], float] | float = across
+
+    def told_as(self, status: Status, reason: Why, ruling: str | None = None) -> None:
+        """Another status is told, and why."""
+        self.status, self._why = status, reason
+        self.ruling = self.ruling if ruling is None else ruling
+
+    def _read(self) -> tuple[float, float, float]:
+        if callable(self._where):
+            self._where = self._where()
+        return self._where
+
+    @property
+    def place(self) -> float:
+        """Where in what is followed the joints are when the tick is over: a stamp [s], or a path's parameter."""
+        return self._read()[0]
+
+    @property
+    def late(self) -> float:
+        """How long after its stamp that is [s]."""
+        return self._read()[1]
+
+    @property
+    def speed(self) -> float:
+        """Of the place [1/s], negative backward."""
+        return self._read()[2]
 
     @property
     def reason(self) -> str:
@@ -65,7 +86,7 @@ class FollowerSolution:
         return self._across
 
     def __getstate__(self) -> tuple[None, dict[str, Any]]:
-        read = {"_why": self.reason, "_across": self.across}
+        read = {"_why": self.reason, "_across": self.across, "_where": self._read()}
         return None, {name: read.get(name, getattr(self, name)) for name in self.__slots__}
 
     def __repr__(self) -> str:
