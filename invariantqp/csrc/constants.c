@@ -187,7 +187,6 @@ const Constant CONSTANTS[] = {
     ONE("force.monitor", PASSES),
     ONE("force.monitor", CHATTER),
     {"force.monitor.MEMORY", LOSSES_FOR},
-    ONE("force.monitor", OVERSHOT),
     ONE("force.monitor", TURNS),
     ONE("force.monitor", SWUNG),
     ONE("force.monitor", SWING),

@@ -250,15 +250,14 @@ static Outcome turns(double felt, double wanted, double noise, double dt, Settli
 /* Settling.after */
 static Outcome settled(const PressTick *tick, bool lost, Settling *settling)
 {
-    double felt = tick->felt, wanted = tick->wanted, dt = tick->dt, highest = NAN;
+    double felt = tick->felt, wanted = tick->wanted, dt = tick->dt;
+    bool touching = tick->touch.touching != 0.0;
     aged(&settling->losses, dt, LOSSES_FOR);
-    if (tick->touch.touching != 0.0)
-        highest = isnan(settling->highest) ? felt : fmax(settling->highest, felt);
-    else if (settling->highest > OVERSHOT * wanted && !remembered_age(&settling->losses))
+    if (settling->over != 0.0 && !touching && !remembered_age(&settling->losses))
         return HAND_BACK;
     if (turns(felt, wanted, tick->noise, dt, settling) == HAND_BACK)
         return HAND_BACK;
-    settling->highest = lost ? NAN : highest;
+    settling->over = touching && (settling->over != 0.0 || felt > wanted);
     if (lost) {
         settling->press = NAN;
         settling->missed = 0.0;
@@ -276,7 +275,7 @@ static void missed(const PressTick *tick, Settling *settling)
     double before = settling->press, error = tick->missing, dt = tick->dt, for_long = settling->missed;
     if (!isnan(before))
         error = before + fmin(1.0, dt / AVERAGED_FOR) * (tick->missing - before);
-    *settling = (Settling){.highest = NAN, .press = error, .missed = error > SHORT ? for_long + dt : 0.0, .rises = 1.0, .swung = SWUNG};
+    *settling = (Settling){.press = error, .missed = error > SHORT ? for_long + dt : 0.0, .rises = 1.0, .swung = SWUNG};
 }
 
 bool unstable(const Settling *settling, bool rests)

@@ -89,7 +89,7 @@ typedef struct {
 
 typedef struct {
     Ages losses;
-    double highest, press, missed;
+    double over, press, missed;
     Ages turns;
     double rises, extreme, wanted, swung;
 } Settling;
@@ -265,7 +265,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define PASSES 0.3
 #define CHATTER 4
 #define LOSSES_FOR 1.0
-#define OVERSHOT 1.3
 #define TURNS 5
 #define SWUNG 2.5
 #define SWING 0.3

@@ -807,7 +807,7 @@ class HybridController:
             press, error = i < here.presses, float(here.wanted[i] - here.force[i])
             wanted = float(here.wanted[i]) if press else 0.0
             gentle = touch_speed(task, felt * wanted, striking) if press else 0.0
-            released = monitor.release(task, i, setting.late, tick.across / dt, LET_GO * gentle) if press else None
+            released = monitor.release(task.slope, i, setting, tick.across / dt, LET_GO * gentle) if press else None
             if task.compliance is not None:
                 top = fastest if slow and press else inf
                 drives.append(fixed(drive, error, here.split.gain, stiffest, wanted, dt, top, grows=grows))

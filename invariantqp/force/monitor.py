@@ -14,7 +14,7 @@ settling    the press swings, chatters or is not reached; told, and no reason to
 from __future__ import annotations
 
 from math import copysign, exp, inf, sqrt
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from invariantqp.force.estimate import (
     SHORT,
     STIFF,
     STIFFER,
+    Setting,
     Stiffness,
     Touch,
     weighed,
@@ -71,7 +72,7 @@ PRESSES = 2.0
 PRESENT = 0.1
 # In sizes of the contact: how far beyond the touch, and how far at most, the tool lets go to see whether readings fall.
 LEAST_ASKED, MOST_ASKED = 0.02, 0.4
-# A reading that changes by so many standard deviations while the tool lets go has answered.
+# A fall by less than so many standard deviations may be noise.
 FELL_NOISE = 6.0
 # An answer: the way explains so much of the squared force over four variances of noise, four standard errors of k, and
 # this share of what noise does not. What is longer ago than this [s] counts no more.
@@ -87,10 +88,9 @@ EXCUSED = 0.5
 # Time constant of the high-pass [s]: slower motion may be the surface's.
 PASSES = 0.3
 
-# Losses within this time [s] that count as chatter, each after a press above this multiple of the wanted one.
+# So many losses within this time [s], each of more than the wanted press, are chatter.
 CHATTER = 4
 MEMORY = 1.0
-OVERSHOT = 1.3
 # More turns than these within so long [s] are swings, each by this share of the wanted press and so many standard
 # deviations of noise at least.
 TURNS = 5
@@ -153,20 +153,12 @@ class Finding(NamedTuple):
     back: bool = False
 
 
-class Check(Protocol):
-    """A check: a value, whose `update` gives the next one and what it found."""
-
-    def update(self, task: HybridTask, tick: Tick) -> tuple[Check, Finding | None]:
-        """The check after a tick."""
-        ...
-
-
 class Overload(NamedTuple):
     """Force and moment above which it is too much."""
 
     most: tuple[float, float] = (0.0, 0.0)
 
-    def update(self, task: HybridTask, tick: Tick) -> tuple[Overload, Finding | None]:  # noqa: ARG002 (all checks are alike)
+    def update(self, task: HybridTask, tick: Tick) -> tuple[Overload, Finding | None]:  # noqa: ARG002
         """The check after a tick."""
         share = exp(-tick.dt / LET_GO)
         felt = (tick.force, tick.moment)
@@ -309,9 +301,9 @@ class Evidence(NamedTuple):
         return Evidence((way, force), high, sums, left * self.noise + weight * noise * noise)
 
     @property
-    def stirs(self) -> bool:
-        """Whether the force changes, by whatever, by more than noise does: it is not stuck."""
-        return bool(self.sums[1, 1] > STIRRED * self.noise + CHI)
+    def answers(self) -> bool:
+        """Whether the force follows the way, or changes, by whatever, by more than noise does: it is not stuck."""
+        return self.stiffness > 0.0 or bool(self.sums[1, 1] > STIRRED * self.noise + CHI)
 
     @property
     def stiffness(self) -> float:
@@ -333,7 +325,7 @@ class Release(NamedTuple):
     """A press that is let go to see whether its readings fall.
 
     Attributes:
-        depth, force: where it began [length], [force].
+        depth, force: where it began [length], and what was read there, or noise may be [force].
         most: way that is let go, on a surface that stands: LEAST_ASKED beyond where nothing was felt last, or where
             readings last fell, and MOST_ASKED where noise would hide that less is read [length].
         least: that was read since then [force].
@@ -350,9 +342,9 @@ class Release(NamedTuple):
     led: float = 0.0
     fell: float | None = None
 
-    def bound(self, task: HybridTask) -> float:
+    def bound(self, slope: float, moves: float) -> float:
         """The way that is let go at most before the readings have fallen to nothing [length]."""
-        return self.most + task.slope * _length(self.across)
+        return self.most + moves + slope * _length(self.across)
 
 
 class Answers(NamedTuple):
@@ -370,8 +362,8 @@ class Answers(NamedTuple):
     air it would be a bias.
 
     What the readings cannot tell the tool asks: it lets go. On a contact they fall, where they have moved the tool to
-    nothing, and the surface is known to move; a sensor that is stuck, off or not tared reads something, and that is a
-    fault.
+    nothing, and what made it ask was the surface, which is known to move so far; a sensor that is stuck, off or not
+    tared reads something, and that is a fault.
 
     Attributes:
         stiff: bound of the stiffness as the touch or the last answer showed it [force/length].
@@ -438,17 +430,16 @@ class Answers(NamedTuple):
             stiff = PRESENT * (task.stiffness or STIFF) if known.stiff is None else min(known.stiff, self.shown)
             return self._replace(stiff=stiff, since=(0.0, press), touched=press, read=CERTAIN), None
         now = self._replace(depth=self.depth + tick.came, across=self.across + tick.across, read=read)
+        evidence = self.evidence.after(known, noise, wanted, shared, tick.dt)
+        now = now._replace(evidence=evidence)
         if self.release is not None:
             across, led = self.release.across + tick.across, self.release.led - tick.commanded
             release = self.release._replace(across=across, led=led)
             return now.released(release, task, known, press, wanted, noise)
-        evidence = self.evidence.after(known, noise, wanted, shared, tick.dt)
-        silent = self.silent + tick.dt
-        now = now._replace(slid=self.slid + tick.across, evidence=evidence, silent=silent)
+        now = now._replace(slid=self.slid + tick.across, silent=self.silent + tick.dt)
         now = now.at_rest(task, tick.dt, press, wanted, noise)
-        k = evidence.stiffness
-        if k > 0.0 or evidence.stirs:
-            now = now.heard(task, known, press, k, noise)
+        if evidence.answers:
+            now = now.heard(task, known, press, noise)
         begun = tick.noise > 0.0 and self.rest is None and now.rest is not None
         unshown = begun and known.stiff is None and now.silent >= PATIENCE
         if unshown or now.unseen(task, press) > PRESSES * wanted or now.off > AVERAGED:
@@ -456,24 +447,24 @@ class Answers(NamedTuple):
             if press > FELL_NOISE * noise:  # less would fall unseen, and how far it reached is not known either
                 since_quiet = now.depth if known.quiet is None else max(now.depth, known.way - known.quiet)
                 most = min(max(since_quiet, 0.0) + LEAST_ASKED * task.size, most)
-            return now._replace(release=Release(now.depth, press, most, press)), None
+            release = Release(now.depth, max(press, FELL_NOISE * noise), most, press)
+            return now._replace(release=release, evidence=Evidence()), None
         return now, None
 
     def begun(self) -> Answers:
         """Of a contact that is touched anew."""
         return Answers(shown=self.shown, moves=self.moves, grade=self.grade)
 
-    def heard(self, task: HybridTask, known: Stiffness, press: float, shown: float, noise: float) -> Answers:
+    def heard(self, task: HybridTask, known: Stiffness, press: float, noise: float) -> Answers:
         """The same after readings that have answered or changed: how the surface rises where the tool slid.
 
         Args:
             task: slope and size.
             known: stiffness.
             press: measured [force].
-            shown: the stiffness that an answer shows [force/length]; 0 for a change that is none.
             noise: of the smoothed press [force]: what it may hide is no rise.
         """
-        k, grade = known.known, self.grade
+        k, grade, shown = known.known, self.grade, self.evidence.stiffness
         if k is not None:  # where the force changes, too, the way says less of the surface
             sinks = (press - self.since[1]) / k
             rise = self.depth - self.since[0] - sinks - float(grade.dot(self.across))
@@ -526,15 +517,17 @@ class Answers(NamedTuple):
     ) -> tuple[Answers, Finding | None]:
         """The same while the tool lets go: until readings fall, or to nothing where they have rested."""
         rested, gone, size = self.off > AVERAGED, release.depth - self.depth, task.size
+        began = self.rest if rested and self.rest is not None else self.since
+        moves = max(self.moves, 2.0 * abs(release.depth - began[0]))
         if self.read > -CERTAIN and release.fell is None:
-            if not rested and abs(press - release.force) > FELL_NOISE * noise:
-                shown = max((release.force - press) / gone, 0.0) if gone > 0.0 else 0.0
-                now = self.heard(task, known, press, shown, noise)
+            if not rested and self.evidence.answers:
+                now = self.heard(task, known, press, noise)
                 none: Array = np.zeros(3)
-                return now._replace(touched=0.0, rested=0.0, rest=None, slid=none, off=0.0, release=None), None
+                begun = now._replace(touched=0.0, rested=0.0, rest=None, slid=none, off=0.0, release=None)
+                return begun._replace(moves=moves), None
             if press < release.least - FELL_NOISE * noise:
                 release = release._replace(least=press, most=max(release.most, gone + LEAST_ASKED * size))
-            if gone > release.bound(task) and self.read == CERTAIN:
+            if gone > release.bound(task.slope, self.moves) and self.read == CERTAIN:
                 said = f"let go by {written(gone, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
                 away = max(0.0, self.depth + 2.0 * LEAST_ASKED * size)
                 return self._replace(release=release), Finding(Status.FAULT, f"{said}: {NO_ANSWER}", away)
@@ -542,9 +535,8 @@ class Answers(NamedTuple):
         fell = self.depth if release.fell is None else release.fell
         if rested and fell - self.depth < max(0.5 * (release.depth - fell), LEAST_ASKED * size):
             return self._replace(release=release._replace(fell=fell)), None
-        began = self.rest if rested and self.rest is not None else self.since
-        most = STIFFER * max(release.force, FELL_NOISE * noise) / max(release.depth - fell, LEAST_WAY * RESOLVED * size)
-        return self.begun()._replace(shown=most, moves=max(self.moves, 2.0 * abs(release.depth - began[0]))), None
+        most = STIFFER * release.force / max(release.depth - fell, LEAST_WAY * RESOLVED * size)
+        return self.begun()._replace(shown=most, moves=moves), None
 
 
 # What a reading without an answer may be.
@@ -563,7 +555,7 @@ class Settling(NamedTuple):
 
     Attributes:
         losses: how long ago each recent loss was [s].
-        highest: the largest press since the touch [force]; None in the air.
+        over: whether there is contact, and more than the wanted press was felt since the touch.
         press: averaged [force], or what is missing as a share of an overload; None where contact is lost.
         missed: for how long it has been off [s].
         turns: how long ago the press turned [s], the last time first.
@@ -574,7 +566,7 @@ class Settling(NamedTuple):
     """
 
     losses: Annotated[tuple[float, ...], 12] = ()
-    highest: float | None = None
+    over: bool = False
     press: float | None = None
     missed: float = 0.0
     turns: Annotated[tuple[float, ...], 12] = ()
@@ -596,14 +588,13 @@ class Settling(NamedTuple):
             noise: standard deviation of the press [force].
         """
         felt, wanted = press
-        losses, highest = tuple(age + dt for age in self.losses if age + dt < MEMORY), None
-        if touching:
-            highest = felt if self.highest is None else max(self.highest, felt)
-        elif self.highest is not None and self.highest > OVERSHOT * wanted:
+        losses = tuple(age + dt for age in self.losses if age + dt < MEMORY)
+        if self.over and not touching:
             losses = (0.0, *losses)
-        now = self._turned(felt, wanted, noise, dt)._replace(losses=losses, highest=highest, press=None, missed=0.0)
+        over = touching and (self.over or felt > wanted)
+        now = self._turned(felt, wanted, noise, dt)._replace(losses=losses, over=over, press=None, missed=0.0)
         if lost:
-            return now._replace(highest=None)
+            return now
         mean = felt if self.press is None else self.press + min(1.0, dt / AVERAGED) * (felt - self.press)
         off = abs(mean - wanted) > SHORT * wanted > 0.0
         return now._replace(press=mean, missed=self.missed + dt if off else 0.0)
@@ -740,18 +731,18 @@ class Monitor(NamedTuple):
         """What a press may be beside what is read [force]."""
         return self.answers[press].unseen(task, read) if press < len(self.answers) else 0.0
 
-    def release(self, task: HybridTask, press: int, late: float, slides: Array, most: float) -> float | None:
+    def release(self, slope: float, press: int, setting: Setting, slides: Array, most: float) -> float | None:
         """The rate at which a press is let go to see whether readings fall [length/s]; None where it is not.
 
         So slowly at first that they fall by a fifth of it before that shows, and faster and faster, from a surface that
-        goes on as it was answered; no further than `Release.bound` until they have fallen, and no faster than the way
-        back allows beside what a slope may do. Faster by what was commanded, not by how far that led: what leads the
+        goes on as it was answered; no further than `Release.bound` until they have fallen, no faster than the way back
+        allows beside what the surface may do. Faster by what was commanded, not by how far that led: what leads the
         tool in meanwhile, an arm's way beside its twist in a long tick, is outrun, too.
 
         Args:
-            task: says how far.
+            slope: of the surface at most.
             press: which.
-            late: after which time it shows [s].
+            setting: of this tick.
             slides: (3,) how fast the tool moves across [length/s].
             most: speed at most on a surface that stands [length/s].
         """
@@ -759,9 +750,9 @@ class Monitor(NamedTuple):
         if check.release is None:
             return None
         gone = max(0.0, check.release.depth - check.depth)
-        waits = check.release.fell is None and gone > check.release.bound(task)
-        first, led = SHORT * check.release.force / (check.stiff * late), max(0.0, check.release.led)
-        rate = 0.0 if waits else min(first + LETS_GO * led, most + task.slope * _length(slides))
+        waits = check.release.fell is None and gone > check.release.bound(slope, check.moves)
+        first, led = SHORT * check.release.force / (check.stiff * setting.late), max(0.0, check.release.led)
+        rate = 0.0 if waits else min(first + LETS_GO * led, most + setting.slope_speed)
         return rate - float(check.grade.dot(slides))
 
     @property

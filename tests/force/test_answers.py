@@ -140,6 +140,24 @@ def test_readings_that_fall_as_the_tool_lets_go_are_no_fault(stiffness, b, moves
     assert run.press.max() < 1.5 * PRESS
 
 
+@pytest.mark.parametrize(
+    ("stiffness", "b", "moves", "press", "seed"),
+    [
+        (5420.0, 0.003, (3e-3, 0.306), 10.0, 5),
+        (1030.0, 0.02, (3e-3, 0.43), 5.0, 3),
+        (3000.0, 0.02, (3e-3, 0.4), 10.0, 2),
+        (8000.0, 0.01, (3e-3, 0.3), 10.0, 2),
+    ],
+)
+def test_a_surface_that_moves_undeclared_and_is_hidden_by_noise_is_no_fault(stiffness, b, moves, press, seed):
+    """It comes after the tool that lets go: what readings fall by within 1 mm was less than six of their noise."""
+    given = {"stiffness": stiffness, "damping": b * stiffness, "moves": moves, "gap": 4e-3, "noise": 0.5, "told": 0.0}
+    run = press_on_damper("ur5", press=press, dt=0.01, seconds=8.0, seed=seed, **given)
+    assert any("letting go" in why for _, why in run.said)
+    assert run.stopped is None
+    assert run.press.max() < 1.5 * press
+
+
 def test_a_contact_that_is_pressed_as_wanted_from_the_start_is_asked_once_and_believed():
     def reads(press, t):  # the plant itself begins with none
         return press if t > 0.0 else PRESS
