@@ -48,6 +48,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import e, inf
 from os import PathLike
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -181,7 +182,7 @@ class Clearance(Limit):
         """
         self.robot: Chain = chain_of(robot)
         self.distance: float = arrays.not_negative(distance, "distance", "a distance in lengths")
-        self.bodies = shapes_of(self.robot, bodies)
+        self.bodies: Mapping[str, Any] = MappingProxyType(shapes_of(self.robot, bodies))
         if not isinstance(obstacles, (list, tuple)):
             raise BadInput("obstacles", excerpt(obstacles), "a list of shapes and OtherArm")
         self.obstacles: tuple[Shape | OtherArm, ...] = tuple(obstacles)
@@ -241,8 +242,19 @@ class Clearance(Limit):
                 stacklevel=3,
             )
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in ("robot", "bodies", "obstacles", "distance") and name in vars(self):
+            raise AttributeError(
+                f"{name} of a clearance does not change: shape.move moves an obstacle, and another Clearance, in "
+                "step(limits=[...]), has what comes and goes"
+            )
+        object.__setattr__(self, name, value)
+
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_scene": None}
+        return {**vars(self), "_scene": None, "bodies": dict(self.bodies)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, bodies=MappingProxyType(state["bodies"]))
 
     @property
     def nearest(self) -> Near:

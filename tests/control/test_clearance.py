@@ -1,6 +1,8 @@
 """What an arm must not touch: kept in loops, by coal's distances; named, listed, led apart; with both engines."""
 
+import pickle
 import warnings
+from copy import deepcopy
 from unittest.mock import patch
 
 import numpy as np
@@ -1041,6 +1043,17 @@ def test_bodies_that_are_not_there_are_unknown_names(panda):
         Clearance(panda, {"elbow": [Sphere([0, 0, 0], 0.1)]})
     with pytest.raises(iq.errors.UnknownName, match="shelf"):
         Clearance(panda, HAND, [TABLE], exclude=[("panda_hand", "shelf")])
+
+
+def test_a_clearance_stays_what_it_was_made_of(panda):
+    limit = Clearance(panda, HAND, [TABLE])
+    for name, value in (("obstacles", []), ("distance", 0.05), ("robot", panda), ("bodies", HAND)):
+        with pytest.raises(AttributeError, match=rf"{name} of a clearance does not change: .*limits="):
+            setattr(limit, name, value)
+    for one in (limit, pickle.loads(pickle.dumps(limit)), deepcopy(limit)):
+        with pytest.raises(TypeError, match="does not support item assignment"):
+            one.bodies["tool"] = []
+        assert one.at(READY) == limit.at(READY)
 
 
 def test_a_shape_stays_what_it_is():
