@@ -80,6 +80,8 @@ MOST_OVERRIDE = 1.5
 # Why joints catch up, or are elsewhere.
 LATE = "the joints' limits"
 ELSEWHERE = "joints are not where they were sent: they do not follow, or later than told (delay=)"
+# Why nothing is followed yet, and why an arm stands that is not done.
+BEGINS, NOT_DUE = "the points begin in {:.3g} s", "the next points are not due yet"
 # Joint speeds below this share of their limits are rest; joints this near [rad, length] are there.
 AT_REST, ARRIVED = 1e-6, 1e-8
 # Rows and a tool speed that are exceeded by this share are kept: rounding.
@@ -186,7 +188,8 @@ class Follower:
         self._missed = np.zeros(0)  # by how much points are out of reach, and whether one is
         self._some_missed = False
         self._last: tuple[Array, float, float] | None = None  # (m,) the last of them, its stamp, when to go back to it
-        self._next: tuple[Given, Array | None, float, bool] | None = None  # with stamps, None for then; when; alone
+        # With stamps, None for then; when; alone; of the rest of points how long newer ones are waited for.
+        self._next: tuple[Given, Array | None, float, bool, float | None] | None = None
         self._function: Callable[[float], Any] | None = None
         self._looked = 0.0
         self._samples: deque[tuple[Any, float | None]] = deque(maxlen=MOST_WAITING)
@@ -258,7 +261,7 @@ class Follower:
         if times is not None:
             question_stamps(times, given.poses, given.joints, self._limits.velocity, self.controller.measure.length)
         self._forget()
-        self._next = given, times, when, at is not None
+        self._next = given, times, when, at is not None, None
 
     def add(self, point: Any, stamp: float | None = None) -> None:
         """One more point of a stream, as a hand's tracker sends them; one alone is a stream that ended (`timeout`).
@@ -741,9 +744,9 @@ class Follower:
             reference.source = self._source = shape.order(now, share)
             return
         if self._next is not None and now >= self._next[2]:
-            given, stamps, _, alone = self._next
+            given, stamps, _, alone, wait = self._next
             self._next = None
-            self._take_points(reference, given, np.array((now,)) if stamps is None else stamps, alone=alone)
+            self._take_points(reference, given, np.array((now,)) if stamps is None else stamps, alone, wait)
         elif self._function is not None and now >= self._looked + 0.5 * AHEAD:
             stamps = np.arange(now - 8.0 * SAMPLING, now + AHEAD, SAMPLING)
             self._looked = now
@@ -775,14 +778,16 @@ class Follower:
             self._twist = None
         self._override = override
 
-    def _take_points(self, reference: Reference, given: Given, stamps: Array, *, alone: bool | None = None) -> None:
+    def _take_points(
+        self, reference: Reference, given: Given, stamps: Array, alone: bool | None = None, wait: float | None = None
+    ) -> None:
         """Points with stamps, from now on: one more sight of the motion followed, or `alone`; None is a function."""
         now, smooth, followed = self._time, alone is not None, self._source
         if now - stamps[-1] > ANOTHER_CLOCK:
             self._why = "the points were over when they came"
             return
         if stamps[0] - now > LONG:
-            self._why = f"the points begin in {stamps[0] - now:.3g} s: stamps and now= are seconds of one clock"
+            self._why = f"{BEGINS.format(stamps[0] - now)}: stamps and now= are seconds of one clock"
             return
         older = self._given[1] if alone is False and self._last and self._given else None
         if older is not None and stamps[0] < older[0] and stamps[-1] <= older[-1]:
@@ -790,7 +795,7 @@ class Follower:
         # Newer ones may be as late as these and, in a stream, lost for as long as these last: until then the arm does
         # not go back to the last of them.
         begin, last = float(stamps[0]), float(stamps[-1])
-        wait = max(now, now if self._given is None else last) - begin
+        wait = max(now, now if self._given is None else last) - begin if wait is None else wait
         # From the one before now on as far as a plan reaches, of the last some that say how it goes on.
         calm = max(0.5 / np.pi / self.cutoff, SHORTEST_STOP * self.controller.dt)
         reach, first, end = MOST_PIECES * KNOTS * calm, 0, len(stamps)
@@ -799,8 +804,9 @@ class Follower:
             end = min(first + MOST_POINTS, int(stamps.searchsorted(now + reach, side="right")))
         if end < len(stamps):  # the rest when half of these are driven
             due = float(stamps[(first + end) // 2])
-            self._next = given, stamps, due if now < due < now + reach else now + 0.25 * reach, bool(alone)
+            self._next = given, stamps, due if now < due < now + reach else now + 0.25 * reach, bool(alone), wait
         if end == 0:
+            self._why = BEGINS.format(stamps[0] - now)
             return
         given, stamps = given.chosen(slice(first, end)), stamps[first:end]
         near, before, there = self._q, None, None
@@ -936,15 +942,17 @@ class Follower:
     def _on_the_way(self, end: float, place: float) -> tuple[Status, Why]:
         """The same while points or samples are followed, which end at a time."""
         several = self._given is not None and len(self._given[1]) > 1
-        if several and self._last is not None and self._time >= self._last[1]:
+        if several and self._last is not None and self._last[1] <= self._time < self._due:
             return Status.WAITING, "for newer points"
         missed = self._missed_at(place) if self._some_missed else 0.0
-        if self._time >= end and self._still:
-            if missed > self._tolerance:
-                return Status.BLOCKED, f"the end is out of reach, by {missed:.3g} [length]"
-            return Status.DONE, ""
+        stands = self._time >= end and self._still
+        if stands and self._next is None:
+            far = f"the end is out of reach, by {missed:.3g} [length]"
+            return (Status.BLOCKED, far) if missed > self._tolerance else (Status.DONE, "")
         if missed > self._tolerance:
             return Status.LEFT, f"out of reach, by {missed:.3g} [length]"
+        if stands:
+            return Status.WAITING, NOT_DUE
         if self._late:
             return Status.LATE, LATE if self._answer is None or not self._bound else partial(_held_by, self._answer)
         return Status.MOVING, ""

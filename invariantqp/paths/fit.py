@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from invariantqp.control.controller import Controller
 from invariantqp.control.demands import View, rows_of
 from invariantqp.control.tracking import tracking_twist
-from invariantqp.errors import BadInput, excerpt
+from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.task_error import task_error
@@ -67,7 +67,7 @@ class Given:
         elif found.ndim == 2 and found.shape[1] == m and len(found):
             self.joints = arrays.matrix(found, (None, m), name).copy()
         else:
-            raise BadInput(name, excerpt(points), f"poses (n, 4, 4), or joint positions (n, {m})")
+            raise BadInput(name, f"shape {found.shape}", f"poses (n, 4, 4), or joint positions (n, {m})")
 
     def __len__(self) -> int:
         return len(self.joints) if self.poses is None and self.joints is not None else len(np.asarray(self.poses))

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import re
 from functools import cache
 from itertools import pairwise
 
@@ -392,6 +393,29 @@ def test_stamps_in_milliseconds_are_questioned(poses):
     still, slow = np.tile(arm.start, (3, 1)), arm.start + np.outer((0.0, 1.0, 2.0), 0.1 * np.ones(6))
     for points in (still, slow):
         arm.follower().follow(points, np.array((0.0, 20.0, 40.0)))
+
+
+@pytest.mark.parametrize(("spacing", "count"), [(13.0, 3), (0.5, 101)])
+def test_a_long_chunk_is_done_at_its_end_and_nowhere_else(spacing, count):
+    """Points farther apart than a plan reaches, and more of them than are planned at once."""
+    start = np.array([0.2, -1.5, 1.1, -2.0, 0.1, 1.7])
+    points, stamps = start + np.outer(np.linspace(0.0, 0.3, count), np.ones(6)), spacing * np.arange(count)
+    follower = iq.Follower(iq.Controller(iq.load_robot("ur5"), dt=0.02, acceleration_limit=8.0))
+    follower.follow(points, stamps)
+    q, now = start, 0.0
+    while (solution := follower.step(q, now=now)).status != "done":
+        assert solution.status in {"moving", "waiting"}
+        q, now = q + 0.02 * solution.velocity, now + 0.02
+        assert now < stamps[-1] + 0.5
+    assert np.abs(q - points[-1]).max() < 1e-6
+    assert now > stamps[-1]
+
+
+@pytest.mark.parametrize("shape", [(20, 5), (6, 20), (1, 20, 6), (20, 3, 4), (0, 6)])
+def test_points_of_another_shape_are_refused_by_their_shape(shape):
+    follower = iq.Follower(iq.Controller(iq.load_robot("ur5"), dt=0.02, acceleration_limit=8.0))
+    with pytest.raises(iq.BadInput, match=f"points: found shape {re.escape(str(shape))}"):
+        follower.follow(np.zeros(shape), np.arange(len(np.zeros(shape))))
 
 
 @pytest.mark.parametrize("away", [15.0, 1e6])
