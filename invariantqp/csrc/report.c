@@ -58,7 +58,7 @@ static bool is_little(const Demand *demand, const double wanted[6], const double
            dot(6, wanted, done) < PROGRESS_SHARE * square && !is_done(wanted, done, rounding, QP_ROUNDING);
 }
 
-/* Whether joints on their way to a target move the tool, each by itself, by no more than nothing. */
+/* Whether joints move the tool, each by itself, by no more than nothing. */
 static bool rests(const Demand *demand, const Row A[6], const Row x)
 {
     double moved = 0.0;
@@ -68,7 +68,7 @@ static bool rests(const Demand *demand, const Row A[6], const Row x)
             square += A[i][j] * A[i][j];
         moved += sqrt(square) * fabs(x[j]);
     }
-    return !demand->chased || moved <= nothing(demand);
+    return moved <= nothing(demand);
 }
 
 /* The share of a velocity that a limit above zero allows where only rounding exceeds it; 1 where more does: it gave way. */
@@ -233,10 +233,11 @@ Outcome reported(const Demand *demand, const Row A[6], const double wanted[6], c
     solution->slow = share->value < WHOLE_SPEED;
     solution->m = demand->m;
     bool little = is_little(demand, wanted, done, rounding, share->value);
-    solution->stuck = little && rests(demand, A, solution->velocity);
     solution->missed = missed_share(demand, wanted, possible, done, rounding);
     solution->beyond = norm(6, wanted) > nothing(demand) ? solution->beyond : 0.0;
     solution->limited = little || solution->rows > 0 || (solution->missed > MISSED_SHARE && !falls(demand, solution->velocity));
+    solution->stuck = (little && !demand->chased) ||
+                      ((little || (solution->limited && isinf(solution->missed))) && rests(demand, A, solution->velocity));
     solution->damping = solution->missed > 0.0 ? objective->damping : 0.0;
     solution->method = solution->slow || found->met ? QP : solution->damping > 0.0 ? DAMPED : CLOSED_FORM;
     solution->blended = blended;

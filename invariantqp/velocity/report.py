@@ -48,10 +48,10 @@ def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array |
     missed = _missed(demand, problem, x)
     damping = objective.damping if missed > 0.0 else 0.0
     little = _is_little(demand, problem.wanted, x, share)
-    stuck = little and _rests(demand, x)
     slowed = _slowed(demand, answer, to_joint)
     moved = any(reason.code is Code.ROWS_MOVED for reason in slowed)
     limited = little or moved or (missed > MISSED and not _falls(demand, x))
+    stuck = (little and demand.chase is None) or ((little or (limited and missed == inf)) and _rests(demand, x))
     troubles = [*answer.troubles, *row_troubles(demand, problem.reduction)]
     status = Status.DEGRADED if troubles else Status.SCALED if slow else Status.OK
     if status is Status.OK:
@@ -195,9 +195,7 @@ def slowed_rows(demand: Demand, room: Room, to_joint: Array | None) -> list[Reas
 
 
 def _rests(demand: Demand, x: Array) -> bool:
-    """Whether joints on their way to a target move the tool, each by itself, by no more than nothing."""
-    if demand.chase is None:
-        return True
+    """Whether joints move the tool, each by itself, by no more than nothing."""
     A = demand.root.dot(demand.J)
     return float(np.sqrt((A * A).sum(axis=0)).dot(np.abs(x))) <= _nothing(demand)
 

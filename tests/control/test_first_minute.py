@@ -385,3 +385,17 @@ def test_the_pace_rises_as_the_way_gets_shorter(name):
     assert paces[-1] == 1.0
     assert all(b >= a - 0.05 for a, b in pairwise(paces))
     assert max(off) < 0.01
+
+
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+def test_a_locked_joint_that_is_missed_is_said_at_rest(engine):
+    """Beside exact joints nothing moves the tool where it is as near as it comes."""
+    arm, q = iq.load_robot("ur5"), np.array([0.4, -1.3, 1.9, -2.1, -1.5, 0.3])
+    target = iq.transform(translation=[0.05, 0.1, 0.05]) @ arm.pose(q)
+    locked = iq.control.ExactJoints(np.eye(6)[5:], [0.0])
+    loop = iq.Controller(arm, dt=0.01, exact=locked, engine=engine)
+    for _ in range(200):
+        solution = loop.step(q, target)
+        q = q + 0.01 * solution.velocity
+    assert solution.status == "limited"
+    assert solution.reason == "no velocity reduces the error: it is the least that these joints and limits allow"
