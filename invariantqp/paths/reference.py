@@ -174,12 +174,18 @@ class Stream:
 
     def __init__(self, cutoff: float, stamp: float, position: Array, transport: float) -> None:
         """From one sample on."""
-        self.delay = DELAY / cutoff
+        self._least = DELAY / cutoff
+        self._period = 0.0  # of the samples, in the mean [s]
         self.transport = transport  # in the mean [s]
         self.stamps: Array = np.array((stamp,))
         self.positions: Array = position[None]
         most = np.full(len(position), inf)
         self._boundless = JointLimits(-most, most, most, most, most, 0.0)
+
+    @property
+    def delay(self) -> float:
+        """How long a sample waits when it has come [s]: two are ahead, or noise is carried on beyond the last one."""
+        return max(self._least, 2.0 * self._period)
 
     @property
     def late(self) -> float:
@@ -190,6 +196,9 @@ class Stream:
         """A sample (m,) with a stamp later than all before it, which count no more if it is the first `anew`."""
         kept = slice(0, 0) if anew else slice(1 - MOST_SAMPLES, None)
         self.transport += TRANSPORT_SHARE * (transport - self.transport)
+        if not anew:
+            gap = stamp - float(self.stamps[-1])
+            self._period += (TRANSPORT_SHARE if self._period > 0.0 else 1.0) * (gap - self._period)
         self.stamps = np.append(self.stamps[kept], stamp)
         self.positions = np.vstack((self.positions[kept], position))
 

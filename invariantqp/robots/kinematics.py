@@ -133,7 +133,8 @@ def joint_limits(m: int, lower: ArrayLike, upper: ArrayLike, speed: ArrayLike) -
             raise BadInput(name, f"{none} at joint {int((a == none).argmax())}", f"numbers, or {-none} for no limit")
     if (v_max <= 0.0).any():
         i = int((v_max <= 0.0).argmax())
-        raise BadInput("velocity_limit", f"{v_max[i]:g} at joint {i}", "positive limits")
+        locks = "JointLimits(velocity_limit=0) in limits=[...] locks a joint."
+        raise BadInput("velocity_limit", f"{v_max[i]:g} at joint {i}", "positive limits", locks)
     return low, high, v_max
 
 

@@ -411,6 +411,22 @@ def test_a_long_chunk_is_done_at_its_end_and_nowhere_else(spacing, count):
     assert now > stamps[-1]
 
 
+@pytest.mark.parametrize("hertz", [60, 30, 12])
+def test_a_noisy_hand_is_not_amplified_however_seldom_it_is_seen(hertz):
+    robot, q, rng = iq.load_robot("ur5"), np.array([0.3, -1.2, 1.6, -1.9, -1.4, 0.2]), np.random.default_rng(0)
+    follower = iq.Follower(iq.Controller(robot, dt=0.004, acceleration_limit=10.0), timeout=0.3)
+    here, off, noise = robot.pose(q), [], []
+    for k in range(1500):
+        if k % round(250 / hertz) == 0:
+            noise.append(1e-3 * rng.normal(size=3))
+            follower.add(here @ iq.transform(translation=noise[-1]), 0.004 * k)
+        q = q + 0.004 * follower.step(q, now=0.004 * k).velocity
+        off.append(robot.pose(q)[:3, 3] - here[:3, 3])
+    moved, seen = (np.linalg.norm(x, axis=1) for x in (off, noise))
+    assert np.sqrt((moved**2).mean()) < 0.85 * np.sqrt((seen**2).mean())
+    assert moved.max() < seen.max()
+
+
 @pytest.mark.parametrize("shape", [(20, 5), (6, 20), (1, 20, 6), (20, 3, 4), (0, 6)])
 def test_points_of_another_shape_are_refused_by_their_shape(shape):
     follower = iq.Follower(iq.Controller(iq.load_robot("ur5"), dt=0.02, acceleration_limit=8.0))
