@@ -3,6 +3,8 @@
     gradient projection   x = J^+ s + (I - J^+ J) x_p                                       (Liegeois 1977)
     task priority         x = C^+ e + (J N_C)^+ (s - J C^+ e) + ...,  C the exact rows       (Nakamura 1987)
     damped                J^+ with J'(JJ' + lambda^2 I)^-1 in its place                      (Wampler 1986)
+    saturation            x = x_N + (J W)^+ (alpha s - J x_N),  W_jj = 0 and x_N,j = limit for saturated joints
+                                                                           (Flacco, De Luca & Khatib 2012)
 
 x_p is the posture, a joint velocity; it fills the null space of all that comes before it.
 """
@@ -60,6 +62,54 @@ def priority(setting: LoopSetting) -> Solve:
     return velocity
 
 
+def saturate(tick: Question) -> tuple[Array, float]:
+    """A joint that would exceed its limit stays at it, and the other joints make up for it: (m,) inside, and alpha.
+
+    alpha is 1 if they can achieve s, else the largest value found on the way. Where the bounds exclude zero velocity,
+    alpha may be 0; the velocity is then zero clipped to the bounds.
+
+    Reference: Flacco, De Luca & Khatib 2012, Algorithm 1.
+    """
+    J, s, lower, upper = tick.J, tick.s, tick.lower, tick.upper
+    size, m = float(np.linalg.norm(J, 2)), J.shape[1]
+    free, fixed = np.ones(m, dtype=bool), tick.posture.copy()
+    limits = np.abs(np.concatenate((lower, upper)))
+    edge = NEGLIGIBLE * float(limits[np.isfinite(limits)].max(initial=0.0))
+    best, most = np.minimum(np.maximum(np.zeros(m), lower), upper), 0.0
+    full = _rank(J, size)
+    while _rank(J * free, size) == full:
+        inverse = np.linalg.pinv(J * free, rcond=NEGLIGIBLE)
+        along = inverse.dot(s)
+        offset = fixed - inverse.dot(J.dot(fixed))
+        x = along + offset
+        if not ((x < lower - edge) | (x > upper + edge)).any():
+            return np.minimum(np.maximum(x, lower), upper), 1.0
+        scale, critical = _largest_share(along, offset, lower, upper)
+        if scale > most:
+            best, most = np.minimum(np.maximum(scale * along + offset, lower), upper), scale
+        if not free[critical]:
+            break
+        free[critical] = False
+        fixed[critical] = upper[critical] if x[critical] > upper[critical] else lower[critical]
+    return best, most
+
+
+def _largest_share(along: Array, offset: Array, lower: Array, upper: Array) -> tuple[float, int]:
+    """The largest alpha in [0, 1] with lower <= alpha along + offset <= upper, and the joint that limits it."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack(((lower - offset) / along, (upper - offset) / along))
+    still = along == 0.0
+    ends[0, still], ends[1, still] = -np.inf, np.inf
+    low, high = np.minimum(*ends), np.maximum(*ends)
+    critical = int(np.argmin(high))
+    most, least = min(1.0, float(high[critical])), max(0.0, float(low.max()))
+    return (most if least <= most else 0.0), critical
+
+
+def _rank(A: Array, size: float) -> int:
+    return int(np.count_nonzero(np.linalg.svd(A, compute_uv=False) > NEGLIGIBLE * size))
+
+
 METHODS = [
     Method(
         name=PENROSE,
@@ -81,5 +131,13 @@ METHODS = [
         why="damped least squares with lambda = 0.05 (Wampler 1986; Nakamura & Hanafusa 1986)",
         takes=Takes("in the damped null space", CANNOT, CLIPPED, "lambda = 0.05"),
         make=projected(damped),
+    ),
+    Method(
+        name="SNS",
+        family="Moore-Penrose",
+        why="saturation in the null space: joints stay at their limits and others make up for them (Flacco, De Luca "
+        "& Khatib 2012)",
+        takes=Takes(IN_NULL_SPACE, CANNOT, "inside; slows the twist down", "none"),
+        make=lambda _: lambda tick: saturate(tick)[0],
     ),
 ]

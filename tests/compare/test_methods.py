@@ -5,7 +5,12 @@ from support.arms import ready
 
 import invariantqp as iq
 from invariantqp import extras
-from invariantqp.compare.linear import LAMBDA, NEARLY_SINGULAR, chiaverini
+from invariantqp.compare.linear import (
+    LAMBDA,
+    NEARLY_SINGULAR,
+    chiaverini,
+    saturate,
+)
 from invariantqp.compare.method import CANNOT, FAMILIES, OURS, OURS_PYTHON, LoopSetting, Question
 from invariantqp.compare.registry import chosen, controller_named, methods, not_installed
 from invariantqp.errors import BadInput, MissingExtra, UnknownName
@@ -141,9 +146,10 @@ def test_a_target_ahead_is_as_good_as_a_feedforward(name, panda):
 
 
 @pytest.mark.parametrize("m", [3, 5, 6, 8])
-def test_moore_penrose_is_the_shortest_least_squares_velocity(m):
+@pytest.mark.parametrize("name", ["Moore-Penrose", "SNS"])
+def test_moore_penrose_is_the_shortest_least_squares_velocity(name, m):
     J, s = problem(1, m)
-    x = solved("Moore-Penrose", J, s)
+    x = solved(name, J, s)
     np.testing.assert_allclose(J.T @ (s - J @ x), 0.0, atol=1e-9)
     null_space = np.linalg.svd(J)[2][np.linalg.matrix_rank(J) :]
     np.testing.assert_allclose(null_space @ x, 0.0, atol=1e-10)
@@ -183,13 +189,26 @@ def largest_share(J, s, reach):
 
 
 @pytest.mark.parametrize("m", [6, 7, 9])
-def test_scaling_keeps_the_direction_inside_the_limits(m):
+def test_saturation_and_scaling_keep_the_direction_inside_the_limits(m):
     for seed in range(20):
         J, s = problem(seed, m)
         x0 = np.linalg.pinv(J) @ s
         reach = np.random.default_rng(seed).uniform(0.5, 1.2, m) * np.abs(x0).max()
+        (velocity, scale), best = saturate(plain(J, s, -reach, reach)), largest_share(J, s, reach)
+        assert (np.abs(velocity) <= reach).all()
+        np.testing.assert_allclose(J @ velocity, scale * s, atol=1e-9 * np.linalg.norm(s))
+        assert min(1.0, (reach / np.abs(x0)).min()) - 1e-9 <= scale <= best + 1e-9
         x = solved("scaling", J, s, reach)
-        np.testing.assert_allclose(J @ x, largest_share(J, s, reach) * s, atol=3e-3 * np.linalg.norm(s))
+        np.testing.assert_allclose(J @ x, best * s, atol=3e-3 * np.linalg.norm(s))
+
+
+def test_saturation_outside_its_limits_goes_the_way_back():
+    J, s = problem(3, 7)
+    lower, upper = np.full(7, -1.0), np.full(7, 1.0)
+    lower[2] = 0.4
+    x = saturate(plain(J, 5.0 * s, lower, upper))[0]
+    assert (x >= lower).all()
+    assert (x <= upper).all()
 
 
 def names(*words):
