@@ -52,6 +52,10 @@ LET_GO = 1.0
 DEAD_AFTER = 0.1
 STALE_AFTER = 0.012
 
+# What a user may have told wrong of a sensor, and what an overload before the tool went in may be.
+TOLD = "reads=, order=, mass= or bias="
+AT_ONCE = f", before anything was pressed: the sensor's {TOLD} is wrong, or something is in the way"
+
 # Share of the wanted press by which a reading may pull.
 PULL_SHARE = 0.5
 
@@ -226,7 +230,7 @@ class Pulls(NamedTuple):
         pull = weighed(self.pull, -felt, tick.limit if close else max(tick.limit, PULL_SHARE * wanted), tick.noise)
         if pull < CERTAIN:
             return Pulls(pull), None
-        said = f"the reading says that the contact pulls with {written(-felt)} N: sign, order, weight or bias is wrong"
+        said = f"the reading says that the contact pulls with {written(-felt)} N: the sensor's {TOLD} is wrong"
         return Pulls(pull), Finding(Status.FAULT, said, back=True)
 
 
@@ -541,8 +545,8 @@ class Answers(NamedTuple):
 
 # What a reading without an answer may be.
 NO_ANSWER = (
-    "the readings do not answer the motion: a sensor that is stuck, drifts or is not tared, or a surface that moves "
-    "(yields=)"
+    f"the readings do not answer the motion: a sensor that is stuck, drifts, is not tared or told wrong ({TOLD}), or a "
+    "surface that moves (yields=)"
 )
 
 
@@ -688,6 +692,8 @@ class Monitor(NamedTuple):
         if self.found is not None and self.found.status is not Status.LOST:
             return self
         overload, found = self.overload.update(task, tick)
+        if found is not None and not self.pushed:
+            found = found._replace(reason=found.reason + AT_ONCE)
         now = self._replace(overload=overload)
         if found is not None or self.found is not None:
             return now.stopping(task, found) if found is not None else now

@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 from support.noisy_plane import FAULTS, press_on_plane
+from support.spring_plane import gantry
+
+import invariantqp as iq
 
 PHASES = {"at the start": 0.0, "in the air": 0.05, "just after touch": 0.25, "settled": 1.0}
 PRESS = 10.0
@@ -93,3 +96,25 @@ def test_without_another_word_an_overload_is_finite():
         PRESS, fault=lambda reading, normal: reading + np.r_[1.5, 0, 0, 0, 0, 0], since=1.0, seconds=1.2
     )
     assert "N m of 1" in turned.solutions[turned.stopped()].reason
+
+
+@pytest.mark.parametrize("mass", [0.0, 0.7])
+@pytest.mark.parametrize("told", [{"reads": "action"}, {"order": "moment first"}], ids=["reads", "order"])
+def test_what_is_told_wrong_of_a_sensor_is_named(told, mass):
+    """A wrong sign reads a press as a pull, or twice the weight as a press in the air; a wrong order moments."""
+    cell = {"order": "force first", "reads": "reaction", "mass": mass, "noise": 0.1}
+    truly, said = (iq.WrenchSensor(np.eye(4), **cell | more) for more in ({}, told))
+    robot, q, random = gantry(), np.zeros(6), np.random.default_rng(1)
+    task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], [0, 0, 1]), [5.0])
+    loop = iq.HybridController(robot, task, dt=0.004, sensor=said)
+    for _ in range(2000):
+        tool = robot.pose(q)
+        press = 1e4 * max(0.0, -0.001 - tool[2, 3])
+        reading = truly.tare(tool) + random.normal(0.0, 0.1, 6)
+        reading[2] += press
+        solution = loop.step(q, np.eye(4), reading)
+        q = q + 0.004 * solution.velocity
+        if "retreating" in solution.reason:
+            break
+    assert solution.status in ("fault", "overload")
+    assert f"{next(iter(told))}=" in solution.reason
