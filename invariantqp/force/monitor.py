@@ -524,7 +524,7 @@ class Answers(NamedTuple):
         began = self.rest if rested and self.rest is not None else self.since
         moves = max(self.moves, 2.0 * abs(release.depth - began[0]))
         if self.read > -CERTAIN and release.fell is None:
-            if not rested and self.evidence.answers:
+            if not rested and self.evidence.stiffness > 0.0:
                 now = self.heard(task, known, press, noise)
                 none: Array = np.zeros(3)
                 begun = now._replace(touched=0.0, rested=0.0, rest=None, slid=none, off=0.0, release=None)
