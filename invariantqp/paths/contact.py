@@ -144,13 +144,13 @@ class Pressed:
         told = shape.told(q, answer.velocity, time + dt, override, why=why or astray, pressed=beside.off)
         told.hybrid = answer
         if why == NO_TOUCH:
-            told.told_as(Status.WAITING, answer.reason or NO_TOUCH, NO_TOUCH)
+            told.status, told.reason, told.ruling = Status.WAITING, answer.reason or NO_TOUCH, NO_TOUCH
         elif stalls and told.status not in (Status.DONE, Status.BLOCKED):
             at = f"the tool comes no farther than {shape.given.place(place):.4g}"
             reason = "; ".join(filter(None, (at, plan.blocked, answer.reason)))
-            told.told_as(Status.BLOCKED, reason)
+            told.status, told.reason = Status.BLOCKED, reason
         elif not told.reason and told.status != Status.DONE:
-            told.told_as(told.status, answer.reason)
+            told.reason = answer.reason
         return told
 
     def _told(

@@ -80,8 +80,8 @@ MOST_OVERRIDE = 1.5
 # Why joints catch up, or are elsewhere.
 LATE = "the joints' limits"
 ELSEWHERE = "joints are not where they were sent: they do not follow, or later than told (delay=)"
-# Why nothing is followed yet, and why an arm stands that is not done.
-BEGINS, NOT_DUE = "the points begin in {:.3g} s", "the next points are not due yet"
+# Why an arm stands that is not done.
+NOT_DUE = "the next points are not due yet"
 # Joint speeds below this share of their limits are rest; joints this near [rad, length] are there.
 AT_REST, ARRIVED = 1e-6, 1e-8
 # Rows and a tool speed that are exceeded by this share are kept: rounding.
@@ -787,7 +787,7 @@ class Follower:
             self._why = "the points were over when they came"
             return
         if stamps[0] - now > LONG:
-            self._why = f"{BEGINS.format(stamps[0] - now)}: stamps and now= are seconds of one clock"
+            self._why = f"the points begin in {stamps[0] - now:.3g} s: stamps and now= are seconds of one clock"
             return
         older = self._given[1] if alone is False and self._last and self._given else None
         if older is not None and stamps[0] < older[0] and stamps[-1] <= older[-1]:
@@ -806,7 +806,7 @@ class Follower:
             due = float(stamps[(first + end) // 2])
             self._next = given, stamps, due if now < due < now + reach else now + 0.25 * reach, bool(alone), wait
         if end == 0:
-            self._why = BEGINS.format(stamps[0] - now)
+            self._why = f"the points begin in {stamps[0] - now:.3g} s"
             return
         given, stamps = given.chosen(slice(first, end)), stamps[first:end]
         near, before, there = self._q, None, None
@@ -894,7 +894,7 @@ class Follower:
             why = ASTRAY if self._astray else PAUSE if self.paused else ""
             told = shape.told(measured, command.copy(), self._time, self._override, why=why)
             if self._late and (found := self._by_loop(streams=False)) is not None:
-                told.told_as(*found)
+                told.status, told.reason = found
             return told
         place, late = self._time, 0.0
         if isinstance(reference.source, Clocked) and self._twist is None:

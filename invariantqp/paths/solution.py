@@ -43,11 +43,6 @@ class FollowerSolution:
         self._where: Where = where
         self._across: Callable[[], float] | float = across
 
-    def told_as(self, status: Status, reason: Why, ruling: str | None = None) -> None:
-        """Another status is told, and why."""
-        self.status, self._why = status, reason
-        self.ruling = self.ruling if ruling is None else ruling
-
     def _read(self) -> tuple[float, float, float]:
         if callable(self._where):
             self._where = self._where()
@@ -74,6 +69,10 @@ class FollowerSolution:
         if callable(self._why):
             self._why = self._why()
         return self._why
+
+    @reason.setter
+    def reason(self, why: Why) -> None:
+        self._why = why
 
     @property
     def across(self) -> float:
