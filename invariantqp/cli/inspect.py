@@ -72,6 +72,10 @@ def inspect(
     state = None if q is None else numbers("--q", q)
     many = {} if samples is None else {"samples": samples}
     found = inspect_arm(loaded, name=robot, q=state, **many)
+    if state is not None:
+        from invariantqp.control.limits import no_degrees, not_believed, refuse
+
+        refuse(not_believed(loaded, found.q, no_degrees(loaded, loaded.jacobian(found.q))), "--q")
     kept = None
     if clearance:
         from invariantqp.control.clearance import Clearance

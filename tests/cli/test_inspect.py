@@ -64,6 +64,7 @@ REFUSED = [
     (["planar_3r", "--q", "0.1,0.2"], "q: found shape (2,)"),
     (["planar_3r", "--q", "0.1,nan,0.2"], "q: found NaN"),
     (["planar_3r", "--q", "a"], "--q: found 'a'; expected numbers"),
+    (["panda", "--q", "11,-28,5,-114,5,97,34"], "-114 rad is 110.9 outside its position range; are these degrees?"),
     (["planar_3r", "--q", "0,1,0", "--samples", "9"], "--q: found --samples too"),
     (["planar_3r", "--samples", "0"], "--samples"),
     (["planar_3r", "--json", "/nowhere/at/all.json"], "in a folder that does not exist"),
