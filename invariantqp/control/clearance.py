@@ -126,6 +126,8 @@ class Moved(NamedTuple):
         no more by it than by the room; it is held for twice the time between the places.
         """
         between = time - self.at
+        if between == 0.0:
+            return self._replace(place=place)
         if place is self.place:
             held = between <= (2.0 + EQUAL) * self.between
             return self if held else self._replace(speed=np.zeros_like(self.speed), moves=False)
@@ -309,9 +311,14 @@ class Clearance(Limit):
                 argument, f"{self!r} of another robot", "one made with this robot, of the same base= and offset="
             )
 
-    def watch(self, dt: float, alpha: float) -> None:
-        """A tick of `dt` begins, at a rate alpha: what does not say how fast it is moves as its last two places say."""
-        now = self._time = self._time + dt
+    def watch(self, last: float | None, dt: float, alpha: float) -> float:
+        """A tick of a loop begins, at a rate alpha: what does not say how fast it is moves as its last two places say.
+
+        The `last` began at some time, None for the first, and took dt; the time of this one is returned, which is that
+        of other loops whose turn it is, too.
+        """
+        begins = self._time + (dt if self._time == 0.0 else 0.0) if last is None else last + dt
+        now = self._time = max(self._time, begins)
         for i, shape in self._shapes:
             known, pose = self._moved[i], shape.pose
             if shape.told:
@@ -321,6 +328,7 @@ class Clearance(Limit):
         for a, arm in enumerate(self.arms, 1):
             told, known = arm.knows_velocity, self._moved[-a]
             self._moved[-a] = Moved(arm.q, now, 0.0, arm.velocity) if told else known.now(arm.q, _turned, now, alpha)
+        return now
 
     def in_loop(self, loop: Loop) -> Rate:
         """The rate in a loop, and what its joints brake by."""
@@ -578,6 +586,7 @@ class _InLoop(Limit):
     def __init__(self, clearance: Clearance, rate: Rate) -> None:
         self._clearance, self._rate = clearance, rate
         self._dt, self._alpha = float(rate.settings[3]), float(rate.settings[1])
+        self._last: float | None = None  # when its last tick began [s]
         self._stops_at_once = bool(np.isinf(rate.limits[1]).all())
         self._limits = np.hstack((rate.limits, *(arm.limits for arm in clearance.arms)))
 
@@ -595,7 +604,7 @@ class _InLoop(Limit):
         return self._clearance.blocked(q)
 
     def begin(self) -> None:
-        self._clearance.watch(self._dt, self._alpha)
+        self._last = self._clearance.watch(self._last, self._dt, self._alpha)
 
     def for_core(self) -> tuple[Any, Array, Array, Array | None] | None:
         """What a tick of the core is given of it; None where the core has it row by row alone."""

@@ -584,15 +584,18 @@ def test_it_makes_way_for_what_comes_whether_or_not_its_twist_is_told(panda):
     assert least[False, 16] > 0.0195 - 16 * DT * 1.0
 
 
-def test_an_obstacle_whose_twist_is_not_told_moves_as_its_last_two_poses_say(panda):
+@pytest.mark.parametrize("count", [1, 2])
+def test_an_obstacle_whose_twist_is_not_told_moves_as_its_last_two_poses_say(panda, count):
+    """In one loop, and in two that take turns."""
     ball = Sphere([0.0, 0.0, 0.0], 0.06, name="ball")
     limit = Clearance(panda, HAND, [ball])
-    loop, last = iq.Controller(panda, dt=DT, limits=[limit]), len(limit._twists) - 1
+    loops, last = [iq.Controller(panda, dt=DT, limits=[limit]) for _ in range(count)], len(limit._twists) - 1
 
     def twist(pose, given=None):
         if pose is not None:
             ball.move(pose, given)
-        loop.step(READY, panda.pose(READY))
+        for loop in loops:
+            loop.step(READY, panda.pose(READY))
         return limit._twists[last]
 
     speed, places = np.array([0.3, -0.1, 0.2, 0.5, -0.4, 0.1]), [iq.transform(translation=[0.0, 2.0, 0.0])]
