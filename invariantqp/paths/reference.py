@@ -301,16 +301,20 @@ class Clocked(NamedTuple):
 
     def _turn(self, clock: Clock, limits: JointLimits) -> tuple[float, float]:
         """The shortest change of rate that keeps the limits, or else that with the least excess; its share of them."""
-        D = np.geomspace(SHORTEST_STOP * limits.dt, LONGEST_TURN, TURNS)[:, None]
-        times = clock.start + np.linspace(0.0, 1.0, PLACES_TURN) * D
-        place, rate, slope, bend = (x.ravel()[:, None] for x in clock._replace(duration=D).at(times))
-        r = self.source.at(place[:, 0])
-        v, a, j = r[:, 1], r[:, 2], r[:, 3]
-        jerk = rate**3 * j + 3.0 * rate * slope * a + bend * v
-        worst = limits.ratio(r[:, 0], rate * v, rate**2 * a + slope * v, jerk).reshape(times.shape).max(axis=1)
+        D, worst = np.geomspace(SHORTEST_STOP * limits.dt, LONGEST_TURN, TURNS), np.zeros(0)
+        for some in np.split(D[:, None], TURNS // 8):  # the shortest first
+            times = clock.start + np.linspace(0.0, 1.0, PLACES_TURN) * some
+            place, rate, slope, bend = (x.ravel()[:, None] for x in clock._replace(duration=some).at(times))
+            r = self.source.at(place[:, 0])
+            v, a, j = r[:, 1], r[:, 2], r[:, 3]
+            jerk = rate**3 * j + 3.0 * rate * slope * a + bend * v
+            ratio = limits.ratio(r[:, 0], rate * v, rate**2 * a + slope * v, jerk).reshape(times.shape)
+            worst = np.append(worst, ratio.max(axis=1))
+            if worst.min() <= TURN_SHARE:
+                break
         # What it was going to do anyway is not to be made worse.
         i = int((worst <= max(TURN_SHARE, 1.0001 * float(worst.min()))).argmax())
-        return float(D[i, 0]), float(worst[i])
+        return float(D[i]), float(worst[i])
 
 
 class Reference:
