@@ -380,7 +380,7 @@ class Follower:
         course = self._course if velocity is None and override == self._override else None
         soon = course is not None and self._time < course[2] and (clock is None or -SKEW <= clock - self._time <= SKEW)
         if course is not None:
-            if soon:
+            if soon and loop.varies:
                 loop.begin()
             found = self._by_core(course, q) if soon else None  # None where Python has to answer, too
             if found is not None:

@@ -48,6 +48,8 @@ ON_THE_WAY, ON_THE_WAY_BACK = (
     "off the path, pushed or later than told (delay=), on the way back",
 )
 SETTLING, ENDED, START = "settling", "the path's end", "the start"
+# Looked up once: an attribute of an enum takes longer than the rest of what is told.
+MOVING, SLOWED = Status.MOVING, Status.SLOWED
 
 
 class Shape:
@@ -305,10 +307,11 @@ class Shape:
         if motion.clock.final <= 0.0 or motion.clock.rate < 0.0:
             return None
         self._ticks += 1
-        ruling = plan.ruling[plan.nearest(before)]
-        if ruling != ON_TIME and override < 1.0:
+        ruling, status = plan.ruling[plan.nearest(before)], SLOWED
+        if ruling == ON_TIME:
+            status = MOVING
+        elif override < 1.0:
             ruling = OVERRIDDEN
-        status = Status.MOVING if ruling == ON_TIME else Status.SLOWED
         where, across = partial(self._where, before, after, self._ticks), partial(self.across, q, before)
         return FollowerSolution(command, status, "", where, across, ruling)
 
