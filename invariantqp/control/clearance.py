@@ -317,8 +317,7 @@ class Clearance(Limit):
         The `last` began at some time, None for the first, and took dt; the time of this one is returned, which is that
         of other loops whose turn it is, too.
         """
-        begins = self._time + (dt if self._time == 0.0 else 0.0) if last is None else last + dt
-        now = self._time = max(self._time, begins)
+        now = self._time = self._time if last is None else max(self._time, last + dt)
         for i, shape in self._shapes:
             known, pose = self._moved[i], shape.pose
             if shape.told:

@@ -553,7 +553,7 @@ class Controller:
 
     def _called(self, solution: VelocitySolution) -> VelocitySolution:
         """The solution with the names of joints, where it has something to say."""
-        return solution._replace(joint_names=self.robot.names) if solution[3] else solution
+        return VelocitySolution._make((*solution[:-1], self.robot.names)) if solution[3] else solution
 
     @property
     def memory(self) -> Memory:

@@ -201,10 +201,10 @@ static PyObject *said(const Follow *f)
 /* follow(course, law, joints, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command, pace):
    position, velocity, acceleration, command and pace after the tick, the command once more, q as an array, the source's last
    column before and after, whether the joints are late, how they stop being it, a residual or None, what the loop says, or
-   None, whether it does not allow what was wanted, and whether a joint is not where it was sent. None where Python has to answer, or to say what is wrong with q.
-   `law` is the loop without acceleration limits and delay, `joints` that for joint velocities, or None where nothing but
-   joint limits binds them; each a Loop, or a tuple of it and of what the core is given of a clearance. Late joints look for
-   a splice that takes `ease`, unless that is 0. */
+   None, whether it does not allow what was wanted, and whether a joint is not where it was sent. None where Python has to
+   answer, or to say what is wrong with q. `law` is the loop without acceleration limits and delay, `joints` that for joint
+   velocities, or None where nothing but joint limits binds them; each a Loop, or a tuple of it and of what the core is given
+   of a clearance. Late joints look for a splice that takes `ease`, unless that is 0. */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
