@@ -94,6 +94,8 @@ class Loop:
     G: Array  # (limits, joints) rows of limits, least <= G x <= most
     least: Array  # (limits,) -inf where there is none
     most: Array  # (limits,) inf where there is none
+    joint_names: tuple[str, ...]  # of its joints, which its answers have
+    row_names: tuple[str, ...]  # of those rows, likewise
     def __init__(
         self,
         *,
@@ -128,6 +130,8 @@ class Loop:
         G: Array | None = None,
         least: Array | None = None,
         most: Array | None = None,
+        joint_names: tuple[str, ...] | None = None,
+        row_names: tuple[str, ...] | None = None,
     ) -> None: ...
 
 class Arm:

@@ -98,6 +98,15 @@ class _Called:
         return (f"clearance: {Near(*self.bodies[k], d)}" for k, d in zip(self.pairs, self.distances, strict=True))
 
 
+class _Now:
+    """What the last tick found: when it began [s], by the ticks, all distances, and which is the least."""
+
+    __slots__ = ("distances", "nearest", "time")
+
+    def __init__(self) -> None:
+        self.time, self.nearest, self.distances = 0.0, (-1, inf), np.zeros(0)
+
+
 class Near(NamedTuple):
     """Two bodies and how far they are apart."""
 
@@ -199,14 +208,12 @@ class Clearance(Limit):
         self._pairs = np.array([(i, j, 1.0) for i, j in self._of_pair], dtype=np.float64).reshape(-1, 3)
         self._around = np.array([self._parts[j].around for _, j in self._of_pair], dtype=int)
         self._seen: dict[int, Any] = {}
-        self._time = 0.0  # [s], by the ticks
         self._shapes = [(i, self._parts[i].shape) for i in self._found.moving]
         self._moved = {i: Moved(shape.pose, -inf, 0.0, shape.twist) for i, shape in self._shapes}
         self._moved |= {-1 - a: Moved(arm.q, -inf, 0.0, arm.velocity) for a, arm in enumerate(self.arms)}
         self._reasons: list[str] = [""] * len(self._of_pair)  # why they are not kept apart as obstacles are now
         self._unjudged = self._around != 0
-        self._nearest_now: tuple[int, float] = -1, inf
-        self._distances_now = np.zeros(0)
+        self._now = _Now()
         self._scene: Any = None  # for the core; made when it is first asked for
         self._levers = self._levers_of_pairs()
         self._enough = self.distance - max(CURVED * self.distance, ACTIVE_TOLERANCE)
@@ -261,7 +268,7 @@ class Clearance(Limit):
     @property
     def nearest(self) -> Near:
         """Which two bodies were the nearest in the last tick that asked for rows, and their `distance`."""
-        return self._near(*self._nearest_now)
+        return self._near(*self._now.nearest)
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -317,7 +324,8 @@ class Clearance(Limit):
         The `last` began at some time, None for the first, and took dt; the time of this one is returned, which is that
         of other loops whose turn it is, too.
         """
-        now = self._time = self._time if last is None else max(self._time, last + dt)
+        tick = self._now
+        now = tick.time = tick.time if last is None else max(tick.time, last + dt)
         for i, shape in self._shapes:
             known, pose = self._moved[i], shape.pose
             if shape.told:
@@ -340,8 +348,8 @@ class Clearance(Limit):
     def rows_at(self, q: Array, rate: Rate, before: Array | None = None) -> LimitRows | None:
         """The rows at joint positions q (m,) after a velocity `before` (m,), None where nothing is near enough."""
         C, lower, of_pair, distances = self._asked(arrays.vector(q, len(self.robot.names), "q"), rate, before)
-        self._nearest_now, self._distances_now = self._least(distances), distances
-        inside = self._nearest_now[1] < self._enough
+        self._now.nearest, self._now.distances = self._least(distances), distances
+        inside = self._now.nearest[1] < self._enough
         if not (len(lower) or inside):
             return None
         upper, pairs = np.full(len(lower), inf), of_pair.astype(int)
@@ -356,11 +364,11 @@ class Clearance(Limit):
 
     def broken(self) -> str:
         """Which bodies were too near in the last tick that asked for rows, "" where none were."""
-        return self._too_near(self.nearest) if self._nearest_now[1] < self._enough else ""
+        return self._too_near(self.nearest) if self._now.nearest[1] < self._enough else ""
 
     def rows_after(self, q: Array, x: Array, rate: Rate) -> LimitRows | None:
         """Rows about the velocity x (m,) of a tick from q (m,) on that ends too near; None where it does not."""
-        dt, d, shares = float(rate.settings[3]), self._distances_now, self._pairs[:, 2]
+        dt, d, shares = float(rate.settings[3]), self._now.distances, self._pairs[:, 2]
         kept, others = np.minimum(d, self.distance) - self.distance, np.zeros(len(d))
         if self.arms:  # another one may take its share of the room
             others = (1.0 - shares) * np.where(np.isinf(d), 0.0, np.maximum(d - self.distance, 0.0))
@@ -381,18 +389,18 @@ class Clearance(Limit):
         names = [*_Called(self._bodies, of_pair[lost].tolist(), d[of_pair[lost]].tolist())]
         return LimitRows.trusted(C[lost], lower, np.full(len(lower), inf), names)
 
-    def given(self, rate: Rate, limits: Array) -> tuple[Any, Array, Array, Array | None] | None:
+    def given(self, rate: Rate, limits: Array) -> tuple[Any, ...] | None:
         """What a tick of the core is given, with limits of all joints; None for meshes, which Python asks for."""
-        scene = None if self._found.solids else self.scene()
+        scene = None if self._found.solids else self._scene or self.scene()
         if scene is None:
             return None
         self._refresh(rate.delay)
-        return scene, limits, rate.settings, self._others(rate.delay) if self.arms else None
+        return scene, limits, rate.settings, self._others(rate.delay) if self.arms else None, self._told
 
-    def told(self, k: int, distance: float, of_rows: tuple[Any, ...]) -> Iterable[str]:
+    def _told(self, k: int, distance: float, of_rows: tuple[Any, ...]) -> Iterable[str]:
         """What the core found in a tick: the nearest pair, and the pair and distance of each row; the rows' names."""
-        self._nearest_now = (k, distance) if self._of_pair else (-1, inf)
-        return _Called(self._bodies, of_rows[::2], of_rows[1::2])
+        self._now.nearest = (k, distance) if self._of_pair else (-1, inf)
+        return _Called(self._bodies, of_rows[::2], of_rows[1::2]) if of_rows else ()
 
     def _moves(self, pairs: NDArray[np.int_]) -> bool:
         """Whether a shape of some pairs moves by itself."""
@@ -401,7 +409,7 @@ class Clearance(Limit):
     def _calm(self, rate: Rate, before: Array | None) -> Array:
         """(m,) how fast joints may be, the nearest bodies being nearer than the distance, and no brakes too weak."""
         shallow = DEEP * self.distance
-        deep = min(1.0, (self.distance - self._nearest_now[1]) / shallow) if shallow > 0.0 else 1.0
+        deep = min(1.0, (self.distance - self._now.nearest[1]) / shallow) if shallow > 0.0 else 1.0
         speed: Array = max(CALM, 1.0 - deep) * self.robot.velocity_limit
         return speed if before is None else np.maximum(speed, rate.braked(before, deep))
 
@@ -605,10 +613,6 @@ class _InLoop(Limit):
     def begin(self) -> None:
         self._last = self._clearance.watch(self._last, self._dt, self._alpha)
 
-    def for_core(self) -> tuple[Any, Array, Array, Array | None] | None:
+    def for_core(self) -> tuple[Any, ...] | None:
         """What a tick of the core is given of it; None where the core has it row by row alone."""
         return self._clearance.given(self._rate, self._limits)
-
-    def told(self, k: int, distance: float, of_rows: tuple[Any, ...]) -> Iterable[str]:
-        """What the rows of a tick of the core are called; k is the nearest pair."""
-        return self._clearance.told(k, distance, of_rows)

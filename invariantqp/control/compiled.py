@@ -24,9 +24,8 @@ if TYPE_CHECKING:
     from invariantqp.engine import Loop, Wanted
 
 # A tick by the core, for the loop of `compiled_loop`, the numbers of its Memory, which it writes, and what `step` is
-# given; without a target (None), what `follow` is. The solution, what of joints is to be said beside it, if any, and
-# what a limit is told whose rows the core finds itself (`ForCore.told`); None where Python has to answer, or to say
-# what is wrong with an argument.
+# given; without a target (None), what `follow` is. The solution, and what of joints is to be said beside it, if any;
+# None where Python has to answer, or to say what is wrong with an argument.
 compiled_tick: Callable[..., tuple[Any, ...] | None] = getattr(core, "step", lambda *_: None)
 
 
@@ -56,7 +55,7 @@ def compiled_loop(
     if rows is not None:
         if len(rows.lower) > core.MOST_LIMITS:
             return None
-        fields |= {"G": rows.C, "least": rows.lower, "most": rows.upper}
+        fields |= {"G": rows.C, "least": rows.lower, "most": rows.upper, "row_names": rows.names}
     if speed is not None:
         fields |= {"fast": speed.point, "speed_limit": speed.limit}
     if carried is not None:
@@ -79,6 +78,7 @@ def compiled_loop(
         fastest=box.velocity_limit,
         acceleration=None if braking is None else braking.acceleration,
         exact=wanted,
+        joint_names=robot.names,
         **fields,
     )
     return made

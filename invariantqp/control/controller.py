@@ -238,14 +238,13 @@ class Controller:
         refuse(self.wrong(self._posture), "posture")
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
         self._rise, self._brakes = 0.0, self._limits.loop.acceleration
-        self._row_names: tuple[str, ...] = () if self.joint_rows is None else self.joint_rows.names
         fastest = self.box.velocity_limit
         self._fastest = np.where(np.isfinite(fastest) & (fastest > 0.0), fastest, 1.0)
         self._slowness = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), fastest)
         self._late = ticks_late(self.delay, self.dt)
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
-        brought = self.law.compiled is not None and self.law.compiled.form == "brought"
-        self.varies: bool = brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
+        self._brought = self.law.compiled is not None and self.law.compiled.form == "brought"
+        self.varies: bool = self._brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
         self._looks = self.joint_rows is not None and bool(self.joint_rows.looking)
         self.compiled: Loop | None = self._compiled()  # for the core; None for a loop that it does not have
 
@@ -364,8 +363,8 @@ class Controller:
         else:
             found = compiled_tick(core, self.kept, q, target, feedforward, velocity)
         if found is not None:
-            plain = found[1:] == (None,) and not found[0][3] and not self._row_names
-            return found[0] if plain else self.named(found)
+            solution, troubles = found
+            return solution if troubles is None else self.said(solution, troubles)
         memory = self.memory
         before = memory.now(velocity)
         positions, target = arrays.vector(q, self._count, "q"), self.robot.target(target)
@@ -393,7 +392,7 @@ class Controller:
         memory = memory.followed(positions, A, self.dt, self._slowness / self.dt)._replace(turn=turn[:3])
         self.kept[:HEADER] = memory.numbers[:HEADER]
         answer = self._tick(state, s, share, ahead, braked=braked, now=now)
-        return self._called(memory.judged(answer, positions, A, self.dt))
+        return memory.judged(answer, positions, A, self.dt)
 
     def follow(
         self,
@@ -439,7 +438,7 @@ class Controller:
         other = {} if posture is None else {"posture": posture}
         found = None if core is None else self._by_core(core, q, None, twist, velocity, now, **other)
         if found is not None:
-            return self.named(found)
+            return self.said(*found)
         positions = arrays.vector(q, self._count, "q")
         s = sizes.not_too_fast(arrays.twist(twist))
         if rows is not None:
@@ -487,13 +486,14 @@ class Controller:
         now: Changes | None,
         **other: Any,
     ) -> tuple[Any, ...] | None:
-        """A tick by the core, for `named`, given what Python computes in each; None where Python has to answer."""
+        """A tick by the core, for `said`, given what Python computes in each; None where Python has to answer."""
         changes = {} if now is None else now.for_core(self._limits.loop)
         if changes is None:
             return None
         other |= changes
-        if now is None and isinstance(beside := self.for_core, tuple):
-            found = compiled_tick(core, self.kept, q, target, feedforward, velocity, *beside[1:], **other)
+        given = self._beside() if now is None and self.varies else None
+        if given is not None:
+            found = compiled_tick(core, self.kept, q, target, feedforward, velocity, *given, **other)
             if found is not None:
                 return found
         rows: LimitRows | None = None
@@ -507,7 +507,7 @@ class Controller:
             rows, trouble = self._limits.rows(there, before, now)
             if trouble is not None:
                 return None
-            if self.law.form is not None and core.law.form == "brought":
+            if self.law.form is not None and self._brought:
                 root = self._at_rest(positions, None, velocity).root
                 other["brought"] = np.asarray(self.law.form.matrix(np.asarray(np.linalg.inv(root))), np.float64)
         tick = partial(compiled_tick, core, self.kept, q, target, feedforward, velocity, **other)
@@ -520,40 +520,31 @@ class Controller:
     ) -> tuple[Any, ...] | None:
         """A tick by the core with rows at joint positions (m,), and more where these do not keep to its end."""
         kept = self.kept.copy() if self._looks or now is not None else None
-        found = tick(G=rows.C, least=rows.lower, most=rows.upper)
+        found = tick(G=rows.C, least=rows.lower, most=rows.upper, row_names=rows.names)
         for _ in range(0 if kept is None else AGAIN):
             more = None if found is None else self._limits.after(there, found[0].velocity, rows, now)
             if more is None:
                 break
             rows, self.kept[:] = more, kept
-            found = tick(G=rows.C, least=rows.lower, most=rows.upper)
-        if found is None:
-            return None
-        answer = self._limits.broken(found[0], now)
-        return (answer._replace(row_names=rows.names) if rows.names else answer, *found[1:])
+            found = tick(G=rows.C, least=rows.lower, most=rows.upper, row_names=rows.names)
+        return None if found is None else (self._limits.broken(found[0], now), found[1])
 
     @property
     def for_core(self) -> Loop | tuple[Any, ...] | None:
         """The compiled loop, and what the core is given of a limit whose rows it finds; None where Python ticks."""
-        core, rows = self.compiled, self.joint_rows
-        if core is None or not self.varies:
-            return core
-        given = None if rows is None or rows.alone is None or core.law.form == "brought" else rows.alone.for_core()
-        return None if given is None else (core, *given)
+        if self.compiled is None or not self.varies:
+            return self.compiled
+        given = self._beside()
+        return None if given is None else (self.compiled, *given)
 
-    def named(self, found: tuple[Any, ...]) -> VelocitySolution:
-        """The solution of a tick by the core, with the names of rows, and of joints in what it says beside it."""
-        answer, troubles, *told = found
-        alone, names = None if self.joint_rows is None else self.joint_rows.alone, self._row_names
-        if told and alone is not None:
-            answer = answer._replace(row_names=alone.told(*told))
-        elif names and not answer.row_names:
-            answer = answer._replace(row_names=names)
-        return self._called(answer if troubles is None else self._limits.with_troubles(answer, read(troubles)))
+    def _beside(self) -> tuple[Any, ...] | None:
+        """What the core is given of a limit whose rows it finds."""
+        rows = self.joint_rows
+        return None if rows is None or rows.alone is None or self._brought else rows.alone.for_core()
 
-    def _called(self, solution: VelocitySolution) -> VelocitySolution:
-        """The solution with the names of joints, where it has something to say."""
-        return VelocitySolution._make((*solution[:-1], self.robot.names)) if solution[3] else solution
+    def said(self, solution: VelocitySolution, troubles: bytes | None) -> VelocitySolution:
+        """The solution of a tick by the core, with what of joints is to be said beside it."""
+        return solution if troubles is None else self._limits.with_troubles(solution, read(troubles))
 
     @property
     def memory(self) -> Memory:
@@ -671,7 +662,8 @@ class Controller:
                 break
             solution = solve(law, demand._replace(rows=rows))
         self.memory.after(positions, solution.velocity).write(self.kept)
-        return self._called(self._limits.told(self._limits.broken(solution, now), positions, limits.strained))
+        solution = self._limits.told(self._limits.broken(solution, now), positions, limits.strained)
+        return solution._replace(joint_names=self.robot.names)
 
     def _held(self, before: Array) -> float:
         """How long a velocity is held beyond the law's dt [s], until accelerations let joints have another.

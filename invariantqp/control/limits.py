@@ -152,10 +152,7 @@ class ForCore(Protocol):
     """A limit whose rows the compiled core finds itself in a tick in which there are no others."""
 
     def for_core(self) -> tuple[Any, ...] | None:
-        """What the core is given in a tick; None where Python has to give it rows."""
-
-    def told(self, k: int, distance: float, of_rows: tuple[Any, ...], /) -> Iterable[str]:
-        """What the core told of it in a tick; the names of its rows."""
+        """What the core is given in a tick, whom it tells what it found last; None where Python has to give it rows."""
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -543,11 +540,6 @@ class RowLimits:
         """The rows where they are the same in every tick."""
         rows = [limit for limit in self._limits if isinstance(limit, LimitRows)]
         return _stacked(rows) if len(rows) == len(self._limits) else None
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the rows that are the same in every tick; () where not all are."""
-        return () if self.fixed is None else self.fixed.names
 
     def own(self, q: Array) -> LimitRows | None:
         """The rows at joint positions q (m,) but Pink's, None where there are none or they cannot be used."""

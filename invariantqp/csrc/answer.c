@@ -256,8 +256,9 @@ static PyObject *joints(int m, const bool *active)
     return named(&PyTuple_Type, count, found);
 }
 
-/* A VelocitySolution, its fields in their order. */
-PyObject *fields(int m, const Solution *solution)
+/* A VelocitySolution, its fields in their order, of a tick of a loop or of none (NULL). Its rows are called as the loop says,
+   unless there is another tuple, which this takes over. */
+PyObject *fields(int m, const Solution *solution, const Loop *loop, PyObject *row_names)
 {
     if (ANSWER == NULL) return refused("answer_as(VelocitySolution) comes first");
     bool met = solution->met, rows = met && solution->limits > 0;
@@ -274,8 +275,8 @@ PyObject *fields(int m, const Solution *solution)
         Py_NewRef(met ? NATIVE : NOTHING),
         met ? new_vector(m, solution->multipliers) : Py_NewRef(Py_None),
         rows ? new_vector(solution->limits, solution->multipliers + m) : Py_NewRef(Py_None),
-        Py_NewRef(NONE_ACTIVE), /* row_names */
-        Py_NewRef(NONE_ACTIVE), /* joint_names */
+        row_names != NULL ? row_names : Py_NewRef(loop != NULL ? loop->row_names : NONE_ACTIVE),
+        Py_NewRef(loop != NULL ? loop->joint_names : NONE_ACTIVE),
     };
     return named(ANSWER, sizeof values / sizeof *values, values);
 }

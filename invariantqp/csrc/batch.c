@@ -136,5 +136,5 @@ PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_
     if (count != 1 || !vector(arguments[0], (int)RECORD, (double *)&solution) || !within(solution.m, 1, MOST) ||
         solution.limits != 0 || !within((int)solution.method, CLOSED_FORM, QP))
         return refused("solution(record)");
-    return fields(solution.m, &solution);
+    return fields(solution.m, &solution, NULL, NULL);
 }

@@ -51,7 +51,7 @@ bool words_made(PyObject *module);
 Status status(const Solution *solution);
 PyObject *answer_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *named(PyTypeObject *type, int n, PyObject *const *values);
-PyObject *fields(int m, const Solution *solution);
+PyObject *fields(int m, const Solution *solution, const Loop *loop, PyObject *row_names);
 PyObject *joint_troubles(const Loop *loop, const Tick *tick, bool towards);
 bool is_plain(const Solution *solution);
 
@@ -71,7 +71,7 @@ PyObject *dual_projectors(PyObject *module, PyObject *const *arguments, Py_ssize
 bool apart_from(PyObject *const *given, int m, Apart *apart);
 bool apart_begun(Apart *apart);
 void apart_ended(Apart *apart);
-void apart_told(const Apart *apart, PyObject *found[3]);
+PyObject *apart_told(const Apart *apart);
 PyObject *scene(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 

@@ -738,13 +738,15 @@ PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t cou
     return found;
 }
 
-/* What a tick of a loop beside a scene is given: (4, M) limits, settings, and (2, M - m) where others are and how fast. */
+/* What a tick of a loop beside a scene is given: (4, M) limits, settings, (2, M - m) where others are and how fast, and who is
+   told what was found. */
 bool apart_from(PyObject *const *given, int m, Apart *apart)
 {
     const Scene *scene = apart->scene = scene_of(given[0]);
     if (scene == NULL || scene->meshes || scene->m != m || !matrix(given[1], 4, scene->all, ALL_JOINTS, apart->limits[0]) ||
         !vector(given[2], 6, apart->settings))
         return false;
+    apart->tell = given[4];
     int others = scene->all - m;
     Wide around[2];
     if (others > 0 && (!matrix(given[3], 2, others, ALL_JOINTS, around[0]) || !all_finite(others, around[0]) || !all_finite(others, around[1])))
@@ -754,15 +756,14 @@ bool apart_from(PyObject *const *given, int m, Apart *apart)
     return true;
 }
 
-/* The nearest pair, its distance, and a tuple of the pair and the distance of each row. */
-void apart_told(const Apart *apart, PyObject *found[3])
+/* What the rows of a tick are called by who is told of it: the nearest pair, its distance, and pair and distance of each row. */
+PyObject *apart_told(const Apart *apart)
 {
     PyObject *of_rows[4 * APART_ROWS];
-    found[0] = PyLong_FromLong(apart->nearest);
-    found[1] = PyFloat_FromDouble(apart->scene->pairs > 0 ? apart->least[apart->nearest] : INFINITY);
     for (int i = 0; i < apart->count; i++) {
         of_rows[2 * i] = PyLong_FromLong(apart->pair[i]);
         of_rows[2 * i + 1] = PyFloat_FromDouble(apart->distance[i]);
     }
-    found[2] = named(&PyTuple_Type, 2 * apart->count, of_rows);
+    double least = apart->scene->pairs > 0 ? apart->least[apart->nearest] : INFINITY;
+    return PyObject_CallFunction(apart->tell, "idN", apart->nearest, least, named(&PyTuple_Type, 2 * apart->count, of_rows));
 }

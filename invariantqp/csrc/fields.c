@@ -11,7 +11,7 @@
 #define MOST_FIELDS 40
 #define MOST_WORDS 6
 
-typedef enum { A_NUMBER, A_COUNT, A_FLAG, A_WORD, A_LENGTH, A_VECTOR, A_MATRIX, AN_OBJECT, OBJECTS_OF } FieldKind;
+typedef enum { A_NUMBER, A_COUNT, A_FLAG, A_WORD, A_LENGTH, A_VECTOR, A_MATRIX, AN_OBJECT, OBJECTS_OF, A_TUPLE } FieldKind;
 
 /* A side of an array is a number, or -1 - where in the struct its length is. */
 typedef struct {
@@ -64,7 +64,10 @@ struct Table {
 #define OBJECT(name, type, does) {#name, does, AN_OBJECT, offsetof(OF, name), -1, 1, 1, 1, 1, NEEDED, {NULL}, &TABLE_##type},
 #define OBJECTS(name, type, length, does) \
     {#name, does, OBJECTS_OF, offsetof(OF, name), -1, SIDE_##length, 1, ROOM_##length, 1, NOTHING, {NULL}, &TABLE_##type},
+#define TUPLE(name, by, does) {#name, does, A_TUPLE, offsetof(OF, name), -1, 1, 1, 1, 1, by, {NULL}, NULL},
 #define END {NULL, NULL, A_LENGTH, 0, -1, 0, 0, 0, 0, 0.0, {NULL}, NULL}
+
+static PyObject *EMPTY; /* a tuple; made with the types */
 
 static bool law_settled(const void *values)
 {
@@ -186,6 +189,9 @@ static bool taken(const Field *field, PyObject *object, char *values)
     }
     case OBJECTS_OF:
         return objects_taken(field, object, values);
+    case A_TUPLE: /* borrowed; an object of a table owns its own */
+        *(void **)into = object;
+        return PyTuple_Check(object);
     case A_LENGTH:
         return false;
     default:
@@ -207,6 +213,8 @@ static bool left_out(const Field *field, char *values)
         *(int *)into = (int)field->fallback;
     else if (field->kind == A_FLAG)
         *(bool *)into = field->fallback != 0.0;
+    else if (field->kind == A_TUPLE)
+        *(void **)into = EMPTY;
     for (int i = 0; field->kind == A_VECTOR && field->fallback != NOTHING && i < field->most_rows; i++)
         ((double *)into)[i] = field->fallback;
     return true;
@@ -285,6 +293,24 @@ static PyObject *allocated(const Table *table)
     return ((allocfunc)PyType_GetSlot(table->type, Py_tp_alloc))(table->type, 0);
 }
 
+/* Own the tuples of a struct, or let them go. */
+static void hold(const Table *table, char *values, bool owned)
+{
+    for (const Field *field = table->fields; field->name != NULL; field++)
+        if (field->kind == A_TUPLE && owned)
+            Py_XINCREF(*(PyObject **)(values + field->offset));
+        else if (field->kind == A_TUPLE)
+            Py_XDECREF(*(PyObject **)(values + field->offset));
+}
+
+static void let_go(PyObject *self)
+{
+    PyTypeObject *type = Py_TYPE(self);
+    hold(table_of(type), (char *)((Described *)self)->values, false);
+    ((freefunc)PyType_GetSlot(type, Py_tp_free))(self);
+    Py_DECREF(type);
+}
+
 static PyObject *made(PyTypeObject *type, PyObject *positional, PyObject *by_their_names)
 {
     Table *table = table_of(type);
@@ -301,6 +327,7 @@ static PyObject *made(PyTypeObject *type, PyObject *positional, PyObject *by_the
         return NULL;
     void *values = ((Described *)self)->values;
     Fit fit = by_name(table, given, names, count, values);
+    hold(table, values, true);
     if (fit == FITS && (table->settled == NULL || table->settled(values)))
         return self;
     if (fit != WRONG)
@@ -327,6 +354,8 @@ static PyObject *value_of(const Field *field, const char *values)
         return PyBool_FromLong(*(const bool *)from);
     case A_WORD:
         return PyUnicode_FromString(field->words[*(const int *)from]);
+    case A_TUPLE:
+        return Py_NewRef(*(PyObject *const *)from);
     case A_VECTOR:
         return new_vector(rows, (const double *)from);
     case A_MATRIX:
@@ -398,14 +427,15 @@ static bool named_fields(Table *table)
 /* The types of all tables, into the module. */
 bool types_made(PyObject *module)
 {
-    bool good = named_fields(&TABLE_tick) && named_fields(&TABLE_now) && named_fields(&TABLE_press) && named_fields(&TABLE_cost);
+    EMPTY = PyTuple_New(0);
+    bool good = EMPTY != NULL && named_fields(&TABLE_tick) && named_fields(&TABLE_now) && named_fields(&TABLE_press) && named_fields(&TABLE_cost);
     for (int t = 0; good && t < TYPES; t++) {
         Table *table = TABLES[t];
         good = named_fields(table);
         for (int i = 0; table->fields[i].name != NULL; i++)
             table->getters[i] = (PyGetSetDef){table->fields[i].name, field_of, NULL, table->fields[i].meaning, (void *)&table->fields[i]};
         PyType_Slot slots[] = {{Py_tp_new, made},           {Py_tp_getset, table->getters}, {Py_tp_methods, METHODS_OF_ALL},
-                               {Py_tp_doc, (void *)table->does}, {0, NULL}};
+                               {Py_tp_dealloc, let_go},  {Py_tp_doc, (void *)table->does},   {0, NULL}};
         char name[64];
         PyOS_snprintf(name, sizeof name, "invariantqp._native.%s", table->name);
         PyType_Spec spec = {name, (int)(offsetof(Described, values) + table->size), 0, Py_TPFLAGS_DEFAULT, slots};

@@ -102,7 +102,9 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     COUNT(row_rank, -1, "how many exact rows the arm can keep in its best state; -1 is all") \
     MATRIX(G, limits, joints, NOTHING, "rows of limits, least <= G x <= most") \
     VECTOR(least, limits, NOTHING, "-inf where there is none") \
-    VECTOR(most, limits, NOTHING, "inf where there is none")
+    VECTOR(most, limits, NOTHING, "inf where there is none") \
+    TUPLE(joint_names, NOTHING, "of its joints, which its answers have") \
+    TUPLE(row_names, NOTHING, "of those rows, likewise")
 
 /* control/limits.py: what of a loop is other in this tick than it was made with. */
 #define NOW_FIELDS \
@@ -111,6 +113,7 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     MATRIX(G, limits, joints, NOTHING, "rows of limits in place of the loop's, least <= G x <= most") \
     VECTOR(least, limits, NOTHING, "-inf where there is none") \
     VECTOR(most, limits, NOTHING, "inf where there is none") \
+    TUPLE(row_names, NOTHING, "of these") \
     NUMBER(speed, 1.0, "share of the motion's speed, above 0") \
     MAYBE_VECTOR(velocity_limit, joints, has_velocity_limit, "joint speeds, where they are lower than the loop's") \
     NUMBER(tool_speed, INFINITY, "of the limited point [length/s], likewise") \
@@ -270,6 +273,7 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
 #define MATRIX(name, rows, columns, ...) double name[ROOM_##rows][ROOM_##columns];
 #define MAYBE_VECTOR(name, n, given, ...) bool given; double name[ROOM_##n];
 #define MAYBE_MATRIX(name, rows, columns, given, ...) bool given; double name[ROOM_##rows][ROOM_##columns];
+#define TUPLE(name, ...) void *name;
 #define OBJECT(name, type, ...) type name;
 #define OBJECTS(name, type, length, ...) type name[ROOM_##length];
 typedef struct { LAW_FIELDS } Law;
@@ -282,6 +286,7 @@ typedef struct { TASK_FIELDS } Task;
 typedef struct { SPLIT_FIELDS } Split;
 typedef struct { PRESS_FIELDS } Press;
 typedef struct { HYBRID_FIELDS } Hybrid;
+#undef TUPLE
 #undef NUMBER
 #undef COUNT
 #undef FLAG

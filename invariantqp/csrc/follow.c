@@ -173,9 +173,9 @@ static Outcome moved(Follow *f)
 /* The loop of an argument, None for none, or a tuple of it and what the core is given of a clearance; whether it is one. */
 static bool bounds_of(PyObject *object, int m, Bounds *bounds)
 {
-    PyObject *given[5];
-    bool apart = PyTuple_Check(object) && PyTuple_Size(object) == 5;
-    for (int i = 0; i < 5 && apart; i++)
+    PyObject *given[6];
+    bool apart = PyTuple_Check(object) && PyTuple_Size(object) == 6;
+    for (int i = 0; i < 6 && apart; i++)
         given[i] = PyTuple_GetItem(object, i);
     bounds->apart = NULL;
     bounds->loop = object == Py_None ? NULL : loop_of(apart ? given[0] : object);
@@ -184,18 +184,19 @@ static bool bounds_of(PyObject *object, int m, Bounds *bounds)
     return object == Py_None || (bounds->loop != NULL && bounds->loop->joints == m && apart == (bounds->apart != NULL));
 }
 
-/* What the loop says of the tick as `Controller.named` takes it; None where that is no more than is told anyway. */
+/* What the loop says of the tick as `Controller.said` takes it; None where that is no more than is told anyway. */
 static PyObject *said(const Follow *f)
 {
     if (f->says == NULL)
         Py_RETURN_NONE;
-    PyObject *found[5] = {NULL, joint_troubles(f->says->loop, &f->tick, false)};
+    const Loop *loop = f->says->loop;
+    PyObject *found[2] = {NULL, joint_troubles(loop, &f->tick, false)};
     if (!f->held && found[1] == Py_None && status(&f->tick.solution) == OK)
         return found[1];
-    found[0] = fields(f->says->loop->joints, &f->tick.solution);
-    if (f->says->apart != NULL)
-        apart_told(f->says->apart, found + 2);
-    return named(&PyTuple_Type, f->says->apart != NULL ? 5 : 2, found);
+    PyObject *rows = f->says->apart != NULL ? apart_told(f->says->apart) : NULL;
+    if (f->says->apart == NULL || rows != NULL)
+        found[0] = fields(loop->joints, &f->tick.solution, loop, rows);
+    return named(&PyTuple_Type, 2, found);
 }
 
 /* follow(course, law, joints, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command, pace):

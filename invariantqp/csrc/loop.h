@@ -30,6 +30,7 @@ typedef double Wide[ALL_JOINTS];
 typedef struct Scene Scene;
 typedef struct {
     const Scene *scene;
+    void *tell; /* who is told what was found */
     Wide limits[4], q, velocity;
     double settings[6], distance[2 * APART_ROWS];
     int count, pair[2 * APART_ROWS], nearest;

@@ -40,7 +40,7 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
                         count <= 2 ? (int)count : 0, arguments + count, names, &demand);
     if (fit == WRONG)
         return NULL;
-    return fit == UNFIT || solve(&demand, &solution) == HAND_BACK ? Py_NewRef(Py_None) : fields(demand.m, &solution);
+    return fit == UNFIT || solve(&demand, &solution) == HAND_BACK ? Py_NewRef(Py_None) : fields(demand.m, &solution, NULL, NULL);
 }
 
 /* tasks(law, unlimited, (Task, ...), ...) likewise, for several tasks by their priorities; J and s are the first one's. */
@@ -61,7 +61,7 @@ static PyObject *tasks(PyObject *module, PyObject *const *arguments, Py_ssize_t 
     if (fit == WRONG)
         return NULL;
     return fit == UNFIT || solve_tasks(&demand, (int)size, told, &solution) == HAND_BACK ? Py_NewRef(Py_None)
-                                                                                         : fields(demand.m, &solution);
+                                                                                         : fields(demand.m, &solution, NULL, NULL);
 }
 
 /* cost(law, ...) with the fields of a frame's error by name: (H, c), or None where Python has to find them. */
@@ -112,19 +112,18 @@ bool target_pose(PyObject *object, Pose *T)
 
 /* step(loop, memory, q, target, feedforward, velocity, ...): a VelocitySolution, and what of joints is to be said beside
    its reasons, None for nothing; the memory is written. Without a target (None), `Controller.follow` for the twist `feedforward`. By name, what is other in
-   this tick. With a clearance, its scene, limits, settings and others after the velocity, and then also the nearest pair, its
-   distance, and pair and distance of each row. None, and the memory as it was, where Python has to answer, or to say what is
-   wrong. */
+   this tick. With a clearance, its scene, limits, settings and others after the velocity, and what is told of it (apart_told).
+   None, and the memory as it was, where Python has to answer, or to say what is wrong. */
 static PyObject *controller_step(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names)
 {
     (void)module;
-    bool apart = count == 10;
+    bool apart = count == 11;
     const Loop *fixed = count == 6 || apart ? loop_of(arguments[0]) : NULL;
     double *kept = fixed == NULL ? NULL : memory_of(arguments[1], fixed);
     Apart clearance;
     Beside beside = {.apart = apart ? &clearance : NULL};
     if (kept == NULL || (apart && !apart_from(arguments + 6, fixed->joints, &clearance)))
-        return refused("step(loop, memory, q, target, feedforward, velocity), or with a scene, its limits, settings and others");
+        return refused("step(loop, memory, q, target, feedforward, velocity), or with a scene, its limits, settings, others and who is told");
     Now other, *now = names == NULL ? NULL : &other;
     Fit fit = now == NULL ? FITS : called_by_name(&TABLE_now, arguments + count, names, now);
     if (fit == WRONG)
@@ -149,22 +148,19 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
     if (apart && !apart_begun(&clearance))
         return PyErr_NoMemory();
     Outcome outcome = step_beside(fixed, now, &beside, q, towards ? &target : NULL, ahead ? feedforward : NULL, before, kept, &tick);
-    PyObject *found[5] = {NULL};
-    if (outcome == DONE) {
-        found[0] = fields(m, &tick.solution);
-        found[1] = joint_troubles(fixed, &tick, towards);
-        if (apart)
-            apart_told(&clearance, found + 2);
-    }
+    PyObject *rows = outcome == HAND_BACK ? NULL : apart ? apart_told(&clearance) : now != NULL && now->limits > 0 ? Py_NewRef(now->row_names) : NULL;
     if (apart)
         apart_ended(&clearance);
+    if (apart && outcome == DONE && rows == NULL)
+        return NULL;
     if (outcome == HAND_BACK)
         Py_RETURN_NONE;
+    PyObject *found[] = {fields(m, &tick.solution, fixed, rows), joint_troubles(fixed, &tick, towards)};
     if (found[0] != NULL) {
         memcpy(kept, &tick.memory, sizeof tick.memory);
         remembered(fixed, q, tick.solution.velocity, kept);
     }
-    return named(&PyTuple_Type, apart ? 5 : 2, found);
+    return named(&PyTuple_Type, 2, found);
 }
 
 #define CALLED(name, function, does) {name, (PyCFunction)(void (*)(void))function, METH_FASTCALL, does}

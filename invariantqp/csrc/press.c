@@ -466,7 +466,7 @@ PyObject *press(PyObject *module, PyObject *const *arguments, Py_ssize_t count, 
         reading[i] = given[fixed->moment_first ? i : (i + 3) % 6];
     if (pressing_tick(fixed, split, loop, &now, q, &target, reading, kept, &delay, &state, &answer) == HAND_BACK)
         Py_RETURN_NONE;
-    PyObject *found[] = {fields(m, &answer.tick.solution),
+    PyObject *found[] = {fields(m, &answer.tick.solution, loop, NULL),
                          joint_troubles(loop, &answer.tick, false),
                          new_vector(6, answer.motion),
                          new_vector(6, answer.force),

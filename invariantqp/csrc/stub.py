@@ -19,7 +19,14 @@ CALLS = {
     "COST": ("    law: Law,\n", "tuple[Array, Array]"),
     "TICK": ("    law: Law,\n    unlimited: Law = ...,\n", "VelocitySolution"),
 }
-TYPES = {"NUMBER": "float", "COUNT": "int", "FLAG": "bool", "VECTOR": "Array", "MATRIX": "Array"}
+TYPES = {
+    "NUMBER": "float",
+    "COUNT": "int",
+    "FLAG": "bool",
+    "VECTOR": "Array",
+    "MATRIX": "Array",
+    "TUPLE": "tuple[str, ...]",
+}
 
 
 def fields(lines: str, words: dict[str, str]) -> list[tuple[str, str, bool, str]]:

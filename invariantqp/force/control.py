@@ -603,7 +603,7 @@ class HybridController:
             return None
         solution, troubles, motion, force, measured, error, parts, exert, J = found[:9]
         self._kept, way, shown, (press, goal, bound), touching, airborne, speaks, kept_share, self.room = found[9:]
-        inner = loop.named((solution, troubles))
+        inner = loop.said(solution, troubles)
         self._ways.add(loop.dt * inner.velocity, way, delay.late or 0.0)
         self._beyond = Beyond()
         if task.normal_within is not None:

@@ -493,7 +493,7 @@ class Follower:
         self._time += loop.dt
         self._answer = None
         if answer is not None:
-            self._answer = (self._beside if self._bound and self._beside is not None else self._unbraked).named(answer)
+            self._answer = (self._beside if self._bound and self._beside is not None else self._unbraked).said(*answer)
         if way is not None or (ease and time < reference.joined):
             reference.joins(time, *((np.zeros((6, self._m)), 0.0) if way is None else (way, ease)))
             self._course = self._made_course(reference)
