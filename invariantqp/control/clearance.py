@@ -324,8 +324,9 @@ class Clearance(Limit):
         The `last` began at some time, None for the first, and took dt; the time of this one is returned, which is that
         of other loops whose turn it is, too.
         """
-        tick = self._now
-        now = tick.time = tick.time if last is None else max(tick.time, last + dt)
+        now = self._now.time
+        if last is not None and last + dt > now:
+            now = self._now.time = last + dt
         for i, shape in self._shapes:
             known, pose = self._moved[i], shape.pose
             if shape.told:

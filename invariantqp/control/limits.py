@@ -491,7 +491,7 @@ class RowLimits:
         self._m = len(loop.velocity_limit)
         self._limits: list[Limit | LimitRows] = []
         self.looking: list[Limit] = []  # those that see where a tick ends
-        self._watching: list[Limit] = []  # and those that see where it begins
+        self._beginning: list[Callable[[], None]] = []  # of those that see where it begins
         for limit in given:
             made = limit.for_loop(loop)
             if isinstance(made, LimitRows):
@@ -501,7 +501,7 @@ class RowLimits:
                 if type(made).after is not Limit.after:
                     self.looking.append(made)
                 if type(made).begin is not Limit.begin:
-                    self._watching.append(made)
+                    self._beginning.append(made.begin)
             elif type(limit).narrowed is Limit.narrowed:
                 raise BadInput(
                     "limits", excerpt(limit), "a Limit that has rows, narrowed or for_loop: this limits nothing"
@@ -514,8 +514,8 @@ class RowLimits:
 
     def begin(self) -> None:
         """A tick begins."""
-        for limit in self._watching:
-            limit.begin()
+        for begin in self._beginning:
+            begin()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> RowLimits:
         """Those of another loop, which shares what it was given, obstacles that move for instance."""

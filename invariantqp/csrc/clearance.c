@@ -292,7 +292,7 @@ static double rows_of_pair(Pair *pair, const States *states, int s, const Wide J
 static void ask_what_is_possible(const States *joints, Rows *rows)
 {
     int m = joints->m;
-    double z[MOST] = {0.0}, asked[APART_ROWS], got[APART_ROWS], share = 1.0;
+    double z[MOST] = {0.0}, asked[APART_ROWS], got[APART_ROWS], size[APART_ROWS], share = 1.0;
     bool any = false;
     for (int i = 0; i < rows->count; i++) {
         asked[i] = rows->lower[i] - dot(m, rows->C[i], joints->braked);
@@ -301,13 +301,20 @@ static void ask_what_is_possible(const States *joints, Rows *rows)
     memcpy(rows->inside, joints->braked, (size_t)m * sizeof(double));
     if (!any || !rows->valid)
         return;
-    for (int sweep = 0; sweep < SWEEPS; sweep++)
+    for (int i = 0; i < rows->count; i++)
+        size[i] = dot(m, rows->C[i], rows->C[i]);
+    for (int sweep = 0, short_of = 1; sweep < SWEEPS && short_of; sweep++) {
+        short_of = 0;
         for (int i = 0; i < rows->count; i++) {
             const double *C = rows->C[i];
-            double step = PASSED * fmax(asked[i] - dot(m, C, z), 0.0) / dot(m, C, C);
+            double left = asked[i] - dot(m, C, z);
+            if (!(left > 0.0))
+                continue;
+            short_of = 1;
             for (int j = 0; j < m; j++)
-                z[j] = between(z[j] + step * C[j], -joints->free[0][j], joints->free[1][j]);
+                z[j] = between(z[j] + PASSED * left / size[i] * C[j], -joints->free[0][j], joints->free[1][j]);
         }
+    }
     for (int i = 0; i < rows->count; i++) {
         got[i] = dot(m, rows->C[i], z);
         if (got[i] < fmin(asked[i], 0.0))
