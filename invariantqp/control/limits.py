@@ -492,6 +492,7 @@ class RowLimits:
         self._limits: list[Limit | LimitRows] = []
         self.looking: list[Limit] = []  # those that see where a tick ends
         self._beginning: list[Callable[[], None]] = []  # of those that see where it begins
+        self._judging: list[Callable[[], str]] = []  # and of those that say what of them does not hold
         for limit in given:
             made = limit.for_loop(loop)
             if isinstance(made, LimitRows):
@@ -502,6 +503,8 @@ class RowLimits:
                     self.looking.append(made)
                 if type(made).begin is not Limit.begin:
                     self._beginning.append(made.begin)
+                if type(made).broken is not Limit.broken:
+                    self._judging.append(made.broken)
             elif type(limit).narrowed is Limit.narrowed:
                 raise BadInput(
                     "limits", excerpt(limit), "a Limit that has rows, narrowed or for_loop: this limits nothing"
@@ -551,7 +554,10 @@ class RowLimits:
 
     def broken(self) -> str:
         """What of some limit does not hold where rows were last asked for, "" where all do."""
-        return next((why for limit in self._limits if isinstance(limit, Limit) and (why := limit.broken())), "")
+        for judge in self._judging:
+            if why := judge():
+                return why
+        return ""
 
     def blocked(self, q: Array) -> str:
         """Why an arm cannot come to rest at joint positions q (m,), "" where it can."""
@@ -580,11 +586,12 @@ class RowLimits:
 
     def _named(self, rows: object, limit: Limit) -> LimitRows:
         """Rows on the arm's joints, by the name of their limit where they have none."""
-        argument = getattr(limit, "argument", "limits")
         if not isinstance(rows, LimitRows):
-            raise BadInput(argument, type(rows).__name__, "LimitRows(C, lower, upper), or None for no limit")
+            expected = "LimitRows(C, lower, upper), or None for no limit"
+            raise BadInput(getattr(limit, "argument", "limits"), type(rows).__name__, expected)
         k, m = rows.C.shape
         if m != self._m:
+            argument = getattr(limit, "argument", "limits")
             raise BadInput(argument, f"rows on {m} joints", f"rows on {self._m}, one for each joint")
         if rows.names or not limit.name:
             return rows
@@ -781,10 +788,12 @@ class LoopLimits(NamedTuple):
 
     def broken(self, solution: VelocitySolution, now: Changes | None) -> VelocitySolution:
         """The solution with what of some limit does not hold now; it is then "limited" at least."""
-        given = [limits for limits in (self.joint_rows, None if now is None else now.joint_rows) if limits]
-        why = next((why for limits in given if (why := limits.broken())), "")
+        why = "" if self.joint_rows is None else self.joint_rows.broken()
+        why = why or ("" if now is None else now.joint_rows.broken())
+        if not why:
+            return solution
         status = Status.LIMITED if solution.status is Status.OK else solution.status
-        return solution._replace(status=status, reasons=both(told(why), solution)) if why else solution
+        return solution._replace(status=status, reasons=both(told(why), solution))
 
     def with_troubles(self, solution: VelocitySolution, found: tuple[Reason, ...]) -> VelocitySolution:
         """The solution with reasons that name joints; one that returns from outside its range is "limited" at least."""
