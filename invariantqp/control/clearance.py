@@ -56,7 +56,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.control.clearance_bodies import OtherArm, chain_of, parts_of, shapes_of
 from invariantqp.control.clearance_pairs import Dropped, Pairs
-from invariantqp.control.clearance_rows import DEEP, EQUAL, USUAL_SPEED, Found, Rate, moved_by, placed_at, rows_of
+from invariantqp.control.clearance_rows import (
+    CURVED,
+    DEEP,
+    EQUAL,
+    USUAL_SPEED,
+    Found,
+    Rate,
+    moved_by,
+    placed_at,
+    rows_of,
+)
 from invariantqp.control.limits import Limit, Loop, boxes
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
@@ -77,8 +87,6 @@ BRAKING = 0.7
 # Inside the distance, bodies are led apart at the first share of the joints' velocity limits, and no joint is faster
 # than the second: an arm that begins inside comes out in a second or three, without a kick.
 ESCAPE, CALM = 0.06, 0.09
-# Ways that turn within a tick take this share of the distance at most: an answer that takes more is made again.
-CURVED = 0.005
 # Two arms that do not know each other's velocity may each take half of the room between them.
 HALF = 0.5
 # Where a joint moves nothing in this very state, a state is looked at that is so many seconds at full speed away [s]:
@@ -239,7 +247,7 @@ class Clearance(Limit):
             )
 
     def _question_the_distance(self) -> None:
-        """Warn where nothing is kept apart from an obstacle because of the distance, which may be in millimetres."""
+        """Warn where nothing is kept apart, or not from an obstacle because of a distance perhaps in millimetres."""
         kept = {name for pair in self.pairs for name in pair}
         near = {one.second: one.reason for one in self.dropped if one.reason.startswith("always")}
         around = (part.name for part in self._parts if part.around == 1)
@@ -250,6 +258,9 @@ class Clearance(Limit):
                 UserWarning,
                 stacklevel=3,
             )
+        elif not kept and not any(one.reason == "excluded" for one in self.dropped):
+            why = ", ".join(map(str, self.dropped)) or "there are no two bodies"
+            warnings.warn(f"clearance: nothing is kept apart ({why}). Give bodies= and obstacles=", stacklevel=3)
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name in ("robot", "bodies", "obstacles", "distance") and name in vars(self):

@@ -34,6 +34,9 @@ class Dropped(NamedTuple):
     second: str
     reason: str
 
+    def __str__(self) -> str:
+        return f"{self.first} and {self.second}: {self.reason}"
+
 
 class Pairs:
     """The shapes of a clearance, and which of them are kept apart.

@@ -35,6 +35,9 @@ NEARER = 0.7
 USUAL_SPEED = 1.0
 # Less than this share of the distance is what curvature takes of it in a tick; deeper, an arm began inside.
 DEEP = 0.05
+# Ways that turn within a tick take this share of the distance at most: an answer that takes more is made again. Beside
+# what moves itself, rows that cannot all be kept ask for less where no more is given up by it than that.
+CURVED = 0.005
 # So often rows that ask for more than braking on are tried one after the other; one that is missed is passed by as
 # much: that ends inside of all of them, where projections only come nearer (Motzkin and Schoenberg 1954).
 SWEEPS, PASSED = 20, 2.0
@@ -184,7 +187,7 @@ def rows_of(
     states = States.ahead(starts, q, before, limits, settings)
     last = len(states.times) - 1
     kept: list[tuple[float, float, int, Array]] = []  # urgency, lower limit, pair, row
-    valid = True
+    valid = still = True  # no deeper inside than curvature takes an arm, and nothing moves itself
     distances, leaves = np.full(len(pairs), inf), np.full(len(pairs), inf)
     recedes = np.zeros(len(pairs), dtype=bool)
     for s, (at, weight, longer, going, time) in enumerate(zip(*states[:4], states.times.tolist(), strict=True)):
@@ -225,20 +228,23 @@ def rows_of(
                 approach = room, nearer - over, slower, out, drift
                 lower, urgency = _asked_of(C, approach, states, limits[0, :m], settings, leaving=leaving, now=s == 0)
                 if lower > -inf:
-                    valid = valid and drift == 0.0 and (s > 0 or room >= -DEEP * settings[0])
+                    still = still and drift == 0.0
+                    valid = valid and (s > 0 or room >= -DEEP * settings[0])
                     _keep(kept, (urgency - (place is not found[0]), lower, k, C))
     C_kept, kept_lower = np.array([row[3] for row in kept]).reshape(-1, m), np.array([row[1] for row in kept])
     if valid:
         braked = C_kept.dot(states.y[:m])
-        kept_lower = braked + _possible(C_kept, kept_lower - braked, states.free[:, :m])
+        most = inf if still else float(settings[1] * CURVED * settings[0])
+        kept_lower = braked + _possible(C_kept, kept_lower - braked, states.free[:, :m], most)
     return Found(C_kept, kept_lower, np.array([float(row[2]) for row in kept]), distances)
 
 
-def _possible(C: Array, asked: Array, free: Array) -> Array:
+def _possible(C: Array, asked: Array, free: Array, most: float) -> Array:
     """What rows C z >= asked (r,) may ask for together, z being inside joint limits `free` (2, m) about zero.
 
     Rows that ask for something lead back what curvature took of the distance: for as much as is found to be possible
-    beside all others, by one velocity that keeps them all. z = 0 keeps what asks for nothing.
+    beside all others, by one velocity that keeps them all. z = 0 keeps what asks for nothing. They ask for as much as
+    before where one would give up more than `most`.
     """
     z, wanted, sizes = np.zeros(C.shape[1]), asked > 0.0, (C * C).sum(axis=1)
     for _ in range(SWEEPS if wanted.any() else 0):
@@ -247,7 +253,8 @@ def _possible(C: Array, asked: Array, free: Array) -> Array:
     got, least = C.dot(z), np.minimum(asked, 0.0)
     over = got < least
     share = float((least[over] / got[over]).min(initial=1.0))
-    return np.asarray(np.where(wanted, np.minimum(asked, share * got), asked))
+    found = np.asarray(np.where(wanted, np.minimum(asked, share * got), asked))
+    return found if (asked - found).max(initial=0.0) <= most else asked
 
 
 def starts_of(robots: Sequence[Chain]) -> Array:

@@ -28,7 +28,8 @@ static void shape_at(const double *numbers, const Pose *T, Shape *s)
 
 typedef struct {
     Row inside; /* where valid, a velocity that keeps all rows and joint limits */
-    bool valid; /* of nothing that moves itself, and the arm no deeper inside than curvature takes it */
+    bool valid; /* the arm is no deeper inside than curvature takes it */
+    bool still; /* nothing moves itself */
     int count, pair[APART_ROWS];
     double C[APART_ROWS][MOST], lower[APART_ROWS], urgency[APART_ROWS];
 } Rows;
@@ -281,17 +282,19 @@ static double rows_of_pair(Pair *pair, const States *states, int s, const Wide J
             lower = fmin(lower, braked + sure);
         if (!(lower > braked - reach))
             continue;
-        rows->valid = rows->valid && drift == 0.0 && (s > 0 || room >= -DEEP * states->settings[0]);
+        rows->still = rows->still && drift == 0.0;
+        rows->valid = rows->valid && (s > 0 || room >= -DEEP * states->settings[0]);
         keep(rows, m, C, lower, (lower - braked) / weighed - later, pair->index);
     }
     return least;
 }
 
 /* _possible in control/clearance_rows.py: rows that lead back what curvature took ask for no more than is found to be possible
-   beside all others. */
+   beside all others; where something moves itself, as long as no more is given up than that. */
 static void ask_what_is_possible(const States *joints, Rows *rows)
 {
     int m = joints->m;
+    const double given_up = joints->settings[1] * CURVED * joints->settings[0];
     double z[MOST] = {0.0}, asked[APART_ROWS], got[APART_ROWS], size[APART_ROWS], share = 1.0;
     bool any = false;
     for (int i = 0; i < rows->count; i++) {
@@ -320,6 +323,10 @@ static void ask_what_is_possible(const States *joints, Rows *rows)
         if (got[i] < fmin(asked[i], 0.0))
             share = fmin(share, fmin(asked[i], 0.0) / got[i]);
     }
+    for (int i = 0; i < rows->count; i++)
+        rows->valid = rows->valid && (rows->still || !(asked[i] > 0.0) || asked[i] - share * got[i] <= given_up);
+    if (!rows->valid)
+        return;
     for (int j = 0; j < m; j++)
         rows->inside[j] += share * z[j];
     for (int i = 0; i < rows->count; i++)
@@ -427,7 +434,7 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
     Places found;
     Wide J[6];
     rows->count = 0;
-    rows->valid = true;
+    rows->valid = rows->still = true;
     states.speed = limits[0];
     states.brakes = limits[1];
     states.before = before;

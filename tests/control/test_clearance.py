@@ -258,6 +258,7 @@ def test_no_point_of_a_shape_is_faster_than_its_levers_say(ur5, base):
     assert closest > 0.5
 
 
+@pytest.mark.filterwarnings("ignore:clearance. nothing is kept apart")
 def test_of_two_links_that_are_always_near_those_points_count_that_are():
     """A rod begins 10 mm beside the axes of two hinges and ends half a metre from them; its end takes no part in it."""
     wrist = iq.robots.Chain(
@@ -482,8 +483,8 @@ def test_parallel_faces_do_not_make_it_tremble(panda, acceleration):
     down = iq.transform(np.diag([1.0, -1.0, -1.0]), [0.5, 0.0, 0.30])
     start = iq.solve_pose(panda, down, q0=[0, -0.1, 0, -2.2, 0, 2.1, 0.785]).q
     changes = {}
-    for label, obstacles in (("kept", [box]), ("without", [])):
-        loop = iq.Controller(panda, dt=DT, limits=[Clearance(panda, tip, obstacles)], acceleration_limit=acceleration)
+    for label, limits in (("kept", [Clearance(panda, tip, [box])]), ("without", [])):
+        loop = iq.Controller(panda, dt=DT, limits=limits, acceleration_limit=acceleration)
         q, rng, velocities = start, np.random.default_rng(0), []
         for i in range(1500):
             target = down.copy()
@@ -650,6 +651,7 @@ def test_pairs_that_are_not_kept_apart_are_listed_with_a_reason(panda, ur5):
     assert chosen.pairs == (("panda_link5", "table"),)
 
 
+@pytest.mark.filterwarnings("ignore:clearance. nothing is kept apart")
 def test_two_links_that_are_always_near_are_dropped_for_a_proof_and_no_others():
     """Two hinges through one point: a ball on the last link stays within reach of one at the base, or comes off it."""
     wrist = iq.robots.Chain(
@@ -740,6 +742,20 @@ def test_of_two_arms_each_leaves_the_other_its_half_to_the_end_of_a_tick(ur5):
     assert 0.021 < limit.at(q[0]).distance < 0.022
     around.move(q[1] + dt * answers[1])
     assert 0.0199 < limit.at(q[0] + dt * answers[0]).distance < 0.0203
+
+
+@pytest.mark.parametrize("by", ["compiled", "python"])
+@pytest.mark.parametrize(("speed", "said"), [(2e-4, "ok"), (5e-3, "ok"), (0.02, "degraded")])
+def test_what_comes_so_slowly_that_curvature_takes_as_much_contradicts_nothing(panda, speed, said, by):
+    stuck = panda.with_limits(position_lower=READY, position_upper=READY)
+    at = stuck.pose(READY)
+    ball = Sphere([0.0, 0.0, 0.0], 0.05, name="ball")
+    clearance = Clearance(stuck, {"panda_hand": [Sphere([0.0, 0.0, 0.1034], 0.03)]}, [ball])
+    loop = iq.Controller(stuck, dt=0.001, limits=[clearance], engine=by)
+    ball.move(iq.transform(translation=at[:3, 3] + [0.1, 0.0, 0.0]), [0.0, 0.0, 0.0, -speed, 0.0, 0.0])
+    solution = loop.step(READY, at)
+    assert (solution.status, clearance.nearest.distance) == (said, pytest.approx(0.02))
+    assert not solution.velocity.any()
 
 
 @pytest.mark.skipif(engine.core is None, reason="one engine alone")
@@ -1004,10 +1020,10 @@ def test_what_decides_the_rate(panda):
     (lambda r: Sphere([0, 0, 0], 0.1).move(np.zeros((4, 4))), "pose"),
     (lambda r: Sphere([0, 0, 0], 0.1).move(np.eye(4), [np.nan] * 6), "twist"),
     (lambda r: Clearance(r, HAND, [TABLE]).rows(READY, np.zeros(7)), "rate"),
-    (lambda r: iq.Controller(iq.load_robot("ur5"), dt=DT, limits=[Clearance(r, HAND)]), "of another robot"),
-    (lambda r: iq.Controller(r.with_tool(UP), dt=DT, limits=[Clearance(r, HAND)]), "offset="),
-    (lambda r: iq.solve_pose(r.with_tool(UP), UP, clearance=Clearance(r, HAND)), "clearance: .* of another robot"),
-    (lambda r: iq.Controller(iq.load_robot("panda", base=UP), dt=DT, limits=[Clearance(r, HAND)]), "base="),
+    (lambda r: iq.Controller(iq.load_robot("ur5"), dt=DT, limits=[Clearance(r, HAND, [TABLE])]), "of another robot"),
+    (lambda r: iq.Controller(r.with_tool(UP), dt=DT, limits=[Clearance(r, HAND, [TABLE])]), "offset="),
+    (lambda r: iq.solve_pose(r.with_tool(UP), UP, clearance=Clearance(r, HAND, [TABLE])), "clearance: .* of another"),
+    (lambda r: iq.Controller(iq.load_robot("panda", base=UP), dt=DT, limits=[Clearance(r, HAND, [TABLE])]), "base="),
     (lambda r: Clearance(r, HAND, [TABLE, HalfSpace([0, 0, -1], [0, 0, 1], name="table")]), "a second body 'table'"),
     (lambda r: Clearance(r, HAND, [Sphere([0, 0, 1], 0.1, name="panda_hand")]), "a second body 'panda_hand'"),
     (lambda r: Clearance(r, HAND, [OtherArm(r, HAND), OtherArm(r, HAND)]), "a second body 'other'"),
@@ -1039,6 +1055,17 @@ def test_a_distance_that_leaves_nothing_to_keep_apart_is_questioned_once(ur5):
     with pytest.warns(UserWarning, match="apart from foot, being always nearer than 20.0 mm"):
         Clearance(ur5, {**bodies, "shoulder_link": LINKS["shoulder_link"]}, [TABLE, foot],
                   exclude=[(link, "foot") for link in bodies])  # fmt: skip
+
+
+def test_a_clearance_that_keeps_nothing_apart_is_questioned(panda):
+    hand, ball = {"panda_hand": [Sphere([0.0, 0.0, 0.0], 0.05)]}, Sphere([1.0, 0.0, 0.0], 0.1, name="ball")
+    with pytest.warns(UserWarning, match=r"nothing is kept apart \(there are no two bodies\)"):
+        Clearance(panda, hand)
+    with pytest.warns(UserWarning, match="panda_hand and panda_link7.*Adjacent"):
+        Clearance(panda, hand | {"panda_link7": [Sphere([0.0, 0.0, 0.0], 0.05)]})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert not Clearance(panda, hand, [ball], exclude=[("panda_hand", "ball")]).pairs
 
 
 def test_bodies_that_are_not_there_are_unknown_names(panda):

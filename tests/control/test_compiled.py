@@ -68,6 +68,8 @@ def assert_same(controller, q, target, feedforward=None):
     near = 1e-10 * np.abs(python.velocity).max() + rounding(controller, q, target)
     np.testing.assert_allclose(native.velocity, python.velocity, rtol=0.0, atol=near)
     assert (native.status, native.method, native.active) == (python.status, python.method, python.active)
+    assert tuple(native.row_names) == tuple(python.row_names)
+    assert native.joint_names == python.joint_names == controller.robot.names
     assert same_reasons(native.reasons, python.reasons)
     ours, theirs = controller.memory, after.memory
     assert type(native) is type(python)
