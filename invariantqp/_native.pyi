@@ -329,20 +329,23 @@ def tick(
 def answer_as(kind: type[VelocitySolution], statuses: type[Status], /) -> None: ...
 def ticks(
     law: Law,
+    unlimited: Law,
     taken: NDArray[np.int32],
     size: int,
     /,
     *,
     J: Array,
     s: Array,
-    roots: Array,
     lower: Array,
     upper: Array,
-    posture: Array | None = None,
     velocity: Array,
     residual: Array,
     numbers: Array,
     records: Array,
+    posture: Array | None = None,
+    roots: Array | None = None,
+    points: Array | None = None,
+    lengths: Array | None = None,
 ) -> None: ...
 def solution(record: Array, /) -> VelocitySolution: ...
 def tasks(

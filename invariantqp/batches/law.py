@@ -16,9 +16,10 @@ from invariantqp.batches.namespace import Namespace, Rows, constant_of, joined, 
 from invariantqp.batches.objective import Least, damped_least_squares
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import NEGLIGIBLE
 from invariantqp.velocity.damping import PROGRESS_SHARE, Adaptive, Damping, Fixed, damping_of
-from invariantqp.velocity.qp import ROUNDING
-from invariantqp.velocity.report import MISSED, PRODUCT_ROUNDING
+from invariantqp.velocity.qp import PRODUCT_ROUNDING
+from invariantqp.velocity.report import MISSED
 
 # What the numbers in `Velocities.status` mean.
 STATUSES = ("ok", "limited", "held")
@@ -135,13 +136,13 @@ def _is_limited(xp: Namespace, A: Rows, b: Rows, least: Least) -> Rows:
         return (left > share * share * whole) & (left > rounding)
 
     little = xp.sum(b * moved, axis=-1) < PROGRESS_SHARE * xp.sum(b * b, axis=-1)
-    return ~least.settled | misses(possible, MISSED) | (little & misses(b, ROUNDING))
+    return ~least.settled | misses(possible, MISSED) | (little & misses(b, NEGLIGIBLE))
 
 
 def _metric(xp: Namespace, J: Rows, L: Rows) -> Rows:
     """(..., m) how much of a joint counts as one: L of a slide beside joints that turn."""
     turning, moving = (xp.sqrt(xp.sum(constant_of(v) ** 2, axis=-2)) for v in (J[..., :3, :], J[..., 3:, :]))
-    slides = (turning * constant_of(L)[..., None] <= ROUNDING * moving) & (moving > 0.0)
+    slides = (turning * constant_of(L)[..., None] <= NEGLIGIBLE * moving) & (moving > 0.0)
     mixed = xp.any(slides, axis=-1) & ~xp.all(slides, axis=-1)
     one = xp.ones_like(turning)
     return xp.where(slides & mixed[..., None] & (L[..., None] > 0.0), L[..., None] * one, one)

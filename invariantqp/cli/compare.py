@@ -33,7 +33,7 @@ def compare(
     jobs: Annotated[int, typer.Option(metavar="N", help="Processes for what is not timed; -1 uses all cores.")] = -1,
     quick: Annotated[bool, typer.Option("--quick", help="Measure few states and long ticks: about a minute.")] = False,
     only: Annotated[
-        str | None, typer.Option(metavar="KINDS", help="Measurements, separated by commas: loop, tick, error, ...")
+        str | None, typer.Option(metavar="KINDS", help="Measurements, separated by commas: loop, tick, beyond, ...")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of states, twists and displacements.", min=0)] = 0,
     stability: Annotated[

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.compare.method import (
+    POSTURE_COST,
     AccelerationReach,
     LoopSetting,
     Method,
@@ -44,10 +45,8 @@ from invariantqp.velocity.backends import SolverFailure
 from invariantqp.velocity.limits import accelerations
 from invariantqp.velocity.solution import VelocitySolution
 
-# Cost of the posture task in Pink's and mink's own examples; the frame task has unit costs.
-POSTURE_COST = 1e-3
-# Of the QP of an arm without a posture task; with one, the default of both libraries.
-QP_DAMPING, QP_DAMPING_BESIDE_POSTURE = 1e-6, 1e-12
+# Of the QP of an arm with a posture task, Pink's default; without one it is damped as much as that task would.
+QP_DAMPING = 1e-12
 # What the frame at the given point is called.
 POINT = "given point"
 # placo reads masses, and MuJoCo requires them of every moving link; kinematics does not depend on them [kg], [kg m^2].
@@ -84,7 +83,7 @@ def joints_of(robot: Robot) -> list[Joint]:
 
 def qp_damping(pull: Array) -> float:
     """Damping of the QP of an arm that is pulled to its posture by (m,) gains."""
-    return QP_DAMPING_BESIDE_POSTURE if pull.any() else QP_DAMPING
+    return QP_DAMPING if pull.any() else POSTURE_COST**2
 
 
 def share_of(law: LawSpec) -> float:

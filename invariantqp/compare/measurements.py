@@ -58,9 +58,9 @@ REST = 1.0
 SETTLED = 1e-3, np.radians(1.0)
 # The last part of a run, in which the arm should be at rest, as a share of it.
 TAIL = 0.1
-# Standard deviations of how far each joint is turned and shifted, about and along each axis of the base [rad], [m]:
-# an arm whose links were measured by a ruler.
-TURNED, SHIFTED = 5e-3, 5e-3
+# Standard deviation of how far each joint is turned and shifted, about and along each axis of the base [rad], [m]: an
+# arm whose links were measured by a ruler.
+OFF = 5e-3
 CALIBRATION = ("compare/panda", "compare/panda_limits", "compare/ur5_limits", "compare/so101_limits")
 
 
@@ -288,7 +288,7 @@ def miscalibrated(robot: Robot, seed: int) -> Chain:
     """The arm with every joint turned and shifted at random."""
     rng = np.random.default_rng(seed)
     m = len(robot.names)
-    off = rng.normal(size=(m, 6)) * np.repeat((TURNED, SHIFTED), 3)
+    off = OFF * rng.normal(size=(m, 6))
     screws = robot.jacobian(np.zeros(m))
     moved = np.column_stack([se3.adjoint(se3.exp(d)).dot(s) for d, s in zip(off, screws.T, strict=True)])
     limits = (robot.position_lower, robot.position_upper, robot.velocity_limit)

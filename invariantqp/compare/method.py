@@ -43,6 +43,8 @@ SCALED_LEAST_SQUARES = "QP with length and LM"
 PENROSE, DLS = "Moore-Penrose", "DLS"
 # lambda as scripts choose it, in mixed units of J, and in Lambda = lambda I of [DS] [m].
 LAMBDA = 0.05
+# The cost of a posture task in Pink's own examples, beside frame tasks of unit costs; a QP's weight is its square.
+POSTURE_COST = 1e-3
 # What a row says where its method has no place for something that it is given.
 CANNOT = "cannot take it"
 

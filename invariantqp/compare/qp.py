@@ -21,6 +21,7 @@ import numpy as np
 
 from invariantqp.compare.method import (
     HAND_WRITTEN,
+    POSTURE_COST,
     SCALED_LEAST_SQUARES,
     AccelerationReach,
     LoopSetting,
@@ -37,16 +38,12 @@ from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import LawSpec
 from invariantqp.velocity.backends import BoxQP, Daqp, SolverFailure
+from invariantqp.velocity.damping import CALM
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.solution import VelocitySolution
 
-# eps where it is fixed; a usual value in scripts, and the square of Pink's cost of a posture task. A mu below this
-# share of |A|^2 is not worth a second QP.
-FIXED_WEIGHT = 1e-6
-# Sugihara's factor, as measured to be calm and quick: of 1/2 dt |missed| |A|.
-CALM = 0.25
-# What scaling weighs the posture and the share of the twist with: the whole of the twist comes first.
-POSTURE_WEIGHT, TWIST_WEIGHT = 1e-3, 1e3
+# eps where it is fixed; a usual value in scripts. A mu below this share of |A|^2 is not worth a second QP.
+FIXED_WEIGHT = POSTURE_COST**2
 
 
 class HandWritten:
@@ -155,13 +152,14 @@ def slowed(solver: Daqp, H: Array, c: Array, tick: Question) -> Array:
 def scaling(setting: LoopSetting) -> Solve:
     """maximise alpha with J x = alpha s inside the limits, alpha <= 1; the posture in what is left.
 
-    Where limits exclude every share, as those of accelerations may, it stops.
+    Beside the posture the share weighs a million times as much. Where limits exclude every share, as those of
+    accelerations may, it stops.
     """
     m, solver = setting.m, Daqp()
-    H = np.diag(np.r_[np.full(m, POSTURE_WEIGHT), TWIST_WEIGHT])
+    H = np.diag(np.r_[np.full(m, POSTURE_COST), 1.0 / POSTURE_COST])
 
     def velocity(tick: Question) -> Array:
-        c = np.r_[POSTURE_WEIGHT * tick.posture, TWIST_WEIGHT]
+        c = np.r_[POSTURE_COST * tick.posture, 1.0 / POSTURE_COST]
         rows = np.vstack((np.eye(m + 1), np.column_stack((tick.J, -tick.s))))
         low, high = np.r_[tick.lower, 0.0, np.zeros(6)], np.r_[tick.upper, 1.0, np.zeros(6)]
         try:

@@ -56,39 +56,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.control.clearance_bodies import OtherArm, chain_of, parts_of, shapes_of
 from invariantqp.control.clearance_pairs import Dropped, Pairs
-from invariantqp.control.clearance_rows import (
-    CURVED,
-    DEEP,
-    EQUAL,
-    USUAL_SPEED,
-    Found,
-    Rate,
-    moved_by,
-    placed_at,
-    rows_of,
-)
+from invariantqp.control.clearance_rows import CURVED, DEEP, USUAL_SPEED, Found, Rate, moved_by, placed_at, rows_of
 from invariantqp.control.limits import Limit, Loop, boxes
+from invariantqp.control.tracking import TRACKING_SHARE
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.distance import Placed, places
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import MILLIMETRES, Robot, far_away, middle
-from invariantqp.velocity.limits import BOUNDLESS, LimitRows
+from invariantqp.velocity.backends import UNBOUNDED
+from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.qp import ACTIVE_TOLERANCE
 
-# A tick covers this share of the room that is left.
-SHARE_OF_ROOM = 0.1
 # Of the accelerations, rows take this share to brake by; the rest is for how their directions turn within a tick, and
 # between the states that are looked at.
 BRAKING = 0.7
 # Inside the distance, bodies are led apart at the first share of the joints' velocity limits, and no joint is faster
 # than the second: an arm that begins inside comes out in a second or three, without a kick.
 ESCAPE, CALM = 0.06, 0.09
-# Two arms that do not know each other's velocity may each take half of the room between them.
-HALF = 0.5
 # Where a joint moves nothing in this very state, a state is looked at that is so many seconds at full speed away [s]:
 # what is moved there is, by 1e-14 of its size, as far as it is here.
 ASIDE = 1e-7
@@ -146,7 +134,7 @@ class Moved(NamedTuple):
         if between == 0.0:
             return self._replace(place=place)
         if place is self.place:
-            held = between <= (2.0 + EQUAL) * self.between
+            held = between <= (2.0 + NEGLIGIBLE) * self.between
             return self if held else self._replace(speed=np.zeros_like(self.speed), moves=False)
         new = way(self.place, place) / between
         speed = self.speed + min(1.0, alpha * between) * (new - self.speed)
@@ -351,7 +339,7 @@ class Clearance(Limit):
 
     def in_loop(self, loop: Loop) -> Rate:
         """The rate in a loop, and what its joints brake by."""
-        alpha = min(SHARE_OF_ROOM / loop.dt, 1.0 / (e * (loop.delay + 0.5 * loop.dt)))
+        alpha = min(TRACKING_SHARE / loop.dt, 1.0 / (e * (loop.delay + 0.5 * loop.dt)))
         rate = self._at_rate(alpha if self._rate is None else min(alpha, self._rate), loop.delay, loop.dt)
         box = boxes(loop, loop.velocity_limit)[0]
         limits = box.velocity_limit, loop.acceleration, box.position_lower, box.position_upper
@@ -511,7 +499,7 @@ class Clearance(Limit):
     def _levers_of_pairs(self) -> Array:
         """(k, m) how much nearer the shapes of a pair come at most for a radian or length of each own joint."""
         m, two = len(self.robot.names), self._pairs[:, :2].astype(int)
-        levers = np.minimum(self._found.levers[two, :m].max(axis=1, initial=0.0), BOUNDLESS)
+        levers = np.minimum(self._found.levers[two, :m].max(axis=1, initial=0.0), UNBOUNDED)
         inner = np.where(self._around == 0, self._numbers[two, 0].min(axis=1, initial=m), 0.0)
         return np.where(np.arange(m) < inner[:, None], 0.0, levers)
 
@@ -584,7 +572,7 @@ class Clearance(Limit):
         for a, arm in enumerate(self.arms):
             if self._seen.get(-1 - a) is not arm.q:
                 self._seen[-1 - a] = arm.q
-                self._renewed(self._around == -1 - a, HALF if arm.yields else 1.0)
+                self._renewed(self._around == -1 - a, 0.5 if arm.yields else 1.0)  # half of the room each
 
     def _renewed(self, pairs: Array, share: float) -> None:
         """Those pairs count again, with that share of the room, until they are judged."""

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry import se3
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, ROUNDING, Array
 from invariantqp.geometry.distance import Place, Placed, Solid, places
 from invariantqp.geometry.shapes import Core
 from invariantqp.robots.chain import Chain
@@ -24,10 +24,6 @@ from invariantqp.velocity.limits import braking_speed, late_braking
 
 # Rows of a tick, at most: more than an arm has joints several times over.
 MOST_ROWS = 16
-# Rows that differ by less than this share of their length are one row, and so many ticks more a whole number of them.
-EQUAL = 1e-9
-# A joint that moves a place along its normal by less than this share of what its terms sum up to does not move it.
-UNMOVED = 1e-12
 # Of the ticks until one state those until the next nearer one: with a half, an arm that passes a corner at full speed
 # sees it late in one of 2000 ticks.
 NEARER = 0.7
@@ -114,7 +110,7 @@ class States(NamedTuple):
             ticks = np.array([max(1.0, ticks_of(alone[arm & ~for_range])) for arm in of_arms])
             b = np.where(on, 0.0, np.where(np.isinf(a), a, np.where(for_range, late, fast / (ticks * dt))))
             y = np.maximum(fast - b * dt, 0.0)
-            whole = np.where(y > 0.0, np.floor(y / (b * dt) + EQUAL), 0.0)  # ticks that y goes on, but for a rest
+            whole = np.where(y > 0.0, np.floor(y / (b * dt) + NEGLIGIBLE), 0.0)  # ticks that y goes on, but for a rest
             n = [*moments(float(whole[~on].max(initial=0.0))), 0.0]
             own = np.minimum(np.array(n)[:, None], whole)
             lost = np.where(own > 0.0, own * b * dt / y, 0.0)  # of y, by then
@@ -309,7 +305,7 @@ def _row(wrench: Array, J: Array, signs: Array) -> Array:
     """(M,) how fast a distance grows with joint velocities; zero where that is rounding."""
     parts = signs * wrench[:, None] * J
     total = parts.sum(axis=0)
-    return np.asarray(np.where(np.abs(total) > UNMOVED * np.abs(parts).sum(axis=0), total, 0.0))
+    return np.asarray(np.where(np.abs(total) > ROUNDING * np.abs(parts).sum(axis=0), total, 0.0))
 
 
 def _asked_of(
@@ -354,7 +350,7 @@ def _asked_of(
 def _keep(kept: list[tuple[float, float, int, Array]], row: tuple[float, float, int, Array]) -> None:
     """Keep a row among the most urgent; equal ones are one, as urgent as any of them, that asks for the most."""
     size = se3.norm(row[3])
-    same = next((i for i, old in enumerate(kept) if np.abs(old[3] - row[3]).max() <= EQUAL * size), None)
+    same = next((i for i, old in enumerate(kept) if np.abs(old[3] - row[3]).max() <= NEGLIGIBLE * size), None)
     if same is not None:
         kept[same] = (max(kept[same][0], row[0]), *max(kept[same][1:], row[1:], key=lambda asks: asks[0]))
     elif len(kept) < MOST_ROWS:
@@ -404,7 +400,7 @@ def levers_of(robots: Sequence[Chain], shapes: Array) -> Array:
                 x, slide = foot, axis * float(axis.dot(slide))
             along = se3.norm(slide)
             lever[k] = rate * reach + along
-            if along > UNMOVED * lever[k]:
+            if along > ROUNDING * lever[k]:
                 low, high = float(ranges[0][k]), float(ranges[1][k])
                 reach += along * (high - low + max(abs(low), abs(high)))
     return levers

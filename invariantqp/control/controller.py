@@ -564,10 +564,6 @@ class Controller:
         root = self.measure.root_for(sighting.J, sighting.pose, at)
         return Observed(q, there, sighting, sighting.pose, root, memory.now(velocity))
 
-    def told(self, solution: VelocitySolution, q: ArrayLike) -> VelocitySolution:
-        """The solution of a tick that the core answered, its reason with the words that Python has for limits."""
-        return self._limits.told(solution, q)
-
     def wrong(self, q: Array) -> Reason | None:
         """Why joint positions (m,) cannot be true, None where they may be or `far_outside` is "return"."""
         return self._limits.wrong(q)

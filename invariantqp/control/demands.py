@@ -57,10 +57,6 @@ class Exact(Protocol):
         """The rows of this tick."""
         ...
 
-    def moved(self, offset: ArrayLike) -> Exact:
-        """The same demand for a tool frame displaced in itself by a (4, 4) offset."""
-        ...
-
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class ExactPoint(Value):
@@ -81,11 +77,6 @@ class ExactPoint(Value):
         here, there = view.robot.points(view.sighting, view.target, self.point)
         b = view.gain * (there - here) + velocity_at(view.feedforward, there)
         return ExactRows.point(view.sighting.J, here, b)
-
-    def moved(self, offset: ArrayLike) -> ExactPoint:
-        """The same point of the tool in the displaced frame."""
-        T = arrays.pose(offset, "offset")
-        return ExactPoint(T[:3, :3].T.dot(self.point - T[:3, 3]))
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -115,10 +106,6 @@ class ExactAxis(Value):
             turn = np.pi * np.linalg.svd(here.reshape(1, 3))[2][1]
         return ExactRows.axis(view.sighting.J, here, view.gain * turn + view.feedforward[:3])
 
-    def moved(self, offset: ArrayLike) -> ExactAxis:
-        """The same direction of the tool in the displaced frame."""
-        return ExactAxis(arrays.pose(offset, "offset")[:3, :3].T.dot(self.axis))
-
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class ExactPlane(Value):
@@ -142,10 +129,6 @@ class ExactPlane(Value):
         here, there = view.robot.points(view.sighting, view.target, self.point)
         speed = n.dot(view.gain * (there - here) + velocity_at(view.feedforward, there))
         return ExactRows.plane(view.sighting.J, here, n, float(speed))
-
-    def moved(self, offset: ArrayLike) -> ExactPlane:
-        """The same point of the tool in the displaced frame."""
-        return ExactPlane(self.normal, ExactPoint(self.point).moved(offset).point)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -176,10 +159,6 @@ class ExactJoints(Value):
         if self.A.shape[1] != m:
             raise BadInput("exact", f"rows on {self.A.shape[1]} joints", f"rows on {m}, one for each joint")
         return ExactRows(self.A, self.b)
-
-    def moved(self, offset: ArrayLike) -> ExactJoints:  # noqa: ARG002 (joints know nothing of tool frames)
-        """Itself."""
-        return self
 
 
 def require_rows(rows: object, m: int) -> None:

@@ -39,11 +39,10 @@ from invariantqp.velocity.objective import least_squares, spectrum_of
 # Share of the error removed in a tick where no gain is given. A velocity held for dt leaves the path by half of
 # acceleration times dt^2 in every tick, and feedback holds that to 1 / share of it: 25 micrometres at 5 m/s^2 and 1 ms.
 TRACKING_SHARE = 0.1
-# A gain of at most this [1/s] beside a tick of at most this [s] takes a second or more to close an error, in 50 ticks
-# or more: it is questioned, since other libraries' gains are shares of the error in a tick.
-QUESTIONED_GAIN, QUESTIONED_TICK = 1.0, 0.02
-# Nor is a tick or a delay of a second or more that of an arm: milliseconds, or a rate, are questioned likewise [s].
-QUESTIONED_TIME = 1.0
+# A tick or a delay of a second or more is none of an arm: milliseconds, or a rate, are questioned [s]. So is a gain by
+# which an error takes as long, in ticks of at most the second, hence 50 or more: other gains are shares of it in
+# a tick.
+QUESTIONED_TIME, QUESTIONED_TICK = 1.0, 0.02
 # The largest gain times delay: a loop of gain k and dead time d overshoots beyond k d = 1 / e.
 DELAY_SHARE = 0.25
 # Share of the joints' acceleration that is used to brake along the joint distances; the rest is a reserve, since joint
@@ -74,7 +73,7 @@ def tracking_gain(gain: float | None, dt: float, delay: float = 0.0) -> float:
 
 def question_gain(gain: float, dt: float) -> None:
     """Warn of a gain [1/s] that looks like a share of the error in a tick of dt [s]."""
-    if gain > QUESTIONED_GAIN or dt > QUESTIONED_TICK:
+    if gain * QUESTIONED_TIME > 1.0 or dt > QUESTIONED_TICK:
         return
     warnings.warn(
         f"gain={gain:g} is {gain:g} 1/s here: a tick of {dt:g} s closes {100.0 * gain * dt:.2g} % of the error. Pink's "

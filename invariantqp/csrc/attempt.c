@@ -72,7 +72,7 @@ static Outcome filtered(int k, const Row *C, const double *p, double *y)
     if (spectrum(k, k, C, p, NULL, &found) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < k; i++) {
-        double mu = found.sigma[i], ratio = mu / FORM_THRESHOLD, filter = FORM_CEILING * fmax(0.0, 1.0 - ratio * ratio);
+        double mu = found.sigma[i], ratio = mu / FORM_THRESHOLD, filter = FORM_THRESHOLD * fmax(0.0, 1.0 - ratio * ratio);
         double along = dot(k, found.V[i], p) / (mu * mu + filter * filter);
         for (int j = 0; j < k; j++)
             part[j] += along * found.V[i][j];

@@ -422,11 +422,8 @@ extern const Constant CONSTANTS[];
 
 #define ACCURATE_SHARE 1e-2
 #define FORM_THRESHOLD 0.3
-#define FORM_CEILING 0.3
 #define UNSEEN 1e-7
 #define UNTOUCHED 1e-11
-#define COSINE_ROUNDING 1e-13
-#define LEAST_DECREASE 1e-13
 #define NULL_RATIO 1e-12
 #define NULL_WEIGHT 1e-8
 #define FREE_WEIGHT 3e-10

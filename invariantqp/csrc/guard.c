@@ -28,7 +28,7 @@ Outcome blend(int n, const Row A[6], const double b[6], double mu, const Row x_f
     for (int i = 0; i < 6; i++)
         achieved[i] = dot(n, A[i], x_f);
     size = fmax(dot(6, b, b), dot(6, achieved, achieved));
-    double rounding_of_x = LEAST_DECREASE * sqrt(size) * fmax(sqrt(size), norm_of_rows(6, n, A) * norm(n, x_f));
+    double rounding_of_x = PRODUCT_ROUNDING * sqrt(size) * fmax(sqrt(size), norm_of_rows(6, n, A) * norm(n, x_f));
     double missing = (best > 0.0 ? fraction * best : (2.0 - fraction) * best) - have;
     *t = 0.0;
     if (missing <= 0.1 * rounding_of_x)

@@ -36,7 +36,7 @@ static void without_rounding(int n, double length, double longest, const Row col
     double least = INFINITY;
     for (int j = 0; j < n; j++)
         least = fabs(row[j]) < least ? fabs(row[j]) : least;
-    if (least >= 2.0 * COSINE_ROUNDING * length * longest)
+    if (least >= 2.0 * PRODUCT_ROUNDING * length * longest)
         return;
     for (int j = 0; j < n; j++)
         cosine[j] = row[j] / (length * columns[j] + TINY);
@@ -45,7 +45,7 @@ static void without_rounding(int n, double length, double longest, const Row col
         for (int l = 0; l < n; l++)
             if (fabs(columns[l] - columns[j]) <= QP_ROUNDING * columns[j])
                 square += cosine[l] * cosine[l];
-        row[j] *= between(sqrt(square) / COSINE_ROUNDING - 1.0, 0.0, 1.0);
+        row[j] *= between(sqrt(square) / PRODUCT_ROUNDING - 1.0, 0.0, 1.0);
     }
 }
 
@@ -332,7 +332,7 @@ static Outcome from_inside(const Room *room, Slow *slow, int *side, Row e, Face 
         along(n, face->k, (const Row *)face->Q, step); /* the rest is rounding, and would meet rows that depend on these */
         double first = 1.0; /* how much the active rows leave of each other tells how well their step is known */
         double least = face->k > 0 ? face->least[face->k - 1] : 1.0;
-        double rounding = fmax(QP_ROUNDING, COSINE_ROUNDING / least) * norm(n, step);
+        double rounding = fmax(QP_ROUNDING, PRODUCT_ROUNDING / least) * norm(n, step);
         int meets = 0;
         for (int i = 0; i < room->count; i++) {
             double change = dot(n, room->N[i], step), value = dot(n, room->N[i], e);

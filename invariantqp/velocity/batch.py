@@ -12,18 +12,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.engine import ENGINES
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.backends import backend_of
 from invariantqp.velocity.compiled import LEFT, Rows, Written, compiled_rows
 from invariantqp.velocity.damping import damping_of
 from invariantqp.velocity.forms import CarriedMetric, form_of
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.limits import Bounds
-from invariantqp.velocity.measure import measures
-from invariantqp.velocity.problem import guard_of, measure_of, metric_of
+from invariantqp.velocity.problem import law_of, measure_of, metric_of
 from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve
 
@@ -118,39 +115,34 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
 
 
 class _Batch(NamedTuple):
-    """The arguments of N rows; `points` and `posture` are None where none are given.
+    """The arguments of N rows; None where none are given.
 
     Shapes and options are checked. Of numbers, the core leaves rows that `check` would refuse.
     """
 
-    laws: tuple[VelocityLaw, VelocityLaw]  # of rows with a joint that no limit bounds, and of all others
-    limited: NDArray[np.bool_]  # (N,) which of them
+    laws: tuple[VelocityLaw, VelocityLaw]  # of rows in which all joints have bounds, and of others
     twists: Array  # (N, 6, m)
     s: Array  # (N, 6)
-    roots: Array  # (N, 6, 6)
     lower: Array  # (N, m)
     upper: Array  # (N, m)
     posture: Array | None  # (N, m)
     points: Array | None  # (N, 3)
     length: float | None
+    carried: CarriedMetric | None  # which measures all rows
 
     def written(self) -> Written:
         """The answers to all rows, but for those that are left."""
-        if self.limited.all() or not self.limited.any():
-            return self._under(self.laws[bool(self.limited.all())], slice(None))
-        groups = [np.flatnonzero(self.limited == limited) for limited in (False, True)]
-        first, second = (self._under(law, rows) for law, rows in zip(self.laws, groups, strict=True))
-        return first.and_others(second, np.argsort(np.concatenate(groups)))
-
-    def _under(self, law: VelocityLaw, rows: slice | NDArray[np.intp]) -> Written:
-        """Some rows under one law."""
-        twists, s, roots = self.twists[rows], self.s[rows], self.roots[rows]
-        box = self.lower[rows], self.upper[rows]
-        posture = None if self.posture is None else self.posture[rows]
-        written = compiled_rows(law, twists, s, roots, box, posture)
+        n, _, m = self.twists.shape
+        others = {
+            "posture": self.posture,
+            "roots": None if self.carried is None else np.broadcast_to(self.carried.root(), (n, 6, 6)),
+            "points": self.points,
+            "lengths": None if self.length is None else np.full((n, 1), float(self.length)),
+        }
+        written = compiled_rows(self.laws, self.twists, self.s, (self.lower, self.upper), **others)
         if written is not None:
             return written
-        written = Written.empty(len(twists), twists.shape[2], 0)
+        written = Written.empty(n, m, 0)
         written.record[:] = LEFT
         return written
 
@@ -164,12 +156,13 @@ class _Batch(NamedTuple):
 
     def solution(self, i: int) -> VelocitySolution:
         """Row i by itself."""
-        J, s, law = self.twists[i], self.s[i], self.laws[bool(self.limited[i])]
+        J, s, bounds = self.twists[i], self.s[i], (self.lower[i], self.upper[i])
+        law = self.laws[not np.isfinite(bounds).all()]
+        measure = measure_of(J, s, self.carried, None if self.points is None else self.points[i], self.length)
         if law.metric is None:
-            measure = measure_of(J, s, None, "own" if self.points is None else self.points[i], self.length)
             law = replace(law, metric=metric_of(None, J, measure.point, measure.length))
         posture = None if self.posture is None else self.posture[i]
-        return solve(law, Demand(J, s, self.roots[i], self.lower[i], self.upper[i], posture=posture))
+        return solve(law, Demand(J, s, measure.root, *bounds, posture=posture))
 
 
 def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch:
@@ -189,35 +182,20 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
     # Checks form, the name of a point, and length; form and a carried metric are the same for all rows.
     where = point if isinstance(point, str) else np.zeros(3)
     first = measure_of(np.eye(6), np.zeros(6), form, where, 1.0 if length is None else length)
-    damping, metric = options.get("damping"), options.get("joint_metric")
-    law = VelocityLaw(
-        form=first.form,
-        damping=damping_of(damping, limited=True),
-        guard=guard_of(options.get("guard", True)),
-        metric=None if metric is None else arrays.positive_definite(metric, m, "joint_metric"),
-        backend=backend_of(options.get("backend", "daqp")),
-        engine=arrays.choice(options.get("engine", "compiled"), "engine", ENGINES),
-    )
+    metric = options.get("joint_metric")
+    M = None if metric is None else arrays.positive_definite(metric, m, "joint_metric")
+    law = law_of(options, first.form, M, limited=True)
     lower, upper = box
-    limits = np.isfinite(lower) & np.isfinite(upper)
-    limited = np.ones(1, dtype=bool) if damping is not None or limits.all() else limits.all(axis=1)
-    if isinstance(form, CarriedMetric):
-        roots = np.broadcast_to(first.root, (n, 6, 6))
-    else:
-        if points is None or length is None:
-            _check(twists, s, lower, upper, wanted)
-        roots = measures(twists, s, points, None if length is None else float(length))
     return _Batch(
-        laws=(replace(law, damping=damping_of(damping, limited=False)), law),
-        limited=np.broadcast_to(limited, n),
+        laws=(law, replace(law, damping=damping_of(options.get("damping"), limited=False))),
         twists=twists,
         s=s,
-        roots=roots,
         lower=np.broadcast_to(lower, (n, m)),
         upper=np.broadcast_to(upper, (n, m)),
         posture=wanted,
         points=points,
         length=length,
+        carried=form if isinstance(form, CarriedMetric) else None,
     )
 
 

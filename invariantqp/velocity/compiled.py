@@ -161,13 +161,6 @@ class Written(NamedTuple):
         words = np.empty(n, np.intp), np.empty(n, "U11"), np.empty(n, "U8")
         return cls(np.empty((n, m)), np.empty((n, 6)), *words, np.empty((n, 3)), np.empty((n, numbers)))
 
-    def and_others(self, others: Written, order: NDArray[np.intp]) -> Written:
-        """These rows and others, row i of all being the one of number order[i]."""
-        further = np.where(others.record < 0, others.record, others.record + len(self.records))
-        pairs: Iterator[Any] = zip(self, others._replace(record=further), strict=True)
-        *rows, records = map(np.concatenate, pairs)
-        return Written._make([*(one[order] for one in rows), records])
-
 
 class Rows(Mapping[int, VelocitySolution]):
     """The answers to many ticks; those that are more than a closed form by their row, made when they are read.
@@ -207,32 +200,30 @@ class Rows(Mapping[int, VelocitySolution]):
 
 
 def compiled_rows(
-    law: VelocityLaw,
+    laws: tuple[VelocityLaw, VelocityLaw],
     J: Array,
     s: Array,
-    roots: Array,
     box: tuple[Array, Array],
-    posture: Array | None,
+    **others: Array | None,
 ) -> Written | None:
     """Many ticks, each without dt; None where all are Python's. Large batches go to several threads.
 
     Args:
-        law: of all rows.
+        laws: of rows in which all joints have bounds, and of others.
         J: (N, 6, m).
         s: (N, 6).
-        roots: (N, 6, 6).
         box: (N, m) each.
-        posture: (N, m) or None.
+        others: or None: posture (N, m), roots (N, 6, 6), or points (N, 3) and lengths (N, 1) to measure at.
     """
     n, _, m = J.shape
-    fixed = law.compiled
-    if core is None or fixed is None or fixed.form == "brought" or m > core.MOST_JOINTS:
+    fixed, unlimited = (law.compiled for law in laws)
+    if core is None or fixed is None or unlimited is None or fixed.form == "brought" or m > core.MOST_JOINTS:
         return None
     lower, upper = box
     made = {"velocity": np.empty((n, m)), "residual": np.empty((n, 6)), "numbers": np.zeros((n, 6))}
     made["records"], taken = np.empty((n, core.RECORD)), np.zeros(2, np.int32)
-    fields = {"J": J, "s": s, "roots": roots, "lower": lower, "upper": upper, "posture": posture, **made}
-    ticks = partial(core.ticks, fixed, taken, ROWS_AT_A_TIME, **fields)
+    fields = {"J": J, "s": s, "lower": lower, "upper": upper, **others, **made}
+    ticks = partial(core.ticks, fixed, unlimited, taken, ROWS_AT_A_TIME, **fields)
     helpers = [_started(ticks) for _ in range(min(n // ROWS_A_THREAD, cpu_count()) - 1)]
     ticks()
     for helper in helpers:

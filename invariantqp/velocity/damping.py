@@ -69,11 +69,6 @@ QUIET_SHARE = 1e-9
 class Damping(Protocol):
     """A policy; implement it to bring one."""
 
-    @property
-    def threshold(self) -> float:
-        """The share of the largest singular value above which nothing is ever damped; inf where that is not certain."""
-        ...
-
     def squares(self, sigma: Array, wanted: Array, largest: float) -> Array:
         """(n,) lambda_i^2 >= 0.
 
@@ -101,11 +96,6 @@ class Fixed(Value):
             BadInput: not a number, or below zero.
         """
         self.__attrs_init__(arrays.not_negative(value, "value", "lambda"))
-
-    @property
-    def threshold(self) -> float:
-        """0 without damping."""
-        return 0.0 if self.value == 0.0 else np.inf
 
     def squares(self, sigma: Array, wanted: Array, largest: float) -> Array:  # noqa: ARG002 (a policy's signature)
         """The fixed value."""
@@ -170,11 +160,6 @@ class Selective(Value):
         if not isinstance(least, Adaptive):
             raise BadInput("adaptive", excerpt(adaptive), "Adaptive(threshold, ceiling)")
         self.__attrs_init__(arrays.number(speed, "speed", positive=True), least)
-
-    @property
-    def threshold(self) -> float:
-        """inf: any direction may be damped."""
-        return np.inf
 
     def squares(self, sigma: Array, wanted: Array, largest: float) -> Array:
         """The larger of both for each direction."""

@@ -35,7 +35,7 @@ from scipy.linalg import lapack
 
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import cross, norm
 from invariantqp.systems.subspaces import TINY, rank_of
@@ -44,7 +44,6 @@ from invariantqp.velocity.damping import DEVIATION_SHARE
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.qp import (
     ACTIVE_TOLERANCE,
-    ROUNDING,
     Cone,
     Optimum,
     Polytope,
@@ -214,7 +213,7 @@ class Reduction(NamedTuple):
     @property
     def contradicts(self) -> bool:
         """Whether the joints cannot keep the direction of the demand."""
-        return self.unmet > ROUNDING
+        return self.unmet > NEGLIGIBLE
 
     def excess(self, held: float, share: float = 1.0) -> float:
         """By how much more than themselves the rows turn while a share of their velocity is held so long [s]."""
@@ -339,7 +338,7 @@ def nearest_to_demand(
     if not inside.any() or n == m:
         return found
     length = 0.0 if reduction.contradicts else norm(full)
-    length = length if length > ROUNDING * norm(inside) else 0.0
+    length = length if length > NEGLIGIBLE * norm(inside) else 0.0
     line = reduction.basis if length == 0.0 else np.column_stack((reduction.basis, full / length))
     k = line.shape[1]
     V = np.column_stack((line, np.linalg.qr(line, mode="complete")[0][:, k:]))  # then what is beside the line
@@ -361,7 +360,7 @@ def nearest_to_demand(
 
     optimum = drawn(0.0, k, inside)
     y = optimum.z
-    p, rounding = float(y.dot(V[:, n:k]).sum()), ROUNDING * norm(y)
+    p, rounding = float(y.dot(V[:, n:k]).sum()), NEGLIGIBLE * norm(y)
     if p < -rounding or p > length + rounding:  # before the beginning of the segment, or behind its end
         optimum = drawn(0.0 if p < 0.0 else length, n, y)
     elif length > 0.0 and norm(y.dot(V[:, k:])) > rounding:
@@ -373,11 +372,11 @@ def nearest_to_demand(
     beside = V.dot(along)
     size = norm(beside)
     found = found._replace(inside=y, share=p / length if length > 0.0 else 0.0)
-    if size <= ROUNDING * norm(y):  # the rows can keep their direction
+    if size <= NEGLIGIBLE * norm(y):  # the rows can keep their direction
         return found
     pulls = np.abs(optimum.multipliers) * np.linalg.norm(limits.A, axis=1)
-    slowed = cone is not None and optimum.nu * norm(cone.velocity(y).dot(cone.J)) > ROUNDING * size
-    return found._replace(beside=beside, limits=pulls > ROUNDING * size, cone=slowed)
+    slowed = cone is not None and optimum.nu * norm(cone.velocity(y).dot(cone.J)) > NEGLIGIBLE * size
+    return found._replace(beside=beside, limits=pulls > NEGLIGIBLE * size, cone=slowed)
 
 
 def fixed_beside(reduction: Reduction, limits: Polytope, cone: Cone | None, nearest: Nearest) -> Reduction:
@@ -393,7 +392,7 @@ def fixed_beside(reduction: Reduction, limits: Polytope, cone: Cone | None, near
     if len(rows):
         lengths = np.linalg.norm(rows, axis=1, keepdims=True)
         _, sizes, Vt = svd(product(rows, basis) / np.where(lengths > 0.0, lengths, 1.0))
-        basis = basis.dot(Vt[np.count_nonzero(sizes > ROUNDING) :].T)
+        basis = basis.dot(Vt[np.count_nonzero(sizes > NEGLIGIBLE) :].T)
     left = nearest.inside - nearest.share * reduction.full
     return reduction._replace(basis=basis, start=left - basis.dot(left.dot(basis)))
 
@@ -421,7 +420,7 @@ def share_of(
     if reduction.contradicts:  # the share tends to zero as the joints lose a direction of the rows
         return Share(0.0, inside)
     full, length = reduction.full, norm(reduction.full)
-    if length <= ROUNDING * norm(inside):  # what limits require is what the rows ask for
+    if length <= NEGLIGIBLE * norm(inside):  # what limits require is what the rows ask for
         return Share(1.0, inside)
     basis = np.column_stack((full / length, reduction.basis))
     n = basis.shape[1]
@@ -447,7 +446,7 @@ def share_of(
     elif possible < FAR_SHARE:  # from nearby: beside what is asked for, the limits are rounding
         found = best(0.0, max(found.z[0], 0.0) / FAR_SHARE)
     value, known = (min(max(along / length, 0.0), 1.0) for along in (float(found.z[0]), float(first[0])))
-    if first[0] <= ROUNDING * norm(inside):
+    if first[0] <= NEGLIGIBLE * norm(inside):
         known = 0.0
     if value < LEAST_SHARE or value * length <= ACTIVE_TOLERANCE * norm(inside):
         return Share(known, inside)

@@ -41,7 +41,6 @@ from invariantqp.velocity.objective import Spectrum
 # Eigenvalues of U'MU below this share of |MU| are filtered. Their inverses are the gains of P: those above three cost
 # accuracy when the arm passes a principal pitch, smaller ones do not.
 FORM_THRESHOLD = 0.3
-FORM_CEILING = 0.3
 # Least size of a direction in |MU|, relative to |M|: its inverse is by how much rounding may be enlarged.
 UNSEEN = 1e-7
 # A direction of a smaller size is one that M leaves to itself, but for rounding; it fades in, so that there is no jump.
@@ -249,7 +248,7 @@ def attempted(
     mu, axes, _ = lapack.dsygv(counts[:, None] * V.T.dot(MV), size)
     pull = r.dot(MV).dot(axes)
     left = np.maximum(0.0, 1.0 - (mu / FORM_THRESHOLD) ** 2)
-    divisor = mu * mu + (FORM_CEILING * left) ** 2
+    divisor = mu * mu + (FORM_THRESHOLD * left) ** 2
     y = V.dot(axes.dot(np.divide(mu * pull, divisor, out=np.zeros(len(mu)), where=divisor > 0.0)))
     if fraction is not None:
         most, length = sqrt((1.0 - fraction) * float(done.dot(done))), sqrt(float(y.dot(y)))

@@ -164,7 +164,7 @@ class VelocityLaw:
         if type(damping) is Adaptive:
             fields |= {"threshold": damping.threshold, "ceiling": damping.ceiling}
         elif type(damping) is Fixed:
-            fields |= {"threshold": damping.threshold, "fixed": damping.value}
+            fields |= {"threshold": np.inf if damping.value else 0.0, "fixed": damping.value}
         else:
             return None
         if form is not None:

@@ -23,16 +23,15 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.velocity.qp import ROUNDING, Cone, Polytope
+from invariantqp.velocity.backends import UNBOUNDED
+from invariantqp.velocity.qp import Cone, Polytope
 from invariantqp.velocity.reasons import Code, Reason
 
 # How far outside its position range a joint is reported to be [rad, length]; less is rounding and noise of encoders.
 OUTSIDE = 1e-3
-# Stands in for an infinite acceleration or room where infinity times zero would be NaN.
-BOUNDLESS = 1e30
 VECTOR = "a vector of limits, infinite where there is none"
 
 
@@ -237,7 +236,7 @@ class BrakingBox(Value):
         """Joints that cannot have all their limits kept."""
         step = self.acceleration * self.dt
         jerked = np.maximum(lower - before, before - upper) - step
-        allowance = ROUNDING * (1.0 + np.abs(before) + np.where(np.isfinite(step), step, 0.0))
+        allowance = NEGLIGIBLE * (1.0 + np.abs(before) + np.where(np.isfinite(step), step, 0.0))
         dt, a = self.dt, self.acceleration
         fast = (
             Reason(Code.ACCELERATION, (i,), numbers=(float(jerked[i] + step[i]) / dt, float(a[i])))
@@ -251,10 +250,10 @@ def braking_speed(room: Array, acceleration: Array, dt: float, rate: float | Non
 
     D is that of `BrakingBox`; without a `rate` [1/s] the last tick covers all that is left.
     """
-    a = np.minimum(acceleration, BOUNDLESS)
+    a = np.minimum(acceleration, UNBOUNDED)  # infinity times zero would be NaN
     k = 1.0 if rate is None else 1.0 / (rate * dt)  # ticks in which the rest is covered
     # Room in units of what one tick of acceleration makes in one tick; n ticks of braking need n (n + 1) / 2 of it.
-    r = np.minimum(np.maximum(room, 0.0), BOUNDLESS) / (a * dt * dt)
+    r = np.minimum(np.maximum(room, 0.0), UNBOUNDED) / (a * dt * dt)
     n = np.maximum(np.ceil(np.sqrt(np.maximum(2.0 * r - k * k + k + 0.25, 0.0)) - k - 0.5), 0.0)
     return np.where(np.isinf(room), np.inf, a * dt * (r + n * (0.5 * (n - 1.0) + k)) / (n + k))
 
@@ -266,7 +265,7 @@ def late_braking(room: Array, before: Array, dt: float) -> Array:
     d = 1 + room / (w dt), n = ceil(2 d - 1) ticks; one tick, b = w, where there is no room.
     """
     w = np.where(before > 0.0, before, 1.0)
-    d = 1.0 + np.minimum(np.maximum(room, 0.0), BOUNDLESS) / (w * dt)
+    d = 1.0 + np.minimum(np.maximum(room, 0.0), UNBOUNDED) / (w * dt)
     n = np.maximum(np.ceil(2.0 * d - 1.0), 1.0)
     share = np.where(n > 1.0, 2.0 * (n - d) / np.maximum(n * (n - 1.0), 1.0), 1.0)
     return np.where(before > 0.0, w * (1.0 - share), 0.0)

@@ -12,12 +12,11 @@ A body may carry another metric (`CarriedMetric`): its root replaces this one.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.geometry.sizes import LENGTH_LIMIT
-from invariantqp.systems.points import WELL_POSED, centre, reach
+from invariantqp.systems.points import centre, reach
 
 
 def root_at(point: Array, length: float) -> Array:
@@ -63,53 +62,3 @@ def ratio(twists: Array, point: Array) -> float:
     if speed <= ROUNDING * moment or rate * LENGTH_LIMIT <= speed:
         return 0.0
     return speed / rate
-
-
-def measures(J: Array, s: Array, point: Array | None, length: float | None) -> Array:
-    """(N, 6, 6) roots of diag(L^2 I, I) at a point (3,) or (N, 3), or at each row's own point; L is its reach."""
-    n = len(J)
-    same = point is not None and length is not None and point.strides[0] == 0  # one point, as broadcast to all rows
-    p = _own_points(J, s) if point is None else np.broadcast_to(point, (n, 3))[: 1 if same else n]
-    L = _reaches(J, s, p) if length is None else np.full(len(p), length)
-    roots = np.zeros((len(p), 6, 6))
-    for i in range(3):
-        roots[:, i, i], roots[:, i + 3, i + 3] = L, 1.0
-        j, k = (i + 1) % 3, (i + 2) % 3
-        roots[:, j + 3, k], roots[:, k + 3, j] = p[:, i], -p[:, i]
-    return np.broadcast_to(roots, (n, 6, 6))
-
-
-def _own_points(J: Array, s: Array) -> Array:
-    """`own_point` for all rows."""
-    w, v = J[:, :3], J[:, 3:]
-    b = np.cross(w, v, axis=1).sum(axis=2)
-    spread = np.matmul(w, w.transpose(0, 2, 1))
-    trace = np.trace(spread, axis1=1, axis2=2)
-    S = trace[:, None, None] * np.eye(3) - spread
-    slow = (v * v).sum(axis=(1, 2)) <= trace * LENGTH_LIMIT**2
-    certain: NDArray[np.bool_] = np.asarray(np.linalg.det(S) > WELL_POSED * (2.0 * trace) ** 3) & slow
-    S[~certain] = np.eye(3)
-    points: Array = np.linalg.solve(S, b[:, :, None])[:, :, 0]
-    for i in np.flatnonzero(~certain).tolist():
-        points[i] = own_point(J[i], s[i])
-    return points
-
-
-def _reaches(J: Array, s: Array, points: Array) -> Array:
-    """`length_at` for all rows: the broken line from the point to its foot on each turning axis, the last one first."""
-    n, _, m = J.shape
-    here, length, size = points.copy(), np.zeros(n), np.sqrt((points * points).sum(axis=1))
-    rate, far = (np.sqrt((part * part).sum(axis=1)) for part in (s[:, :3], s[:, 3:] + np.cross(s[:, :3], points)))
-    size = np.maximum(size, np.where(rate * LENGTH_LIMIT > far, far / np.where(rate > 0.0, rate, 1.0), 0.0))
-    for column in range(m - 1, -1, -1):
-        turn, moment = J[:, :3, column], J[:, 3:, column]
-        rate, far = np.sqrt((turn * turn).sum(axis=1)), np.sqrt((moment * moment).sum(axis=1))
-        turns = rate * LENGTH_LIMIT > far
-        rate = np.where(turns, rate, 1.0)[:, None]
-        leg = np.where(turns[:, None], np.cross(turn, moment / rate + np.cross(turn / rate, here)) / rate, 0.0)
-        here = here + leg
-        length += np.sqrt((leg * leg).sum(axis=1))
-        size = np.where(turns, np.maximum(size, far / rate[:, 0]), size)
-    for i in np.flatnonzero(length <= ROUNDING * size).tolist():
-        length[i] = length_at(J[i], points[i], s[i])
-    return length

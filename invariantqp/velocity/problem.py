@@ -5,7 +5,6 @@ Reference: [DS] Sect. 6.2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.engine import ENGINES, Engine
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.compiled import compiled_problem
@@ -24,7 +23,7 @@ from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.law import Demand, Guard, VelocityLaw
 from invariantqp.velocity.limits import Bounds, LimitRows, ToolSpeed, bounds_of
 from invariantqp.velocity.measure import length_at, own_point, root_at
-from invariantqp.velocity.qp import ROUNDING, Cone
+from invariantqp.velocity.qp import Cone
 from invariantqp.velocity.reasons import TOOL_SPEED, row_name
 from invariantqp.velocity.reasons import named as limits_in_words
 from invariantqp.velocity.report import damped
@@ -90,68 +89,49 @@ class VelocityOptions(TypedDict, total=False):
     engine: Engine
 
 
-@dataclass(frozen=True, eq=False)
-class VelocityProblem:
-    """A checked problem: the law, which does not change from tick to tick, and the demand of one tick.
+def problem_of(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions]) -> tuple[VelocityLaw, Demand]:
+    """The law, and the demand of one tick, from joint twists J (6, m), a twist (6,) and options, all checked.
 
-    Attributes:
-        law: form, damping, guard, joint metric, solver.
-        demand: joint twists, wanted twist, measure, limits.
+    Raises:
+        BadInput: NaN, shapes that do not fit, crossed bounds, a metric that is not positive definite.
+        UnknownName: no such back end.
     """
+    twists, s = sizes.joint_twists(J), sizes.not_too_fast(arrays.twist(twist))
+    m = twists.shape[1]
+    box = bounds_of(options.get("bounds"), m)
+    lower, upper = np.asarray(box.lower), np.asarray(box.upper)
+    exact, rows, point = options.get("exact"), options.get("rows"), options.get("point")
+    if exact is not None:
+        if not isinstance(exact, ExactRows):
+            raise BadInput("exact", type(exact).__name__, "ExactRows(A, b)")
+        _check_width("exact", np.shape(exact.A)[1], m)
+    if rows is not None:
+        if not isinstance(rows, LimitRows):
+            raise BadInput("rows", type(rows).__name__, "LimitRows(C, lower, upper)")
+        _check_width("rows", np.shape(rows.C)[1], m)
+    measure = measure_of(twists, s, form_of(options.get("form")), point, options.get("length"))
+    metric = metric_of(options.get("joint_metric"), twists, measure.point, measure.length)
+    limited = bool(np.isfinite(lower).all() and np.isfinite(upper).all())
+    law = law_of(options, measure.form, metric, limited=limited)
+    posture, tool_speed = options.get("posture"), options.get("tool_speed")
+    wanted = None if posture is None else arrays.vector(posture, m, "posture")
+    cone = None if tool_speed is None else _cone(tool_speed, twists, None if point is None else measure.point)
+    return law, Demand(twists, s, measure.root, lower, upper, exact, wanted, rows, cone)
 
-    law: VelocityLaw
-    demand: Demand
 
-    @classmethod
-    def of(
-        cls,
-        J: ArrayLike,
-        twist: ArrayLike,
-        *,
-        form: Form | CarriedMetric | float | None = None,
-        damping: Damping | PaperLambda | float | None = None,
-        bounds: Bounds | tuple[ArrayLike, ArrayLike] | None = None,
-        exact: ExactRows | None = None,
-        joint_metric: ArrayLike | None = None,
-        backend: Backend | str = "daqp",
-        guard: Guard | bool = True,
-        posture: ArrayLike | None = None,
-        rows: LimitRows | None = None,
-        tool_speed: ToolSpeed | None = None,
-        point: ArrayLike | str | None = None,
-        length: float | None = None,
-        engine: Engine = "compiled",
-    ) -> VelocityProblem:
-        """Check all arguments: joint twists J (6, m) and a twist (6,), in one frame, and those of `VelocityOptions`.
-
-        Raises:
-            BadInput: NaN, shapes that do not fit, crossed bounds, a metric that is not positive definite.
-            UnknownName: no such back end.
-        """
-        twists, s = sizes.joint_twists(J), sizes.not_too_fast(arrays.twist(twist))
-        m = twists.shape[1]
-        box = bounds_of(bounds, m)
-        lower, upper = np.asarray(box.lower), np.asarray(box.upper)
-        if exact is not None:
-            if not isinstance(exact, ExactRows):
-                raise BadInput("exact", type(exact).__name__, "ExactRows(A, b)")
-            _check_width("exact", np.shape(exact.A)[1], m)
-        if rows is not None:
-            if not isinstance(rows, LimitRows):
-                raise BadInput("rows", type(rows).__name__, "LimitRows(C, lower, upper)")
-            _check_width("rows", np.shape(rows.C)[1], m)
-        measure = measure_of(twists, s, form_of(form), point, length)
-        law = VelocityLaw(
-            form=measure.form,
-            damping=damping_of(damping, limited=bool(np.isfinite(lower).all() and np.isfinite(upper).all())),
-            guard=guard_of(guard),
-            metric=metric_of(joint_metric, twists, measure.point, measure.length),
-            backend=backend_of(backend),
-            engine=arrays.choice(engine, "engine", ENGINES),
-        )
-        wanted = None if posture is None else arrays.vector(posture, m, "posture")
-        cone = None if tool_speed is None else _cone(tool_speed, twists, None if point is None else measure.point)
-        return cls(law, Demand(twists, s, measure.root, lower, upper, exact, wanted, rows, cone))
+def law_of(options: VelocityOptions, form: Form | None, metric: Array | None, *, limited: bool) -> VelocityLaw:
+    """The law that options describe, with a form and a metric (m, m) that are checked; `limited` as in `damping_of`."""
+    unknown = options.keys() - VelocityOptions.__annotations__.keys()
+    if unknown:
+        raise TypeError(f"no option {min(unknown)!r}; there are {', '.join(VelocityOptions.__annotations__)}")
+    return VelocityLaw(
+        form=form,
+        damping=damping_of(options.get("damping"), limited=limited),
+        guard=guard_of(options.get("guard", True)),
+        metric=metric,
+        backend=backend_of(options.get("backend", "daqp")),
+        engine=arrays.choice(options.get("engine", "compiled"), "engine", ENGINES),
+    )
 
 
 def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions]) -> VelocitySolution:
@@ -180,8 +160,7 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
     found = compiled_problem(J, twist, **options)
     if found is not None:
         return found
-    problem = VelocityProblem.of(J, twist, **options)
-    return solve(problem.law, problem.demand)
+    return solve(*problem_of(J, twist, **options))
 
 
 def method_for(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions]) -> MethodChoice:
@@ -191,8 +170,7 @@ def method_for(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions
         BadInput: as `solve_velocity`.
         UnknownName: no such back end.
     """
-    question = VelocityProblem.of(J, twist, **options)
-    law, demand = question.law, question.demand
+    law, demand = problem_of(J, twist, **options)
     if isinstance(law.damping, PaperLambda):
         return MethodChoice("damped", "[DS]'s formula as it is printed, clipped to the bounds", 0.0, 1.0)
     problem = posed(law, demand, law.damping)
@@ -259,7 +237,7 @@ def metric_of(joint_metric: ArrayLike | None, J: Array, point: Array, length: fl
 def prismatic(J: Array, point: Array, length: float) -> NDArray[np.bool_]:
     """(m,) which joints of J (6, m) only slide: beside the velocity of the point (3,), they hardly turn."""
     turning, moving = (np.sqrt((part * part).sum(axis=0)) for part in (J[:3], velocity_at(J, point)))
-    return np.asarray((turning * length <= ROUNDING * moving) & (moving > 0.0))
+    return np.asarray((turning * length <= NEGLIGIBLE * moving) & (moving > 0.0))
 
 
 def guard_of(guard: Guard | bool) -> Guard | None:

@@ -24,21 +24,24 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.optimize import brentq, nnls
 
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.se3 import norm
 from invariantqp.systems.subspaces import TINY, rank_of
-from invariantqp.velocity.backends import Backend, BoxQP, Daqp, SolverFailure, semidefinite, solved
+from invariantqp.velocity.backends import (
+    FEASIBILITY_TOLERANCE,
+    Backend,
+    BoxQP,
+    Daqp,
+    SolverFailure,
+    semidefinite,
+    solved,
+)
 
 EPSILON = float(np.finfo(float).eps)
-# Smaller than this share of what it is compared with, a difference is rounding.
-ROUNDING = 1e-9
 # A limit this close, relative to its value (or 1), is at it.
 ACTIVE_TOLERANCE = 1e-6
-# A row and directions whose cosine is below this are orthogonal, and what there is is rounding; it fades in, so that
-# the law has no jump.
-COSINE_ROUNDING = 1e-13
-# A limit this close to the solver's answer, on the scaled problem, is near.
-CLOSE = 1e-7
+# What is below this share of the terms of a product is rounding; cosines fade in above it, so that the law has no jump.
+PRODUCT_ROUNDING = 1e-13
 # The multiplier of a speed limit outweighs the rest by this factor at most, and is found in a few steps.
 MOST_SHARE = 1e8
 MOST_PRICES = 60
@@ -57,7 +60,7 @@ class Polytope(NamedTuple):
     def margin(self, *velocities: Array) -> Array:
         """(k,) how far a value may be outside its limit: rounding, where it comes from some z (n,)."""
         speed = sum(norm(z) for z in velocities)
-        return np.asarray(self.rounding + ROUNDING * speed * lengths_of(self.A))
+        return np.asarray(self.rounding + NEGLIGIBLE * speed * lengths_of(self.A))
 
     def allows(self, z: Array, *terms: Array) -> bool:
         """Whether z is inside but for rounding, also that of terms (n,) of which z is the sum."""
@@ -112,11 +115,11 @@ def product(A: Array, B: Array) -> Array:
     """
     lengths, C = lengths_of(B.T), np.asarray(A.dot(B))
     cosines = C / (lengths_of(A)[:, None] * lengths + TINY)
-    if (np.abs(cosines) >= 2.0 * COSINE_ROUNDING).all():
+    if (np.abs(cosines) >= 2.0 * PRODUCT_ROUNDING).all():
         return C
-    alike = np.abs(lengths[:, None] - lengths) <= ROUNDING * lengths
+    alike = np.abs(lengths[:, None] - lengths) <= NEGLIGIBLE * lengths
     parts = np.sqrt((cosines * cosines).dot(alike))
-    return np.asarray(np.clip(parts / COSINE_ROUNDING - 1.0, 0.0, 1.0) * C)
+    return np.asarray(np.clip(parts / PRODUCT_ROUNDING - 1.0, 0.0, 1.0) * C)
 
 
 def lengths_of(A: Array) -> Array:
@@ -207,7 +210,7 @@ def minimise(
         SolverFailure: no answer was found, and none is known; `.infeasible` when a solver says that there is none.
     """
     found = _in_polytope(backend, cost, limits, inside)
-    if cone is not None and not cone.allows(found.z, ROUNDING):
+    if cone is not None and not cone.allows(found.z, NEGLIGIBLE):
         if cone.J.any():
             priced = cost.plus(cone.J, -cone.start)
 
@@ -241,7 +244,7 @@ def _kept(z: Array, limits: Polytope, cone: Cone | None, inside: Array) -> Array
             break
         way, back = np.abs(limits.A[out].dot(z - inside)), (over - 0.5 * margin)[out]
         z = z - np.divide(back, way, out=np.ones(len(way)), where=way > 0.0).clip(0.0, 1.0).max() * (z - inside)
-    if cone is None or cone.allows(z, ROUNDING):
+    if cone is None or cone.allows(z, NEGLIGIBLE):
         return z
     v, d = cone.velocity(inside), cone.J.dot(z - inside)
     a, b, c = float(d.dot(d)), float(v.dot(d)), max(cone.limit**2 - float(v.dot(v)), 0.0)
@@ -287,7 +290,7 @@ def at_speed_limit(
         if not low < ahead < high or (high < inf and abs(ahead - nu) > 0.5 * step):
             ahead = sqrt(low * high) if low > 0.0 else min(typical, 0.5 * high)
         step = abs(ahead - nu)
-        if not low < ahead < high or abs(ahead - nu) <= COSINE_ROUNDING * nu:  # rounding of the speed
+        if not low < ahead < high or abs(ahead - nu) <= PRODUCT_ROUNDING * nu:  # rounding of the speed
             break
         nu, found = ahead, at(ahead)
     return found
@@ -313,7 +316,7 @@ def _price(v: Array, U: Array, gains: Array, limit: float, most: float) -> float
             return inf
         step = square / slope * (sqrt(square) / limit - 1.0)
         mu = max(mu + step, 0.5 * (mu + least))
-        if abs(step) <= ROUNDING * abs(mu):  # the next would be its square
+        if abs(step) <= NEGLIGIBLE * abs(mu):  # the next would be its square
             break
     return mu
 
@@ -337,7 +340,7 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
     outside = np.maximum(limits.lower - value, value - limits.upper)
     if (outside <= 0.0).all():
         return Optimum(cost.centre, np.zeros(len(value)), cost.T)
-    outside -= COSINE_ROUNDING * lengths_of(limits.A) * np.linalg.norm(cost.centre)
+    outside -= PRODUCT_ROUNDING * lengths_of(limits.A) * np.linalg.norm(cost.centre)
     N = product(limits.A, cost.T)
     lengths = lengths_of(N)
     if (outside > limits.rounding)[lengths == 0.0].any():
@@ -377,7 +380,7 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
         if not limits.allows(found.z, found.z - cost.centre):
             raise
         return found
-    near = G.dot(z) >= b - CLOSE
+    near = G.dot(z) >= b - FEASIBILITY_TOLERANCE  # as near as an answer may be outside
     found = on_pulling(near, name, trouble)
     if limits.allows(found.z, found.z - cost.centre):
         return found
@@ -432,7 +435,7 @@ def largest_pace(
         pass
     if missed(1.0) <= 0.0:
         return 1.0
-    return 0.0 if missed(0.0) >= 0.0 else float(brentq(missed, 0.0, 1.0, xtol=COSINE_ROUNDING))
+    return 0.0 if missed(0.0) >= 0.0 else float(brentq(missed, 0.0, 1.0, xtol=PRODUCT_ROUNDING))
 
 
 def _largest_pace(
@@ -466,7 +469,7 @@ def _largest_pace(
         a = y.nonzero()[0]
         shortest, left = _split(N[a])
         _, sizes, Vt = svd(left.T.dot(qp.H).dot(left))
-        r = rank_of(sizes, COSINE_ROUNDING)
+        r = rank_of(sizes, PRODUCT_ROUNDING)
         free = left.dot(Vt[:r].T) / np.sqrt(sizes[:r])
         z = shortest.dot(np.where(y[a] > 0.0, qp.upper[a], qp.lower[a]))
         for _ in range(2):  # the second time what rounding missed
@@ -475,7 +478,7 @@ def _largest_pace(
         return Paced(z, free, float(y[-1]), wrong)
 
     found = at(0.0)
-    if slow is not None and slow.J.any() and not slow.allows(found.z, ROUNDING):
+    if slow is not None and slow.J.any() and not slow.allows(found.z, NEGLIGIBLE):
         found = at_speed_limit(slow, float(n), found, at, np.append(cost.K.dot(inside - start), 0.0) / size)
     if slow is not None:
         good = not found.wrong and slow.allows(found.z, ACTIVE_TOLERANCE)

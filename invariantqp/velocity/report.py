@@ -16,20 +16,18 @@ from math import inf, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.damping import PROGRESS_SHARE
 from invariantqp.velocity.exact import Reduction
 from invariantqp.velocity.law import Demand
 from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.objective import Objective
-from invariantqp.velocity.qp import ACTIVE_TOLERANCE, ROUNDING
+from invariantqp.velocity.qp import ACTIVE_TOLERANCE, PRODUCT_ROUNDING
 from invariantqp.velocity.reasons import FIRST_EXACT_ROW, TOOL_SPEED, Code, Reason, row_name, worst_first
 from invariantqp.velocity.solution import SLOWEST, Status, VelocitySolution, clipped
 from invariantqp.velocity.tick import Answer, Problem, Room
 
-# A twist is met, too, where the residual is the rounding of J x: an arm rests on its target while its null space moves.
-PRODUCT_ROUNDING = 1e-13
 # What "ok" promises.
 MISSED = 0.05
 FALLING = 0.5
@@ -109,9 +107,9 @@ def strongest(indices: NDArray[np.intp], rows: LimitRows, multipliers: Array | N
 
 
 def is_met(A: Array, b: Array, x: Array) -> bool:
-    """Whether A x = b but for rounding."""
+    """Whether A x = b but for rounding, also that of A x: an arm rests on its target while its null space moves."""
     left = norm(b - A.dot(x))
-    return left <= ROUNDING * norm(b) or left <= PRODUCT_ROUNDING * sqrt(float(np.vdot(A, A))) * norm(x)
+    return left <= NEGLIGIBLE * norm(b) or left <= PRODUCT_ROUNDING * sqrt(float(np.vdot(A, A))) * norm(x)
 
 
 def _missed(demand: Demand, problem: Problem, x: Array) -> float:
@@ -162,7 +160,7 @@ def row_troubles(demand: Demand, reduction: Reduction) -> list[Reason]:
     troubles = []
     if reduction.contradicts:
         troubles.append(Reason(Code.ROWS_UNKEPT, numbers=(reduction.unmet,)))
-    if reduction.beyond > ROUNDING and norm(demand.root.dot(demand.s)) > _nothing(demand):
+    if reduction.beyond > NEGLIGIBLE and norm(demand.root.dot(demand.s)) > _nothing(demand):
         troubles.append(Reason(Code.ROWS_TOO_MANY, numbers=(float(demand.row_rank or 0), reduction.beyond)))
     return troubles
 

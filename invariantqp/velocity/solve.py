@@ -10,13 +10,13 @@ from math import isfinite
 
 import numpy as np
 
+from invariantqp.geometry.arrays import NEGLIGIBLE
 from invariantqp.geometry.forms import pitch_form
 from invariantqp.velocity.backends import SolverFailure
 from invariantqp.velocity.compiled import compiled
 from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.qp import ROUNDING
 from invariantqp.velocity.reasons import Code, Reason
 from invariantqp.velocity.report import reported
 from invariantqp.velocity.solution import Status, VelocitySolution, clipped, held
@@ -84,7 +84,7 @@ def _as_printed(law: VelocityLaw, damping: PaperLambda, demand: Demand) -> Veloc
     except np.linalg.LinAlgError:
         return held(demand, (Reason(Code.PAPER_POLE),))
     reasons = []
-    bad = np.sort(gains[(gains < -ROUNDING) | (gains > 1.0 + ROUNDING)])
+    bad = np.sort(gains[(gains < -NEGLIGIBLE) | (gains > 1.0 + NEGLIGIBLE)])
     if len(bad):
         reasons.append(Reason(Code.PAPER_GAINS, words=", ".join(f"{gain:.3g}" for gain in bad)))
     if not demand.allows(x):

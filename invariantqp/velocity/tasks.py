@@ -31,7 +31,7 @@ from invariantqp.velocity.exact import ROW_TOLERANCE, Reduction, reduce
 from invariantqp.velocity.forms import CarriedMetric, Form, attempted, form_of
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.objective import least_squares, spectrum_of
-from invariantqp.velocity.problem import Measure, VelocityProblem, measure_of
+from invariantqp.velocity.problem import Measure, measure_of, problem_of
 from invariantqp.velocity.qp import Quadratic, minimise
 from invariantqp.velocity.reasons import Code, Reason, worst_first
 from invariantqp.velocity.report import WHOLE_SPEED, at_limits, row_troubles, slowed_rows
@@ -156,8 +156,7 @@ def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[Veloci
     found = _compiled(levels, J, s, options)
     if found is not None:
         return found
-    problem = VelocityProblem.of(J, s, **options)
-    law, demand = problem.law, problem.demand
+    law, demand = problem_of(J, s, **options)
     if isinstance(law.damping, PaperLambda):
         raise BadInput("damping", "PaperLambda", "a policy with a convex objective, such as Adaptive()")
     damping = law.damping

@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.backends import Daqp, SolverFailure
 from invariantqp.velocity.damping import CALM, Damping, calm, worth
@@ -39,7 +39,7 @@ from invariantqp.velocity.forms import PitchForm, attempted
 from invariantqp.velocity.law import Demand, Guard, VelocityLaw
 from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.objective import NULL_RATIO, Objective, Spectrum, convexified, least_squares, spectrum_of
-from invariantqp.velocity.qp import ROUNDING, Cone, Optimum, Polytope, Quadratic, largest_pace, minimise
+from invariantqp.velocity.qp import PRODUCT_ROUNDING, Cone, Optimum, Polytope, Quadratic, largest_pace, minimise
 from invariantqp.velocity.reasons import Code, Reason, row_name
 
 # The joint speed of a task, as a share of the fastest, at which half of the posture is followed. Measured
@@ -47,8 +47,6 @@ from invariantqp.velocity.reasons import Code, Reason, row_name
 # the larger, the nearer to their limits joints come where a path goes past one. With positions read to 2e-5 rad an arm
 # that stays moves by less than 0.1 deg in ten seconds.
 POSTURE_PACE = 0.01
-# A missing decrease below this share of |r| max(|r|, |A| |x|), |r| the larger of |b| and |A x|, is rounding of x.
-DECREASE_ROUNDING = 1e-13
 # Weight of |y|^2 beside what gives way, only to make the problem strictly convex. Rows that need a motion v then give
 # way by this share of v more than necessary; the second pass, centred at the first one's velocity, by its square.
 REGULARISATION = 1e-8
@@ -71,6 +69,7 @@ class Problem(NamedTuple):
     spectrum: Spectrum | None  # of A B; None for [DS]'s problem made convex, with this pitch:
     pitch: float
     J: Array  # (6, m) joint twists on y, for that problem
+    worth: float = 1.0  # whether it is worth it to move the joints, `damping.worth`; a twist by itself always is
 
     def objective(self, share: float) -> Objective:
         """The objective in z at a share of the speed."""
@@ -196,16 +195,8 @@ def _calm(law: VelocityLaw, problem: Problem, y: Array, speed: float) -> float:
     """mu, the damping for what a velocity y (m,) leaves of the twist; `speed` is that of y, as `calm` has it."""
     if law.dt == 0.0 or problem.spectrum is None:
         return 0.0
-    factor = CALM * problem.reduction.bend / _worth(problem)
+    factor = CALM * problem.reduction.bend / problem.worth
     return calm(problem.A, problem.wanted, problem.A.dot(y), speed, law.dt + problem.demand.held, factor)
-
-
-def _worth(problem: Problem) -> float:
-    """Whether it is worth it to move the joints, `damping.worth`; a twist by itself always is."""
-    demand, chase = problem.demand, problem.demand.chase
-    if chase is None or demand.fastest is None:
-        return 1.0
-    return worth(demand.root.dot(demand.J), problem.wanted, chase.lower, chase.upper, demand.fastest)
 
 
 def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Problem:
@@ -224,6 +215,10 @@ def posed(law: VelocityLaw, demand: Demand, damping: Damping) -> Problem:
     whole = spectrum_of(A)
     free = whole if demand.exact is None else spectrum_of(A.dot(reduction.basis), whole.largest)
     problem = problem._replace(spectrum=free)
+    chase = demand.chase
+    if chase is not None and demand.fastest is not None and law.dt > 0.0:
+        moves = demand.root.dot(demand.J)
+        problem = problem._replace(worth=worth(moves, wanted, chase.lower, chase.upper, demand.fastest))
     if posture is not None and demand.fastest is not None:
         problem = problem._replace(posture=_followed(law, problem) * posture)
     if law.form is None:
@@ -317,7 +312,7 @@ def _chasing(law: VelocityLaw, problem: Problem, room: Room, objective: Objectiv
     calmed = objective.calmed(mu)
     cost = calmed.quadratic()
     found = minimise(law.backend, cost, room.position, None, room.inside)
-    if room.polytope.allows(found.z) and (room.cone is None or room.cone.allows(found.z, ROUNDING)):
+    if room.polytope.allows(found.z) and (room.cone is None or room.cone.allows(found.z, NEGLIGIBLE)):
         return _answer(room, objective, found) if mu == 0.0 else _nearest(law, room, objective)
     start = minimise(law.backend, calmed.paced(0.0).quadratic(), room.position, None, room.inside).z
     way = found.z - start
@@ -385,7 +380,7 @@ def blend(A: Array, b: Array, mu: float, y_f: Array, y_W: Array, fraction: float
     missing = (fraction * best if best > 0.0 else (2.0 - fraction) * best) - decrease(y_f)
     achieved = A.dot(y_f)
     size, terms = max(norm(b), norm(achieved)), sqrt(float(np.vdot(A, A))) * norm(y_f)
-    if missing <= DECREASE_ROUNDING * size * max(size, terms):
+    if missing <= PRODUCT_ROUNDING * size * max(size, terms):
         return 0.0
     d = y_W - y_f
     step = A.dot(d)
@@ -439,7 +434,7 @@ def _rows_given_way(
     try:  # where some velocity meets all
         least = minimise(Daqp(), shortest, rows.with_box(lower, upper).on(still, T)).z
         x = np.asarray(np.clip(T.dot(least), lower, upper))
-        if (np.abs(rows.excess(x)) <= DECREASE_ROUNDING * np.linalg.norm(rows.C, axis=1) * norm(x)).all():
+        if (np.abs(rows.excess(x)) <= PRODUCT_ROUNDING * np.linalg.norm(rows.C, axis=1) * norm(x)).all():
             return rows, x, ()
     except SolverFailure:
         pass
@@ -454,14 +449,14 @@ def _rows_given_way(
         found = minimise(Daqp(), Quadratic.diagonal(root, z), limits)
         z = found.z.copy()
     t, size = z[m:], np.abs(z[m:]).max()
-    moved: NDArray[np.bool_] = np.abs(t) > ROUNDING * np.linalg.norm(z)
+    moved: NDArray[np.bool_] = np.abs(t) > NEGLIGIBLE * np.linalg.norm(z)
     t = lengths * np.where(moved, t + np.sign(t) * WIDENING * size, 0.0)
     wider = LimitRows(rows.C, rows.lower + np.minimum(t, 0.0), rows.upper + np.maximum(t, 0.0))
     least = minimise(Daqp(), shortest, wider.with_box(lower, upper).on(still, T), None, z[:m]).z
     x = np.asarray(np.clip(T.dot(least), lower, upper))
     if not moved.any():
         return wider, x, ()
-    pulls = np.abs(found.multipliers[:m]) * np.linalg.norm(T, axis=1) > ROUNDING * size
+    pulls = np.abs(found.multipliers[:m]) * np.linalg.norm(T, axis=1) > NEGLIGIBLE * size
     share = np.round(np.abs(z[m:]) / size, 9)  # rows alike but for rounding keep their order
     worst = sorted(np.flatnonzero(moved).tolist(), key=lambda i: -share[i])
     names, by = tuple(row_name(i, rows.names) for i in worst), tuple((lengths * np.abs(z[m:]))[worst].tolist())

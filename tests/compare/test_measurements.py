@@ -207,7 +207,7 @@ WRONG = Cell("calibration", "compare/ur5_limits", ("invariantqp",), quick=True)
 
 
 def test_an_arm_that_is_where_its_model_says_is_the_ordinary_run():
-    with mock.patch.multiple(measurements, TURNED=0.0, SHIFTED=0.0):
+    with mock.patch.multiple(measurements, OFF=0.0):
         found = measurements.calibration(WRONG)["invariantqp"]
     plain = figures(*watched_run(prepare(WRONG.load()), controller_named("invariantqp")))
     for name, value in found.items():

@@ -105,18 +105,17 @@ def test_the_chart_is_drawn_for_dark_pages_too(tmp_path):
         assert colour.upper() in text
 
 
-def test_points_stand_at_their_values_and_each_has_its_name(tmp_path, monkeypatch):
+def test_points_stand_at_their_values_each_by_the_marker_of_its_method(tmp_path, monkeypatch):
     drawn = []
-    keep = chart._names
-    monkeypatch.setattr(chart, "_names", lambda axes, *rest: (drawn.append(axes), keep(axes, *rest)))
+    keep = chart._panel
+    monkeypatch.setattr(chart, "_panel", lambda axes, *rest: (keep(axes, *rest), drawn.append(axes)))
     one = {**RESULTS, "tasks": RESULTS["tasks"][1:2]}
     chart.draw(one, tmp_path / "chart.svg")
     for axes, task in zip(drawn, one["tasks"], strict=True):
         found = chart.points(one, task, tables.shown(one), chart.LIGHT)
-        assert len(found) == 10
-        dots = {tuple(line.get_xydata()[0]) for line in axes.lines if line.get_marker() == "o"}
-        assert dots == {(p.time, p.error) for p in found}
-        assert sorted(text.get_text() for text in axes.texts) == sorted(p.name for p in found)
+        assert len({p.marker for p in found}) == len(found) == 10
+        dots = {(*line.get_xydata()[0], line.get_marker()) for line in axes.lines}
+        assert dots == {(p.time, p.error, p.marker) for p in found}
         low, high = axes.get_ylim()
         assert all(low < p.error < high for p in found)
 

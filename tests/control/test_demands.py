@@ -85,17 +85,17 @@ def test_a_combination_of_joints_is_held(so101):
 @pytest.mark.parametrize(
     "exact",
     [
-        iq.control.ExactPoint([0.01, 0.02, 0.03]),
-        iq.control.ExactAxis([0, 1, 1]),
-        iq.control.ExactPlane([0, 0, 1], [0, 0.1, 0]),
-        iq.control.ExactJoints([1, 1, 0, 0, 0]),
+        lambda T: iq.control.ExactPoint(at(T, [0.01, 0.02, 0.03])),
+        lambda T: iq.control.ExactAxis(T[:3, :3] @ [0, 1, 1]),
+        lambda T: iq.control.ExactPlane([0, 0, 1], at(T, [0, 0.1, 0])),
+        lambda _: iq.control.ExactJoints([1, 1, 0, 0, 0]),
     ],
 )
 def test_a_displaced_tool_frame_changes_nothing(so101, exact):
     offset = iq.exp([0.4, -0.8, 0.3, 0.1, 0.2, -0.1])
-    plain = stepped(so101, exact, point=(0.0, 0.0, 0.0))
-    there = iq.inverse(offset)[:3, 3]  # the same physical point
-    moved = stepped(so101.with_tool(offset), exact.moved(offset), goal(so101) @ offset, point=there)
+    back = iq.inverse(offset)  # to the same physical points
+    plain = stepped(so101, exact(np.eye(4)), point=(0.0, 0.0, 0.0))
+    moved = stepped(so101.with_tool(offset), exact(back), goal(so101) @ offset, point=back[:3, 3])
     np.testing.assert_allclose(moved.velocity, plain.velocity, atol=1e-10)
 
 

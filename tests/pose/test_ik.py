@@ -143,7 +143,8 @@ def test_nor_what_is_met_exactly():
     target = SO101.pose(states(SO101, 1, 25)[0]) @ iq.exp([0.3, 0.5, 0.2, 0.0, 0.0, 0.0])
     here = iq.solve_pose(SO101, target, exact=point, restarts=8, **NO_LIMIT)
     moved = SO101.with_tool(offset)
-    there = iq.solve_pose(moved, target @ offset, exact=point.moved(offset), restarts=8, **NO_LIMIT)
+    point = iq.control.ExactPoint((iq.inverse(offset) @ [*point.point, 1.0])[:3])
+    there = iq.solve_pose(moved, target @ offset, exact=point, restarts=8, **NO_LIMIT)
     assert here.success
     assert there.success
     np.testing.assert_allclose(there.q, here.q, rtol=0.0, atol=1e-6)

@@ -14,7 +14,7 @@ from support.velocity_reference import tight_box
 
 import invariantqp as iq
 from invariantqp.velocity.law import Chase
-from invariantqp.velocity.problem import VelocityProblem
+from invariantqp.velocity.problem import problem_of
 from invariantqp.velocity.solve import solve
 
 FRAMES = repeats(1000, 400)
@@ -114,10 +114,9 @@ def test_millimetres_change_nothing(limited):
 def chased(J, s, ahead, still, numbers, **options):
     """The answer where `ahead` of s is the target's own twist and the rest closes an error."""
     wider, slack, fastest, apart, dt = numbers
-    asked = VelocityProblem.of(J, s, **options)
-    d = asked.demand
+    law, d = problem_of(J, s, **options)
     chase = Chase(ahead, still, d.lower - wider[0], d.upper + wider[1], slack, apart)
-    return solve(replace(asked.law, dt=dt), d._replace(chase=chase, fastest=fastest))
+    return solve(replace(law, dt=dt), d._replace(chase=chase, fastest=fastest))
 
 
 @pytest.mark.parametrize("exact", [False, True], ids=["alone", "exact point"])

@@ -61,11 +61,6 @@ class Table(iq.limits.Limit):
 class Halfway:
     """A damping policy of the user's."""
 
-    @property
-    def threshold(self) -> float:
-        """It damps everything but the strongest direction."""
-        return np.inf
-
     def squares(self, sigma: Vector, wanted: Vector, largest: float) -> Vector:
         """Half of what each direction is short of the strongest."""
         return 0.25 * (largest - sigma) ** 2

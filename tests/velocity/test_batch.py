@@ -237,6 +237,13 @@ def test_wrong_arguments_are_told_with_their_row(change, said):
         iq.solve_velocities(**({"J": J, "twist": s} | change))
 
 
+@pytest.mark.parametrize("solve", [iq.solve_velocity, iq.solve_velocities, iq.velocity.method_for])
+def test_an_option_that_there_is_not_is_refused(solve):
+    J = np.ones((6, 3)) if solve is not iq.solve_velocities else np.ones((2, 6, 3))
+    with pytest.raises(TypeError, match="no option 'postrue'"):
+        solve(J, np.ones(6), postrue=np.zeros(3))
+
+
 def test_rows_with_different_kinds_of_joints():
     """A prismatic joint in one row alone: each row has its own metric on joint velocities."""
     rng = np.random.default_rng(0)

@@ -26,8 +26,6 @@ WIDE = (-np.full(7, 1e3), np.full(7, 1e3))
 class Quiet:
     """A damping of the user's."""
 
-    threshold = 0.0
-
     def squares(self, sigma, wanted, largest):
         return 0.0 * sigma
 

@@ -15,7 +15,7 @@ from support.random_systems import motion
 
 import invariantqp as iq
 from invariantqp.velocity.law import Chase
-from invariantqp.velocity.problem import VelocityProblem
+from invariantqp.velocity.problem import problem_of
 from invariantqp.velocity.solve import solve
 
 SWEEPS = int(os.environ.get("INVARIANTQP_SWEEPS", "27"))
@@ -79,13 +79,12 @@ def sweep(rng, kind, m, exact, dt, *, chased=False):
             return (1.0 - t) * pair[0] + t * pair[1]
 
         rows = iq.ExactRows.point(at(J), p, at(v)) if exact else None
-        asked = VelocityProblem.of(at(J), at(s), bounds=(at(lower), at(upper)), exact=rows, **fixed)
-        demand = asked.demand
+        law, demand = problem_of(at(J), at(s), bounds=(at(lower), at(upper)), exact=rows, **fixed)
         if chased:
             first = None if rows is None else at(still)
             chase = Chase(at(ahead), first, at(placed[0]), at(placed[1]), float(at(slack)), apart=True)
             demand = demand._replace(chase=chase, fastest=at(fastest))
-        return solve(replace(asked.law, dt=dt), demand).velocity
+        return solve(replace(law, dt=dt), demand).velocity
 
     return velocity
 

@@ -27,8 +27,6 @@ def test_where_a_joint_has_no_limit_the_default_is_stronger():
     assert damping_of(None, limited=True) == iq.velocity.Adaptive()
     assert damping_of(None, limited=False) == iq.velocity.Adaptive(*UNLIMITED)
     assert damping_of(0.3, limited=True) == iq.velocity.Fixed(0.3)
-    assert iq.velocity.Fixed(0.0).threshold == 0.0
-    assert iq.velocity.Fixed(0.3).threshold == np.inf
 
 
 BAD = {
@@ -114,8 +112,6 @@ def test_selective_damping_holds_every_direction_to_its_speed():
 
 def test_a_custom_policy_will_do():
     class Half:
-        threshold = np.inf
-
         def squares(self, sigma, wanted, largest):
             return sigma**2
 
