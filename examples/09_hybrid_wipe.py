@@ -45,7 +45,7 @@ def tilt(q):
 
 print(f"tilted by {tilt(q):.2f} degrees in the air")
 presses = []
-for tick in range(1500):
+for tick in range(1000):
     target = start.copy()
     target[1, 3] += 0.05 * np.sin(2 * np.pi * tick * DT / 2.0)  # to and fro, 100 mm
     ahead = [0, 0, 0, 0, 0.05 * np.pi * np.cos(2 * np.pi * tick * DT / 2.0), 0]

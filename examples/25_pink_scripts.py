@@ -5,7 +5,7 @@ and barriers/arm_ur5, without their viewers, on the models of example-robot-data
 where velocity limits, and in the last rows position limits too, bind at once. Both tasks are told the same. A row with
 several targets has their medians; "-" is never.
 
-Run: python examples/25_pink_scripts.py [--short]      needs the extras `robots` and `peers`; --short is a fifth of it
+Run: python examples/25_pink_scripts.py [--short]      needs the extras `robots` and `peers`; --short is a tenth of it
 """
 
 import sys
@@ -20,7 +20,7 @@ from pink.tasks import DampingTask, FrameTask, LowAccelerationTask, PostureTask
 import invariantqp as iq
 from invariantqp.pink import InvariantFrameTask
 
-SHORT = 5 if "--short" in sys.argv else 1
+SHORT = 10 if "--short" in sys.argv else 1
 DT = 0.005  # [s]
 
 

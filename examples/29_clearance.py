@@ -59,14 +59,14 @@ def beside_peers(robot: iq.robots.Chain) -> None:
     print("along a box:     least distance [mm]   median change of a joint's velocity in a tick [rad/s]")
     for name, step in steps.items():
         q, near, velocities = start, [], []
-        for i in range(700):
+        for i in range(500):
             t = i * DT
             target = down.copy()
             target[:3, 3] = 0.5 + 0.08 * np.sin(4.2 * t), 0.05 * np.sin(5.7 * t), 0.15
             velocities.append(step(q, target))
             q = q + DT * velocities[-1]
             near.append(limit.at(q).distance)
-        change = np.abs(np.diff(velocities[300:], axis=0)).max(axis=1)
+        change = np.abs(np.diff(velocities[200:], axis=0)).max(axis=1)
         print(f"  {name:14s} {1e3 * min(near):10.2f} {np.median(change):20.4f}")
 
 

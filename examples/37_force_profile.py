@@ -14,12 +14,12 @@ from shared.cells import ARMS, DELAY, DT, Cell, table
 import invariantqp as iq
 
 RADIUS, TURN = 0.03, 6.0  # of the circle [m], [s]
-STOP, RESUME, END = 11.0, 12.0, 15.0  # [s] since the touch
+STOP, RESUME, END = 9.0, 10.0, 12.0  # [s] since the touch
 
 
 def press(t):
     """What is wanted [N]: 5, a ramp to 15 in two seconds, then a sine of 5 N about 15."""
-    return 5.0 + 10.0 * np.clip((t - 2.0) / 2.0, 0.0, 1.0) + 5.0 * np.sin(np.pi * (t - 6.0)) * (6.0 < t < 10.0)
+    return 5.0 + 10.0 * np.clip((t - 2.0) / 2.0, 0.0, 1.0) + 5.0 * np.sin(np.pi * (t - 6.0)) * (6.0 < t < 8.0)
 
 
 for arm in sys.argv[1:] or ARMS:
@@ -41,7 +41,7 @@ for arm in sys.argv[1:] or ARMS:
             if touched:
                 statuses.add(str(solution.status))
         error = cell.pressed()[2] - press(t)
-        for name, begin, end in (("ramp", 2.0, 6.0), ("sine", 6.0, 10.0), ("stop", STOP, END)):
+        for name, begin, end in (("ramp", 2.0, 6.0), ("sine", 6.0, 8.0), ("stop", STOP, END)):
             if begin <= t < end:
                 off[name].append(error)
         t += DT * touched

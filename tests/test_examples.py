@@ -63,7 +63,7 @@ SHORTER = {
     "35_insertion": ("1", "0.1", "panda"),
     "37_force_profile": ("panda",),
     "28_batches": ("--rows", "50", "--repeats", "2", "--libraries", "numpy"),
-    "16_out_of_reach": ("film.gif", "3"),
+    "16_out_of_reach": ("film.gif", "1"),
 }
 
 

@@ -21,7 +21,8 @@ class PegCell(Cell):
     def __init__(self, arm, hole, peg, clearance, **options):
         super().__init__(arm, tick=STEP, **options)
         self.hole, self.peg, self.wide, self.before = hole, peg, peg + 0.5 * clearance, None
-        self.felt = np.zeros(3)
+        self.mouth = (self.wide * CIRCLE) @ hole[:3, :3].T + hole[:3, 3]
+        self.felt, self.body = np.zeros(3), self.plant.model.body("sensor").id
 
     def drive(self, velocity):
         for _ in range(round(DT / STEP)):
@@ -34,8 +35,7 @@ class PegCell(Cell):
     def touch(self):
         """The forces of a moment, on the body of the tool in MuJoCo."""
         tool, hole = self.plant.state().pose, self.hole
-        rim = (tool[:3, :3] @ (self.peg * CIRCLE).T).T + tool[:3, 3]
-        mouth = (hole[:3, :3] @ (self.wide * CIRCLE).T).T + hole[:3, 3]
+        rim, mouth = (self.peg * CIRCLE) @ tool[:3, :3].T + tool[:3, 3], self.mouth
         in_hole = (rim - hole[:3, 3]) @ hole[:3, :3]
         across = np.hypot(in_hole[:, 0], in_hole[:, 1])
         on_peg = (mouth - tool[:3, 3]) @ tool[:3, :3] * [1.0, 1.0, -1.0]  # heights above the tip
@@ -44,11 +44,15 @@ class PegCell(Cell):
         aside = np.concatenate((across - self.wide, self.peg - beside))  # into the hole; out of the peg's side
         back, before = iq.inverse(tool), tool if self.before is None else self.before
         self.before = tool
-        touching = (along > 0.0) & (aside > 0.0)
+        touching = np.flatnonzero((along > 0.0) & (aside > 0.0))
+        if not len(touching):
+            self.felt = self.plant.data.xfrc_applied[self.body, :3] = np.zeros(3)
+            self.plant.data.xfrc_applied[self.body, 3:] = 0.0
+            return
         walls = -(in_hole * [1.0, 1.0, 0.0] / across[:, None]) @ hole[:3, :3].T
         sides = -(on_peg * [1.0, 1.0, 0.0] / np.maximum(beside, 1e-9)[:, None]) @ tool[:3, :3].T
-        ways = np.where(np.arange(2 * POINTS)[:, None] < POINTS, hole[:3, 2], -tool[:3, 2])
-        normals = np.where((along < aside)[:, None], ways, np.concatenate((walls, sides)))[touching]
+        ways = np.where(touching[:, None] < POINTS, hole[:3, 2], -tool[:3, 2])
+        normals = np.where((along < aside)[touching, None], ways, np.concatenate((walls, sides))[touching])
         points, depth = np.concatenate((rim, mouth))[touching], np.minimum(along, aside)[touching]
         speed = (points - ((points @ back[:3, :3].T + back[:3, 3]) @ before[:3, :3].T + before[:3, 3])) / STEP
         into = -(speed * normals).sum(axis=1)
@@ -56,7 +60,7 @@ class PegCell(Cell):
         slip = speed + into[:, None] * normals
         drag = slip / np.maximum(np.linalg.norm(slip, axis=1), CREEP)[:, None]
         forces = push[:, None] * (normals - FRICTION * drag)
-        body = self.plant.model.body("sensor").id
-        centre = self.plant.data.xipos[body]
         self.felt = forces.sum(axis=0)
-        self.plant.data.xfrc_applied[body] = [*self.felt, *np.cross(points - centre, forces).sum(axis=0)]
+        each = (points - self.plant.data.xipos[self.body]).T @ forces  # the sum of r f', whose skew part is r x f
+        moment = each[1, 2] - each[2, 1], each[2, 0] - each[0, 2], each[0, 1] - each[1, 0]
+        self.plant.data.xfrc_applied[self.body] = [*self.felt, *moment]
