@@ -29,9 +29,7 @@ def test_a_contact_with_a_damper_is_held(arm, stiffness, damping, told):
     assert run.press.max() < 1.5 * PRESS
 
 
-@pytest.mark.parametrize(
-    ("press", "stiffness", "seed"), [(2.0, 1e3, 0), (2.0, 1e3, 1), (5.0, 356.0, 0), (10.0, 356.0, 2)]
-)
+@pytest.mark.parametrize(("press", "stiffness", "seed"), [(2.0, 1e3, 0), (5.0, 356.0, 0), (10.0, 356.0, 2)])
 def test_a_press_that_noise_nearly_hides_is_asked_gently(press, stiffness, seed):
     """Letting go ran away by up to 0.7 m while noise hid that nothing was touched; a soft one was a fault."""
     run = press_on_damper("ur5", press=press, stiffness=stiffness, noise=0.5, dt=0.01, seconds=16.0, seed=seed)

@@ -65,8 +65,9 @@ def press_on_damper(
     sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=noise)
     loop = iq.HybridController(robot, made, dt=dt, sensor=sensor, delay=told)
     steps = max(1, round(dt / SUBSTEP))
-    h, share = dt / steps, 1.0 if lag == 0.0 else 1.0 - exp(-dt / steps / lag)
-    velocity, depth, force = np.zeros(len(q)), -gap, 0.0
+    h, kept = dt / steps, 0.0 if lag == 0.0 else exp(-dt / steps / lag)
+    late = kept * (1.0 - kept**steps) / (1.0 - kept)  # how many substeps a tick's change of velocity comes late
+    velocity, force = np.zeros(len(q)), 0.0
     presses, heights, said, left = [], [], [], round(0.05 / dt)
     for k in range(round(seconds / dt)):
         t, tool = k * dt, robot.pose(q)
@@ -79,13 +80,14 @@ def press_on_damper(
         ahead[3:5] = pace * np.cos(angle), pace * np.sin(angle)
         solution = loop.step(q, target, np.concatenate((random.normal(0.0, 0.03 * noise, 3), push)), ahead)
         said.append((str(solution.status), solution.reason))
-        for _ in range(steps):
-            velocity = velocity + share * (solution.velocity - velocity)
-            q = q + h * velocity
-            p = robot.pose(q)[:3, 3]
-            now = plane + slope * (p[0] - start[0, 3]) + moves[0] * np.sin(2.0 * np.pi * moves[1] * t) - p[2]
-            force = max(0.0, stiffness * now + damping * (now - depth) / h) if now > 0.0 else 0.0
-            depth = now
+        change = velocity - solution.velocity
+        velocity = solution.velocity + kept**steps * change
+        q = q + h * (steps * solution.velocity + late * change)
+        depth, before = (
+            plane + slope * (p[0] - start[0, 3]) + moves[0] * np.sin(2.0 * np.pi * moves[1] * t) - p[2]
+            for p in (robot.pose(q)[:3, 3], robot.pose(q - h * velocity)[:3, 3])
+        )
+        force = max(0.0, stiffness * depth + damping * (depth - before) / h) if depth > 0.0 else 0.0
         presses.append(force)
         heights.append(-depth)
         left -= said[-1][0] in ("overload", "fault")

@@ -9,13 +9,15 @@ import tempfile
 from contextlib import ExitStack
 from types import SimpleNamespace
 
-# Each child ends as any Python process does, so that what it could not write is seen.
+# Each child ends as any Python process does, so that what it could not write is seen. What it was born with is frozen:
+# most of the end would be to look for garbage there.
 SERVER = """
-import json, os, socket, sys
+import gc, json, os, socket, sys
 from invariantqp import cli
 from invariantqp.analysis import inspection
 from invariantqp.runs import run
 asked = socket.socket(fileno=int(sys.argv[1]))
+gc.freeze()
 while True:
     words, streams, _, _ = socket.recv_fds(asked, 4096, 2)
     if not words:
