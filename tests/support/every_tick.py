@@ -15,7 +15,7 @@ def clearances(arm, rng):
     table = iq.limits.HalfSpace([0.0, 0.0, tool[2, 3] - 0.1], [0.0, 0.0, 1.0], name="table")
     finger = iq.limits.Capsule([0.0, 0.0, 0.0], [0.0, 0.0, 0.1], 0.03, name="finger")
     clearance = iq.limits.Clearance(arm.robot, {"tool": [finger]}, [table, box, ball], distance=0.02)
-    for options in ({}, {"delay": 0.006}, {"acceleration_limit": arm.acceleration, "delay": 0.006}):
+    for options in ({}, {"delay": 0.008}, {"acceleration_limit": arm.acceleration, "delay": 0.008}):
         loop, q = iq.Controller(arm.robot, dt=arm.dt, limits=[clearance], exact=arm.exact, **options), arm.start
         for k in range(25):
             target = tool @ iq.transform(translation=0.3 * rng.normal(size=3))
