@@ -1,4 +1,4 @@
-import ast
+import re
 from collections import defaultdict
 from pathlib import Path
 
@@ -10,9 +10,8 @@ PACKAGE = Path(iq.__file__).parent
 def test_no_class_of_the_comparison_has_the_name_of_another_class():
     places = defaultdict(list)
     for file in sorted(PACKAGE.rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ClassDef):
-                places[node.name].append(file.relative_to(PACKAGE).as_posix())
+        for name in re.findall(r"^ *class (\w+)", file.read_text(encoding="utf-8"), re.MULTILINE):
+            places[name].append(file.relative_to(PACKAGE).as_posix())
     assert len(places) > 100
     shared = {name: files for name, files in places.items() if len(files) > 1}
     assert {name: files for name, files in shared.items() if any(f.startswith("compare/") for f in files)} == {}

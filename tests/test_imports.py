@@ -32,26 +32,6 @@ def loaded_by(code):
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def test_the_algebra_needs_numpy_alone():
-    code = (
-        "import numpy as np, invariantqp as iq\n"
-        "J = np.random.default_rng(0).normal(size=(6, 3))\n"
-        "iq.pseudoinverse(J, 0.3), iq.principal_pitches(J), iq.adjoint(iq.exp(J[:, 0])), iq.gibson_hunt(J)"
-    )
-    assert set(loaded_by(code)) <= {"scipy"}
-
-
-def test_a_loop_loads_no_extra():
-    code = (
-        "import numpy as np, invariantqp as iq\n"
-        "robot = iq.load_robot('panda')\n"
-        "loop = iq.Controller(robot, dt=0.01, exact='position', tool_speed=0.1, acceleration_limit=1.0)\n"
-        "loop.step(np.zeros(7), robot.pose(np.ones(7)))\n"
-        "iq.solve_pose(robot, robot.pose(np.ones(7))), iq.load_task('scara')\n"
-    )
-    assert set(loaded_by(code)) <= {"scipy", "daqp", "pydantic"}
-
-
 NAMED = [f"invariantqp.{name}" for name in namespaces()]
 # All but four, which are files of their own.
 NAMESPACES = ["invariantqp", *(name for name in NAMED if "__getattr__" in vars(import_module(name)))]
@@ -107,8 +87,26 @@ def test_no_file_of_a_package_is_called_as_one_of_its_names(name):
     assert files.isdisjoint(namespace.__all__)
 
 
-def test_importing_all_namespaces_loads_nothing_foreign():
-    assert loaded_by("\n".join(f"import {name}" for name in NAMESPACES)) == []
+def test_namespaces_load_nothing_foreign_the_algebra_numpy_alone_and_a_loop_no_extra():
+    """One after the other in one process: what is loaded stays."""
+    said = f"print([m for m in {FOREIGN} if m in sys.modules])\n"
+    algebra = (
+        "import numpy as np, invariantqp as iq\n"
+        "J = np.random.default_rng(0).normal(size=(6, 3))\n"
+        "iq.pseudoinverse(J, 0.3), iq.principal_pitches(J), iq.adjoint(iq.exp(J[:, 0])), iq.gibson_hunt(J)\n"
+    )
+    loop = (
+        "robot = iq.load_robot('panda')\n"
+        "loop = iq.Controller(robot, dt=0.01, exact='position', tool_speed=0.1, acceleration_limit=1.0)\n"
+        "loop.step(np.zeros(7), robot.pose(np.ones(7)))\n"
+        "iq.solve_pose(robot, robot.pose(np.ones(7))), iq.load_task('scara')\n"
+    )
+    script = "import sys\n" + "".join(f"import {name}\n" for name in NAMESPACES) + said + algebra + said + loop + said
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    found = [set(ast.literal_eval(line)) for line in done.stdout.splitlines()]
+    assert len(found) == 3
+    for loads, may in zip(found, (set(), {"scipy"}, {"scipy", "daqp", "pydantic"}), strict=True):
+        assert loads <= may
 
 
 def test_namespaces_are_attributes_of_the_package():

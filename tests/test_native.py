@@ -51,7 +51,7 @@ def test_without_a_core_everything_is_there():
 @pytest.mark.parametrize("wheel", [False, True])
 def test_sources_without_a_core_say_so_once(tmp_path, wheel):
     """As in a clone, where what is installed is hidden by the folder; a wheel without a core has been told of."""
-    without = ["_native*.so", "_native*.pyd", "__pycache__", *(["csrc"] if wheel else [])]
+    without = ["_native*.so", "_native*.pyd", *(["csrc"] if wheel else [])]
     shutil.copytree(Path(iq.__file__).parent, tmp_path / "invariantqp", ignore=shutil.ignore_patterns(*without))
     use = "import invariantqp as iq; iq.solve_pose; iq.Controller; print(iq.native)"
     done = run("-c", use, folder=tmp_path, INVARIANTQP_NATIVE="1")

@@ -170,7 +170,7 @@ NOW = {"speed": 0.5, "velocity_limit": 1.0, "tool_speed": 0.25, "limits": ()}
 # What is called, and arguments that it takes.
 CONTROL = {
     # robots
-    "load_robot": lambda: (iq.load_robot, {**SOURCE, "source": "ur5", "tool": None, "base": T, "velocity_limit": 2.0}),
+    "load_robot": lambda: (iq.load_robot, {**SOURCE, "source": "ur5e", "tool": None, "base": T, "velocity_limit": 2.0}),
     "load_robot, screws": lambda: (
         iq.load_robot,
         {**SOURCE, "source": J, "tool": T, "base": None, "velocity_limit": None},
@@ -501,9 +501,9 @@ CONTROL = {
     "RobotKinematics": lambda: (
         iq.lerobot.RobotKinematics,
         {
-            "urdf_path": "so101",
-            "target_frame_name": "gripper_frame_link",
-            "joint_names": SO101,
+            "urdf_path": "ur5e",
+            "target_frame_name": "tool0",
+            "joint_names": list(iq.load_robot("ur5e").names),
             "frame_time": 0.03,
             "velocity_limit": 100.0,
             "position_first": True,

@@ -193,9 +193,13 @@ def test_exact_rows_that_cannot_be_kept_are_told(rng):
 
 
 @pytest.mark.skipif(not iq.native, reason="no compiled core here")
-@pytest.mark.parametrize("seed", range(repeats(5000, 150)))
-def test_the_core_and_python_find_the_same(seed):
-    rng = np.random.default_rng(seed)
+def test_the_core_and_python_find_the_same():
+    for seed in range(repeats(5000, 150)):
+        assert_the_same(np.random.default_rng(seed))
+
+
+def assert_the_same(rng):
+    """One solve of random tasks by both engines."""
     m = int(rng.integers(2, 10))
 
     def some_task(priority):
