@@ -16,6 +16,7 @@ from invariantqp.analysis.recommendation import (
     upright,
 )
 from invariantqp.analysis.survey import joint_ranges, spread
+from invariantqp.pictures import pitches
 from invariantqp.robots.kinematics import middle
 from invariantqp.runs.taskfile import load_arm
 from invariantqp.velocity.measure import root_at
@@ -49,7 +50,7 @@ def five(moved=None):
 @cache
 def inspected(name):
     """What is found of an arm in the middle of its range."""
-    return iq.analysis.inspect(load_arm(name), name=name)
+    return iq.analysis.inspect(five() if name == "five" else load_arm(name), name=name)
 
 
 def words(found):
@@ -140,7 +141,7 @@ def test_the_norm_is_how_many_times_more_a_pitch_misses(multiple):
 
 def test_the_recommended_pitch_serves_in_as_many_states_as_it_says():
     robot = five()
-    found = iq.analysis.inspect(robot, samples=300)
+    found = iq.analysis.inspect(robot, samples=150)
     h, L = found.recommended.h, found.recommended.length
     served = np.mean([np.linalg.norm(projected(robot, q, L, h)[0], 2) <= LARGEST_NORM for q in found.survey.q])
     assert f"in {100.0 * served:.3g} % of the states looked at" in found.recommended.reason
@@ -253,7 +254,7 @@ def test_upright_states_are_inside_the_range_and_upright():
 
 def test_no_frame_matters():
     T = motion(np.random.default_rng(3))
-    plain, moved = iq.analysis.inspect(five()), iq.analysis.inspect(five(T))
+    plain, moved = inspected("five"), iq.analysis.inspect(five(T))
     assert plain.recommended.h == moved.recommended.h
     assert plain.recommended.length == pytest.approx(moved.recommended.length, rel=1e-9)
     assert plain.norm == pytest.approx(moved.norm, rel=1e-6)
@@ -306,8 +307,14 @@ def test_a_task_lends_its_robot_and_another_tool_can_be_named():
     assert len(load_arm("ur5_wrist", "forearm_link").names) == 3
 
 
+@pytest.fixture
+def coarse(monkeypatch):
+    """Lines of few points."""
+    monkeypatch.setattr(pitches, "SWEEP", 13)
+
+
 @pytest.mark.parametrize(("name", "said"), [("planar_3r", "no pitch works"), ("ur5", "every pitch works")])
-def test_the_picture_says_where_there_are_no_pitches(tmp_path, name, said):
+def test_the_picture_says_where_there_are_no_pitches(coarse, tmp_path, name, said):
     robot = load_arm(name)
     file = iq.pictures.pitch_picture(inspected(name), robot, tmp_path / "p.svg")
     text = file.read_text(encoding="utf-8")
@@ -315,9 +322,8 @@ def test_the_picture_says_where_there_are_no_pitches(tmp_path, name, said):
     assert f"<!-- {robot.names[-1]} -->" in text
 
 
-def test_the_picture_of_pitches(tmp_path):
-    robot = five()
-    found = iq.analysis.inspect(robot, name="five")
+def test_the_picture_of_pitches(coarse, tmp_path):
+    robot, found = five(), inspected("five")
     text = iq.pictures.pitch_picture(found, robot, tmp_path / "p.svg").read_text(encoding="utf-8")
     for said in ("five to tool: rank 5", f"recommended h = {found.recommended.h:.3g}", "states of the range"):
         assert said in text
@@ -337,6 +343,6 @@ def test_it_says_how_to_use_the_arm():
 
 
 def test_joints_without_a_velocity_limit_are_named():
-    found = iq.analysis.inspect(five())
+    found = inspected("five")
     assert "No velocity limit is known for" in " ".join(found.use_words())
     assert found.unlimited == found.joints

@@ -85,7 +85,7 @@ def test_an_arm_comes_to_rest_where_its_target_is_out_of_reach(robot):
     controller = batches.DifferentialIK(POSE, 2, quaternion="wxyz", velocity_limit=robot.velocity_limit, dt=0.02)
     controller.set_command(np.hstack((p + np.array([[0.0, 0.0, 3.0], [2.0, 1.0, 0.0]]), quat)))
     steps = []
-    for _ in range(150):
+    for _ in range(110):
         after = controller.compute(*seen(robot, q, "wxyz"), q)
         steps.append(np.abs(after - q).max())
         q = after

@@ -59,7 +59,7 @@ REFUSED = [
     (["--reads", "reaction", "--robot", "nobody"], "unknown robot 'nobody'"),
     (["--reads", "reaction", "--view", "a.png"], "with the ending '.png'"),
     (["--reads", "reaction", "--centre", "1,2"], "centre: found shape"),
-    (["--reads", "action"], "is the sign of the wrenches right?"),
+    (["--reads", "action", "--kind", "point"], "is the sign of the wrenches right?"),
 ]
 
 

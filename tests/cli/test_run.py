@@ -120,12 +120,11 @@ rate = 60.0
 def test_a_run_in_contact(run, task, tmp_path):
     slower = TASK.replace("duration = 0.05", "duration = 0.15")  # in contact motion is taken up at 1 m/s^2
     task.write_text(slower + PEN, encoding="utf-8")
-    plot, figures = tmp_path / "pen.png", tmp_path / "pen.json"
-    status, out, err = run("run", task, "--plot", plot, "--json", figures, "--check-frame")
+    figures = tmp_path / "pen.json"
+    status, out, err = run("run", task, "--json", figures, "--check-frame")
     assert (status, err) == (0, "")
     for said in ("force error", "rms of the wanted force", "counted from 0.3 s on", "invariantqp", "Raibert-Craig"):
         assert said in out
-    assert plot.stat().st_size > 5000
     written = json.loads(figures.read_text(encoding="utf-8"))
     assert 0.0 < written["force_error_relative_rms"] < 0.02
     assert written["physics"] == "ideal"

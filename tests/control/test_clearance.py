@@ -137,12 +137,13 @@ def test_the_distance_is_kept_while_targets_jump(ur5, options, tolerance):
         if "acceleration_limit" in options:
             assert (np.abs(solution.velocity - x) <= np.array(options["acceleration_limit"]) * loop.dt + 1e-9).all()
         x = solution.velocity
+        near = limit.at(q) if late else limit.nearest  # ticks of a late arm look at where it will be
+        least = min(least, near.distance)
+        if i % 40 == 0:
+            assert near.distance == pytest.approx(by_coal(limit, q), abs=2e-6)
         late.append(x)
         q = q + loop.dt * late.pop(0)
-        least = min(least, limit.at(q).distance)
         statuses.add(str(solution.status))
-        if i % 40 == 0:
-            assert limit.at(q).distance == pytest.approx(by_coal(limit, q), abs=2e-6)
     assert 0.02 - tolerance < least < 0.03
     assert not statuses & {"degraded", "held"}
 
@@ -310,7 +311,7 @@ def test_the_core_gives_the_rows_of_its_definition(panda):
     loop = loop_of(panda, 0.002, 0.0)._replace(acceleration=np.array([10.0, 10.0, 5.0, 10.0, np.inf, 10.0, 20.0]))
     brakes = limit.in_loop(loop)
     for rate in (*(limit._at_rate(alpha, 0.0) for alpha in (0.0, 10.0, 100.0)), brakes):
-        for _ in range(12 if rate is brakes else 5):
+        for _ in range(8 if rate is brakes else 4):
             q, before = READY + rng.uniform(-0.6, 0.6, 7), rng.uniform(-2.0, 2.0, 7)
             if rate is brakes and rng.random() < 0.5:  # it comes, at an arm that hardly moves
                 out, before = rng.standard_normal(3), 0.1 * before
@@ -340,7 +341,7 @@ def test_a_tick_in_which_the_core_finds_the_rows_is_one_in_which_it_is_given_the
     given = iq.Controller(ur5, limits=[limit], **{"dt": 0.002, **options})
     given.joint_rows.alone = None
     q, rng, led = np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0]), np.random.default_rng(4), 0
-    for tick in range(800):
+    for tick in range(400 if "dt" in options else 800):
         if tick % 100 == 0:
             target = ur5.pose(rng.uniform(-np.pi, np.pi, 6))
             target[:3, 3] = rng.uniform([0.35, -0.1, 0.0], [0.55, 0.3, 0.2])
@@ -463,18 +464,6 @@ def test_what_leads_back_asks_for_no_more_than_all_limits_leave_together(ur5, ob
     assert found.success
 
 
-def test_without_the_core_it_is_the_same(panda):
-    limit = Clearance(panda, HAND, [TABLE])
-    near = READY + np.array([0, 0.75, 0, -0.1, 0, 0.3, 0])
-    assert 0.0 < limit.at(near).distance < 0.2
-    rate = limit._at_rate(10.0, 0.0)
-    compiled = limit.rows_at(near, rate)
-    with patch.object(module, "core", None):
-        plain = limit.rows_at(near, rate)
-    order = [np.argsort(rows.lower) for rows in (compiled, plain)]
-    np.testing.assert_allclose(compiled.C[order[0]], plain.C[order[1]], atol=1e-12)
-
-
 @pytest.mark.parametrize("acceleration", [None, 10.0, 30.0])
 def test_parallel_faces_do_not_make_it_tremble(panda, acceleration):
     """A hand's capsule along a face: the joints' changes are those of the loop without a clearance."""
@@ -496,7 +485,7 @@ def test_parallel_faces_do_not_make_it_tremble(panda, acceleration):
 
 
 @pytest.mark.parametrize(
-    ("dt", "acceleration", "starts"), [(DT, None, 3), (0.001, 8.0, 1), (0.005, 8.0, 3), (0.02, 2.0, 3)]
+    ("dt", "acceleration", "starts"), [(DT, None, 2), (0.001, 8.0, 1), (0.005, 8.0, 2), (0.02, 2.0, 2)]
 )
 def test_an_arm_that_begins_inside_comes_out_slowly_and_says_so(ur5, dt, acceleration, starts):
     """In the same time at every tick and acceleration, but for the last millimetre: a tick covers a tenth of it."""
@@ -542,7 +531,7 @@ def test_no_tick_is_ok_while_bodies_are_nearer_than_the_distance(panda, accelera
 
 @pytest.mark.parametrize("told", [True, False])
 @pytest.mark.parametrize("dt", [0.002, 0.02])
-@pytest.mark.parametrize("speed", [0.05, 0.3])
+@pytest.mark.parametrize("speed", [0.1, 0.3])
 def test_it_makes_way_for_what_comes_with_brakes_and_without(ur5, dt, speed, told):
     """A ball goes through where the hand is: the arm begins in time to go before it, by its own distances."""
     q0 = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
@@ -783,7 +772,7 @@ def test_the_core_looks_ahead_as_its_definition_does_until_another_arm_has_stopp
     )
     limit, rng, alike = Clearance(ur5, None, [other]), np.random.default_rng(1), 0
     rate = limit.in_loop(loop_of(ur5, 0.002, 0.0)._replace(acceleration=np.full(6, 10.0)))
-    for _ in range(5):
+    for _ in range(3):
         q, p = (np.array([0.3, -1.3, 1.9, -2.17, -1.57, 0.0]) + rng.uniform(-0.5, 0.5, 6) for _ in range(2))
         before, speed = rng.uniform(-2.0, 2.0, (2, 6))
         other.move(p, speed)

@@ -135,15 +135,22 @@ def ticks(name, loop_name, runs=3, dt=0.01):
         target = robot.pose(q + (0.05, 0.2)[run % 2] * rng.normal(size=len(q)))
         if run % 3 == 2:  # perhaps out of reach
             target = iq.exp(0.6 * rng.normal(size=6)) @ target
-        for _ in range(150):
+        for _ in range(100):
             e = iq.log(target @ iq.inverse(robot.pose(q)))
             solution = loop.step(q, target, ahead)
             yield loop, q, e, ahead, solution
             q, target = q + dt * solution.velocity, iq.exp(dt * ahead) @ target
 
 
-@pytest.mark.parametrize("loop_name", [loop for loop in LOOPS if loop != "exact point"])
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize(
+    ("name", "loop_name"),
+    [
+        (name, loop)
+        for k, name in enumerate(ARMS)
+        for j, loop in enumerate(LOOPS)
+        if loop != "exact point" and j != k % 3
+    ],
+)
 def test_ok_is_what_it_promises_and_limited_names_what_limits(name, loop_name):
     """At most 5 % of the twist missed, or errors of position and angle that each fall at half the asked rate."""
     seen = {"ok": 0, "limited": 0}

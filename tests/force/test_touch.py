@@ -31,16 +31,15 @@ def test_noise_in_the_air_is_no_contact(press):
 def test_a_press_in_noise_is_contact_and_stays_so(press):
     rng, touch = np.random.default_rng(1), Touch()
     limit, found = loss_limit(None, press, 1.0), None
-    for k, x in enumerate(press + rng.normal(size=100_000)):
+    for k, x in enumerate(press + rng.normal(size=30_000)):
         touch = touch.after(x, limit, 1.0, 0.002)
         found = k if found is None and touch.touching else found
         assert found is None or touch.touching
     assert found < {1.0: 200, 5.0: 20, 20.0: 3}[press]
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_noise_three_times_the_told_one_is_told_and_no_fault(seed):
-    run = press_on_plane(5.0, noise=0.6, told_noise=0.2, seed=seed, seconds=2.5)
+def test_noise_three_times_the_told_one_is_told_and_no_fault():
+    run = press_on_plane(5.0, noise=0.6, told_noise=0.2, seconds=2.5)
     assert run.stopped() is None
     assert run.statuses()[-1] == "degraded"
     said = run.solutions[-1].reason
@@ -50,9 +49,9 @@ def test_noise_three_times_the_told_one_is_told_and_no_fault(seed):
 
 
 def test_noise_told_rightly_is_not_doubted():
-    """Nor for a jump, a slow rise, or readings that come twice: one of 20 000 would be."""
+    """Nor for a jump, a slow rise, or readings that come twice: one of 10 000 would be."""
     rng = np.random.default_rng(0)
-    for _ in range(200):
+    for _ in range(100):
         noise, last, jump = Noise(), None, rng.integers(20, 200)
         for tick, x in enumerate(rng.normal(size=(200, 6))):
             reading = x + 8.0 * (tick > jump) + 0.05 * tick
@@ -86,10 +85,9 @@ def test_before_the_touch_it_is_never_ok_and_never_faster_than_told(press, noise
     assert set(run.statuses()[-100:]) == {"ok"}
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_surface_that_is_gone_is_told_before_the_tool_sinks(seed):
-    run = press_on_plane(5.0, noise=1.0, removed=2.0, seconds=2.5, seed=seed, on_loss="hold")
-    gone = round(2.0 / run.dt)
+def test_a_surface_that_is_gone_is_told_before_the_tool_sinks():
+    run = press_on_plane(5.0, noise=1.0, removed=1.2, seconds=1.7, on_loss="hold")
+    gone = round(1.2 / run.dt)
     assert run.statuses()[gone - 1] == "ok"
     lost = run.statuses(gone).index("lost")
     assert lost * run.dt < 0.2
@@ -130,7 +128,7 @@ def test_what_is_soft_and_suddenly_stiff_is_met_no_faster_than_told():
 def test_a_reading_that_rises_no_further_is_not_pressed_on():
     """A sensor that saturates, with noise."""
     presses, speeds, statuses, _ = press_at_rest(
-        lambda x: 1e3 * x, 2500, lambda press: min(press, 1.5), approach_distance=0.01
+        lambda x: 1e3 * x, 1600, lambda press: min(press, 1.5), approach_distance=0.01
     )
     assert "ok" not in statuses[1000:]  # it lets go again and again, and says so
     assert max(speeds) <= 0.02 * (1.0 + 1e-9)

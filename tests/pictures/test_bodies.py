@@ -11,6 +11,7 @@ ARM = iq.robots.Chain(np.stack((iq.revolute([0, 0, 1]), iq.revolute([0, 1, 0], [
 BODIES = {"base": [Capsule([0, 0, 0], [0, 0, 0.2], 0.05)], "joint2": [Sphere([0.6, 0, 0], 0.04)]}
 
 
+@pytest.mark.filterwarnings("ignore:clearance. nothing is kept apart")
 def test_shadows_are_as_wide_as_the_shapes(tmp_path):
     limit = Clearance(ARM, BODIES, [HalfSpace([0, 0, -1], [0, 0, 1])])
     shapes = limit.shapes([np.pi / 2.0, 0.0])

@@ -43,6 +43,7 @@ results = {**results, "tasks": results["tasks"][:1]}
 motion = iq.load_task("scara")
 iq.pictures.picture(iq.run_task(motion, dt=0.02), out / "motion.png")
 robot = motion.load_robot()
+sys.modules["invariantqp.pictures.pitches"].SWEEP = 13
 iq.pictures.pitch_picture(iq.analysis.inspect(robot, samples=8), robot, out / "pitches.pdf")
 chart.draw(results, out / "chart.svg")
 drawn = look()

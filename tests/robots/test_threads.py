@@ -13,7 +13,7 @@ from support.workers import give
 
 import invariantqp as iq
 
-THREADS, TICKS = 6, 1500
+THREADS, TICKS = 6, 480
 
 
 @pytest.fixture

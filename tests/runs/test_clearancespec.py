@@ -133,6 +133,7 @@ def test_joints_of_another_arm_are_as_many_as_it_has_and_no_degrees(key, joints,
         one.around(robot)
 
 
+@pytest.mark.filterwarnings("ignore:clearance. nothing is kept apart")
 def test_where_nothing_is_kept_apart_no_distance_is_told():
     one = task([], exclude=[])
     assert iq.run_task(one).clearance is None

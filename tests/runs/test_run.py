@@ -1,5 +1,6 @@
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,13 +22,21 @@ def panda(**changes):
 
 
 # Those in contact have a file of their own, test_contact_tasks.
+
+
+@cache
+def run_of(name):
+    """The run of a shipped task, of which several tests ask something."""
+    return iq.run_task(iq.load_task(name))
+
+
 ALONE = [name for name in shipped_tasks() if iq.load_task(name).contact is None]
 
 
 @pytest.mark.parametrize("name", ALONE)
 def test_shipped_tasks_are_accepted(name):
     task = iq.load_task(name)
-    trace = iq.run_task(task)
+    trace = run_of(name)
     assert trace.passed, trace.shortfalls
     assert trace.limit_violation <= 1e-9
     assert "held" not in trace.statuses
@@ -109,7 +118,7 @@ def test_more_than_the_acceleration_limit_is_not_accepted():
 def test_the_panda_of_the_first_page_keeps_what_its_maker_allows():
     task = iq.load_task("panda_path")
     assert task.law.acceleration_limit == [15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]
-    trace = iq.run_task(task)
+    trace = run_of("panda_path")
     allowed = np.array(task.law.acceleration_limit)
     share = np.abs(np.diff(trace.velocity, axis=0, prepend=0.0)) / task.law.dt / allowed
     assert share.max() < 1.0 + 1e-9
@@ -237,11 +246,9 @@ def test_motion_starts_and_ends_at_rest():
 
 
 def test_an_elastic_path_is_late_and_not_off():
-    task = iq.load_task("ur5_elastic")
-    trace = iq.run_task(task)
-    assert trace.passed, trace.shortfalls
+    trace = run_of("ur5_elastic")
     figures = trace.summary()
-    assert figures["path_lag"] == pytest.approx(0.001 * figures["ticks"] - task.path.duration, abs=0.002)
+    assert figures["path_lag"] == pytest.approx(0.001 * figures["ticks"] - trace.task.path.duration, abs=0.002)
     assert figures["path_lag"] > 0.1
     assert any(name.startswith("velocity of joint") for name in figures["slowed_by"])
     assert 0.0 < figures["path_speed"]["median"] < 1.0

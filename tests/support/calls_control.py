@@ -242,7 +242,7 @@ CONTROL = {
         {
             "robot": ur5(),
             "bodies": {"tool": [iq.limits.Sphere([0, 0, 0], 0.05)]},
-            "obstacles": [],
+            "obstacles": [iq.limits.Sphere([1, 0, 0], 0.1)],
             "distance": 0.02,
             "pairs": None,
             "exclude": (),

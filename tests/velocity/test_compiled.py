@@ -36,7 +36,7 @@ def tick():
     return VelocityLaw(dt=0.01), Demand(J, np.arange(6.0), np.eye(6), *WIDE)
 
 
-@settings(max_examples=repeats(5000, 300), deadline=None, derandomize=True)  # for other ticks there is two_laws.main
+@settings(max_examples=repeats(5000, 200), deadline=None, derandomize=True)  # for other ticks there is two_laws.main
 @given(st.integers(0, 2**63))
 @example(77015359)  # a form's velocity and least squares, apart by rounding of terms that are far larger than |A x|
 @example(8002185)  # a posture a hundred thousand times as fast as what the twist needs
@@ -145,7 +145,7 @@ def test_exact_rows_that_hardly_any_velocity_moves_are_met_by_the_core():
 def test_limits_that_lead_away_from_what_exact_rows_ask_for_leave_none_of_it():
     """As of joints that brake: in the core, too, though more limits meet there than hold the joints."""
     rng, law, away = np.random.default_rng(11), VelocityLaw(dt=0.002), 0
-    for _ in range(400):
+    for _ in range(150):
         J, m = rng.normal(size=(6, 5)), 5
         moving = rng.normal(size=m)
         exact = ExactRows.of(J, np.eye(6)[3:], rng.normal(size=3))
@@ -160,7 +160,7 @@ def test_limits_that_lead_away_from_what_exact_rows_ask_for_leave_none_of_it():
         native, answer = native_answer(law, demand), python_answer(law, demand)
         assert native is not None
         assert native.scale == answer.scale == 0.0
-    assert away > 100
+    assert away > 40
 
 
 def test_rows_hold_to_rounding_beside_a_tool_speed_that_gives_way(tick):

@@ -279,7 +279,7 @@ def test_where_rest_is_forbidden_rows_are_as_near_to_their_direction_as_limits_a
     """As of joints that cannot brake at once: in their direction if some velocity is, at the largest share."""
     rng = np.random.default_rng(m)
     kept = missed = beyond = 0
-    for _ in range(repeats(120, 60)):
+    for _ in range(repeats(120, 40)):
         J, s, _ = regular_problem(rng, m)
         A, before = J[3:], rng.uniform(-1.0, 1.0, m)
         lower, upper = before - 0.1, before + 0.1
