@@ -249,8 +249,9 @@ static void add_row(int n, int first, const double row[4], double wanted, double
     }
 }
 
-/* _eased: the coefficients (n + 3) of a plan for joint j, `c` with those of the state; `work` has room for 5 (n + 1). */
-static void eased(const JointLimits *limits, int j, int count, const double *times, const double *wanted, double calm, int n, double *c,
+/* _eased: the coefficients (n + 3) of a plan for joint j, `c` with those of the state, and until when points weigh less; `work`
+   has room for 5 (n + 1). */
+static double eased(const JointLimits *limits, int j, int count, const double *times, const double *wanted, double calm, int n, double *c,
                   double *work)
 {
     static const double JERK[4] = {-1.0, 3.0, -3.0, 1.0};
@@ -290,9 +291,10 @@ static void eased(const JointLimits *limits, int j, int count, const double *tim
                                              (k[0] - 2.0 * k[1] + k[2]) / (h * h), jerk / (h * h * h)));
         }
         if (share <= SHARE)
-            return;
+            break;
         later = fmax(later, 2.0 * calm) * fmax(share, EASIER);
     }
+    return later;
 }
 
 /* planned(limits, state, times, wanted, calm, pieces): powers (pieces, 4, m) of the motion from a state (3, m) that is near
@@ -311,14 +313,14 @@ PyObject *planned(PyObject *module, PyObject *const *arguments, Py_ssize_t given
     if (PyErr_Occurred() || state == NULL || times == NULL || wanted == NULL || count < 1 || n < 4 || n > 1000000 || !(times[0] > 0.0))
         return refused(USE);
     npy_intp sizes[3] = {n, 4, m};
-    double *work = PyMem_Malloc((size_t)(6 * n + 8) * sizeof *work), h = times[count - 1] / n;
+    double *work = PyMem_Malloc((size_t)(6 * n + 8) * sizeof *work), h = times[count - 1] / n, later = 0.0;
     PyObject *found = work == NULL ? PyErr_NoMemory() : PyArray_SimpleNew(3, sizes, NPY_DOUBLE);
     for (int j = 0; j < m && found != NULL; j++) {
         double x = state[j], v = h * state[m + j], a = h * h * state[2 * m + j], *c = work + 5 * (n + 1);
         c[0] = x - v + a / 3.0;
         c[1] = x - a / 6.0;
         c[2] = x + v + a / 3.0;
-        eased(&limits, j, (int)count, times, wanted, calm, (int)n, c, work);
+        later = fmax(later, eased(&limits, j, (int)count, times, wanted, calm, (int)n, c, work));
         double *powers = (double *)PyArray_DATA((PyArrayObject *)found) + j;
         for (int i = 0; i < n; i++, c++, powers += 4 * m) { /* PIECE */
             powers[0] = (c[0] + 4.0 * c[1] + c[2]) / 6.0;
@@ -328,5 +330,5 @@ PyObject *planned(PyObject *module, PyObject *const *arguments, Py_ssize_t given
         }
     }
     PyMem_Free(work);
-    return found;
+    return found == NULL ? NULL : Py_BuildValue("(Nd)", found, later);
 }

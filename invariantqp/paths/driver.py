@@ -953,7 +953,7 @@ class Follower:
             return Status.LEFT, f"out of reach, by {missed:.3g} [length]"
         if stands:
             return Status.WAITING, NOT_DUE
-        if self._late:
+        if self._late or (several and isinstance(self._source, Motion) and place < self._source.eased):
             return Status.LATE, LATE if self._answer is None or not self._bound else partial(_held_by, self._answer)
         return Status.MOVING, ""
 

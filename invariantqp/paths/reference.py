@@ -74,9 +74,12 @@ class Source(Protocol):
 class Motion:
     """Joints as polynomials of time, piece by piece; at rest before the first and after the last."""
 
-    def __init__(self, knots: Array, coefficients: Array) -> None:
-        """Pieces between knots (n + 1,): powers (n, k, m) of the time since each began, from the constant on."""
-        self.knots, self.coefficients = knots, coefficients
+    def __init__(self, knots: Array, coefficients: Array, eased: float = -inf) -> None:
+        """Pieces between knots (n + 1,): powers (n, k, m) of the time since each began, from the constant on.
+
+        Until `eased` it is not where it is wanted to be, as joints cannot.
+        """
+        self.knots, self.coefficients, self.eased = knots, coefficients, eased
         self.start, self.end = float(knots[0]), float(knots[-1])
 
     def at(self, times: Array, derivatives: int = 4) -> Array:
@@ -106,12 +109,13 @@ def planned(state: Array, now: float, stamps: Array, points: Array, limits: Join
     n = min(max(int(np.ceil(float(times[-1]) / (KNOTS * calm))), 4), MOST_PIECES)
     h = float(times[-1]) / n
     if core is not None and points.shape[1] <= core.MOST_JOINTS:
-        pieces = core.planned(limits.rows, state, times, wanted, calm, n)
+        pieces, eased = core.planned(limits.rows, state, times, wanted, calm, n)
     else:
-        c = np.stack([_eased(state, times, wanted, limits, calm, n, j) for j in range(points.shape[1])], axis=1)
+        each = [_eased(state, times, wanted, limits, calm, n, j) for j in range(points.shape[1])]
+        c, eased = np.stack([c for c, _ in each], axis=1), max(later for _, later in each)
         pieces = PIECE @ np.stack((c[:-3], c[1:-2], c[2:-1], c[3:]), axis=1) / h ** np.arange(4.0)[:, None]
     knots: Array = now + h * np.arange(n + 1.0)
-    return Motion(knots, pieces)
+    return Motion(knots, pieces, now + eased)
 
 
 def _going_on(times: Array, points: Array) -> tuple[Array, Array]:
@@ -136,8 +140,13 @@ def _going_on(times: Array, points: Array) -> tuple[Array, Array]:
     return np.concatenate((early, times[due:], last + over)), np.concatenate((before, points[due:], goes_on))
 
 
-def _eased(state: Array, times: Array, wanted: Array, limits: JointLimits, calm: float, n: int, j: int) -> Array:
-    """(n + 3,) coefficients of a plan for one joint: a cubic B-spline of n even pieces, the last three the same."""
+def _eased(
+    state: Array, times: Array, wanted: Array, limits: JointLimits, calm: float, n: int, j: int
+) -> tuple[Array, float]:
+    """(n + 3,) coefficients of a plan for one joint: a cubic B-spline of n even pieces, the last three the same.
+
+    And until when points weigh less to it.
+    """
     h = float(times[-1]) / n
     piece = np.minimum((times / h).astype(np.intp), n - 1)
     # Rows of the least squares, four coefficients each: the points, then the jerks.
@@ -166,7 +175,7 @@ def _eased(state: Array, times: Array, wanted: Array, limits: JointLimits, calm:
         if share <= SHARE:
             break
         eased = max(eased, 2.0 * calm) * max(share, EASIER)
-    return c
+    return c, eased
 
 
 class Stream:

@@ -12,7 +12,7 @@ from support.arms import ready
 from support.streams import ARMS, Arm, chunks, driven
 
 import invariantqp as iq
-from invariantqp.paths import fit
+from invariantqp.paths import fit, reference
 
 
 def hand(arm, rng, T, f=60.0, noise=1.0, lag=0.02):
@@ -360,6 +360,22 @@ def test_an_arm_waits_at_a_first_point_that_is_due_later():
     arm.held(Q)
     assert np.abs(Q[round(1.0 / arm.dt) :] - again[0]).max() < 1e-3
     assert np.abs(Q - again[0]).max() < 0.12
+
+
+@pytest.mark.parametrize("engine", [True, False])
+def test_an_arm_that_is_not_where_a_chunk_begins_is_late_until_it_is(monkeypatch, engine):
+    if not engine:
+        monkeypatch.setattr(reference, "core", None)
+    arm, stamps = Arm("ur5"), np.arange(30) / 20
+    for away, first in ((0.5, "late"), (0.02, "moving")):
+        points = arm.start + away + 0.1 * np.sin(stamps)[:, None]
+        Q, answers = driven(arm, arm.follower(), [(0.0, lambda f, p=points: f.follow(p, stamps))], 2.0)
+        arm.held(Q)
+        assert (str(answers[0].status), answers[0].reason) == (first, "the joints' limits" if first == "late" else "")
+        on = [k for k, told in enumerate(answers) if told.status == "moving"]
+        off = np.abs(Q[on[0]] - arm.start - away - 0.1 * np.sin(on[0] * arm.dt)).max()
+        assert off < 0.02 + 1e-9
+        assert answers[-1].status == "done"
 
 
 @pytest.mark.parametrize("kind", ["points", "twist"])
