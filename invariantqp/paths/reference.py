@@ -48,9 +48,9 @@ PIECE: Array = (
 LONGEST_TURN, PLACES_TURN, TURN_SHARE = 4.0, 41, 0.999
 # How long such a change may wait for joints that brake [s].
 WAITS = (0.0, 0.02, 0.05, 0.1, 0.2)
-# A hand is followed this long after its samples come, times one over the cutoff: 65 ms at 3 Hz. A plan along samples is
+# A hand is followed this long after its samples come, times one over the cutoff: 68 ms at 3 Hz. A plan along samples is
 # as calm as this share of it: less smooths less, more takes longer than what is ahead. So many are kept.
-DELAY, CALM_OF_DELAY, MOST_SAMPLES = 0.195, 0.37, 64
+DELAY, CALM_OF_DELAY, MOST_SAMPLES = 0.205, 0.37, 64
 # How fast the mean transport time follows the measured one, a share of the difference for each sample.
 TRANSPORT_SHARE = 0.02
 # The d-th derivative of u^n is FACTORS[d, n] u^EXPONENTS[d, n].
