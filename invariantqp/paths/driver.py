@@ -9,6 +9,7 @@ follows the twist zero. No tick is taken from which the joints cannot stop.
 
 from __future__ import annotations
 
+import warnings
 from collections import deque
 from collections.abc import Callable
 from copy import deepcopy
@@ -80,6 +81,7 @@ MOST_OVERRIDE = 1.5
 # Why joints catch up, or are elsewhere.
 LATE = "the joints' limits"
 ELSEWHERE = "joints are not where they were sent: they do not follow, or later than told (delay=)"
+FAST_CLOCK = "stamps are seconds here: these are more than a second later, one after the other. Are they milliseconds?"
 # Why an arm stands that is not done.
 NOT_DUE = "the next points are not due yet"
 # Joint speeds below this share of their limits are rest; joints this near [rad, length] are there.
@@ -194,7 +196,7 @@ class Follower:
         self._looked = 0.0
         self._samples: deque[tuple[Any, float | None]] = deque(maxlen=MOST_WAITING)
         self._newest: tuple[Array, Array, float] | None = None  # a sample's point, joints and stamp
-        self._shift = 0.0  # of the samples' clock
+        self._shift, self._ahead = 0.0, 0  # of the samples' clock; how many in a row were ahead of it
         self._heard = 0.0
         self._twist: Array | None = None
         self._turns = False  # whether the twist is one to move at; otherwise the arm comes to rest
@@ -839,6 +841,9 @@ class Follower:
         while self._samples:
             given, stamp = self._samples.popleft()
             when = now if stamp is None else stamp + self._shift
+            self._ahead = self._ahead + 1 if when - now > ANOTHER_CLOCK else 0
+            if self._ahead == 2:  # one after the other is no other clock, but another unit
+                warnings.warn(FAST_CLOCK, UserWarning, stacklevel=4)
             if stamp is not None and abs(when - now) > ANOTHER_CLOCK:
                 self._shift = now - stamp
                 when, self._newest = now, None

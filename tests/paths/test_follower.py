@@ -3,6 +3,7 @@
 import copy
 import pickle
 import re
+import warnings
 from functools import cache
 from itertools import pairwise
 
@@ -409,6 +410,19 @@ def test_stamps_in_milliseconds_are_questioned(poses):
     still, slow = np.tile(arm.start, (3, 1)), arm.start + np.outer((0.0, 1.0, 2.0), 0.1 * np.ones(6))
     for points in (still, slow):
         arm.follower().follow(points, np.array((0.0, 20.0, 40.0)))
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e3, 1e9])
+def test_samples_stamped_in_milliseconds_are_questioned_once(unit):
+    """Another clock, which leaps once, is not."""
+    arm, events = Arm("ur5", dt=0.004), []
+    for k in range(60):
+        stamp = k / 60 + (40.0 if k > 30 and unit == 1.0 else 0.0)
+        events.append((k / 60, lambda f, stamp=stamp: f.add(arm.start, unit * stamp)))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        driven(arm, arm.follower(), events, 1.0)
+    assert ["stamps are seconds here" in str(each.message) for each in said] == [True] * (unit > 1.0)
 
 
 @pytest.mark.parametrize(("spacing", "count"), [(13.0, 3), (0.5, 101)])
