@@ -23,13 +23,20 @@ def spun(name, monkeypatch, arguments=("ur5",)):
     return node[0]
 
 
-def state_of(q):
-    return ros.message("JointState", name=[*UR5.names, "gripper"], position=[*q, 0.1])
+def state_of(q, robot=UR5):
+    return ros.message("JointState", name=[*robot.names, "gripper"], position=[*q, 0.1])
 
 
 @pytest.fixture
 def press(monkeypatch):
     return spun("38_force_ros", monkeypatch)
+
+
+def read(node, reading):
+    """The wrench topic: force and moment (6,)."""
+    vectors = (SimpleNamespace(x=v[0], y=v[1], z=v[2]) for v in (reading[:3], reading[3:]))
+    wrench = SimpleNamespace(**dict(zip(("force", "torque"), vectors, strict=True)))
+    node.subscribed["wrench"](ros.message("WrenchStamped", wrench=wrench))
 
 
 def feel(node, q, table, random):
@@ -38,11 +45,20 @@ def feel(node, q, table, random):
     depth = max(0.0, table - tool[2, 3])
     at = tool[:3, :3].T @ np.array([0.0, 0.0, STIFFNESS * depth - 0.5 * 9.80665])
     moment = np.cross([0.0, 0.0, -0.03], tool[:3, :3].T @ [0.0, 0.0, -0.5 * 9.80665])
-    force = at + random.normal(0.0, NOISE, 3)
-    vectors = (SimpleNamespace(x=v[0], y=v[1], z=v[2]) for v in (force, moment))
-    wrench = SimpleNamespace(**dict(zip(("force", "torque"), vectors, strict=True)))
-    node.subscribed["wrench"](ros.message("WrenchStamped", wrench=wrench))
+    read(node, np.concatenate((at + random.normal(0.0, NOISE, 3), moment)))
     return STIFFNESS * depth
+
+
+def pose_message(pose):
+    """A PoseStamped of a pose (4, 4)."""
+    R = pose[:3, :3]
+    w = 0.5 * np.sqrt(max(0.0, 1.0 + np.trace(R)))
+    x, y, z = iq.log(iq.transform(R))[:3]
+    angle = max(np.linalg.norm([x, y, z]), 1e-12)
+    share = np.sin(0.5 * angle) / angle
+    place = SimpleNamespace(**dict(zip("xyz", pose[:3, 3], strict=True)))
+    turn = SimpleNamespace(x=share * x, y=share * y, z=share * z, w=w)
+    return ros.message("PoseStamped", pose=SimpleNamespace(position=place, orientation=turn))
 
 
 def test_a_wrench_topic_is_pressed_by(press):
@@ -55,6 +71,35 @@ def test_a_wrench_topic_is_pressed_by(press):
         q = q + 0.002 * np.array(press.published[-1].data)
     assert np.abs(np.array(forces[-500:]) - 8.0).max() < 0.5
     assert len(press.published) == 2500
+
+
+@pytest.mark.parametrize("arm", ["panda", "ur5"])
+def test_a_table_in_mujoco_is_pressed_by_topics(arm, monkeypatch):
+    """A touch of 2e4 N/m, along it and back by poses that come every tenth tick, a quarter of a second of silence."""
+    pytest.importorskip("mujoco")
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    from shared.cells import Cell, table
+
+    node, cell, forces = spun("38_force_ros", monkeypatch, (arm,)), Cell(arm, table(arm, 0.001), tick=0.002), []
+    node.subscribed["press"](ros.message("Float64", data=8.0))
+    for k in range(2000):
+        if k % 10 == 0:
+            aside = 0.01 * (1.0 - np.cos(max(0.0, 0.004 * k - 2.0)))
+            node.subscribed["pose"](pose_message(iq.transform(translation=[0.0, aside, 0.0]) @ cell.home))
+        q, reading = cell.read()
+        if not 1250 < k < 1375:
+            read(node, reading)
+            node.subscribed["joint_states"](state_of(q, cell.robot))
+        elif k % 25 == 0:
+            node.timers[0][1]()
+        cell.drive(np.array(node.published[-1].data))
+        forces.append(cell.pressed()[2])
+    off = np.abs(np.array(forces) - 8.0)
+    assert max(forces) < 9.5
+    assert np.sqrt(np.mean(off[500:] ** 2)) < 0.2
+    assert off[1250:1375].max() < 0.5
+    assert {said.split(":")[0] for said in node.logged} == {"lost"}
+    assert abs(cell.robot.pose(q)[1, 3] - cell.home[1, 3] - aside) < 1e-3
 
 
 def test_silence_stops_the_arm(press):
@@ -105,15 +150,8 @@ def test_a_servo_node_goes_to_a_pose(monkeypatch):
     node = spun("18_servo_ros", monkeypatch)
     q, (_, tick) = START.copy(), node.timers[0]
     target = iq.transform(translation=[0.0, 0.0, 0.05]) @ UR5.pose(q)
-    R = target[:3, :3]
-    w = 0.5 * np.sqrt(max(0.0, 1.0 + np.trace(R)))
-    x, y, z = (np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / (4.0 * w)).tolist()
-    pose = SimpleNamespace(
-        position=SimpleNamespace(x=target[0, 3], y=target[1, 3], z=target[2, 3]),
-        orientation=SimpleNamespace(x=x, y=y, z=z, w=w),
-    )
     for _ in range(1000):
-        node.subscribed["servo/pose"](ros.message("PoseStamped", pose=pose))
+        node.subscribed["servo/pose"](pose_message(target))
         node.subscribed["joint_states"](state_of(q))
         tick()
         q = q + 0.002 * np.array(node.published[-1].data)
