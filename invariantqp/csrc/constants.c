@@ -176,8 +176,6 @@ const Constant CONSTANTS[] = {
     ONE("force.monitor", LEAST_ASKED),
     ONE("force.monitor", FELL_NOISE),
     ONE("force.monitor", CHI),
-    ONE("force.monitor", EXPLAINED),
-    ONE("force.monitor", STIRRED),
     ONE("force.monitor", SOFTER),
     ONE("force.monitor", SINCE),
     ONE("force.monitor", EXCUSED),

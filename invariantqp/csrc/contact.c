@@ -77,11 +77,13 @@ void load_at(const double wrench[6], const double place[3], double load[2])
     load[1] = norm(3, lever);
 }
 
-/* The press that is felt and wanted, of several the one of which least is felt, in the unit of the smallest; NaN for none. */
-void weakest(int n, const double (*parts)[6], const double felt[6], const double exert[6], double *here, double *wanted)
+/* The press that is felt and wanted, of several the one of which least is felt, and of all together; NaN for none. */
+void weakest(int n, const double (*parts)[6], const double felt[6], const double exert[6], double *here, double *wanted,
+             double *together)
 {
-    double is[MOST_PARTS], asked[MOST_PARTS], share = INFINITY;
+    double is[MOST_PARTS], asked[MOST_PARTS], share = INFINITY, sum = 0.0, whole = 0.0;
     *here = *wanted = n > 0 ? INFINITY : NAN;
+    *together = 0.0;
     for (int i = 0; i < n; i++) {
         is[i] = dot(6, parts[i], felt);
         asked[i] = dot(6, parts[i], exert);
@@ -89,13 +91,16 @@ void weakest(int n, const double (*parts)[6], const double felt[6], const double
             continue;
         *wanted = fmin(*wanted, asked[i]);
         share = fmin(share, is[i] / asked[i]);
+        sum += is[i];
+        whole += asked[i];
     }
     if (n == 1) {
-        *here = is[0];
+        *here = *together = is[0];
         *wanted = asked[0];
-    } else if (n > 1 && *wanted < INFINITY)
+    } else if (n > 1 && *wanted < INFINITY) {
         *here = *wanted * share;
-    else if (n > 1) {
+        *together = *wanted * (sum / whole);
+    } else if (n > 1) {
         *wanted = 0.0;
         for (int i = 0; i < n; i++)
             *here = fmin(*here, is[i]);

@@ -128,9 +128,8 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             drives[i] = struck(drive, coming, error, known, setting, OUTWARDS * fastest, eased);
         } else {
             double room = most_force - felt[i] - (check == NULL ? 0.0 : unseen(press, check, felt[i]));
-            double inwards = touch_speed(press, room, setting->late) - (known->reached != 0.0 ? fmax(drive->slope, 0.0) : 0.0);
-            inwards = fmax(touch_speed(press, wished, setting->late), inwards)
-                    + (known->reached != 0.0 ? 0.0 : press->slope * now->along);
+            double inwards = touch_speed(press, fmax(room, wished), setting->late)
+                           + (known->reached != 0.0 ? 0.0 : press->slope * now->along);
             drives[i] = pressed(drive, error, wished, known, setting, inwards, OUTWARDS * fastest, eased, grows, NULL);
         }
     }

@@ -30,7 +30,7 @@ static bool is_pulled(const PressTick *tick, Pulls *pulls)
         return false;
     bool close = 0.0 < tick->touch.airborne && tick->touch.airborne < INFINITY && tick->limit > 0.0;
     double least = close ? tick->limit : fmax(tick->limit, PULL_SHARE * tick->wanted);
-    pulls->pull = weighed(pulls->pull, -tick->felt, least, tick->noise);
+    pulls->pull = weighed(pulls->pull, -tick->together, least, tick->noise);
     return certain(pulls->pull);
 }
 
@@ -74,17 +74,18 @@ static void followed(const Stiffness *known, double noise, double wanted, double
     evidence->last[1] = force;
 }
 
-/* Evidence.stiffness */
-static double explaining(const Evidence *evidence)
+/* Evidence.answers, and Evidence.stiffness */
+static bool answering(const Evidence *evidence, double *stiffness)
 {
     const double(*s)[3] = evidence->sums;
+    *stiffness = 0.0;
     if (s[2][2] == 0.0)
-        return 0.0;
+        return false;
     double a = s[0][0] - s[0][2] * s[2][0] / s[2][2], b = s[0][1] - s[0][2] * s[2][1] / s[2][2];
     double f = s[1][1] - s[1][2] * s[2][1] / s[2][2];
-    if (f < CHI || a <= 0.0 || b <= 0.0 || b * b <= fmax(CHI, EXPLAINED * (f - evidence->noise)) * a)
-        return 0.0;
-    return b / a - 1.0 / sqrt(a);
+    if (a > 0.0 && b > 0.0 && b * b > CHI * a)
+        *stiffness = b / a;
+    return *stiffness > 0.0 || f > NOISIER * NOISIER * evidence->noise + CHI;
 }
 
 /* Answers.begun, of what was known before or of nothing */
@@ -189,8 +190,8 @@ static bool unanswered(const Press *press, const PressTick *tick, const Stiffnes
     followed(known, noise, wanted, shared, dt, &check->evidence);
     bool rested = !isnan(check->rest[0]);
     rests(press, dt, felt, wanted, noise, check);
-    double k = explaining(&check->evidence);
-    if (k > 0.0 || check->evidence.sums[1][1] > STIRRED * check->evidence.noise + CHI)
+    double k;
+    if (answering(&check->evidence, &k))
         heard(press, known, felt, k, noise, check);
     bool begun = tick->noise > 0.0 && !rested && !isnan(check->rest[0]);
     bool unshown = begun && isnan(known->stiff) && check->silent >= PATIENT_FOR;

@@ -129,7 +129,8 @@ static void read_tick(const Press *press, const Split *split, const Hybrid *now,
     Pressing *pressing = &state->pressing;
     int presses = split->presses;
     double load[2], most = 0.0, moved[3], back[3], lever[3];
-    weakest(presses, split->intensities, placed->raw_inside, placed->exert, &tick->felt, &tick->wanted);
+    weakest(presses, split->intensities, placed->raw_inside, placed->exert, &tick->felt, &tick->wanted,
+            &tick->together);
     for (int i = 0; i < presses; i++) {
         Touch *touch = &pressing->touches[i];
         if ((int)pressing->touched != presses)

@@ -107,7 +107,7 @@ typedef struct {
 
 /* What a tick tells the checks; a press of NaN is one that cannot be lost. */
 typedef struct {
-    double dt, reading[6], felt, wanted, force, moment, most[2], missing, noise, limit;
+    double dt, reading[6], felt, wanted, together, force, moment, most[2], missing, noise, limit;
     Touch touch;
     double commanded, came, across[3];
 } PressTick;
@@ -133,7 +133,8 @@ void cleaned(const Press *press, const double reading[6], const Pose *tool, doub
 
 /* contact.c */
 void load_at(const double wrench[6], const double place[3], double load[2]);
-void weakest(int n, const double (*parts)[6], const double felt[6], const double exert[6], double *here, double *wanted);
+void weakest(int n, const double (*parts)[6], const double felt[6], const double exert[6], double *here, double *wanted,
+             double *together);
 double place_speed(const double twist[6], const double place[3], double size);
 bool can_yield(const Split *split, int joints);
 
@@ -257,8 +258,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define LEAST_ASKED 0.02
 #define FELL_NOISE 6.0
 #define CHI 4.0
-#define EXPLAINED 0.5
-#define STIRRED 2.0
 #define SOFTER 0.5
 #define SINCE 2.0
 #define EXCUSED 0.5

@@ -494,8 +494,10 @@ def larger_part(force: Array, out: Array) -> float:
     return max(abs(along), se3.norm(force - along * out))
 
 
-def weakest(parts: Array, felt: Array, exert: Array) -> tuple[float, float] | None:
-    """The press that is felt and wanted, of several the one of which least is felt, in the unit of the smallest.
+def weakest(parts: Array, felt: Array, exert: Array) -> tuple[float, float, float] | None:
+    """The press that is felt and wanted, of several the one of which least is felt; and what is felt of all together.
+
+    In the unit of the smallest. One of several may read what rubs at another, all together hardly.
 
     Args:
         parts: (n, 6) from a wrench to its n presses; n = 0 for a contact that cannot be lost.
@@ -505,13 +507,15 @@ def weakest(parts: Array, felt: Array, exert: Array) -> tuple[float, float] | No
     if not len(parts):
         return None
     if len(parts) == 1:
-        return float(parts[0].dot(felt)), float(parts[0].dot(exert))
+        alone = float(parts[0].dot(felt))
+        return alone, float(parts[0].dot(exert)), alone
     here, wanted = parts.dot(felt), parts.dot(exert)
     pressed = wanted > 0.0
     if not pressed.any():
-        return float(here.min()), 0.0
-    least = float(wanted[pressed].min())
-    return least * float((here[pressed] / wanted[pressed]).min()), least
+        return float(here.min()), 0.0, float(here.sum())
+    here, wanted = here[pressed], wanted[pressed]
+    least = float(wanted.min())
+    return least * float((here / wanted).min()), least, least * float(here.sum() / wanted.sum())
 
 
 def way_out(contact: Contact) -> Array:

@@ -713,7 +713,8 @@ class HybridController:
         tick = Tick(
             dt,
             reading,
-            press,
+            None if press is None else press[:2],
+            0.0 if press is None else press[2],
             larger_part(here.raw[3:], here.out) if task.max_force is None else force,
             moment,
             most,
@@ -829,8 +830,7 @@ class HybridController:
             else:
                 force = float(here.force[i])
                 room = tick.most[0] - force - monitor.unseen(task, i, force)
-                inwards = touch_speed(task, room, setting.late) - (max(drive.slope, 0.0) if known.reached else 0.0)
-                inwards = max(touch_speed(task, wanted, setting.late), inwards)
+                inwards = touch_speed(task, max(room, wanted), setting.late)
                 # Until the press was reached, speed and slope together: beside a touch what the way along may ask for.
                 speeds = inwards + (0.0 if known.reached else task.slope * now.along), LET_GO * fastest
                 drives.append(pressed(drive, error, wanted, known, setting, speeds, eased, grows=grows))

@@ -23,6 +23,7 @@ from invariantqp.force.contact import TINY, HybridTask
 from invariantqp.force.estimate import (
     CERTAIN,
     LEAST_WAY,
+    NOISIER,
     RESOLVED,
     SHORT,
     STIFF,
@@ -54,7 +55,7 @@ STALE_AFTER = 0.012
 
 # What a user may have told wrong of a sensor, and what an overload before the tool went in may be.
 TOLD = "reads=, order=, mass= or bias="
-AT_ONCE = f", before anything was pressed: the sensor's {TOLD} is wrong, or something is in the way"
+AT_ONCE = f", out of the air: the sensor's {TOLD} is wrong, or something is in the way"
 
 # Share of the wanted press by which a reading may pull.
 PULL_SHARE = 0.5
@@ -78,13 +79,10 @@ PRESENT = 0.1
 LEAST_ASKED, MOST_ASKED = 0.02, 0.4
 # A fall by less than so many standard deviations may be noise.
 FELL_NOISE = 6.0
-# An answer: the way explains so much of the squared force over four variances of noise, four standard errors of k, and
-# this share of what noise does not. What is longer ago than this [s] counts no more.
+# An answer: the way explains so much of the squared force over four variances of noise, four standard errors of k. What
+# is longer ago than this [s] counts no more.
 CHI = 4.0
-EXPLAINED = 0.5
 SINCE = 2.0
-# What is not stuck changes by this multiple of the square that noise has.
-STIRRED = 2.0
 # An answer shows a contact no softer than this share of what was shown before: a sensor that sticks looks soft, too.
 SOFTER = 0.5
 # So long after readings have answered, or changed, a slope is an excuse [s].
@@ -113,6 +111,7 @@ class Tick(NamedTuple):
         dt: tick [s].
         reading: (6,) as it came.
         press: felt, raw, and wanted [force]; None where the contact cannot be lost. Of several the weakest.
+        together: what is felt of all presses, in the unit of that [force].
         force, moment: about the place of contact; where no max_force is declared, the larger part of the force along
             the way out and across it.
         most: force and moment that are an overload of what is wanted now.
@@ -128,6 +127,7 @@ class Tick(NamedTuple):
     dt: float
     reading: Array
     press: tuple[float, float] | None
+    together: float
     force: float
     moment: float
     most: tuple[float, float]
@@ -226,7 +226,7 @@ class Pulls(NamedTuple):
         """The check after a tick; `close` where the tool has let go or lost the contact: nothing is to be read."""
         if tick.press is None or tick.press[1] == 0.0:
             return self, None
-        felt, wanted = tick.press
+        felt, wanted = tick.together, tick.press[1]
         pull = weighed(self.pull, -felt, tick.limit if close else max(tick.limit, PULL_SHARE * wanted), tick.noise)
         if pull < CERTAIN:
             return Pulls(pull), None
@@ -307,22 +307,22 @@ class Evidence(NamedTuple):
     @property
     def answers(self) -> bool:
         """Whether the force follows the way, or changes, by whatever, by more than noise does: it is not stuck."""
-        return self.stiffness > 0.0 or bool(self.sums[1, 1] > STIRRED * self.noise + CHI)
+        return self.stiffness > 0.0 or self._beside_step[2] > NOISIER * NOISIER * self.noise + CHI
 
     @property
     def stiffness(self) -> float:
-        """Of the spring that explains the force by the way; 0 for none.
+        """Of the spring that explains the force by the way; 0 for none."""
+        a, b, _ = self._beside_step
+        return b / a if a > 0.0 and b > 0.0 and b * b > CHI * a else 0.0
 
-        Less two standard errors: an answer that noise helped shows more than there is.
-        """
+    @property
+    def _beside_step(self) -> tuple[float, float, float]:
+        """Squared way, way times force, squared force, beside what an offset, such as the first noise, explains."""
         s = self.sums
         if s[2, 2] == 0.0:
-            return 0.0
+            return 0.0, 0.0, 0.0
         (a, b), (_, f) = (s[:2, :2] - np.outer(s[:2, 2], s[2, :2]) / s[2, 2]).tolist()
-        # No more can be explained than there is; what is less is rounding, too.
-        if f < CHI or a <= 0.0 or b <= 0.0 or b * b <= max(CHI, EXPLAINED * (f - self.noise)) * a:
-            return 0.0
-        return float(b / a - 1.0 / sqrt(a))
+        return a, b, f
 
 
 class Release(NamedTuple):
@@ -330,8 +330,9 @@ class Release(NamedTuple):
 
     Attributes:
         depth, force: where it began [length], and what was read there, or noise may be [force].
-        most: way that is let go, on a surface that stands: LEAST_ASKED beyond where nothing was felt last, or where
-            readings last fell, and MOST_ASKED where noise would hide that less is read [length].
+        most: way that is let go, on a surface that stands: LEAST_ASKED beyond where nothing was felt last, where they
+            fall beyond that and what it had sunk in to rest, and MOST_ASKED where noise would hide that less is read
+            [length].
         least: that was read since then [force].
         across: (3,) since then [length]: no further than a slope of that is the surface from where it was.
         led: how far it was commanded out since then [length].
@@ -530,7 +531,8 @@ class Answers(NamedTuple):
                 begun = now._replace(touched=0.0, rested=0.0, rest=None, slid=none, off=0.0, release=None)
                 return begun._replace(moves=moves), None
             if press < release.least - FELL_NOISE * noise:
-                release = release._replace(least=press, most=max(release.most, gone + LEAST_ASKED * size))
+                sank = gone if self.rest is None else max(gone, self.rest[0])
+                release = release._replace(least=press, most=max(release.most, sank + LEAST_ASKED * size))
             if gone > release.bound(task.slope, self.moves) and self.read == CERTAIN:
                 said = f"let go by {written(gone, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
                 away = max(0.0, self.depth + 2.0 * LEAST_ASKED * size)

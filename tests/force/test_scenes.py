@@ -185,6 +185,31 @@ def test_a_fault_in_two_contacts_stops_both_pushes(panda, name, since):
     assert forces[-1] == 0.0
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_rubs_on_the_floor_is_no_pull_of_the_wall_but_both_of_them_are(panda, sign):
+    """Friction of 0.5 on the way to the wall passes for its touch; where the tool lets go it turns round: a "fault"."""
+    scene, random = SHARED["scenes"](panda.pose(PANDA), 0.03)["corner, two contacts"], np.random.default_rng(0)
+    loop, said, way = loop_of(panda, iq.HybridTask(scene.told, scene.wanted)), [], np.zeros(3)
+    q, start = PANDA, panda.pose(PANDA)
+    for _ in range(800):
+        tool = panda.pose(q)
+        wrench = scene.world(tool, np.zeros(6))
+        rubs = -0.5 * wrench[5] * way / max(np.linalg.norm(way), 2e-3 * DT)  # and sticks below 2 mm/s
+        wrench = sign * (wrench + np.concatenate((np.cross(tool[:3, 3], rubs), rubs)))
+        reading = iq.coadjoint(iq.inverse(tool)) @ wrench
+        reading[3:] += random.normal(0.0, 0.1, 3)
+        solution = loop.step(q, start, reading)
+        q = q + DT * solution.velocity
+        way = (panda.pose(q) - tool)[:3, 3] * [1.0, 1.0, 0.0]
+        said.append((solution.status, solution.reason))
+    if sign > 0.0:
+        assert said[-1][0] == "ok", said[-1]
+        assert {status for status, _ in said} <= {"lost", "ok", "degraded"}
+        np.testing.assert_allclose(solution.intensities[:2], [5.0, 3.0], atol=0.5)
+    else:
+        assert any("the contact pulls" in reason for _, reason in said)
+
+
 def test_two_contacts_that_press_on_one_line_are_refused():
     floor = iq.point_contact([0.4, 0.0, 0.1], UP)
     with pytest.raises(iq.BadInput, match=r"second: found a point and a point with 2 wrenches of rank 1"):
