@@ -62,13 +62,13 @@ static double echoed(const Delay *delay, int m, double dt, int declared, const d
 static void followed_by(const Delay *delay, int m, double dt, const double *behind, const double *came, const double *last,
                         const double *before, double still)
 {
-    double *head = delay->head, square = dot(m, last, last), left = exp(-dt / KNOWN_AFTER);
+    double *head = delay->head, square = dot(m, last, last), left = exp(-dt / LONGEST_LAG);
     head[BEHIND] = left * head[BEHIND] + dt * dot(m, behind, last);
     head[MOVED] = left * head[MOVED] + square;
     head[CAME_ALONG] = left * head[CAME_ALONG] + dot(m, came, last);
     head[GAINED] = left * head[GAINED] + square - dt * dot(m, before, last);
     head[MOVING] = square > (still * dt) * (still * dt) ? head[MOVING] + dt : 0.0;
-    if (head[MOVING] > KNOWN_AFTER && fmin(head[CAME_ALONG], head[GAINED]) > FOLLOWS * head[MOVED])
+    if (head[MOVING] > LONGEST_LAG && fmin(head[CAME_ALONG], head[GAINED]) > FOLLOWS * head[MOVED])
         head[LAG] = fmin(fmax(head[BEHIND] / head[GAINED], 0.0), LONGEST_LAG);
 }
 

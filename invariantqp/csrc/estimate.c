@@ -157,7 +157,7 @@ void known_after(Stiffness *known, double force, double way, const Setting *sett
         memcpy(known->mean, read, sizeof known->mean);
         memset(known->means, 0, sizeof known->means);
     } else {
-        bool soft = lacks != 0 && (known->reached == 0.0 || fabs(known->lacked) > PERSISTS * setting->late);
+        bool soft = lacks != 0 && (known->reached == 0.0 || fabs(known->lacked) > SLOWER_PASS * setting->late);
         if (soft)
             begins = fmax(begins * exp(-dt / (SOFTENS * setting->late)), SOFTEST * setting->begins);
         if (spread > 0.0 && fabs(z[0]) >= 3.0 * setting->resolved) {
@@ -184,7 +184,7 @@ void known_after(Stiffness *known, double force, double way, const Setting *sett
 /* Noise */
 void noise_after(Noise *noise, const double reading[6], const double last[6], double supposed)
 {
-    double most = CLIPPED * fmax(supposed, noise->change), sum = 0.0, change;
+    double most = SURPRISE * fmax(supposed, noise->change), sum = 0.0, change;
     bool any = false;
     for (int i = 3; i < 6; i++) {
         change = fabs(reading[i] - last[i]);

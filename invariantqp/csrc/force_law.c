@@ -87,7 +87,7 @@ static Drive fixed(const Drive *drive, double error, double gain, double stiffne
 static double touch_speed(const Press *press, double force, double late)
 {
     double stiff = press->stiffness > 0.0 ? press->stiffness : APPROACHED * STIFF;
-    return fmin(press->approach_speed, fmax(force, 0.0) / (stiff * late + fmin(stiff, APPROACHED * STIFF) * STRUCK));
+    return fmin(press->approach_speed, fmax(force, 0.0) / (stiff * late + fmin(stiff, APPROACHED * STIFF) * DAMPED_BY));
 }
 
 /* HybridController._driven: the law of each constraint; whether it acts in full. */
@@ -125,12 +125,12 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             drives[i] = sought(drive, gentle, setting, fastest, &now->touches[i], press);
         } else if (known->time <= setting->late) { /* the filters still hold the air */
             double coming = presses == 1 && lag_known && now->went == n ? now->ways[i].coming : 0.0;
-            drives[i] = struck(drive, coming, error, known, setting, OUTWARDS * fastest, eased);
+            drives[i] = struck(drive, coming, error, known, setting, OVERLOAD * fastest, eased);
         } else {
             double room = most_force - felt[i] - (check == NULL ? 0.0 : unseen(press, check, felt[i]));
             double inwards = touch_speed(press, fmax(room, wished), setting->late)
                            + (known->reached != 0.0 ? 0.0 : press->slope * now->along);
-            drives[i] = pressed(drive, error, wished, known, setting, inwards, OUTWARDS * fastest, eased, grows, NULL);
+            drives[i] = pressed(drive, error, wished, known, setting, inwards, OVERLOAD * fastest, eased, grows, NULL);
         }
     }
     return acts;
@@ -147,7 +147,7 @@ bool stands(const Press *press, const double place[3], const double motion[6], c
         moved[i] = dot(6, root[i], twist);
     }
     double square = dot(6 - from, asked + from, asked + from);
-    return square > least * least && dot(6 - from, moved + from, asked + from) < MOVES * square;
+    return square > least * least && dot(6 - from, moved + from, asked + from) < SLOW_SHARE * square;
 }
 
 /* The share of the joints' acceleration that noise takes through the force law, for each unit of its gain. */

@@ -7,7 +7,7 @@
 
 static bool overloaded(const PressTick *tick, double most[2])
 {
-    double share = exp(-tick->dt / EXPECTED_FOR);
+    double share = exp(-tick->dt / PATIENT_FOR);
     most[0] = fmax(tick->most[0], fmin(share * most[0], OVERLOAD * tick->force));
     most[1] = fmax(tick->most[1], fmin(share * most[1], OVERLOAD * tick->moment));
     return tick->force > most[0] || tick->moment > most[1];
@@ -29,7 +29,7 @@ static bool is_pulled(const PressTick *tick, Pulls *pulls)
     if (isnan(tick->felt) || tick->wanted == 0.0)
         return false;
     bool close = 0.0 < tick->touch.airborne && tick->touch.airborne < INFINITY && tick->limit > 0.0;
-    double least = close ? tick->limit : fmax(tick->limit, PULL_SHARE * tick->wanted);
+    double least = close ? tick->limit : fmax(tick->limit, HALF * tick->wanted);
     pulls->pull = weighed(pulls->pull, -tick->together, least, tick->noise);
     return certain(pulls->pull);
 }
@@ -117,7 +117,7 @@ static void heard(const Press *press, const Stiffness *known, double felt, doubl
 {
     double k = is_known(known) ? known->found[0] : 0.0;
     if (k > 0.0) {
-        double sinks = (felt - check->since[1]) / k, least = LEAST_ASKED * press->size + fabs(sinks) / press->slope;
+        double sinks = (felt - check->since[1]) / k, least = STEP_SHARE * press->size + fabs(sinks) / press->slope;
         double rise = check->depth - check->since[0] - sinks - dot(3, check->grade, check->across);
         rise = copysign(fmax(fabs(rise) - 2.0 * sqrt(2.0) * noise / k, 0.0), rise);
         double share = rise / (dot(3, check->across, check->across) + least * least);
@@ -233,7 +233,7 @@ static Outcome turns(double felt, double wanted, double noise, double dt, Settli
     aged(&settling->turns, dt, same ? SWUNG : 0.0);
     if (!same)
         return DONE;
-    if (back <= fmax(SWING * wanted, SWING_NOISE * noise)) {
+    if (back <= fmax(SWING * wanted, 2.0 * SURPRISE * noise)) {
         settling->rises = rises;
         settling->extreme = back < 0.0 ? felt : extreme;
         return DONE;
@@ -253,7 +253,7 @@ static Outcome settled(const PressTick *tick, bool lost, Settling *settling)
 {
     double felt = tick->felt, wanted = tick->wanted, dt = tick->dt;
     bool touching = tick->touch.touching != 0.0;
-    aged(&settling->losses, dt, LOSSES_FOR);
+    aged(&settling->losses, dt, PATIENT_FOR);
     if (settling->over != 0.0 && !touching && !remembered_age(&settling->losses))
         return HAND_BACK;
     if (turns(felt, wanted, tick->noise, dt, settling) == HAND_BACK)

@@ -181,7 +181,7 @@ static void setting_of(const Press *press, const Split *split, double arm, doubl
         moves = fmax(moves, monitor->answers[i].moves);
     for (int i = 0; i < split->n; i++)
         most = fmax(most, fabs(asked[i]));
-    double speed = press->slope * before->along + fmin((press->yields + moves) / MOVES_IN, press->approach_speed);
+    double speed = press->slope * before->along + fmin((press->yields + moves) / PASSES, press->approach_speed);
     *setting = (Setting){.dt = dt,
                          .share = share,
                          .filter_time = press->filter_time,
@@ -260,7 +260,7 @@ static Outcome kept_now(const Press *press, const Split *split, const Loop *loop
 static bool is_wrong(const Stiffness *known, double declared)
 {
     double k = known->found[0], error = 2.0 * known->errors[0];
-    return declared > 0.0 && is_known(known) && !(k - error <= MISDECLARED * declared && k + error >= declared / MISDECLARED);
+    return declared > 0.0 && is_known(known) && !(k - error <= STIFFER * declared && k + error >= declared / STIFFER);
 }
 
 /* What is remembered of a tick that moved the joints. */

@@ -199,25 +199,22 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define SURPRISE 5.0
 #define COMES_DOWN 10.0
 #define SHORT 0.2
-#define PERSISTS 10.0
 #define SOFTENS 20.0
 #define SLOW_PASS 0.03
 #define SLOWER_PASS 10.0
 #define RESIDUAL 0.1
 #define FORGOTTEN 0.1
 #define CURVED 3.0
-#define MISDECLARED 3.0
 #define NOISIER 1.5
 #define FEWEST 20
 #define AVERAGED_READINGS 200
-#define CLIPPED 5.0
 #define LAGS 0.02
-#define KNOWN_AFTER 0.1
 #define LONGEST_LAG 0.1
 #define FOLLOWS 0.8
 #define STILL 2e-3
 #define ENOUGH 2.0
 #define HEADER 9
+#define STEP_SHARE 0.02
 /* control/delay.py, control/tracking.py */
 #define LEAST_OF_WAYS 0.5
 #define MOST_OF_WAYS 1.2
@@ -233,8 +230,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define UNSURE 0.25
 #define SURE 2.0
 #define APPROACHED 0.5
-#define STRUCK 0.01
-#define OUTWARDS 2.5
 #define OVERDAMPED 5.0
 #define TAKES_UP 0.1
 #define TREMBLES 1.5
@@ -242,20 +237,16 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define LOWERED 0.5
 #define FREE_ACCELERATION 10.0
 #define SINGULAR 1e-2
-#define MOVES 0.1
 /* force/monitor.py */
 #define OVERLOAD 2.5
 #define NO_FORCE 20.0
 #define ABOVE_NOISE 8.0
-#define EXPECTED_FOR 1.0
 #define DEAD_AFTER 0.1
 #define STALE_AFTER 0.012
-#define PULL_SHARE 0.5
 #define LED 0.5
 #define FOLLOWED 0.2
 #define PRESSES 2.0
 #define PRESENT 0.1
-#define LEAST_ASKED 0.02
 #define FELL_NOISE 6.0
 #define CHI 4.0
 #define SOFTER 0.5
@@ -263,11 +254,9 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define EXCUSED 0.5
 #define PASSES 0.3
 #define CHATTER 4
-#define LOSSES_FOR 1.0
 #define TURNS 5
 #define SWUNG 2.5
 #define SWING 0.3
-#define SWING_NOISE 10.0
 #define PATIENT_FOR 1.0
 #define AVERAGED_FOR 0.2
 /* force/control.py */
@@ -277,7 +266,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define QUICKER 2.0
 #define MAY_BE_STEEP 0.1
 #define TAKEN_BACK 0.5
-#define MOVES_IN 0.3
 #define EASES 0.5
 #define LEAST_EASED (1.0 / 64.0)
 

@@ -62,7 +62,6 @@ from invariantqp.force.estimate import (
 )
 from invariantqp.force.law import (
     GAIN,
-    LET_GO,
     MOST,
     Drive,
     Stand,
@@ -79,7 +78,19 @@ from invariantqp.force.law import (
     touch_speed,
     trembling,
 )
-from invariantqp.force.monitor import FOLLOW, HOLD, RETREAT, SLOW, Monitor, Tick, Verdict, overload_of, verdict
+from invariantqp.force.monitor import (
+    FOLLOW,
+    HOLD,
+    OVERLOAD,
+    PASSES,
+    RETREAT,
+    SLOW,
+    Monitor,
+    Tick,
+    Verdict,
+    overload_of,
+    verdict,
+)
 from invariantqp.force.sensor import (
     Order,
     Smoothing,
@@ -119,8 +130,6 @@ QUICKER = 2.0
 MAY_BE_STEEP = 0.1
 # The share of an arm's lateness that can be taken back at a touch: its lag, not its dead time.
 TAKEN_BACK = 0.5
-# A surface that is said, or known, to move may do so within this time [s].
-MOVES_IN = 0.3
 # After the contact was lost again and again the gain is reduced by this factor, each time, to this share of it.
 SLOWER = 0.5
 LEAST_EASED = 1.0 / 64.0
@@ -732,7 +741,7 @@ class HybridController:
         """What estimates and laws have in common in a tick."""
         task, dt, share, held = self.task, self.loop.dt, self._smoothing.share, here.presses == 0
         moves = task.yields + max((check.moves for check in self.memory.monitor.answers), default=0.0)
-        speed = task.slope * before.along + min(moves / MOVES_IN, task.approach_speed)
+        speed = task.slope * before.along + min(moves / PASSES, task.approach_speed)
         return Setting(
             dt,
             share,
@@ -808,7 +817,8 @@ class HybridController:
             press, error = i < here.presses, float(here.wanted[i] - here.force[i])
             wanted = float(here.wanted[i]) if press else 0.0
             gentle = touch_speed(task, felt * wanted, striking) if press else 0.0
-            released = monitor.release(task.slope, i, setting, tick.across / dt, LET_GO * gentle) if press else None
+            # Let go no faster than it would touch again with an overload.
+            released = monitor.release(task.slope, i, setting, tick.across / dt, OVERLOAD * gentle) if press else None
             if task.compliance is not None:
                 top = fastest if slow and press else inf
                 drives.append(fixed(drive, error, here.split.gain, stiffest, wanted, dt, top, grows=grows))
@@ -826,13 +836,13 @@ class HybridController:
             elif known.time <= setting.late:  # the filters still hold the air: nothing is pushed in
                 # Of several presses one may read another's friction, which turns round where the tool does.
                 coming = now.ways[i][1] if here.presses == 1 and self._delay.lag is not None else 0.0
-                drives.append(struck(drive, coming, error, known, setting, LET_GO * fastest, eased))
+                drives.append(struck(drive, coming, error, known, setting, OVERLOAD * fastest, eased))
             else:
                 force = float(here.force[i])
                 room = tick.most[0] - force - monitor.unseen(task, i, force)
                 inwards = touch_speed(task, max(room, wanted), setting.late)
                 # Until the press was reached, speed and slope together: beside a touch what the way along may ask for.
-                speeds = inwards + (0.0 if known.reached else task.slope * now.along), LET_GO * fastest
+                speeds = inwards + (0.0 if known.reached else task.slope * now.along), OVERLOAD * fastest
                 drives.append(pressed(drive, error, wanted, known, setting, speeds, eased, grows=grows))
             if released is not None:
                 acts = False

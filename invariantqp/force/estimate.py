@@ -39,7 +39,7 @@ LEAST_NOISE = 0.25
 STIFF = 2e5
 # A touch shows a contact at most so many times as stiff as its jump over its way, and no stiffer than an estimate's
 # first bound (a damper jumps, too); below this share of the limit between air and contact nothing is felt; a way is so
-# many times what is resolved at least.
+# many times what is resolved at least. A stiffness declared is wrong where another is known by more than that factor.
 STIFFER = 3.0
 QUIET = 0.25
 LEAST_WAY = 5.0
@@ -57,8 +57,7 @@ DOWN = 10.0
 # Until a force is within this share of what is wanted, what nothing is known of is taken for softer and softer, with
 # this time constant in units of the loop's.
 SHORT = 0.2
-# ... and later where it has been off for so many times what is late, to one side: no swing.
-PERSISTS = 10.0
+# ... and later where it has been off for as long as the high-pass looks back, to one side: no swing.
 SOFTENS = 20.0
 # Time constants: of the high-pass at least [s] and in units of the loop's, of the mean square residual [s].
 SLOW, SLOWER, RESIDUAL = 0.03, 10.0, 0.1
@@ -66,21 +65,17 @@ SLOW, SLOWER, RESIDUAL = 0.03, 10.0, 0.1
 FORGOTTEN = 0.1
 # A slope that changes explains so many times its speed, times the high-pass squared.
 CURVED = 3.0
-# A stiffness declared is wrong where another is known by more than this factor.
-MISDECLARED = 3.0
 
 # Noise above this multiple of what was reckoned with is told: so many readings at least and at most are in the mean, in
-# which a change counts as so many standard deviations at most. Of 20 000 sensors told rightly one was doubted.
+# which a change counts as no surprise at most. Of 20 000 sensors told rightly one was doubted.
 NOISIER = 1.5
 FEWEST = 20
 AVERAGED = 200
-CLIPPED = 5.0
 
 # What is late and nobody says: in the sensor's electronics, in a bus, in a driver [s].
 UNKNOWN = 0.003
-# Delay. Where nothing is known yet an arm is taken to lag this much [s]; known after this long in motion [s].
+# Delay. Where nothing is known yet an arm is taken to lag this much [s]; the longest lag, and known after as long [s].
 LAGS = 0.02
-KNOWN_AFTER = 0.1
 LONGEST = 0.1
 # ... of joints that do at least this share of what they are told.
 FOLLOWS = 0.8
@@ -92,7 +87,7 @@ ENOUGH = 2.0
 LATE = 2.0
 HEADER = 9
 
-# Normal. A piece of way, as a share of the contact's size: a millimetre of 50.
+# A piece of way, as a share of the contact's size: a millimetre of 50. Of such pieces a normal is made.
 STEP = 0.02
 # For how many pieces they are remembered.
 MEMORY = 10.0
@@ -349,7 +344,7 @@ class Stiffness(NamedTuple):
             bound, seen, sums = max(2.0 * begins, bound), np.zeros((3, 3)), np.zeros(3)
             mean, means = read, np.zeros(4)  # they hold the other contact
         else:
-            soft = short != 0 and (not self.reached or abs(lacked) > PERSISTS * setting.late)
+            soft = short != 0 and (not self.reached or abs(lacked) > SLOWER * setting.late)
             begins = max(begins * exp(-dt / (SOFTENS * setting.late)), SOFTEST * setting.begins) if soft else begins
         if not surprised and spread > 0.0 and abs(float(z[0])) >= 3.0 * setting.resolved:
             w = (min(1.0, dt / (2.0 * setting.filter_time)) if setting.filter_time > 0.0 else 1.0) / spread
@@ -384,7 +379,7 @@ class Stiffness(NamedTuple):
         if declared is None or k is None:
             return ""
         error = 2.0 * float(self.errors[0])
-        if k - error <= MISDECLARED * declared and k + error >= declared / MISDECLARED:
+        if k - error <= STIFFER * declared and k + error >= declared / STIFFER:
             return ""
         return (
             f"the press rises by {written(k, 2)} N/m where {written(declared, 2)} are declared: the stiffness (of "
@@ -514,13 +509,13 @@ class Delay:
             still: a slower motion is none [length/s].
         """
         dt, square, head = self._dt, float(step.dot(step)), self.kept[:HEADER]
-        left, (late, moved, followed, gained) = exp(-dt / KNOWN_AFTER), head[5:].tolist()
+        left, (late, moved, followed, gained) = exp(-dt / LONGEST), head[5:].tolist()
         late, moved = left * late + dt * float(behind.dot(step)), left * moved + square
         followed = left * followed + float(came.dot(step))
         gained = left * gained + square - dt * float(before.dot(step))
         moving = float(head[4]) + dt if square > (still * dt) ** 2 else 0.0
         head[4:] = moving, late, moved, followed, gained
-        if moving > KNOWN_AFTER and min(followed, gained) > FOLLOWS * moved:
+        if moving > LONGEST and min(followed, gained) > FOLLOWS * moved:
             head[1] = min(max(late / gained, 0.0), LONGEST)
 
     def gain(self, asked: float) -> float:
@@ -690,7 +685,7 @@ class Noise(NamedTuple):
         """
         if last is None or not (change := np.abs(reading - last)[3:]).any():  # none, or the last one repeated
             return self
-        count, most = self.readings + 1, CLIPPED * max(supposed, self.change)
+        count, most = self.readings + 1, SURPRISE * max(supposed, self.change)
         mean = self.change + (float(np.minimum(change, most).mean()) - self.change) / min(count, AVERAGED)
         sigma = sqrt(pi) / 2.0 * mean
         return Noise(count, mean, sigma if count >= FEWEST and sigma > NOISIER * supposed else self.found)

@@ -26,7 +26,7 @@ import numpy as np
 from invariantqp.control.controller import Controller
 from invariantqp.errors import written
 from invariantqp.force.contact import SLOW_SHARE, HybridTask, speed_at
-from invariantqp.force.estimate import STIFF, Setting, Stiffness, Touch
+from invariantqp.force.estimate import DAMPED, STIFF, Setting, Stiffness, Touch
 from invariantqp.force.monitor import PATIENCE
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
@@ -41,11 +41,8 @@ INTEGRAL = 4.0
 UNSURE = 0.25
 # Share by share: the damping ratio of law and integral is then above 1 / sqrt(2).
 SURE = 2.0
-# What an approach reckons with: as stiff as half of where an estimate begins, of a damping of so many seconds of that.
+# What an approach reckons with: as stiff as half of where an estimate begins.
 APPROACHED = 0.5
-STRUCK = 0.01
-# How much faster than an approach the law may let go.
-LET_GO = 2.5
 # Where joints have no acceleration limits motion along a contact is taken up within this time [s]: at its speed by
 # default 1 m/s^2, as arms are usually moved.
 TAKES_UP = 0.1
@@ -59,9 +56,6 @@ INTEGRATED = (0.1, 0.5)
 # that they may take; a gain lowered for that below this share of itself is told; joints without a limit have this
 # multiple of the largest; below this ratio of singular values joints are not asked for a motion.
 ABOVE, MOST, LOWERED, FREE, SINGULAR = 1.5, 0.5, 0.5, 10.0, 1e-2
-
-# A path stands where less than this share of a motion that was asked for has been done for longer than PATIENCE.
-DONE = 0.1
 
 
 class Drive(NamedTuple):
@@ -188,7 +182,7 @@ def touch_speed(task: HybridTask, press: float, late: float) -> float:
     may be behind them.
     """
     stiff = APPROACHED * STIFF if task.stiffness is None else task.stiffness
-    damping = min(stiff, APPROACHED * STIFF) * STRUCK
+    damping = min(stiff, APPROACHED * STIFF) * DAMPED
     return min(task.approach_speed, max(press, 0.0) / (stiff * late + damping))
 
 
@@ -226,7 +220,7 @@ def retreat(task: HybridTask, contact: Contact, left: float, dt: float) -> Array
 
 
 class Stand(NamedTuple):
-    """For how long the motion along the contact has stood still, though it was asked for [s]."""
+    """For how long hardly any of the motion along the contact that was asked for has been done [s]."""
 
     long: float = 0.0
 
@@ -240,7 +234,7 @@ class Stand(NamedTuple):
         root = root_at(contact.point, task.size)[3 if joints < 6 else 0 :]
         asked, moved = root.dot(motion), root.dot(twist)
         least = SLOW_SHARE * task.approach_speed
-        stands = asked.dot(asked) > least * least and moved.dot(asked) < DONE * asked.dot(asked)
+        stands = asked.dot(asked) > least * least and moved.dot(asked) < SLOW_SHARE * asked.dot(asked)
         return Stand(self.long + dt if stands else 0.0)
 
     def trouble(self) -> str:

@@ -19,15 +19,18 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from invariantqp.errors import written
-from invariantqp.force.contact import TINY, HybridTask
+from invariantqp.force.contact import ROUNDING, TINY, HybridTask
 from invariantqp.force.estimate import (
     CERTAIN,
+    HALF,
     LEAST_WAY,
     NOISIER,
     RESOLVED,
     SHORT,
+    STEP,
     STIFF,
     STIFFER,
+    SURPRISE,
     Setting,
     Stiffness,
     Touch,
@@ -42,11 +45,10 @@ FOLLOW, SLOW, HOLD, RETREAT = "follow", "slow", "hold", "retreat"
 
 # Overload without another word: a multiple of the wanted force, or this force where none is wanted [N]. Readings of a
 # force stay within so many standard deviations of a component. A larger press that was wanted before is still expected
-# for this long [s], and while it falls.
+# for PATIENCE, and while it falls.
 OVERLOAD = 2.5
 NO_FORCE = 20.0
 ABOVE_NOISE = 8.0
-LET_GO = 1.0
 
 # For how long a reading with noise may stay the same to the last bit [s], and after which time already the force law
 # waits for the next one.
@@ -57,9 +59,6 @@ STALE_AFTER = 0.012
 TOLD = "reads=, order=, mass= or bias="
 AT_ONCE = f", out of the air: the sensor's {TOLD} is wrong, or something is in the way"
 
-# Share of the wanted press by which a reading may pull.
-PULL_SHARE = 0.5
-
 # Over which share of retreat_distance a tool has to follow commands, from which share of that on it is judged, of which
 # share it has to come at least, and of which it has moved at all: something holds it.
 LED = 0.5
@@ -68,15 +67,13 @@ FOLLOWED = 0.2
 MOVED = 0.02
 # By how much of the way that it was commanded already a release goes on each second [1/s].
 LETS_GO = 5.0
-# A retreat is over at this share of its distance: the rest is rounding.
-ALL_THE_WAY = 1.0 - 1e-9
 
 # Readings that answer. Unanswered way may be worth so many presses.
 PRESSES = 2.0
 # A contact that was there from the first reading on is taken for this share of where an estimate begins.
 PRESENT = 0.1
-# In sizes of the contact: how far beyond the touch, and how far at most, the tool lets go to see whether readings fall.
-LEAST_ASKED, MOST_ASKED = 0.02, 0.4
+# In sizes of the contact: how far at most the tool lets go to see whether readings fall; a STEP beyond the touch.
+MOST_ASKED = 0.4
 # A fall by less than so many standard deviations may be noise.
 FELL_NOISE = 6.0
 # An answer: the way explains so much of the squared force over four variances of noise, four standard errors of k. What
@@ -87,18 +84,15 @@ SINCE = 2.0
 SOFTER = 0.5
 # So long after readings have answered, or changed, a slope is an excuse [s].
 EXCUSED = 0.5
-# Time constant of the high-pass [s]: slower motion may be the surface's.
+# Time constant of the high-pass [s]: slower motion may be the surface's, which moves as far as it may in that time.
 PASSES = 0.3
 
-# So many losses within this time [s], each of more than the wanted press, are chatter.
+# So many losses within PATIENCE, each of more than the wanted press, are chatter.
 CHATTER = 4
-MEMORY = 1.0
-# More turns than these within so long [s] are swings, each by this share of the wanted press and so many standard
-# deviations of noise at least.
+# More turns than these within so long [s] are swings, each by this share of the wanted press and no noise.
 TURNS = 5
 SWUNG = 2.5
 SWING = 0.3
-SWING_NOISE = 10.0
 # A press that is SHORT for this long [s] is not reached; the time constant of its average.
 PATIENCE = 1.0
 AVERAGED = 0.2
@@ -164,7 +158,7 @@ class Overload(NamedTuple):
 
     def update(self, task: HybridTask, tick: Tick) -> tuple[Overload, Finding | None]:  # noqa: ARG002
         """The check after a tick."""
-        share = exp(-tick.dt / LET_GO)
+        share = exp(-tick.dt / PATIENCE)
         felt = (tick.force, tick.moment)
         force, moment = (
             max(n, min(share * b, OVERLOAD * f)) for b, f, n in zip(self.most, felt, tick.most, strict=True)
@@ -227,7 +221,7 @@ class Pulls(NamedTuple):
         if tick.press is None or tick.press[1] == 0.0:
             return self, None
         felt, wanted = tick.together, tick.press[1]
-        pull = weighed(self.pull, -felt, tick.limit if close else max(tick.limit, PULL_SHARE * wanted), tick.noise)
+        pull = weighed(self.pull, -felt, tick.limit if close else max(tick.limit, HALF * wanted), tick.noise)
         if pull < CERTAIN:
             return Pulls(pull), None
         said = f"the reading says that the contact pulls with {written(-felt)} N: the sensor's {TOLD} is wrong"
@@ -330,7 +324,7 @@ class Release(NamedTuple):
 
     Attributes:
         depth, force: where it began [length], and what was read there, or noise may be [force].
-        most: way that is let go, on a surface that stands: LEAST_ASKED beyond where nothing was felt last, where they
+        most: way that is let go, on a surface that stands: STEP beyond where nothing was felt last, where they
             fall beyond that and what it had sunk in to rest, and MOST_ASKED where noise would hide that less is read
             [length].
         least: that was read since then [force].
@@ -451,7 +445,7 @@ class Answers(NamedTuple):
             most = MOST_ASKED * task.size
             if press > FELL_NOISE * noise:  # less would fall unseen, and how far it reached is not known either
                 since_quiet = now.depth if known.quiet is None else max(now.depth, known.way - known.quiet)
-                most = min(max(since_quiet, 0.0) + LEAST_ASKED * task.size, most)
+                most = min(max(since_quiet, 0.0) + STEP * task.size, most)
             release = Release(now.depth, max(press, FELL_NOISE * noise), most, press)
             return now._replace(release=release, evidence=Evidence()), None
         return now, None
@@ -474,7 +468,7 @@ class Answers(NamedTuple):
             sinks = (press - self.since[1]) / k
             rise = self.depth - self.since[0] - sinks - float(grade.dot(self.across))
             rise = copysign(max(abs(rise) - 2.0 * sqrt(2.0) * noise / k, 0.0), rise)
-            least = LEAST_ASKED * task.size + abs(sinks) / task.slope
+            least = STEP * task.size + abs(sinks) / task.slope
             grade = grade + rise / (float(self.across.dot(self.across)) + least * least) * self.across
             grade = grade * min(1.0, task.slope / max(_length(grade), TINY))
         return self._replace(
@@ -532,14 +526,14 @@ class Answers(NamedTuple):
                 return begun._replace(moves=moves), None
             if press < release.least - FELL_NOISE * noise:
                 sank = gone if self.rest is None else max(gone, self.rest[0])
-                release = release._replace(least=press, most=max(release.most, sank + LEAST_ASKED * size))
+                release = release._replace(least=press, most=max(release.most, sank + STEP * size))
             if gone > release.bound(task.slope, self.moves) and self.read == CERTAIN:
                 said = f"let go by {written(gone, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
-                away = max(0.0, self.depth + 2.0 * LEAST_ASKED * size)
+                away = max(0.0, self.depth + 2.0 * STEP * size)
                 return self._replace(release=release), Finding(Status.FAULT, f"{said}: {NO_ANSWER}", away)
             return self._replace(release=release), None
         fell = self.depth if release.fell is None else release.fell
-        if rested and fell - self.depth < max(0.5 * (release.depth - fell), LEAST_ASKED * size):
+        if rested and fell - self.depth < max(0.5 * (release.depth - fell), STEP * size):
             return self._replace(release=release._replace(fell=fell)), None
         most = STIFFER * release.force / max(release.depth - fell, LEAST_WAY * RESOLVED * size)
         return self.begun()._replace(shown=most, moves=moves), None
@@ -594,7 +588,7 @@ class Settling(NamedTuple):
             noise: standard deviation of the press [force].
         """
         felt, wanted = press
-        losses = tuple(age + dt for age in self.losses if age + dt < MEMORY)
+        losses = tuple(age + dt for age in self.losses if age + dt < PATIENCE)
         if self.over and not touching:
             losses = (0.0, *losses)
         over = touching and (self.over or felt > wanted)
@@ -612,7 +606,7 @@ class Settling(NamedTuple):
             return now
         turns, rises = tuple(age + dt for age in self.turns if age + dt < SWUNG), self.rises
         back = self.extreme - felt if rises else felt - self.extreme
-        if back <= max(SWING * wanted, SWING_NOISE * noise):
+        if back <= max(SWING * wanted, 2.0 * SURPRISE * noise):
             return now._replace(turns=turns, rises=rises, extreme=felt if back < 0.0 else self.extreme)
         if (self.extreme > wanted) != rises:  # on the way to the wanted press, not about it
             return now._replace(rises=not rises)
@@ -638,7 +632,7 @@ class Settling(NamedTuple):
         """
         if len(self.losses) >= CHATTER:
             return (
-                f"contact lost {len(self.losses)} times in {written(MEMORY)} s: the force gain is too high for "
+                f"contact lost {len(self.losses)} times in {written(PATIENCE)} s: the force gain is too high for "
                 f"{written(1e3 * late, 2)} ms of tick, filter and delay; give delay=, or less compliance"
             )
         said = []
@@ -818,7 +812,7 @@ def _without_edge(monitor: Monitor, touch: Touch, task: HybridTask, *, can_leave
     if found is not None:
         answer = task.on_loss if found.status is Status.LOST else task.on_overload or (RETREAT if can_leave else HOLD)
         left, away = monitor.left
-        action = RETREAT if answer == "retreat" and left < ALL_THE_WAY * away else HOLD
+        action = RETREAT if answer == "retreat" and left < (1.0 - ROUNDING) * away else HOLD
         what = {RETREAT: "retreating", HOLD: "standing still until reset"}[action]
         return Verdict(action, found.status, f"{found.reason}: {what}")
     if touch.touching or touch.airborne <= task.lost_after:
