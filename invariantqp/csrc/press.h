@@ -72,7 +72,7 @@ typedef struct {
 } Evidence;
 
 typedef struct {
-    double depth, force, most, least, across[3], led, fell;
+    double depth, force, most, highest, across[3], led, fell;
 } Release;
 
 typedef struct {

@@ -327,7 +327,7 @@ class Release(NamedTuple):
         most: way that is let go, on a surface that stands: STEP beyond where nothing was felt last, where they
             fall beyond that and what it had sunk in to rest, and MOST_ASKED where noise would hide that less is read
             [length].
-        least: that was read since then [force].
+        highest: the most that was read since then, or since readings last fell by more than noise [force].
         across: (3,) since then [length]: no further than a slope of that is the surface from where it was.
         led: how far it was commanded out since then [length].
         fell: depth where the readings had fallen to nothing; None before.
@@ -336,7 +336,7 @@ class Release(NamedTuple):
     depth: float
     force: float
     most: float
-    least: float
+    highest: float
     across: Annotated[Array, 3] = np.zeros(3)
     led: float = 0.0
     fell: float | None = None
@@ -524,9 +524,10 @@ class Answers(NamedTuple):
                 none: Array = np.zeros(3)
                 begun = now._replace(touched=0.0, rested=0.0, rest=None, slid=none, off=0.0, release=None)
                 return begun._replace(moves=moves), None
-            if press < release.least - FELL_NOISE * noise:
+            release = release._replace(highest=max(release.highest, press))
+            if press < release.highest - FELL_NOISE * noise:
                 sank = gone if self.rest is None else max(gone, self.rest[0])
-                release = release._replace(least=press, most=max(release.most, sank + STEP * size))
+                release = release._replace(highest=press, most=max(release.most, sank + STEP * size))
             if gone > release.bound(task.slope, self.moves) and self.read == CERTAIN:
                 said = f"let go by {written(gone, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
                 away = max(0.0, self.depth + 2.0 * STEP * size)
