@@ -324,9 +324,8 @@ class Release(NamedTuple):
 
     Attributes:
         depth, force: where it began [length], and what was read there, or noise may be [force].
-        most: way that is let go, on a surface that stands: STEP beyond where nothing was felt last, where they
-            fall beyond that and what it had sunk in to rest, and MOST_ASKED where noise would hide that less is read
-            [length].
+        most: way that is let go, on a surface that stands: a STEP beyond where nothing was felt last; where they fall
+            beyond that, and what it had sunk in to rest; MOST_ASKED where noise would hide a fall [length].
         highest: the most that was read since then, or since readings last fell by more than noise [force].
         across: (3,) since then [length]: no further than a slope of that is the surface from where it was.
         led: how far it was commanded out since then [length].
