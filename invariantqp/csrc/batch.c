@@ -47,11 +47,10 @@ static bool is_as(const Stack *stack, PyArrayObject *array, npy_intp n, npy_intp
 
 /* ticks(law, unlimited, taken, size, ...): N rows by name, each a tick without dt, by the first law, or the second where a
    joint has no bound, by as many threads as call this with the same `taken`: how many parts of `size` rows, and how many
-   records. A row without a root is measured at its point, the arm's own
-   where there are none, with its length, by default the reach. Written of each row: velocity, residual, and `numbers`:
-   that of its record, or that it is a closed form and no more (PLAIN), or Python's (LEFT), as a row with a prismatic joint
-   and no metric is, which has a metric of its own there; method, status (their places in METHODS and STATUSES), scale,
-   damping, guard. */
+   records. A row without a root is measured at its point, the arm's own where there are none, with its length, by default
+   the reach. Written of each row: velocity, residual, and `numbers`: that of its record, or that it is a closed form and no
+   more (PLAIN), or Python's (LEFT), as a row with a prismatic joint and no metric is, which has a metric of its own there;
+   method, status (their places in METHODS and STATUSES), scale, damping, guard. */
 enum { PLAIN = -1, LEFT = -2 };
 
 PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names)

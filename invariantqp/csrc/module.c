@@ -148,13 +148,17 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
     if (apart && !apart_begun(&clearance))
         return PyErr_NoMemory();
     Outcome outcome = step_beside(fixed, now, &beside, q, towards ? &target : NULL, ahead ? feedforward : NULL, before, kept, &tick);
-    PyObject *rows = outcome == HAND_BACK ? NULL : apart ? apart_told(&clearance) : now != NULL && now->limits > 0 ? Py_NewRef(now->row_names) : NULL;
+    PyObject *rows = NULL; /* what they are called, where that is not as the loop says */
+    if (outcome == DONE && apart)
+        rows = apart_told(&clearance);
+    else if (outcome == DONE && now != NULL && now->limits > 0)
+        rows = Py_NewRef(now->row_names);
     if (apart)
         apart_ended(&clearance);
-    if (apart && outcome == DONE && rows == NULL)
-        return NULL;
     if (outcome == HAND_BACK)
         Py_RETURN_NONE;
+    if (apart && rows == NULL)
+        return NULL;
     PyObject *found[] = {fields(m, &tick.solution, fixed, rows), joint_troubles(fixed, &tick, towards)};
     if (found[0] != NULL) {
         memcpy(kept, &tick.memory, sizeof tick.memory);
