@@ -17,15 +17,15 @@ bool allows(const Demand *demand, const Row x)
     return true;
 }
 
-/* A x, and the square of what is rounding of it */
+/* A x, and the square of what is rounding of it, or done by joints slower than what counts as being at a limit */
 static double done_by(int n, const Row A[6], const Row x, double done[6])
 {
-    double size = 0.0;
+    double size = 0.0, rounding = PRODUCT_ROUNDING * PRODUCT_ROUNDING * dot(n, x, x), still = ACTIVE_TOLERANCE * SLOWEST;
     for (int i = 0; i < 6; i++) {
         done[i] = dot(n, A[i], x);
         size += dot_in_steps(n, A[i], A[i]);
     }
-    return PRODUCT_ROUNDING * PRODUCT_ROUNDING * size * dot(n, x, x);
+    return size * fmax(rounding, still * still);
 }
 
 /* Whether that is b but for rounding, or a tolerance. */

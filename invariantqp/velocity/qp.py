@@ -212,12 +212,12 @@ def minimise(
     found = _in_polytope(backend, cost, limits, inside)
     if cone is not None and not cone.allows(found.z, NEGLIGIBLE):
         if cone.J.any():
-            priced = cost.plus(cone.J, -cone.start)
+            priced, counts = cost.plus(cone.J, -cone.start), product(cone.J, cost.T).dot(cost.K)  # J without rounding
 
             def at(nu: float) -> Optimum:
                 """With the price nu; once more in terms of the cost, since that of a large nu has fewer digits."""
                 found = _in_polytope(backend, priced(nu), limits, inside)
-                pull = cost.K.dot(found.z - cost.centre).dot(cost.K) + nu * cone.velocity(found.z).dot(cone.J)
+                pull = cost.K.dot(found.z - cost.centre).dot(cost.K) + nu * cone.velocity(found.z).dot(counts)
                 return found._replace(z=found.z - found.free.dot(pull.dot(found.free)), nu=nu)
 
             found = at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), found, at, inside)
@@ -365,7 +365,7 @@ def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
         missing = np.concatenate(((upper - value) / lengths, (value - lower) / lengths))
         z = z + cost.T.dot(shortest.dot(missing[at]))
         e = cost.K.dot(z - cost.centre)
-        y[at] = np.maximum(-e.dot(shortest), 0.0)
+        y[at] = _non_negative(G[at].T, -e)
         return optimum(z - cost.T.dot(left.dot(e.dot(left))), y, left, name, trouble)
 
     def optimum(z: Array, y: Array, left: Array, name: str, trouble: str) -> Optimum:

@@ -107,9 +107,12 @@ def strongest(indices: NDArray[np.intp], rows: LimitRows, multipliers: Array | N
 
 
 def is_met(A: Array, b: Array, x: Array) -> bool:
-    """Whether A x = b but for rounding, also that of A x: an arm rests on its target while its null space moves."""
-    left = norm(b - A.dot(x))
-    return left <= NEGLIGIBLE * norm(b) or left <= PRODUCT_ROUNDING * sqrt(float(np.vdot(A, A))) * norm(x)
+    """Whether A x = b but for rounding, also that of A x: an arm rests on its target while its null space moves.
+
+    Joints that are slower than what counts as being at a limit stand still.
+    """
+    left, rounding = norm(b - A.dot(x)), max(PRODUCT_ROUNDING * norm(x), ACTIVE_TOLERANCE * SLOWEST)
+    return left <= NEGLIGIBLE * norm(b) or left <= sqrt(float(np.vdot(A, A))) * rounding
 
 
 def _missed(demand: Demand, problem: Problem, x: Array) -> float:

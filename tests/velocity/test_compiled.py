@@ -64,6 +64,10 @@ def tick():
 @example(4000091569)  # likewise, as joints move the tool by a ten-millionth of what each does by itself
 @example(1550005201)  # a share of 1e-12, beside which limits are rounding of what is asked for
 @example(4000289558)  # a share that is rounding of a motion which limits require
+@example(19196)  # a direction in which a tool speed is felt by rounding alone, which its price then multiplies
+@example(6100000999)  # nothing is possible beside exact rows, and joints move by what rounding leaves of that
+@example(20261148109)  # an arm at rest but for rounding of its posture
+@example(7700005953)  # two limits that leave nothing share one pull
 @example([424242, 5574])  # the weakest of the limits that hold the rows moves what they leave free by rounding
 def test_both_answer_the_same(seed):
     law, demand = random_tick(np.random.default_rng(seed))
