@@ -86,6 +86,7 @@ typedef struct {
 /* regular.c: A = L V and X = L^-1 where nothing is damped; A is NULL of another L */
 typedef struct {
     bool holds;
+    double largest; /* eigenvalue of AA', 0 where it was not needed yet */
     const Row *A;
     Row L[6], X[6], V[6];
 } Regular;

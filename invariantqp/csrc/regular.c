@@ -95,7 +95,8 @@ bool is_regular(const Demand *demand, const Row A[6], Regular *regular)
     for (int i = 0; i < 6; i++)
         inverse_square += dot_in_steps(6, regular->X[i], regular->X[i]);
     smallest = 1.0 / (share * share * inverse_square);
-    return regular->holds = smallest >= square || (6.0 * smallest >= square && smallest >= largest_eigenvalue(n, A));
+    regular->largest = smallest < square && 6.0 * smallest >= square ? largest_eigenvalue(n, A) : 0.0;
+    return regular->holds = smallest >= square || (regular->largest > 0.0 && smallest >= regular->largest);
 }
 
 /* In place of `spectrum`: A = L V, V orthonormal but for rounding times the condition of AA'. */
@@ -107,7 +108,9 @@ void regular_spectrum(int n, const Regular *regular, const Row A[6], const doubl
     memcpy(found->V, regular->V, sizeof regular->V);
     completed(n, 6, found->V);
     found->regular = regular;
-    found->largest = n > 6 ? sqrt(largest_eigenvalue(n, A)) : 1.0; /* for what moves nothing alone */
+    found->largest = 1.0;
+    if (n > 6) /* for what moves nothing alone */
+        found->largest = sqrt(regular->largest > 0.0 ? regular->largest : largest_eigenvalue(n, A));
     want(found, b, ahead);
 }
 
