@@ -16,6 +16,7 @@ from invariantqp.control.demands import Exact, ExactAxis, ExactJoints, ExactPlan
 from invariantqp.control.limits import LoopLimits
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.engine import core, core_for
+from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.velocity.law import VelocityLaw
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 # given; without a target (None), what `follow` is. The solution, and what of joints is to be said beside it, if any;
 # None where Python has to answer, or to say what is wrong with an argument.
 compiled_tick: Callable[..., tuple[Any, ...] | None] = getattr(core, "step", lambda *_: None)
+# Likewise joint positions when the command of this tick acts, of its first three arguments.
+acts_at: Callable[[Any, Array, Any], Array | None] = getattr(core, "ahead", lambda *_: None)
 
 
 def compiled_loop(

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.compiled import compiled_loop, compiled_tick
+from invariantqp.control.compiled import acts_at, compiled_loop, compiled_tick
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
 from invariantqp.control.limits import (
     AccelerationLimit,
@@ -496,22 +496,21 @@ class Controller:
             found = compiled_tick(core, self.kept, q, target, feedforward, velocity, *given, **other)
             if found is not None:
                 return found
-        rows: LimitRows | None = None
+        there = rows = None
         if self.varies or (now is not None and now.joint_rows):
-            positions = arrays.vector(q, self._count, "q")
-            if self.wrong(positions):
+            there = acts_at(core, self.kept, q)
+            if there is None:
                 return None
-            there = positions + self.dt * self.memory.in_flight if self._late != (0, 0.0) else positions
             last = self.kept[HEADER + self._count : HEADER + 2 * self._count]
             before = last if velocity is None else arrays.vector(velocity, self._count, "velocity")
             rows, trouble = self._limits.rows(there, before, now)
             if trouble is not None:
                 return None
             if self.law.form is not None and self._brought:
-                root = self._at_rest(positions, None, velocity).root
+                root = self._at_rest(arrays.vector(q, self._count, "q"), None, velocity).root
                 other["brought"] = np.asarray(self.law.form.matrix(np.asarray(np.linalg.inv(root))), np.float64)
         tick = partial(compiled_tick, core, self.kept, q, target, feedforward, velocity, **other)
-        if rows is None:
+        if there is None or rows is None:
             return tick()
         return self._by_rows(tick, there, rows, now)
 

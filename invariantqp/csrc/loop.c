@@ -56,7 +56,7 @@ int commands_of(const Loop *loop)
 }
 
 /* memory.py, in_flight: where the joints are when the command of this tick acts. */
-static void predicted(const Loop *loop, const double *kept, const double *q, Row there)
+void predicted(const Loop *loop, const double *kept, const double *q, Row there)
 {
     int m = loop->joints;
     double part;

@@ -68,6 +68,7 @@ Outcome approach(const Loop *loop, double gain, const Demand *demand, const Row 
                  const double feedforward[6], const double *before, Braking *found);
 void braked(const Braking *braking, Demand *demand);
 int commands_of(const Loop *loop);
+void predicted(const Loop *loop, const double *kept, const double *q, Row there);
 void remembered(const Loop *loop, const double *q, const double *command, double *kept);
 Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, const double *q, const Pose *target,
                     const double *feedforward, const double *before, const double *kept, Tick *tick);
