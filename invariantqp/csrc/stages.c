@@ -315,15 +315,14 @@ static double slope(const Slowed *slowed)
     return sum;
 }
 
-/* The largest pace in [0, 1] at which no more than delta is missed, or 0. What is missed does not fall and is linear as
+/* The largest pace up to the one given at which no more than delta is missed, or 0. What is missed does not fall and is linear as
    long as the active limits stay: each step goes to where those of the last one would have it or, beside a speed limit, to
    where the secant has it, an end that stays being weighed down; or else it halves. */
 static Outcome largest(Slowed *slowed, double length, double *pace)
 {
-    double low = 0.0, high = 1.0, at, under = 0.0, over;
+    double low = 0.0, high = *pace, at, under = 0.0, over;
     bool first = true;
     int side = 0;
-    *pace = high;
     if (missed(slowed, high, &at) == HAND_BACK)
         return HAND_BACK;
     if (at <= 0.0)
@@ -414,7 +413,7 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
     if (demand->chased && !allowed) {
         memcpy(z1, found->z, sizeof z1);
         Optimum still;
-        Slowed way = {.room = room, .cost = chase, .turned = &turned, .found = found, .delta = demand->chase.slack};
+        Slowed way = {.room = room, .cost = chase, .turned = &turned, .found = found};
         memcpy(chase->centre, start, sizeof start);
         if (minimise_turned(chase, room->placed, &NONE, room->inside, NULL, &turned, &still) == HAND_BACK)
             return HAND_BACK;
@@ -430,9 +429,12 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
         if (length > NULL_RATIO * size) {
             for (int i = 0; i < n; i++)
                 way.u[i] /= length;
-            way.delta += room->share->value * norm(6, problem->ahead);
-            if (largest(&way, length, pace) == HAND_BACK)
-                return HAND_BACK;
+            double ahead = room->share->value * norm(6, problem->ahead);
+            for (int twice = 0; twice < 2 && *pace > 0.0 && (twice == 0 || *pace < 1.0); twice++) {
+                way.delta = ahead + *pace * demand->chase.slack;
+                if (largest(&way, length, pace) == HAND_BACK)
+                    return HAND_BACK;
+            }
         }
         for (int j = 0; j < n; j++) {
             part[j] = (1.0 - *pace) * (whole[j] - unchased[j]);

@@ -9,14 +9,14 @@ of their speed (`exact`): rows, twist and posture slow down together.
     free          the optimum without limits, where that is inside them; otherwise:
     give way      rows that contradict the box, and a tool speed that contradicts both, are relaxed by the least
     share         exact rows slow down along their direction where limits require it           2 QPs, with exact rows
-    pace          the chase of a target slows down before limits bend it                       1 QP
+    pace          the chase of a target slows down before limits bend it                       1 or 2 QPs
     minimise      the optimum inside the limits                                                1 QP
     calm          once more, with damping that grows with the residual (`damping.calm`)        1 QP
     guard         with a form: least squares inside the same limits is blended in where the form does not descend
 
-So a limited tick is three QPs. Two more find what position limits alone leave of the chase where they are active, two
-the share of exact rows; a form's guard does pace, minimise and calm for least squares, too; and a tool speed that is
-active solves each of its QPs two or three times, for the multiplier.
+So a limited tick is three QPs, four where its chase slows down. Two more find what position limits alone leave of the
+chase where they are active, two the share of exact rows; a form's guard does pace, minimise and calm for least squares,
+too; and a tool speed that is active solves each of its QPs two or three times, for the multiplier.
 
 Continuity. Each answer is the optimum of a strictly convex problem whose data are continuous in (J, s, limits).
 Contradictions are reported (`troubles`). Only `SolverFailure` is raised, where no velocity was found at all.
@@ -296,13 +296,15 @@ def _chasing(law: VelocityLaw, problem: Problem, room: Room, objective: Objectiv
         z*(p)     the optimum without limits for the twist whose chase has the pace p in [0, 1]
         K, z+(p)  the same calmed, for what z*(1) leaves of the twist
         z1, z0    nearest to z+(1) and z+(0) inside the position limits and rows
-        p         of the minimum of 1/2 |K (z - z0 - p (z1 - z0))|^2 + delta |K (z1 - z0)| (1 - p) over z inside all
-                  limits and p, delta = |ahead| + slack
+        P(delta)  p of the minimum of 1/2 |K (z - z0 - p (z1 - z0))|^2 + delta |K (z1 - z0)| (1 - p) over z inside all
+                  limits and p
+        p         P(|ahead| + slack P(|ahead| + slack))
         z         nearest to z*(p) inside all limits: least squares of that twist
 
     So limits may take away delta along the chase, as least squares has it; what is more slows the chase down, in all
-    its directions alike. What will be calmed does not: out of reach, the speed of a stretched arm towards its target
-    keeps nothing else back. p is part of the minimum of one convex function, so the answer is continuous in all data.
+    its directions alike. A slow chase takes longer, so it may miss the less, or the tool would be led the farther off.
+    What will be calmed does not slow it: out of reach, the speed of a stretched arm towards its target keeps nothing
+    else back. P is part of the minimum of one convex function, so the answer is continuous in all data.
     """
     chase = problem.demand.chase
     if chase is None or objective.still is None:
@@ -318,8 +320,12 @@ def _chasing(law: VelocityLaw, problem: Problem, room: Room, objective: Objectiv
     way = found.z - start
     if norm(cost.K.dot(way)) <= NULL_RATIO * norm(cost.K.dot(found.z)):
         return _nearest(law, room, objective)
-    delta = norm(problem.demand.root.dot(chase.ahead)) * room.share.value + chase.slack
-    pace = largest_pace(cost, start, way, delta, room.polytope, room.cone, room.inside)
+    ahead = norm(problem.demand.root.dot(chase.ahead)) * room.share.value
+    pace = 1.0
+    for _ in range(2):
+        pace = largest_pace(cost, start, way, ahead + pace * chase.slack, room.polytope, room.cone, room.inside)
+        if pace in (0.0, 1.0):
+            break
     slowed = room.basis.dot((1.0 - pace) * (whole - unchased))
     return _nearest(law, room, objective.paced(pace))._replace(slowed=slowed, pace=pace)
 

@@ -340,7 +340,7 @@ def test_a_tick_in_which_the_core_finds_the_rows_is_one_in_which_it_is_given_the
     by_itself = iq.Controller(ur5, limits=[limit], **{"dt": 0.002, **options})
     given = iq.Controller(ur5, limits=[limit], **{"dt": 0.002, **options})
     given.joint_rows.alone = None
-    q, rng, led = np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0]), np.random.default_rng(4), 0
+    q, rng, led = np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0]), np.random.default_rng(3), 0
     for tick in range(400 if "dt" in options else 800):
         if tick % 100 == 0:
             target = ur5.pose(rng.uniform(-np.pi, np.pi, 6))
@@ -689,7 +689,7 @@ def test_another_arm_is_an_obstacle_and_takes_half_the_room_unless_its_velocity_
     assert set(near) & set(moving.pair.astype(int))
 
 
-@pytest.mark.parametrize(("acceleration", "tolerance", "seed"), [(None, 1e-4, 1), (10.0, 1.5e-3, 9)])
+@pytest.mark.parametrize(("acceleration", "tolerance", "seed"), [(None, 1e-4, 1), (10.0, 1.5e-3, 2)])
 def test_two_arms_that_make_way_for_each_other_keep_apart(ur5, acceleration, tolerance, seed):
     """Each is told where the other one was and how fast, and that it brakes; both are led to the same place."""
     left = iq.load_robot("ur5", base=iq.transform(np.diag([-1.0, -1.0, 1.0]), [0.9, 0, 0]))

@@ -56,11 +56,9 @@ def by_definition(demand):
     (H, c), (_, still) = (least_squares_form(A, v, demand.posture, LIMITED) for v in (b, f))
     z1, z0 = (minimum(H, v, chase.lower, chase.upper, rows) for v in (c, still))
     d = z1 - z0
-    cost = (np.linalg.norm(f) + chase.slack) * np.sqrt(d @ H @ d)
     # Over (z, p): K z - K z0 - p K d, shifted to w = z - z0 - p d.
     shift = np.column_stack((np.eye(m), -d))
-    P, q = shift.T @ H @ shift, -shift.T @ H @ z0
-    q[m] -= cost
+    P, still_cost = shift.T @ H @ shift, -shift.T @ H @ z0
     C = np.empty((0, m)) if rows is None else np.asarray(rows.C)
     G = np.vstack((np.eye(m), -np.eye(m), C, -C))
     G = np.column_stack((G, np.zeros(len(G))))
@@ -71,10 +69,11 @@ def by_definition(demand):
     ends[0, m], ends[1, m] = 1.0, -1.0
     tight = {"tol_gap_abs": 1e-13, "tol_gap_rel": 1e-13, "tol_feas": 1e-13, "max_iter": 500}
     size = np.sqrt(np.diag(H).max())
-    P, G = csc_matrix(P / size**2), csc_matrix(np.vstack((G, ends)))
-    found = qpsolvers.solve_qp(P, q / size**2, G, np.concatenate((h, [1.0, 0.0])), solver="clarabel", **tight)
-
-    pace = float(found[m])
+    P, G, pace = csc_matrix(P / size**2), csc_matrix(np.vstack((G, ends))), 1.0
+    for _ in range(2):  # what may be missed of a slowed chase is its share of the slack
+        q = still_cost - (np.linalg.norm(f) + pace * chase.slack) * np.sqrt(d @ H @ d) * np.eye(m + 1)[m]
+        found = qpsolvers.solve_qp(P, q / size**2, G, np.concatenate((h, [1.0, 0.0])), solver="clarabel", **tight)
+        pace = float(np.clip(found[m], 0.0, 1.0))
     return minimum(H, still + pace * (c - still), demand.lower, demand.upper, rows), pace
 
 
