@@ -110,9 +110,9 @@ class Demand(NamedTuple):
 
 # A twist of this share of gain times a radian is none: limits may take that much away before they slow the chase down,
 # and an error of a position or an angle that small may stay. The gain counts as at most the second [1/s]: how fast is
-# asked for does not decide which way an arm goes that cannot be so fast. Measured (`examples/14_defaults.py`): a tool
-# that turns in place swings in proportion to it; with 1e-3, of 80 targets that arms reach with 2e-3 they no longer
-# reach four, behind a singularity or a limit that keeps nearly all of the chase away.
+# asked for does not decide which way an arm goes that cannot be so fast. Measured: a tool that turns in place swings in
+# proportion to it, a Panda's by 1.8, 3.2 and 5.9 mm in the median with 1e-3, 2e-3 and 4e-3; of 216 targets ten arms
+# reach 158, 159 and 159; with 1e-3 loops are "ok" in fewer ticks, and farther off a target that outruns them.
 SLACK, SLACK_GAIN = 2e-3, 10.0
 # Threshold and ceiling of the default damping of a path that is looked at ahead: it slows down before joints are fast.
 PLANNED_DAMPING = 1e-3, 3e-5
