@@ -19,6 +19,8 @@ from invariantqp.velocity.tick import posed
 
 # Velocity, the share of exact rows and what limits pull agree to this, relative to the largest.
 AGREE = 1e-8
+# Joints slower than that stand still, for the law (`report.is_met`) and here [rad/s].
+STILL = ACTIVE_TOLERANCE * SLOWEST
 # The data of a tick are told to this, in each of so many versions, and more where these are not far enough apart.
 ROUNDED, TIMES = 4 * np.finfo(float).eps, (64, 1024)
 SIZES = (1e-60, 1e-6, 1e-3, 1.0, 1.0, 1.0, 1e3, 1e60)
@@ -203,7 +205,7 @@ def different(law, problem, demand, native, answers):
     found = [
         f"{name} {one} {others[0]}"
         for name, (one, *others), scale in (
-            ("velocity", [x.velocity for x in (native, *answers)], max(size, SLOWEST)),
+            ("velocity", [x.velocity for x in (native, *answers)], max(size, STILL / AGREE)),
             ("scale", [x.scale for x in (native, *answers)], 1.0),
             ("pull", [p - slowed * (slowed @ (p - pulls[1])) for p in pulls], hardest),
         )
