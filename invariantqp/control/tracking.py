@@ -95,29 +95,6 @@ def question_times(dt: float, delay: float) -> None:
             )
 
 
-def question_stamps(stamps: Array, poses: Array | None, joints: Array | None, speed: Array, length: float) -> None:
-    """Warn of points whose stamps (n,) look like milliseconds: the arm could pass them a thousand times as fast.
-
-    They are poses (n, 4, 4), a turn of which counts as `length` [length/rad], or joint positions (n, m).
-    """
-    lasts = float(stamps[-1] - stamps[0])
-    if lasts < QUESTIONED_TIME * max(len(stamps) - 1, 1):
-        return
-    speed = np.where(np.isfinite(speed), speed, 1.0)
-    if poses is None:
-        way = float((np.abs(np.diff(np.asarray(joints), axis=0)).sum(axis=0) / speed).max())
-    else:
-        parts = np.diff(poses[:, :3] / (1.0, 1.0, 1.0, length), axis=0)
-        way = float(np.linalg.norm(parts, axis=1).sum(axis=0).max() / speed.max())
-    if 0.0 < 1e3 * way <= lasts:
-        warnings.warn(
-            f"stamps are seconds here: in the {lasts:g} s of these points the arm hardly moves. "
-            "Times in milliseconds are stamps=1e-3 * times",
-            UserWarning,
-            stacklevel=3,
-        )
-
-
 def tracking_twist(error: Array, gain: float | Array, feedforward: ArrayLike | None = None) -> Array:
     """(6,) twist to ask for, base frame [rad/s; length/s]: one gain or (6,) times the error, and the feedforward.
 

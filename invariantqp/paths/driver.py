@@ -9,12 +9,11 @@ follows the twist zero. No tick is taken from which the joints cannot stop.
 
 from __future__ import annotations
 
-import warnings
 from collections import deque
 from collections.abc import Callable
 from copy import deepcopy
 from functools import partial
-from math import inf, nan, sqrt
+from math import inf, nan
 from typing import Any, Literal
 
 import numpy as np
@@ -22,7 +21,6 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.tracking import question_stamps
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.control import HybridController
@@ -51,6 +49,7 @@ from invariantqp.paths.reference import (
 )
 from invariantqp.paths.shape import ASTRAY, PAUSE, Shape
 from invariantqp.paths.solution import FollowerSolution, Why
+from invariantqp.paths.stamps import ANOTHER_CLOCK, LONG, SampleClock, increasing, question
 from invariantqp.paths.time_law import JointLimits
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
@@ -70,10 +69,6 @@ SKEW = 0.02
 FASTEST = 1e3
 # A function of time is looked ahead so far [s], at places so far apart [s], and again when half of that is driven.
 AHEAD, SAMPLING = 1.0, 0.02
-# Stamps this far [s] from the follower's clock are of another clock.
-ANOTHER_CLOCK = 1.0
-# Nobody waits so long for a point [s]: this is halfway from a second to a second's nanoseconds.
-LONG = sqrt(1e9)
 # Samples that are taken in a tick at most, the newest; points that are planned at once: under a millisecond each.
 MOST_WAITING, MOST_POINTS = 8, 96
 # The largest override of a path whose shape is kept.
@@ -81,7 +76,6 @@ MOST_OVERRIDE = 1.5
 # Why joints catch up, or are elsewhere.
 LATE = "the joints' limits"
 ELSEWHERE = "joints are not where they were sent: they do not follow, or later than told (delay=)"
-FAST_CLOCK = "stamps are seconds here: these are more than a second later, one after the other. Are they milliseconds?"
 # Why an arm stands that is not done.
 NOT_DUE = "the next points are not due yet"
 # Joint speeds below this share of their limits are rest; joints this near [rad, length] are there.
@@ -196,7 +190,7 @@ class Follower:
         self._looked = 0.0
         self._samples: deque[tuple[Any, float | None]] = deque(maxlen=MOST_WAITING)
         self._newest: tuple[Array, Array, float] | None = None  # a sample's point, joints and stamp
-        self._shift, self._ahead = 0.0, 0  # of the samples' clock; how many in a row were ahead of it
+        self._clock = SampleClock()
         self._heard = 0.0
         self._twist: Array | None = None
         self._turns = False  # whether the twist is one to move at; otherwise the arm comes to rest
@@ -242,7 +236,7 @@ class Follower:
             given = self._believed(Given(points, self._m, "points"), "points")
             if given.poses is None or len(given) == 1:
                 raise BadInput("points", excerpt(points), 'two poses (n, 4, 4) or more with keep="shape"')
-            times = None if stamps is None else _increasing(stamps, len(given))
+            times = None if stamps is None else increasing(stamps, len(given))
             rate = None if stamps is None else self._rate
             shape = Shape(self.controller, given.poses, times=times, rate=rate, **self._options)
             self._forget()
@@ -259,9 +253,9 @@ class Follower:
         given = self._believed(Given(points, self._m, "points"), "points")
         if stamps is None and len(given) > 1:
             raise BadInput("stamps", "None", f"({len(given)},) times in seconds, one for each point, increasing")
-        times = None if stamps is None else _increasing(stamps, len(given))
+        times = None if stamps is None else increasing(stamps, len(given))
         if times is not None:
-            question_stamps(times, given.poses, given.joints, self._limits.velocity, self.controller.measure.length)
+            question(times, given, self._limits.velocity, self.controller.measure.length)
         self._forget()
         self._next = given, times, when, at is not None, None
 
@@ -840,13 +834,9 @@ class Follower:
         now, stream, anew = self._time, self._stream, False
         while self._samples:
             given, stamp = self._samples.popleft()
-            when = now if stamp is None else stamp + self._shift
-            self._ahead = self._ahead + 1 if when - now > ANOTHER_CLOCK else 0
-            if self._ahead == 2:  # one after the other is no other clock, but another unit
-                warnings.warn(FAST_CLOCK, UserWarning, stacklevel=4)
-            if stamp is not None and abs(when - now) > ANOTHER_CLOCK:
-                self._shift = now - stamp
-                when, self._newest = now, None
+            when, another = self._clock.time(stamp, now)
+            if another:
+                self._newest = None
             before = self._newest
             if before is not None and when <= before[2]:
                 continue
@@ -1067,17 +1057,6 @@ def _going_over(v: Array, x: Array, limits: JointLimits) -> Array:
         return x
     share = float((a[away] / d[away]).min())
     return x if share * limits.dt >= 1.0 else v + limits.dt * share * d
-
-
-def _increasing(stamps: ArrayLike, count: int) -> Array:
-    """(count,) checked."""
-    times = arrays.vector(stamps, count, "stamps").copy()
-    apart = np.diff(times)
-    if not (apart > 0.0).all():
-        raise BadInput("stamps", "stamps that do not increase", "one for each point, increasing")
-    if (most := float(apart.max(initial=0.0))) > LONG:
-        raise BadInput("stamps", f"stamps {most:.3g} s apart", "times in seconds", "Are these nanoseconds?")
-    return times
 
 
 def _none(**given: Any) -> None:

@@ -404,8 +404,9 @@ def test_an_arm_that_stands_although_it_is_sent_on_is_no_arm_that_moves(kind):
 def test_stamps_in_milliseconds_are_questioned(poses):
     arm, rng = Arm("ur5"), np.random.default_rng(12)
     for _, points, stamps in chunks(arm, rng, 3.0, poses=poses):
-        with pytest.warns(UserWarning, match="stamps are seconds here"):
+        with pytest.warns(UserWarning, match="stamps are seconds here") as said:
             arm.follower().follow(points, 1e3 * stamps)
+        assert said[0].filename == __file__
         arm.follower().follow(points, stamps)
     still, slow = np.tile(arm.start, (3, 1)), arm.start + np.outer((0.0, 1.0, 2.0), 0.1 * np.ones(6))
     for points in (still, slow):

@@ -1,0 +1,77 @@
+"""What stamps may be: seconds by one clock, near the follower's. What is asked of others, and done with them."""
+
+from __future__ import annotations
+
+import warnings
+from math import sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.paths.fit import Given
+
+# Stamps this far [s] from the follower's clock are of another clock; points as far apart in the mean are questioned.
+ANOTHER_CLOCK = 1.0
+# Nobody waits so long for a point [s]: this is halfway from a second to a second's nanoseconds.
+LONG = sqrt(1e9)
+
+
+def increasing(stamps: ArrayLike, count: int) -> Array:
+    """(count,) checked.
+
+    Raises:
+        BadInput: not that many numbers, or none that increase; nanoseconds.
+    """
+    times = arrays.vector(stamps, count, "stamps").copy()
+    apart = np.diff(times)
+    if not (apart > 0.0).all():
+        raise BadInput("stamps", "stamps that do not increase", "one for each point, increasing")
+    if (most := float(apart.max(initial=0.0))) > LONG:
+        raise BadInput("stamps", f"stamps {most:.3g} s apart", "times in seconds", "Are these nanoseconds?")
+    return times
+
+
+def question(stamps: Array, given: Given, speed: Array, length: float) -> None:
+    """Warn of points whose stamps (n,) look like milliseconds: the arm could pass them a thousand times as fast.
+
+    A turn of poses counts as `length` [length/rad]; speeds of joints (m,) [rad/s, length/s].
+    """
+    lasts = float(stamps[-1] - stamps[0])
+    if lasts < ANOTHER_CLOCK * max(len(stamps) - 1, 1):
+        return
+    speed = np.where(np.isfinite(speed), speed, 1.0)
+    if given.poses is None:
+        way = float((np.abs(np.diff(np.asarray(given.joints), axis=0)).sum(axis=0) / speed).max())
+    else:
+        parts = np.diff(given.poses[:, :3] / (1.0, 1.0, 1.0, length), axis=0)
+        way = float(np.linalg.norm(parts, axis=1).sum(axis=0).max() / speed.max())
+    if 0.0 < 1e3 * way <= lasts:
+        _warn(f"in the {lasts:g} s of these points the arm hardly moves", 2)
+
+
+class SampleClock:
+    """The clock of a stream's samples, as the follower's own says it."""
+
+    def __init__(self) -> None:
+        """The same."""
+        self._shift, self._ahead = 0.0, 0  # how many in a row were ahead
+
+    def time(self, stamp: float | None, now: float) -> tuple[float, bool]:
+        """When a sample was that comes now, by the follower's clock; whether it is the first by another clock."""
+        when = now if stamp is None else stamp + self._shift
+        self._ahead = self._ahead + 1 if when - now > ANOTHER_CLOCK else 0
+        if self._ahead == 2:  # one after the other is no other clock, but another unit
+            _warn(f"these are more than {ANOTHER_CLOCK:g} s later, one after the other", 4)
+        if stamp is None or abs(when - now) <= ANOTHER_CLOCK:
+            return when, False
+        self._shift = now - stamp
+        return now, True
+
+
+def _warn(why: str, depth: int) -> None:
+    """Say that stamps are in milliseconds to who called so deep."""
+    said = f"stamps are seconds here: {why}. Times in milliseconds are 1e-3 * times"
+    warnings.warn(said, UserWarning, stacklevel=depth + 2)
