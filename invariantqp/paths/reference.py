@@ -48,11 +48,15 @@ PIECE: Array = (
 LONGEST_TURN, PLACES_TURN, TURN_SHARE = 4.0, 41, 0.999
 # How long such a change may wait for joints that brake [s].
 WAITS = (0.0, 0.02, 0.05, 0.1, 0.2)
-# A hand is followed this long after its samples come, times one over the cutoff: 68 ms at 3 Hz. A plan along samples is
-# as calm as this share of it: less smooths less, more takes longer than what is ahead. So many are kept.
-DELAY, CALM_OF_DELAY, MOST_SAMPLES = 0.205, 0.37, 64
-# How fast the mean transport time follows the measured one, a share of the difference for each sample.
-TRANSPORT_SHARE = 0.02
+# A hand is followed this long after its samples come, times one over the cutoff: 67 ms at 3 Hz. So many are kept.
+DELAY, MOST_SAMPLES = 0.2, 64
+# A plan along samples that are all noise is as calm as this share of it: more takes longer than what is ahead. What is
+# noise is seen in third differences so many delays apart: 0.1 s, in which a hand's tremor has come round. Before any
+# are seen, their ratio.
+CALM_OF_DELAY, APART, UNSEEN = 0.5, 1.5, 0.16
+# How fast means over samples follow what is measured, a share of the difference for each: of times, of noise. Squares
+# that count as none.
+TRANSPORT_SHARE, NOISE_SHARE, TINY = 0.02, 0.05, 1e-16
 # The d-th derivative of u^n is FACTORS[d, n] u^EXPONENTS[d, n].
 FACTORS: Array = np.array([[perm(n, d) for n in range(7)] for d in range(5)], dtype=np.float64)
 EXPONENTS = np.array([[max(n - d, 0) for n in range(7)] for d in range(5)])
@@ -185,6 +189,7 @@ class Stream:
         """From one sample on."""
         self._least = DELAY / cutoff
         self._period = 0.0  # of the samples, in the mean [s]
+        self._rough = np.zeros(2)  # sums of squared third differences, near ones and far ones
         self.transport = transport  # in the mean [s]
         self.stamps: Array = np.array((stamp,))
         self.positions: Array = position[None]
@@ -210,6 +215,23 @@ class Stream:
             self._period += (TRANSPORT_SHARE if self._period > 0.0 else 1.0) * (gap - self._period)
         self.stamps = np.append(self.stamps[kept], stamp)
         self.positions = np.vstack((self.positions[kept], position))
+        apart = APART * self.delay
+        if stamp - float(self.stamps[0]) >= 3.0 * apart:
+            at = stamp - apart * np.append(np.arange(3.0, -1.0, -1.0) / 3.0, np.arange(3.0, -1.0, -1.0))
+            i = np.minimum(self.stamps.searchsorted(at, side="right"), len(self.stamps) - 1)
+            u = ((at - self.stamps[i - 1]) / (self.stamps[i] - self.stamps[i - 1]))[:, None]
+            x = (self.positions[i - 1] + u * (self.positions[i] - self.positions[i - 1])).reshape(2, 4, -1)
+            self._rough = (1.0 - NOISE_SHARE) * self._rough + (np.diff(x, 3, axis=1) ** 2).sum(axis=(1, 2))
+
+    @property
+    def _calm(self) -> float:
+        """How calm a plan is [s].
+
+        The sixth power of the best is the noise over the hand's squared jerk. Third differences near each other are of
+        noise alone, those three times as far apart of both: from 1 where all is noise their ratio falls to 3^-6.
+        """
+        near, far = np.add(self._rough, (UNSEEN * TINY, TINY))
+        return float(CALM_OF_DELAY * self.delay * (near / far) ** (1.0 / 6.0))
 
     def planned(self, before: Motion | None, now: float) -> Motion:
         """The motion along the samples that goes on from one before it; without one, from rest at the first.
@@ -218,8 +240,7 @@ class Stream:
         """
         first = np.vstack((self.positions[:1], np.zeros((2, self.positions.shape[1]))))
         state = first if before is None else before.at(np.array((now,)))[0, :3]
-        stamps, calm = self.stamps + self.late, CALM_OF_DELAY * self.delay
-        return planned(state, now, stamps, self.positions, self._boundless, calm)
+        return planned(state, now, self.stamps + self.late, self.positions, self._boundless, self._calm)
 
 
 class Clock(NamedTuple):

@@ -105,6 +105,29 @@ def test_a_plan_takes_no_parabola_off_its_way_delays_nothing_and_smooths_noise()
     assert planned(REST, 0.0, stamps, noise, LIMITS, CALM).at(stamps)[:, 0].std() < 0.75 * noise.std()
 
 
+@pytest.mark.parametrize(("hertz", "noise", "off", "jerk"), [(2.5, 0.0, 0.03, 1.6), (0.5, 1e-3, 0.012, 9.0)])
+def test_a_quick_clean_hand_is_followed_closely_and_a_slow_noisy_one_calmly(hertz, noise, off, jerk):
+    """Off and jerk (rms) as shares of the hand's; joints in radians and in thousandths."""
+    rng, rate, followed = np.random.default_rng(3), 60.0, []
+    w, streams, plans = (
+        2.0 * np.pi * hertz,
+        [Stream(3.0, 0.0, scale * np.zeros(3), 0.0) for scale in (1.0, 1e3)],
+        [None, None],
+    )
+    for i in range(1, 600):
+        sample = 0.1 * np.sin(w * i / rate) + noise * rng.normal(size=3)
+        for k, scale in enumerate((1.0, 1e3)):
+            streams[k].add(i / rate, scale * sample, 0.0, anew=False)
+            plans[k] = streams[k].planned(plans[k], i / rate)
+        here = [plan.at(i / rate + np.arange(8) / (8.0 * rate))[:, [0, 3]] for plan in plans]
+        np.testing.assert_allclose(1e3 * here[0], here[1], rtol=1e-6, atol=1e-3)
+        followed.append(here[0])
+    seen = np.concatenate(followed[200:])
+    at = (201 + np.arange(len(seen)) / 8.0) / rate - streams[0].late
+    assert np.sqrt(np.mean((seen[:, 0] - 0.1 * np.sin(w * at)[:, None]) ** 2)) < off * 0.1 / np.sqrt(2.0)
+    assert np.sqrt(np.mean(seen[:, 1] ** 2)) < jerk * 0.1 * w**3 / np.sqrt(2.0)
+
+
 @pytest.mark.parametrize("rate", [30.0, 60.0, 90.0])
 def test_samples_of_a_hand_are_followed_smoothly_and_as_late_as_is_told(rate):
     rng = np.random.default_rng(int(rate))
