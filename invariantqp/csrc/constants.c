@@ -103,7 +103,6 @@ const Constant CONSTANTS[] = {
     ONE("paths.reference", PLACES),
     ONE("paths.reference", EASIER),
     ONE("paths.reference", TRIES),
-    ONE("paths.reference", STRAYED),
     ONE("force.contact", SLOPE),
     ONE("force.contact", SLOW_SHARE),
     ONE("force.estimate", CERTAIN),

@@ -18,8 +18,8 @@ typedef struct {
     Course course;
     Bounds law, joints; /* without acceleration limits and delay; for joint velocities, its loop NULL where nothing binds them */
     const double *kept;
-    bool by_twist, late, joins, held, strayed;
-    double twist[6], ease, time, left[6 * MOST];
+    bool by_twist, late, joins, held;
+    double twist[6], ease, time, off, left[6 * MOST];
     Row q, sent, position, velocity, acceleration, command, pace;
     double from, to;
     Tick tick;
@@ -202,7 +202,7 @@ static PyObject *said(const Follow *f)
 /* follow(course, law, joints, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command, pace):
    position, velocity, acceleration, command and pace after the tick, the command once more, q as an array, the source's last
    column before and after, whether the joints are late, how they stop being it, a residual or None, what the loop says, or
-   None, whether it does not allow what was wanted, and whether a joint is not where it was sent. None where Python has to
+   None, whether it does not allow what was wanted, and how far a joint is from where it was sent at most. None where Python has to
    answer, or to say what is wrong with q. `law` is the loop without acceleration limits and delay, `joints` that for joint
    velocities, or None where nothing but joint limits binds them; each a Loop, or a tuple of it and of what the core is given
    of a clearance. Late joints look for a splice that takes `ease`, unless that is 0. */
@@ -228,8 +228,9 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
                 vector(arguments[14], m, f.pace) && !(f.by_twist && !vector(arguments[4], 6, f.twist));
     PyErr_Clear(); /* Python says what is wrong */
     for (int j = 0; j < m && good; j++) {
-        good = fabs(f.sent[j] - f.q[j]) <= f.course.head[STRAY];
-        f.strayed = f.strayed || fabs(f.sent[j] - f.q[j]) > STRAYED;
+        double off = fabs(f.sent[j] - f.q[j]);
+        good = off <= f.course.head[STRAY];
+        f.off = fmax(f.off, off);
     }
     if (!good)
         Py_RETURN_NONE;
@@ -245,8 +246,7 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     if (outcome == HAND_BACK)
         Py_RETURN_NONE;
     PyObject *way = f.joins ? new_matrix(6, m, m, f.left) : Py_NewRef(Py_None);
-    return Py_BuildValue("(NNNNNNNddNNNNN)", new_vector(m, f.position), new_vector(m, f.velocity), new_vector(m, f.acceleration),
+    return Py_BuildValue("(NNNNNNNddNNNNd)", new_vector(m, f.position), new_vector(m, f.velocity), new_vector(m, f.acceleration),
                          new_vector(m, f.command), new_vector(m, f.pace), new_vector(m, f.command), new_vector(m, f.q),
-                         f.from, f.to, PyBool_FromLong(f.late), way, says, PyBool_FromLong(f.held),
-                         PyBool_FromLong(f.strayed));
+                         f.from, f.to, PyBool_FromLong(f.late), way, says, PyBool_FromLong(f.held), f.off);
 }

@@ -18,7 +18,6 @@
 #define PLACES 21
 #define EASIER 1.3
 #define TRIES 12
-#define STRAYED 0.02
 
 /* paths/time_law.py: JointLimits */
 typedef struct {

@@ -170,11 +170,10 @@ class Follower:
         self._shape: Shape | None = None  # a path whose shape is kept
         self._start: Array | None = None  # (m,) of its joints
         self._astray = False  # whether it waits for joints that are not where they were sent
-        self._strayed = False  # whether some are not
+        self._off = 0.0  # how far one of them is from there at most
         self._command = self._pace = np.zeros(m)  # in the last tick, and what it had changed by, over the tick
         self._course: tuple[Reference, Array, float] | None = None  # what the core follows
         self._time = 0.0  # when the next tick begins, by the stamps' clock
-        self._measured = np.zeros(m)
         self._sent: deque[Array] = deque(maxlen=round(loop.delay / loop.dt) + 1)
         self._reference: Reference | None = None
         self._q = self._v = self._a = np.zeros(m)  # of the commanded motion, when the next tick begins
@@ -382,7 +381,7 @@ class Follower:
             if found is not None:
                 return found
             self._course = None
-        measured = self._measured = arrays.vector(q, self._m, "q").copy()
+        measured = arrays.vector(q, self._m, "q").copy()
         before = self._command if velocity is None else arrays.vector(velocity, self._m, "velocity")
         share = self._override_of(override)
         if self._pressed is not None:
@@ -485,7 +484,7 @@ class Follower:
         if not begun:
             sent.append(self._q)
         self._q, self._v, self._a, self._command, self._pace, command, measured, before, after, *more = found
-        self._late, way, answer, self._bound, self._strayed = more
+        self._late, way, answer, self._bound, self._off = more
         self._time += loop.dt
         self._answer = None
         if answer is not None:
@@ -692,6 +691,7 @@ class Follower:
         self._command = self._v = np.clip(self._command, -speed, speed)
         self._sent.clear()
         self._sent.append(measured)
+        self._off = 0.0
         self._reference = new = Reference(self._limits, self._q, self._time)
         if self._source is not None:  # a path that was left is gone back to
             self._late = not new.splice(self._source, self._time, self._state, EASE)
@@ -699,11 +699,10 @@ class Follower:
 
     def _displaced(self, measured: Array) -> bool:
         """Whether joints are so far from where they were sent that they have been pushed."""
-        off = float(np.abs(self._sent[0] - measured).max())
-        self._strayed = off > STRAYED
-        if not self._strayed or self._shape is None:
-            return off > DISPLACED
-        return off > DISPLACED or self._shape.is_off(measured, self._time)
+        self._off, shape = float(np.abs(self._sent[0] - measured).max()), self._shape
+        if shape is not None and self._off > STRAYED and shape.is_off(measured, self._time):
+            return True
+        return self._off > DISPLACED
 
     def _begun(self, measured: Array, source: Source) -> Reference | None:
         """What is followed along a path whose shape is kept, where the joints are where that has them."""
@@ -732,9 +731,8 @@ class Follower:
         """All that came since the last tick, and what is due."""
         now, shape = self._time, self._shape
         if shape is not None and shape.motion is not None:
-            off = float(np.abs(self._sent[0] - self._measured).max())
             away = self._late or now < reference.joined
-            self._astray = away or off > (0.5 if self._astray else 1.0) * STRAYED
+            self._astray = away or self._off > (0.5 if self._astray else 1.0) * STRAYED
             share = 0.0 if self.paused or self._astray else override
             self._override = override
             reference.source = self._source = shape.order(now, share)
@@ -914,7 +912,7 @@ class Follower:
             return found
         if self.paused:
             return (Status.PAUSED if self._still else Status.MOVING), "paused"
-        if self._strayed and (self._turns or self._source is not None):
+        if self._off > STRAYED and (self._turns or self._source is not None):
             return Status.LATE, ELSEWHERE
         if self._turns:
             return Status.MOVING, ""
