@@ -1,7 +1,7 @@
 """Task-space velocity control of robot arms whose answers do not depend on frames or length units.
 
-Here are the names that most scripts use; the namespaces have the others. Names are loaded when first used: importing
-the package loads neither Pinocchio nor a solver.
+Here are the names that most scripts use, and the namespaces that have the others: `dir(invariantqp)`. What the package
+contains besides is its own. Names are loaded when first used: importing it loads neither Pinocchio nor a solver.
 """
 
 from typing import TYPE_CHECKING

@@ -138,6 +138,7 @@ def failure(function, arguments, names=()):
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", r"(dt|delay)=\S+ is \S+ s: ")  # a large tick is questioned, and taken
         warnings.filterwarnings("ignore", "clearance: nothing is kept")  # so is one without a pair
+        warnings.filterwarnings("ignore", r"tool_speed: \S+ \[length/s\]")  # and a large speed
         try:
             function(**arguments)
         except iq.BadInput as error:

@@ -88,8 +88,10 @@ def identify(
     loaded: Robot | None = None if robot is None else load_arm(robot, tool)
     file = files.read(recording, loaded)
     sensor = WrenchSensor(frame, order="moment first", reads=reads, mass=mass, centre=place)  # type: ignore[arg-type]
+    if file.unused:
+        say(f"note: not used: {', '.join(file.unused)}", style="yellow")
     steps = np.diff(files.seconds(file))
-    if steps.max(initial=0.0) > GAP * np.median(steps):
+    if len(steps) and steps.max() > GAP * np.median(steps):
         say("note: samples are missing: time has gaps, and samples are taken as evenly spaced", style="yellow")
     options: dict[str, Any] = {"kinds": kind, "sensor": sensor}
     if off is not None:

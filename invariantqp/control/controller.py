@@ -189,7 +189,8 @@ class Controller:
 
         Warns:
             UserWarning: a gain of at most 1 1/s beside a tick of at most 20 ms, which may be meant as a share of the
-                error in a tick; JointLimits more than two turns away from zero, as in degrees.
+                error in a tick; JointLimits more than two turns away from zero, as in degrees; a tool speed of thirty
+                times the arm's length in a second, as in millimetres.
         """
         by = arrays.choice(engine, "engine", ENGINES)
         robot = require_robot(robot)

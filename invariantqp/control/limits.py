@@ -32,6 +32,7 @@ from invariantqp.robots.kinematics import (
     far_away,
     middle,
     question_range,
+    question_speed,
     refuse_far,
 )
 from invariantqp.velocity.limits import BrakingBox, JointBox, LimitRows, ToolSpeed, accelerations
@@ -701,7 +702,10 @@ class LoopLimits(NamedTuple):
         held = arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold"
         beyond = np.where(turning & held, FAR_OUTSIDE, inf)
         believed = (robot.position_lower - beyond).tolist(), (robot.position_upper + beyond).tolist()
-        return cls(box, braking, loop.tool_speed, rows or None, loop, beyond, believed, tip, far_away(robot, J, tip))
+        far = far_away(robot, J, tip)
+        if loop.tool_speed is not None:
+            question_speed(loop.tool_speed.limit, far, "tool_speed")
+        return cls(box, braking, loop.tool_speed, rows or None, loop, beyond, believed, tip, far)
 
     @property
     def at_once(self) -> LoopLimits:
@@ -732,6 +736,8 @@ class LoopLimits(NamedTuple):
         if share == 1.0 and not told:
             return None
         loop = _within(self.loop, told)
+        if loop.tool_speed is not None and loop.tool_speed is not self.loop.tool_speed:
+            question_speed(loop.tool_speed.limit, self.far, "tool_speed")
         return Changes(share, loop, RowLimits(told, loop))
 
     def at(self, sighting: Sighting, target: Any, q: Array, before: Array, now: Changes | None = None) -> TickLimits:

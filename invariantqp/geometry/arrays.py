@@ -185,6 +185,8 @@ def pose(value: ArrayLike, argument: str = "pose") -> Array:
     a = array(matrix_of(value), argument, expected)
     if a.shape != (4, 4):
         remedy = MADE_OF_PARTS if a.shape in {(3,), (4,), (6,), (7,)} else ""
+        if a.shape == (3, 4):
+            remedy = "Its last row is left out: np.vstack((T, [0, 0, 0, 1])) has it."
         raise BadInput(argument, f"shape {a.shape}", expected, remedy)
     if is_rigid(a):
         return a

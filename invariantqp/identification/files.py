@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from invariantqp.control.tracking import QUESTIONED_TIME
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
 from invariantqp.identification.motions import poses
@@ -40,6 +41,7 @@ class File(NamedTuple):
     q: Array | None  # (n, m), or None where poses were recorded
     poses: Array  # (n, 4, 4) of the tool frame
     readings: Array  # (n, 6) (m; f) as the sensor gives them
+    unused: tuple[str, ...] = ()  # columns that nothing was read from
 
 
 def read(path: Path | str, robot: Robot | None = None) -> File:
@@ -112,20 +114,31 @@ def _recording(columns: dict[str, Array], name: str, robot: Robot | None) -> Fil
     if len({len(a) for a in columns.values()}) > 1:
         raise BadInput(name, "arrays of different lengths", "one entry a sample in each")
     readings = _stacked(columns, (*moment, *FORCE))
-    time = next((columns[w] for w in ("time", "t") if w in columns), None)
-    if time is not None:
-        steps = np.diff(time)
+    if not len(readings):
+        raise BadInput(name, "no sample", "one a line")
+    clock = next((w for w in ("time", "t") if w in columns), None)
+    if clock is not None:
+        steps = np.diff(columns[clock])
         for k in np.flatnonzero(~((steps > 0.0) & np.isfinite(steps)))[:1].tolist():
             raise BadInput(name, f"time that does not grow after sample {k}", "seconds, evenly spaced")
+        if len(steps) and np.median(steps) >= QUESTIONED_TIME:
+            found = f"samples {np.median(steps):g} s apart"
+            raise BadInput(name, found, "times in seconds, of samples at some 100 Hz", "Are these milliseconds?")
+    q: Array | None = None
+    used: tuple[str, ...] = POSE
     if "poses" in columns:
-        return File(time, None, columns["poses"], readings)
-    if all(w in columns for w in POSE):
-        return File(time, None, quaternion_poses(_stacked(columns, POSE), name), readings)
-    if robot is None:
+        used, tool = ("poses",), columns["poses"]
+    elif all(w in columns for w in POSE):
+        tool = quaternion_poses(_stacked(columns, POSE), name)
+    elif robot is None:
         expected = f"{', '.join(POSE)}; or joint positions and a robot"
         raise BadInput(name, f"columns {', '.join(columns)}", expected, WITH_ROBOT)
-    q = _positions(columns, name, robot)
-    return File(time, q, np.array([robot.pose(state) for state in q]), readings)
+    else:
+        used, q = _positions(columns, name, robot)
+        tool = np.array([robot.pose(state) for state in q])
+    read_from = {clock, *moment, *FORCE, *used}
+    time = None if clock is None else columns[clock]
+    return File(time, q, tool, readings, tuple(w for w in columns if w not in read_from))
 
 
 def _stacked(columns: dict[str, Array], names: Iterable[str]) -> Array:
@@ -133,10 +146,10 @@ def _stacked(columns: dict[str, Array], names: Iterable[str]) -> Array:
     return np.stack([columns[w] for w in names], axis=1)
 
 
-def _positions(columns: dict[str, Array], name: str, robot: Robot) -> Array:
-    """(n, m) joint positions, in columns called as the joints or numbered."""
+def _positions(columns: dict[str, Array], name: str, robot: Robot) -> tuple[tuple[str, ...], Array]:
+    """The columns of joint positions, called as the joints or numbered, and what they have (n, m)."""
     m = len(robot.names)
-    named = (robot.names, [f"q{j + 1}" for j in range(m)], [f"q{j}" for j in range(m)])
+    named = (robot.names, tuple(f"q{j + 1}" for j in range(m)), tuple(f"q{j}" for j in range(m)))
     words = next((words for words in named if all(w in columns for w in words)), None)
     if words is None:
         raise BadInput(name, f"columns {', '.join(columns)}", f"{', '.join(robot.names)}; or q1 to q{m}")
@@ -144,7 +157,7 @@ def _positions(columns: dict[str, Array], name: str, robot: Robot) -> Array:
     if not np.isfinite(q).all():
         k = int(np.flatnonzero(~np.isfinite(q).all(axis=1))[0])
         raise BadInput(name, f"NaN or infinity in sample {k}", "joint positions", "Leave such samples out.")
-    return q
+    return words, q
 
 
 def quaternion_poses(values: Array, name: str) -> Array:

@@ -171,6 +171,17 @@ def question_pose(robot: Robot, argument: str, pose: Array) -> None:
         warnings.warn(f"{argument}: {_far(away, far)}. {MILLIMETRES}", UserWarning, stacklevel=3)
 
 
+def question_speed(speed: float, far: float, argument: str) -> None:
+    """Warn of a limit of a tool's speed that looks like millimetres: farther in a second than poses are believed.
+
+    Warns:
+        UserWarning: by the argument's name.
+    """
+    if speed > far:
+        times = f"{speed * FAR_AWAY / far:.3g} times the arm's length in a second"
+        warnings.warn(f"{argument}: {speed:.4g} [length/s], {times}. {MILLIMETRES}", UserWarning, stacklevel=4)
+
+
 def _far(away: float, far: float) -> str:
     return f"a pose {away:.4g} [length] away, {away * FAR_AWAY / far:.3g} times the arm's length"
 

@@ -71,6 +71,24 @@ def test_wrong_arguments_are_refused_by_name(monkeypatch, capsys, recordings, wo
     assert said in " ".join(err.split())
 
 
+def test_what_is_not_read_of_a_file_is_said(monkeypatch, capsys, recordings, tmp_path):
+    lines = (recordings / "point.csv").read_text(encoding="utf-8").splitlines()
+    file = tmp_path / "point.csv"
+    file.write_text("\n".join([f"{lines[0]},gripper", *(f"{line},0.5" for line in lines[1:])]), encoding="utf-8")
+    status, out, err = call(monkeypatch, capsys, "identify", file, "--reads", "reaction", "--kind", "point")
+    assert (status, err) == (0, "note: not used: gripper\n")
+    assert ": point" in out
+
+
+def test_a_single_sample_is_too_few(monkeypatch, capsys, recordings, tmp_path):
+    lines = (recordings / "point.csv").read_text(encoding="utf-8").splitlines()
+    (tmp_path / "one.csv").write_text("\n".join(lines[:2]), encoding="utf-8")
+    status, _, err = call(monkeypatch, capsys, "identify", tmp_path / "one.csv", "--reads", "reaction")
+    assert status == 2
+    assert "1 samples; expected 30 or more" in " ".join(err.split())
+    assert "empty slice" not in err
+
+
 def test_a_file_that_is_none_is_refused(monkeypatch, capsys):
     status, _, err = call(monkeypatch, capsys, "identify", "nowhere.csv", "--reads", "reaction")
     assert status == 2

@@ -216,6 +216,18 @@ def test_poses_in_millimetres_are_refused_wherever_they_come_in(robot):
             iq.load_robot("panda", **{argument: iq.transform(translation=[0.0, 0.0, 100.0])})
 
 
+def test_a_tool_speed_in_millimetres_is_questioned_once(robot):
+    said = r"tool_speed: 250 \[length/s\], .* times the arm's length in a second. Are these millimetres"
+    for told in ({"tool_speed": 250.0}, {"limits": [iq.limits.ToolSpeed(250.0, [0.0, 0.0, 0.1])]}):
+        with pytest.warns(UserWarning, match=said) as asked:
+            loop = iq.Controller(robot, dt=DT, **told)
+        assert len(asked) == 1
+    loop = iq.Controller(robot, dt=DT, tool_speed=5.0)  # which no arm reaches, and nobody is asked about
+    loop.step(PANDA, robot.pose(PANDA), speed=0.5)
+    with pytest.warns(UserWarning, match=said):
+        iq.Controller(robot, dt=DT).step(PANDA, robot.pose(PANDA), tool_speed=250.0)
+
+
 def test_a_follower_refuses_millimetres(robot):
     follower = iq.Follower(iq.Controller(robot, dt=DT, acceleration_limit=8.0))
     millimetres = iq.transform(translation=[400.0, 0.0, 300.0])

@@ -151,6 +151,12 @@ def test_parts_of_a_pose_are_told_how_to_become_one(parts):
         arrays.pose(parts, "target")
 
 
+def test_a_pose_without_its_last_row_is_told_how_to_have_it():
+    expected = r"target: found shape \(3, 4\); expected a \(4, 4\) .* np\.vstack\(\(T, \[0, 0, 0, 1\]\)\)"
+    with pytest.raises(iq.BadInput, match=expected):
+        arrays.pose(np.eye(4)[:3], "target")
+
+
 def test_a_rotation_may_be_scipys_and_a_quaternion_is_told_how_to_become_one():
     turned = Rotation.from_rotvec((0.1, -0.4, 0.3))
     np.testing.assert_array_equal(iq.transform(turned)[:3, :3], turned.as_matrix())

@@ -45,6 +45,23 @@ def test_joint_positions_become_poses(tmp_path, names):
     np.testing.assert_allclose(read(tmp_path / "q.npz", robot).poses, file.poses, atol=1e-7)
 
 
+def test_columns_that_nothing_is_read_from_are_told(tmp_path):
+    header, rows = HEADER.replace("time", "stamp"), np.column_stack((T, POSES, W[:, 3:], W[:, :3], T))
+    file = read(written(tmp_path / "a.csv", f"{header},gripper", rows))
+    assert file.time is None
+    assert file.unused == ("stamp", "gripper")
+    assert read(written(tmp_path / "b.csv")).unused == ()
+    robot = iq.load_robot("ur5")
+    np.savez(tmp_path / "q.npz", q=np.zeros((40, 7)), force=W[:40, 3:], moment=W[:40, :3])
+    assert read(tmp_path / "q.npz", robot).unused == ("q7",)
+
+
+def test_times_in_milliseconds_are_refused(tmp_path):
+    rows = np.column_stack((1e3 * T, POSES, W[:, 3:], W[:, :3]))
+    with pytest.raises(iq.BadInput, match=r"samples 10 s apart; expected times in seconds.* Are these milliseconds"):
+        read(written(tmp_path / "a.csv", rows=rows))
+
+
 LINES = {
     "a,b\n1,2\n": "columns a, b; expected fx, fy, fz and mx, my, mz",
     "": "found nothing",
@@ -52,6 +69,7 @@ LINES = {
     "fx,fx\n1,2\n": "two columns 'fx'",
     "fx,fy,fz,mx,my,mz\n1,2,3\n": "3 numbers in sample 0",
     "fx,fy,fz,mx,my,mz\n1,2,3,4,5,six\n": "'six' for mz in sample 0",
+    HEADER + "\n": "found no sample; expected one a line",
     HEADER + "\n0,0,0,0,0,0,0,2,1,1,1,1,1,1\n": "a quaternion of length 2 in sample 0",
     HEADER + "\n1,0,0,0,0,0,0,1,1,1,1,1,1,1\n0,0,0,0,0,0,0,1,1,1,1,1,1,1\n": "time that does not grow after sample 0",
 }
