@@ -16,9 +16,8 @@ from pathlib import Path
 from shared.pages import guide, listed, markdown, write_section
 
 from invariantqp.cli.console import progress
-from invariantqp.compare import chart
 from invariantqp.compare.measurements import KINDS
-from invariantqp.compare.report import losses, verdict, write_report
+from invariantqp.compare.report import DARK, draw, losses, verdict, write_report
 from invariantqp.compare.results import load_results, write_results
 from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
 from invariantqp.compare.tables import summary
@@ -44,13 +43,13 @@ def main(word):
         write_section(HERE / "guide" / "comparison.md", guide(results, first))
     if word in {"--measure", "--readme"}:
         for columns, width in ((2, ""), (1, "_phone")):
-            chart.draw(results, PICTURES / f"speed_and_accuracy{width}.png", columns=columns)
-            chart.draw(results, PICTURES / f"speed_and_accuracy{width}_dark.png", chart.DARK, columns)
+            draw(results, PICTURES / f"speed_and_accuracy{width}.png", columns=columns)
+            draw(results, PICTURES / f"speed_and_accuracy{width}_dark.png", DARK, columns)
         write_section(HERE.parent / "README.md", listed(losses(results)))
         print("\nREADME.md has where ours loses, examples/guide/comparison.md the tables, examples/pictures the charts")
     elif word != "--everyday":
         if word:
-            chart.draw(results, Path(word))
+            draw(results, Path(word))
         print(f"\nmeasured on {results['machine']['processor']}; to do so again: invariantqp compare --out DIR")
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 import invariantqp as iq
 from invariantqp import tasks, view
-from invariantqp.pictures.palette import BLUE, ORANGE
+from invariantqp.pictures.charts import BLUE, ORANGE
 from invariantqp.view.timeline import timeline_of
 
 HERE = Path(__file__).parent

@@ -6,6 +6,6 @@ from invariantqp.lazy import loaded_on_use
 
 if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.analysis.inspection import Inspection as Inspection
+    from invariantqp.analysis.inspection import Recommendation as Recommendation
     from invariantqp.analysis.inspection import inspect as inspect
-    from invariantqp.analysis.recommendation import Recommendation as Recommendation
     from invariantqp.analysis.survey import Survey as Survey

@@ -1,29 +1,273 @@
 """What can be said of an arm before it moves: in one state, over the joint range, and which pitch to use.
 
 The state: rank, type, principal pitches, blind directions, distance from a singularity (`systems.report`). The range:
-the same in many states (`analysis.survey`), because a pitch is chosen once for all of them (`analysis.recommendation`).
+the same in many states (`analysis.survey`), because a pitch is chosen once for all of them.
 
-Reference: [DS] Sect. 3, 5.
+A controller needs no pitch: without a form, what the arm cannot do is missed by least squares at the tool. A pitch is
+for [DS]'s reciprocal splitting: dual projectors, hybrid and shared control. Recommended is the smallest |h| of +-1,
+1.5, 2, 3, 4 L whose |P_h| stays small; L is the arm's reach to the tool, with |h| far below it projectors are oblique
+and large, with |h| far above it orientation comes first.
+
+    A = root J,  U its directions of which the law does half and more,  M the form on measured twists
+    P_h = U (U'MU)^-1 U'M,    |s - P_h s| <= |P_h| |s - U U's|,    |P_h| = 1 / sin(angle between U and what P_h removes)
+
+Proof: (I - P_h) U = 0, so (I - P_h) s = (I - P_h)(s - U U's), and |I - P_h| = |P_h| for every projector but 0 and I.
+|P_h| is infinite at a principal pitch and where the arm is blind, and it is large near both. So no tolerance on the
+type of a screw system is needed, and rounding in a URDF decides nothing.
+
+|P_h| is looked at in states spread over the joint range and in states with the tool straight up or down, in which most
+work is done. A random state is never such a state, and an SO-101, among others, has no pitch there at all.
+
+Reference: [DS] Sect. 3, 5, and 6.1 for P_h; Szyld 2006 for |I - P| = |P|.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from math import isfinite
-from typing import Any
+from math import floor, inf, isfinite, log10
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.analysis.recommendation import LARGEST_NORM, Recommendation, recommend, smallest_norm
 from invariantqp.analysis.survey import Survey, spread, survey
-from invariantqp.errors import BadInput, written
+from invariantqp.errors import BadInput, listed, written
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.points import centre
-from invariantqp.systems.report import SystemReport, describe
+from invariantqp.systems.report import SystemReport, along_axes, describe
+from invariantqp.velocity.damping import Adaptive
+from invariantqp.velocity.forms import PitchForm
+from invariantqp.velocity.measure import length_at, root_at
+
+# The largest |P_h| that serves. Measured on SO-101, SO-100 and a three-joint arm with random twists: where |P_h| is
+# between 3 and 4, P_h s is farther from s than standing still is in half of the cases, between 1.5 and 2 in a fifth.
+LARGEST_NORM = 4.0
+# The share of states in which it has to stay below that; near a singularity every arm has some in which it does not.
+NEARLY_ALL = 0.9
+# Pitches tried, of the reach.
+MULTIPLES = (1.0, 1.5, 2.0, 3.0, 4.0)
+# States of the range from which upright ones are looked for.
+UPRIGHT_STARTS = 32
+# Sines, and shares of the largest, that nobody asks an arm for: finer than a tool is pointed.
+SMALL = 1e-3
+# Newton's steps; four to eight are enough from anywhere for arms whose wrist can turn that far.
+STEPS = 20
+# The longest of them in one joint [rad].
+LONGEST = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Recommendation:
+    """Which pitch an arm's twists can be split by, if any.
+
+    Attributes:
+        form: "pitch" (`PitchForm(h)`) or "tool" (no form: least squares at the tool).
+        h: pitch [length/rad]; None where none serves.
+        length: L, what a radian counts for at the tool: the arm's reach [length/rad].
+        reason: in words.
+        q: (m,) joint positions at which no pitch that was tried serves [rad, length]; None where there are none such.
+        unseen: (6, b) what of the arm's twists no pitch sees there, at the tool.
+    """
+
+    form: Literal["pitch", "tool"]
+    h: float | None
+    length: float
+    reason: str
+    q: Array | None
+    unseen: Array
+
+
+class _ProjectorNorms(NamedTuple):
+    """|P_h| of (p,) pitches in n states."""
+
+    states: Array  # (n, m)
+    norms: Array  # (n, p)
+    six: Array  # (n,) whether the tool can be moved in all six directions
+
+    def share(self) -> Array:
+        """(p,) share of the states in which each pitch serves; 1 of no states."""
+        return np.ones(self.norms.shape[1]) if not len(self.states) else (self.norms <= LARGEST_NORM).mean(axis=0)
+
+
+def recommend(robot: Robot, q: Array) -> Recommendation:
+    """The pitch for an arm, from (n, m) states of its range."""
+    mid = middle(robot)
+    length = length_at(robot.jacobian(mid), robot.pose(mid)[:3, 3])
+    pitches = tried_pitches(length)
+    spread = _tried(robot, length, q)
+    up = _tried(robot, length, upright(robot, q[:UPRIGHT_STARTS]))
+    shares = np.minimum(spread.share(), up.share())
+    serving = np.flatnonzero(shares >= NEARLY_ALL)
+    best = int(serving[0] if len(serving) else shares.argmax())
+    states, least = np.vstack((spread.states, up.states)), np.vstack((spread.norms, up.norms)).min(axis=1)
+    hardest, said = states[least.argmax()], []
+    where, lost = None, np.empty((6, 0))
+    if least.max() > LARGEST_NORM:
+        where, lost = hardest, unseen(*at_tool(robot, hardest, length), pitches, LARGEST_NORM)
+        said = [_unseen_words(where, lost, root_at(robot.pose(where)[:3, 3], length))]
+    if not len(serving):
+        return Recommendation(
+            "tool", None, length, " ".join([_tool_words(length, spread, up, best), *said]), where, lost
+        )
+    words = _pitch_words(pitches[best], length, spread, up, best)
+    return Recommendation("pitch", pitches[best], length, " ".join([words, *said]), where, lost)
+
+
+def tried_pitches(length: float) -> tuple[float, ...]:
+    """The pitches tried for an arm with this reach [length/rad], smallest first."""
+    return tuple(sign * rounded(times * length) for times in MULTIPLES for sign in (1.0, -1.0))
+
+
+def smallest_norm(robot: Robot, q: Array, length: float) -> float:
+    """The smallest |P_h| of the pitches tried, in one state."""
+    U, inverse_root = at_tool(robot, q, length)
+    return min(projector_norm(U, inverse_root, h) for h in tried_pitches(length))
+
+
+def at_tool(robot: Robot, q: Array, length: float) -> tuple[Array, Array]:
+    """What the joints can do at q (6, k), measured at the tool, and the inverse of the measure's root (6, 6)."""
+    root = root_at(robot.pose(q)[:3, 3], length)
+    return achievable(root.dot(robot.jacobian(q))), np.asarray(np.linalg.inv(root), dtype=np.float64)
+
+
+def rounded(x: float) -> float:
+    """A positive number to two digits: what a person would type."""
+    return round(x, 1 - floor(log10(x)))
+
+
+def _tried(robot: Robot, length: float, states: Array) -> _ProjectorNorms:
+    pitches = tried_pitches(length)
+    norms, six = np.empty((len(states), len(pitches))), np.zeros(len(states), dtype=bool)
+    for i, q in enumerate(states):
+        U, inverse_root = at_tool(robot, q, length)
+        six[i] = U.shape[1] == 6
+        norms[i] = [projector_norm(U, inverse_root, h) for h in pitches]
+    return _ProjectorNorms(states, norms, six)
+
+
+def _pitch_words(h: float, length: float, spread: _ProjectorNorms, up: _ProjectorNorms, i: int) -> str:
+    times = "" if abs(h) == rounded(length) else f"{abs(h) / length:.2g} times "
+    size = f"h = {written(h)}, {times}the arm's reach to the tool"
+    if np.mean(spread.six) >= NEARLY_ALL:
+        return (
+            "A controller needs no form: the arm moves its tool in all six directions, so every h gives the same joint "
+            f"velocities where no limit is active. To split twists and wrenches: {size}, lets rotation and "
+            "translation count alike."
+        )
+    return (
+        "A controller needs no form: without one, what the arm cannot do is missed by least squares at the tool. To "
+        f"split twists and wrenches: {size}. It misses at most {LARGEST_NORM:g} times as much of a twist as least "
+        f"squares in {_shares(spread, up, i)}. A much smaller |h| splits obliquely, a larger one puts orientation "
+        "first."
+    )
+
+
+def _tool_words(length: float, spread: _ProjectorNorms, up: _ProjectorNorms, i: int) -> str:
+    counts = f"in {_shares(spread, up, i)}" if spread.share()[i] or (len(up.states) and up.share()[i]) else "nowhere"
+    return (
+        "Leave out the form: what the arm cannot do is then missed by least squares at the tool, |v|^2 + L^2 |omega|^2 "
+        f"with L = {length:.3g}, the arm's reach. No pitch serves: the best of those tried misses at most "
+        f"{LARGEST_NORM:g} times as much of a twist as least squares {counts}. To split twists and wrenches, name what "
+        "may be given up, Complement(Z), or a metric."
+    )
+
+
+def _shares(spread: _ProjectorNorms, up: _ProjectorNorms, i: int) -> str:
+    """In how many states of each kind a pitch serves."""
+    said = f"{100.0 * spread.share()[i]:.3g} % of the states looked at"
+    upright = f" and {100.0 * up.share()[i]:.3g} % of those with the last axis parallel to the first (tool up or down)"
+    return said + upright if len(up.states) else said
+
+
+def _unseen_words(q: Array, lost: Array, root: Array) -> str:
+    at = ", ".join(f"{x:.3g}" for x in q)
+    if not lost.shape[1]:
+        return f"At q = ({at}) each pitch has a direction of its own that it does not see."
+    measured = root.dot(lost)
+    motions = [f"the twist {_tuple(twist)}" for twist in lost.T]
+    if np.linalg.norm(measured[:3]) <= SMALL * np.linalg.norm(measured[3:]):
+        slides = along_axes(np.vstack((np.zeros((3, lost.shape[1])), measured[3:])))
+        # In an order that does not depend on rounding.
+        ways = sorted(slides[3:].T, key=lambda v: tuple(np.abs(v).round(6)), reverse=True)
+        motions = [f"translation along {_tuple(v)}" for v in ways]
+    named = " and ".join(motions)
+    return f"At q = ({at}) no pitch sees {named}: a form would neither ask for that motion nor correct it."
+
+
+def _tuple(values: Array) -> str:
+    return f"({listed(values.round(4), 3)})"
+
+
+def achievable(A: Array) -> Array:
+    """(6, k) orthonormal: the twists that the measured joints A (6, m) can do, damping leaves half of them and more."""
+    U, sigma, _ = np.linalg.svd(A, full_matrices=False)
+    damped = Adaptive().squares(sigma, np.zeros(len(sigma)), sigma[0])
+    return np.asarray(U[:, sigma * sigma >= np.maximum(damped, np.finfo(float).tiny)])
+
+
+def projector_norm(U: Array, inverse_root: Array, h: float) -> float:
+    """|P_h| in the measure: 1 where the joints can do every twist, inf where h [length/rad] has no projector.
+
+    U (6, k) is what the joints can do, orthonormal; (6, 6) the inverse of the measure's root.
+    """
+    if U.shape[1] in (0, 6):
+        return 1.0
+    on_arm = _on_arm(U, inverse_root, h)
+    G = on_arm.dot(U)
+    if np.linalg.norm(G, -2) < ROUNDING:
+        return inf
+    return float(np.linalg.norm(np.linalg.solve(G, on_arm), 2))
+
+
+def unseen(U: Array, inverse_root: Array, pitches: tuple[float, ...], bound: float) -> Array:
+    """(6, b) twists of the arm that none of the pitches sees: |U'M s| is below |M| |s| / bound for each of them.
+
+    U (6, k) is what the joints can do, orthonormal in the measure; `bound` the largest |P_h| that serves.
+    """
+    seen = np.vstack([_on_arm(U, inverse_root, h).dot(U) for h in pitches])
+    _, size, directions = np.linalg.svd(seen)
+    return np.asarray(inverse_root.dot(U).dot(directions[size < 1.0 / bound].T))
+
+
+def _on_arm(U: Array, inverse_root: Array, h: float) -> Array:
+    """(k, 6) U'M with |M| = 1."""
+    M = PitchForm(h).matrix(inverse_root)
+    return np.asarray(U.T.dot(M) / np.linalg.norm(M, 2))
+
+
+def upright(robot: Robot, q: Array) -> Array:
+    """(k, m) states near the (n, m) given ones, inside the joint limits, with the last axis parallel to the first.
+
+    There are none where no joint or only one turns, where joint limits forbid them, and where the two axes are parallel
+    in every state (a SCARA): then they are no other states than the rest.
+    """
+    found = [state for start in q if (state := _turned(robot, start)) is not None]
+    return np.array(found).reshape(-1, q.shape[1])
+
+
+def _turned(robot: Robot, start: Array) -> Array | None:
+    q = start
+    for step in range(STEPS + 1):
+        w = robot.jacobian(q)[:3]
+        sizes = np.linalg.norm(w, axis=0)
+        turning = sizes > 0.0
+        if np.count_nonzero(turning) < 2:
+            return None
+        axes = w[:, turning] / sizes[turning]
+        first, last = axes[:, 0], axes[:, -1]
+        if np.linalg.norm(np.cross(first, last)) < SMALL:
+            return q if step else None
+        if step == STEPS:
+            break
+        rates = np.cross(axes.T, last).T  # (3, turning) how each joint turns the last axis
+        wanted = np.copysign(1.0, first.dot(last)) * first - last
+        change = np.zeros(len(q))
+        change[turning] = np.linalg.pinv(rates, rcond=SMALL).dot(wanted) / sizes[turning]
+        q = np.clip(q + np.clip(change, -LONGEST, LONGEST), robot.position_lower, robot.position_upper)
+    return None
 
 
 @dataclass(frozen=True, eq=False)

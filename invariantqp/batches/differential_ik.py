@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.batches.law import velocities
-from invariantqp.batches.measure import length_of
 from invariantqp.batches.motions import vector_of
-from invariantqp.batches.namespace import Namespace, Rows, shaped, together
+from invariantqp.batches.namespace import Namespace, Rows, length_of, shaped, together
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 

@@ -1,6 +1,8 @@
 """The velocity law for rows of any array library: `solve_velocity` without forms, exact rows and limits but the bounds.
 
 minimise L^2 |omega error|^2 + |v error at the point|^2 + damping   over lower <= x <= upper,      row by row
+
+L is the arm's reach to the point, as in `velocity.measure`.
 """
 
 from __future__ import annotations
@@ -11,18 +13,31 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.batches.measure import at_point, beside_largest, length_of, reaches
-from invariantqp.batches.namespace import Namespace, Rows, constant_of, joined, shaped, together
+from invariantqp.batches.namespace import (
+    Namespace,
+    Rows,
+    beside_largest,
+    constant_of,
+    cross,
+    joined,
+    length_of,
+    precision,
+    shaped,
+    together,
+)
 from invariantqp.batches.objective import Least, damped_least_squares
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import NEGLIGIBLE
+from invariantqp.geometry.arrays import NEGLIGIBLE, ROUNDING
+from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.velocity.damping import PROGRESS_SHARE, Adaptive, Damping, Fixed, damping_of
 from invariantqp.velocity.qp import PRODUCT_ROUNDING
 from invariantqp.velocity.report import MISSED
 
 # What the numbers in `Velocities.status` mean.
 STATUSES = ("ok", "limited", "held")
+# A reach below this many roundings of the coordinates that it is computed from is none.
+ROUNDING_STEPS = 1e3
 
 
 class Velocities(NamedTuple):
@@ -200,3 +215,42 @@ def _pair(bounds: Any) -> tuple[Any, Any]:
     if not isinstance(bounds, (tuple, list)) or len(bounds) != 2 or bounds[0] is None or bounds[1] is None:
         raise BadInput("bounds", excerpt(bounds), "(lower, upper), arrays of shape (..., m), or None")
     return bounds[0], bounds[1]
+
+
+def at_point(xp: Namespace, twists: Rows, point: Rows) -> Rows:
+    """(..., 6, k) twists as columns, their velocities taken at the point (..., 3) instead of the origin."""
+    w, v = twists[..., :3, :], twists[..., 3:, :]
+    turned = xp.matrix_transpose(cross(xp, xp.matrix_transpose(w), point[..., None, :]))
+    return xp.concat((w + xp.zeros_like(turned), v + turned), axis=-2)
+
+
+def reaches(xp: Namespace, J: Rows, s: Rows, size: Rows) -> Rows:
+    """(...) L for joint twists (..., 6, m) and a wanted twist (..., 6), both taken at the point.
+
+    The arm's reach; where no axis is away from the point, |v| / |omega| of the turning joints, or of s, or 1. A reach
+    has to exceed the rounding of the coordinates that the twists were computed from, of which `size` (...) is the size,
+    and that of the twist's length.
+    """
+    here = xp.zeros_like(J[..., :3, 0])
+    total = speeds = rates = xp.zeros_like(J[..., 0, 0])
+    rounding = max(ROUNDING, ROUNDING_STEPS * precision(xp, J))
+    for column in range(J.shape[-1] - 1, -1, -1):
+        turn, moment = J[..., :3, column], J[..., 3:, column]
+        rate, far = length_of(xp, turn), length_of(xp, moment)
+        turns = rate * LENGTH_LIMIT > far
+        rate = xp.where(turns, rate, xp.ones_like(rate))[..., None]
+        leg = cross(xp, turn / rate, moment / rate + cross(xp, turn / rate, here))
+        leg = xp.where(turns[..., None], leg, xp.zeros_like(leg))
+        here = here + leg
+        total = total + length_of(xp, leg)
+        speeds = speeds + xp.where(turns, far * far, xp.zeros_like(far))
+        rates = rates + xp.where(turns, rate[..., 0] ** 2, xp.zeros_like(far))
+    w, v = length_of(xp, s[..., :3]), length_of(xp, s[..., 3:])
+    one, rounded = xp.ones_like(w), rounding * size
+    has = (v > rounded * w) & (w * LENGTH_LIMIT > v)
+    asked = xp.where(has, v / xp.where(has, w, one), one)
+    beside = xp.where(has, rounding * asked, xp.zeros_like(asked))
+    rounded = xp.where(rounded > beside, rounded, beside)
+    moves = speeds > rounded * rounded * rates
+    own = xp.sqrt(xp.where(moves, speeds, one) / xp.where(moves, rates, one))
+    return xp.where(total > rounded, total, xp.where(moves, own, asked))

@@ -152,3 +152,25 @@ def _written(whole: Any, here: Any, part: Any) -> Any:
 def precision(xp: Namespace, value: Rows) -> float:
     """The rounding of an array's numbers."""
     return float(xp.finfo(value.dtype).eps)
+
+
+def cross(xp: Namespace, a: Rows, b: Rows) -> Rows:
+    """(..., 3) the vector product; rows broadcast."""
+    a, b = xp.broadcast_arrays(a, b)
+    x, y, z = (a[..., i] for i in range(3))
+    u, v, w = (b[..., i] for i in range(3))
+    return xp.stack((y * w - z * v, z * u - x * w, x * v - y * u), axis=-1)
+
+
+def length_of(xp: Namespace, v: Rows) -> Rows:
+    """(...) |v| of (..., n), with derivative 0 where it is zero."""
+    square = xp.sum(v * v, axis=-1)
+    some = square > 0.0
+    return xp.where(some, xp.sqrt(xp.where(some, square, xp.ones_like(square))), xp.zeros_like(square))
+
+
+def beside_largest(xp: Namespace, v: Rows) -> tuple[Rows, Rows]:
+    """(..., n) divided by its largest entry (..., 1), so that no square overflows; and that entry, or 1."""
+    largest = xp.max(xp.abs(v), axis=-1, keepdims=True)
+    largest = xp.where(largest > 0.0, largest, xp.ones_like(largest))
+    return v / largest, largest

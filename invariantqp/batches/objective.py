@@ -26,13 +26,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from invariantqp.batches.measure import length_of
 from invariantqp.batches.namespace import (
     Namespace,
     Rows,
     carries_derivatives,
     constant,
     constant_of,
+    length_of,
     precision,
     settled,
 )

@@ -70,8 +70,8 @@ def identify(
 ) -> None:
     """Say which contact RECORDING shows, where it is, and what the recording leaves open."""
     from invariantqp.force.sensor import WrenchSensor
-    from invariantqp.identification import files
     from invariantqp.identification.identify import identify as identify_contact
+    from invariantqp.identification.recording import read, seconds
     from invariantqp.runs.taskfile import load_arm
 
     writable("--json", json_file)
@@ -86,11 +86,11 @@ def identify(
     if off is not None and len(off) != 2:
         raise BadInput("--accuracy", accuracy or "", "two numbers: degrees and a length")
     loaded: Robot | None = None if robot is None else load_arm(robot, tool)
-    file = files.read(recording, loaded)
+    file = read(recording, loaded)
     sensor = WrenchSensor(frame, order="moment first", reads=reads, mass=mass, centre=place)  # type: ignore[arg-type]
     if file.unused:
         say(f"note: not used: {', '.join(file.unused)}", style="yellow")
-    steps = np.diff(files.seconds(file))
+    steps = np.diff(seconds(file))
     if len(steps) and steps.max() > GAP * np.median(steps):
         say("note: samples are missing: time has gaps, and samples are taken as evenly spaced", style="yellow")
     options: dict[str, Any] = {"kinds": kind, "sensor": sensor}
@@ -104,12 +104,12 @@ def identify(
         from invariantqp.view.recorded import timeline_of_recording
 
         write(view, page(timeline_of_recording(found, file, sensor, loaded, robot, recording.stem)))
-    print_identification(found, recording.name, files.seconds(file))
+    print_identification(found, recording.name, seconds(file))
 
 
 def _frame(text: str) -> Any:
     """(4, 4) of x, y, z, or x, y, z, qx, qy, qz, qw."""
-    from invariantqp.identification.files import POSE, quaternion_poses
+    from invariantqp.identification.recording import POSE, quaternion_poses
 
     found = numbers("--mount", text)
     if len(found) not in (3, len(POSE)):

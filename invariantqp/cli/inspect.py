@@ -96,11 +96,11 @@ def inspect(
     if plot is not None:
         with writing(plot):
             if kept is None:
-                from invariantqp.pictures.pitches import pitch_picture
+                from invariantqp.pictures.inspection import pitch_picture
 
                 pitch_picture(found, loaded, plot)
             else:
-                from invariantqp.pictures.bodies import bodies_picture
+                from invariantqp.pictures.inspection import bodies_picture
 
                 bodies_picture(kept, found.q, plot)
     print_inspection(found)

@@ -5,7 +5,7 @@ ours  qp  linear  libraries    the rows, one family a file
 registry                   the table of all rows
 frames  measurements       what is measured: other frames, all of it
 sweep                      every measurement of every method on every task
-results  tables  chart  report    results.json; tables, chart, sentences and page made from it
+results  tables  report    results.json; tables, chart, sentences and page made from it
 """
 
 from typing import TYPE_CHECKING

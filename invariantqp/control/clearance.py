@@ -54,8 +54,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.control.clearance_bodies import OtherArm, chain_of, parts_of, shapes_of
-from invariantqp.control.clearance_pairs import Dropped, Pairs
+from invariantqp.control.clearance_bodies import Dropped, OtherArm, Pairs, chain_of, parts_of, shapes_of
 from invariantqp.control.clearance_rows import CURVED, DEEP, USUAL_SPEED, Found, Rate, moved_by, placed_at, rows_of
 from invariantqp.control.limits import Limit, Loop, boxes
 from invariantqp.control.tracking import TRACKING_SHARE

@@ -1,22 +1,35 @@
-"""The bodies of a clearance: shapes of an arm's links, obstacles, and other arms."""
+"""The bodies of a clearance, an arm's links, obstacles and other arms, and which of them it keeps apart.
+
+All that can touch: links on one body, neighbours at a joint, what a description excludes or a caller does, and bodies
+that are shown to be nearer than the distance wherever the joints between them are, are left out, each with its reason.
+Nothing is left out because samples did not meet.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations
+from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.control.clearance_rows import OF_SHAPE, levers_of, moved_by, placed_at, starts_of
 from invariantqp.control.limits import no_degrees, not_believed, refuse
 from invariantqp.errors import BadInput, UnknownName, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.distance import Place, Solid, places
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.urdf import Exclusions, excluded
 from invariantqp.velocity.limits import accelerations
+
+# Whether a pair is always near is looked at in so many states, at most; one that is not shown to be is kept.
+STATES = 2000
 
 
 class Part(NamedTuple):
@@ -190,3 +203,168 @@ def shapes_of(robot: Chain, bodies: Mapping[str, Sequence[Shape]] | None) -> dic
         frame_of(robot, link)
         made[link] = given
     return made
+
+
+class Dropped(NamedTuple):
+    """A pair that is not kept apart, and why."""
+
+    first: str
+    second: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.first} and {self.second}: {self.reason}"
+
+
+class Pairs:
+    """The shapes of a clearance, and which of them are kept apart.
+
+    Attributes:
+        robots: the arm, and those around it.
+        screws: (6, M) of all their joints.
+        starts: (M + 1,) at which joint the arm of each body begins.
+        parts: all shapes, links' and obstacles'.
+        moving: which of them are obstacles.
+        numbers: (n, 18) of the shapes, as the compiled core takes them.
+        levers: (n, M) how far any point of a shape moves at most for a radian or length of each joint.
+        solids: what tells distances of meshes, None of other shapes; empty without a mesh.
+        of_shapes: the shapes of each pair.
+        dropped: the pairs of bodies that are not kept apart wherever obstacles are, each with its reason.
+    """
+
+    def __init__(
+        self,
+        robots: Sequence[Chain],
+        parts: Sequence[Part],
+        distance: float,
+        pairs: Iterable[tuple[str, str]] | None,
+        exclude: Iterable[tuple[str, str]] | str | PathLike[str],
+    ) -> None:
+        """The pairs of some parts; the rest is as in `Clearance`.
+
+        Raises:
+            BadInput: no pairs of names.
+            UnknownName: no such body.
+            RobotModelError: an SRDF that cannot be read.
+        """
+        self.parts, self.robots, self._robot, self._distance = tuple(parts), robots, robots[0], distance
+        self.screws, self.starts = np.hstack([robot.screws for robot in robots]), starts_of(robots).astype(float)
+        self.moving = [i for i, part in enumerate(parts) if part.frame is None]
+        self.numbers = np.array([self._numbers(part) for part in parts]).reshape(-1, OF_SHAPE)
+        self.levers = levers_of(robots, self.numbers)
+        solids = tuple(part.shape.solid for part in parts)
+        self.solids: tuple[Solid | None, ...] = solids if any(solid is not None for solid in solids) else ()
+        self._given = pairs is not None
+        self.of_shapes, self.dropped = self._chosen(pairs, exclude)
+
+    def _numbers(self, part: Part) -> Array:
+        """(18,) of a shape; bodies are numbered one arm after the other, 0 is the world."""
+        shape, before = part.shape, sum(len(robot.names) for robot in self.robots[: max(-part.around, 0)])
+        T = (shape.pose if part.frame is None else part.frame).dot(shape.place)
+        body = before + part.body if part.body else 0
+        return np.concatenate(((body, shape.core, shape.radius), shape.half, T[:3, :3].ravel(), T[:3, 3]))
+
+    def _chosen(
+        self, pairs: Iterable[tuple[str, str]] | None, exclude: Iterable[tuple[str, str]] | str | PathLike[str]
+    ) -> tuple[list[tuple[int, int]], tuple[Dropped, ...]]:
+        """The pairs of shapes that are kept apart, and those of bodies that are not."""
+        wanted = None if pairs is None else {frozenset(pair) for pair in self._named(pairs, "pairs")}
+        apart: Exclusions = excluded(self._robot, exclude if isinstance(exclude, (str, PathLike)) else None)
+        if not isinstance(exclude, (str, PathLike)):
+            apart = {**apart, **{frozenset(pair): "excluded" for pair in self._named(exclude, "exclude")}}
+        dropped: dict[tuple[str, str], str] = {}
+        kept = []
+        for i, j in combinations(range(len(self.parts)), 2):
+            a, b = self.parts[i], self.parts[j]
+            if a.around:
+                continue
+            names = frozenset((a.name, b.name))
+            if len(names) == 1:
+                continue
+            reason = "not among the pairs given" if wanted is not None and names not in wanted else apart.get(names, "")
+            if not reason and not (wanted is not None and names in wanted):
+                reason = self._needless(a, b)
+            if reason:
+                dropped[a.name, b.name] = reason
+            else:
+                kept.append((i, j))
+        bodies = [(self.parts[i].name, self.parts[j].name) for i, j in kept]
+        for (i, j), two in zip(kept, bodies, strict=True):
+            if not self.parts[j].around and two not in dropped and (reason := self.always_near(i, j, self.numbers)):
+                dropped[two] = reason
+        kept = [pair for pair, two in zip(kept, bodies, strict=True) if two not in dropped]
+        return kept, tuple(Dropped(*two, reason) for two, reason in dropped.items())
+
+    def _needless(self, a: Part, b: Part) -> str:
+        """Why two bodies need not be kept apart, "" where they must be."""
+        if b.around:
+            return "" if a.body else "no joint moves it"
+        if a.body == b.body:
+            return "fixed to one another"
+        floor = Core.HALF_SPACE in (a.shape.core, b.shape.core)  # nobody's neighbour
+        return (
+            "" if floor or abs(a.body - b.body) > 1 else f"neighbours at {self._robot.names[max(a.body, b.body) - 1]}"
+        )
+
+    def always_near(self, i: int, j: int, numbers: Array, others: Array | None = None) -> str:
+        """The reason, where two shapes are nearer than the distance wherever the joints between them are; "" else.
+
+        In other states they are at most as far apart as a place of theirs is, and a joint moves that by how far it is
+        from its axis. So some states show it. The first shape is a link's; `others` (M - m,) are the joint positions of
+        other arms.
+        """
+        m, bodies, around = len(self._robot.names), [int(numbers[k, 0]) for k in (i, j)], self.parts[j].around
+        between = np.arange(bodies[0]) if around else np.arange(min(bodies), max(bodies))
+        if self._given or not self._robot.screws[:3, between].any(axis=0).all():
+            return ""  # asked for; a slide goes as far as it goes
+        two = [i, j] if around or bodies[0] > bodies[1] else [j, i]  # the one that the joints move is the first
+        solids = [self.parts[k].shape.solid for k in two]
+        lowest, highest = np.maximum(self._robot.position_lower, -np.pi), np.minimum(self._robot.position_upper, np.pi)
+        cells = [(lowest[between], highest[between])]
+        q = np.concatenate((np.zeros(m), np.zeros(self.screws.shape[1] - m) if others is None else others))
+        for _ in range(STATES):
+            if not cells:
+                return f"always nearer than {1e3 * self._distance:.1f} mm"
+            low, high = cells.pop()
+            q[between] = 0.5 * (low + high)
+            J, motions = moved_by(self.robots, q)
+            found = places(*placed_at(numbers[two], motions, (), solids))
+            if found[0].distance > self._distance:
+                return ""
+            farthest, ways = min(self._farthest(place, J[:, between], 0.5 * (high - low)) for place in found)
+            if farthest > self._distance:
+                axis = int(np.argmax(ways))
+                upper, lower = high.copy(), low.copy()
+                upper[axis] = lower[axis] = q[between[axis]]
+                cells += [(low, upper), (lower, high)]
+        return ""
+
+    @staticmethod
+    def _farthest(place: Place, J: Array, turned: Array) -> tuple[float, list[float]]:
+        """How far a place is at most, joints having turned by so much, and what of that is by which."""
+        speed, turn = (
+            np.linalg.norm(J[3:] + np.cross(J[:3], place.point, axis=0), axis=0),
+            np.linalg.norm(J[:3], axis=0),
+        )
+        ways: list[float] = []
+        for k in reversed(range(len(turned))):  # the inner joint moves it from where the outer joint has
+            ways.insert(0, float(turned[k] * (speed[k] + turn[k] * sum(ways))))
+        return place.distance + sum(ways), ways
+
+    def _named(self, pairs: Iterable[tuple[str, str]], argument: str) -> list[tuple[str, str]]:
+        """Pairs of names, each of a body that is there.
+
+        Raises:
+            BadInput: no pairs of names.
+            UnknownName: no such body.
+        """
+        known = list(dict.fromkeys(part.name for part in self.parts))
+        found = []
+        for pair in arrays.listed(pairs, argument, "pairs of names, [(link, link), (link, obstacle), ...]"):
+            if isinstance(pair, str) or not isinstance(pair, (list, tuple)) or len(pair) != 2:
+                raise BadInput(argument, excerpt(pair), "the names of two bodies")
+            for name in pair:
+                if name not in known:
+                    raise UnknownName("body", str(name), [], known)
+            found.append((pair[0], pair[1]))
+        return found

@@ -5,5 +5,5 @@ from typing import TYPE_CHECKING
 from invariantqp.lazy import loaded_on_use
 
 if TYPE_CHECKING or not loaded_on_use(__name__):
-    from invariantqp.pictures.pitches import pitch_picture as pitch_picture
+    from invariantqp.pictures.inspection import pitch_picture as pitch_picture
     from invariantqp.pictures.run import picture as picture

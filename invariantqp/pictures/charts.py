@@ -1,6 +1,7 @@
 """The charts of a run, as its picture and its page draw them: curves over the times of frames, with their limits.
 
-Of the ticks between two frames the worst values are shown.
+Of the ticks between two frames the worst values are shown. Colours, here and in every picture, are those of Okabe and
+Ito (2008), which colour-blind readers can tell apart.
 """
 
 from __future__ import annotations
@@ -12,8 +13,25 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
-from invariantqp.pictures.palette import BLUE, ORANGE, SCREEN_COLOURS, SKY, VERMILION
 from invariantqp.runs.trace import Trace
+
+BLUE = "#0072B2"
+ORANGE = "#E69F00"
+GREEN = "#009E73"
+PURPLE = "#CC79A7"
+SKY = "#56B4E9"
+VERMILION = "#D55E00"
+BLACK = "#000000"
+YELLOW = "#F0E442"
+
+# On white paper, in the order in which curves take them.
+COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, BLACK, YELLOW)
+# On a page that may be dark or light: grey and olive instead of black and yellow, which one of the two would hide.
+SCREEN_COLOURS = (*COLOURS[:6], "#7F7F7F", "#B8A900")
+
+# Greys of what is not a result: text beside the data, reference lines, and shaded areas.
+TEXT, RULE, SHADE = "#444444", "#777777", "#999999"
+
 
 # The most frames of a run; players interpolate.
 FRAMES = 600

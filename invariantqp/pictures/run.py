@@ -13,9 +13,18 @@ import numpy as np
 
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
-from invariantqp.pictures.charts import CurveChart, charts_of, colours, extremes, frame_ends
+from invariantqp.pictures.charts import (
+    COLOURS,
+    RULE,
+    SHADE,
+    VERMILION,
+    CurveChart,
+    charts_of,
+    colours,
+    extremes,
+    frame_ends,
+)
 from invariantqp.pictures.figure import figure_file
-from invariantqp.pictures.palette import COLOURS, RULE, SHADE, VERMILION
 from invariantqp.runs.trace import ContactTrace, PathTrace, Trace
 
 if TYPE_CHECKING:

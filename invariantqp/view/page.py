@@ -14,8 +14,7 @@ import numpy as np
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry.arrays import Array
-from invariantqp.pictures.charts import ERROR, colours
-from invariantqp.pictures.palette import BLUE, ORANGE, SKY
+from invariantqp.pictures.charts import BLUE, ERROR, ORANGE, SKY, colours
 from invariantqp.runs.trace import Trace
 from invariantqp.template import fill_template
 from invariantqp.view.scenery import Solid

@@ -12,10 +12,9 @@ from invariantqp.force.sensor import WrenchSensor
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.identification.candidate import Candidate
-from invariantqp.identification.files import File, seconds
 from invariantqp.identification.identify import Identification
-from invariantqp.pictures.charts import FRAMES, CurveChart, frame_ends
-from invariantqp.pictures.palette import ORANGE, SKY
+from invariantqp.identification.recording import File, seconds
+from invariantqp.pictures.charts import FRAMES, ORANGE, SKY, CurveChart, frame_ends
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of
 from invariantqp.view.appearance import Appearance, appearance_of

@@ -14,8 +14,17 @@ import numpy as np
 
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.pictures.charts import FRAMES, CurveChart, charts_of, extremes, frame_ends, limit_charts, ticks_of
-from invariantqp.pictures.palette import GREEN, VERMILION
+from invariantqp.pictures.charts import (
+    FRAMES,
+    GREEN,
+    VERMILION,
+    CurveChart,
+    charts_of,
+    extremes,
+    frame_ends,
+    limit_charts,
+    ticks_of,
+)
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.taskfile import Task

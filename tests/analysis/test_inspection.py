@@ -6,7 +6,7 @@ import pytest
 from support.random_systems import motion
 
 import invariantqp as iq
-from invariantqp.analysis.recommendation import (
+from invariantqp.analysis.inspection import (
     LARGEST_NORM,
     NEARLY_ALL,
     SMALL,
@@ -16,7 +16,7 @@ from invariantqp.analysis.recommendation import (
     upright,
 )
 from invariantqp.analysis.survey import joint_ranges, spread
-from invariantqp.pictures import pitches
+from invariantqp.pictures import inspection as pictured
 from invariantqp.robots.kinematics import middle
 from invariantqp.runs.taskfile import load_arm
 from invariantqp.velocity.measure import root_at
@@ -310,7 +310,7 @@ def test_a_task_lends_its_robot_and_another_tool_can_be_named():
 @pytest.fixture
 def coarse(monkeypatch):
     """Lines of few points."""
-    monkeypatch.setattr(pitches, "SWEEP", 13)
+    monkeypatch.setattr(pictured, "SWEEP", 13)
 
 
 @pytest.mark.parametrize(("name", "said"), [("planar_3r", "no pitch works"), ("ur5", "every pitch works")])

@@ -3,14 +3,14 @@ import json
 import pytest
 from support.command_line import call
 
-from invariantqp.pictures import pitches
+from invariantqp.pictures import inspection as pictured
 
 FAR = "in the middle of the joint range"
 
 
 def test_an_arm_in_words_numbers_and_a_picture(monkeypatch, capsys, tmp_path):
     numbers, picture = tmp_path / "a.json", tmp_path / "a.png"
-    monkeypatch.setattr(pitches, "SWEEP", 13)  # lines of few points
+    monkeypatch.setattr(pictured, "SWEEP", 13)  # lines of few points
     status, out, err = call(monkeypatch, capsys, "inspect", "so101", "--json", str(numbers), "--plot", str(picture))
     assert (status, err) == (0, "")
     for said in (

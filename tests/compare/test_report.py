@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from invariantqp.compare import chart, report, tables
+from invariantqp.compare import report, tables
 from invariantqp.compare.results import load_results
 
 RESULTS = load_results(Path(__file__).parents[2] / "examples" / "comparison" / "results.json")
@@ -29,8 +29,8 @@ def test_a_change_that_the_control_makes_too_is_no_dependence():
     found = results(
         invariantqp=(1.0, 1.0, 1.0, 1e-14, 1e-12), chaos=(1.0, 1.0, 1.0, 1.6, 1.6), other=(1.0, 1.0, 1.0, 1e-4, 1e-12)
     )
-    colours = [p.colour for p in chart.points(found, "compare/panda_limits", tables.shown(found), chart.LIGHT)]
-    assert colours == [chart.LIGHT.same, chart.LIGHT.same, chart.LIGHT.other]
+    colours = [p.colour for p in report.points(found, "compare/panda_limits", tables.shown(found), report.LIGHT)]
+    assert colours == [report.LIGHT.same, report.LIGHT.same, report.LIGHT.other]
 
 
 def test_where_we_lose_it_is_said():
@@ -99,20 +99,21 @@ def test_a_page_is_well_formed_and_says_what_it_is_given(tmp_path):
 
 def test_the_chart_is_drawn_for_dark_pages_too(tmp_path):
     file = tmp_path / "chart.svg"
-    chart.draw(results(invariantqp=(10.0, 0.5, 20.0, 1e-14, 1e-12), other=(5.0, 0.5, 20.0, 0.1, 0.0)), file, chart.DARK)
+    two = results(invariantqp=(10.0, 0.5, 20.0, 1e-14, 1e-12), other=(5.0, 0.5, 20.0, 0.1, 0.0))
+    report.draw(two, file, report.DARK)
     text = file.read_text(encoding="utf-8").upper()
-    for colour in (chart.DARK.paper, chart.DARK.same, chart.DARK.other, chart.DARK.text):
+    for colour in (report.DARK.paper, report.DARK.same, report.DARK.other, report.DARK.text):
         assert colour.upper() in text
 
 
 def test_points_stand_at_their_values_each_by_the_marker_of_its_method(tmp_path, monkeypatch):
     drawn = []
-    keep = chart._panel
-    monkeypatch.setattr(chart, "_panel", lambda axes, *rest: (keep(axes, *rest), drawn.append(axes)))
+    keep = report._panel
+    monkeypatch.setattr(report, "_panel", lambda axes, *rest: (keep(axes, *rest), drawn.append(axes)))
     one = {**RESULTS, "tasks": RESULTS["tasks"][1:2]}
-    chart.draw(one, tmp_path / "chart.svg")
+    report.draw(one, tmp_path / "chart.svg")
     for axes, task in zip(drawn, one["tasks"], strict=True):
-        found = chart.points(one, task, tables.shown(one), chart.LIGHT)
+        found = report.points(one, task, tables.shown(one), report.LIGHT)
         assert len({p.marker for p in found}) == len(found) == 10
         dots = {(*line.get_xydata()[0], line.get_marker()) for line in axes.lines}
         assert dots == {(p.time, p.error, p.marker) for p in found}
@@ -136,10 +137,10 @@ def test_one_task_is_not_all_one_tasks():
 def test_the_page_is_dark_where_its_reader_is_and_fits_a_phone(files):
     text = files[0].read_text(encoding="utf-8")
     light, dark = text.index("prefers-color-scheme"), text.index("</style>")
-    for name, colour in chart.LIGHT._asdict().items():
+    for name, colour in report.LIGHT._asdict().items():
         assert text.lower().count(colour.lower()) == 1  # where it gets its name, and nowhere else
         assert f"--{name}: {colour}" in text[:light]
-        assert f"--{name}: {getattr(chart.DARK, name)}" in text[light:dark]
+        assert f"--{name}: {getattr(report.DARK, name)}" in text[light:dark]
         assert f"var(--{name})" in text[dark:]
     # Two panels in a row, and one for narrow screens.
     sizes = [tuple(map(float, size)) for size in re.findall(r'<svg[^>]* viewBox="0 0 ([\d.]+) ([\d.]+)"', text)]

@@ -5,7 +5,7 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.limits import Capsule, Clearance, HalfSpace, Sphere
-from invariantqp.pictures.bodies import _outline, bodies_picture
+from invariantqp.pictures.inspection import _outline, bodies_picture
 
 ARM = iq.robots.Chain(np.stack((iq.revolute([0, 0, 1]), iq.revolute([0, 1, 0], [0.3, 0, 0])), axis=1), np.eye(4))
 BODIES = {"base": [Capsule([0, 0, 0], [0, 0, 0.2], 0.05)], "joint2": [Sphere([0.6, 0, 0], 0.04)]}

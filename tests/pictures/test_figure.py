@@ -36,16 +36,16 @@ for file in package.rglob("*.py"):
     if "matplotlib" in file.read_text(encoding="utf-8"):
         import_module(".".join(file.relative_to(package.parent).with_suffix("").parts))
 imported = look()
-from invariantqp.compare import chart
+from invariantqp.compare.report import draw
 from invariantqp.compare.results import load_results
 results, out = load_results(Path(sys.argv[2])), Path(sys.argv[1])
 results = {**results, "tasks": results["tasks"][:1]}
 motion = iq.load_task("scara")
 iq.pictures.picture(iq.run_task(motion, dt=0.02), out / "motion.png")
 robot = motion.load_robot()
-sys.modules["invariantqp.pictures.pitches"].SWEEP = 13
+sys.modules["invariantqp.pictures.inspection"].SWEEP = 13
 iq.pictures.pitch_picture(iq.analysis.inspect(robot, samples=8), robot, out / "pitches.pdf")
-chart.draw(results, out / "chart.svg")
+draw(results, out / "chart.svg")
 drawn = look()
 changed = [k for k in before if not before[k] == imported[k] == drawn[k]]
 print(json.dumps({"changed": changed, "pyplot": "matplotlib.pyplot" in sys.modules}))

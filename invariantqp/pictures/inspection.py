@@ -1,7 +1,8 @@
-"""The principal pitches of an arm over its joint range, a column for each joint, and the pitch that serves for splits.
+"""Of an inspected arm its principal pitches and the pitch that serves for splits, or the bodies of its clearance.
 
-Lines: this joint moves through its range and the others stay where the arm was inspected. Dots: states spread over the
-whole joint range. The lower row shows how far each state is from a singularity.
+Pitches are drawn over the joint range, a column for each joint. Lines: this joint moves through its range and the
+others stay where the arm was inspected. Dots: states spread over the whole joint range. The lower row shows how far
+each state is from a singularity. Bodies are seen from the front and from the side; the two nearest stand out.
 """
 
 from __future__ import annotations
@@ -15,12 +16,27 @@ from invariantqp.analysis.inspection import Inspection
 from invariantqp.analysis.survey import Survey, joint_ranges, survey
 from invariantqp.errors import written
 from invariantqp.geometry.arrays import Array
+from invariantqp.pictures.charts import BLUE, RULE, SKY, TEXT, VERMILION
 from invariantqp.pictures.figure import figure_file
-from invariantqp.pictures.palette import BLUE, RULE, SKY, TEXT, VERMILION
 from invariantqp.robots.kinematics import Robot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry.distance import Placed, corners
+from invariantqp.geometry.shapes import Core
+from invariantqp.robots.bodies import SIDES
+
+if TYPE_CHECKING:
+    from invariantqp.control.clearance import Clearance
+
 
 # Points of a line: enough for a smooth curve at the width of a panel.
 SWEEP = 121
@@ -101,3 +117,35 @@ def _absent(row: Array, inspection: Inspection) -> None:
         return
     for axes in row:
         axes.text(0.5, 0.75, reason, transform=axes.transAxes, ha="center", va="center", color=TEXT)
+
+
+def bodies_picture(clearance: Clearance, q: ArrayLike, path: Path | str) -> Path:
+    """Write what a clearance keeps apart, at joint positions q (m,), to a .png, .svg or .pdf file."""
+    shapes = [one for one in clearance.shapes(q) if one[2].core is not Core.HALF_SPACE]
+    if not shapes:
+        raise BadInput("clearance", "no bodies", "a robot with collision geometry, or bodies=")
+    near = clearance.at(q)
+    with figure_file(path, (9.0, 4.8), {"font.size": 9, "svg.fonttype": "none"}) as figure:
+        for panel, axis, title in zip(figure.subplots(1, 2), (1, 0), ("along y", "along x"), strict=True):
+            seen = [i for i in range(3) if i != axis]
+            for name, body, placed in shapes:
+                hue = RULE if body is None else VERMILION if name in near[:2] else BLUE if body % 2 else SKY
+                panel.fill(*_outline(placed, seen).T, facecolor=hue, edgecolor=TEXT, alpha=0.45, linewidth=0.8)
+            panel.set_aspect("equal", "datalim")
+            panel.set_xlabel("xyz"[seen[0]])
+            panel.set_ylabel("xyz"[seen[1]])
+            panel.set_title(f"seen {title}")
+        figure.suptitle(f"nearest: {near}" if near.first else "no two bodies can touch")
+    return Path(path)
+
+
+def _outline(placed: Placed, seen: list[int]) -> Array:
+    """(n, 2) corners of a shape's shadow."""
+    turn = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
+    if placed.solid is not None:
+        flat = placed.solid.drawn().reshape(-1, 3).dot(placed.pose[:3, :3].T)[:, seen] + placed.pose[seen, 3]
+        return np.asarray(flat[ConvexHull(flat).vertices])
+    ends = np.array(corners(placed.half)).dot(placed.pose[:3, :3].T) + placed.pose[:3, 3]
+    circle = placed.radius * np.stack((np.cos(turn), np.sin(turn)), axis=1)
+    points = (ends[:, None, seen] + circle[None]).reshape(-1, 2)
+    return np.asarray(points[ConvexHull(points).vertices])
