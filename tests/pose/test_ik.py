@@ -79,7 +79,7 @@ class Watched:
 NUMBERS = st.floats(-12.5, 12.5)  # two turns from zero; further is refused
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=repeats(40, 20), deadline=None, derandomize=True)
 @given(
     name=st.sampled_from(["panda", "ur5", "kinova", "so101"]),
     start=st.lists(NUMBERS, min_size=7, max_size=7),

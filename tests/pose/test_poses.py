@@ -1,8 +1,13 @@
+import pickle
+
 import numpy as np
 import pytest
+from joblib import parallel_config
+from support.repeats import repeats
 
 import invariantqp as iq
 from invariantqp.analysis.survey import joint_ranges
+from invariantqp.pose.ik import PoseSearch
 
 NO_LIMIT = {"time_limit": np.inf}  # the same in every run, however busy the machine
 PANDA = iq.load_robot("panda")
@@ -44,7 +49,10 @@ def test_a_batch_is_the_single_answers_on_any_number_of_processes():
     starts = states(PANDA, 6, 51)
     single = [iq.solve_pose(PANDA, t, q0=q, **NO_LIMIT) for t, q in zip(targets, starts, strict=True)]
     batch = iq.solve_poses(PANDA, targets, q0=starts, **NO_LIMIT)
-    spread = iq.solve_poses(PANDA, targets, q0=starts, jobs=2, **NO_LIMIT)
+    with parallel_config(backend=repeats("loky", "threading")):  # to start processes takes longer than to solve
+        spread = iq.solve_poses(PANDA, targets, q0=starts, jobs=2, **NO_LIMIT)
+    search = pickle.loads(pickle.dumps(PoseSearch(PANDA, **NO_LIMIT)))  # as processes are sent it
+    assert search.solve(targets[0], starts[0]) == single[0]
     for one, two, three in zip(single, batch, spread, strict=True):
         assert one == two == three
     assert iq.solve_poses(PANDA, []) == []

@@ -3,6 +3,7 @@ from functools import cache
 import numpy as np
 import pytest
 import qpsolvers
+from support.repeats import repeats
 from support.velocity_reference import (
     LIMITED,
     box_minimum,
@@ -263,7 +264,7 @@ def random_limits(rng, n):
 @cache
 def exact_problems():
     rng = np.random.default_rng(30)
-    problems = [random_limits(rng, int(rng.integers(1, 5))) for _ in range(300)]
+    problems = [random_limits(rng, int(rng.integers(1, 5))) for _ in range(repeats(300, 150))]
     return [(*problem, np.array(exact_answer(*problem), float)) for problem in problems]
 
 
@@ -275,7 +276,7 @@ def exact_answer(K, T, centre, A, low, high):
 def test_the_optimum_of_random_and_degenerate_limits_in_rational_numbers(name):
     """Equal, opposite and zero rows, limits without room, limits at the optimum; rows of any scale."""
     rng, backend, active = np.random.default_rng(30), backends.backend_of(name), 0
-    problems = exact_problems()[: 300 if name == "daqp" else 60]  # others say which limits are near, and no more
+    problems = exact_problems()[: None if name == "daqp" else repeats(60, 30)]
     for K, T, centre, A, low, high, exact in problems:
         scale = 2.0 ** rng.integers(-20, 21, len(A))
         limits = Polytope(scale[:, None] * A, scale * low, scale * high)
