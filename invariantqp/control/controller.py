@@ -246,7 +246,7 @@ class Controller:
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
         self._brought = self.law.compiled is not None and self.law.compiled.form == "brought"
         self.varies: bool = self._brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
-        self._looks = self.joint_rows is not None and bool(self.joint_rows.looking)
+        self._looks = self.joint_rows is not None and bool(self.joint_rows.does["after"])
         self.compiled: Loop | None = self._compiled()  # for the core; None for a loop that it does not have
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -527,7 +527,7 @@ class Controller:
                 break
             rows, self.kept[:] = more, kept
             found = tick(G=rows.C, least=rows.lower, most=rows.upper, row_names=rows.names)
-        return None if found is None else (self._limits.broken(found[0], now), found[1])
+        return None if found is None else (self._limits.with_broken(found[0], now), found[1])
 
     @property
     def for_core(self) -> Loop | tuple[Any, ...] | None:
@@ -658,7 +658,7 @@ class Controller:
                 break
             solution = solve(law, demand._replace(rows=rows))
         self.memory.after(positions, solution.velocity).write(self.kept)
-        solution = self._limits.told(self._limits.broken(solution, now), positions, limits.strained)
+        solution = self._limits.told(self._limits.with_broken(solution, now), positions, limits.strained)
         return solution._replace(joint_names=self.robot.names)
 
     def _held(self, before: Array) -> float:

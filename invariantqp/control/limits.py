@@ -491,25 +491,21 @@ class RowLimits:
         self._given, self._loop = tuple(given), loop
         self._m = len(loop.velocity_limit)
         self._limits: list[Limit | LimitRows] = []
-        self.looking: list[Limit] = []  # those that see where a tick ends
-        self._beginning: list[Callable[[], None]] = []  # of those that see where it begins
-        self._judging: list[Callable[[], str]] = []  # and of those that say what of them does not hold
         for limit in given:
             made = limit.for_loop(loop)
             if isinstance(made, LimitRows):
                 self._limits.append(self._named(made, limit))
             elif type(made).rows is not Limit.rows:
                 self._limits.append(made)
-                if type(made).after is not Limit.after:
-                    self.looking.append(made)
-                if type(made).begin is not Limit.begin:
-                    self._beginning.append(made.begin)
-                if type(made).broken is not Limit.broken:
-                    self._judging.append(made.broken)
             elif type(limit).narrowed is Limit.narrowed:
                 raise BadInput(
                     "limits", excerpt(limit), "a Limit that has rows, narrowed or for_loop: this limits nothing"
                 )
+        of_their_own = [one for one in self._limits if isinstance(one, Limit)]
+        self.does = {  # which limits do more in a tick than answer with rows: nobody else is asked
+            name: [one for one in of_their_own if getattr(type(one), name) is not getattr(Limit, name)]
+            for name in ("begin", "after", "broken")
+        }
         alone = self._limits[0] if len(self._limits) == 1 else None
         self.alone = alone if isinstance(alone, ForCore) else None
 
@@ -518,8 +514,8 @@ class RowLimits:
 
     def begin(self) -> None:
         """A tick begins."""
-        for begin in self._beginning:
-            begin()
+        for limit in self.does["begin"]:
+            limit.begin()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> RowLimits:
         """Those of another loop, which shares what it was given, obstacles that move for instance."""
@@ -535,7 +531,7 @@ class RowLimits:
     def after(self, q: Array, x: Array) -> LimitRows | None:
         """More rows, where the answer x (m,) of a tick at q (m,) does not keep some limit to its end."""
         try:
-            return self._asked("after", self.looking, q, x)
+            return self._asked("after", self.does["after"], q, x)
         except _Unusable:
             return None
 
@@ -555,10 +551,7 @@ class RowLimits:
 
     def broken(self) -> str:
         """What of some limit does not hold where rows were last asked for, "" where all do."""
-        for judge in self._judging:
-            if why := judge():
-                return why
-        return ""
+        return next((why for limit in self.does["broken"] if (why := limit.broken())), "")
 
     def blocked(self, q: Array) -> str:
         """Why an arm cannot come to rest at joint positions q (m,), "" where it can."""
@@ -792,7 +785,7 @@ class LoopLimits(NamedTuple):
             strained = self.box.outside(q, solution.active)
         return self.with_troubles(solution, strained) if strained else solution
 
-    def broken(self, solution: VelocitySolution, now: Changes | None) -> VelocitySolution:
+    def with_broken(self, solution: VelocitySolution, now: Changes | None) -> VelocitySolution:
         """The solution with what of some limit does not hold now; it is then "limited" at least."""
         why = "" if self.joint_rows is None else self.joint_rows.broken()
         why = why or ("" if now is None else now.joint_rows.broken())
