@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from textwrap import wrap
-from typing import Any, NamedTuple, get_args
+from typing import Any, get_args
 
 import numpy as np
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from invariantqp.analysis.survey import spread, survey
@@ -18,11 +19,10 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot, middle
 from invariantqp.robots.load import load_robot
-from invariantqp.runs.clearancespec import BodySpec, ClearanceSpec, ObstacleSpec
-from invariantqp.runs.contactspec import SIDES, ContactSpec, ForceSpec, OperatorSpec, Physics, SensorSpec
+from invariantqp.runs.contactspec import SIDES
 from invariantqp.runs.path import Path
-from invariantqp.runs.section import Section, toml
-from invariantqp.runs.taskfile import Acceptance, LawSpec, RobotSpec, Screw, Task, task_from
+from invariantqp.runs.section import models_in, toml
+from invariantqp.runs.taskfile import Task, task_from
 
 # States that are tried for a start.
 TRIED = 64
@@ -81,29 +81,17 @@ def well_placed(robot: Robot) -> Array:
     return np.asarray(states[survey(robot, states).distance.argmax()])
 
 
-class TaskTable(NamedTuple):
-    """A table of a task file: how it is headed, which of several kinds it is ("" for the only one), and its keys."""
+def _tables(of: type[BaseModel], above: str = "") -> Iterator[tuple[type[BaseModel], str]]:
+    for name, field in of.model_fields.items():
+        for section in models_in(field.annotation):
+            yield section, f"{above}{name}"
+            yield from _tables(section, f"{above}{name}.")
 
-    header: str
-    kind: str
-    section: type[Section]
 
-
-TABLES = (
-    TaskTable("robot", "", RobotSpec),
-    TaskTable("robot.screws", "", Screw),
-    *(TaskTable("path", kind, path) for kind, path in PATHS.items()),
-    TaskTable("law", "", LawSpec),
-    TaskTable("accept", "", Acceptance),
-    TaskTable("contact", "", ContactSpec),
-    TaskTable("force", "", ForceSpec),
-    TaskTable("sensor", "", SensorSpec),
-    TaskTable("operator", "", OperatorSpec),
-    TaskTable("obstacle", "", ObstacleSpec),
-    TaskTable("clearance", "", ClearanceSpec),
-    TaskTable("clearance.body", "", BodySpec),
-    TaskTable("physics", "", Physics),
-)
+# The tables of a task file, one for each kind of path, and their headers.
+TABLES: dict[type[BaseModel], str] = {}
+for _section, _header in _tables(Task):
+    TABLES.setdefault(_section, _header)  # [accept_mujoco] is as [accept]
 
 
 def draft(content: Mapping[str, Any]) -> str:
@@ -112,13 +100,13 @@ def draft(content: Mapping[str, Any]) -> str:
     Each table that is given is there with all of its keys, those that are not given as comments.
     """
     lines = [*_keys({name: Task.model_fields[name] for name in ("name", "about")}, content)]
-    for header, kind, section in TABLES:
+    for section, header in TABLES.items():
         given = content.get(header)
-        if given is None or (kind and given["kind"] != kind):
+        if given is None or (header == "path" and section is not PATHS[given["kind"]]):
             continue
         fields = {name: field for name, field in section.model_fields.items() if name != "screws"}
         lines += ["", f"# {meaning(section)}", f"[{header}]", *_keys(fields, given)]
-    others = dict.fromkeys(f"[{table.header}]" for table in TABLES if table.header not in {*content, "robot.screws"})
+    others = dict.fromkeys(f"[{header}]" for header in TABLES.values() if header not in {*content, "robot.screws"})
     return "\n".join([*lines, "", f"# Further tables: {', '.join(others)}; [accept_mujoco] is as [accept].", ""])
 
 
@@ -142,6 +130,6 @@ def default_of(field: FieldInfo) -> Any:
     return None if field.is_required() else field.get_default(call_default_factory=True)
 
 
-def meaning(section: type[Section]) -> str:
+def meaning(section: type[BaseModel]) -> str:
     """The first paragraph of a section's docstring, in one line."""
     return " ".join((section.__doc__ or "").split("\n\n")[0].split())

@@ -117,7 +117,7 @@ def _place(location: tuple[int | str, ...], root: type[BaseModel], unknown: bool
             keys += (part,)
         elif any(part in table.model_fields for table in below) or (unknown and part == location[-1]):
             fields = [table.model_fields[part] for table in below if part in table.model_fields]
-            keys, tables, below = (*keys, part), below, [t for field in fields for t in _models_in(field.annotation)]
+            keys, tables, below = (*keys, part), below, [t for field in fields for t in models_in(field.annotation)]
         else:  # the kind of that name, of several that may stand at a place: a path has kind = "line"
             kinds = {table: getattr(table.model_fields.get("kind"), "annotation", None) for table in below}
             below = [table for table, kind in kinds.items() if part in getattr(kind, "__args__", ())] or below
@@ -144,9 +144,9 @@ def toml(value: Any) -> str:
     return str(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)  # inf as well
 
 
-def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
     """The tables in an annotation, such as the kinds of a path."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for inner in getattr(annotation, "__args__", ()):
-        yield from _models_in(inner)
+        yield from models_in(inner)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 from invariantqp.runs.clearancespec import BodySpec, ObstacleSpec
-from invariantqp.runs.newtask import TABLES, default_of, meaning
+from invariantqp.runs.newtask import PATHS, TABLES, default_of, meaning
 from invariantqp.runs.section import toml
 from invariantqp.runs.taskfile import Screw, Task
 
@@ -17,9 +17,11 @@ BEGIN, END = "<!-- generated -->\n", "<!-- end -->"
 
 def reference():
     """Every key of a task file, as Markdown."""
-    plain = {name: field for name, field in Task.model_fields.items() if name not in {t.header for t in TABLES}}
+    plain = {name: field for name, field in Task.model_fields.items() if name not in TABLES.values()}
     parts = ["### Keys before the first table\n\n" + rows(plain)]
-    for header, kind, section in TABLES:
+    kinds = {section: kind for kind, section in PATHS.items()}
+    for section, header in TABLES.items():
+        kind = kinds.get(section, "")
         heads = f"[[{header}]]" if section in SEVERAL else f"[{header}]"
         title = f"### {heads}{f', kind = {json.dumps(kind)}' if kind else ''}"
         fields = {name: field for name, field in section.model_fields.items() if not (kind and name == "kind")}
