@@ -164,11 +164,7 @@ def _metric(xp: Namespace, J: Rows, L: Rows) -> Rows:
 
 
 def _broadcast(xp: Namespace, rows: Sequence[Rows]) -> Inputs:
-    """The rows in one shape, with what stands for arguments that were left out.
-
-    Raises:
-        BadInput: shapes that do not fit.
-    """
+    """The rows in one shape, with what stands for arguments that were left out."""
     J, s, p, low, high, posture, L = rows
     m = shaped(J, (6, None), "J", "shape (..., 6, m): joint twists as columns, angular part first").shape[-1]
     tails: dict[str, tuple[Any, tuple[int, ...]]] = {"J": (J, (6, m)), "twist": (s, (6,)), "point": (p, (3,))}

@@ -118,11 +118,7 @@ class OtherArm:
 
 
 def parts_of(robot: Chain, bodies: Mapping[str, Sequence[Shape]], obstacles: Sequence[Shape | OtherArm]) -> list[Part]:
-    """All shapes, each with what moves it.
-
-    Raises:
-        BadInput: obstacles that are none, or of one name.
-    """
+    """All shapes, each with what moves it."""
     parts: list[Part] = []
     for link, shapes in bodies.items():
         body, frame = frame_of(robot, link)
@@ -169,11 +165,7 @@ def frame_of(robot: Chain, name: str) -> tuple[int, Array]:
 
 
 def chain_of(robot: Any) -> Chain:
-    """A robot that is known joint by joint.
-
-    Raises:
-        BadInput: another one.
-    """
+    """A robot that is known joint by joint."""
     if not isinstance(robot, Chain):
         raise BadInput("robot", excerpt(robot), "a robot that load_robot returned")
     return robot

@@ -153,9 +153,6 @@ class FrameCost:
             pose: (4, 4) of the frame in the world.
             jacobian: (6, nv) of the error, in the frame, linear part first: minus what a joint moves it by.
             error: (6,) log(current^-1 target), likewise.
-
-        Raises:
-            BadInput: NaN; a form beside a cost of zero.
         """
         measure, indices = self._measured(model, moving)
         whole = len(indices) == jacobian.shape[1]

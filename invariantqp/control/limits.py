@@ -220,11 +220,7 @@ class JointLimits(Value, Limit):
 
 
 def require_range(low: Array, high: Array, margin: float, argument: str) -> None:
-    """Refuse a margin that leaves a joint with a range [low, high] none of it; one that is locked has none to leave.
-
-    Raises:
-        BadInput: by the argument's name.
-    """
+    """Refuse a margin that leaves a joint with a range [low, high] none of it; one that is locked has none to leave."""
     gone = (high > low) & (2.0 * margin >= high - low)
     if gone.any():
         i = int(gone.argmax())
@@ -772,11 +768,7 @@ class LoopLimits(NamedTuple):
         return not_believed(self.loop.robot, q, self.believed)
 
     def near(self, places: Array, argument: str) -> None:
-        """Refuse places (..., 3) of a pose that are farther away than is believed.
-
-        Raises:
-            BadInput: by the argument's name.
-        """
+        """Refuse places (..., 3) of a pose that are farther away than is believed."""
         refuse_far(places, self.tip, self.far, argument)
 
     def told(self, solution: VelocitySolution, q: ArrayLike, strained: tuple[Reason, ...] = ()) -> VelocitySolution:
@@ -823,11 +815,7 @@ def not_believed(robot: Robot, q: Array, believed: tuple[list[float], list[float
 
 
 def refuse(wrong: Reason | None, argument: str) -> None:
-    """Refuse joint positions that are not believed.
-
-    Raises:
-        BadInput: by the argument's name.
-    """
+    """Refuse joint positions that are not believed."""
     if wrong:
         raise BadInput(
             argument, str(wrong).partition(" Give")[0], "joint positions in radians, near the position ranges"

@@ -39,11 +39,7 @@ HEADER = 7
 
 
 def ticks_late(delay: float, dt: float) -> tuple[int, float]:
-    """A delay in ticks: the whole ones, and the share of one more.
-
-    Raises:
-        BadInput: a delay of more than `MOST_LATE` ticks.
-    """
+    """A delay in ticks: the whole ones, and the share of one more."""
     late = delay / dt
     if late > MOST_LATE:
         raise BadInput("delay", f"{delay:g} s, {late:.0f} ticks", f"seconds, at most {MOST_LATE} ticks")

@@ -113,29 +113,17 @@ class PoseSearch:
         self._plain: PoseError | None = None  # of some pose: the core needs no more than its measure
 
     def start(self, q0: ArrayLike) -> Array:
-        """Joint positions (m,) to begin from.
-
-        Raises:
-            BadInput: NaN, a wrong shape, or a joint outside its range and two turns from zero.
-        """
+        """Joint positions (m,) to begin from."""
         q = arrays.vector(q0, len(self._robot.names), "q0")
         refuse(not_believed(self._robot, q, self._believed), "q0")
         return q
 
     def near(self, pose: Array, argument: str) -> None:
-        """Refuse a pose (4, 4) as far away as one in millimetres.
-
-        Raises:
-            BadInput: by the argument's name.
-        """
+        """Refuse a pose (4, 4) as far away as one in millimetres."""
         refuse_far(pose[:3, 3], self._tip, self._far, argument)
 
     def solve(self, target: Any, q0: ArrayLike | None = None) -> PoseSolution:
-        """Joint positions for one target, from q0 first.
-
-        Raises:
-            BadInput: no pose, a target as far away as one in millimetres, or what `start` refuses.
-        """
+        """Joint positions for one target, from q0 first."""
         space = self._space
         error = pose_error(self._arm, target, self._form, self._exact)
         self.near(error.matrix, "target")

@@ -149,22 +149,14 @@ def far_away(robot: Robot, J: Array, tip: Array) -> float:
 
 
 def refuse_far(places: Array, tip: Array, far: float, argument: str) -> None:
-    """Refuse places (..., 3) of poses that are farther from a tool at `tip` (3,) than is believed.
-
-    Raises:
-        BadInput: by the argument's name.
-    """
+    """Refuse places (..., 3) of poses that are farther from a tool at `tip` (3,) than is believed."""
     away = float(np.linalg.norm(places - tip, axis=-1).max())
     if away > far:
         raise BadInput(argument, _far(away, far), "a pose in the arm's unit of length", MILLIMETRES)
 
 
 def question_pose(robot: Robot, argument: str, pose: Array) -> None:
-    """Warn of a pose (4, 4) beside an arm, of its tool or its base, that looks like millimetres.
-
-    Warns:
-        UserWarning: by the argument's name.
-    """
+    """Warn of a pose (4, 4) beside an arm, of its tool or its base, that looks like millimetres."""
     mid, away = middle(robot), float(np.linalg.norm(pose[:3, 3]))
     far = far_away(robot, robot.jacobian(mid), robot.pose(mid)[:3, 3])
     if away > far:
@@ -172,11 +164,7 @@ def question_pose(robot: Robot, argument: str, pose: Array) -> None:
 
 
 def question_speed(speed: float, far: float, argument: str) -> None:
-    """Warn of a limit of a tool's speed that looks like millimetres: farther in a second than poses are believed.
-
-    Warns:
-        UserWarning: by the argument's name.
-    """
+    """Warn of a limit of a tool's speed that looks like millimetres: farther in a second than poses are believed."""
     if speed > far:
         times = f"{speed * FAR_AWAY / far:.3g} times the arm's length in a second"
         warnings.warn(f"{argument}: {speed:.4g} [length/s], {times}. {MILLIMETRES}", UserWarning, stacklevel=4)
@@ -187,11 +175,7 @@ def _far(away: float, far: float) -> str:
 
 
 def question_range(lower: Array, upper: Array, turning: NDArray[np.bool_], argument: str) -> None:
-    """Warn of position limits (m,) that look like degrees; `turning` (m,) says which joints turn.
-
-    Warns:
-        UserWarning: by the argument's name.
-    """
+    """Warn of position limits (m,) that look like degrees; `turning` (m,) says which joints turn."""
     far = np.where(turning, np.maximum(*(np.where(np.isfinite(a), np.abs(a), 0.0) for a in (lower, upper))), 0.0)
     most = float(far.max(initial=0.0))
     if most > QUESTIONED_TURN:

@@ -35,9 +35,6 @@ def model_of(
 
     Unit twists (6, m) at q = 0 in the base frame, places (m, 3) on their axes, the tool at `home` (4, 4) at q = 0;
     limits are lower and upper position limits and velocity limits, (m,) each.
-
-    Raises:
-        BadInput: a screw that is not of unit size.
     """
     model, last = pin.Model(), np.eye(4)
     joint = 0
