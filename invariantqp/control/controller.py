@@ -657,7 +657,7 @@ class Controller:
             if rows is None:
                 break
             solution = solve(law, demand._replace(rows=rows))
-        self.memory.after(positions, solution.velocity).write(self.kept)
+        self.kept[:] = self.memory.after(positions, solution.velocity).numbers
         solution = self._limits.told(self._limits.with_broken(solution, now), positions, limits.strained)
         return solution._replace(joint_names=self.robot.names)
 
@@ -674,7 +674,7 @@ class Controller:
         x, nowhere = np.zeros(self._count), np.full(self._count, np.nan)
         if self.braking is not None:
             x = np.sign(state.before) * np.maximum(np.abs(state.before) - self.dt * self.braking.acceleration, 0.0)
-        self.memory.after(nowhere, x).write(self.kept)
+        self.kept[:] = self.memory.after(nowhere, x).numbers
         residual = s - state.sighting.J.dot(x)
         return VelocitySolution(x, "hold", Status.HELD, (reason,), (), residual, 0.0, 0.0, 0.0, "")
 

@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.control.measure import ToolMeasure
+from invariantqp.control.measure import ToolMeasure, point_of
 from invariantqp.engine import Engine, core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
@@ -82,11 +82,8 @@ class FrameCost:
     ) -> None:
         """Check and keep our own arguments; the library's constructor then sets costs, gain and lm_damping."""
         self.form = form_of(form)
-        self.point = "own" if isinstance(point, str) else np.zeros(3)
-        if isinstance(point, str) and point != "own":
-            raise BadInput("point", repr(point), '"own" or (3,) in the frame')
-        if point is not None and not isinstance(point, str):
-            self.point = arrays.vector(point, 3, "point")
+        place = point_of(point)
+        self.point = "own" if place is None else place
         self.length = None if length is None else arrays.number(length, "length", "a length", positive=True)
         if orientation_cost is not None and length is not None:
             raise BadInput("orientation_cost", "it and length", "one of them", "Both say what a radian costs.")

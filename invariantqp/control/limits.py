@@ -384,7 +384,7 @@ class _InPink(Limit):
 class _Function(Limit):
     """A function of q that returns rows."""
 
-    def __init__(self, function: Callable[[Array], LimitRows | None], argument: str = "limits") -> None:
+    def __init__(self, function: Callable[[Array], LimitRows | None], argument: str) -> None:
         self._function, self.argument = function, argument
         called = getattr(function, "name", getattr(function, "__name__", ""))
         self.name = called if isinstance(called, str) and called != "<lambda>" else ""
@@ -397,7 +397,7 @@ class _Function(Limit):
 class _Fixed(Limit):
     """Rows that never change."""
 
-    def __init__(self, rows: LimitRows, argument: str = "limits") -> None:
+    def __init__(self, rows: LimitRows, argument: str) -> None:
         self._rows, self.argument = rows, argument
 
     def for_loop(self, loop: Loop) -> LimitRows:
@@ -427,26 +427,23 @@ def limits_of(limits: Sequence[AnyLimit]) -> list[Limit]:
 def _limit_of(limit: object) -> Limit:
     if isinstance(limit, Limit):
         return limit
-    if isinstance(limit, LimitRows):
-        return _Fixed(limit)
     if isinstance(limit, ToolSpeed):
         return _OfTool(limit)
-    if isinstance(limit, type) or not (_is_pinks(limit) or callable(limit)):
-        raise BadInput("limits", excerpt(limit), LIMITS)
-    return PinkLimit(limit) if _is_pinks(limit) else _Function(limit)  # type: ignore[arg-type]
+    return PinkLimit(limit) if _is_pinks(limit) else row_limit(limit, "limits")  # type: ignore[arg-type]
 
 
-def row_limit(rows: Rows) -> Limit:
+def row_limit(rows: Any, argument: str = "rows") -> Limit:
     """What `rows=` takes, as a limit."""
     if isinstance(rows, LimitRows):
-        return _Fixed(rows, "rows")
+        return _Fixed(rows, argument)
     if isinstance(rows, type) or not callable(rows):
-        raise BadInput("rows", excerpt(rows), "LimitRows(C, lower, upper), or a function of q that returns it")
-    return _Function(rows, "rows")
+        of_rows = "LimitRows(C, lower, upper), or a function of q that returns it"
+        raise BadInput(argument, excerpt(rows), LIMITS if argument == "limits" else of_rows)
+    return _Function(rows, argument)
 
 
 def _is_pinks(limit: object) -> bool:
-    return hasattr(limit, "compute_qp_inequalities")
+    return hasattr(limit, "compute_qp_inequalities") and not isinstance(limit, type)
 
 
 def loop_of(robot: Robot, dt: float, delay: float) -> Loop:

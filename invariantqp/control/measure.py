@@ -37,11 +37,7 @@ class ToolMeasure:
         The point is (3,) in the tool frame, None its origin, "own" the arm's own point; the length L, None the arm's
         reach to it; or a metric is carried by a body, or by the tool.
         """
-        if isinstance(point, str) and point != "own":
-            raise BadInput("point", excerpt(point), '"own" or (3,) in the tool frame')
-        self.point: Array | None = None if isinstance(point, str) else np.zeros(3)
-        if point is not None and not isinstance(point, str):
-            self.point = arrays.vector(point, 3, "point")
+        self.point: Array | None = point_of(point)
         mid = middle(require_robot(robot))
         J = robot.jacobian(mid)
         there = own_point(J) if self.point is None else robot.pose(mid).dot([*self.point.tolist(), 1.0])[:3]
@@ -66,6 +62,13 @@ class ToolMeasure:
             T = _homogeneous(pose)
             at = T[:3, :3].dot(self.point) + T[:3, 3]
         return root_at(own_point(J) if at is None else at, self.length)
+
+
+def point_of(point: ArrayLike | str | None) -> Array | None:
+    """(3,) a point in a frame, None for its origin; of "own", the arm's own point, None."""
+    if isinstance(point, str) and point != "own":
+        raise BadInput("point", excerpt(point), '"own" or (3,) in the frame')
+    return None if isinstance(point, str) else np.zeros(3) if point is None else arrays.vector(point, 3, "point")
 
 
 def tool_metric(robot: Robot, length: float | None = None) -> CarriedMetric:

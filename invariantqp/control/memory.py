@@ -138,10 +138,6 @@ class Memory(NamedTuple):
         """After a tick at q (m,) that gave a command (m,)."""
         return self._replace(positions=q, commands=np.vstack((command[None], self.commands[:-1])))
 
-    def write(self, numbers: Array) -> None:
-        """Into `numbers`."""
-        numbers[:] = self.numbers
-
     def judged(self, solution: VelocitySolution, q: Array, A: Array, dt: float) -> VelocitySolution:
         """The solution of a tick at q (m,), as in `followed`; a loop whose joints do not follow is trouble.
 
