@@ -185,8 +185,7 @@ class InvariantPose(PartController):  # type: ignore[misc]
         if (self.torques == torque).all():  # else the command waits for the motors
             self._commanded = commanded
         super().run_controller()
-        torques: Array = self.torques
-        return torques
+        return np.asarray(self.torques)
 
     @property
     def control_limits(self) -> tuple[Array, Array]:

@@ -227,8 +227,7 @@ class FrameCost:
         axes[3:, 3:] = (self.cost[:3, None] / unit) * pose[:3, :3].T
         if self.form is not None and not self.cost.all():
             raise BadInput("form", "a form beside a cost of zero", "costs above zero", "Leave the form out.")
-        root: Array = axes.dot(root_at(point, 1.0))
-        return root
+        return np.asarray(axes.dot(root_at(point, 1.0)))
 
     def _measured(
         self, model: object, moving: Callable[[], tuple[Chain, NDArray[np.intp]]]

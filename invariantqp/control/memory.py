@@ -118,8 +118,7 @@ class Memory(NamedTuple):
     def in_flight(self) -> Array:
         """(m,) the sum of the commands that do not show yet."""
         whole, part = self.late
-        total: Array = self.commands[:whole].sum(axis=0) + part * self.commands[whole]
-        return total
+        return np.asarray(self.commands[:whole].sum(axis=0) + part * self.commands[whole])
 
     @property
     def shown(self) -> Array:

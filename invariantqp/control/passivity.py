@@ -251,8 +251,7 @@ class InFlight:
     @property
     def done(self) -> Array:
         """(6,) the twist that the robot has in this tick by its declared delay."""
-        now: Array = self._passed[-1 - self._told]
-        return now
+        return np.asarray(self._passed[-1 - self._told])
 
     def push(self, twist: Array, seen: Array | None) -> None:
         """After a tick in which a twist (6,) was passed on; `seen` is the tool's in the tick before, if measured."""

@@ -70,8 +70,7 @@ class SharedTask(Value):
     def twist(self, robot: ArrayLike, operator: ArrayLike) -> Array:
         """The (6,) twist of the tool for what each of the two wants, (6,) twists in the base frame."""
         s1, s2 = arrays.twist(robot, "robot"), arrays.twist(operator, "operator")
-        twist: Array = self.robot_projector.dot(s1) + self.operator_projector.dot(s2)
-        return twist
+        return np.asarray(self.robot_projector.dot(s1) + self.operator_projector.dot(s2))
 
     def moved(self, pose: ArrayLike) -> SharedTask:
         """The same task after a (4, 4) rigid motion of both systems; nothing is projected again."""

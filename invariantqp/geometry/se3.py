@@ -218,8 +218,7 @@ def _log(first: Sequence[float], second: Sequence[float], third: Sequence[float]
 
 def rotation(vector: Array) -> Array:
     """The (3, 3) rotation about the axis and by the angle of a (3,) rotation vector."""
-    turned: Array = exp(np.concatenate((vector, np.zeros(3))), check=False)[:3, :3]
-    return turned
+    return np.asarray(exp(np.concatenate((vector, np.zeros(3))), check=False)[:3, :3])
 
 
 def rotation_vector(R: Array) -> Array:

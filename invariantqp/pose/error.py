@@ -161,8 +161,7 @@ class Linearization(NamedTuple):
     @property
     def descent(self) -> Array:
         """-grad f, A'r."""
-        descent: Array = self.r.dot(self.A)
-        return descent
+        return np.asarray(self.r.dot(self.A))
 
     @property
     def unmet(self) -> float:
@@ -191,8 +190,7 @@ class PoseError(NamedTuple):
     def matrix(self) -> Array:
         """(4, 4) the target."""
         known = getattr(self.target, "pose", None)
-        T: Array = self.target.homogeneous if known is None else known
-        return T
+        return np.asarray(self.target.homogeneous if known is None else known)
 
     @property
     def least(self) -> float:
@@ -221,8 +219,7 @@ class PoseError(NamedTuple):
         h = np.where(q + DIFFERENCE > self.robot.position_upper, -DIFFERENCE, DIFFERENCE)
         H = np.array([(state.descent - self.at(q + h[i] * e).descent) / h[i] for i, e in enumerate(np.eye(m))])
         mu, V = np.linalg.eigh(0.5 * (H + H.T))
-        definite: Array = (V * np.abs(mu)).dot(V.T)
-        return definite
+        return np.asarray((V * np.abs(mu)).dot(V.T))
 
     def misses(self, q: Array) -> tuple[float, float]:
         """Distance of the tool frame's origin [length] and angle [rad] from the target."""
@@ -268,5 +265,4 @@ def _log_derivative(omega: Array) -> Array:
         c = (1.0 + theta * theta / 60.0) / 12.0
     else:
         c = (1.0 - 0.5 * theta / tan(0.5 * theta)) / (theta * theta)
-    K: Array = np.eye(3) + 0.5 * W + c * W.dot(W)
-    return K
+    return np.asarray(np.eye(3) + 0.5 * W + c * W.dot(W))

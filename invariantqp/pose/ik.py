@@ -188,8 +188,7 @@ class PoseSearch:
         if core is None or arm is None:
             return np.zeros((0, len(q0)))
         all_of_them, met = core.descents(arm, targets, q0, goal, turning, fastest, steps)
-        found: Array = all_of_them[:met]
-        return found
+        return np.asarray(all_of_them[:met])
 
     def _of_core(self, target: Array) -> tuple[Arm | None, float, bool]:
         """What the core needs besides targets: the arm as measured, |r| that meets one, whether joints turn over."""

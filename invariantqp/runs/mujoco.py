@@ -342,8 +342,7 @@ class MujocoPlant:
         return PlantState(self._q(), pose, np.concatenate((moment + se3.cross(centre, force), force)))
 
     def _q(self) -> Array:
-        q: Array = self.data.qpos[self._joints].copy()
-        return q
+        return np.asarray(self.data.qpos[self._joints].copy())
 
     def _tune(self, start: Array) -> None:
         """Velocity loops of the given lag: servos on the integral of the command, so no load makes a joint creep."""

@@ -105,8 +105,7 @@ class HingeSprings:
     def handle(self, angle: float) -> Array:
         """(n, 3) where the points of the door are at an angle [rad]."""
         T = se3.exp(angle * self.screw).dot(self.home)
-        points: Array = self.points.dot(T[:3, :3].T) + T[:3, 3]
-        return points
+        return np.asarray(self.points.dot(T[:3, :3].T) + T[:3, 3])
 
     def angle(self, T: Array, guess: float) -> float:
         """The angle [rad] of a door that only the springs hold, with the tool at pose T: where they stretch least."""
@@ -143,8 +142,7 @@ class SimulatedSensor(NamedTuple):
         """(6,) what it reads with the tool at rest at pose T under a contact wrench: that and weight, in its frame."""
         pose = T.dot(self.mount)
         weight = force_at(self.mass * np.array(GRAVITY), pose[:3, :3].dot(self.centre) + pose[:3, 3])
-        reading: Array = se3.adjoint(pose, check=False).T.dot(contact + weight)
-        return reading
+        return np.asarray(se3.adjoint(pose, check=False).T.dot(contact + weight))
 
 
 class IdealPlant:

@@ -204,8 +204,7 @@ class Trace:
     def outside(self) -> Array:
         """(n + 1, m) how far each joint is outside its position limits [rad, m]; 0 inside."""
         low, high = self.position_limits
-        outside: Array = np.maximum(np.maximum(low - self.q, self.q - high), 0.0)
-        return outside
+        return np.asarray(np.maximum(np.maximum(low - self.q, self.q - high), 0.0))
 
     @property
     def acceleration(self) -> Array:

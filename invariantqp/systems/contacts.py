@@ -115,8 +115,7 @@ class ContactKind(Value):
 def _powers(W: Array, S: Array) -> Array:
     """(6-k, k) |m||w| + |f||v|: how large W'S could be."""
     m, f, w, v = (np.linalg.norm(part, axis=0) for part in (W[:3], W[3:], S[:3], S[3:]))
-    powers: Array = np.outer(m, w) + np.outer(f, v)
-    return powers
+    return np.asarray(np.outer(m, w) + np.outer(f, v))
 
 
 def _independent(columns: ArrayLike, argument: str) -> Array:
@@ -197,20 +196,17 @@ class Contact(Value):
     @cached_property
     def freedoms(self) -> Array:
         """(6, k) twists that the contact allows."""
-        twists: Array = self.adjoint.dot(self.kind.freedoms)
-        return twists
+        return np.asarray(self.adjoint.dot(self.kind.freedoms))
 
     @cached_property
     def constraints(self) -> Array:
         """(6, 6-k) wrenches that the tool can exert on the contact; none does work on any freedom."""
-        wrenches: Array = self.coadjoint.dot(self.kind.constraints)
-        return wrenches
+        return np.asarray(self.coadjoint.dot(self.kind.constraints))
 
     @cached_property
     def point(self) -> Array:
         """(3,) the place of contact."""
-        place: Array = self.pose[:3, :3].dot(self.kind.origin) + self.pose[:3, 3]
-        return place
+        return np.asarray(self.pose[:3, :3].dot(self.kind.origin) + self.pose[:3, 3])
 
     def moved(self, pose: ArrayLike) -> Contact:
         """The contact after a (4, 4) rigid motion: twists go by Ad, wrenches by the coadjoint."""
