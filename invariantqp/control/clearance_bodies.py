@@ -146,11 +146,7 @@ def parts_of(robot: Chain, bodies: Mapping[str, Sequence[Shape]], obstacles: Seq
 
 
 def frame_of(robot: Chain, name: str) -> tuple[int, Array]:
-    """How many joints move a link, and its (4, 4) frame at q = 0; as `Clearance` takes the names of bodies.
-
-    Raises:
-        UnknownName: no such link or joint.
-    """
+    """How many joints move a link, and its (4, 4) frame at q = 0; as `Clearance` takes the names of bodies."""
     for link in robot.links:
         if link.name == name:
             return link.body, link.frame
@@ -209,20 +205,7 @@ class Dropped(NamedTuple):
 
 
 class Pairs:
-    """The shapes of a clearance, and which of them are kept apart.
-
-    Attributes:
-        robots: the arm, and those around it.
-        screws: (6, M) of all their joints.
-        starts: (M + 1,) at which joint the arm of each body begins.
-        parts: all shapes, links' and obstacles'.
-        moving: which of them are obstacles.
-        numbers: (n, 18) of the shapes, as the compiled core takes them.
-        levers: (n, M) how far any point of a shape moves at most for a radian or length of each joint.
-        solids: what tells distances of meshes, None of other shapes; empty without a mesh.
-        of_shapes: the shapes of each pair.
-        dropped: the pairs of bodies that are not kept apart wherever obstacles are, each with its reason.
-    """
+    """The shapes of a clearance, and which of them are kept apart."""
 
     def __init__(
         self,
@@ -232,19 +215,15 @@ class Pairs:
         pairs: Iterable[tuple[str, str]] | None,
         exclude: Iterable[tuple[str, str]] | str | PathLike[str],
     ) -> None:
-        """The pairs of some parts; the rest is as in `Clearance`.
-
-        Raises:
-            BadInput: no pairs of names.
-            UnknownName: no such body.
-            RobotModelError: an SRDF that cannot be read.
-        """
+        """The pairs of parts of robots, the arm and those around it; the rest is as in `Clearance`."""
         self.parts, self.robots, self._robot, self._distance = tuple(parts), robots, robots[0], distance
-        self.screws, self.starts = np.hstack([robot.screws for robot in robots]), starts_of(robots).astype(float)
-        self.moving = [i for i, part in enumerate(parts) if part.frame is None]
+        self.screws = np.hstack([robot.screws for robot in robots])  # (6, M) of all their joints
+        self.starts = starts_of(robots).astype(float)  # (M + 1,) at which joint the arm of each body begins
+        self.moving = [i for i, part in enumerate(parts) if part.frame is None]  # which parts are obstacles
+        # (n, 18) of the shapes, as the core takes them; (n, M) how far any point of one moves at most by each joint.
         self.numbers = np.array([self._numbers(part) for part in parts]).reshape(-1, OF_SHAPE)
         self.levers = levers_of(robots, self.numbers)
-        solids = tuple(part.shape.solid for part in parts)
+        solids = tuple(part.shape.solid for part in parts)  # None of what is no mesh
         self.solids: tuple[Solid | None, ...] = solids if any(solid is not None for solid in solids) else ()
         self._given = pairs is not None
         self.of_shapes, self.dropped = self._chosen(pairs, exclude)
@@ -344,12 +323,7 @@ class Pairs:
         return place.distance + sum(ways), ways
 
     def _named(self, pairs: Iterable[tuple[str, str]], argument: str) -> list[tuple[str, str]]:
-        """Pairs of names, each of a body that is there.
-
-        Raises:
-            BadInput: no pairs of names.
-            UnknownName: no such body.
-        """
+        """Pairs of names, each of a body that is there."""
         known = list(dict.fromkeys(part.name for part in self.parts))
         found = []
         for pair in arrays.listed(pairs, argument, "pairs of names, [(link, link), (link, obstacle), ...]"):

@@ -234,17 +234,13 @@ class InFlight:
     w is met now, k the stiffness of the hardest thing that the tool may meet: it may stand right before the tool, and
     what is on its way to a late robot cannot be called back. So in free motion, too, no more is passed on than may
     strike.
-
-    Attributes:
-        late: by how much later than declared the robot was seen to follow [s].
-        stiffness: of the hardest thing that the tool may meet, declared or met [N/length].
     """
 
     def __init__(self, dt: float, delay: float, stiffness: float) -> None:
         """Nothing on its way, for ticks of dt [s], a declared delay [s] and a stiffness [N/length]."""
-        self.late: float = 0.0
+        self.late: float = 0.0  # by how much later than declared it was seen to follow [s]
         self._dt, self._told = dt, ceil(delay / dt - arrays.NEGLIGIBLE)
-        self.stiffness: float = stiffness
+        self.stiffness: float = stiffness  # declared or met
         self._passed = np.zeros((1 + self._told + round(LONGEST / dt), 6))  # the latest last
         self._delay = DelayEstimate(dt, self._told * dt, 3, 1.0 - dt / REMEMBERED)
 

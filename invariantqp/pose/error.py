@@ -33,19 +33,13 @@ if TYPE_CHECKING:
 
 
 class JointSpace:
-    """The joint limits of an arm, with its turns.
-
-    Attributes:
-        middle: (m,) of each joint's range [rad, length].
-        lower: (m,) [rad, length], -1e30, the solver's infinity, where there is none.
-        upper: (m,).
-        whole: (m,) bool, the hinges whose range holds a whole turn.
-        turn: (m,) that turn, in units of q; 1 where there is none.
-    """
+    """The joint limits of an arm, with its turns."""
 
     def __init__(self, robot: Robot) -> None:
         """The joint space of a robot."""
         self.middle: Array = middle(robot)
+        # (m,) limits [rad, length], the solver's infinity where there is none; a whole turn in units of q, 1 of what is
+        # no hinge; and which hinges have a range that holds one.
         self.lower: Array = np.maximum(robot.position_lower, -UNBOUNDED)
         self.upper: Array = np.minimum(robot.position_upper, UNBOUNDED)
         J = robot.jacobian(self.middle)
