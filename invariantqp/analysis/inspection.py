@@ -388,13 +388,7 @@ class Inspection:
         }
 
 
-def inspect(
-    robot: Robot,
-    *,
-    name: str = "robot",
-    q: ArrayLike | None = None,
-    samples: int = 64,
-) -> Inspection:
+def inspect(robot: Robot, *, name: str = "robot", q: ArrayLike | None = None, samples: int = 64) -> Inspection:
     """Look at an arm in one state and over its joint range.
 
     Args:

@@ -37,14 +37,7 @@ from invariantqp.batches.namespace import (
     settled,
 )
 from invariantqp.geometry.arrays import NEGLIGIBLE
-from invariantqp.velocity.damping import (
-    CALM,
-    DEVIATION_SHARE,
-    QUIET_SHARE,
-    UNLIMITED_CEILING,
-    Adaptive,
-    Fixed,
-)
+from invariantqp.velocity.damping import CALM, DEVIATION_SHARE, QUIET_SHARE, UNLIMITED_CEILING, Adaptive, Fixed
 from invariantqp.velocity.objective import NULL_RATIO, NULL_WEIGHT
 
 # In single precision, directions that the law damps by less than this share of the largest singular value are damped by
@@ -164,13 +157,7 @@ def _gradient(xp: Namespace, A: Rows, b: Rows, posture: Rows, x: Rows, spectrum:
 
 
 def _damped(
-    xp: Namespace,
-    sigma: Rows,
-    largest: Rows,
-    null: Rows,
-    damping: Adaptive | Fixed | None,
-    limited: Rows,
-    unit: Rows,
+    xp: Namespace, sigma: Rows, largest: Rows, null: Rows, damping: Adaptive | Fixed | None, limited: Rows, unit: Rows
 ) -> Damped:
     """The policy's squares; directions that move nothing have a weight in any case."""
     s, top = sigma * sigma, largest * largest

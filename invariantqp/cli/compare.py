@@ -17,8 +17,7 @@ from invariantqp.extras import require
 
 def compare(
     tasks: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="TASK", help="Names or files of tasks; six shipped ones by default."),
+        list[str] | None, typer.Argument(metavar="TASK", help="Names or files of tasks; six shipped ones by default.")
     ] = None,
     methods: Annotated[
         list[str] | None,

@@ -12,16 +12,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from invariantqp.cli.console import (
-    PICTURES,
-    PLAIN_WIDTH,
-    JsonFile,
-    ToolFrame,
-    numbers,
-    writable,
-    write,
-    writing,
-)
+from invariantqp.cli.console import PICTURES, PLAIN_WIDTH, JsonFile, ToolFrame, numbers, writable, write, writing
 from invariantqp.errors import BadInput
 from invariantqp.extras import require
 
@@ -86,12 +77,7 @@ def inspect(
         if kept is not None:
             near, bodies = kept.at(found.q), {name: len(shapes) for name, shapes in kept.bodies.items()}
             nearest = {"bodies": near[:2], "distance": near.distance} if near.first else None
-            content["clearance"] = {
-                "bodies": bodies,
-                "nearest": nearest,
-                "pairs": kept.pairs,
-                "dropped": kept.dropped,
-            }
+            content["clearance"] = {"bodies": bodies, "nearest": nearest, "pairs": kept.pairs, "dropped": kept.dropped}
         write(json_file, json.dumps(content, indent=1) + "\n")
     if plot is not None:
         with writing(plot):

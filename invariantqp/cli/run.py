@@ -67,8 +67,7 @@ def run(
     view: Annotated[
         str | None,
         typer.Option(
-            metavar="[FILE]",
-            help="Watch in a browser; with a FILE, or without a screen, write an .html page.",
+            metavar="[FILE]", help="Watch in a browser; with a FILE, or without a screen, write an .html page."
         ),
     ] = None,
     backend: Annotated[

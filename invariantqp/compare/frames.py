@@ -41,10 +41,7 @@ DISPLACEMENT = 0.25
 
 
 def displaced(
-    setup: Setup,
-    tool: ArrayLike | None = None,
-    sensor: ArrayLike | None = None,
-    contact: ArrayLike | None = None,
+    setup: Setup, tool: ArrayLike | None = None, sensor: ArrayLike | None = None, contact: ArrayLike | None = None
 ) -> Setup:
     """The setup of a run with frames displaced in themselves, (4, 4) or None each; its plant is the new one's too."""
     problem, plant = setup.problem, setup.plant

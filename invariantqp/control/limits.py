@@ -700,11 +700,7 @@ class LoopLimits(NamedTuple):
         return self._replace(box=box, braking=braking)
 
     def changed(
-        self,
-        speed: float,
-        velocity_limit: ArrayLike | None,
-        tool_speed: float | None,
-        limits: Sequence[AnyLimit],
+        self, speed: float, velocity_limit: ArrayLike | None, tool_speed: float | None, limits: Sequence[AnyLimit]
     ) -> Changes | None:
         """What a tick changes; None for nothing."""
         if type(speed) is float and speed == 1.0 and velocity_limit is None and tool_speed is None and limits == ():

@@ -128,13 +128,7 @@ class LinkEnd:
         self._last: Array = self._met
 
     def step(
-        self,
-        twist: ArrayLike,
-        wrench: ArrayLike,
-        received: float,
-        age: float = 0.0,
-        *,
-        done: ArrayLike | None = None,
+        self, twist: ArrayLike, wrench: ArrayLike, received: float, age: float = 0.0, *, done: ArrayLike | None = None
     ) -> LinkTick:
         """What to pass on in this tick.
 

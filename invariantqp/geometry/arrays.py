@@ -231,12 +231,7 @@ def is_rigid(T: Array) -> bool:
 
 
 def number(
-    value: float,
-    argument: str,
-    expected: str = "a finite number",
-    *,
-    positive: bool = False,
-    infinite: bool = False,
+    value: float, argument: str, expected: str = "a finite number", *, positive: bool = False, infinite: bool = False
 ) -> float:
     """A float: above zero if `positive`, possibly infinite if `infinite`, never NaN, True or False."""
     x = value if type(value) is float else _as_float(value, argument, expected)

@@ -150,9 +150,7 @@ class OperatorSpec(Section):
         0.0, description="amplitude of the velocity by which the person also leaves the plane [m/s]", examples=[0.05]
     )
     tilts: NotNegative = Field(
-        0.0,
-        description="amplitude of the angular velocity by which the person tilts the tool [rad/s]",
-        examples=[0.3],
+        0.0, description="amplitude of the angular velocity by which the person tilts the tool [rad/s]", examples=[0.3]
     )
     beats: Positive = Field(1.0, description="frequency of both [Hz]", examples=[1.0])
 

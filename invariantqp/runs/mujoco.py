@@ -267,10 +267,7 @@ def _add_door(spec: Any, springs: HingeSprings, sensor: SimulatedSensor, physics
         door.add_site(name=f"door {i}", pos=on_door - foot)
         spec.body("sensor").add_site(name=f"grip {i}", pos=to_sensor[:3, :3].dot(on_tool) + to_sensor[:3, 3])
         spec.add_equality(
-            type=mujoco.mjtEq.mjEQ_CONNECT,
-            objtype=mujoco.mjtObj.mjOBJ_SITE,
-            name1=f"grip {i}",
-            name2=f"door {i}",
+            type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=f"grip {i}", name2=f"door {i}"
         )
 
 

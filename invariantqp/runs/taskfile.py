@@ -216,9 +216,7 @@ class Task(Section):
     obstacle: list[ObstacleSpec] = Field([], description="what is around the arm")
     clearance: ClearanceSpec | None = Field(None, description="how far the arm keeps from that, and from itself")
     encoder_noise: Positive | None = Field(
-        None,
-        description="standard deviation of the joint positions that are read [rad, m]",
-        examples=[1e-4],
+        None, description="standard deviation of the joint positions that are read [rad, m]", examples=[1e-4]
     )
     _folder: FilePath | None = PrivateAttr(None)  # where relative URDF paths are looked up
 

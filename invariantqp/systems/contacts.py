@@ -388,13 +388,7 @@ def two_contacts(first: Contact, second: Contact) -> Contact:
         speed = float(np.linalg.norm(se3.velocity_at(out, kind.origin)))
         out = out / speed if speed > SIX_DIGITS else None
     both = ContactKind(
-        f"{kind.name} and {other.name}",
-        S,
-        W,
-        unilateral=n + k > 0,
-        out=out,
-        origin=kind.origin,
-        presses=n + k,
+        f"{kind.name} and {other.name}", S, W, unilateral=n + k > 0, out=out, origin=kind.origin, presses=n + k
     )
     edges = [contact.edge for contact in (first, second) if contact.edge is not None]
     return Contact(both, first.pose, min(edges, default=None))

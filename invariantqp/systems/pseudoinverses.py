@@ -30,15 +30,7 @@ from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.gram import pitches_or_none, principal_screws
-from invariantqp.systems.subspaces import (
-    Span,
-    length_unit,
-    lengths,
-    orthogonal,
-    reciprocal,
-    screw_system,
-    span,
-)
+from invariantqp.systems.subspaces import Span, length_unit, lengths, orthogonal, reciprocal, screw_system, span
 
 # Above this the relative error of 1e-15 that forward kinematics in float64 leaves of joint twists can change J^{+h} by
 # more than a thousandth. Arms that are singular by structure (a SCARA at any h) have hundreds of times this number.
@@ -260,12 +252,7 @@ class PenroseConditions(Value):
 
 
 def penrose_conditions(
-    J: ArrayLike,
-    X: ArrayLike,
-    h: float,
-    *,
-    joint_metric: ArrayLike | None = None,
-    tolerance: float = ROUNDING,
+    J: ArrayLike, X: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None, tolerance: float = ROUNDING
 ) -> PenroseConditions:
     """Test (hP1)-(hP4): whether X (m, 6) is the h-pseudoinverse of J (6, m), and how well.
 
