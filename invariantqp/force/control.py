@@ -765,7 +765,8 @@ class HybridController:
         for i, (known, (way, _), force, wanted) in enumerate(parts):
             press = i < here.presses
             touch = now.touches[i] if press else tick.touch
-            if touch.touching or (press and touch.airborne <= self.task.lost_after):
+            near = touch.touching or (press and touch.airborne <= self.task.lost_after)
+            if near and self._beyond.left is None:  # beyond an edge a reading shows no surface
                 short = int(wanted - force > most) - int(force - wanted > most)
                 felt = not press or (touch.touching and force > tick.limit)
                 made.append(known.after(force, way, setting, short, felt=felt))

@@ -103,6 +103,31 @@ def test_an_edge_is_told_before_the_tool_is_over_it_and_nothing_is_pushed_beyond
     assert seen[-1][1] == "ok"  # and presses again
 
 
+def test_a_round_tip_that_touches_the_edge_before_it_is_back_presses_on(panda):
+    """What a lagging arm was told inwards beyond the edge was taken back, and then went on: the press was let go."""
+    start, lag, radius = panda.pose(PANDA), 0.012, 0.0008
+    scene, random = SHARED["scenes"](start, 0.03)["over an edge and back"], np.random.default_rng(0)
+    x, z, foot = start[:3, 0], -start[:3, 2], start[:3, 3] + 0.002 * start[:3, 2]
+    loop = loop_of(panda, iq.HybridTask(scene.told, scene.wanted, **scene.options), delay=lag)
+    q, speed, edges, pressed = PANDA, np.zeros(7), [], []
+    for k in range(900):
+        tool, (target, ahead) = panda.pose(q), scene.path(max(0.0, (k - 150) * DT))
+        p, edge = tool[:3, 3], 0.045 - x @ (tool[:3, 3] - start[:3, 3])
+        rim = np.sqrt(max(radius**2 - max(-edge, 0.0) ** 2, 0.0)) - radius  # as deep the ball hangs over the edge
+        force = 1e4 * max(0.0, rim - z @ (p - foot)) * (edge > -radius) * z
+        reading = iq.coadjoint(iq.inverse(tool)) @ SHARED["at"](p, force)
+        reading[3:] += random.normal(0.0, 0.1, 3)
+        solution = loop.step(q, target, reading, ahead)
+        speed = solution.velocity + np.exp(-DT / lag) * (speed - solution.velocity)
+        q = q + DT * speed
+        edges.append(edge)
+        pressed.append(z @ force)
+    back = np.flatnonzero(np.array(edges) < 0.0)[-1] + 1
+    assert 700 < back < 880
+    assert 2.0 < pressed[back - 3] < 4.0 < pressed[back]  # it is touched before
+    assert min(pressed[back:]) > 4.5
+
+
 @pytest.mark.parametrize("tilt", [-5.0, 5.0])
 def test_a_tool_that_comes_back_over_another_part_of_the_edge_approaches(panda, tilt):
     """The surface is 4 mm higher or lower there than was told: a normal 5 deg off, a way of 47 mm beside the edge."""
