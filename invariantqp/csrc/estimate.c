@@ -146,7 +146,7 @@ void known_after(Stiffness *known, double force, double way, const Setting *sett
         variance += (known->errors[i] * z[i]) * (known->errors[i] * z[i]);
     double square = rest * rest, most = SURPRISE * SURPRISE * variance;
     bool surprised = square > most;
-    known->residual += fmin(1.0, dt / RESIDUAL) * (fmin(square, most) - known->residual);
+    known->residual += fmin(1.0, dt / SETTLES) * (fmin(square, most) - known->residual);
     known->lacked = known->lacked * lacks > 0.0 ? known->lacked + lacks * dt : lacks * dt;
     double begins = known->begins;
     if (surprised) {
@@ -172,7 +172,7 @@ void known_after(Stiffness *known, double force, double way, const Setting *sett
     }
     known->begins = begins;
     posterior(known);
-    known->bound = fmax(fmax(known->found[0], SOFTEST * begins), known->bound * exp(-COMES_DOWN * dt));
+    known->bound = fmax(fmax(known->found[0], SOFTEST * begins), known->bound * exp(-dt / SETTLES));
     known->way = x;
     known->force = force;
     known->gone = gone;

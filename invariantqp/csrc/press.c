@@ -280,7 +280,6 @@ static void remember(const Press *press, const Split *split, const Loop *loop, d
     }
     twist_in(&placed->frame, twist, inside);
     rows_times(n, split->unit_rates, inside, done);
-    double fast = fmax(place_speed(answer->motion, placed->point, press->size), along_before * exp(-dt / ALONG_FOR));
     for (int i = 0; i < n; i++) {
         double way = still * pressing->ways[i].coming + dt * done[i];
         pressing->ways[i].shown += shows * way;
@@ -290,7 +289,7 @@ static void remember(const Press *press, const Split *split, const Loop *loop, d
     }
     pressing->driven = n;
     pressing->lag = lag;
-    pressing->along = fast > TINY_SPEED ? fast : 0.0;
+    pressing->along = fmax(place_speed(answer->motion, placed->point, press->size), along_before * exp(-dt / ALONG_FOR));
     pressing->steep = fmax(steep, pressing->steep * exp(-dt / ALONG_FOR));
     pressing->free = free;
 }

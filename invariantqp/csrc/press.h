@@ -197,12 +197,11 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define RESOLVED 2e-5
 #define ROUGH 2e-3
 #define SURPRISE 5.0
-#define COMES_DOWN 10.0
 #define SHORT 0.2
 #define SOFTENS 20.0
 #define SLOW_PASS 0.03
 #define SLOWER_PASS 10.0
-#define RESIDUAL 0.1
+#define SETTLES 0.1
 #define FORGOTTEN 0.1
 #define CURVED 3.0
 #define NOISIER 1.5
@@ -261,7 +260,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define AVERAGED_FOR 0.2
 /* force/control.py */
 #define ALONG_FOR 0.25
-#define TINY_SPEED 1e-12
 #define HELD_STIFF 2e4
 #define QUICKER 2.0
 #define MAY_BE_STEEP 0.1

@@ -118,8 +118,6 @@ if TYPE_CHECKING:
 MOST_TICKS = 10_000
 # For how long a speed along a surface counts: as long as an estimate remembers [s].
 ALONG = 0.25
-# A speed along a surface below this is none [length/s]: it would never end to fade.
-TINY_SPEED = 1e-12
 # What is held, a hinge or a peg, is taken for this stiff at first: no touch shows it, and what is told wrong of it
 # builds up from the first motion on [N/m].
 HELD_STIFF = 2e4
@@ -889,12 +887,11 @@ class HybridController:
         done = here.split.unit_rates.dot(here.contact.coadjoint.T.dot(twist)).tolist()
         coming = [still * way[1] + dt * rate for way, rate in zip(now.ways, done, strict=True)]
         fades = exp(-dt / ALONG)
-        along = max(speed_at(here.contact, motion, task.size), now.along * fades)
         after = now._replace(
             drives=tuple(d._replace(speed=rate - d.slope) for d, rate in zip(drives, done, strict=True)),
             ways=tuple((way[0] + shows * c, c - shows * c) for way, c in zip(now.ways, coming, strict=True)),
             lag=lag,
-            along=along if along > TINY_SPEED else 0.0,
+            along=max(speed_at(here.contact, motion, task.size), now.along * fades),
             steep=max(*(abs(drive.slope) for drive in drives), now.steep * fades, 0.0),
             free=free,
         )

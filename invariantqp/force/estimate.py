@@ -52,15 +52,14 @@ RESOLVED = 2e-5
 ROUGH = 2e-3
 # A residual above so many standard deviations is a surprise: another contact, of which nothing is known yet.
 SURPRISE = 5.0
-# How fast the upper bound comes down to what is known [1/s].
-DOWN = 10.0
 # Until a force is within this share of what is wanted, what nothing is known of is taken for softer and softer, with
 # this time constant in units of the loop's.
 SHORT = 0.2
 # ... and later where it has been off for as long as the high-pass looks back, to one side: no swing.
 SOFTENS = 20.0
-# Time constants: of the high-pass at least [s] and in units of the loop's, of the mean square residual [s].
-SLOW, SLOWER, RESIDUAL = 0.03, 10.0, 0.1
+# Time constants: of the high-pass at least [s] and in units of the loop's; of the mean square residual, and of a bound
+# that comes down to what is known [s].
+SLOW, SLOWER, SETTLES = 0.03, 10.0, 0.1
 # Share of a residual's variance that the estimate forgets with each reading that tells it something.
 FORGOTTEN = 0.1
 # A slope that changes explains so many times its speed, times the high-pass squared.
@@ -336,7 +335,7 @@ class Stiffness(NamedTuple):
         square = rest * rest
         surprised = square > SURPRISE * SURPRISE * variance
         most = SURPRISE * SURPRISE * variance
-        residual = self.residual + min(1.0, dt / RESIDUAL) * (min(square, most) - self.residual)
+        residual = self.residual + min(1.0, dt / SETTLES) * (min(square, most) - self.residual)
         begins, bound, seen, sums = self.begins, self.bound, self.seen, self.sums
         lacked = self.lacked + short * dt if self.lacked * short > 0.0 else short * dt
         if surprised:
@@ -351,7 +350,7 @@ class Stiffness(NamedTuple):
             left = 1.0 - FORGOTTEN * (1.0 - spread / variance)
             seen, sums = left * seen + w * np.outer(z, z), left * sums + w * af * z
         found, errors = _posterior(begins, seen, sums)
-        bound = max(float(found[0]), SOFTEST * begins, bound * exp(-DOWN * dt))
+        bound = max(float(found[0]), SOFTEST * begins, bound * exp(-dt / SETTLES))
         return Stiffness(
             found,
             errors,

@@ -72,8 +72,6 @@ LETS_GO = 5.0
 PRESSES = 2.0
 # A contact that was there from the first reading on is taken for this share of where an estimate begins.
 PRESENT = 0.1
-# In sizes of the contact: how far at most the tool lets go to see whether readings fall; a STEP beyond the touch.
-MOST_ASKED = 0.4
 # A fall by less than so many standard deviations may be noise.
 FELL_NOISE = 6.0
 # An answer: the way explains so much of the squared force over four variances of noise, four standard errors of k. What
@@ -325,7 +323,7 @@ class Release(NamedTuple):
     Attributes:
         depth, force: where it began [length], and what was read there, or noise may be [force].
         most: way that is let go, on a surface that stands: a STEP beyond where nothing was felt last; where they fall
-            beyond that, and what it had sunk in to rest; MOST_ASKED where noise would hide a fall [length].
+            beyond that, and what it had sunk in to rest; a retreat's where noise would hide a fall [length].
         highest: the most that was read since then, or since readings last fell by more than noise [force].
         across: (3,) since then [length]: no further than a slope of that is the surface from where it was.
         led: how far it was commanded out since then [length].
@@ -441,7 +439,7 @@ class Answers(NamedTuple):
         begun = tick.noise > 0.0 and self.rest is None and now.rest is not None
         unshown = begun and known.stiff is None and now.silent >= PATIENCE
         if unshown or now.unseen(task, press) > PRESSES * wanted or now.off > AVERAGED:
-            most = MOST_ASKED * task.size
+            most = task.retreat_distance
             if press > FELL_NOISE * noise:  # less would fall unseen, and how far it reached is not known either
                 since_quiet = now.depth if known.quiet is None else max(now.depth, known.way - known.quiet)
                 most = min(max(since_quiet, 0.0) + STEP * task.size, most)
