@@ -65,7 +65,7 @@ bool is_known(const Stiffness *known)
 void in_air(Stiffness *known, double force, double way, double limit, double evidence, const Setting *setting)
 {
     double x = known->way + setting->share * (way - known->way), v = (x - known->way) / setting->dt;
-    double quiet = force <= FELT_QUIET * limit && evidence == -CERTAIN ? x : known->quiet;
+    double quiet = force <= LEAST_NOISE * limit && evidence == -CERTAIN ? x : known->quiet;
     unknown_stiffness(setting->begins, known);
     known->way = x;
     known->force = force;

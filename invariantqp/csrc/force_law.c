@@ -10,10 +10,10 @@ static const double INTEGRATED[2] = {0.1, 0.5};
 
 void mass_and_damper(const Stiffness *known, const Setting *setting, double eased, double *M, double *D)
 {
-    double late = setting->late / (FORCE_GAIN * eased), b = fmax(known->found[1], 0.0), error = known->errors[1];
+    double late = setting->late / (DELAY_SHARE * eased), b = fmax(known->found[1], 0.0), error = known->errors[1];
     double least = fmax(b - error, 0.0), behind = fmax(-known->found[1] - error, 0.0);
     *M = late * (b + error);
-    *D = fmax(late * known->bound + behind / (FORCE_GAIN * eased), sqrt(2.0 * known->bound * *M) - least);
+    *D = fmax(late * known->bound + behind / (DELAY_SHARE * eased), sqrt(2.0 * known->bound * *M) - least);
 }
 
 /* What the integral counts of an error. */
@@ -68,7 +68,7 @@ static Drive sought(const Drive *drive, double gentle, const Setting *setting, d
         return (Drive){gentle, 0.0};
     double rate = fmin((gentle + bound) * (press->lost_after > 0.0 ? fmin(1.0, touch->airborne / press->lost_after) : 1.0), most);
     if (touch->airborne < press->lost_after) {
-        double grown = drive->slope + setting->dt * UNSURE * FORCE_GAIN / (INTEGRAL * setting->late) * (rate - drive->slope);
+        double grown = drive->slope + setting->dt * UNSURE * DELAY_SHARE / (INTEGRAL * setting->late) * (rate - drive->slope);
         slope = fmin(fmax(grown, -bound), bound);
     }
     return (Drive){rate - slope, slope};
@@ -113,10 +113,10 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             drives[i] = fixed(drive, error, split->gain, press->stiffness, wished, setting->dt, top, grows);
             acts = acts && drives[i].speed + drives[i].slope < top;
         } else if (presses == 0) {
-            double k = press->stiffness > 0.0 ? fmin(press->stiffness, HELD_STIFF) : HELD_STIFF;
+            double k = fmin(press->stiffness > 0.0 ? press->stiffness : STIFF, UNSHOWN * STIFF);
             for (int j = 0; j < n; j++)
                 k = fmax(k, (is_known(&now->known[j]) ? now->known[j].found[0] : 0.0) / QUICKER);
-            double gain = eased * FORCE_GAIN / ((setting->late - UNKNOWN_LATE) * k);
+            double gain = eased * DELAY_SHARE / ((setting->late - UNKNOWN_LATE) * k);
             drives[i] = fixed(drive, error, gain, k, 0.0, setting->dt, INFINITY, grows);
         } else if (i >= presses) {
             drives[i] = touching ? pressed(drive, error, 0.0, known, setting, fastest, fastest, eased, grows, &now->known[0])

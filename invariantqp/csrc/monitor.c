@@ -175,7 +175,7 @@ static bool unanswered(const Press *press, const PressTick *tick, const Stiffnes
         return false;
     }
     if (check->stiff == 0.0) {
-        check->stiff = isnan(known->stiff) ? PRESENT * stiff : fmin(known->stiff, check->shown);
+        check->stiff = isnan(known->stiff) ? UNSHOWN * stiff : fmin(known->stiff, check->shown);
         check->since[0] = 0.0;
         check->since[1] = check->touched = felt;
         check->read = CERTAIN;

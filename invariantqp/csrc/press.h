@@ -186,9 +186,9 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 /* force/estimate.py */
 #define CERTAIN 13.815510557964274 /* log(1e6) */
 #define LOST_SHARE 0.1
-#define FELT_QUIET 0.25
 #define HALF 0.5
 #define LEAST_NOISE 0.25
+#define UNSHOWN 0.1
 #define STIFF 2e5
 #define STIFFER 3.0
 #define LEAST_WAY 5.0
@@ -223,7 +223,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define ROUNDING_OF_WAYS 1e-12
 #define DELAY_SHARE 0.25
 /* force/law.py */
-#define FORCE_GAIN 0.25
 #define UNKNOWN_LATE 0.003
 #define INTEGRAL 4.0
 #define UNSURE 0.25
@@ -245,7 +244,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define LED 0.5
 #define FOLLOWED 0.2
 #define PRESSES 2.0
-#define PRESENT 0.1
 #define FELL_NOISE 6.0
 #define CHI 4.0
 #define SOFTER 0.5
@@ -260,7 +258,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define AVERAGED_FOR 0.2
 /* force/control.py */
 #define ALONG_FOR 0.25
-#define HELD_STIFF 2e4
 #define QUICKER 2.0
 #define MAY_BE_STEEP 0.1
 #define TAKEN_BACK 0.5

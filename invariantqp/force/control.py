@@ -21,7 +21,7 @@ from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.tracking import tracking_twist
+from invariantqp.control.tracking import DELAY_SHARE, tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.compiled import Packing, compiled_press, core_press, core_split
 from invariantqp.force.contact import (
@@ -50,6 +50,7 @@ from invariantqp.force.estimate import (
     SHORT,
     STIFF,
     UNKNOWN,
+    UNSHOWN,
     Delay,
     Noise,
     NormalEstimate,
@@ -61,7 +62,6 @@ from invariantqp.force.estimate import (
     weakest_touch,
 )
 from invariantqp.force.law import (
-    GAIN,
     MOST,
     Drive,
     Stand,
@@ -118,11 +118,8 @@ if TYPE_CHECKING:
 MOST_TICKS = 10_000
 # For how long a speed along a surface counts: as long as an estimate remembers [s].
 ALONG = 0.25
-# What is held, a hinge or a peg, is taken for this stiff at first: no touch shows it, and what is told wrong of it
-# builds up from the first motion on [N/m].
-HELD_STIFF = 2e4
-# ... and then for the stiffest of its constraints, this many times as fast as against a press: what is told wrong of it
-# builds up all the time.
+# What is held, a hinge or a peg, is taken for the stiffest of its constraints, this many times as fast as against a
+# press: what is told wrong of it builds up all the time.
 QUICKER = 2.0
 # The share of how fast a surface may come or go that it may do so where it did not until now.
 MAY_BE_STEEP = 0.1
@@ -809,7 +806,7 @@ class HybridController:
         # touch is felt at the end of its tick, but for what passes for air.
         dead, felt = self._delay.declared + (self._delay.late or 0.0), 1.0 - LOST_SHARE
         striking = dt + (1.0 - TAKEN_BACK) * (dead + min(self._delay.arm - dead, dt))
-        least = min(task.stiffness or HELD_STIFF, HELD_STIFF)
+        least = min(task.stiffness or STIFF, UNSHOWN * STIFF)
         held = max(least, *((one.known or 0.0) / QUICKER for one in now.known), least)
         drives: list[Drive] = []
         for i, (drive, known) in enumerate(zip(now.drives, now.known, strict=True)):
@@ -823,7 +820,7 @@ class HybridController:
                 drives.append(fixed(drive, error, here.split.gain, stiffest, wanted, dt, top, grows=grows))
                 acts = acts and drives[-1].rate < top
             elif here.presses == 0:
-                gain = eased * GAIN / ((setting.late - UNKNOWN) * held)
+                gain = eased * DELAY_SHARE / ((setting.late - UNKNOWN) * held)
                 drives.append(fixed(drive, error, gain, held, 0.0, dt, inf, grows=grows))
             elif not press and not touching:
                 drives.append(Drive())

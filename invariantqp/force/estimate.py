@@ -32,16 +32,17 @@ CERTAIN = log(1e6)
 LOST_SHARE = 0.1
 # The limit lies half a standard deviation above zero at least, but at most at half of the wanted press.
 HALF = 0.5
-# Noise is taken to be at least this share of the limit: one tick then decides without noise.
+# Noise is taken to be at least this share of the limit, and what is less for nothing: one tick then decides without it.
 LEAST_NOISE = 0.25
 
 # Stiffness. Where nothing is declared it is looked for as of 2e5 +- 2e5 N/m: no table behind an arm is much stiffer.
 STIFF = 2e5
+# ... and for this share of that where no touch shows it: what is held, or was there from the first reading on.
+UNSHOWN = 0.1
 # A touch shows a contact at most so many times as stiff as its jump over its way, and no stiffer than an estimate's
-# first bound (a damper jumps, too); below this share of the limit between air and contact nothing is felt; a way is so
-# many times what is resolved at least. A stiffness declared is wrong where another is known by more than that factor.
+# first bound (a damper jumps, too); a way is so many times what is resolved at least. A stiffness declared is wrong
+# where another is known by more than that factor.
 STIFFER = 3.0
-QUIET = 0.25
 LEAST_WAY = 5.0
 # Damping over stiffness that goes with that [s], and the softest contact, as a share of the stiffness it begins with.
 DAMPED = 0.01
@@ -272,7 +273,7 @@ class Stiffness(NamedTuple):
             setting: of this tick.
         """
         x = self.way + setting.share * (way - self.way)
-        quiet = x if force <= QUIET * limit and touch.evidence == -CERTAIN else self.quiet
+        quiet = x if force <= LEAST_NOISE * limit and touch.evidence == -CERTAIN else self.quiet
         v = (x - self.way) / setting.dt
         return Stiffness.of(setting.begins)._replace(way=x, force=force, mean=np.array((x, v, 0.0, force)), quiet=quiet)
 

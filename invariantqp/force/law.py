@@ -3,11 +3,11 @@
     M v' + D v = e,     D = k T / G,     M = b T / G,     rate = v + slope,     slope' = e G r / (4 T D)
 
 e is what is missing of the wanted force, T all that is late in the loop (tick, low-pass, delay, and what nobody knows
-of it), k and b upper bounds of stiffness and damping (`estimate`), G = 1/4. With the true k and b its poles on a
-contact f = k x + b x' are G/T and k/b, both real: it does not swing, whatever the damper. `slope` is the speed of a
-surface that comes or goes while the tool slides along it, and is bounded by what a surface can do: the declared slope
-times the speed along it; r is how much of k is known to be there. A tool at rest on a surface at rest has no integral
-that could lead it away.
+of it), k and b upper bounds of stiffness and damping (`estimate`), G = 1/4 as for a motion's gain (`DELAY_SHARE`). With
+the true k and b its poles on a contact f = k x + b x' are G/T and k/b, both real: it does not swing, whatever the
+damper. `slope` is the speed of a surface that comes or goes while the tool slides along it, and is bounded by what a
+surface can do: the declared slope times the speed along it; r is how much of k is known to be there. A tool at rest on
+a surface at rest has no integral that could lead it away.
 
     approach    f_d / (k_a T_a + b_a)         so that a touch presses by no more than is wanted; T_a is what is late
                                               and cannot be taken back
@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from invariantqp.control.controller import Controller
+from invariantqp.control.tracking import DELAY_SHARE
 from invariantqp.errors import written
 from invariantqp.force.contact import SLOW_SHARE, HybridTask, speed_at
 from invariantqp.force.estimate import DAMPED, STIFF, Setting, Stiffness, Touch
@@ -32,8 +33,6 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.measure import root_at
 
-# G: the law's pole times all that is late. From 1/4 on overshoot would be visible.
-GAIN = 0.25
 # The integral's time constant, in those of the law: four is critical damping.
 INTEGRAL = 4.0
 # Where less than this share of the bound is known to be there the integral is slower, so that a softer contact does not
@@ -78,9 +77,9 @@ def mass_and_damper(known: Stiffness, setting: Setting, eased: float) -> tuple[f
         setting: of this tick.
         eased: share of the gain that noise and chatter leave.
     """
-    late, (most, least) = setting.late / (GAIN * eased), known.damping
+    late, (most, least) = setting.late / (DELAY_SHARE * eased), known.damping
     M = late * most
-    return M, max(late * known.bound + known.behind / (GAIN * eased), sqrt(2.0 * known.bound * M) - least)
+    return M, max(late * known.bound + known.behind / (DELAY_SHARE * eased), sqrt(2.0 * known.bound * M) - least)
 
 
 def pressed(
@@ -154,7 +153,7 @@ def sought(drive: Drive, gentle: float, setting: Setting, most: float, touch: To
     rate = min((gentle + bound) * (min(1.0, touch.airborne / task.lost_after) if task.lost_after else 1.0), most)
     slope = 0.0
     if touch.airborne < task.lost_after:
-        grown = drive.slope + setting.dt * UNSURE * GAIN / (INTEGRAL * setting.late) * (rate - drive.slope)
+        grown = drive.slope + setting.dt * UNSURE * DELAY_SHARE / (INTEGRAL * setting.late) * (rate - drive.slope)
         slope = min(max(grown, -bound), bound)
     return Drive(rate - slope, slope)
 

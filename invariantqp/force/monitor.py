@@ -31,6 +31,7 @@ from invariantqp.force.estimate import (
     STIFF,
     STIFFER,
     SURPRISE,
+    UNSHOWN,
     Setting,
     Stiffness,
     Touch,
@@ -70,8 +71,6 @@ LETS_GO = 5.0
 
 # Readings that answer. Unanswered way may be worth so many presses.
 PRESSES = 2.0
-# A contact that was there from the first reading on is taken for this share of where an estimate begins.
-PRESENT = 0.1
 # A fall by less than so many standard deviations may be noise.
 FELL_NOISE = 6.0
 # An answer: the way explains so much of the squared force over four variances of noise, four standard errors of k. What
@@ -423,7 +422,7 @@ class Answers(NamedTuple):
         if left or wanted <= 0.0:
             return self.begun(), None
         if self.stiff == 0.0:
-            stiff = PRESENT * (task.stiffness or STIFF) if known.stiff is None else min(known.stiff, self.shown)
+            stiff = UNSHOWN * (task.stiffness or STIFF) if known.stiff is None else min(known.stiff, self.shown)
             return self._replace(stiff=stiff, since=(0.0, press), touched=press, read=CERTAIN), None
         now = self._replace(depth=self.depth + tick.came, across=self.across + tick.across, read=read)
         evidence = self.evidence.after(known, noise, wanted, shared, tick.dt)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
+from invariantqp.control.tracking import DELAY_SHARE
 from invariantqp.force.estimate import UNKNOWN, Setting, Stiffness, Touch
-from invariantqp.force.law import GAIN, TAKES_UP, Drive, pressed, sought, taken_up
+from invariantqp.force.law import TAKES_UP, Drive, pressed, sought, taken_up
 
 
 def setting_of(dt, late, slope_speed=0.0):
@@ -61,7 +62,7 @@ def test_a_surface_that_comes_is_followed_without_an_error_by_the_slope_alone():
     k, dt, lag = 1e4, 0.002, 0.005
     late = dt + lag + UNKNOWN
     presses = held(k, 0.0, dt, lag, knows(k, 0.0), moves=2e-3, seconds=100.0 * late)
-    assert presses.max() < 10.0 + 1.6 * 2e-3 * k * late / GAIN
+    assert presses.max() < 10.0 + 1.6 * 2e-3 * k * late / DELAY_SHARE
     assert presses[-1] == pytest.approx(10.0, rel=1e-3)
     still = pressed(Drive(0.0, 1e-3), 0.0, 10.0, knows(k, 0.0), setting_of(dt, late, 0.0), (1.0, 1.0), 1.0, grows=True)
     assert still.slope == 0.0  # of a surface that stands still nothing is left that could lead away
