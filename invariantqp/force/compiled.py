@@ -26,6 +26,12 @@ if TYPE_CHECKING:
     from invariantqp.engine import Press
     from invariantqp.engine import Split as CoreSplit
 
+# What the core calls as Python does, of a split, a sensor and a task.
+OF_SPLIT = ("intensities", "unit_parts", "unit_rates", "twist", "gain", "exert")
+OF_SENSOR = ("mount", "mass", "centre", "gravity", "bias", "force_deadband", "moment_deadband", "origin", "noise")
+AWAY = ("approach_speed", "approach_distance", "approach_time", "retreat_distance", "lost_after", "on_loss")
+OF_TASK = ("size", "slope", "yields", "slide_speed", "grip", *AWAY)
+
 # A hybrid tick by the core (`csrc/press.c` says what it takes and gives); None where Python has to answer.
 compiled_press: Callable[..., tuple[Any, ...] | None] = getattr(core, "press", lambda *_, **__: None)
 
@@ -125,6 +131,10 @@ class Packing:
         return self._coding.read(list(self._struct.unpack(numbers)))
 
 
+def _named(value: Any, names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: getattr(value, name) for name in names}
+
+
 def core_split(split: Split) -> CoreSplit | None:
     """A split as the core takes it; None for one without constraints."""
     kind = split.kind
@@ -135,16 +145,11 @@ def core_split(split: Split) -> CoreSplit | None:
         constraints=np.array(kind.constraints).T,
         motion=split.projectors.motion,
         force=split.projectors.force,
-        intensities=split.intensities,
-        unit_parts=split.unit_parts,
-        unit_rates=split.unit_rates,
-        twist=split.twist,
-        gain=split.gain,
-        exert=split.exert,
         load_force=split.load[0],
         load_moment=split.load[1],
         out=kind.out,
         origin=kind.origin,
+        **_named(split, OF_SPLIT),
     )
     return made
 
@@ -174,40 +179,18 @@ def core_press(
     """
     if core is None or loop.compiled is None or loop.varies:
         return None
-    fields: dict[str, Any] = {}
+    fields = _named(task, OF_TASK)
     if sensor is not None:
-        fields = {
-            "mount": sensor.mount,
-            "reaction": sensor.reads == "reaction",
-            "mass": sensor.mass,
-            "centre": sensor.centre,
-            "gravity": sensor.gravity,
-            "bias": sensor.bias,
-            "force_deadband": sensor.force_deadband,
-            "moment_deadband": sensor.moment_deadband,
-            "origin": sensor.origin,
-            "noise": sensor.noise,
-        }
+        fields |= _named(sensor, OF_SENSOR) | {"reaction": sensor.reads == "reaction"}
     made: Press = core.Press(
         moment_first=order != "force first",
         share=share,
         filter_time=filter_time,
-        size=task.size,
-        slope=task.slope,
-        yields=task.yields,
         stiffness=task.stiffness or 0.0,
         has_compliance=task.compliance is not None,
         lost_below=-1.0 if task.lost_below is None else task.lost_below,
-        lost_after=task.lost_after,
-        on_loss=task.on_loss,
-        approach_speed=task.approach_speed,
-        approach_distance=task.approach_distance,
-        approach_time=task.approach_time,
-        slide_speed=task.slide_speed,
         max_force=-1.0 if task.max_force is None else task.max_force,
         max_moment=-1.0 if task.max_moment is None else task.max_moment,
-        grip=task.grip,
-        retreat_distance=task.retreat_distance,
         force_first=force_first,
         at_contact=at_contact,
         **fields,
