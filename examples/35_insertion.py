@@ -1,6 +1,6 @@
 """A peg of 10 mm goes into a hole of 10.1 mm that is 1 mm and 2 deg away from where it is said to be.
 
-1. It presses on the plate with 5 N, and its place is led along a spiral whose turns are nearer than the clearance.
+1. It presses on the plate with 4 N, and its place is led along a spiral whose turns are nearer than the clearance.
 2. Where the press is gone it waits; where it falls, or something holds it from the side, that may be the hole's mouth.
 3. Then it is taken for a peg in a hole: no force across and no moment is wanted, so it turns into the hole's direction,
    and it is pushed in along its own axis, the more slowly the harder that is. If that leads nowhere the search goes on.
@@ -20,8 +20,10 @@ PEG, CLEARANCE, DEPTH = 0.010, 1e-4, 0.02  # diameters [m], how deep it has to g
 OFF, TILT = 1e-3 * float(*sys.argv[2:3] or [1]), np.radians(2.0)
 PITCH, SEARCH, WIDEST = 0.07e-3, 0.004, 1.5e-3  # of the spiral [m], along it [m/s], its last radius [m]
 PRESS, PUSH, SPEED = 4.0, 8.0, 0.01  # of the search [N], at most along the peg [N], how fast it goes in [m/s]
+MOST = 15.0  # is too much [N]: into what gives way it goes no faster than that allows
 LETS, LATE = 0.3, 0.02  # with less than this share of the press it waits, so far back [s]
 DENT, CAUGHT = 0.25e-3, 1.6  # so deep [m], or held from the side by so many presses, it may be in the hole
+STEEP = np.tan(TILT) * SEARCH  # as fast the plate may rise or fall under the tip [m/s]
 PATIENCE, WITHIN = 0.6, 0.5e-3  # after so long [s] it is so deep [m], or was not
 LONGEST = 60.0  # [s]
 
@@ -43,9 +45,9 @@ def inserted(arm, seed):
     cell = PegCell(arm, hole, 0.5 * PEG, CLEARANCE, mass=0.3, seed=seed)
     told = {"dt": DT, "sensor": cell.sensor, "delay": DELAY}
     flat = iq.HybridTask(
-        lambda tool: iq.point_contact(tool[:3, 3], [0, 0, 1]), [PRESS], max_force=30.0, slide_speed=SEARCH
+        lambda tool: iq.point_contact(tool[:3, 3], [0, 0, 1]), [PRESS], max_force=MOST, slide_speed=SEARCH
     )
-    peg = iq.HybridTask(lambda tool: iq.contacts.peg_in_hole(tool[:3, 3], tool[:3, 2]), np.zeros(4), max_force=30.0)
+    peg = iq.HybridTask(lambda tool: iq.contacts.peg_in_hole(tool[:3, 3], tool[:3, 2]), np.zeros(4), max_force=MOST)
     search, push = iq.HybridController(cell.robot, flat, **told), iq.HybridController(cell.robot, peg, **told)
     since, pushed, fell, most, height, deep, seconds, reason = None, None, False, 0.0, 0.0, 0.0, 0.0, "time"
     while seconds < LONGEST:
@@ -54,17 +56,19 @@ def inserted(arm, seed):
         tool = cell.robot.pose(q)
         force = cell.sensor.wrench(reading, tool)[3:]
         if pushed is None:  # the search
-            at, along = (np.zeros(3), np.zeros(3)) if since is None else spiral(since)
-            solution = search.step(q, iq.transform(translation=at) @ cell.home, reading, [0, 0, 0, *along])
-            if since is None and solution.status == "ok":
-                since, height = 0.0, tool[2, 3]
-            elif since is not None:
-                falls = force[2] > -LETS * PRESS  # less than a part of the press is felt: a dent, or the hole
+            falls = force[2] > -LETS * PRESS  # less than a part of the press is felt: a dent, or the hole
+            if since is not None:
                 since += (DT if not falls else 0.0) - (LATE if falls and not fell else 0.0)
+                height += np.clip(tool[2, 3] - height, -STEEP * DT, STEEP * DT)
                 fell = falls
                 if tool[2, 3] < height - DENT or np.hypot(*force[:2]) > CAUGHT * PRESS:
                     pushed = 0.0
                     push.reset()
+            at, along = (np.zeros(3), np.zeros(3)) if since is None else spiral(since)
+            target = iq.transform(translation=at) @ cell.home
+            solution = search.step(q, target, reading, [0, 0, 0, *(np.zeros(3) if falls else along)])
+            if since is None and solution.status == "ok":
+                since, height = 0.0, tool[2, 3]
             if np.linalg.norm(at) > WIDEST:
                 reason = "no hole found"
                 break
