@@ -49,7 +49,8 @@ def inserted(arm, seed):
     )
     peg = iq.HybridTask(lambda tool: iq.contacts.peg_in_hole(tool[:3, 3], tool[:3, 2]), np.zeros(4), max_force=MOST)
     search, push = iq.HybridController(cell.robot, flat, **told), iq.HybridController(cell.robot, peg, **told)
-    since, pushed, fell, most, height, deep, seconds, reason = None, None, False, 0.0, 0.0, 0.0, 0.0, "time"
+    since, pushed, fell, astray = None, None, False, False
+    most, height, deep, seconds, reason = 0.0, 0.0, 0.0, 0.0, "time"
     while seconds < LONGEST:
         seconds += DT
         q, reading = cell.read()
@@ -58,15 +59,16 @@ def inserted(arm, seed):
         if pushed is None:  # the search
             falls = force[2] > -LETS * PRESS  # less than a part of the press is felt: a dent, or the hole
             if since is not None:
-                since += (DT if not falls else 0.0) - (LATE if falls and not fell else 0.0)
-                height += np.clip(tool[2, 3] - height, -STEEP * DT, STEEP * DT)
-                fell = falls
+                aside = np.linalg.norm(tool[:2, 3] - cell.home[:2, 3] - spiral(since)[0][:2])
+                astray = astray and aside > LATE * SEARCH  # since a push that led nowhere: it comes back first
+                since += (DT if not (falls or astray) else 0.0) - (LATE if falls and not fell else 0.0)
+                height, fell = height + np.clip(tool[2, 3] - height, -STEEP * DT, STEEP * DT), falls
                 if tool[2, 3] < height - DENT or np.hypot(*force[:2]) > CAUGHT * PRESS:
                     pushed = 0.0
                     push.reset()
             at, along = (np.zeros(3), np.zeros(3)) if since is None else spiral(since)
             target = iq.transform(translation=at) @ cell.home
-            solution = search.step(q, target, reading, [0, 0, 0, *(np.zeros(3) if falls else along)])
+            solution = search.step(q, target, reading, [0, 0, 0, *(np.zeros(3) if falls or astray else along)])
             if since is None and solution.status == "ok":
                 since, height = 0.0, tool[2, 3]
             if np.linalg.norm(at) > WIDEST:
@@ -77,7 +79,7 @@ def inserted(arm, seed):
             speed = SPEED * min(1.0, max(0.0, 1.0 - force @ tool[:3, 2] / PUSH))
             solution = push.step(q, tool, reading, [0, 0, 0, *(speed * tool[:3, 2])])
             if pushed > PATIENCE and tool[2, 3] > height - WITHIN:
-                pushed, since = None, since + 2.0 * LATE
+                pushed, since, astray = None, since + 2.0 * LATE, True
         cell.drive(solution.velocity)
         most = max(most, np.linalg.norm(cell.pressed()))
         deep = (mouth - tool[:3, 3]) @ hole[:3, 2]
