@@ -45,7 +45,10 @@ def test_the_tasks_that_are_shipped():
 
 @pytest.mark.parametrize(
     ("physics", "name"),
-    [*(("mujoco", name) for name in IN_CONTACT if name not in DEAR), *(("ideal", name) for name in {*CONTACTS, *DEAR})],
+    [
+        *(("mujoco", name) for name in IN_CONTACT if name not in DEAR),
+        *(("ideal", name) for name in sorted({*CONTACTS, *DEAR})),
+    ],
 )
 def test_path_and_force_hold_after_contact_has_settled(name, physics):
     if physics == "mujoco":
