@@ -130,8 +130,9 @@ bool regular_velocity(const Demand *demand, const Regular *regular, const Row A[
     Row y;
     if (!regular->holds)
         return false;
-    double pace = demand->has_posture ? 1.0 : 0.0;
-    if (demand->has_posture && demand->paced) { /* tick.py, _followed */
+    bool led = demand->has_posture && n > 6; /* six joints are told by the twist alone */
+    double pace = led ? 1.0 : 0.0;
+    if (led && demand->paced) { /* tick.py, _followed */
         double ahead[6];
         for (int i = 0; i < 6; i++)
             ahead[i] = demand->chased ? dot(6, demand->root[i], demand->chase.ahead) : b[i];

@@ -68,6 +68,7 @@ def tick():
 @example(6100000999)  # nothing is possible beside exact rows, and joints move by what rounding leaves of that
 @example(20261148109)  # an arm at rest but for rounding of its posture
 @example(7700005953)  # two limits that leave nothing share one pull
+@example(20261128184203)  # six joints are told by the twist alone, whatever their posture
 @example([424242, 5574])  # the weakest of the limits that hold the rows moves what they leave free by rounding
 def test_both_answer_the_same(seed):
     law, demand = random_tick(np.random.default_rng(seed))
