@@ -63,7 +63,7 @@ def checks(tree):
 def reasons(source):
     """The texts of a file that can become part of a reason."""
     tree = ast.parse(source)
-    outside = {"BadInput", "warn", *checks(tree)}
+    outside = {"BadInput", "warn", "_warn", *checks(tree)}
 
     def inside(node):
         """The nodes of the tree but for exceptions, checks and docstrings."""
