@@ -275,31 +275,35 @@ static bool is_allowed(const Room *room, int n, const Row z)
            (room->cone.limit == 0.0 || tool_speed(&room->cone, n, z) <= room->cone.limit * (1.0 + QP_ROUNDING));
 }
 
-/* The chase from z0 by `way`, whose direction is u in the objective, and what limits take away of it. */
+/* The chase from z0 by `way`, whose direction is u in the objective; what limits take away of it at the pace that was tried
+   last, and how that rises with the pace as far as the one tried before it tells. */
 typedef struct {
     const Room *room;
     Quadratic *cost;
     Turned *turned;
     Optimum *found;
     Row z0, way, u;
-    double delta;
+    double pace, by, rise;
 } Slowed;
 
-static Outcome missed(Slowed *slowed, double pace, double *by)
+static Outcome missed(Slowed *slowed, double pace)
 {
     Quadratic *cost = slowed->cost;
     Row apart;
     int n = cost->n;
+    double by = slowed->by, step = pace - slowed->pace;
     for (int j = 0; j < n; j++)
         cost->centre[j] = slowed->z0[j] + pace * slowed->way[j];
     if (minimise_turned(cost, slowed->room->limits, &slowed->room->cone, slowed->room->inside, slowed->found, slowed->turned,
                         slowed->found) == HAND_BACK)
         return HAND_BACK;
-    *by = -slowed->delta;
+    slowed->by = 0.0;
     for (int j = 0; j < n; j++)
         apart[j] = cost->centre[j] - slowed->found->z[j];
     for (int i = 0; i < n; i++)
-        *by += slowed->u[i] * dot(n, cost->K[i], apart);
+        slowed->by += slowed->u[i] * dot(n, cost->K[i], apart);
+    slowed->rise = step != 0.0 ? (slowed->by - by) / step : 0.0;
+    slowed->pace = pace;
     return DONE;
 }
 
@@ -315,30 +319,30 @@ static double slope(const Slowed *slowed)
     return sum;
 }
 
-/* The largest pace up to the one given at which no more than delta is missed, or 0. What is missed does not fall and is linear as
-   long as the active limits stay: each step goes to where those of the last one would have it or, beside a speed limit, to
-   where the secant has it, an end that stays being weighed down; or else it halves. */
-static Outcome largest(Slowed *slowed, double length, double *pace)
+/* The largest pace up to the one given, which was tried last, at which no more than delta is missed, or 0. What is missed
+   does not fall and is linear as long as the active limits stay: each step goes to where those of the last one would have it
+   or, beside a speed limit, to where the last two, and then the secant, have it, an end that stays being weighed down; or
+   else it halves. */
+static Outcome largest(Slowed *slowed, double length, double delta, double *pace)
 {
-    double low = 0.0, high = *pace, at, under = 0.0, over;
+    double low = 0.0, high = *pace, at = slowed->by - delta, under = 0.0, over = at;
     bool first = true;
     int side = 0;
-    if (missed(slowed, high, &at) == HAND_BACK)
-        return HAND_BACK;
     if (at <= 0.0)
         return DONE;
-    over = at;
     while (high - low > PACE_ROUNDING) {
-        double rise = slowed->found->nu > 0.0 ? 0.0 : length * slope(slowed), next = rise > 0.0 ? *pace - at / rise : low;
-        if (rise == 0.0 && under < 0.0)
+        bool secant = slowed->found->nu > 0.0;
+        double rise = secant ? slowed->rise : length * slope(slowed), next = rise > 0.0 ? *pace - at / rise : low;
+        if ((secant || rise == 0.0) && under < 0.0)
             next = low + (high - low) * under / (under - over);
         if (!(next > low && next < high))
             next = first && next <= low ? low : 0.5 * (low + high);
         if (next == *pace)
             break;
         *pace = next;
-        if (missed(slowed, *pace, &at) == HAND_BACK)
+        if (missed(slowed, *pace) == HAND_BACK)
             return HAND_BACK;
+        at = slowed->by - delta;
         if (*pace == 0.0) {
             first = false;
             if (at >= -NULL_RATIO * length)
@@ -413,7 +417,7 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
     if (demand->chased && !allowed) {
         memcpy(z1, found->z, sizeof z1);
         Optimum still;
-        Slowed way = {.room = room, .cost = chase, .turned = &turned, .found = found};
+        Slowed way = {.room = room, .cost = chase, .turned = &turned, .found = found, .pace = 1.0};
         memcpy(chase->centre, start, sizeof start);
         if (minimise_turned(chase, room->placed, &NONE, room->inside, NULL, &turned, &still) == HAND_BACK)
             return HAND_BACK;
@@ -430,11 +434,11 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
             for (int i = 0; i < n; i++)
                 way.u[i] /= length;
             double ahead = room->share->value * norm(6, problem->ahead);
-            for (int twice = 0; twice < 2 && *pace > 0.0 && (twice == 0 || *pace < 1.0); twice++) {
-                way.delta = ahead + *pace * demand->chase.slack;
-                if (largest(&way, length, pace) == HAND_BACK)
+            if (missed(&way, *pace) == HAND_BACK)
+                return HAND_BACK;
+            for (int twice = 0; twice < 2 && *pace > 0.0 && (twice == 0 || *pace < 1.0); twice++)
+                if (largest(&way, length, ahead + *pace * demand->chase.slack, pace) == HAND_BACK)
                     return HAND_BACK;
-            }
         }
         for (int j = 0; j < n; j++) {
             part[j] = (1.0 - *pace) * (whole[j] - unchased[j]);
