@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 # None where Python has to answer, or to say what is wrong with an argument.
 compiled_tick: Callable[..., tuple[Any, ...] | None] = getattr(core, "step", lambda *_: None)
 # Likewise joint positions when the command of this tick acts, of its first three arguments.
-acts_at: Callable[[Any, Array, Any], Array | None] = getattr(core, "ahead", lambda *_: None)
+acts_at: Callable[[Any, Array, Any], Array | None] = getattr(core, "acts_at", lambda *_: None)
 
 
 def compiled_loop(

@@ -167,16 +167,16 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
     return named(&PyTuple_Type, 2, found);
 }
 
-/* ahead(loop, memory, q): joint positions when the command of this tick acts; None where q cannot be true, or Python has to
+/* acts_at(loop, memory, q): joint positions when the command of this tick acts; None where q cannot be true, or Python has to
    say what is wrong with it. */
-static PyObject *ahead(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+static PyObject *acts_at(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     const Loop *loop = count == 3 ? loop_of(arguments[0]) : NULL;
     const double *kept = loop == NULL ? NULL : memory_of(arguments[1], loop);
     Row q, there;
     if (kept == NULL)
-        return refused("ahead(loop, memory, q)");
+        return refused("acts_at(loop, memory, q)");
     if (!vector(arguments[2], loop->joints, q) || !all_finite(loop->joints, q) || is_far(loop, q, NULL))
         Py_RETURN_NONE;
     predicted(loop, kept, q, there);
@@ -192,7 +192,7 @@ static PyMethodDef methods[] = {
     CALLED("solution", batch_solution, "A VelocitySolution from its record."),
     CALLED_BY_NAME("step", controller_step,
            "A controller's tick: a VelocitySolution, and what is to be said of joints beside it; None where Python has to answer."),
-    CALLED("ahead", ahead, "Joint positions when the command of a tick acts, or None where Python has to find them."),
+    CALLED("acts_at", acts_at, "Joint positions when the command of a tick acts, or None where Python has to find them."),
     CALLED_BY_NAME("press", press, "A hybrid controller's tick, or None where Python has to answer."),
     CALLED("follow", follow, "A tick of a follower in which nothing new comes, or None where Python has to answer."),
     CALLED("motion", motion, "Position, velocity, acceleration and jerk of what is followed."),

@@ -319,43 +319,41 @@ static double slope(const Slowed *slowed)
     return sum;
 }
 
-/* The largest pace up to the one given, which was tried last, at which no more than delta is missed, or 0. What is missed
-   does not fall and is linear as long as the active limits stay: each step goes to where those of the last one would have it
-   or, beside a speed limit, to where the last two, and then the secant, have it, an end that stays being weighed down; or
-   else it halves. */
-static Outcome largest(Slowed *slowed, double length, double delta, double *pace)
+/* To the largest pace up to the one tried last at which no more than delta is missed, or 0. What is missed does not fall and
+   is linear as long as the active limits stay: each step goes to where those of the last one would have it or, beside a speed
+   limit, to where the last two, and then the secant, have it, an end that stays being weighed down; or else it halves. */
+static Outcome largest(Slowed *slowed, double length, double delta)
 {
-    double low = 0.0, high = *pace, at = slowed->by - delta, under = 0.0, over = at;
+    double low = 0.0, high = slowed->pace, at = slowed->by - delta, under = 0.0, over = at;
     bool first = true;
     int side = 0;
     if (at <= 0.0)
         return DONE;
     while (high - low > PACE_ROUNDING) {
         bool secant = slowed->found->nu > 0.0;
-        double rise = secant ? slowed->rise : length * slope(slowed), next = rise > 0.0 ? *pace - at / rise : low;
+        double rise = secant ? slowed->rise : length * slope(slowed), next = rise > 0.0 ? slowed->pace - at / rise : low;
         if ((secant || rise == 0.0) && under < 0.0)
             next = low + (high - low) * under / (under - over);
         if (!(next > low && next < high))
             next = first && next <= low ? low : 0.5 * (low + high);
-        if (next == *pace)
+        if (next == slowed->pace)
             break;
-        *pace = next;
-        if (missed(slowed, *pace) == HAND_BACK)
+        if (missed(slowed, next) == HAND_BACK)
             return HAND_BACK;
         at = slowed->by - delta;
-        if (*pace == 0.0) {
+        if (next == 0.0) {
             first = false;
             if (at >= -NULL_RATIO * length)
                 return DONE;
         } else if (fabs(at) <= PACE_ROUNDING * length)
             break;
         if (at > 0.0) {
-            high = *pace;
+            high = next;
             over = at;
             under *= side > 0 ? 0.5 : 1.0;
             side = 1;
         } else {
-            low = *pace;
+            low = next;
             under = at;
             over *= side < 0 ? 0.5 : 1.0;
             side = -1;
@@ -434,11 +432,12 @@ static Outcome within(const Posed *problem, const Room *room, const Objective *o
             for (int i = 0; i < n; i++)
                 way.u[i] /= length;
             double ahead = room->share->value * norm(6, problem->ahead);
-            if (missed(&way, *pace) == HAND_BACK)
+            if (missed(&way, 1.0) == HAND_BACK)
                 return HAND_BACK;
-            for (int twice = 0; twice < 2 && *pace > 0.0 && (twice == 0 || *pace < 1.0); twice++)
-                if (largest(&way, length, ahead + *pace * demand->chase.slack, pace) == HAND_BACK)
+            for (int twice = 0; twice < 2 && way.pace > 0.0 && (twice == 0 || way.pace < 1.0); twice++)
+                if (largest(&way, length, ahead + way.pace * demand->chase.slack) == HAND_BACK)
                     return HAND_BACK;
+            *pace = way.pace;
         }
         for (int j = 0; j < n; j++) {
             part[j] = (1.0 - *pace) * (whole[j] - unchased[j]);
