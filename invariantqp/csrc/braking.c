@@ -114,11 +114,11 @@ Outcome approach(const Loop *loop, double gain, const Demand *demand, const Row 
     Spectrum of;
     Row distance, follows, c;
     int m = loop->joints;
-    if (spectrum(6, m, A, error, feedforward, &of) == HAND_BACK || least_squares(&damped, m, &of, STILL, &objective) == HAND_BACK)
+    if (spectrum(6, m, A, error, feedforward, &of) == HAND_BACK || least_squares(&damped, m, &of, STILL, false, &objective) == HAND_BACK)
         return HAND_BACK;
     centre(&objective, distance);
     memcpy(of.wanted, of.ahead, sizeof of.wanted);
-    if (least_squares(demand, m, &of, STILL, &objective) == HAND_BACK)
+    if (least_squares(demand, m, &of, STILL, false, &objective) == HAND_BACK)
         return HAND_BACK;
     centre(&objective, follows);
     if (loop->law.has_metric) {

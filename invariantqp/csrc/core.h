@@ -356,7 +356,8 @@ Outcome sorted_rows(int rows, int n, int with, Rotated *R, double *sigma);
 void completed(int n, int rank, Row *V);
 void want(Spectrum *found, const double b[6], const double *ahead);
 double damped_square(const Demand *demand, double sigma, double wanted, double largest);
-Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, Objective *objective);
+Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, bool chased,
+                      Objective *objective);
 Outcome attempted(const Demand *demand, int n, Spectrum *found, const double b[6], double attempt[6]);
 Outcome blend(int n, const Row A[6], const double b[6], double mu, const Row x_f, const Row x_W, double fraction, double *t);
 void centre(const Objective *objective, Row z);
@@ -428,6 +429,7 @@ extern const Constant CONSTANTS[];
 #define NULL_RATIO 1e-12
 #define NULL_WEIGHT 1e-8
 #define FREE_WEIGHT 3e-10
+#define EASY 3.0
 #define CALM 0.25
 #define DEVIATION_SHARE 0.25
 #define QUIET_SHARE 1e-9

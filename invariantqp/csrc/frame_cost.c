@@ -33,7 +33,7 @@ Outcome frame_cost(const Law *law, const FrameError *error, Row *H, Row c)
             return HAND_BACK;
         want(&found, attempt, NULL);
     }
-    if (least_squares(demand, m, &found, STILL, &objective) == HAND_BACK)
+    if (least_squares(demand, m, &found, STILL, false, &objective) == HAND_BACK)
         return HAND_BACK;
     double more = error->more + error->lm_damping * dot(6, b, b);
     for (int i = 0; i < m; i++)

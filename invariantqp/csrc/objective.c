@@ -10,20 +10,26 @@
 /* Weights further apart than this make the optimum inside limits too sensitive to rounding. */
 static const double LEAST_WEIGHT = 1e-10;
 
+/* 1 at a singularity, 0 from the threshold of the damping on */
+static double weakness(const Demand *demand, double sigma, double largest)
+{
+    double share = fmin(sigma / (demand->threshold * largest), 1.0);
+    return 1.0 - share * share;
+}
+
 /* lambda_i^2 */
 double damped_square(const Demand *demand, double sigma, double wanted, double largest)
 {
     double left = demand->fixed;
-    if (demand->ceiling > 0.0) {
-        double share = fmin(sigma / (demand->threshold * largest), 1.0);
-        left = demand->ceiling * largest * (1.0 - share * share);
-    }
+    if (demand->ceiling > 0.0)
+        left = demand->ceiling * largest * weakness(demand, sigma, largest);
     left *= left;
     return demand->speed > 0.0 ? fmax(left, sigma * (fabs(wanted) / demand->speed - sigma)) : left;
 }
 
-/* By the spectrum of A (6, n). */
-Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, Objective *objective)
+/* By the spectrum of A (6, n), for a twist that has a chase or none. */
+Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, bool chased,
+                      Objective *objective)
 {
     int k = n < 6 ? n : 6;
     double largest = found->largest, most = 0.0, least = INFINITY, damped = 0.0;
@@ -33,6 +39,14 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
     objective->rank = 0;
     objective->regular = found->regular;
     objective->V = (const Row *)found->V;
+    bool eased = chased && !found->regular && demand->ceiling > 0.0 && demand->speed == 0.0;
+    double needed = 0.0, weak = SLOWEST * largest * SLOWEST * largest; /* squares; damping.py, asked_share */
+    for (int i = 0; i < k && eased; i++) {
+        double sigma = found->sigma[i] * between(found->sigma[i] / (NULL_RATIO * largest) - 1.0, 0.0, 1.0);
+        double left = found->wanted[i] - sigma * dot(n, found->V[i], posture);
+        needed += left * left;
+        weak += weakness(demand, sigma, largest) * left * left;
+    }
     for (int i = 0; i < n; i++) {
         double sigma = found->sigma[i], wanted = found->wanted[i];
         if (found->regular && i < 6) { /* nothing is damped */
@@ -46,6 +60,9 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
         sigma *= moving;
         bool null = moving == 0.0;
         double squared = damped_square(demand, sigma, wanted, largest);
+        double easy = EASY * sigma / largest;
+        if (eased)
+            squared *= weak / (weak + needed * easy * easy);
         if (null && squared == 0.0)
             squared = NULL_WEIGHT * largest * largest;
         double weight = sigma * sigma + squared, towards = dot(n, found->V[i], posture);

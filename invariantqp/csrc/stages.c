@@ -105,7 +105,7 @@ static Outcome pace(Posed *problem, double *share)
     } else
         for (int i = 0; i < 6; i++)
             needed.wanted[i] = found->ahead[i] + steady * (found->wanted[i] - found->ahead[i]);
-    if (least_squares(demand, n, &needed, STILL, &task) == HAND_BACK)
+    if (least_squares(demand, n, &needed, STILL, false, &task) == HAND_BACK)
         return HAND_BACK;
     centre(&task, z);
     if (demand->rows > 0)
@@ -206,7 +206,7 @@ static Outcome objective(Posed *problem, const double *attempt, const double *un
     if (demand->rows == 0) {
         if (demand->form != NULL || m < 6)
             want(&problem->spectrum, attempt, unchased);
-        return least_squares(demand, m, &problem->spectrum, problem->posture, result);
+        return least_squares(demand, m, &problem->spectrum, problem->posture, demand->chased, result);
     }
     Row posture = {0.0}, start;
     double left[6], still[6];
@@ -223,7 +223,7 @@ static Outcome objective(Posed *problem, const double *attempt, const double *un
             wanted[j] = share * problem->posture[j];
         freed(reduction, m, wanted, share, posture);
     }
-    return least_squares(demand, reduction->n, &problem->spectrum, posture, result);
+    return least_squares(demand, reduction->n, &problem->spectrum, posture, demand->chased, result);
 }
 
 static void joints(const Posed *problem, const Row z, double share, Row y)
@@ -690,7 +690,7 @@ static Outcome summed(const Demand *demand, const Task *task, double share, cons
     if (spectrum(6, n, (const Row *)AB, b, NULL, &found) == HAND_BACK)
         return HAND_BACK;
     found.largest = largest;
-    if (least_squares(demand, n, &found, STILL, &objective) == HAND_BACK)
+    if (least_squares(demand, n, &found, STILL, false, &objective) == HAND_BACK)
         return HAND_BACK;
     for (int i = 0; i < n; i++) {
         double root = weight * sqrt(objective.weights[i]);

@@ -6,6 +6,15 @@ which minimises |A x - b|^2 + sum of lambda_i^2 (v_i'(x - x_p))^2. The smaller s
 direction follows the posture x_p; one with sigma_i = 0 follows it entirely. Each gain sigma^2 / (sigma^2 + lambda^2)
 lies in [0, 1], 1 without damping. The default lambda is relative to the largest sigma, so no unit enters.
 
+Damping takes as much of a weak direction's twist as it takes of its joint speed; so what a loop asks slowly of such a
+direction is left whole. With w = U'(b - A x_p), r_i = sigma_i / sigma_max and `Adaptive` by default, a loop has
+
+    lambda_i^2 W^2 / (W^2 + (EASY r_i |w|)^2),   W^2 = sum of (lambda_i / (ceiling sigma_max)) w_i^2
+
+W is what the twist asks of weak directions. All of lambda^2 is had where that needs more than EASY times the joint
+speed that the whole twist would need of the strongest direction. Equal sigma have equal factors, so the answer is as
+continuous as before.
+
 A loop is damped, too, where its target is out of reach or near a singularity (`calm`): 1/2 mu |x|^2 is added, with
 
     mu = CALM / 2 dt (|b - A x| + max(0, 1/4 dt |A| |x|^2 - |b|)) |A|
@@ -39,6 +48,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import norm
+from invariantqp.velocity.qp import SLOWEST
 
 # Damping starts where a direction needs 1 / threshold times the joint speed of the strongest one, and lets none need
 # more than 1 / (2 ceiling) times that. Measured (`examples/14_defaults.py`): the larger the ceiling, the less joints
@@ -46,6 +56,12 @@ from invariantqp.geometry.se3 import norm
 # on everyday and difficult tasks lose accuracy. The threshold hardly counts.
 DEFAULT_THRESHOLD = 1e-2
 DEFAULT_CEILING = 2e-3
+# A direction of a loop that needs less than this many times the joint speed that the whole twist would need of the
+# strongest one is hardly damped. Measured on 150 random tasks of ten arms and on paths past singularities: with 3 the
+# largest error is smaller by 6 % in the mean, of Kinova's and UR10's by half, and joints vary by 2 % more; with 1 and
+# with 3 the largest acceleration at 100, 250 and 1000 Hz is 1.95, 2.04, 4.98 and 2.26, 2.04, 2.64 of the bar, with no
+# such share 1.56, 2.04, 5.75.
+EASY = 3.0
 # Where some joint has no velocity limit, damping alone bounds its speed: 50 times that of the strongest direction.
 UNLIMITED_CEILING = 1e-2
 # Measured on the stability problems and random tasks (`examples/14_defaults.py`): with 1 loops come to rest but slowly;
@@ -224,6 +240,15 @@ def damping_of(damping: Damping | PaperLambda | float | None, *, limited: bool) 
             "damping", excerpt(damping), "a number, Adaptive(), Fixed(...), Selective(...) or a policy of yours"
         )
     return Fixed(arrays.not_negative(damping, "damping", "lambda"))
+
+
+def asked_share(damping: Adaptive, sigma: Array, needed: Array, largest: float) -> Array:
+    """(n,) the share of each lambda_i^2 that a loop has, for `needed` (n,) w = U'(b - A x_p)."""
+    weak = np.sqrt(damping.squares(sigma, needed, largest)) / (damping.ceiling * largest)
+    asked = float(weak.dot(needed * needed)) + (SLOWEST * largest) ** 2
+    easy = EASY * sigma / largest
+    share: Array = asked / (asked + float(needed.dot(needed)) * easy * easy)
+    return share
 
 
 def calm(A: Array, wanted: Array, achieved: Array, speed: float, dt: float, factor: float = CALM) -> float:

@@ -31,7 +31,7 @@ from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import pitch_form
-from invariantqp.velocity.damping import Damping
+from invariantqp.velocity.damping import Adaptive, Damping, asked_share
 from invariantqp.velocity.qp import Quadratic
 
 # A singular value below this share of the largest is rounding: its direction moves nothing.
@@ -138,6 +138,8 @@ def least_squares(
     sigma *= moving
     null = moving == 0.0
     squares = damping.squares(sigma, wanted, largest)
+    if ahead is not None and type(damping) is Adaptive:
+        squares *= asked_share(damping, sigma, wanted - sigma * towards, largest)
     squares[null & (squares == 0.0)] = NULL_WEIGHT * largest * largest
     weights = sigma * sigma + squares
     return Objective(

@@ -40,6 +40,9 @@ from invariantqp.velocity.backends import (
 EPSILON = float(np.finfo(float).eps)
 # A limit this close, relative to its value (or 1), is at it.
 ACTIVE_TOLERANCE = 1e-6
+# A joint is at a bound within `ACTIVE_TOLERANCE` of its speed, or of this one [rad/s, length/s] where it is slower; the
+# rest is rounding of an arm that stands still.
+SLOWEST = 1e-6
 # What is below this share of the terms of a product is rounding; cosines fade in above it, so that the law has no jump.
 PRODUCT_ROUNDING = 1e-13
 # The multiplier of a speed limit outweighs the rest by this factor at most, and is found in a few steps.

@@ -23,9 +23,9 @@ from invariantqp.velocity.exact import Reduction
 from invariantqp.velocity.law import Demand
 from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.objective import Objective
-from invariantqp.velocity.qp import ACTIVE_TOLERANCE, PRODUCT_ROUNDING
+from invariantqp.velocity.qp import ACTIVE_TOLERANCE, PRODUCT_ROUNDING, SLOWEST
 from invariantqp.velocity.reasons import FIRST_EXACT_ROW, TOOL_SPEED, Code, Reason, row_name, worst_first
-from invariantqp.velocity.solution import SLOWEST, Status, VelocitySolution, clipped
+from invariantqp.velocity.solution import Status, VelocitySolution, clipped
 from invariantqp.velocity.tick import Answer, Problem, Room
 
 # What "ok" promises.

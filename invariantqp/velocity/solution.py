@@ -11,12 +11,8 @@ from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.law import Demand
-from invariantqp.velocity.qp import ACTIVE_TOLERANCE
+from invariantqp.velocity.qp import ACTIVE_TOLERANCE, SLOWEST
 from invariantqp.velocity.reasons import Explained, Why, parts
-
-# A joint is at a bound within `ACTIVE_TOLERANCE` of its speed, or of this one [rad/s, length/s] where it is slower; the
-# rest is rounding of an arm that stands still.
-SLOWEST = 1e-6
 
 
 class Status(str, Enum):

@@ -12,8 +12,7 @@ import numpy as np
 import invariantqp as iq
 from invariantqp.velocity.compiled import compiled
 from invariantqp.velocity.law import Chase, Demand, VelocityLaw
-from invariantqp.velocity.qp import ACTIVE_TOLERANCE
-from invariantqp.velocity.solution import SLOWEST
+from invariantqp.velocity.qp import ACTIVE_TOLERANCE, SLOWEST
 from invariantqp.velocity.solve import solve
 from invariantqp.velocity.tick import posed
 

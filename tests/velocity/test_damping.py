@@ -6,7 +6,9 @@ from support.velocity_reference import UNLIMITED, regular_problem, root_of
 
 import invariantqp as iq
 from invariantqp.velocity.damping import damping_of
+from invariantqp.velocity.law import Chase, Demand, VelocityLaw
 from invariantqp.velocity.objective import least_squares, spectrum_of
+from invariantqp.velocity.solve import solve
 
 
 def test_adaptive_damping_is_nothing_until_the_threshold_and_continuous_there():
@@ -179,3 +181,31 @@ def test_the_papers_damping_says_what_it_does():
     np.testing.assert_allclose(posture.velocity, np.linalg.solve(G + 0.3 * np.eye(3), J.T @ Q @ s + 0.3 * np.ones(3)))
     metric = printed(0.3, joint_metric=[1.0, 2.0, 3.0])
     np.testing.assert_allclose(metric.velocity, np.linalg.solve(G + 0.3 * np.diag([1.0, 2.0, 3.0]), J.T @ Q @ s))
+
+
+@pytest.mark.parametrize("engine", ["python", "compiled"])
+@pytest.mark.parametrize("seed", range(12))
+def test_a_loop_damps_what_it_asks_much_of(engine, seed):
+    """What it asks slowly of a weak direction it gets; what it asks fast of one is damped as a twist by itself is."""
+    rng = np.random.default_rng(seed)
+    m, weak = int(rng.integers(6, 9)), 10.0 ** rng.uniform(-3.5, -2.8)
+    U, V = (np.linalg.qr(rng.normal(size=(k, k)))[0] for k in (6, m))
+    root = root_of(rng.normal(size=3), 0.6)
+    sigma = np.array([*rng.uniform(0.2, 1.0, 5), weak])
+    A, wide = (U * sigma) @ V[:, :6].T, np.full(m, np.inf)
+    strong = rng.normal(size=5)
+
+    def gain(asked, chase):
+        """How much is had of what is asked of the weak direction, in joint speeds of the strong ones."""
+        wanted = np.append(strong, asked * weak / sigma.max() * np.linalg.norm(strong))
+        demand = Demand(np.linalg.solve(root, A), np.linalg.solve(root, U @ wanted), root, -wide, wide, chase=chase)
+        had = U.T @ A @ solve(VelocityLaw(engine=engine), demand).velocity
+        np.testing.assert_allclose(had[:5], strong, atol=1e-9)
+        return had[5] / wanted[5]
+
+    chase = Chase(np.zeros(6), None, -wide, wide, 0.0, apart=True)
+    ratio = weak / sigma.max()
+    damping = 4e-6 * (1.0 - 1e4 * ratio**2) ** 2 / ratio**2
+    assert gain(0.03, None) == pytest.approx(1.0 / (1.0 + damping), rel=1e-6)
+    assert gain(0.03, chase) > 0.99
+    assert gain(300.0, chase) == pytest.approx(1.0 / (1.0 + damping), rel=2e-4)

@@ -17,7 +17,7 @@ from invariantqp.velocity.solve import solve
 # Tighter than it gets in every case, and then it says so; the comparison decides.
 pytestmark = pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
 
-POSTURE_PACE, PROGRESS, LEAST_WORTH = 0.01, 2e-4, 2e-5
+POSTURE_PACE, PROGRESS, LEAST_WORTH, EASY, SLOWEST = 0.01, 2e-4, 2e-5, 3.0, 1e-6
 
 
 cp = None
@@ -94,12 +94,26 @@ class Published:
         self.share, self.B = share, np.eye(m) if rows is None else null_space(self.C)
         self.AB = self.A @ self.B
         largest = np.linalg.svd(self.A, compute_uv=False)[0]
-        sigma, Vt = np.linalg.svd(self.AB)[1:]
+        U, sigma, Vt = np.linalg.svd(self.AB)
         sigma = np.append(sigma, np.zeros(len(Vt) - len(sigma)))
-        damping = np.sqrt([adaptive(value, largest, *LIMITED) for value in sigma])
-        self.damping = damping[:, None] * Vt
+        self.spectrum = U, sigma, Vt, largest
+        self.damps(np.array([adaptive(value, largest, *LIMITED) for value in sigma]))
+
+    def damps(self, squares):
+        self.squares = squares
+        self.damping = np.sqrt(squares)[:, None] * self.spectrum[2]
         self.root = np.vstack((self.AB, self.damping))
-        self.follow = 1.0
+
+    def eased(self, posture):
+        """A chase is damped as far as what it needs of weak directions exceeds EASY times what others could do."""
+        U, sigma, Vt, largest = self.spectrum
+        k = min(6, len(sigma))
+        x0 = self.share * np.linalg.pinv(self.C) @ self.e
+        still = np.zeros(len(Vt)) if posture is None else self.B.T @ (posture - x0)
+        needed = U.T[:k] @ (self.share * self.b - self.A @ x0) - sigma[:k] * (Vt[:k] @ still)
+        weak = np.sqrt(self.squares[:k]) / (LIMITED[1] * largest)
+        size = np.sum(weak * needed**2) + (SLOWEST * largest) ** 2
+        self.damps(self.squares * size / (size + (EASY * sigma / largest) ** 2 * np.sum(needed**2)))
 
     def centre(self, twist, demands, share=1.0, posture=None):
         """What is minimised, |root z - target|, and where without limits."""
@@ -136,7 +150,9 @@ class Published:
 
     def velocity(self, dt):
         demand, chase = self.demand, self.demand.chase
-        posture = self.posture()
+        posture = self.wanted = self.posture()
+        if chase is not None:
+            self.eased(posture)
         origin, target, free = self.centre(demand.s, self.e, self.share, posture)
         if demand.allows(origin + self.B @ free):
             z, slowed, pace = free, 0.0, 1.0
@@ -150,7 +166,7 @@ class Published:
         return origin + self.B @ z
 
     def missed(self, x):
-        origin, target, _ = self.centre(self.demand.s, self.e, self.share, self.posture())
+        origin, target, _ = self.centre(self.demand.s, self.e, self.share, self.wanted)
         return np.sum((self.root @ (self.B.T @ (x - origin)) - target) ** 2)
 
     def paced(self, target, pace):
