@@ -17,7 +17,7 @@ from shared.peg_cell import PegCell
 import invariantqp as iq
 
 PEG, CLEARANCE, DEPTH = 0.010, 1e-4, 0.02  # diameters [m], how deep it has to go [m]
-OFF, TILT = 1e-3 * float(*sys.argv[2:3] or [1]), np.radians(2.0)
+TILT = np.radians(2.0)
 PITCH, SEARCH, WIDEST = 0.07e-3, 0.004, 1.5e-3  # of the spiral [m], along it [m/s], its last radius [m]
 PRESS, PUSH, SPEED = 4.0, 8.0, 0.01  # of the search [N], at most along the peg [N], how fast it goes in [m/s]
 MOST = 15.0  # is too much [N]: into what gives way it goes no faster than that allows
@@ -36,11 +36,12 @@ def spiral(t):
     return radius * np.array([np.cos(angle), np.sin(angle), 0.0]), SEARCH * way
 
 
-def inserted(arm, seed):
-    """How deep it went [m], the largest force [N], the seconds it took, and what stopped it."""
+def inserted(arm, off, seed):
+    """How deep it went into a hole `off` [m] away from where it is said to be, the largest force [N], the seconds that
+    took, and what stopped it."""
     random = np.random.default_rng(seed)
     home, (a, b) = iq.load_robot(arm).pose(ARMS[arm]), random.uniform(0.0, 2.0 * np.pi, 2)
-    mouth = home[:3, 3] + [OFF * np.cos(a), OFF * np.sin(a), -3e-3]
+    mouth = home[:3, 3] + [off * np.cos(a), off * np.sin(a), -3e-3]
     hole = iq.transform(translation=mouth) @ iq.exp([TILT * np.cos(b), TILT * np.sin(b), 0.0, 0.0, 0.0, 0.0])
     cell = PegCell(arm, hole, 0.5 * PEG, CLEARANCE, mass=0.3, seed=seed)
     told = {"dt": DT, "sensor": cell.sensor, "delay": DELAY}
@@ -92,9 +93,13 @@ def inserted(arm, seed):
     return deep, most, seconds, reason
 
 
-attempts = int(sys.argv[1]) if len(sys.argv) > 1 else 2
-for arm in sys.argv[3:] or ARMS:
-    found = [inserted(arm, seed) for seed in range(attempts)]
-    deep, most, time, said = zip(*found, strict=True)
-    print(f"{arm:6s} {said.count('in')} of {attempts} in, {max(most):.1f} N at most", end=", ")
-    print(f"{min(time):.1f} to {max(time):.1f} s; {', '.join(sorted(set(said)))}")
+def main(attempts="2", off="1", *arms):
+    for arm in arms or ARMS:
+        found = [inserted(arm, 1e-3 * float(off), seed) for seed in range(int(attempts))]
+        _, most, time, said = zip(*found, strict=True)
+        print(f"{arm:6s} {said.count('in')} of {attempts} in, {max(most):.1f} N at most", end=", ")
+        print(f"{min(time):.1f} to {max(time):.1f} s; {', '.join(sorted(set(said)))}")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
