@@ -14,7 +14,7 @@ from typing import Any
 
 
 def loaded_on_use(module: str) -> bool:
-    """Give a module the names that its source imports as themselves: `__getattr__`, `__dir__` and `__all__`.
+    """Give a module the names that its source imports as themselves: `__getattr__`, `__dir__`, `__all__`, and contents.
 
     A name that is imported from the module itself is a module below it, and not in `__all__`. No file of a package may
     be called as one of its names: whoever imports the file makes it an attribute of the package.
@@ -42,4 +42,14 @@ def loaded_on_use(module: str) -> bool:
     namespace["__getattr__"] = load
     namespace["__dir__"] = lambda: sorted(home_of)
     namespace["__all__"] = [name for name, home in home_of.items() if home != module]
+    namespace["__doc__"] = f"{(namespace['__doc__'] or '').rstrip()}\n\n{contents(home_of)}"
     return True
+
+
+def contents(home_of: dict[str, str]) -> str:
+    """What a namespace has, for `help`: a line for each file, with the names that are in it."""
+    by_home: dict[str, list[str]] = {}
+    for name, home in home_of.items():
+        by_home.setdefault(home, []).append(name)
+    lines = [f"    {home}: {', '.join(names)}" for home, names in by_home.items()]
+    return "\n".join(["Its names, by where they are:", "", *lines])

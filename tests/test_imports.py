@@ -58,6 +58,17 @@ def test_names_for_type_checkers_are_the_names_at_run_time(name):
     assert {alias.name for alias in names} == set(dir(namespace))
 
 
+@pytest.mark.parametrize("name", NAMESPACES)
+def test_help_of_a_namespace_begins_with_its_contents(name):
+    module = import_module(name)
+    listed = [
+        word
+        for line in re.findall(r"^    invariantqp\S*: (.*)$", module.__doc__, re.MULTILINE)
+        for word in line.split(", ")
+    ]
+    assert sorted(listed) == dir(module)
+
+
 def test_a_frozen_program_loads_its_names_at_once(tmp_path):
     """Compiled files without their sources."""
     (tmp_path / "facade.py").write_text(
