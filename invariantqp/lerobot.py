@@ -31,6 +31,7 @@ from invariantqp.control.tracking import same_turn
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.screws import turning
 from invariantqp.geometry.se3 import cross
 from invariantqp.paths.driver import Follower
 from invariantqp.paths.solution import FollowerSolution
@@ -340,9 +341,9 @@ def _arm(source: str | PathLike[str], frame: str, given: tuple[str, ...] | None)
     if moving is not None and not moving:
         raise BadInput("joint_names", arrays.names(given or ()), f"joints that move {frame!r}")
     arm = read_arm(source, frame, None if moving is None else tuple(moving))
-    turning = arm.jacobian(middle(arm))[:3].any(axis=0)
-    if not turning.all():
-        slides = arm.names[int(np.argmin(turning))]
+    rates = turning(arm.jacobian(middle(arm)))
+    if not rates.all():
+        slides = arm.names[int(np.argmin(rates))]
         raise BadInput("urdf_path", f"joint {slides} slides", "joints that turn", "Positions are told in degrees.")
     return arm
 

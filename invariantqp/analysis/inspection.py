@@ -35,6 +35,7 @@ from invariantqp.analysis.survey import Survey, spread, survey
 from invariantqp.errors import BadInput, listed, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import ROUNDING, Array
+from invariantqp.geometry.screws import turning
 from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.points import centre
 from invariantqp.systems.report import SystemReport, along_axes, describe
@@ -49,8 +50,6 @@ LARGEST_NORM = 4.0
 NEARLY_ALL = 0.9
 # Pitches tried, of the reach.
 MULTIPLES = (1.0, 1.5, 2.0, 3.0, 4.0)
-# States of the range from which upright ones are looked for.
-UPRIGHT_STARTS = 32
 # Sines, and shares of the largest, that nobody asks an arm for: finer than a tool is pointed.
 SMALL = 1e-3
 # Newton's steps; four to eight are enough from anywhere for arms whose wrist can turn that far.
@@ -98,7 +97,7 @@ def recommend(robot: Robot, q: Array) -> Recommendation:
     length = length_at(robot.jacobian(mid), robot.pose(mid)[:3, 3])
     pitches = tried_pitches(length)
     spread = _tried(robot, length, q)
-    up = _tried(robot, length, upright(robot, q[:UPRIGHT_STARTS]))
+    up = _tried(robot, length, upright(robot, q[: len(q) // 2 + 1]))
     shares = np.minimum(spread.share(), up.share())
     serving = np.flatnonzero(shares >= NEARLY_ALL)
     best = int(serving[0] if len(serving) else shares.argmax())
@@ -251,21 +250,21 @@ def upright(robot: Robot, q: Array) -> Array:
 def _turned(robot: Robot, start: Array) -> Array | None:
     q = start
     for step in range(STEPS + 1):
-        w = robot.jacobian(q)[:3]
-        sizes = np.linalg.norm(w, axis=0)
-        turning = sizes > 0.0
-        if np.count_nonzero(turning) < 2:
+        J = robot.jacobian(q)
+        turns = turning(J) > 0.0
+        if np.count_nonzero(turns) < 2:
             return None
-        axes = w[:, turning] / sizes[turning]
+        rates = turning(J)[turns]
+        axes = J[:3, turns] / rates
         first, last = axes[:, 0], axes[:, -1]
         if np.linalg.norm(np.cross(first, last)) < SMALL:
             return q if step else None
         if step == STEPS:
             break
-        rates = np.cross(axes.T, last).T  # (3, turning) how each joint turns the last axis
+        led = np.cross(axes.T, last).T  # (3, k) how each joint that turns leads the last axis
         wanted = np.copysign(1.0, first.dot(last)) * first - last
         change = np.zeros(len(q))
-        change[turning] = np.linalg.pinv(rates, rcond=SMALL).dot(wanted) / sizes[turning]
+        change[turns] = np.linalg.pinv(led, rcond=SMALL).dot(wanted) / rates
         q = np.clip(q + np.clip(change, -LONGEST, LONGEST), robot.position_lower, robot.position_upper)
     return None
 

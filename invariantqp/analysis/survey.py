@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.screws import turning
 from invariantqp.robots.kinematics import Robot, middle, remembered
 from invariantqp.systems.report import describe
 
@@ -90,8 +91,7 @@ def spread(robot: Robot, samples: int, origin: Array | float = 0.5) -> Array:
 def joint_ranges(robot: Robot) -> tuple[Array, Array]:
     """(m,) the limits, or a turn about the middle, or a unit of length, of joints that have none."""
     mid = middle(robot)
-    turns = np.abs(robot.jacobian(mid)[:3]).max(axis=0) > 0.0
-    half = np.where(turns, np.pi, 0.5)
+    half = np.where(turning(robot.jacobian(mid)) > 0.0, np.pi, 0.5)
     low, high = robot.position_lower, robot.position_upper
     return np.where(np.isfinite(low), low, mid - half), np.where(np.isfinite(high), high, mid + half)
 

@@ -54,6 +54,11 @@ def pitch(twist: ArrayLike) -> float:
     return float((s[:3] / length).dot(s[3:]) / length) if length > 0.0 else inf
 
 
+def turning(J: Array) -> Array:
+    """(m,) how fast the joints of twists (6, m) turn at unit rate, |omega|: 1 of a hinge in radians, 0 of a slide."""
+    return np.asarray(np.linalg.norm(J[:3], axis=0))
+
+
 def axis(twist: ArrayLike) -> tuple[Array, Array]:
     """The axis of a (6,) twist: its unit direction (3,) and its point (3,) nearest to the origin."""
     s = arrays.twist(twist)

@@ -22,6 +22,7 @@ from invariantqp.engine import core, core_for
 from invariantqp.errors import BadInput
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import NEGLIGIBLE, ROUNDING, Array
+from invariantqp.geometry.screws import turning
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot, middle, remembered
 from invariantqp.systems.points import centre
@@ -43,7 +44,7 @@ class JointSpace:
         self.lower: Array = np.maximum(robot.position_lower, -UNBOUNDED)
         self.upper: Array = np.minimum(robot.position_upper, UNBOUNDED)
         J = robot.jacobian(self.middle)
-        speed, drift = np.linalg.norm(J[:3], axis=0), np.linalg.norm(J[3:], axis=0)
+        speed, drift = turning(J), np.linalg.norm(J[3:], axis=0)
         hinge = (speed > 0.0) & (np.abs((J[:3] * J[3:]).sum(axis=0)) <= NEGLIGIBLE * speed * drift)
         self.turn: Array = np.where(hinge, 2.0 * np.pi / np.where(hinge, speed, 1.0), 1.0)
         self.whole: Array = hinge & (self.upper - self.lower >= self.turn)
@@ -198,8 +199,8 @@ class PoseError(NamedTuple):
         sighting = self.robot.sight(q, self.target)
         omega, J = sighting.error[:3], sighting.J
         here, there = self.robot.points(sighting, self.target, self.point)
-        turning = J[:3] if self.even else _log_derivative(omega).dot(J[:3])
-        A = self.root.dot(np.concatenate((turning, se3.velocity_at(J, here))))
+        turned = J[:3] if self.even else _log_derivative(omega).dot(J[:3])
+        A = self.root.dot(np.concatenate((turned, se3.velocity_at(J, here))))
         r = self.root.dot(np.concatenate((omega, there - here)))
         state = Linearization(q, A, r, 0.5 * float(r.dot(r)))
         if not self.exact:

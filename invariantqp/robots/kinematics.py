@@ -17,6 +17,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
+from invariantqp.geometry.screws import turning
 from invariantqp.systems.points import reach
 
 T = TypeVar("T")
@@ -143,7 +144,7 @@ def far_away(robot: Robot, J: Array, tip: Array) -> float:
 
     inf where no hinge moves the tool, and no length is the arm's.
     """
-    ways = (robot.position_upper - robot.position_lower)[~J[:3].any(axis=0)]
+    ways = (robot.position_upper - robot.position_lower)[turning(J) == 0.0]
     length = reach(J, tip)
     return FAR_AWAY * (length + float(ways.sum())) if length > 0.0 else inf
 
@@ -174,10 +175,10 @@ def _far(away: float, far: float) -> str:
     return f"a pose {away:.4g} [length] away, {away * FAR_AWAY / far:.3g} times the arm's length"
 
 
-def question_range(lower: Array, upper: Array, turning: NDArray[np.bool_], argument: str) -> None:
-    """Warn of position limits (m,) that look like degrees; `turning` (m,) says which joints turn."""
-    far = np.where(turning, np.maximum(*(np.where(np.isfinite(a), np.abs(a), 0.0) for a in (lower, upper))), 0.0)
+def question_range(lower: Array, upper: Array, turns: NDArray[np.bool_], argument: str) -> None:
+    """Warn of position limits (m,) that look like degrees; `turns` (m,) says which joints turn."""
+    far = np.where(turns, np.maximum(*(np.where(np.isfinite(a), np.abs(a), 0.0) for a in (lower, upper))), 0.0)
     most = float(far.max(initial=0.0))
     if most > QUESTIONED_TURN:
-        turns = f"may turn to {most:.4g} rad, {most / (2.0 * pi):.3g} turns; are these degrees?"
-        warnings.warn(f"{argument}: joint {int(far.argmax())} {turns}", UserWarning, stacklevel=3)
+        said = f"may turn to {most:.4g} rad, {most / (2.0 * pi):.3g} turns; are these degrees?"
+        warnings.warn(f"{argument}: joint {int(far.argmax())} {said}", UserWarning, stacklevel=3)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownName, excerpt
 from invariantqp.geometry import arrays
+from invariantqp.geometry.screws import turning
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.compose import stand_on
 from invariantqp.robots.kinematics import question_pose, question_range
@@ -116,8 +117,7 @@ def load_robot(
             UserWarning,
             stacklevel=2,
         )
-    turning = np.asarray(arm.screws[:3].any(axis=0))
-    question_range(arm.position_lower, arm.position_upper, turning, "the description's limits")
+    question_range(arm.position_lower, arm.position_upper, turning(arm.screws) > 0.0, "the description's limits")
     for argument, given in (("offset", offset), ("base", base)):
         if given is not None and not isinstance(given, Chain):
             question_pose(arm, argument, arrays.pose(given, argument))

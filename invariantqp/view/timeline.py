@@ -14,6 +14,7 @@ import numpy as np
 
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.screws import turning
 from invariantqp.pictures.charts import (
     FRAMES,
     GREEN,
@@ -163,7 +164,7 @@ def arm_in(robot: Robot, q: Array) -> dict[str, Any]:
     joints = [robot.origins(state) for state in q]
     return {
         "joints": robot.names,
-        "slides": [not turn.any() for turn in robot.jacobian(q[0])[:3].T],
+        "slides": (turning(robot.jacobian(q[0])) == 0.0).tolist(),
         "points": np.array([(np.zeros(3), *p, T[:3, 3]) for p, T in zip(joints, tool, strict=True)]),
         "tool": tool,
         "screws": robot.jacobian(zero),
