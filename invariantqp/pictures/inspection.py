@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from invariantqp.analysis.inspection import Inspection
+from invariantqp.analysis.inspection import MULTIPLES, Inspection
 from invariantqp.analysis.survey import Survey, joint_ranges, survey
 from invariantqp.errors import written
 from invariantqp.geometry.arrays import Array
@@ -40,9 +40,6 @@ if TYPE_CHECKING:
 
 # Points of a line: enough for a smooth curve at the width of a panel.
 SWEEP = 121
-# Near states where no pitch works, principal pitches go to infinity: the axis ends at this multiple of the best h, or
-# of the reach.
-VIEW = 4.0
 RANGE, ALONE = "states of the range", "this joint alone"
 
 
@@ -97,8 +94,9 @@ def _pitches(axes: Axes, joint: int, swept: Survey, inspection: Inspection) -> N
             axes.plot(swept.q[:, joint], lines[:, k], color=BLUE, linewidth=1.4, label=ALONE)
     if h is not None:
         axes.axhline(h, color=VERMILION, linestyle="--", linewidth=1.2, label=f"recommended h = {written(h, 3)}")
-    size = inspection.recommended.length if h is None else abs(h)
-    axes.set_ylim(-VIEW * size, VIEW * size)
+    # Near states where no pitch works, principal pitches go to infinity: the axis ends at the largest that is tried.
+    most = MULTIPLES[-1] * (inspection.recommended.length if h is None else abs(h))
+    axes.set_ylim(-most, most)
 
 
 def _regular(states: Survey, rank: int) -> Array:

@@ -64,8 +64,6 @@ GEOMS = {kind: getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}") for kind in get
 THREAD = {"solref": (2e-3, 1.0), "solimp": (0.999, 0.999, 1e-3, 0.5, 2.0)}
 # Longest step of the engine [s]: contact and velocity loops are ten times slower.
 SUBSTEP = 5e-4
-# Time [s] in which a joint's servo brings its inertia to the commanded speed, short beside the lag.
-SERVO = 1e-3
 
 
 class Solid(NamedTuple):
@@ -350,8 +348,9 @@ class MujocoPlant:
             unit, column = np.eye(model.nv)[joint], np.empty(model.nv)
             mujoco.mj_mulM(model, data, column, unit)
             inertia[i] = column[joint]
-        damping = inertia / SERVO
-        stiffness = damping / max(self._physics.lag, SERVO)
+        servo = 2.0 * SUBSTEP  # the time in which it brings its inertia to the commanded speed, short beside the lag
+        damping = inertia / servo
+        stiffness = damping / max(self._physics.lag, servo)
         model.actuator_gainprm[:, 0] = stiffness
         model.actuator_biasprm[:, :3] = np.column_stack((np.zeros_like(damping), -stiffness, -damping))
         data.act[:] = start
