@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 # A pitch above this many lengths a radian is a slide, one below its inverse a turn, in words.
 FLAT = 1e3
-# Steps of time this much longer than the usual one are worth a word: samples are taken as evenly spaced.
-GAP = 3.0
 
 
 def identify(
@@ -91,7 +89,7 @@ def identify(
     if file.unused:
         say(f"note: not used: {', '.join(file.unused)}", style="yellow")
     steps = np.diff(seconds(file))
-    if len(steps) and steps.max() > GAP * np.median(steps):
+    if len(steps) and np.rint(steps.max() / np.median(steps)) > 1.0:
         say("note: samples are missing: time has gaps, and samples are taken as evenly spaced", style="yellow")
     options: dict[str, Any] = {"kinds": kind, "sensor": sensor}
     if off is not None:

@@ -51,20 +51,14 @@ STEPS = 15
 # A step that would lower the sum of squares by less than this changes no parameter by more than 1e-4 of its
 # standard deviation.
 CONVERGED = 1e-8
-# Noise of a row relative to what is left of it: beyond this many standard deviations, the model is not near, and to
-# linearise about corrected poses would lead away.
-NEAR = 4.0
-# Marquardt's damping, relative to the curvature of the sum of squares: at first, the least, and where it is given up.
-DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-7, 1e8
-# Share by which the sum of squares may rise where corrections of poses have been made anew.
-RELINEARISED = 1e-4
+# Marquardt's damping, relative to the curvature of the sum of squares, at first; its square is the least, and beyond
+# one over that it is given up.
+DAMPING = 1e-3
 # Side force across the slide, relative to the force, that irregular friction may have: so weak a row that motion,
 # where it says anything about the normal, decides.
 ACROSS = 0.3
 # Beyond so many standard deviations of noise something moved, or was pushed.
 SURELY = 3.0
-# Slides slower than so many standard deviations of a place have no direction.
-SLIDING = 10.0
 # What is known no better than this many of the motion's own sizes, radians or lengths, is not known.
 OPEN = 10.0
 # A fit that misses by so many times the noise after some steps, and no longer improves, is not that kind.
@@ -103,7 +97,7 @@ class Samples(NamedTuple):
     def slides(self, tip: Array) -> tuple[NDArray[np.intp], Array, Array]:
         """How a (3,) point of the tool slides: (k,) samples, (k, 3) directions in the base frame, (k,) how surely.
 
-        The last is 1/2 where the slide is SLIDING times its noise, and nears 1 beyond.
+        The last is 1/2 where its direction is surely known to SURELY's inverse [rad], and nears 1 beyond.
         """
         p = self.pose[:, :3, :3] @ tip + self.pose[:, :3, 3]
         step = np.diff(self.at)
@@ -113,7 +107,7 @@ class Samples(NamedTuple):
         speed = np.linalg.norm(v, axis=1)
         at_tip = np.concatenate((-skew(tip), np.eye(3)), axis=1)
         noise = np.trace(carried(at_tip, self.pose_noise[inner]), axis1=1, axis2=2) / 3.0
-        sure = speed * speed / (speed * speed + SLIDING**2 * 2.0 * noise)
+        sure = speed * speed / (speed * speed + SURELY**4 * 2.0 * noise)
         return inner, v / np.maximum(speed, 1e-300)[:, None], sure
 
 
@@ -160,15 +154,16 @@ def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED,
     friction = across_the_slide(samples, start[1][:3, 3]) if model.pressed else None
     state = _state(model, samples, friction, *start, np.zeros(samples.bending.shape[-1]), zero, zero)
     damping, count, cost = DAMPING, sum(e.size for e, *_ in state.rows.values()), inf
-    kept, held = None, LEAST_DAMPING
+    kept, held = None, DAMPING**2
     alike = np.pad(gauge(model.kind, start[2]), ((0, samples.bending.shape[-1]), (0, 0)))
     for step in range(steps):
         H, g, now = _normal_equations(state)
         before, cost = cost, now
-        # Nearly linear: poses are corrected, and what is worse is taken back.
-        if kept is not None or now < NEAR**2 * count:
-            if kept is None or now < kept[-1] * (1.0 + RELINEARISED):
-                kept, held = (state, H, g, now), max(0.1 * held, LEAST_DAMPING)
+        # Nearly linear: poses are corrected, and what is worse is taken back. Where rows are surely off, the model is
+        # not near, and to linearise about corrected poses would lead away.
+        if kept is not None or now < SURELY**2 * count:
+            if kept is None or now < kept[-1] * (1.0 + sqrt(CONVERGED)):  # corrections made anew may raise it
+                kept, held = (state, H, g, now), max(0.1 * held, DAMPING**2)
             else:
                 held = max(100.0 * held, DAMPING)
                 state, H, g, now = kept
@@ -179,7 +174,7 @@ def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED,
             xi, omega = corrected["poses"], corrected.get("moments", zero)
             state = _state(model, samples, friction, *_moved(state, delta), xi, omega)
             continue
-        while damping < MOST_DAMPING:
+        while damping * DAMPING**2 < 1.0:
             delta = _step(H, g, damping, alike)
             trial = _state(model, samples, friction, *_moved(state, delta), zero, zero)
             pairs = zip(trial.rows.values(), state.rows.values(), strict=True)
@@ -188,7 +183,7 @@ def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED,
             damping *= 10.0
         else:
             break
-        state, damping = trial, max(0.1 * damping, LEAST_DAMPING)
+        state, damping = trial, max(0.1 * damping, DAMPING**2)
         if cost > HOPELESS**2 * count and step > 2 and before - cost < SLOW * cost:
             break
     return _finished(model, state if kept is None else kept[0])

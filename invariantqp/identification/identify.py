@@ -37,8 +37,8 @@ KINDS: tuple[str, ...] = tuple(MODELS)
 # Second moment of a push or a motion, in its noise, above which there was one: a noise given or estimated a fifth too
 # small is none. Of 150 samples of noise it is above 1.5 once in a million times.
 TRIED = 1.5
-# Shortest contact that is looked for after another one, and how finely the change is found, as parts of the whole.
-COARSE, FINE = 10, 40
+# Shortest contact that is looked for after another one, as a part of the whole.
+COARSE = 10
 # Share of a stretch that its contacts have to explain by a determined kind: less is noise cut into pieces.
 MOSTLY = 0.7
 
@@ -288,7 +288,7 @@ class _Look:
             low, high = begin + step, length
             if low >= length or not explained(begin, low):
                 return []
-            while high - low > max(2, length // FINE):
+            while high - low > FEWEST // 2:  # so many say nothing by themselves
                 middle = (low + high) // 2
                 low, high = (middle, high) if explained(begin, middle) else (low, middle)
             found.append(low)

@@ -24,8 +24,8 @@ MISFIT = 2.0
 # A first look at a third of the samples that finds a kind this much worse is enough.
 FAR = 2.5
 COARSE = 3
-# A misfit that further starts end at again, to this share and so often, is the least.
-SAME, AGAIN = 1e-2, 2
+# A misfit that a further start ends at again, to this share, is the least.
+SAME = 1e-2
 # A step that would lower the sum of squares by less than this moves no parameter by a third of its standard deviation.
 ENOUGH = 0.1
 # Beyond so many standard deviations a pitch or a curvature is not zero.
@@ -41,8 +41,6 @@ _WITHIN = {
 }
 # Pressed for so large a share of the samples is pressed.
 PRESSED = 0.95
-# No friction is more than this: rubber on dry concrete.
-FRICTION = 1.0
 # Share of the side force that acts across the slide where it is not friction; by chance it is 0.7.
 CROSSWISE = 0.6
 
@@ -127,13 +125,14 @@ def explains(samples: Samples, kinds: tuple[str, ...]) -> bool:
 def _best(model: Model, samples: Samples, inside: Sequence[Start] = ()) -> Fit:
     """The best fit from any start; only those that are near are worth all samples."""
     few = Samples(*(part[:: max(1, min(COARSE, len(samples.pose) // 40))] for part in samples))
-    best, again = None, 0
+    best: Fit | None = None
+    again = False
     for start in (*inside, *starts(model, samples)):
         found = _seated(fit(model, few, start, ENOUGH), few)
-        again += best is not None and abs(found.worst - best.worst) < SAME * best.worst
+        again = best is not None and abs(found.worst - best.worst) < SAME * best.worst
         if best is None or best.worst > (1.0 + SAME) * found.worst:
-            best, again = found, 0
-        if best.worst < 0.75 * MISFIT or again == AGAIN:
+            best = found
+        if best.worst < 0.75 * MISFIT or again:
             break
     if best is None or best.worst > FAR * MISFIT:
         return best or _anywhere(model, samples)
@@ -178,7 +177,7 @@ def _verdict(model: Model, reversed_: bool, found: Fit, samples: Samples) -> Ver
             return verdict("it slid and never turned")
     if model.kind == "peg":
         f = _forces(found, samples)
-        if np.mean(f[:, 2] ** 2) > FRICTION**2 * np.mean(f[:, 0] ** 2 + f[:, 1] ** 2):
+        if np.mean(f[:, 2] ** 2) > np.mean(f[:, 0] ** 2 + f[:, 1] ** 2):  # rubber on dry concrete has a friction of one
             return verdict("it was pushed along its axis, harder than friction holds")
     return _pressed(model, verdict, found, samples, C) if model.pressed else verdict("")
 
@@ -201,7 +200,7 @@ def _pressed(model: Model, verdict: Callable[..., Verdict], found: Fit, samples:
     if np.mean(sign * press > -SURELY * noise) < PRESSED:
         return verdict("it was pulled as well as pressed")
     side = f - press[:, None] * n
-    if np.mean(np.linalg.norm(side, axis=1) < FRICTION * np.abs(press) + SURELY * noise) < PRESSED:
+    if np.mean(np.linalg.norm(side, axis=1) < np.abs(press) + SURELY * noise) < PRESSED:
         return verdict("its side force is more than friction has")
     which, way, sure = samples.slides(found.tool[:3, 3])
     slides = sure > 0.5

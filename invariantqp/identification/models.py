@@ -68,10 +68,10 @@ def _tilt(C: Array, column: int, rows: slice) -> tuple[Array, Array]:
     return u[:, rows], turned[:, rows]
 
 
-def _rows(*parts: tuple[Array, Array], extra: Array | None = None) -> Rows:
+def _rows(*parts: tuple[Array, Array]) -> Rows:
     values = np.concatenate([part[0] for part in parts], axis=1)
     by_twist = np.concatenate([part[1] for part in parts], axis=1)
-    return Rows(values, by_twist, np.zeros((*values.shape, 0)) if extra is None else extra)
+    return Rows(values, by_twist, np.zeros((*values.shape, 0)))
 
 
 def _sphere(C: Array, extra: Array, _: Array) -> Rows:

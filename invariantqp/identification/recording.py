@@ -29,6 +29,7 @@ import numpy as np
 from attrs import frozen
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
+from scipy.special import chdtri
 
 from invariantqp.control.tracking import QUESTIONED_TIME
 from invariantqp.errors import BadInput, excerpt
@@ -46,8 +47,6 @@ FEWEST = 30
 BLOCKS = 150
 # The kind is decided by these; where the contact is, by so many samples at most: every one of ten seconds at 200 Hz.
 MOST_SAMPLES = 2000
-# A normal (6,) vector is longer than this, squared, once in a thousand: jerks, such as impacts, are not noise.
-JERK = 22.46
 FORCE, MOMENT, POSE = (
     ("fx", "fy", "fz"),
     (("mx", "my", "mz"), ("tx", "ty", "tz")),
@@ -193,15 +192,18 @@ def _wrenches(wrenches: Any, X: Array, exerts: bool, sensor: WrenchSensor | None
 
 
 def _covariance(differences: Array) -> Array:
-    """(6, 6) second moment about zero without jerks: trimmed until nothing more is left out."""
-    kept = differences
+    """(6, 6) second moment about zero without jerks, such as impacts: trimmed until nothing more is left out.
+
+    A jerk is longer than one of so many vectors of noise would be with a chance of one half.
+    """
+    kept, most = differences, float(chdtri(6, 0.5 / max(1, len(differences))))
     for _ in range(20):
         N = kept.T @ kept / max(1, len(kept))
         try:
             distance = (differences * np.linalg.solve(N, differences.T).T).sum(axis=1)
         except np.linalg.LinAlgError:  # no noise: the caller says so
             return np.asarray(N)
-        inside = differences[distance < JERK]
+        inside = differences[distance < most]
         if len(inside) == len(kept) or len(inside) < FEWEST // 2:
             break
         kept = inside
