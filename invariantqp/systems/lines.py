@@ -51,7 +51,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.geometry.screws import pitch
-from invariantqp.systems.classification import CLASS_TOLERANCE, gibson_hunt
+from invariantqp.systems.classification import gibson_hunt
 from invariantqp.systems.gram import gram_matrix
 from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, factors
 from invariantqp.systems.subspaces import RANK_TOLERANCE, orthogonal, span
@@ -242,14 +242,12 @@ def beta_plane(point: ArrayLike, normal: ArrayLike, h: float = 0.0) -> NullPlane
     return NullPlane("beta", finite_pitch(h), arrays.vector(point, 3, "point"), arrays.direction(normal, "normal"))
 
 
-def null_plane(S: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> NullPlane | None:
+def null_plane(S: ArrayLike) -> NullPlane | None:
     """The alpha- or beta-plane that (6, m) twists span, dependent or not; None where they span no such plane.
-
-    `tolerance` is the relative error of the twists that must not change the answer.
 
     Reference: [DS] Table 2, types IIA to IID.
     """
-    kind = gibson_hunt(arrays.columns(S, "S"), tolerance)
+    kind = gibson_hunt(arrays.columns(S, "S"))
     if kind.dimension != 3 or kind.name not in _FAMILIES:
         return None
     axes, h = kind.motion[:3, :3], kind.moduli[0] if kind.moduli else inf

@@ -18,7 +18,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import adjoint, inverse, velocity_at
 from invariantqp.geometry.sizes import LENGTH_LIMIT
-from invariantqp.systems.classification import CLASS_TOLERANCE, GibsonHunt, gibson_hunt, own_point
+from invariantqp.systems.classification import GibsonHunt, gibson_hunt, own_point
 from invariantqp.systems.gram import blind_directions, principal_screws
 from invariantqp.systems.subspaces import annihilator, span
 
@@ -87,10 +87,10 @@ class SystemReport(Value):
         return (*found, f"Close to type {t.next}: {size}.")
 
 
-def describe(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> SystemReport:
-    """Report on (6, m) joint twists; `tolerance` is a relative error of them that must not change rank and type."""
+def describe(J: ArrayLike) -> SystemReport:
+    """Report on (6, m) joint twists."""
     twists = arrays.columns(J)
-    kind = gibson_hunt(twists, tolerance)
+    kind = gibson_hunt(twists)
     system = span(twists)
     S = system.twists(np.eye(system.rank)[:, : kind.dimension])
     pitches, screws, blind = np.empty(0), np.empty((6, 0)), np.empty((6, 0))

@@ -101,12 +101,12 @@ def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE, unit: float | None = N
     return Span(basis=U[:, :r], singular=sigma[:r], right=Vt[:r].T, unit=unit)
 
 
-def screw_system(J: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
+def screw_system(J: ArrayLike) -> Array:
     """A basis of the screw system that (6, m) twists span: (6, k), orthonormal up to the unit of length.
 
     Reference: [DS] Sect. 2.2.
     """
-    system = span(J, arrays.tolerance(tolerance))
+    system = span(J)
     return system.twists(np.eye(system.rank))
 
 
