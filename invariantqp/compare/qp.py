@@ -42,9 +42,6 @@ from invariantqp.velocity.damping import CALM
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.solution import VelocitySolution
 
-# eps where it is fixed; a usual value in scripts. A mu below this share of |A|^2 is not worth a second QP.
-FIXED_WEIGHT = POSTURE_COST**2
-
 
 class HandWritten:
     """Pinocchio and DAQP as a user writes it by hand: one call after the other, nothing shared with this library."""
@@ -62,7 +59,8 @@ class HandWritten:
         self.low, self.high, self.speed = robot.position_lower, robot.position_upper, robot.velocity_limit
         self.slowest = -self.speed
         self.middle, pull = posture_of(robot, law)
-        self.weighted_pull = FIXED_WEIGHT * pull
+        self.weight = POSTURE_COST**2  # a usual value in scripts
+        self.weighted_pull = self.weight * pull
         m = len(self.middle)
         self.reach = AccelerationReach(law, m)
         self.H = np.empty((m, m))
@@ -106,7 +104,7 @@ class HandWritten:
             for side in self.rows_wanted:
                 side[:] = wanted
         np.dot(J.T, J, out=H)
-        self.diagonal += FIXED_WEIGHT
+        self.diagonal += self.weight
         f = self.weighted_pull * (q - self.middle) - s @ J
         x, _, flag, _ = daqp.solve(H, f, rows, self.upper, self.lower, self.sense)
         if flag <= 0:
@@ -132,7 +130,7 @@ def least_squares(setting: LoopSetting) -> Solve:
 
         x = best(0.0)
         mu = 0.5 * CALM * setting.dt * float(np.linalg.norm(b - A.dot(x))) * np.sqrt(size)
-        return best(mu) if mu > FIXED_WEIGHT * size else x
+        return best(mu) if mu > POSTURE_COST**2 * size else x  # less is not worth a second QP
 
     return velocity
 

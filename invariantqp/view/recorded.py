@@ -18,14 +18,10 @@ from invariantqp.pictures.charts import FRAMES, ORANGE, SKY, CurveChart, frame_e
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of
 from invariantqp.view.appearance import Appearance, appearance_of
-from invariantqp.view.scenery import Surroundings, patch, tiles
+from invariantqp.view.scenery import MARGIN, Surroundings, patch, tiles
 from invariantqp.view.timeline import FORCE, Timeline, arm_in
 
 MOVING = "in the air, or changing"
-# How much of a surface is drawn beyond the path of the contact, and half of an axis, relative to that path's reach.
-MARGIN = 0.4
-# A contact that hardly moved is drawn this large, relative to the distance of the tool from the base.
-LEAST = 0.03
 
 
 def timeline_of_recording(
@@ -99,16 +95,14 @@ def _surface(c: Candidate, poses: Array) -> Surroundings:
     path = frames[:, :3, 3]
     middle = path.mean(axis=0)
     travelled = poses[:, :3, 3]
-    reach = max(
-        float(np.linalg.norm(path - middle, axis=1).max()), LEAST * float(np.linalg.norm(travelled, axis=1).max())
-    )
+    margin = MARGIN * float(np.linalg.norm(travelled, axis=1).max())
     if c.kind in ("ball", "peg", "hinge", "screw", "slide") or c.fixed_to == "tool":
-        half = max(reach, MARGIN * float(np.linalg.norm(travelled - middle, axis=1).max()))
+        half = max(margin, float(np.linalg.norm(path - middle, axis=1).max()))
         along = c.surface[:3, 2] if c.fixed_to != "tool" and c.kind != "ball" else frames[len(frames) // 2, :3, 2]
         half = 0.2 * half if c.kind == "ball" or c.fixed_to == "tool" else half
         return Surroundings(axis=np.stack((middle - half * along, middle + half * along)))
     z = c.surface[:3, 2]
-    corners = patch(path, middle, *se3.across(z), MARGIN * reach)
+    corners = patch(path, middle, *se3.across(z), margin)
     if c.kind == "sphere" and c.centre is not None and c.radius is not None:
         off = corners - c.centre
         aside = off - (off @ z)[..., None] * z

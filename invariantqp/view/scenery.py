@@ -27,8 +27,6 @@ SIDE = 8
 MARGIN = 0.13
 # Faces about a round shape.
 SIDES = 12
-# How far a half-space is drawn to each side of the arm, by its reach.
-WIDE = 0.8
 
 
 class Surroundings(NamedTuple):
@@ -94,7 +92,7 @@ def solids(around: Around, time: Array, m: int, reach: float) -> tuple[Solid, ..
 def faces(placed: Placed, reach: float) -> Array:
     """(n, 4, 3) faces of a shape in its own frame."""
     if placed.core is Core.HALF_SPACE:
-        at = np.linspace(-WIDE * reach, WIDE * reach, SIDE + 1)
+        at = np.linspace(-reach, reach, SIDE + 1)  # to each side of the arm
         return tiles(np.array([[(x, y, 0.0) for y in at] for x in at]))
     if placed.solid is not None:
         corners = placed.solid.drawn()
