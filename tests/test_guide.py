@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from invariantqp.pictures import inspection as pictured
+
 ROOT = Path(__file__).parent.parent
 GUIDE = ROOT / "examples" / "guide"
 PAGES = sorted(GUIDE.glob("*.md"))
@@ -39,6 +41,7 @@ def what_it_prints(page):
 def test_a_page_runs_and_prints_what_it_says(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
+    monkeypatch.setattr(pictured, "SWEEP", 13)  # lines of few points
     told = {i: found[1] for i, line in enumerate(script(page), 1) if (found := PRINTED.fullmatch(line))}
     said = [(line, text) for line, text in what_it_prints(page) if line in told]
     assert said == [(line, told[line]) for line, _ in said]

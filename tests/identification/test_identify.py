@@ -226,7 +226,7 @@ def test_a_tool_in_the_air_touches_nothing():
 
 @cache
 def hostile():
-    X, w, _ = record("point", SEED, duration=2.0)
+    X, w, _ = record("point", SEED, duration=1.2)
     rng = np.random.default_rng(1)
     n = len(X)
     still = np.tile(X[:1], (n, 1, 1))

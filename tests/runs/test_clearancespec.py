@@ -7,6 +7,7 @@ import pytest
 from support.task_files import content
 
 import invariantqp as iq
+from invariantqp.pictures.charts import charts_of, frame_ends
 from invariantqp.runs.taskfile import task_from
 from invariantqp.runs.trace import ClearanceTrace
 from invariantqp.view.page import page
@@ -152,11 +153,13 @@ def test_the_picture_of_a_run_has_the_least_distance(tmp_path):
     mpl = pytest.importorskip("matplotlib")
     one = iq.load_task("wipe_under_shelf")
     pressing = one.model_copy(update={"path": one.path.model_copy(update={"duration": 0.1})})
-    for told, run in ((1, pressing), (1, task([BALL])), (0, task_from(content(), "t.toml"))):
-        with mpl.rc_context({"svg.fonttype": "none"}):
-            text = iq.pictures.picture(iq.run_task(run, dt=0.01), tmp_path / "run.svg").read_text(encoding="utf-8")
-        assert text.count("least distance [mm]") == told
-        assert text.count("time [s]") == 1
+    traces = [iq.run_task(run, dt=0.01) for run in (pressing, task([BALL]), task_from(content(), "t.toml"))]
+    titles = [[chart.title for chart in charts_of(trace, frame_ends(len(trace.velocity)))] for trace in traces]
+    assert [told.count("least distance [mm]") for told in titles] == [1, 1, 0]
+    with mpl.rc_context({"svg.fonttype": "none"}):
+        text = iq.pictures.picture(traces[1], tmp_path / "run.svg").read_text(encoding="utf-8")
+    assert text.count("least distance [mm]") == 1
+    assert text.count("time [s]") == 1
 
 
 def test_a_mesh_is_read_turned_scaled_and_drawn(tmp_path):

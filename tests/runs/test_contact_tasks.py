@@ -54,7 +54,7 @@ def test_path_and_force_hold_after_contact_has_settled(name, physics):
     if physics == "mujoco":
         pytest.importorskip("mujoco")
     needs = {"so101_pen": 0.003, "wipe_under_shelf": 0.002}  # on MuJoCo; the others do with half of the file's ticks
-    dt = needs.get(name, 0.004) if physics == "mujoco" else 0.004
+    dt = needs.get(name, 0.004) if physics == "mujoco" else 0.008
     trace = iq.run_task(iq.load_task(name), physics=physics, dt=dt)
     path, force = PROMISES[physics]
     figures = trace.summary()
