@@ -61,8 +61,8 @@ ACROSS = 0.3
 SURELY = 3.0
 # What is known no better than this many of the motion's own sizes, radians or lengths, is not known.
 OPEN = 10.0
-# A fit that misses by so many times the noise after some steps, and no longer improves, is not that kind.
-HOPELESS, SLOW = 8.0, 0.1
+# A fit that is off by many times the noise after some steps, and improves by less than this share, is not that kind.
+SLOW = 0.1
 # Normals tried over the half sphere: 16 degrees apart.
 NORMALS = 80
 # A tool that turns by less than this [rad] has no axis of its own: the axis is taken along its slide.
@@ -184,7 +184,7 @@ def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED,
         else:
             break
         state, damping = trial, max(0.1 * damping, DAMPING**2)
-        if cost > HOPELESS**2 * count and step > 2 and before - cost < SLOW * cost:
+        if cost > SURELY**4 * count and step > 2 and before - cost < SLOW * cost:
             break
     return _finished(model, state if kept is None else kept[0])
 

@@ -21,9 +21,8 @@ from invariantqp.identification.motions import applied, coadjoint, cross, invers
 # A kind is refuted where poses or wrenches leave it by so many times their noise, root mean square: noise given or
 # estimated half as large as it is refutes nothing.
 MISFIT = 2.0
-# A first look at a third of the samples that finds a kind this much worse is enough.
-FAR = 2.5
-COARSE = 3
+# A first look at one sample of so many that finds a kind surely worse is enough.
+FIRST_LOOK = 3
 # A misfit that a further start ends at again, to this share, is the least.
 SAME = 1e-2
 # A step that would lower the sum of squares by less than this moves no parameter by a third of its standard deviation.
@@ -124,7 +123,7 @@ def explains(samples: Samples, kinds: tuple[str, ...]) -> bool:
 
 def _best(model: Model, samples: Samples, inside: Sequence[Start] = ()) -> Fit:
     """The best fit from any start; only those that are near are worth all samples."""
-    few = Samples(*(part[:: max(1, min(COARSE, len(samples.pose) // 40))] for part in samples))
+    few = Samples(*(part[:: max(1, min(FIRST_LOOK, len(samples.pose) // 40))] for part in samples))
     best: Fit | None = None
     again = False
     for start in (*inside, *starts(model, samples)):
@@ -134,7 +133,7 @@ def _best(model: Model, samples: Samples, inside: Sequence[Start] = ()) -> Fit:
             best = found
         if best.worst < 0.75 * MISFIT or again:
             break
-    if best is None or best.worst > FAR * MISFIT:
+    if best is None or best.worst > SURELY * MISFIT:
         return best or _anywhere(model, samples)
     return _seated(fit(model, samples, best.start, ENOUGH), samples)
 
