@@ -10,7 +10,7 @@
 /* paths/reference.py, paths/time_law.py */
 #define CATCH_UP_SHARE 0.7
 #define CATCH_UP_SPEED 0.99
-#define CALM_SHARE 0.1
+#define TRACKING_SHARE 0.1
 #define HALVINGS 24
 #define EXCESS 1e-9
 #define ROUNDING 1e-6

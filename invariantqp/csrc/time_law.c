@@ -31,7 +31,7 @@ double homing(const JointLimits *limits, int j, double way, double gain)
 double catching_up(const JointLimits *limits, int j, double position, double velocity, double there, double speed)
 {
     double x = there - position, fastest = CATCH_UP_SPEED * limits->fastest[j];
-    double w = homing(limits, j, x, CALM_SHARE / limits->dt);
+    double w = homing(limits, j, x, TRACKING_SHARE / limits->dt);
     return towards(limits, j, velocity, between(speed + copysign(w, x), -fastest, fastest));
 }
 

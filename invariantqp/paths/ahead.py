@@ -29,23 +29,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invariantqp.control.controller import Controller
+from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.curve import Curve
+from invariantqp.paths.fit import REACHED
 from invariantqp.paths.task_error import TaskError, task_error
 from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.law import Demand
 from invariantqp.velocity.solve import solve
 
-# A tool this close to the path, relative to the measure's length, is on it.
-ON_PATH = 1e-12
 # Where a path is left, and of what strays beside exact rows: the damping, and the share of the longest step by which
 # damping grows with the distance (`calm`), beside exact rows the second. So an arm that stretches out goes on smoothly
 # and bends again in time.
 PASSING, CALMING, CALMING_ROWS = Adaptive(1e-2, 3e-3), 0.1, 0.5
-# Where a path may be left, a regular arm nearer than this, relative, is put on it, if it gets there: from a knot on the
-# path on, and on the way back to it.
-CLOSE, BACK = 1e-4, 1e-6
 # The share of the path over which the distance falls to 1/e on the way back; nearer than NEAR, relative, this share
 # shrinks with the root of the distance, to LAST of itself.
 REJOIN, NEAR, LAST = 0.02, 1e-2, 0.1
@@ -53,9 +50,10 @@ REJOIN, NEAR, LAST = 0.02, 1e-2, 0.1
 REST = 0.05
 # The share of the path over which a tool with exact demands turns, or moves, to the least of the error beside them.
 TURNING = 0.1
-# Where an error of this size stays, relative, the slope is probed this share of a step ahead, until it changes by less
-# than this share of it.
-UNMET, PROBE, PROBED = 1e-6, 1e-3, 1e-6
+# An error of more than this, relative, stays: the slope is probed so large a share of a step ahead, until it changes by
+# no more than this share of itself. Where a path may be left, a regular arm is put on it, if it gets there: from a knot
+# on the path on where it has reached it, on the way back where no more than this is left.
+UNMET, PROBE = 1e-6, 1e-3
 # Corrections at a knot.
 CORRECTIONS = 8
 # A place that the arm comes no closer to than this, relative, cannot be reached: ten micrometres for a metre. Within as
@@ -164,7 +162,7 @@ class JointPath:
     def _end(self) -> float:
         """Where the knots end: with the path, or later where the arm is off it then and comes back to its end."""
         last, end = self.knots[-1], self.curve.end
-        away = self._returning and last.at >= end and last.off > BACK * self._length
+        away = self._returning and last.at >= end and last.off > UNMET * self._length
         return end + RETURN * self._scale if away else end
 
     def extend(self) -> None:
@@ -241,7 +239,9 @@ class JointPath:
         robot, box = controller.robot, controller.box
         q = np.minimum(np.maximum(q, box.position_lower), box.position_upper)
         q, seen, size = self._corrected(
-            q, robot.target(self.curve.pose(at)), CLOSE if before is None or before.off <= BACK * self._length else BACK
+            q,
+            robot.target(self.curve.pose(at)),
+            REACHED if before is None or before.off <= UNMET * self._length else UNMET,
         )
         if not self._stops:  # what little a correction leaves to a limit would make the slope go to and fro
             q = np.where(q < box.position_lower + AT_LIMIT, box.position_lower, q)
@@ -269,7 +269,7 @@ class JointPath:
         if not self._stops and (size > close * self._length or _ratio(seen) < PASSING.threshold):
             return given
         for k in range(CORRECTIONS):
-            if size <= ON_PATH * self._length:
+            if size <= arrays.ROUNDING * self._length:
                 return q, seen, size
             back, still = seen.error, None
             if seen.demands is not None and len(seen.rows) < 6:
@@ -280,7 +280,7 @@ class JointPath:
             q = q + solve(self._back, self._demand(q, seen, back, 1.0, None, still)).velocity
             seen = task_error(self.controller, q, target)
             size = seen.off
-        return (q, seen, size) if self._stops or size <= ON_PATH * self._length else given
+        return (q, seen, size) if self._stops or size <= arrays.ROUNDING * self._length else given
 
     def _bent(self, at: float, q: Array, slope: Array, here: Array) -> Array:
         """The slope (m,) at which the least error is kept, from the one (m,) that least squares give for the tangent.
@@ -297,7 +297,7 @@ class JointPath:
             seen = task_error(self.controller, there, target)
             change = (self._answer(there, seen, seen.error, 1.0, None) - here) / ahead
             slope = slope + change
-            if float(np.abs(change).max()) <= PROBED * float(np.abs(slope).max()):
+            if float(np.abs(change).max()) <= UNMET * float(np.abs(slope).max()):
                 break
         return slope
 

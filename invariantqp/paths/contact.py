@@ -16,10 +16,11 @@ from invariantqp.force.contact import contact_now
 from invariantqp.force.control import HybridController, HybridSolution
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.reference import DISPLACED, JOINT_GAIN
+from invariantqp.paths.fit import REACHED
+from invariantqp.paths.reference import DISPLACED, JOINT_GAIN, STRAYED
 from invariantqp.paths.shape import (
+    ARRIVED,
     ASTRAY,
-    AT_END,
     ON_THE_WAY,
     ON_THE_WAY_BACK,
     PATIENCE,
@@ -38,15 +39,11 @@ TOUCH = 0.5
 # Statuses of a hybrid tick that is not in contact.
 NO_CONTACT = (Status.LOST, Status.OVERLOAD, Status.FAULT)
 NO_TOUCH = "no contact"
-# Joints that are farther than this [rad, length] off the plan by motion that leaves the tool where it is slow it down;
-# farther than DISPLACED they have been pushed, and the path is looked along again.
-STRAYED = 1e-2
-# A tool this far off, relative to the measure, slows down, and at AWAY_STOP times that waits.
-AWAY, AWAY_STOP = 5e-3, 4.0
+# A tool this far off, relative to the measure, slows down, and one that counts as pushed waits. Joints that are off the
+# plan by motion that leaves the tool where it is slow it down from half of STRAYED on.
+AWAY = 5e-3
 # A singular value below this share of the largest moves no tool: joints are free to move along it.
 STILL = 1e-3
-# The share of the speed below which the tool stands.
-STANDING = 1e-6
 
 
 class Beside(NamedTuple):
@@ -55,7 +52,9 @@ class Beside(NamedTuple):
     place: float  # nearest the tool along S
     off: float  # how far it is from there, along S
     away: float  # how far from where it was expected
-    strayed: float  # how far a joint is off the plan by motion that moves no tool, 0 below STRAYED [rad, length]
+    strayed: (
+        float  # how far a joint is off the plan by motion that moves no tool, 0 below half of STRAYED [rad, length]
+    )
     astray: Array  # (m,) the way back of the joints to the plan
 
 
@@ -90,7 +89,7 @@ class Pressed:
         if shape.motion is None and shape.plan is not None:
             shape.begin(time)
         beside = self._beside(shape, q, here)
-        far = PUSHED if not self._pushed else AT_END
+        far = PUSHED if not self._pushed else REACHED
         self._pushed = beside.away > far * loop.measure.length or beside.strayed > DISPLACED
         if shape.motion is None or self._pushed:
             posture = None if shape.motion is None else JOINT_GAIN * beside.astray
@@ -121,8 +120,8 @@ class Pressed:
         why = NO_TOUCH if not self._touching else PAUSE if paused else ""
         # Before what blocks the path, at the edge of its reach, a pressed tool never has the plan's joints: they rest.
         there = bool(plan.blocked) and not shape.back and plan.end - beside.place <= STOPPED * curve.end
-        away = max(beside.off / (AWAY * loop.measure.length), 1.0)
-        near = min(max(0.0, (AWAY_STOP - away) / (AWAY_STOP - 1.0)), 1.0 / max(beside.strayed / STRAYED, 1.0))
+        away = min(max((PUSHED - beside.off / loop.measure.length) / (PUSHED - AWAY), 0.0), 1.0)
+        near = min(away, 1.0 / max(beside.strayed / (0.5 * STRAYED), 1.0))
         share = 0.0 if why or there else near * override * (sqrt(hybrid.room) if override <= 1.0 else 1.0)
         rate_before = shape.rate(time)
         if rate_before != 0.0 or not why:
@@ -175,7 +174,7 @@ class Pressed:
         place = min(max(self._place - float(ahead.dot(error)) / squares, 0.0), plan.end)
         off = float(np.linalg.norm(error - (self._place - place) * ahead))
         astray = plan.joints(place) - q
-        if float(astray.dot(astray)) <= STRAYED * STRAYED:  # nor is any part of it more
+        if float(astray.dot(astray)) <= 0.25 * STRAYED * STRAYED:  # nor is any part of it more
             return Beside(place, off, away, 0.0, astray)
         _, sigma, Vt = np.linalg.svd(way.root.dot(way.sighting.J), full_matrices=False)
         moving = Vt[sigma > STILL * sigma[0]]
@@ -199,4 +198,4 @@ class Pressed:
             self._stood = None if waits else (place, 0.0, 0.0)
             return False
         self._stood = stood = stood[0], stood[1] + dt, stood[2] + dt * abs(rate)
-        return stood[1] > PATIENCE and (abs(rate) * dt <= STANDING * end or stood[2] > 2.0 * near)
+        return stood[1] > PATIENCE and (abs(rate) * dt <= ARRIVED * end or stood[2] > 2.0 * near)

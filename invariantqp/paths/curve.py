@@ -27,16 +27,12 @@ from invariantqp.robots.kinematics import Robot, middle
 PoseAt = Callable[[float], Array]
 SizeAt = Callable[[Array, Array], float]
 
-# A function is followed to this share of the measure's length: a micrometre for an arm that reaches a metre.
-SHAPE = 1e-6
-# A function is sampled at so many intervals at least, and halved until the shape is met or an interval is this share
-# of the whole: a corner is then rounded within that share of the path.
-LEAST_INTERVALS = 128
-FINEST = 1e-6
+# A function is followed to this share of the measure's length: a micrometre for an arm that reaches a metre. It is
+# sampled at so many intervals at least, which are halved until that is met, or they are this share of the whole: a
+# corner is then rounded within that share of the path.
+SHAPE, LEAST_INTERVALS = 1e-6, 128
 # Tangents of a function are differences over this share of its range: as far from rounding as from the truth.
 DIFFERENCE = 1e-4
-# A path shorter than this, relative to the measure's length, stands still.
-STILL = 1e-9
 # A path that goes at this share of its mean speed nearly stands still: rounding decides which place is nearest there.
 SLOW = 1e-3
 
@@ -133,7 +129,7 @@ def curve_of(pose: PoseAt, end: float, size: SizeAt, length: float) -> Curve:
 
     `size` is how large a twist (6,) of a tool at a pose (4, 4) is in the measure, whose L is `length`.
     """
-    step, finest, tolerance = DIFFERENCE * end, FINEST * end, SHAPE * length
+    step, finest, tolerance = DIFFERENCE * end, SHAPE * end, SHAPE * length
     knots: dict[float, tuple[Array, Array]] = {}
 
     def knot(t: float) -> tuple[Array, Array]:
@@ -168,10 +164,10 @@ def by_length(curve: Curve, size: SizeAt) -> tuple[Curve, Array]:
     # Simpson's rule on each piece.
     lengths = np.diff(curve.at) * (speed[:-1] + 4.0 * speed_between + speed[1:]) / 6.0
     total = float(lengths.sum())
-    kept = np.append(True, lengths > FINEST * FINEST * total)
+    kept = np.append(True, lengths > arrays.ROUNDING * total)
     at = np.append(0.0, np.cumsum(lengths))[kept]
     # Where the old parameter stands still the tangent is the direction in which the tool sets out or arrives.
-    slow = speed <= 1e-6 * speed.max()
+    slow = speed <= SHAPE * speed.max()
     nearest = np.where(np.arange(len(speed)) < len(speed) - 1, 1, -1)
     for i in np.flatnonzero(slow & kept).tolist():
         j = min(max(i + int(nearest[i]), 0), len(speed) - 1)
@@ -269,7 +265,7 @@ def given_path(
         else:
             curve = curve_of_samples(at, poses)
     along, places = by_length(curve, size)
-    if len(along.knots) < 2 or not along.end > STILL * measure.length:
+    if len(along.knots) < 2 or not along.end > arrays.NEGLIGIBLE * measure.length:
         raise BadInput("path", "a path that stands still", "one along which the tool moves")
     if timed:
         return GivenPath(curve, curve.knots, SLOW * along.end / curve.end)

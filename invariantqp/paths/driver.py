@@ -36,6 +36,7 @@ from invariantqp.paths.reference import (
     JOINT_GAIN,
     KNOTS,
     MOST_PIECES,
+    MOST_POINTS,
     SHORTEST_STOP,
     STRAYED,
     Clock,
@@ -69,8 +70,8 @@ SKEW = 0.02
 FASTEST = 1e3
 # A function of time is looked ahead so far [s], at places so far apart [s], and again when half of that is driven.
 AHEAD, SAMPLING = 1.0, 0.02
-# Samples that are taken in a tick at most, the newest; points that are planned at once: under a millisecond each.
-MOST_WAITING, MOST_POINTS = 8, 96
+# Samples that are taken in a tick at most, the newest: under a millisecond each.
+MOST_WAITING = 8
 # The largest override of a path whose shape is kept.
 MOST_OVERRIDE = 1.5
 # Why joints catch up, or are elsewhere.
@@ -79,9 +80,7 @@ ELSEWHERE = "joints are not where they were sent: they do not follow, or later t
 # Why an arm stands that is not done.
 NOT_DUE = "the next points are not due yet"
 # Joint speeds below this share of their limits are rest; joints this near [rad, length] are there.
-AT_REST, ARRIVED = 1e-6, 1e-8
-# Rows and a tool speed that are exceeded by this share are kept: rounding.
-EXCESS = 1e-9
+AT_REST = 1e-6
 # The twist of a tool that stands; an arm that is to stop follows it.
 STILL = np.zeros(6)
 
@@ -536,7 +535,7 @@ class Follower:
             return wanted
         q = self._here(measured)
         answer = loop.follow(q, loop.robot.jacobian(q).dot(wanted), self._command, posture=wanted)
-        other = np.abs(answer.velocity - wanted).max() > EXCESS * np.abs(wanted).max()
+        other = np.abs(answer.velocity - wanted).max() > arrays.NEGLIGIBLE * np.abs(wanted).max()
         if not other and answer.status not in (Status.DEGRADED, Status.HELD):
             return wanted
         self._answer, self._bound = answer, True
@@ -585,7 +584,7 @@ class Follower:
             self._start, self._q, self._v = there, measured, before
             self._sent.clear()
         self._sent.append(self._q)
-        self._twist, self._late = None, bool(np.abs(self._start - self._q).max() > ARRIVED) or not self._still
+        self._twist, self._late = None, bool(np.abs(self._start - self._q).max() > AT_REST) or not self._still
         if not self._late:
             return None
         command = self._moved(Reference(self._limits, self._start, self._time), measured)

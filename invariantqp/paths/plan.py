@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from invariantqp.control.controller import Controller
+from invariantqp.geometry import sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.paths.ahead import AT_LIMIT, SHORTEST, Knot
@@ -32,19 +33,16 @@ from invariantqp.paths.reference import Motion
 from invariantqp.paths.time_law import HALVINGS, JointLimits
 from invariantqp.velocity.limits import braking_speed
 
-# Stands for an infinite speed, whose square is still a number.
-BOUNDLESS = 1e30
 # Shares of the velocity and acceleration limits that a path is driven at; feedback needs the rest.
 VELOCITY_SHARE = 0.998
 ACCELERATION_SHARE = 0.98
-# Below this share of its top speed, what rules at a knot is the acceleration needed elsewhere.
-RULED = 1.0 - 1e-6
 ACCELERATION, ON_TIME = "acceleration", "the rate asked for"
-# A piece that no speed is left for is passed at this share of the largest.
+# A piece that no speed is left for is passed at this share of the largest. A knot that is slower than it might be by
+# more than that is ruled by the acceleration needed elsewhere.
 CREEP = 1e-6
-# With a jerk limit: times looked at on the way, how often places that exceed a limit are slowed down, and by how much
-# more than they exceed it. A speed below this share of the largest is a rest, over which nothing is averaged.
-TIMES, ROUNDS, MORE, REST = 1500, 3, 0.98, 1e-2
+# With a jerk limit: times looked at on the way, and how often places that exceed a limit are slowed down. A speed below
+# this share of the largest is a rest, over which nothing is averaged.
+TIMES, ROUNDS, REST = 1500, 3, 1e-2
 # Windows tried, as shares of that in which the largest acceleration turns round.
 WINDOWS = (1.0, 0.6, 0.35)
 
@@ -124,7 +122,7 @@ def plan_of(
     limits = np.append(acceleration, along[1])
     joints = CubicHermiteSpline(at, q, slopes)
     speed = _speeds(at, q, slopes, top, limits)
-    for i in np.flatnonzero(speed < RULED * top).tolist():
+    for i in np.flatnonzero(speed < (1.0 - CREEP) * top).tolist():
         ruling[i] = ACCELERATION
     motion = _timed(at, joints, speed)
     jerks = np.append(jerk, along[2])
@@ -212,7 +210,7 @@ def _eased(at: Array, q: Array, slopes: Array, top: Array, limits: JointLimits) 
         for i in np.flatnonzero(slower > 1.0).tolist():
             near = (times > times[i] - 0.5 * window) & (times < times[i] + 0.5 * window)
             inside = (at >= places[near].min()) & (at <= places[near].max())
-            share[inside] = np.minimum(share[inside], MORE / slower[i])
+            share[inside] = np.minimum(share[inside], ACCELERATION_SHARE / slower[i])
         top = share * np.minimum(top, speeds)
     return best if best is not None else _timed(at, joints, speeds)
 
@@ -305,7 +303,7 @@ def drivable(at: Array, positions: Array, slopes: Array, top: Array, acceleratio
     """
     n = len(at)
     h = np.diff(at)
-    squares = np.minimum(top, BOUNDLESS) ** 2
+    squares = np.minimum(top, sizes.LARGEST) ** 2
     limited = np.isfinite(acceleration)
     if not limited.any() or n < 2:
         return squares

@@ -31,9 +31,9 @@ DISPLACED, STRAYED = 0.2, 0.02
 # Splices take no fewer ticks than the first, and plans are no less calm: a jerk that lasts less than three is none.
 # Changes of a clock's rate looked at.
 SHORTEST_STOP, TURNS = 4.0, 64
-# A plan's knots are so far apart as a share of how calm it is (its least is 1 % above that of all motions), and at most
-# so many.
-KNOTS, MOST_PIECES = 0.5, 400
+# Points that are planned at once: under a millisecond. A plan's knots are so far apart as a share of how calm it is
+# (its least is 1 % above that of all motions), and at most so many.
+MOST_POINTS, KNOTS, MOST_PIECES = 96, 0.5, 400
 # After the last point velocity and acceleration fade in this time [s], looked at in so many places as far apart. As the
 # stop in 0.3 s that it is like: with 0.4 and 0.5 s 3 of 20 runs of chunks were off by more than 1.1 of what those are.
 FADE, FADING = 0.075, 8
@@ -48,12 +48,11 @@ PIECE: Array = (
 LONGEST_TURN, PLACES_TURN, TURN_SHARE = 4.0, 41, 0.999
 # How long such a change may wait for joints that brake [s].
 WAITS = (0.0, 0.02, 0.05, 0.1, 0.2)
-# A hand is followed this long after its samples come, times one over the cutoff: 67 ms at 3 Hz. So many are kept.
-DELAY, MOST_SAMPLES = 0.2, 64
+# A hand is followed this long after its samples come, times one over the cutoff: 67 ms at 3 Hz.
+DELAY = 0.2
 # A plan along samples that are all noise is as calm as this share of it: more takes longer than what is ahead. What is
-# noise is seen in third differences so many delays apart: 0.1 s, in which a hand's tremor has come round. Before any
-# are seen, their ratio.
-CALM_OF_DELAY, APART, UNSEEN = 0.5, 1.5, 0.16
+# noise is seen in third differences so many delays apart: 0.1 s, in which a hand's tremor has come round.
+CALM_OF_DELAY, APART = 0.5, 1.5
 # How fast means over samples follow what is measured, a share of the difference for each: of times, of noise. Squares
 # that count as none.
 TRANSPORT_SHARE, NOISE_SHARE, TINY = 0.02, 0.05, 1e-16
@@ -208,7 +207,7 @@ class Stream:
 
     def add(self, stamp: float, position: Array, transport: float, *, anew: bool) -> None:
         """A sample (m,) with a stamp later than all before it, which count no more if it is the first `anew`."""
-        kept = slice(0, 0) if anew else slice(1 - MOST_SAMPLES, None)
+        kept = slice(0, 0) if anew else slice(1 - MOST_POINTS, None)
         self.transport += TRANSPORT_SHARE * (transport - self.transport)
         if not anew:
             gap = stamp - float(self.stamps[-1])
@@ -230,7 +229,7 @@ class Stream:
         The sixth power of the best is the noise over the hand's squared jerk. Third differences near each other are of
         noise alone, those three times as far apart of both: from 1 where all is noise their ratio falls to 3^-6.
         """
-        near, far = np.add(self._rough, (UNSEEN * TINY, TINY))
+        near, far = self._rough + TINY
         return float(CALM_OF_DELAY * self.delay * (near / far) ** (1.0 / 6.0))
 
     def planned(self, before: Motion | None, now: float) -> Motion:

@@ -22,6 +22,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.ahead import OFF_PATH, JointPath
 from invariantqp.paths.curve import GivenPath, given_path
+from invariantqp.paths.fit import REACHED
 from invariantqp.paths.plan import ON_TIME, PathPlan, plan_of
 from invariantqp.paths.reference import Clock, Clocked
 from invariantqp.paths.solution import FollowerSolution
@@ -37,8 +38,8 @@ PATIENCE, STUCK = 1.0, 0.1
 # Joints slower than this share of their limits are at rest on the way to a path, and at its end.
 AT_REST = 1e-3
 # The end is reached within this share of the path; what blocks it within a larger one: at the edge of its reach an arm
-# moves much for little. In contact the tool is there within AT_END along S, relative to the measure's length.
-ARRIVED, STOPPED, AT_END = 1e-6, 2e-5, 1e-4
+# moves much for little. In contact the tool is there as it has reached a pose, along S.
+ARRIVED, STOPPED = 1e-6, 2e-5
 # A tool farther off its path than this, relative to the measure's length, has been pushed.
 PUSHED = 0.02
 # What rules a tick where limits do not.
@@ -274,7 +275,7 @@ class Shape:
                 f"the path cannot be had from {where[0]:.6g} on: {blocked}",
                 SETTLING,
             )
-        elif not (self._arrived(q, before, command) if pressed is None else pressed <= AT_END * self._length):
+        elif not (self._arrived(q, before, command) if pressed is None else pressed <= REACHED * self._length):
             status, reason, ruling = Status.MOVING, "", SETTLING
         elif self._few and (across := off()) > self._tolerance:
             status, ruling = Status.BLOCKED, ENDED

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from invariantqp.control.tracking import TRACKING_SHARE
 from invariantqp.geometry.arrays import Array
 
 # An acceleration that differs from the wanted one by less than this share of what jerk changes in a tick is the same.
@@ -20,8 +21,6 @@ HALVINGS = 24
 
 # Shares of acceleration and velocity that joints catch up at: what they follow needs some, too.
 CATCH_UP_SHARE, CATCH_UP_SPEED = 0.7, 0.99
-# Of a small way, the share that is gone in a tick.
-CALM_SHARE = 0.1
 
 
 class JointLimits(NamedTuple):
@@ -63,7 +62,7 @@ class JointLimits(NamedTuple):
     def catching_up(self, position: Array, velocity: Array, there: Array) -> Array:
         """(m,) accelerations that bring joints soonest to a motion: its position and velocity (2+, m)."""
         x = there[0] - position
-        w = self.homing(x, CALM_SHARE / self.dt)
+        w = self.homing(x, TRACKING_SHARE / self.dt)
         fastest = CATCH_UP_SPEED * self.velocity
         return self.towards(velocity, np.clip(there[1] + np.copysign(w, x), -fastest, fastest))
 
