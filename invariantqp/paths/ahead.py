@@ -26,7 +26,6 @@ from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from invariantqp.control.controller import Controller
 from invariantqp.geometry import arrays
@@ -271,13 +270,14 @@ class JointPath:
         for k in range(CORRECTIONS):
             if size <= arrays.ROUNDING * self._length:
                 return q, seen, size
-            back, still = seen.error, None
-            if seen.demands is not None and len(seen.rows) < 6:
+            few = seen.demands is not None and len(seen.rows) < 6
+            demand = seen.demand(self.controller, q, seen.part.dot(seen.error) if few else seen.error, 1.0)
+            if few and k < CORRECTIONS // 2:
                 # A correction turns the tool the least, and takes a joint off its limit only where nothing else does:
                 # turning towards the path is up to the slope.
-                back = seen.part.dot(back)
-                still = at_limit if k < CORRECTIONS // 2 else None
-            q = q + solve(self._back, self._demand(q, seen, back, 1.0, None, still)).velocity
+                lower, upper = np.where(at_limit, 0.0, demand.lower), np.where(at_limit, 0.0, demand.upper)
+                demand = demand._replace(lower=lower, upper=upper)
+            q = q + solve(self._back, demand).velocity
             seen = task_error(self.controller, q, target)
             size = seen.off
         return (q, seen, size) if self._stops or size <= arrays.ROUNDING * self._length else given
@@ -312,30 +312,10 @@ class JointPath:
 
     def _answer(self, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None) -> Array:
         """The law's answer (m,) for a twist, such that q + h x is inside the position limits."""
-        demand = self._demand(q, seen, twist, h, posture)
+        demand = seen.demand(self.controller, q, twist, h, posture)
         if demand.exact is None or self._stops:
             return solve(self._law, demand).velocity
         return self._passing(demand, demand.exact, seen.rows, seen.part)
-
-    def _demand(
-        self,
-        q: Array,
-        seen: TaskError,
-        twist: Array,
-        h: float,
-        posture: Array | None,
-        still: NDArray[np.bool_] | None = None,
-    ) -> Demand:
-        """The demand on the law for a twist, inside the position limits; `still` joints rest."""
-        controller = self.controller
-        lower, upper = (controller.box.position_lower - q) / h, (controller.box.position_upper - q) / h
-        if still is not None:
-            lower, upper = np.where(still, 0.0, lower), np.where(still, 0.0, upper)
-        exact = seen.demands
-        if exact is not None and exact.of_twist is not None:
-            D = exact.of_twist
-            exact = exact.demanding(np.where(D.any(axis=1), D.dot(twist), exact.b))
-        return Demand(seen.sighting.J, twist, seen.root, lower, upper, exact, posture, row_rank=controller.row_rank)
 
     def _passing(self, demand: Demand, exact: ExactRows, rows: Array, part: Array) -> Array:
         """The law's answer (m,) where exact rows need not be met; in the measure they are `rows`."""

@@ -51,6 +51,7 @@ from invariantqp.paths.reference import (
 from invariantqp.paths.shape import ASTRAY, PAUSE, Shape
 from invariantqp.paths.solution import FollowerSolution, Why
 from invariantqp.paths.stamps import ANOTHER_CLOCK, LONG, SampleClock, increasing, question
+from invariantqp.paths.task_error import STILL
 from invariantqp.paths.time_law import JointLimits
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
@@ -81,8 +82,6 @@ ELSEWHERE = "joints are not where they were sent: they do not follow, or later t
 NOT_DUE = "the next points are not due yet"
 # Joint speeds below this share of their limits are rest; joints this near [rad, length] are there.
 AT_REST = 1e-6
-# The twist of a tool that stands; an arm that is to stop follows it.
-STILL = np.zeros(6)
 
 
 class Follower:
@@ -179,8 +178,7 @@ class Follower:
         self._source: Source | None = None  # what is wanted
         self._stream: Stream | None = None  # the samples that it is a plan along
         self._given: tuple[Given, Array] | None = None  # the points of the source
-        self._missed = np.zeros(0)  # by how much points are out of reach, and whether one is
-        self._some_missed = False
+        self._missed: Array | None = None  # by how much points are out of reach, where one is
         self._last: tuple[Array, float, float] | None = None  # (m,) the last of them, its stamp, when to go back to it
         # With stamps, None for then; when; alone; of the rest of points how long newer ones are waited for.
         self._next: tuple[Given, Array | None, float, bool, float | None] | None = None
@@ -817,7 +815,7 @@ class Follower:
             None,
             (joints[-1], last, last + wait) if smooth else None,
         )
-        self._missed, self._some_missed = missed, bool((missed > self._tolerance).any())
+        self._missed = missed if (missed > self._tolerance).any() else None
         self._stream = None
         if smooth:
             rate = self._override or 1.0
@@ -840,7 +838,7 @@ class Follower:
             gap = before is None or when - before[2] > self.timeout
             near, last = (self._q, None) if before is None or gap else before[1:]
             joints, missed = self._solver.points(given, near, np.array((when,)), last)
-            self._missed, self._some_missed, self._heard = missed, float(missed[0]) > self._tolerance, now
+            self._missed, self._heard = missed if float(missed[0]) > self._tolerance else None, now
             self._given = given, np.array((when,))
             self._newest = given, joints[0], when
             late, anew = max(now - when, 0.0), anew or gap or stream is None
@@ -936,7 +934,7 @@ class Follower:
         several = self._given is not None and len(self._given[1]) > 1
         if several and self._last is not None and self._last[1] <= self._time < self._due:
             return Status.WAITING, "for newer points"
-        missed = self._missed_at(place) if self._some_missed else 0.0
+        missed = self._missed_at(place)
         stands = self._time >= end and self._still
         if stands and self._next is None:
             far = f"the end is out of reach, by {missed:.3g} [length]"
@@ -951,7 +949,7 @@ class Follower:
 
     def _missed_at(self, place: float) -> float:
         """By how much the points at a place are out of reach."""
-        if self._given is None:
+        if self._given is None or self._missed is None:
             return 0.0
         i = int(np.clip(np.searchsorted(self._given[1], place), 0, len(self._missed) - 1))
         return float(self._missed[max(i - 1, 0) : i + 1].max())

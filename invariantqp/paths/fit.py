@@ -17,15 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.demands import View, rows_of
-from invariantqp.control.tracking import tracking_twist
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.task_error import task_error
 from invariantqp.pose.ik import PoseSearch
 from invariantqp.robots.kinematics import Robot
-from invariantqp.velocity.law import Demand
 from invariantqp.velocity.solve import solve
 
 # A pose missed by more than this, relative to the arm's length and in radians, is not reached.
@@ -123,7 +120,7 @@ class Solver:
             return (reached, missed) if other is None else (other, 0.0)
         far = reached if missed <= self._tolerance else None  # which joints do not get to in a step
         q = self._nearer(target, near, step)
-        missed = self._off(target, q)
+        missed = task_error(self._loop, q, self._loop.robot.target(target)).off
         if self._stalled is None or time < self._stalled[0] or missed < PROGRESS * self._stalled[1]:
             self._stalled = time, missed
             self._tried = 0
@@ -147,17 +144,15 @@ class Solver:
             return inside, np.abs(joints - inside).max(axis=1)
         T, n, fastest = given.poses, len(given), self._loop.box.velocity_limit
         answer, missed, q, steps = np.zeros((n, len(near))), np.zeros(n), near, np.diff(times)
-        k, plain = 0, True  # the next, and whether the poses before it were reached
+        k = 0  # the next
         while k < n:
-            if plain and k > 0 and self._stalled is None:
-                there = self._search.along(T[k:], q, fastest, steps[k - 1 :])
-                if len(there):
-                    answer[k : k + len(there)] = there
-                    k, q = k + len(there), there[-1]
-                    before, plain = float(times[k - 1]), False
-                    continue
             answer[k], missed[k] = self.pose(T[k], q, float(times[k]), inf if before is None else times[k] - before)
-            q, before, plain, k = answer[k], float(times[k]), missed[k] == 0.0, k + 1
+            k += 1
+            if self._stalled is None and k < n:  # as far as they are reached
+                there = self._search.along(T[k:], answer[k - 1], fastest, steps[k - 1 :])
+                answer[k : k + len(there)] = there
+                k += len(there)
+            q, before = answer[k - 1], float(times[k - 1])
         return np.clip(answer, self._lower, self._upper), missed
 
     def _elsewhere(self, target: Array, near: Array) -> Array | None:
@@ -173,22 +168,12 @@ class Solver:
     def _nearer(self, target: Array, q: Array, step: float) -> Array:
         """(m,) joint positions as near a pose as the joints get in a step [s] by the loop's law."""
         loop = self._loop
-        robot = loop.robot
-        sighting = robot.sight(q, robot.target(target))
-        root = loop.measure.root_for(sighting.J, sighting.pose)
-        view = View(robot, sighting, robot.target(target), CALM / step, np.zeros(6))
-        exact = rows_of(loop.exact, view) if loop.exact else None
+        seen = task_error(loop, q, loop.robot.target(target))
+        demand = seen.demand(loop, q, CALM / step * seen.error, step)
         speed = OUTSIDE_SHARE * loop.box.velocity_limit
-        lower = np.maximum(np.minimum((self._lower - q) / step, 0.0), -speed)
-        upper = np.minimum(np.maximum((self._upper - q) / step, 0.0), speed)
-        twist = tracking_twist(sighting.error, CALM / step)
-        held = max(step - loop.law.dt, 0.0)
-        demand = Demand(sighting.J, twist, root, lower, upper, exact, None, row_rank=loop.row_rank, held=held)
+        lower, upper = np.clip(demand.lower, -speed, 0.0), np.clip(demand.upper, 0.0, speed)
+        demand = demand._replace(lower=lower, upper=upper, held=max(step - loop.law.dt, 0.0))
         return np.asarray(q + step * solve(loop.law, demand).velocity)
-
-    def _off(self, target: Array, q: Array) -> float:
-        """How far the tool at q (m,) is off what is wanted of a pose, in the measure."""
-        return task_error(self._loop, q, self._loop.robot.target(target)).off
 
     def _missed(self, found: Any) -> float:
         """How far a solution is from what is wanted of the pose [length]; a turn counts as in the loop's measure."""

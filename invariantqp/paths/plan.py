@@ -270,9 +270,8 @@ def _top(
 
 def _rows_allow(y: Array, lower: Array, upper: Array) -> float:
     """The largest v with lower <= v y <= upper; rows that standing still violates are ignored."""
-    limit = np.where(y > 0.0, np.where(upper >= 0.0, upper, inf), np.where(lower <= 0.0, -lower, inf))
-    moving = y != 0.0
-    return float((limit[moving] / np.abs(y[moving])).min()) if moving.any() else inf
+    above, below = np.where(upper >= 0.0, upper, inf), np.where(lower <= 0.0, -lower, inf)
+    return float(np.minimum(_most(y, above), _most(-y, below)).min(initial=inf))
 
 
 def top_speed(slopes: Array, limits: Array | float) -> tuple[Array, NDArray[np.intp]]:

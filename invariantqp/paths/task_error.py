@@ -19,11 +19,12 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Sighting
 from invariantqp.systems.subspaces import TINY
 from invariantqp.velocity.exact import ExactRows
+from invariantqp.velocity.law import Demand
 
 # Rows of the twist that are dependent but for this share are one.
 ROW_RATIO = 1e-10
-# The target's own motion, where only the error counts.
-AT_REST = np.zeros(6)
+# The twist of what stands: a target of which only the error counts, an arm that is to stop.
+STILL = np.zeros(6)
 
 
 class TaskError(NamedTuple):
@@ -42,6 +43,15 @@ class TaskError(NamedTuple):
         off = self.rows.dot(self.error)
         return sqrt(float(off.dot(off)))
 
+    def demand(self, controller: Controller, q: Array, twist: Array, h: float, posture: Array | None = None) -> Demand:
+        """The demand on the law for a twist, such that q + h x is inside the position limits, from q (m,)."""
+        lower, upper = (controller.box.position_lower - q) / h, (controller.box.position_upper - q) / h
+        exact = self.demands
+        if exact is not None and exact.of_twist is not None:
+            D = exact.of_twist
+            exact = exact.demanding(np.where(D.any(axis=1), D.dot(twist), exact.b))
+        return Demand(self.sighting.J, twist, self.root, lower, upper, exact, posture, row_rank=controller.row_rank)
+
 
 def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
     """Before a target, at joint positions q (m,).
@@ -53,7 +63,7 @@ def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
     sighting = robot.sight(q, target)
     root, error = controller.measure.root_for(sighting.J, sighting.pose), sighting.error
     if controller.exact:
-        demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, AT_REST))
+        demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, STILL))
         D = demands.of_twist
         if D is None:  # joint rows ask for nothing of the twist
             return TaskError(sighting, root, demands, np.zeros((0, 6)), np.zeros((6, 6)), error)
