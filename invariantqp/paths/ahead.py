@@ -33,6 +33,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.paths.curve import Curve
 from invariantqp.paths.fit import REACHED
 from invariantqp.paths.task_error import TaskError, task_error
+from invariantqp.paths.time_law import usual
 from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.law import Demand
@@ -68,8 +69,6 @@ TURN = 0.005
 # A slope that changes by more than KINK of it at once, this near a singularity, is a turn to another branch:
 # no arm can take it in motion.
 KINK, BRANCH = 0.2, 1e-4
-# A slope that takes joints along the whole path for less than this many seconds at full speed counts as that.
-STILL = 0.05
 # A step after which it differs by less than this share of TURN is followed by a longer one.
 EASY = 0.2
 # Where the path is left, the joint motion itself is followed, and this share and a longer shortest step are enough.
@@ -149,8 +148,7 @@ class JointPath:
         self._pace = 0.0 if rate is None else 1.0 / rate  # time per unit of the parameter
         self._step = self._longest
         self._first = q.copy()
-        speed = controller.box.velocity_limit
-        self._speed = np.where(np.isfinite(speed), speed, 1.0)
+        self._speed = usual(controller.box.velocity_limit)
 
     @property
     def done(self) -> bool:
@@ -189,7 +187,8 @@ class JointPath:
             self.blocked = "the joints would have to turn too often"
             return
         turned = float((np.abs(knot.slope - last.slope - expected) / self._speed).max())
-        share = turned / max(float((np.abs(knot.slope) / self._speed).max()), STILL / self._scale)
+        least = self.controller.dt / self._scale  # all of the path at full speed in a tick: no more is told apart
+        share = turned / max(float((np.abs(knot.slope) / self._speed).max()), least)
         turn, shortest = TURN, SHORTEST
         if min(last.off, knot.off) > self._reachable:
             turn, shortest = TURN_LEFT, SHORTEST_LEFT

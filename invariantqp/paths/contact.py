@@ -16,10 +16,11 @@ from invariantqp.force.contact import contact_now
 from invariantqp.force.control import HybridController, HybridSolution
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry.arrays import Array
+from invariantqp.paths.ahead import SHORTEST
+from invariantqp.paths.curve import SLOW
 from invariantqp.paths.fit import REACHED
 from invariantqp.paths.reference import DISPLACED, JOINT_GAIN, STRAYED
 from invariantqp.paths.shape import (
-    ARRIVED,
     ASTRAY,
     ON_THE_WAY,
     ON_THE_WAY_BACK,
@@ -42,8 +43,6 @@ NO_TOUCH = "no contact"
 # A tool this far off, relative to the measure, slows down, and one that counts as pushed waits. Joints that are off the
 # plan by motion that leaves the tool where it is slow it down from half of STRAYED on.
 AWAY = 5e-3
-# A singular value below this share of the largest moves no tool: joints are free to move along it.
-STILL = 1e-3
 
 
 class Beside(NamedTuple):
@@ -177,7 +176,7 @@ class Pressed:
         if float(astray.dot(astray)) <= 0.25 * STRAYED * STRAYED:  # nor is any part of it more
             return Beside(place, off, away, 0.0, astray)
         _, sigma, Vt = np.linalg.svd(way.root.dot(way.sighting.J), full_matrices=False)
-        moving = Vt[sigma > STILL * sigma[0]]
+        moving = Vt[sigma > SLOW * sigma[0]]  # those that move the tool
         free = astray - moving.T.dot(moving.dot(astray))
         return Beside(place, off, away, float(np.abs(free).max()), astray)
 
@@ -198,4 +197,4 @@ class Pressed:
             self._stood = None if waits else (place, 0.0, 0.0)
             return False
         self._stood = stood = stood[0], stood[1] + dt, stood[2] + dt * abs(rate)
-        return stood[1] > PATIENCE and (abs(rate) * dt <= ARRIVED * end or stood[2] > 2.0 * near)
+        return stood[1] > PATIENCE and (abs(rate) * dt <= SHORTEST * end or stood[2] > 2.0 * near)

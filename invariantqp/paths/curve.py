@@ -33,7 +33,8 @@ SizeAt = Callable[[Array, Array], float]
 SHAPE, LEAST_INTERVALS = 1e-6, 128
 # Tangents of a function are differences over this share of its range: as far from rounding as from the truth.
 DIFFERENCE = 1e-4
-# A path that goes at this share of its mean speed nearly stands still: rounding decides which place is nearest there.
+# What goes at this share of its usual speed nearly stands still: a path, where rounding decides which place is nearest,
+# joints on the way to one and at its end, a tool moved by joints along a singular direction.
 SLOW = 1e-3
 
 

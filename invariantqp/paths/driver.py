@@ -27,6 +27,7 @@ from invariantqp.force.control import HybridController
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry import arrays, se3, sizes
 from invariantqp.geometry.arrays import Array
+from invariantqp.paths.ahead import AT_LIMIT
 from invariantqp.paths.contact import Pressed
 from invariantqp.paths.fit import REACHED, Given, Solver, sampled
 from invariantqp.paths.plan import PathPlan
@@ -52,7 +53,7 @@ from invariantqp.paths.shape import ASTRAY, PAUSE, Shape
 from invariantqp.paths.solution import FollowerSolution, Why
 from invariantqp.paths.stamps import ANOTHER_CLOCK, LONG, SampleClock, increasing, question
 from invariantqp.paths.task_error import STILL
-from invariantqp.paths.time_law import JointLimits
+from invariantqp.paths.time_law import AT_REST, JointLimits, usual
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.limits import BrakingBox
@@ -80,8 +81,6 @@ LATE = "the joints' limits"
 ELSEWHERE = "joints are not where they were sent: they do not follow, or later than told (delay=)"
 # Why an arm stands that is not done.
 NOT_DUE = "the next points are not due yet"
-# Joint speeds below this share of their limits are rest; joints this near [rad, length] are there.
-AT_REST = 1e-6
 
 
 class Follower:
@@ -582,7 +581,7 @@ class Follower:
             self._start, self._q, self._v = there, measured, before
             self._sent.clear()
         self._sent.append(self._q)
-        self._twist, self._late = None, bool(np.abs(self._start - self._q).max() > AT_REST) or not self._still
+        self._twist, self._late = None, bool(np.abs(self._start - self._q).max() > AT_LIMIT) or not self._still
         if not self._late:
             return None
         command = self._moved(Reference(self._limits, self._start, self._time), measured)
@@ -900,8 +899,7 @@ class Follower:
     @property
     def _still(self) -> bool:
         """Whether the commanded motion rests."""
-        limit = self._limits.velocity
-        return bool((np.abs(self._v) <= AT_REST * np.where(np.isfinite(limit), limit, 1.0)).all())
+        return bool((np.abs(self._v) <= AT_REST * usual(self._limits.velocity)).all())
 
     def _status(self, reference: Reference, place: float) -> tuple[Status, Why]:
         """The status of a tick at a place, and its reason."""

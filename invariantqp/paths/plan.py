@@ -30,16 +30,13 @@ from invariantqp.geometry.se3 import velocity_at
 from invariantqp.paths.ahead import AT_LIMIT, SHORTEST, Knot
 from invariantqp.paths.curve import Curve
 from invariantqp.paths.reference import Motion
-from invariantqp.paths.time_law import HALVINGS, JointLimits
+from invariantqp.paths.time_law import AT_REST, HALVINGS, JointLimits
 from invariantqp.velocity.limits import braking_speed
 
 # Shares of the velocity and acceleration limits that a path is driven at; feedback needs the rest.
 VELOCITY_SHARE = 0.998
 ACCELERATION_SHARE = 0.98
 ACCELERATION, ON_TIME = "acceleration", "the rate asked for"
-# A piece that no speed is left for is passed at this share of the largest. A knot that is slower than it might be by
-# more than that is ruled by the acceleration needed elsewhere.
-CREEP = 1e-6
 # With a jerk limit: times looked at on the way, and how often places that exceed a limit are slowed down. A speed below
 # this share of the largest is a rest, over which nothing is averaged.
 TIMES, ROUNDS, REST = 1500, 3, 1e-2
@@ -111,7 +108,10 @@ def plan_of(
     """
     if len(knots) == 1:  # blocked from the start on
         knots = [knots[0], knots[0]._replace(at=knots[0].at + SHORTEST * curve.end)]
-    acceleration = accelerations_of(controller)
+    m = len(controller.robot.names)
+    acceleration = (
+        np.full(m, inf) if controller.braking is None else ACCELERATION_SHARE * controller.braking.acceleration
+    )
     at = np.array([k.at for k in knots])
     q, slopes = np.array([k.q for k in knots]), np.array([k.slope for k in knots])
     top, ruling = _top(controller, curve, at, q, slopes, acceleration)
@@ -122,12 +122,11 @@ def plan_of(
     limits = np.append(acceleration, along[1])
     joints = CubicHermiteSpline(at, q, slopes)
     speed = _speeds(at, q, slopes, top, limits)
-    for i in np.flatnonzero(speed < (1.0 - CREEP) * top).tolist():
+    for i in np.flatnonzero(speed < (1.0 - AT_REST) * top).tolist():
         ruling[i] = ACCELERATION
     motion = _timed(at, joints, speed)
     jerks = np.append(jerk, along[2])
     if np.isfinite(jerks).any():
-        m = len(acceleration)
         fastest = np.append(VELOCITY_SHARE * controller.box.velocity_limit, along[0])
         none = np.full(m + 1, inf)
         with np.errstate(divide="ignore"):
@@ -140,14 +139,6 @@ def plan_of(
     off = np.array([k.off for k in knots])
     joints = CubicHermiteSpline(at, q[:, :-1], slopes[:, :-1])
     return PathPlan(at, joints, ruling, off, blocked, motion, (0.5 * (at[1:] + at[:-1])).tolist())
-
-
-def accelerations_of(controller: Controller) -> Array:
-    """(m,) what a path may ask of the joints' acceleration, inf where there is no limit."""
-    if controller.braking is None:
-        return np.full(len(controller.robot.names), inf)
-    acceleration: Array = ACCELERATION_SHARE * controller.braking.acceleration
-    return acceleration
 
 
 def _speeds(at: Array, q: Array, slopes: Array, top: Array, acceleration: Array) -> Array:
@@ -166,7 +157,7 @@ def _timed(at: Array, joints: CubicHermiteSpline, speed: Array) -> Motion:
     h = np.diff(at)
     v, w = speed[:-1], speed[1:]
     none = v + w == 0.0
-    v = np.where(none, CREEP * float(speed.max()) or float(at[-1] - at[0]), v)
+    v = np.where(none, AT_REST * float(speed.max()) or float(at[-1] - at[0]), v)
     w = np.where(none, v, w)
     D = 2.0 * h / (v + w)
     v, b = v[:, None], (0.5 * (w - v) / D)[:, None]  # the place is v u + b u^2
@@ -285,15 +276,6 @@ def top_speed(slopes: Array, limits: Array | float) -> tuple[Array, NDArray[np.i
     return np.take_along_axis(speed, which[:, None], axis=1)[:, 0], which
 
 
-def bends(at: Array, positions: Array, slopes: Array) -> tuple[Array, Array]:
-    """(n - 1, m) q'' at the beginning and at the end of each piece, of the cubic with these positions and slopes."""
-    h = np.diff(at)[:, None]
-    mean = np.diff(positions, axis=0) / h
-    return (6.0 * mean - 4.0 * slopes[:-1] - 2.0 * slopes[1:]) / h, (
-        2.0 * slopes[:-1] + 4.0 * slopes[1:] - 6.0 * mean
-    ) / h
-
-
 def drivable(at: Array, positions: Array, slopes: Array, top: Array, acceleration: Array) -> Array:
     """(n,) the largest v^2 at each knot from which all later ones can be driven.
 
@@ -308,8 +290,10 @@ def drivable(at: Array, positions: Array, slopes: Array, top: Array, acceleratio
         return squares
     a = acceleration[limited]
     q = slopes[:, limited]
-    first, last = bends(at, positions[:, limited], q)
-    half = 0.5 / h[:, None]
+    half, mean = 0.5 / h[:, None], np.diff(positions[:, limited], axis=0) / h[:, None]
+    # q'' at the beginning and at the end of each piece, of the cubic with these positions and slopes
+    first = (6.0 * mean - 4.0 * q[:-1] - 2.0 * q[1:]) / h[:, None]
+    last = (2.0 * q[:-1] + 4.0 * q[1:] - 6.0 * mean) / h[:, None]
     # Rows |alpha x + beta y| <= gamma on the squares x, y at the two ends of a piece
     alpha = np.hstack((first - q[:-1] * half, -q[1:] * half))
     beta = np.hstack((q[:-1] * half, last + q[1:] * half))

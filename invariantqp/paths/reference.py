@@ -44,8 +44,8 @@ EASIER, TRIES = 1.3, 12
 PIECE: Array = (
     np.array(((1.0, 4.0, 1.0, 0.0), (-3.0, 0.0, 3.0, 0.0), (3.0, -6.0, 3.0, 0.0), (-1.0, 3.0, -3.0, 1.0))) / 6.0
 )
-# Changes of a clock's rate take at most this [s], are checked at so many places, and keep this share of the limits.
-LONGEST_TURN, PLACES_TURN, TURN_SHARE = 4.0, 41, 0.999
+# Changes of a clock's rate take at most this [s], are checked at twice as many places, keep this share of limits.
+LONGEST_TURN, TURN_SHARE = 4.0, 0.999
 # How long such a change may wait for joints that brake [s].
 WAITS = (0.0, 0.02, 0.05, 0.1, 0.2)
 # A hand is followed this long after its samples come, times one over the cutoff: 67 ms at 3 Hz.
@@ -332,7 +332,7 @@ class Clocked(NamedTuple):
         """The shortest change of rate that keeps the limits, or else that with the least excess; its share of them."""
         D, worst = np.geomspace(SHORTEST_STOP * limits.dt, LONGEST_TURN, TURNS), np.zeros(0)
         for some in np.split(D[:, None], TURNS // 8):  # the shortest first
-            times = clock.start + np.linspace(0.0, 1.0, PLACES_TURN) * some
+            times = clock.start + np.linspace(0.0, 1.0, 2 * PLACES - 1) * some
             place, rate, slope, bend = (x.ravel()[:, None] for x in clock._replace(duration=some).at(times))
             r = self.source.at(place[:, 0])
             v, a, j = r[:, 1], r[:, 2], r[:, 3]

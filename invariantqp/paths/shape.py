@@ -20,14 +20,14 @@ from invariantqp.control.controller import Controller
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.ahead import OFF_PATH, JointPath
-from invariantqp.paths.curve import GivenPath, given_path
+from invariantqp.paths.ahead import OFF_PATH, SHORTEST, JointPath
+from invariantqp.paths.curve import SLOW, GivenPath, given_path
 from invariantqp.paths.fit import REACHED
 from invariantqp.paths.plan import ON_TIME, PathPlan, plan_of
 from invariantqp.paths.reference import Clock, Clocked
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.task_error import TaskError, task_error
-from invariantqp.paths.time_law import JointLimits
+from invariantqp.paths.time_law import JointLimits, usual
 from invariantqp.velocity.solution import Status
 
 # Look-ahead steps for each second of ticks, at least one a tick: a step takes a third of a millisecond or so.
@@ -35,11 +35,9 @@ STEPS = 1500.0
 # A tool on its way to the path whose joints rest for this long [s], its distance falling at less than this share of
 # the gain, does not get there.
 PATIENCE, STUCK = 1.0, 0.1
-# Joints slower than this share of their limits are at rest on the way to a path, and at its end.
-AT_REST = 1e-3
-# The end is reached within this share of the path; what blocks it within a larger one: at the edge of its reach an arm
-# moves much for little. In contact the tool is there as it has reached a pose, along S.
-ARRIVED, STOPPED = 1e-6, 2e-5
+# The end is reached within the shortest step; what blocks it within this share of the path: at the edge of its reach an
+# arm moves much for little. In contact the tool is there as it has reached a pose, along S.
+STOPPED = 2e-5
 # A tool farther off its path than this, relative to the measure's length, has been pushed.
 PUSHED = 0.02
 # What rules a tick where limits do not.
@@ -158,7 +156,7 @@ class Shape:
         rate = inf if self._rate is None else self._share * self._rate
         along = (rate, self._along[0], self._along[1])
         plan = plan_of(self._loop, self.given.curve, search.knots, search.blocked, along=along, jerk=self._jerk)
-        near = (STOPPED if plan.blocked else ARRIVED) * self.given.curve.end
+        near = (STOPPED if plan.blocked else SHORTEST) * self.given.curve.end
         self._usual = plan.end - near if (plan.off <= OFF_PATH * self._length).all() else -inf
         return plan
 
@@ -264,7 +262,7 @@ class Shape:
         blocked = plan.blocked
         if not blocked and plan.off[-1] > OFF_PATH * self._length:
             blocked = f"it is out of reach, by {plan.off[-1]:.3g} [length]"
-        near = (STOPPED if blocked else ARRIVED) * self.given.curve.end
+        near = (STOPPED if blocked else SHORTEST) * self.given.curve.end
         if why or rate < 0.0 or plan.end - at > near:
             status, reason, ruling = self._on_the_way(before, now, rate, why, override)
         elif not self._stands(command):
@@ -371,5 +369,4 @@ class Shape:
 
     def _stands(self, velocity: Array) -> bool:
         """Whether joints at a velocity (m,) count as at rest."""
-        limit = self._loop.box.velocity_limit
-        return bool((np.abs(velocity) <= AT_REST * np.where(np.isfinite(limit), limit, 1.0)).all())
+        return bool((np.abs(velocity) <= SLOW * usual(self._loop.box.velocity_limit)).all())

@@ -12,6 +12,7 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.fit import Given
+from invariantqp.paths.time_law import usual
 
 # Stamps this far [s] from the follower's clock are of another clock; points as far apart in the mean are questioned.
 ANOTHER_CLOCK = 1.0
@@ -42,7 +43,7 @@ def question(stamps: Array, given: Given, speed: Array, length: float) -> None:
     lasts = float(stamps[-1] - stamps[0])
     if lasts < ANOTHER_CLOCK * max(len(stamps) - 1, 1):
         return
-    speed = np.where(np.isfinite(speed), speed, 1.0)
+    speed = usual(speed)
     if given.poses is None:
         way = float((np.abs(np.diff(np.asarray(given.joints), axis=0)).sum(axis=0) / speed).max())
     else:

@@ -16,11 +16,18 @@ from invariantqp.geometry.arrays import Array
 
 # An acceleration that differs from the wanted one by less than this share of what jerk changes in a tick is the same.
 ROUNDING = 1e-6
+# A speed below this share of its limit, or of the largest on the way, is rest.
+AT_REST = 1e-6
 # Halvings of the interval of accelerations in which the largest is looked for that leaves room to stop.
 HALVINGS = 24
 
 # Shares of acceleration and velocity that joints catch up at: what they follow needs some, too.
 CATCH_UP_SHARE, CATCH_UP_SPEED = 0.7, 0.99
+
+
+def usual(limit: Array) -> Array:
+    """(m,) speeds beside which those of joints count: their limits, a unit where there is none."""
+    return np.where(np.isfinite(limit), limit, 1.0)
 
 
 class JointLimits(NamedTuple):
