@@ -12,7 +12,7 @@ from collections.abc import Callable
 from itertools import accumulate, chain
 from math import isnan, nan, prod
 from struct import Struct
-from types import UnionType
+from types import GetSetDescriptorType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -25,12 +25,6 @@ from invariantqp.force.sensor import WrenchSensor
 if TYPE_CHECKING:
     from invariantqp.engine import Press
     from invariantqp.engine import Split as CoreSplit
-
-# What the core calls as Python does, of a split, a sensor and a task.
-OF_SPLIT = ("intensities", "unit_parts", "unit_rates", "twist", "gain", "exert")
-OF_SENSOR = ("mount", "mass", "centre", "gravity", "bias", "force_deadband", "moment_deadband", "origin", "noise")
-AWAY = ("approach_speed", "approach_distance", "approach_time", "retreat_distance", "lost_after", "on_loss")
-OF_TASK = ("size", "slope", "yields", "slide_speed", "grip", *AWAY)
 
 # A hybrid tick by the core (`csrc/press.c` says what it takes and gives); None where Python has to answer.
 compiled_press: Callable[..., tuple[Any, ...] | None] = getattr(core, "press", lambda *_, **__: None)
@@ -131,26 +125,19 @@ class Packing:
         return self._coding.read(list(self._struct.unpack(numbers)))
 
 
-def _named(value: Any, names: tuple[str, ...]) -> dict[str, Any]:
-    return {name: getattr(value, name) for name in names}
+def _fields_of(table: type, *values: Any) -> dict[str, Any]:
+    """The fields of a table of the core that these values have by the same name; None is the table's own default."""
+    names = [name for name, kind in vars(table).items() if isinstance(kind, GetSetDescriptorType)]
+    return {name: getattr(value, name) for value in values for name in names if hasattr(value, name)}
 
 
 def core_split(split: Split) -> CoreSplit | None:
     """A split as the core takes it; None for one without constraints."""
-    kind = split.kind
     if core is None or not len(split.unit_parts):
         return None
-    made: CoreSplit = core.Split(
-        presses=kind.presses,
-        constraints=np.array(kind.constraints).T,
-        motion=split.projectors.motion,
-        force=split.projectors.force,
-        load_force=split.load[0],
-        load_moment=split.load[1],
-        out=kind.out,
-        origin=kind.origin,
-        **_named(split, OF_SPLIT),
-    )
+    fields = _fields_of(core.Split, split, split.kind, split.projectors)
+    fields |= {"constraints": np.array(split.kind.constraints).T, "load_force": split.load[0]}
+    made: CoreSplit = core.Split(load_moment=split.load[1], **fields)
     return made
 
 
@@ -160,10 +147,7 @@ def core_press(
     loop: Controller,
     *,
     order: str | None,
-    share: float,
-    filter_time: float,
-    force_first: bool,
-    at_contact: bool,
+    **fields: Any,
 ) -> Press | None:
     """What does not change in a hybrid loop, as the core takes it; None for a loop that it does not have.
 
@@ -172,27 +156,15 @@ def core_press(
         sensor: or None.
         loop: that follows its twists.
         order: of plain readings.
-        share: of a step that the low-pass passes on in a tick.
-        filter_time: its time constant [s].
-        force_first: whether the force part of a twist is met exactly.
-        at_contact: whether twists are measured at the place of contact.
+        fields: more fields of `csrc/fields.h`.
     """
     if core is None or loop.compiled is None or loop.varies:
         return None
-    fields = _named(task, OF_TASK)
-    if sensor is not None:
-        fields |= _named(sensor, OF_SENSOR) | {"reaction": sensor.reads == "reaction"}
     made: Press = core.Press(
         moment_first=order != "force first",
-        share=share,
-        filter_time=filter_time,
-        stiffness=task.stiffness or 0.0,
+        reaction=sensor is None or sensor.reads == "reaction",
         has_compliance=task.compliance is not None,
-        lost_below=-1.0 if task.lost_below is None else task.lost_below,
-        max_force=-1.0 if task.max_force is None else task.max_force,
-        max_moment=-1.0 if task.max_moment is None else task.max_moment,
-        force_first=force_first,
-        at_contact=at_contact,
+        **_fields_of(core.Press, task, sensor),
         **fields,
     )
     return made
