@@ -136,20 +136,6 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
     return acts;
 }
 
-/* Stand: whether a motion that was asked for is not done. */
-bool stands(const Press *press, const double place[3], const double motion[6], const double twist[6], int joints)
-{
-    double root[6][6], asked[6], moved[6], least = SLOW_SHARE * press->approach_speed;
-    int from = joints < 6 ? 3 : 0;
-    root_at(place, press->size, root);
-    for (int i = from; i < 6; i++) {
-        asked[i] = dot(6, root[i], motion);
-        moved[i] = dot(6, root[i], twist);
-    }
-    double square = dot(6 - from, asked + from, asked + from);
-    return square > least * least && dot(6 - from, moved + from, asked + from) < SLOW_SHARE * square;
-}
-
 /* The share of the joints' acceleration that noise takes through the force law, for each unit of its gain. */
 Outcome trembling(const Loop *loop, const Row J[6], const double (*admittance)[6], const double place[3], double size,
                   double noise, double passed, double *share)

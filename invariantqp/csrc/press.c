@@ -389,8 +389,6 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
              drives, state, answer);
     after_motion(&tick->touch, dot(3, placed.out, answer->way), &state->monitor);
     bool wrong = presses == 1 && pressing->along <= SLOW_SHARE * press->approach_speed && is_wrong(&pressing->known[0], press->stiffness);
-    bool still = stands(press, placed.point, answer->motion, twist, m);
-    state->stand = still ? state->stand + dt : 0.0;
     answer->room = fmax(1.0 - trembles, 1.0 - MOST_TREMBLING);
     for (int i = 0; i < 3; i++)
         state->out[i] = touching ? placed.out[i] : NAN;
@@ -408,7 +406,7 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     bool told = there && !asks; /* whether the tick has no status of its own */
     bool unsettled = (int)settling->losses.count >= CHATTER || settling->swung < SWUNG || settling->missed > PATIENT_FOR;
     answer->speaks = state->noise.found != 0.0 || (told && unsettled) ||
-                     (answer->kept < LOWERED && touching) || state->stand > PATIENT_FOR || wrong || (there && asks);
+                     (answer->kept < LOWERED && touching) || wrong || (there && asks);
     return DONE;
 }
 

@@ -117,7 +117,7 @@ typedef struct {
     Pressing pressing;
     Monitor monitor;
     Noise noise;
-    double stand, tool[16], out[3], last[6], coming[3], smooth[6], motion[6];
+    double tool[16], out[3], last[6], coming[3], smooth[6], motion[6];
 } Pressed;
 
 /* A wrench or a twist of the contact's frame in the base frame, and back. */
@@ -171,7 +171,6 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
 Outcome trembling(const Loop *loop, const Row J[6], const double (*admittance)[6], const double place[3], double size,
                   double noise, double passed, double *share);
 double kept_of(double gain, double share);
-bool stands(const Press *press, const double place[3], const double motion[6], const double twist[6], int joints);
 
 /* monitor.c */
 Outcome monitored(const Press *press, const PressTick *tick, int presses, const Stiffness *known, const double *felt,

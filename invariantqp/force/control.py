@@ -64,7 +64,6 @@ from invariantqp.force.estimate import (
 from invariantqp.force.law import (
     MOST,
     Drive,
-    Stand,
     fixed,
     kept_of,
     lowered,
@@ -184,7 +183,6 @@ class Memory(NamedTuple):
         pressing: of each constraint.
         monitor: all checks.
         noise: of readings in the air.
-        stand: of the motion along the contact.
         tool: (4, 4) its pose in the last tick; None before the first.
         out: (3,) the way out in the last tick; None in the air.
         last: (6,) reading; None before the first.
@@ -196,7 +194,6 @@ class Memory(NamedTuple):
     pressing: Pressing = Pressing()
     monitor: Monitor = Monitor()
     noise: Noise = Noise()
-    stand: Stand = Stand()
     tool: Annotated[Array, 4, 4] | None = None
     out: Annotated[Array, 3] | None = None
     last: Annotated[Array, 6] | None = None
@@ -528,7 +525,6 @@ class HybridController:
             pressing=after,
             monitor=monitor.after_motion(tick.touch, outwards, beyond=said.beyond),
             noise=found_noise,
-            stand=memory.stand.after(task, here.contact, motion, twist, dt, joints=joints),
             tool=tool,
             out=here.out if touching else None,
             last=reading,
@@ -651,7 +647,6 @@ class HybridController:
             "" if said.status else settling.trouble(settling.wanted if presses else None, late),
             delay.trouble(self.loop.gain),
             lowered(kept, noise) if touch.touching else "",
-            memory.stand.trouble(),
             few,
             self._normal.trouble(),
             pressing.known[0].trouble(task.stiffness) if rests and presses == len(pressing.known) == 1 else "",

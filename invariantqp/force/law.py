@@ -26,9 +26,8 @@ import numpy as np
 from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import DELAY_SHARE
 from invariantqp.errors import written
-from invariantqp.force.contact import SLOW_SHARE, HybridTask, speed_at
+from invariantqp.force.contact import HybridTask, speed_at
 from invariantqp.force.estimate import DAMPED, STIFF, Setting, Stiffness, Touch
-from invariantqp.force.monitor import PATIENCE
 from invariantqp.geometry.arrays import Array
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.measure import root_at
@@ -216,29 +215,6 @@ def retreat(task: HybridTask, contact: Contact, left: float, dt: float) -> Array
     """(6,) the way out, base frame, after `left` [length] of it."""
     speed = min(task.retreat_speed, (task.retreat_distance - left) / dt)
     return np.asarray(speed * contact.adjoint.dot(np.asarray(contact.kind.out)))
-
-
-class Stand(NamedTuple):
-    """For how long hardly any of the motion along the contact that was asked for has been done [s]."""
-
-    long: float = 0.0
-
-    def after(
-        self, task: HybridTask, contact: Contact, motion: Array, twist: Array, dt: float, *, joints: int
-    ) -> Stand:
-        """The same after a tick of dt [s]: a motion (6,) was asked for, and the tool moved with a twist (6,).
-
-        Fewer than six joints may have to leave out a turn: the place of contact alone is looked at.
-        """
-        root = root_at(contact.point, task.size)[3 if joints < 6 else 0 :]
-        asked, moved = root.dot(motion), root.dot(twist)
-        least = SLOW_SHARE * task.approach_speed
-        stands = asked.dot(asked) > least * least and moved.dot(asked) < SLOW_SHARE * asked.dot(asked)
-        return Stand(self.long + dt if stands else 0.0)
-
-    def trouble(self) -> str:
-        """What is wrong, in words, "" for nothing."""
-        return f"the motion along the contact has stood for {written(self.long, 2)} s" if self.long > PATIENCE else ""
 
 
 def trembling(
