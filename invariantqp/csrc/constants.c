@@ -168,7 +168,6 @@ const Constant CONSTANTS[] = {
     ONE("force.monitor", SINCE),
     ONE("force.monitor", EXCUSED),
     ONE("force.monitor", PASSES),
-    ONE("force.monitor", CHATTER),
     ONE("force.monitor", TURNS),
     ONE("force.monitor", SWUNG),
     ONE("force.monitor", SWING),

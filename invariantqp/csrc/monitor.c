@@ -198,76 +198,44 @@ static bool unanswered(const Press *press, const PressTick *tick, const Stiffnes
     return unshown || unseen(press, check, felt) > PRESSES * wanted || check->off > AVERAGED_FOR;
 }
 
-/* Ages a tick later, those that are still remembered. */
-static void aged(Ages *ages, double dt, double most)
-{
-    int kept = 0;
-    for (int i = 0; i < (int)ages->count; i++)
-        if (ages->at[i] + dt < most)
-            ages->at[kept++] = ages->at[i] + dt;
-    for (int i = kept; i < MOST_AGES; i++)
-        ages->at[i] = 0.0;
-    ages->count = kept;
-}
-
-/* One more, the latest first; false where there is no room. */
-static bool remembered_age(Ages *ages)
-{
-    if ((int)ages->count == MOST_AGES)
-        return false;
-    memmove(ages->at + 1, ages->at, (MOST_AGES - 1) * sizeof(double));
-    ages->at[0] = 0.0;
-    ages->count++;
-    return true;
-}
-
 /* Settling._turned */
-static Outcome turns(double felt, double wanted, double noise, double dt, Settling *settling)
+static void turns(double felt, double wanted, double noise, double dt, Settling *settling)
 {
     bool same = wanted == settling->wanted && wanted != 0.0, rises = settling->rises != 0.0;
     double extreme = settling->extreme, back = rises ? extreme - felt : felt - extreme;
+    double turned = same ? exp(-dt / SWUNG) * settling->turns : 0.0;
     settling->swung += dt;
     settling->wanted = wanted;
     settling->extreme = felt;
     settling->rises = 1.0;
-    aged(&settling->turns, dt, same ? SWUNG : 0.0);
+    settling->turns = turned;
     if (!same)
-        return DONE;
+        return;
     if (back <= fmax(SWING * wanted, 2.0 * SURPRISE * noise)) {
         settling->rises = rises;
         settling->extreme = back < 0.0 ? felt : extreme;
-        return DONE;
+        return;
     }
+    bool about = (extreme > wanted) == rises, swings = about && turned + 1.0 > TURNS;
     settling->rises = !rises;
-    if ((extreme > wanted) != rises || (int)settling->turns.count >= TURNS) {
-        bool swings = (extreme > wanted) == rises;
-        settling->swung = swings ? 0.0 : settling->swung;
-        aged(&settling->turns, 0.0, 0.0);
-        return DONE;
-    }
-    return remembered_age(&settling->turns) ? DONE : HAND_BACK;
+    settling->turns = about && !swings ? turned + 1.0 : 0.0;
+    settling->swung = swings ? 0.0 : settling->swung;
 }
 
 /* Settling.after */
-static Outcome settled(const PressTick *tick, bool lost, Settling *settling)
+static void settled(const PressTick *tick, bool lost, Settling *settling)
 {
     double felt = tick->felt, wanted = tick->wanted, dt = tick->dt;
-    bool touching = tick->touch.touching != 0.0;
-    aged(&settling->losses, dt, PATIENT_FOR);
-    if (settling->over != 0.0 && !touching && !remembered_age(&settling->losses))
-        return HAND_BACK;
-    if (turns(felt, wanted, tick->noise, dt, settling) == HAND_BACK)
-        return HAND_BACK;
-    settling->over = touching && (settling->over != 0.0 || felt > wanted);
+    settling->let_go = tick->touch.touching == 0.0 || (settling->let_go != 0.0 && settling->swung > 0.0);
+    turns(felt, wanted, tick->noise, dt, settling);
     if (lost) {
         settling->press = NAN;
         settling->missed = 0.0;
-        return DONE;
+        return;
     }
     settling->press = isnan(settling->press) ? felt : settling->press + fmin(1.0, dt / AVERAGED_FOR) * (felt - settling->press);
     bool off = fabs(settling->press - wanted) > SHORT * wanted && SHORT * wanted > 0.0;
     settling->missed = off ? settling->missed + dt : 0.0;
-    return DONE;
 }
 
 /* Settling.after_missing */
@@ -281,7 +249,7 @@ static void missed(const PressTick *tick, Settling *settling)
 
 bool unstable(const Settling *settling, bool rests)
 {
-    return ((int)settling->losses.count >= CHATTER && settling->losses.at[0] == 0.0) || (rests && settling->swung == 0.0);
+    return settling->swung == 0.0 && (rests || settling->let_go != 0.0);
 }
 
 /* Monitor.after */
@@ -305,7 +273,7 @@ Outcome monitored(const Press *press, const PressTick *tick, int presses, const 
     if (isnan(tick->felt))
         missed(tick, &monitor->settling);
     else if (tick->limit != 0.0)
-        return settled(tick, tick->touch.touching == 0.0 && tick->touch.airborne > press->lost_after, &monitor->settling);
+        settled(tick, tick->touch.touching == 0.0 && tick->touch.airborne > press->lost_after, &monitor->settling);
     return DONE;
 }
 

@@ -222,7 +222,7 @@ static void known_now(const Press *press, const Split *split, const Placed *plac
     }
 }
 
-/* HybridController._kept_gain: the share of the gain that noise and chatter leave, and that of the joints' acceleration noise takes. */
+/* HybridController._kept_gain: the share of the gain that noise and swings leave, and that of the joints' acceleration noise takes. */
 static Outcome kept_now(const Press *press, const Split *split, const Loop *loop, const Row J[6], const Placed *placed,
                         const Setting *setting, double noise, const Pressing *pressing, double *kept, double *trembles)
 {
@@ -404,7 +404,7 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     answer->kept = share / pressing->eased;
     const Settling *settling = &state->monitor.settling;
     bool told = there && !asks; /* whether the tick has no status of its own */
-    bool unsettled = (int)settling->losses.count >= CHATTER || settling->swung < SWUNG || settling->missed > PATIENT_FOR;
+    bool unsettled = settling->swung < SWUNG || settling->missed > PATIENT_FOR;
     answer->speaks = state->noise.found != 0.0 || (told && unsettled) ||
                      (answer->kept < LOWERED && touching) || wrong || (there && asks);
     return DONE;

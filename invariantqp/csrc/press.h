@@ -8,9 +8,8 @@
 
 #include "loop.h"
 
-/* Constraints of a contact, and ages that a check remembers. */
+/* Constraints of a contact. */
 #define MOST_PARTS 6
-#define MOST_AGES 12
 
 /* estimate.py */
 typedef struct {
@@ -84,14 +83,7 @@ typedef struct {
 } Answers;
 
 typedef struct {
-    double count, at[MOST_AGES];
-} Ages;
-
-typedef struct {
-    Ages losses;
-    double over, press, missed;
-    Ages turns;
-    double rises, extreme, wanted, swung;
+    double press, missed, turns, rises, extreme, wanted, swung, let_go;
 } Settling;
 
 typedef struct {
@@ -249,7 +241,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define SINCE 2.0
 #define EXCUSED 0.5
 #define PASSES 0.3
-#define CHATTER 4
 #define TURNS 5
 #define SWUNG 2.5
 #define SWING 0.3

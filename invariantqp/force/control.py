@@ -142,7 +142,7 @@ class Pressing(NamedTuple):
         lag: of the arm, with which it shows [s].
         along: speed along the contact, the highest of the last time [length/s].
         steep: the fastest slope of its laws of the last time [length/s].
-        eased: share of the gain, less than 1 after chatter.
+        eased: share of the gain, less than 1 after swings.
         free: whether the last tick did all that the law asked for.
     """
 
@@ -255,7 +255,7 @@ class HybridSolution(Compared):
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
-        status: "lost", "overload" or "fault" (the sensor's), "degraded" where the force chatters or is not reached, the
+        status: "lost", "overload" or "fault" (the sensor's), "degraded" where the force swings or is not reached, the
             edge is near or the normal is out of bounds, or the velocity law's own: see `Status`.
         reason: why, in words, "" where there is nothing to report.
         motion: (6,) the wanted twist along S, P s_motion.
@@ -765,7 +765,7 @@ class HybridController:
         return tuple(made)
 
     def _kept_gain(self, J: Array, here: Placed, now: Pressing, setting: Setting, noise: float) -> tuple[float, float]:
-        """The share of the gain that noise and chatter leave, and the share of the joints' acceleration noise takes."""
+        """The share of the gain that noise and swings leave, and the share of the joints' acceleration noise takes."""
         split, eased = here.split, now.eased
         if self.loop.braking is None or noise == 0.0 or not now.known:
             return eased, 0.0
@@ -788,7 +788,7 @@ class HybridController:
             monitor: after this reading.
             here: what is measured and wanted.
             setting: of this tick.
-            eased: share of the gain that noise and chatter leave.
+            eased: share of the gain that noise and swings leave.
             tick: what the checks are told.
             slow: whether contact is looked for.
         """

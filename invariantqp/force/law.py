@@ -74,7 +74,7 @@ def mass_and_damper(known: Stiffness, setting: Setting, eased: float) -> tuple[f
     Args:
         known: bounds of k and b.
         setting: of this tick.
-        eased: share of the gain that noise and chatter leave.
+        eased: share of the gain that noise and swings leave.
     """
     late, (most, least) = setting.late / (DELAY_SHARE * eased), known.damping
     M = late * most
@@ -102,7 +102,7 @@ def pressed(
         known: of this constraint.
         setting: of this tick.
         most: speed inwards and outwards at most [length/s].
-        eased: share of the gain that noise and chatter leave.
+        eased: share of the gain that noise and swings leave.
         grows: whether the slope may change: limits and a touch hold it.
         beside: of the press beside which this is a moment, which is levelled no faster than that presses.
     """
@@ -134,7 +134,7 @@ def struck(
         known: of this constraint.
         setting: of this tick.
         most: speed outwards at most [length/s].
-        eased: share of the gain that noise and chatter leave.
+        eased: share of the gain that noise and swings leave.
     """
     law = pressed(Drive(0.0, drive.slope), error, 0.0, known, setting, (0.0, most), eased, grows=False)
     return law._replace(speed=max(min(law.speed, -coming / setting.dt), -most))

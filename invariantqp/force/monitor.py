@@ -8,7 +8,7 @@ pulls       a contact that can only push is read to pull by half of the wanted p
 approach    an approach that meets nothing within approach_distance or approach_time, or in which the tool never comes
             nearer as commanded, stands still until `reset`
 answers     readings and way have to agree, `Answers`; what they cannot tell is asked by letting go
-settling    the press swings, chatters or is not reached; told, and no reason to stop
+settling    the press swings or is not reached; told, and no reason to stop
 """
 
 from __future__ import annotations
@@ -84,9 +84,8 @@ EXCUSED = 0.5
 # Time constant of the high-pass [s]: slower motion may be the surface's, which moves as far as it may in that time.
 PASSES = 0.3
 
-# So many losses within PATIENCE, each of more than the wanted press, are chatter.
-CHATTER = 4
-# More turns than these within so long [s] are swings, each by this share of the wanted press and no noise.
+# More turns than these, forgotten with this time constant [s], are swings, each by this share of the wanted press and
+# no noise.
 TURNS = 5
 SWUNG = 2.5
 SWING = 0.3
@@ -551,26 +550,24 @@ class Settling(NamedTuple):
     """What is remembered of the press.
 
     Attributes:
-        losses: how long ago each recent loss was [s].
-        over: whether there is contact, and more than the wanted press was felt since the touch.
         press: averaged [force], or what is missing as a share of an overload; None where contact is lost.
         missed: for how long it has been off [s].
-        turns: how long ago the press turned [s], the last time first.
+        turns: how often the press turned, what is longer ago than SWUNG forgotten.
         rises: whether it has risen since then.
         extreme: the last it reached that way [force].
         wanted: the press that these are about [force].
         swung: how long ago it swung too often [s].
+        let_go: whether the contact was lost since then.
     """
 
-    losses: Annotated[tuple[float, ...], 12] = ()
-    over: bool = False
     press: float | None = None
     missed: float = 0.0
-    turns: Annotated[tuple[float, ...], 12] = ()
+    turns: float = 0.0
     rises: bool = True
     extreme: float = 0.0
     wanted: float = 0.0
     swung: float = SWUNG
+    let_go: bool = False
 
     def after(
         self, press: tuple[float, float], dt: float, *, touching: bool, lost: bool, noise: float = 0.0
@@ -585,11 +582,8 @@ class Settling(NamedTuple):
             noise: standard deviation of the press [force].
         """
         felt, wanted = press
-        losses = tuple(age + dt for age in self.losses if age + dt < PATIENCE)
-        if self.over and not touching:
-            losses = (0.0, *losses)
-        over = touching and (self.over or felt > wanted)
-        now = self._turned(felt, wanted, noise, dt)._replace(losses=losses, over=over, press=None, missed=0.0)
+        let_go = not touching or (self.let_go and self.swung > 0.0)
+        now = self._turned(felt, wanted, noise, dt)._replace(let_go=let_go, press=None, missed=0.0)
         if lost:
             return now
         mean = felt if self.press is None else self.press + min(1.0, dt / AVERAGED) * (felt - self.press)
@@ -598,17 +592,17 @@ class Settling(NamedTuple):
 
     def _turned(self, felt: float, wanted: float, noise: float, dt: float) -> Settling:
         """The same with a turn of the press, where it is one, from its extreme since the last."""
-        now = self._replace(swung=self.swung + dt, wanted=wanted, turns=(), rises=True, extreme=felt)
+        now = self._replace(swung=self.swung + dt, wanted=wanted, turns=0.0, rises=True, extreme=felt)
         if wanted != self.wanted or wanted == 0.0:
             return now
-        turns, rises = tuple(age + dt for age in self.turns if age + dt < SWUNG), self.rises
+        turns, rises = exp(-dt / SWUNG) * self.turns, self.rises
         back = self.extreme - felt if rises else felt - self.extreme
         if back <= max(SWING * wanted, 2.0 * SURPRISE * noise):
             return now._replace(turns=turns, rises=rises, extreme=felt if back < 0.0 else self.extreme)
         if (self.extreme > wanted) != rises:  # on the way to the wanted press, not about it
             return now._replace(rises=not rises)
-        if len(turns) < TURNS:
-            return now._replace(turns=(0.0, *turns), rises=not rises)
+        if turns + 1.0 <= TURNS:
+            return now._replace(turns=turns + 1.0, rises=not rises)
         return now._replace(swung=0.0, rises=not rises)
 
     def after_missing(self, missing: float, dt: float) -> Settling:
@@ -617,8 +611,8 @@ class Settling(NamedTuple):
         return Settling(press=error, missed=self.missed + dt if error > SHORT else 0.0)
 
     def unstable(self, *, rests: bool) -> bool:
-        """Whether a loss too many has just happened, or a swing of a tool that does not slide on what may be rough."""
-        return (len(self.losses) >= CHATTER and self.losses[0] == 0.0) or (rests and self.swung == 0.0)
+        """Whether a swing too many has just happened, not by sliding on what is rough: that loses no contact."""
+        return self.swung == 0.0 and (rests or self.let_go)
 
     def trouble(self, wanted: float | None, late: float) -> str:
         """What is wrong, in words, "" for nothing.
@@ -627,11 +621,6 @@ class Settling(NamedTuple):
             wanted: press [force]; None where contact cannot be lost.
             late: sum of tick, delay and low-pass, as the loop was told [s].
         """
-        if len(self.losses) >= CHATTER:
-            return (
-                f"contact lost {len(self.losses)} times in {written(PATIENCE)} s: the force gain is too high for "
-                f"{written(1e3 * late, 2)} ms of tick, filter and delay; give delay=, or less compliance"
-            )
         said = []
         if self.swung < SWUNG:
             said.append(

@@ -203,11 +203,11 @@ def test_a_press_that_comes_to_what_is_wanted_in_leaps_does_not_swing_about_it()
         assert settling.trouble(10.0, 0.01) == ""
 
 
-def test_chatter_and_a_force_not_reached_are_told():
+def test_a_press_that_swings_and_a_force_not_reached_are_told():
     fast = press_on_plane(
         5.0, stiffness=1e5, delay=0.016, dt=0.004, gap=0.0, seconds=3.0, compliance=2e-3, max_force=1e3, max_moment=1e2
     )
-    assert any("contact lost 4 times in 1 s: the force gain is too high" in s.reason for s in fast.solutions)
+    assert any("the press swings about 5 N: " in s.reason for s in fast.solutions)
     assert "ok" not in fast.statuses()[-250:]
     slow = press_on_plane(
         5.0, tilt=np.radians(5.0), gap=0.0, compliance=2e-4, dt=0.004, seconds=3.0, period=6.0, max_force=50.0
@@ -220,7 +220,7 @@ def test_a_press_that_slowly_leaves_is_no_chatter():
     for k in range(600):
         press, touching = max(0.0, 5.0 - 0.05 * (k % 100)), k % 100 < 95
         settling = settling.after((press, 5.0), 0.01, touching=touching, lost=not touching)
-    assert settling.losses == ()
+        assert not settling.unstable(rests=True)
 
 
 def test_a_tool_that_only_taps_is_told_that_the_force_is_not_reached():
