@@ -91,12 +91,11 @@ static bool answering(const Evidence *evidence, double *stiffness)
 /* Answers.begun, of what was known before or of nothing */
 static void answers_begun(const Answers *before, Answers *check)
 {
-    Answers none = {.shown = INFINITY};
+    Answers none = {0};
     const Answers *known = before == NULL ? &none : before;
     Answers begun = {.evidence = {.last = {NAN, NAN}},
                      .rest = {NAN, NAN, NAN, NAN},
                      .release = {NAN, NAN, NAN, NAN, {NAN, NAN, NAN}, NAN, NAN},
-                     .shown = known->shown,
                      .moves = known->moves,
                      .read = -CERTAIN};
     memcpy(begun.grade, known->grade, sizeof begun.grade);
@@ -175,7 +174,7 @@ static bool unanswered(const Press *press, const PressTick *tick, const Stiffnes
         return false;
     }
     if (check->stiff == 0.0) {
-        check->stiff = isnan(known->stiff) ? UNSHOWN * stiff : fmin(known->stiff, check->shown);
+        check->stiff = isnan(known->stiff) ? UNSHOWN * stiff : known->stiff;
         check->since[0] = 0.0;
         check->since[1] = check->touched = felt;
         check->read = CERTAIN;

@@ -79,7 +79,7 @@ typedef struct {
     Evidence evidence;
     double touched, rested, rest[4], slid[3], off;
     Release release;
-    double shown, moves, read;
+    double moves, read;
 } Answers;
 
 typedef struct {

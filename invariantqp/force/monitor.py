@@ -29,7 +29,6 @@ from invariantqp.force.estimate import (
     SHORT,
     STEP,
     STIFF,
-    STIFFER,
     SURPRISE,
     UNSHOWN,
     Setting,
@@ -373,7 +372,6 @@ class Answers(NamedTuple):
         slid: (3,) across since the touch or since it has rested [length].
         off: for how long the way has not been what the force says [s].
         release: of the press; None where it is not let go.
-        shown: bound of the stiffness where letting go has lost the contact [force/length].
         moves: how far the surface is known to move, by having asked [length].
         read: evidence that the limit between air and contact is read, and not nothing: then the account ends.
     """
@@ -391,7 +389,6 @@ class Answers(NamedTuple):
     slid: Annotated[Array, 3] = np.zeros(3)
     off: float = 0.0
     release: Release | None = None
-    shown: float = inf
     moves: float = 0.0
     read: float = -CERTAIN
 
@@ -421,7 +418,7 @@ class Answers(NamedTuple):
         if left or wanted <= 0.0:
             return self.begun(), None
         if self.stiff == 0.0:
-            stiff = UNSHOWN * (task.stiffness or STIFF) if known.stiff is None else min(known.stiff, self.shown)
+            stiff = UNSHOWN * (task.stiffness or STIFF) if known.stiff is None else known.stiff
             return self._replace(stiff=stiff, since=(0.0, press), touched=press, read=CERTAIN), None
         now = self._replace(depth=self.depth + tick.came, across=self.across + tick.across, read=read)
         evidence = self.evidence.after(known, noise, wanted, shared, tick.dt)
@@ -447,7 +444,7 @@ class Answers(NamedTuple):
 
     def begun(self) -> Answers:
         """Of a contact that is touched anew."""
-        return Answers(shown=self.shown, moves=self.moves, grade=self.grade)
+        return Answers(moves=self.moves, grade=self.grade)
 
     def heard(self, task: HybridTask, known: Stiffness, press: float, noise: float) -> Answers:
         """The same after readings that have answered or changed: how the surface rises where the tool slid.
@@ -531,8 +528,7 @@ class Answers(NamedTuple):
         fell = self.depth if release.fell is None else release.fell
         if rested and fell - self.depth < max(0.5 * (release.depth - fell), STEP * size):
             return self._replace(release=release._replace(fell=fell)), None
-        most = STIFFER * release.force / max(release.depth - fell, LEAST_WAY * RESOLVED * size)
-        return self.begun()._replace(shown=most, moves=moves), None
+        return self.begun()._replace(moves=moves), None
 
 
 # What a reading without an answer may be.
