@@ -167,7 +167,7 @@ const Constant CONSTANTS[] = {
     ONE("force.monitor", SOFTER),
     ONE("force.monitor", SINCE),
     ONE("force.monitor", EXCUSED),
-    ONE("force.monitor", PASSES),
+    ONE("force.control", MOVES_IN),
     ONE("force.monitor", TURNS),
     ONE("force.monitor", SWUNG),
     ONE("force.monitor", SWING),

@@ -57,21 +57,16 @@ static bool is_astray(const Press *press, const PressTick *tick, Approach *appro
 /* Evidence.after */
 static void followed(const Stiffness *known, double noise, double wanted, double shared, double dt, Evidence *evidence)
 {
-    double way = known->way, force = known->force, share = 1.0 - fmin(0.5, dt / PASSES), left = exp(-dt / SINCE);
-    if (isnan(evidence->last[0])) {
-        *evidence = (Evidence){{way, force}, {0.0, 0.0, 1.0}, {{0.0}}, 0.0};
+    if (isnan(evidence->began[0])) {
+        *evidence = (Evidence){{known->way, known->force}, {{0.0}}, 0.0};
         return;
     }
-    const double steps[3] = {way - evidence->last[0], force - evidence->last[1], 0.0};
-    double weight = shared / (4.0 * noise * noise + (0.01 * wanted) * (0.01 * wanted));
-    for (int i = 0; i < 3; i++)
-        evidence->high[i] = share * (evidence->high[i] + steps[i]);
+    const double read[3] = {known->way - evidence->began[0], known->force - evidence->began[1], 1.0};
+    double weight = shared / (4.0 * noise * noise + (0.01 * wanted) * (0.01 * wanted)), left = exp(-dt / SINCE);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
-            evidence->sums[i][j] = left * evidence->sums[i][j] + weight * (evidence->high[i] * evidence->high[j]);
+            evidence->sums[i][j] = left * evidence->sums[i][j] + weight * (read[i] * read[j]);
     evidence->noise = left * evidence->noise + weight * noise * noise;
-    evidence->last[0] = way;
-    evidence->last[1] = force;
 }
 
 /* Evidence.answers, and Evidence.stiffness */
@@ -93,7 +88,7 @@ static void answers_begun(const Answers *before, Answers *check)
 {
     Answers none = {0};
     const Answers *known = before == NULL ? &none : before;
-    Answers begun = {.evidence = {.last = {NAN, NAN}},
+    Answers begun = {.evidence = {.began = {NAN, NAN}},
                      .rest = {NAN, NAN, NAN, NAN},
                      .release = {NAN, NAN, NAN, NAN, {NAN, NAN, NAN}, NAN, NAN},
                      .moves = known->moves,
@@ -132,7 +127,7 @@ static void heard(const Press *press, const Stiffness *known, double felt, doubl
     check->since[1] = felt;
     check->across[0] = check->across[1] = check->across[2] = 0.0;
     check->silent = 0.0;
-    check->evidence = (Evidence){.last = {NAN, NAN}};
+    check->evidence = (Evidence){.began = {NAN, NAN}};
 }
 
 /* Answers.at_rest */

@@ -67,7 +67,7 @@ typedef struct {
 } Approach;
 
 typedef struct {
-    double last[2], high[3], sums[3][3], noise;
+    double began[2], sums[3][3], noise;
 } Evidence;
 
 typedef struct {
@@ -240,7 +240,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define SOFTER 0.5
 #define SINCE 2.0
 #define EXCUSED 0.5
-#define PASSES 0.3
 #define TURNS 5
 #define SWUNG 2.5
 #define SWING 0.3
@@ -249,6 +248,7 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 /* force/control.py */
 #define ALONG_FOR 0.25
 #define QUICKER 2.0
+#define MOVES_IN 0.3
 #define MAY_BE_STEEP 0.1
 #define TAKEN_BACK 0.5
 #define EASES 0.5

@@ -81,7 +81,6 @@ from invariantqp.force.monitor import (
     FOLLOW,
     HOLD,
     OVERLOAD,
-    PASSES,
     RETREAT,
     SLOW,
     Monitor,
@@ -120,6 +119,8 @@ ALONG = 0.25
 # What is held, a hinge or a peg, is taken for the stiffest of its constraints, this many times as fast as against a
 # press: what is told wrong of it builds up all the time.
 QUICKER = 2.0
+# What a surface is known to move it may move within this time [s].
+MOVES_IN = 0.3
 # The share of how fast a surface may come or go that it may do so where it did not until now.
 MAY_BE_STEEP = 0.1
 # The share of an arm's lateness that can be taken back at a touch: its lag, not its dead time.
@@ -731,7 +732,7 @@ class HybridController:
         """What estimates and laws have in common in a tick."""
         task, dt, share, held = self.task, self.loop.dt, self._smoothing.share, here.presses == 0
         moves = task.yields + max((check.moves for check in self.memory.monitor.answers), default=0.0)
-        speed = task.slope * before.along + min(moves / PASSES, task.approach_speed)
+        speed = task.slope * before.along + min(moves / MOVES_IN, task.approach_speed)
         return Setting(
             dt,
             share,

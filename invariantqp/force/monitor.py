@@ -80,8 +80,6 @@ SINCE = 2.0
 SOFTER = 0.5
 # So long after readings have answered, or changed, a slope is an excuse [s].
 EXCUSED = 0.5
-# Time constant of the high-pass [s]: slower motion may be the surface's, which moves as far as it may in that time.
-PASSES = 0.3
 
 # More turns than these, forgotten with this time constant [s], are swings, each by this share of the wanted press and
 # no noise.
@@ -268,44 +266,41 @@ class Approach(NamedTuple):
 class Evidence(NamedTuple):
     """Whether readings follow the way, from the last answer on: what was before counts for nothing.
 
-        f = k x + an offset,     both high-passed from zero on
+        f = k x + an offset,     both from there on
 
     Attributes:
-        last: way and force of the last tick; None before the first.
-        high: the same, high-passed, and a step.
-        sums: (3, 3) products of way, force and the step.
+        began: way and force there; None before the first reading.
+        sums: (3, 3) products of way, force and one.
         noise: what of the square of the force is noise.
     """
 
-    last: tuple[float, float] | None = None
-    high: Annotated[Array, 3] = np.zeros(3)
+    began: tuple[float, float] | None = None
     sums: Annotated[Array, 3, 3] = np.zeros((3, 3))
     noise: float = 0.0
 
     def after(self, known: Stiffness, noise: float, wanted: float, shared: float, dt: float) -> Evidence:
         """The same after one more reading; the arguments as in `Answers.update`."""
-        way, force = known.way, known.force
-        if self.last is None:
-            return Evidence((way, force), np.array((0.0, 0.0, 1.0)))
-        high = (1.0 - min(0.5, dt / PASSES)) * (self.high + np.array((way - self.last[0], force - self.last[1], 0.0)))
+        if self.began is None:
+            return Evidence((known.way, known.force))
+        read = np.array((known.way - self.began[0], known.force - self.began[1], 1.0))
         weight = shared / (4.0 * noise * noise + (0.01 * wanted) ** 2)
         left = exp(-dt / SINCE)
-        sums = left * self.sums + weight * np.outer(high, high)
-        return Evidence((way, force), high, sums, left * self.noise + weight * noise * noise)
+        sums = left * self.sums + weight * np.outer(read, read)
+        return self._replace(sums=sums, noise=left * self.noise + weight * noise * noise)
 
     @property
     def answers(self) -> bool:
         """Whether the force follows the way, or changes, by whatever, by more than noise does: it is not stuck."""
-        return self.stiffness > 0.0 or self._beside_step[2] > NOISIER * NOISIER * self.noise + CHI
+        return self.stiffness > 0.0 or self._beside_offset[2] > NOISIER * NOISIER * self.noise + CHI
 
     @property
     def stiffness(self) -> float:
         """Of the spring that explains the force by the way; 0 for none."""
-        a, b, _ = self._beside_step
+        a, b, _ = self._beside_offset
         return b / a if a > 0.0 and b > 0.0 and b * b > CHI * a else 0.0
 
     @property
-    def _beside_step(self) -> tuple[float, float, float]:
+    def _beside_offset(self) -> tuple[float, float, float]:
         """Squared way, way times force, squared force, beside what an offset, such as the first noise, explains."""
         s = self.sums
         if s[2, 2] == 0.0:
