@@ -121,7 +121,6 @@ const Constant CONSTANTS[] = {
     ONE("force.estimate", SURPRISE),
     ONE("force.estimate", SHORT),
     ONE("force.estimate", SOFTENS),
-    {"force.estimate.SLOW", SLOW_PASS},
     {"force.estimate.SLOWER", SLOWER_PASS},
     ONE("force.estimate", SETTLES),
     ONE("force.estimate", FORGOTTEN),

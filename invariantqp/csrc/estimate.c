@@ -127,7 +127,7 @@ void known_after(Stiffness *known, double force, double way, const Setting *sett
             landed(known, setting);
         return;
     }
-    double over = fmax(SLOW_PASS, SLOWER_PASS * setting->late), r = fmin(1.0, dt / over);
+    double over = SLOWER_PASS * setting->late, r = fmin(1.0, dt / over);
     double gone = known->gone + dt * setting->slope_speed;
     const double read[4] = {x, v, gone, force};
     for (int i = 0; i < 4; i++) {

@@ -190,7 +190,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define SURPRISE 5.0
 #define SHORT 0.2
 #define SOFTENS 20.0
-#define SLOW_PASS 0.03
 #define SLOWER_PASS 10.0
 #define SETTLES 0.1
 #define FORGOTTEN 0.1

@@ -58,9 +58,9 @@ SURPRISE = 5.0
 SHORT = 0.2
 # ... and later where it has been off for as long as the high-pass looks back, to one side: no swing.
 SOFTENS = 20.0
-# Time constants: of the high-pass at least [s] and in units of the loop's; of the mean square residual, and of a bound
-# that comes down to what is known [s].
-SLOW, SLOWER, SETTLES = 0.03, 10.0, 0.1
+# Time constants: of the high-pass in units of the loop's; of the mean square residual, and of a bound that comes down
+# to what is known [s].
+SLOWER, SETTLES = 10.0, 0.1
 # Share of a residual's variance that the estimate forgets with each reading that tells it something.
 FORGOTTEN = 0.1
 # A slope that changes explains so many times its speed, times the high-pass squared.
@@ -312,7 +312,7 @@ class Stiffness(NamedTuple):
             mean = np.array((x, v, self.gone, force))
             now = self._replace(way=x, force=force, mean=mean, means=np.zeros(4), time=time)
             return now.landed(setting) if self.time == 0.0 else now
-        over = max(SLOW, SLOWER * setting.late)
+        over = SLOWER * setting.late
         r = min(1.0, dt / over)
         gone = self.gone + dt * setting.slope_speed
         read = np.array((x, v, gone, force))
