@@ -357,6 +357,7 @@ class HybridController:
         self.sensor = sensor
         self.force_first = arrays.flag(force_first, "force_first")
         self.order = order_of(order)
+        self._order = self.order if sensor is None else sensor.order
         cutoff, self._noise = (inf, 0.0) if sensor is None else (sensor.cutoff, sensor.noise)
         delay = float(options.get("delay", 0.0))
         if delay > MOST_TICKS * self.loop.dt:
@@ -370,7 +371,7 @@ class HybridController:
             task,
             sensor,
             self.loop,
-            order=self.order if sensor is None else sensor.order,
+            order=self._order,
             share=self._smoothing.share,
             filter_time=self._filter_time,
             force_first=self.force_first,
@@ -435,13 +436,10 @@ class HybridController:
             BadInput: NaN or wrong shapes; the controller's state is as it was. In place of a reading with NaN give the
                 one before again; too often is a dead sensor's "fault".
         """
-        if self._core is not None:
-            if contact is None:
-                contact = self.task.contact_at(self._tool(q))
-            found = self._by_core(self._core, q, target, wrench, feedforward, contact, velocity, wanted, posture)
-            if found is not None:
-                return found
-        return self._by_python(q, target, wrench, feedforward, contact, velocity, wanted, posture)
+        contact = contact_now(self.task, self._tool(q) if contact is None else ANYWHERE, contact)
+        given = q, target, wrench, feedforward, contact, velocity, wanted, posture
+        found = None if self._core is None else self._by_core(self._core, *given)
+        return self._by_python(*given) if found is None else found
 
     def _by_python(
         self,
@@ -449,7 +447,7 @@ class HybridController:
         target: Any,
         wrench: Any,
         feedforward: ArrayLike | None,
-        contact: Contact | None,
+        contact: Contact,
         velocity: ArrayLike | None,
         wanted: ArrayLike | Wrench | None,
         posture: ArrayLike | None,
@@ -458,7 +456,7 @@ class HybridController:
         task, loop, memory, dt, delay = self.task, self.loop, self.memory, self.loop.dt, self._delay
         robot, joints = loop.robot, len(loop.robot.names)
         positions = arrays.vector(q, joints, "q")
-        reading = wrench_of(wrench, self.order if self.sensor is None else self.sensor.order, "wrench")
+        reading = wrench_of(wrench, self._order, "wrench")
         velocity = None if velocity is None else arrays.vector(velocity, joints, "velocity")
         sighting = robot.sight(positions, target)
         if loop.wrong(positions):
@@ -466,7 +464,7 @@ class HybridController:
         loop.near(robot.points(sighting, robot.target(target), np.zeros(3))[1], "target")
         ahead = np.zeros(6) if feedforward is None else arrays.vector(feedforward, 6, "feedforward")
         tool = sighting.pose if isinstance(sighting.pose, np.ndarray) else robot.pose(positions)
-        here, smooth = self._placed(contact_now(task, tool, contact), tool, reading, wanted)
+        here, smooth = self._placed(contact, tool, reading, wanted)
         require_same_side(memory.out, here.out)
 
         # What is known after this reading.
@@ -569,12 +567,10 @@ class HybridController:
         """A tick by the core; None where Python has to answer, or to say what is wrong with an argument."""
         task, loop, delay = self.task, self.loop, self._delay
         kept = self._kept if isinstance(self._kept, bytes) else PACKING.packed(self._kept)
-        near_edge = isinstance(contact, Contact) and contact.edge is not None and contact.edge < task.edge_margin
-        if kept is None or near_edge or not isinstance(contact, Contact):
+        if kept is None or (contact.edge is not None and contact.edge < task.edge_margin):
             return None
-        order = self.order if self.sensor is None else self.sensor.order
-        if order is None or type(wrench) is not np.ndarray:
-            wrench = ordered(wrench_of(wrench, order, "wrench"), order)
+        if self._order is None or type(wrench) is not np.ndarray:
+            wrench = ordered(wrench_of(wrench, self._order, "wrench"), self._order)
         presses = contact.kind.presses
         split = self.splits.at(contact, ANYWHERE if presses else loop.robot.pose(q))
         if self._split is None or self._split[0] is not split:
@@ -768,14 +764,12 @@ class HybridController:
     def _kept_gain(self, J: Array, here: Placed, now: Pressing, setting: Setting, noise: float) -> tuple[float, float]:
         """The share of the gain that noise and swings leave, and the share of the joints' acceleration noise takes."""
         split, eased = here.split, now.eased
-        if self.loop.braking is None or noise == 0.0 or not now.known:
-            return eased, 0.0
         admittance = here.contact.adjoint.dot(split.twist.dot(split.unit_parts))
         share = trembling(self.loop, J, admittance, here.contact.point, self.task.size, noise, setting.share)
         if self.task.compliance is not None:
             return eased, split.gain * share
         laws = (mass_and_damper(one, setting, eased) for one in now.known)
-        gain = max(1.0 / (M / setting.dt + D) for M, D in laws)
+        gain = max((1.0 / (M / setting.dt + D) for M, D in laws), default=0.0)
         kept = kept_of(gain, share)
         return kept * eased, gain * kept * share
 
@@ -890,10 +884,9 @@ class HybridController:
         )
         return after, still * self.memory.coming + dt * velocity_at(twist, here.contact.point)
 
-    def _halted(self, q: Array, velocity: Array | None, sighting: Sighting, contact: Contact | None) -> HybridSolution:
+    def _halted(self, q: Array, velocity: Array | None, sighting: Sighting, here: Contact) -> HybridSolution:
         """A tick whose joint positions cannot be true, nor where wrenches act; what is kept stays."""
         inner, none, unknown = self.loop.rest(q, "", velocity, sighting), np.zeros(6), np.full(6, np.nan)
-        here = contact_now(self.task, self.robot.pose(q), contact)
         parts = np.full(here.constraints.shape[1], np.nan)
         found = none, none, unknown, unknown, parts, unknown, here, inner, sighting.J
         return HybridSolution(inner.velocity, inner.status, inner.reason, *found)

@@ -135,13 +135,12 @@ class Tick(NamedTuple):
 class Finding(NamedTuple):
     """What a check found: the status until `reset`, why, and how far from the touch the tool retreats.
 
-    `away` None is the task's own retreat; "back" counts the way of the approach, too: where readings are not believed.
+    `away` None is the task's own retreat.
     """
 
     status: Status
     reason: str
     away: float | None = None
-    back: bool = False
 
 
 class Overload(NamedTuple):
@@ -201,7 +200,7 @@ class Dead(NamedTuple):
         if unchanged <= DEAD_AFTER:
             return now, None
         said = f"the reading has not changed for {written(unchanged)} s: a dead sensor (one without noise: noise=0)"
-        return now, Finding(Status.FAULT, said, back=True)
+        return now, Finding(Status.FAULT, said)
 
 
 class Pulls(NamedTuple):
@@ -218,7 +217,7 @@ class Pulls(NamedTuple):
         if pull < CERTAIN:
             return Pulls(pull), None
         said = f"the reading says that the contact pulls with {written(-felt)} N: the sensor's {TOLD} is wrong"
-        return Pulls(pull), Finding(Status.FAULT, said, back=True)
+        return Pulls(pull), Finding(Status.FAULT, said)
 
 
 class Approach(NamedTuple):
@@ -253,7 +252,7 @@ class Approach(NamedTuple):
             what = f"told to come {written(led, 2)} nearer, the tool came {written(came, 2)}"
             if came > MOVED * led:
                 held = f"{what}, and nothing is felt: something holds it, or the sensor is stuck"
-                return now, Finding(Status.FAULT, held, back=True)
+                return now, Finding(Status.FAULT, held)
             return now, Finding(Status.LOST, f"{what}: the robot does not follow commands", 0.0)
         if now.way > task.approach_distance:
             said = f"no contact within {written(task.approach_distance)} of approach"
@@ -703,7 +702,7 @@ class Monitor(NamedTuple):
             return self
         if found.away is not None:
             return self._replace(found=found, left=(0.0, found.away))
-        back = self.pushed + (self.approached if found.back else 0.0)
+        back = self.pushed + (self.approached if found.status is Status.FAULT else 0.0)
         return self._replace(found=found, left=(-min(back, task.approach_distance), task.retreat_distance))
 
     def unseen(self, task: HybridTask, press: int, read: float) -> float:
