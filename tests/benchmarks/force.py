@@ -405,6 +405,9 @@ CHECKS = {
     "approach": (monitor.Approach, "update", lambda check, *_: (check, None)),
     "answers": (monitor.Answers, "update", lambda check, *_: (check, None)),
     "way": (monitor.Answers, "unseen", lambda *_: 0.0),
+    "account": (monitor, "PRESSES", inf),
+    "rest": (monitor.Answers, "at_rest", lambda check, *_: check),
+    "follows": (monitor, "FOLLOWED", -inf),
     "settling": (monitor.Settling, "after", lambda check, *_, **__: check),
 }
 
