@@ -437,8 +437,9 @@ EXPLAINED = 0.1
 # Found and said may differ by this: an angle of the mount [rad], a share of the mass.
 TURNED = 0.1
 MASS_SHARE = 0.2
-# Variations of a force below this are noise [N].
+# Variations of a force below this are noise [N]. Moments are as noisy as forces this way off [length].
 NOTHING = 1e-6
+LEVER = 0.05
 
 
 class FreeAir(NamedTuple):
@@ -519,6 +520,7 @@ def _fit(order: Order, moments: Array, forces: Array, gravity: Array) -> FreeAir
     A = -np.concatenate([se3.cross_matrix(row) for row in g])
     d = np.linalg.lstsq(A, m.ravel(), rcond=None)[0]
     missed = m.ravel() - A.dot(d)
+    unexplained = max(float(missed.dot(missed)) - LEVER * LEVER * left * scale, 0.0)
     size = float(np.vdot(m, m))
     bias_f = forces.mean(axis=0) - a * mean
     bias_m = moments.mean(axis=0) - se3.cross(d, mean)
@@ -529,5 +531,5 @@ def _fit(order: Order, moments: Array, forces: Array, gravity: Array) -> FreeAir
         centre=d / a if a != 0.0 else np.zeros(3),
         bias=np.concatenate((bias_m, bias_f)),
         turn=turn,
-        left=(left, float(missed.dot(missed)) / size if size > 0.0 else 0.0),
+        left=(left, unexplained / size if size > 0.0 else 0.0),
     )

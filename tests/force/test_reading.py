@@ -115,6 +115,15 @@ def test_free_air_tells_order_sign_weight_and_mount(order, reads, turn):
         assert check.sensor is None
 
 
+@pytest.mark.parametrize(("noise", "agrees"), [(3e-4, True), (0.01, False)])
+def test_moments_that_are_noise_alone_contradict_no_centre(noise, agrees):
+    """A tool whose mass is where the sensor is; beside 0.02 N a moment of 0.01 N m is no noise."""
+    rng, sensor = np.random.default_rng(0), wrist(mass=0.2)
+    poses = [iq.exp([*rng.uniform(-1.0, 1.0, 3), 0, 0, 0]) for _ in range(6)]
+    readings = [sensor.tare(pose) + np.repeat([noise, 0.02], 3) * rng.normal(size=6) for pose in poses]
+    assert sensor.check(readings, poses).agrees == agrees
+
+
 def test_free_air_that_tells_nothing_is_said_to():
     rng = np.random.default_rng(0)
     poses = [iq.exp([*rng.normal(scale=0.6, size=3), 0, 0, 0]) for _ in range(6)]
