@@ -240,7 +240,7 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define SINCE 2.0
 #define EXCUSED 0.5
 #define TURNS 5
-#define SWUNG 2.5
+#define SWUNG 2.2
 #define SWING 0.3
 #define PATIENT_FOR 1.0
 #define AVERAGED_FOR 0.2

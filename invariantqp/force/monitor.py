@@ -82,9 +82,9 @@ SOFTER = 0.5
 EXCUSED = 0.5
 
 # More turns than these, forgotten with this time constant [s], are swings, each by this share of the wanted press and
-# no noise.
+# no noise: a surface that moves at 1 Hz turns twice a second, and swings nothing.
 TURNS = 5
-SWUNG = 2.5
+SWUNG = 2.2
 SWING = 0.3
 # A press that is SHORT for this long [s] is not reached; the time constant of its average.
 PATIENCE = 1.0
