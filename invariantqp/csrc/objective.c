@@ -10,6 +10,12 @@
 /* Weights further apart than this make the optimum inside limits too sensitive to rounding. */
 static const double LEAST_WEIGHT = 1e-10;
 
+/* Whether a direction moves anything; it fades in, so that the law has no jump. */
+static double moves(double sigma, double largest)
+{
+    return between(sigma / (NULL_RATIO * largest) - 1.0, 0.0, 1.0);
+}
+
 /* 1 at a singularity, 0 from the threshold of the damping on */
 static double weakness(const Demand *demand, double sigma, double largest)
 {
@@ -42,8 +48,8 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
     bool eased = chased && !found->regular && demand->ceiling > 0.0 && demand->speed == 0.0;
     double needed = 0.0, weak = SLOWEST * largest * SLOWEST * largest; /* squares; damping.py, asked_share */
     for (int i = 0; i < k && eased; i++) {
-        double sigma = found->sigma[i] * between(found->sigma[i] / (NULL_RATIO * largest) - 1.0, 0.0, 1.0);
-        double left = found->wanted[i] - sigma * dot(n, found->V[i], posture);
+        double moving = moves(found->sigma[i], largest), sigma = moving * found->sigma[i];
+        double left = moving * (found->wanted[i] - sigma * dot(n, found->V[i], posture));
         needed += left * left;
         weak += weakness(demand, sigma, largest) * left * left;
     }
@@ -55,8 +61,7 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
             objective->still[i] = found->ahead[i];
             continue;
         }
-        double over = sigma / (NULL_RATIO * largest) - 1.0;
-        double moving = between(over, 0.0, 1.0); /* fades in, so that the law has no jump */
+        double moving = moves(sigma, largest);
         sigma *= moving;
         bool null = moving == 0.0;
         double squared = damped_square(demand, sigma, wanted, largest);

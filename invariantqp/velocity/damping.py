@@ -11,9 +11,9 @@ direction is left whole. With w = U'(b - A x_p), r_i = sigma_i / sigma_max and `
 
     lambda_i^2 W^2 / (W^2 + (EASY r_i |w|)^2),   W^2 = sum of (lambda_i / (ceiling sigma_max)) w_i^2
 
-W is what the twist asks of weak directions. All of lambda^2 is had where that needs more than EASY times the joint
-speed that the whole twist would need of the strongest direction. Equal sigma have equal factors, so the answer is as
-continuous as before.
+over the directions that joints move at all. W is what the twist asks of weak ones. All of lambda^2 is had where that
+needs more than EASY times the joint speed that the whole twist would need of the strongest direction. Equal sigma have
+equal factors, so the answer is as continuous as before.
 
 A loop is damped, too, where its target is out of reach or near a singularity (`calm`): 1/2 mu |x|^2 is added, with
 

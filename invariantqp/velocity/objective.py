@@ -139,7 +139,7 @@ def least_squares(
     null = moving == 0.0
     squares = damping.squares(sigma, wanted, largest)
     if ahead is not None and type(damping) is Adaptive:
-        squares *= asked_share(damping, sigma, wanted - sigma * towards, largest)
+        squares *= asked_share(damping, sigma, moving * (wanted - sigma * towards), largest)
     squares[null & (squares == 0.0)] = NULL_WEIGHT * largest * largest
     weights = sigma * sigma + squares
     return Objective(

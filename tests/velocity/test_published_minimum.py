@@ -110,7 +110,8 @@ class Published:
         k = min(6, len(sigma))
         x0 = self.share * np.linalg.pinv(self.C) @ self.e
         still = np.zeros(len(Vt)) if posture is None else self.B.T @ (posture - x0)
-        needed = U.T[:k] @ (self.share * self.b - self.A @ x0) - sigma[:k] * (Vt[:k] @ still)
+        moving = np.clip(sigma[:k] / (1e-12 * largest) - 1.0, 0.0, 1.0)
+        needed = moving * (U.T[:k] @ (self.share * self.b - self.A @ x0) - sigma[:k] * (Vt[:k] @ still))
         weak = np.sqrt(self.squares[:k]) / (LIMITED[1] * largest)
         size = np.sum(weak * needed**2) + (SLOWEST * largest) ** 2
         self.damps(self.squares * size / (size + (EASY * sigma / largest) ** 2 * np.sum(needed**2)))
