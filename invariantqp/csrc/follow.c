@@ -13,17 +13,19 @@ typedef struct {
     Apart *apart, clearance;
 } Bounds;
 
-/* A tick: all that is followed and kept, before and after it; the source's last column then, a place; the residual that late joints go over by, if they do; and who has something to say, or NULL. */
+/* A tick: what is followed and kept, before and after it; the source's last column then, a place; who has something to say, or
+   NULL. From the course on, what is long, and written before it is read: what is followed; the loops; the residual that late
+   joints go over by, if they do; the tick of whom says something. */
 typedef struct {
+    bool by_twist, late, joins, held;
+    double twist[6], ease, time, off, from, to;
+    Row q, sent, position, velocity, acceleration, command, pace;
+    const double *kept;
+    const Bounds *says;
     Course course;
     Bounds law, joints; /* without acceleration limits and delay; for joint velocities, its loop NULL where nothing binds them */
-    const double *kept;
-    bool by_twist, late, joins, held;
-    double twist[6], ease, time, off, left[6 * MOST];
-    Row q, sent, position, velocity, acceleration, command, pace;
-    double from, to;
+    double left[6 * MOST];
     Tick tick;
-    const Bounds *says;
 } Follow;
 
 /* Follower._wanted: the joint velocity that is wanted in this tick, by a twist: _going_over. */
@@ -211,7 +213,8 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     (void)module;
     static const char *const USE = "follow(course, law, joints, memory, twist, late, ease, time, q, sent, position, velocity, "
                                    "acceleration, command, pace)";
-    Follow f = {.says = NULL};
+    Follow f;
+    memset(&f, 0, offsetof(Follow, course));
     if (count != 15 || !course_of(arguments[0], &f.course))
         return refused(USE);
     int m = f.course.limits.m;
