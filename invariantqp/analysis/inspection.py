@@ -251,11 +251,11 @@ def _turned(robot: Robot, start: Array) -> Array | None:
     q = start
     for step in range(STEPS + 1):
         J = robot.jacobian(q)
-        turns = turning(J) > 0.0
+        rates = turning(J)
+        turns = rates > 0.0
         if np.count_nonzero(turns) < 2:
             return None
-        rates = turning(J)[turns]
-        axes = J[:3, turns] / rates
+        axes = J[:3, turns] / rates[turns]
         first, last = axes[:, 0], axes[:, -1]
         if np.linalg.norm(np.cross(first, last)) < SMALL:
             return q if step else None
@@ -264,7 +264,7 @@ def _turned(robot: Robot, start: Array) -> Array | None:
         led = np.cross(axes.T, last).T  # (3, k) how each joint that turns leads the last axis
         wanted = np.copysign(1.0, first.dot(last)) * first - last
         change = np.zeros(len(q))
-        change[turns] = np.linalg.pinv(led, rcond=SMALL).dot(wanted) / rates
+        change[turns] = np.linalg.pinv(led, rcond=SMALL).dot(wanted) / rates[turns]
         q = np.clip(q + np.clip(change, -LONGEST, LONGEST), robot.position_lower, robot.position_upper)
     return None
 

@@ -89,7 +89,7 @@ def identify(
     if file.unused:
         say(f"note: not used: {', '.join(file.unused)}", style="yellow")
     steps = np.diff(seconds(file))
-    if len(steps) and np.rint(steps.max() / np.median(steps)) > 1.0:
+    if len(steps) and steps.max() > 1.5 * np.median(steps):  # nearer to two of the usual ones than to one
         say("note: samples are missing: time has gaps, and samples are taken as evenly spaced", style="yellow")
     options: dict[str, Any] = {"kinds": kind, "sensor": sensor}
     if off is not None:
