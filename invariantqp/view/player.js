@@ -161,16 +161,19 @@ function draw() {
     const { data } = error.values;
     told.push(`error  ${written(data[i])} mm, ${written(data[frames + i])} deg`);
   }
-  if (!run.recorded) told.push(run.status[i] ? `status ${run.status[i]}` : "waiting for the run");
+  const waits = !run.recorded && !run.status[i];
+  if (!run.recorded) told.push(waits ? "waiting for the run" : `status ${run.status[i]}`);
   if (limited[i]) told.push("limit active");
   if (arrays.force) {
     const push = between("force", f), size = norm(push), at = spot(tool);
     told.push(`force  ${size.toFixed(2)} N`);
     arrow(at, push, run.force_scale, HUES.force, `${size.toFixed(1)} N`);
   }
-  const going = between("travel", f), pace = norm(going);
-  told.push(`speed  ${written(1000 * pace)} mm/s`);
-  arrow(spot(tool), going, run.travel_scale, HUES.travel, `${written(1000 * pace)} mm/s`);
+  if (!waits) {
+    const going = between("travel", f), pace = `${written(1000 * norm(going))} mm/s`;
+    told.push(`speed  ${pace}`);
+    arrow(spot(tool), going, run.travel_scale, HUES.travel, pace);
+  }
   painter.end();
   $("told").replaceChildren(...told.map(words => {
     const line = document.createElement("span");
