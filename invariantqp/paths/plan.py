@@ -7,8 +7,8 @@
     from the front  the same from the end back: it begins at rest
 
 The path's place is one joint more, of slope one: its rate, acceleration and jerk are limits as those of the others.
-A jerk limit: the place is averaged over a window of time, which leaves the tool on its path; what then exceeds a limit
-is slowed down there, and in the end all of it.
+A jerk limit: the place is averaged over a window of time, which leaves the tool on its path, and from there on the rate
+is the best of all (`jerk`).
 
 Reference: Pham & Pham 2018, A new approach to time-optimal path parameterization based on reachability analysis.
 """
@@ -29,6 +29,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.paths.ahead import AT_LIMIT, SHORTEST, Knot
 from invariantqp.paths.curve import Curve
+from invariantqp.paths.jerk import least_time
 from invariantqp.paths.reference import Motion
 from invariantqp.paths.time_law import AT_REST, HALVINGS, JointLimits
 from invariantqp.velocity.limits import braking_speed
@@ -37,11 +38,9 @@ from invariantqp.velocity.limits import braking_speed
 VELOCITY_SHARE = 0.998
 ACCELERATION_SHARE = 0.98
 ACCELERATION, ON_TIME = "acceleration", "the rate asked for"
-# With a jerk limit: times looked at on the way, and how often places that exceed a limit are slowed down. A speed below
-# this share of the largest is a rest, over which nothing is averaged.
-TIMES, ROUNDS, REST = 1500, 3, 1e-2
-# Windows tried, as shares of that in which the largest acceleration turns round.
-WINDOWS = (1.0, 0.6, 0.35)
+# With a jerk limit: pieces of the motion, but for those in rests. A speed below this share of the largest is a rest, in
+# which the motion waits while all else is averaged.
+PIECES, REST = 600, 1e-2
 
 
 class PathPlan(NamedTuple):
@@ -131,11 +130,12 @@ def plan_of(
         none = np.full(m + 1, inf)
         with np.errstate(divide="ignore"):
             limits[-1] = min(along[1], float((acceleration / np.abs(slopes[:, :-1])).min(axis=1).max()))
+            limits[:-1] /= ACCELERATION_SHARE
         # No more than the jerk can make of it on the way to full speed, and on the way at all.
         way = np.abs(np.diff(q, axis=0)).sum(axis=0)
-        limits = np.minimum(limits, np.minimum(np.sqrt(jerks * fastest), np.cbrt(0.5 * jerks * jerks * way)))
-        bounds = JointLimits(-none, none, fastest, limits / ACCELERATION_SHARE, jerks, controller.dt)
-        motion = _eased(at, q, slopes, top, bounds)
+        most = np.minimum(np.sqrt(jerks * fastest), np.where(way > 0.0, np.cbrt(0.5 * jerks * jerks * way), inf))
+        bounds = JointLimits(-none, none, fastest, np.minimum(limits, most), jerks, controller.dt)
+        motion = _with_jerk(at, q, slopes, top, bounds)
     off = np.array([k.off for k in knots])
     joints = CubicHermiteSpline(at, q[:, :-1], slopes[:, :-1])
     return PathPlan(at, joints, ruling, off, blocked, motion, (0.5 * (at[1:] + at[:-1])).tolist())
@@ -177,53 +177,29 @@ def _timed(at: Array, joints: CubicHermiteSpline, speed: Array) -> Motion:
     return Motion(np.append(0.0, np.cumsum(D)), powers)
 
 
-def _eased(at: Array, q: Array, slopes: Array, top: Array, limits: JointLimits) -> Motion:
-    """The motion whose joints keep jerk limits, too: averaged over a window of time, slowed down where it must be."""
-    joints, smooth = CubicHermiteSpline(at, q, slopes), CubicSpline(at, q)
+def _with_jerk(at: Array, q: Array, slopes: Array, top: Array, limits: JointLimits) -> Motion:
+    """The motion whose joints keep jerk limits, too.
+
+    It begins with the one of largest accelerations, averaged over the time in which the largest of them turns round.
+    """
     jerky = np.isfinite(limits.jerk)
-    longest = float((2.0 * limits.acceleration[jerky] / limits.jerk[jerky]).max())
-    best, least, first = None, inf, top
-    for k in range(len(WINDOWS) * ROUNDS):
-        if k % ROUNDS == 0:
-            top, window = first.copy(), WINDOWS[k // ROUNDS] * longest
-        speeds = _speeds(at, q, slopes, top, ACCELERATION_SHARE * limits.acceleration)
-        times, places = _averaged(_timed(at, joints, speeds), window)
-        motion = CubicSpline(times, smooth(places))
-        need = np.array([np.abs(motion(times, k)) for k in (1, 2, 3)])
-        over = [(x / limit).max(axis=1) for x, limit in zip(need, limits[2:5], strict=True)]
-        slower = np.maximum(np.maximum(over[0], np.sqrt(over[1])), np.cbrt(over[2]))
-        slow = max(float(slower.max()), 1.0)
-        if slow * times[-1] < least:  # all of it so much slower keeps the limits
-            least = slow * times[-1]
-            best = Motion(slow * times, np.moveaxis(motion.c[::-1], 0, 1) / slow ** np.arange(4.0)[:, None])
-        # What is over a limit is slowed down there.
-        share = np.ones(len(at))
-        for i in np.flatnonzero(slower > 1.0).tolist():
-            near = (times > times[i] - 0.5 * window) & (times < times[i] + 0.5 * window)
-            inside = (at >= places[near].min()) & (at <= places[near].max())
-            share[inside] = np.minimum(share[inside], ACCELERATION_SHARE / slower[i])
-        top = share * np.minimum(top, speeds)
-    return best if best is not None else _timed(at, joints, speeds)
-
-
-def _averaged(plan: Motion, window: float) -> tuple[Array, Array]:
-    """Times, and places (k,) of a plan averaged over a window of time; at a rest it waits that long."""
-    step = plan.end / TIMES
-    times = np.linspace(0.0, plan.end, TIMES + 1)
-    r = plan.at(times)
-    places, speed = r[:, 0, -1], r[:, 1, -1]
-    wait = max(round(window / step), 1)
-    rests = speed <= REST * speed.max()
-    at_rest = np.flatnonzero(rests)
-    counts = np.ones(len(times), dtype=np.intp)
-    for run in np.split(at_rest, np.flatnonzero(np.diff(at_rest) > 1) + 1):
-        counts[run[speed[run].argmin()]] += wait  # once in each rest, where it is slowest
-    places = np.repeat(places, counts)
-    total = np.concatenate(((0.0,), np.cumsum(0.5 * (places[1:] + places[:-1]))))
-    averaged: Array = (total[wait:] - total[:-wait]) / wait
-    averaged[0], averaged[-1] = places[0], places[-1]
-    passed: Array = step * np.arange(len(averaged), dtype=np.float64)
-    return passed, averaged
+    window = float((2.0 * limits.acceleration[jerky] / limits.jerk[jerky]).max())
+    speeds = _speeds(at, q, slopes, top, ACCELERATION_SHARE * limits.acceleration)
+    motion = _timed(at, CubicHermiteSpline(at, q, slopes), speeds)
+    step = motion.end / PIECES
+    n = max(round(min(window / step, PIECES)), 1)
+    places, speed = motion.at(np.linspace(0.0, motion.end, PIECES + 1), 2)[:, :, -1].T
+    slow = np.flatnonzero(speed <= REST * speed.max())
+    rests = [i[speed[i].argmin()] for i in np.split(slow, np.flatnonzero(np.diff(slow) > 1) + 1)]
+    waits = np.repeat(rests, n)
+    places = np.insert(places, waits, places[waits])
+    total = np.append(0.0, np.cumsum(0.5 * (places[1:] + places[:-1])))
+    places = (total[n:] - total[:-n]) / n
+    places[0], places[-1] = at[0], at[-1]
+    places[1], places[-2] = (places[i] + (places[j] - places[i]) / 8.0 for i, j in ((0, 2), (-1, -3)))  # at even jerk
+    times: Array = step * np.arange(len(places), dtype=np.float64)
+    top = np.clip(top, AT_REST * float(speeds.max()) or float(at[-1] - at[0]), sizes.LARGEST)
+    return least_time(times, CubicSpline(at, q)(places), limits, ACCELERATION_SHARE, at, top)
 
 
 def _top(

@@ -1,0 +1,138 @@
+"""The least time along a path inside limits of velocity, acceleration and jerk of its joints.
+
+A motion p(t) of them is driven at another rate: dt' = dt / sqrt(b), b a quadratic spline, one number c for each piece.
+
+    time             integral of b^-1/2
+    velocity         b <= (top / speed)^2                  in the middle of each piece
+    acceleration     |a| <= A,  a = p' b' / 2 + p'' b      at knots, zero at the first and the last
+    jerk             |a_i+1 - a_i| <= J h b^-1/2           from knot to knot
+
+All is convex in c but the last, whose tangent is inside the limit. A step is one of an interior point method for that
+problem, from b = 1; p is then the motion at the new rate, through the same points. So in the end b is one, and the
+limits are those of the motion itself.
+
+References: Verscheure et al. 2009, Time-optimal path tracking for robots: a convex optimization approach.
+Mehrotra 1992, On the implementation of a primal-dual interior point method.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.interpolate import CubicSpline
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.paths.reference import Motion
+from invariantqp.paths.time_law import JointLimits
+
+# Steps at most. They end where no more than this share of the time can be gained.
+STEPS, GAP = 60, 1e-2
+# What of the time the first step counts as to be gained, and the room beside a limit that it counts on, as a share.
+START = 0.1
+# What keeps the equations of a step apart from singular ones.
+REGULAR = 1e-9
+
+
+def least_time(times: Array, points: Array, limits: JointLimits, share: float, at: Array, top: Array) -> Motion:
+    """The motion through points, from rest to rest, inside the limits.
+
+    Args:
+        times: (n,) when they are passed at first; it need not keep the limits.
+        points: (n, m) positions of the joints and, last, the place on the path.
+        limits: of all m, inf for none; positions are not looked at.
+        share: of the limits of acceleration and jerk that is aimed at.
+        at: (k,) places.
+        top: (k,) the largest speed there.
+    """
+    hard, steep = share * limits.acceleration, share * limits.jerk
+    bent, jerky = np.isfinite(hard), np.isfinite(steep)
+    of_jerk = np.tile(np.arange(bent.sum() + jerky.sum()) >= bent.sum(), 2)
+    highest = np.interp(0.5 * (points[:-1, -1] + points[1:, -1]), at, top)
+    room = z = np.zeros((0, 0))  # what is kept free beside each limit, as a share of it, and what more would be worth
+    motion = CubicSpline(times, points, bc_type="clamped")
+    kept, least, gap = (1.0, times, motion), np.inf, np.inf
+    for k in range(STEPS):
+        h, v, a = np.diff(times), motion(times, 1), motion(times, 2)
+        jerk, turns, fastest = np.diff(a, axis=0) / h[:, None], a[:-1] * a[1:] < 0.0, v[1:].copy()
+        fastest[turns] = (v[:-1] - 0.5 * a[:-1] ** 2 / np.where(turns, jerk, 1.0))[turns]
+        needs = fastest, a, jerk
+        over = [float((np.abs(x) / y).max()) for x, y in zip(needs, limits[2:5], strict=True)]
+        slow = max(over[0], over[1] ** 0.5, over[2] ** (1.0 / 3.0), 1.0)
+        if slow * times[-1] < least:  # all of it so much slower keeps the limits
+            kept, least = (slow, times, motion), slow * float(times[-1])
+        if gap < GAP * times[-1] and slow < 1.0 + GAP:
+            break
+
+        # At a knot b is so much of the c before and of that after it, and b' / 2 so much of their difference.
+        both = h[:-1] + h[1:]
+        before, after = (np.concatenate(x) for x in (((0.0,), h[1:] / both, (1.0,)), ((1.0,), h[:-1] / both, (0.0,))))
+        turn = np.concatenate(((0.0,), 1.0 / both, (0.0,)))[:, None] * v
+        a[[0, -1]] = 0.0
+        left, right = a * before[:, None] - turn, a * after[:, None] + turn
+        middle = 0.25 * np.stack((before[:-1], 2.0 + after[:-1] + before[1:], after[1:]), axis=1)
+        # Of the c before a piece, its own and that after it, (n - 1, 3, .): accelerations and changes of them
+        first = np.stack((left[:-1], right[:-1], 0.0 * left[1:]), axis=1)
+        change = np.stack((-left[:-1], left[1:] - right[:-1], right[1:]), axis=1) / h[:, None, None]
+        rows = np.concatenate((first[:, :, bent] / hard[bent], change[:, :, jerky] / steep[jerky]), axis=2)
+        swift = (np.maximum(fastest, v[:-1])[:, -1:] / highest[:, None]) ** 2
+        need = rows.sum(axis=1)
+        free = np.hstack((1.0 - need, 1.0 + need, 1.0 - swift))
+        slope = np.concatenate((-rows, rows, -swift[:, :, None] * middle[:, :, None]), axis=2)
+        slope[:, :, :-1][:, :, of_jerk] -= 0.5 * middle[:, :, None]
+
+        if k == 0:
+            room = np.maximum(np.abs(free), START)
+            z = START * times[-1] / room.size / room
+        room = np.maximum(room, free)
+        gap = float((z * room).sum())
+        step = _Step(room, z, free, slope, h, middle)
+        more, dz = step.to(0.0)[1:]
+        then = float(((room + _share(room, more) * more) * (z + _share(z, dz) * dz)).sum())
+        d, more, dz = step.to((then / gap) ** 3 * gap / room.size - more * dz)
+        far, near = (1.0 - GAP) * _share(room, more), (1.0 - GAP) * _share(z, dz)
+        room, z = room + far * more, z + near * dz
+        c = np.where(d > 0.0, 1.0 + far * d, 1.0 / (1.0 - far * np.minimum(d, 0.0)))
+        ends = np.concatenate((c[:1], c, c[-1:]))
+        b = before * ends[:-1] + after * ends[1:]
+        slower = b[:-1] ** -0.5 + 4.0 * (sliding_window_view(ends, 3) * middle).sum(axis=1) ** -0.5 + b[1:] ** -0.5
+        times = np.append(0.0, np.cumsum(h * slower / 6.0))
+        motion = CubicSpline(times, points, bc_type="clamped")
+    slow, times, motion = kept
+    return Motion(slow * times, np.moveaxis(motion.c[::-1], 0, 1) / slow ** np.arange(4.0)[:, None])
+
+
+class _Step:
+    """What a step of the interior point method changes: one set of banded equations for the c."""
+
+    def __init__(self, room: Array, z: Array, free: Array, slope: Array, h: Array, middle: Array) -> None:
+        """Room and multipliers (n, k), what is left beside the limits (n, k), its slopes (n, 3, k)."""
+        self._room, self._z, self._off, self._slope = room, z, free - room, slope
+        self._weight, self._gain = z / room, 0.5 * h[:, None] * middle
+        H = (slope * self._weight[:, None]) @ slope.transpose(0, 2, 1)
+        H += 0.75 * h[:, None, None] * middle[:, :, None] * middle[:, None]
+        bands = np.zeros((3, len(h)))  # upper form
+        bands[2] = (1.0 + REGULAR) * _summed(np.diagonal(H, axis1=1, axis2=2))
+        bands[1, 1:] = H[1:, 0, 1] + H[:-1, 1, 2]
+        bands[0, 2:] = H[1:-1, 0, 2]
+        self._factor = cholesky_banded(bands), False
+
+    def to(self, product: Array | float) -> tuple[Array, Array, Array]:
+        """Changes of c, room and z after which the product of the last two is as given, to first order."""
+        away = product / self._room - self._weight * self._off
+        d = cho_solve_banded(self._factor, _summed((self._slope @ away[:, :, None])[:, :, 0] + self._gain))
+        more = (sliding_window_view(np.pad(d, 1), 3)[:, None] @ self._slope)[:, 0] + self._off
+        return d, more, product / self._room - self._z - self._weight * more
+
+
+def _summed(x: Array) -> Array:
+    """(n,) what each c gets from the pieces (n, 3): from that after it, its own and that before it."""
+    total: Array = x[:, 1].copy()
+    total[:-1] += x[1:, 0]
+    total[1:] += x[:-1, 2]
+    return total
+
+
+def _share(x: Array, change: Array) -> float:
+    """The largest share of a change, up to one, after which nothing of x is below zero."""
+    return 1.0 / max(float((-change / x).max()), 1.0)
