@@ -25,7 +25,7 @@ def test_neither_part_touches_the_other_in_any_tick(panda, rule):
     task = pen(compliance=1e-3, **rule)  # a gain that depends on nothing that was felt before
     bench = Bench(panda, PANDA, task, depth=3e-4)
     path = circle(bench.start, 0.03, 2.0)
-    for k in range(100):
+    for k in range(60):
         q, W = bench.q.copy(), bench.wrench()
         target, ahead = path(k * DT)
         elsewhere = iq.exp([0.02, 0.01, -0.02, 0.004, -0.003, 0.002]) @ target

@@ -9,6 +9,7 @@ import pytest
 from support.arms import ready
 from support.noisy_plane import FAULTS
 from support.random_systems import motion
+from support.repeats import repeats
 from support.spring_plane import PANDA, UP
 
 import invariantqp as iq
@@ -59,7 +60,7 @@ def test_frames_of_tool_sensor_and_contact_change_nothing(arm):
             exact=exact.get("there"),
         )
         q, twist, pressed, worst = lowered(robot, q0, 0.00199), np.zeros(6), 0, 0.0
-        for k in range(40):
+        for k in range(25):
             tool, (target, ahead) = robot.pose(q), scene.path(k * DT)
             reading = reading_of(scene, tool, twist, random, noise=0.02)
             pressed += np.abs(scene.world(tool, twist)).max() > 1e-4
@@ -128,7 +129,7 @@ def test_a_round_tip_that_touches_the_edge_before_it_is_back_presses_on(panda):
     assert min(pressed[back:]) > 4.5
 
 
-@pytest.mark.parametrize("tilt", [-5.0, 5.0])
+@pytest.mark.parametrize("tilt", repeats([-5.0, 5.0], [-5.0]))
 def test_a_tool_that_comes_back_over_another_part_of_the_edge_approaches(panda, tilt):
     """The surface is 4 mm higher or lower there than was told: a normal 5 deg off, a way of 47 mm beside the edge."""
     start, random, k = panda.pose(PANDA), np.random.default_rng(0), 1e4
@@ -151,7 +152,7 @@ def test_a_tool_that_comes_back_over_another_part_of_the_edge_approaches(panda, 
 
     loop = loop_of(panda, iq.HybridTask(told, [2.0], max_force=np.inf))
     q, felt, twist = PANDA, [], np.zeros(6)
-    for i in range(3000 if tilt > 0.0 else 1600):
+    for i in range(3000 if tilt > 0.0 else 1400):
         tool, target = panda.pose(q), start.copy()
         target[:3, 3], ahead = at(i * DT), np.zeros(6)
         ahead[3:] = (at((i + 1) * DT) - at(i * DT)) / DT
@@ -227,6 +228,8 @@ def test_what_rubs_on_the_floor_is_no_pull_of_the_wall_but_both_of_them_are(pand
         q = q + DT * solution.velocity
         way = (panda.pose(q) - tool)[:3, 3] * [1.0, 1.0, 0.0]
         said.append((solution.status, solution.reason))
+        if sign < 0.0 and "the contact pulls" in solution.reason:
+            break
     if sign > 0.0:
         assert said[-1][0] == "ok", said[-1]
         assert {status for status, _ in said} <= {"lost", "ok", "degraded"}
@@ -283,7 +286,7 @@ def test_five_joints_that_cannot_follow_a_screw_say_so_before_they_press(name):
     scene = SHARED["scenes"](robot.pose(q), 0.015)[name]
     loop = loop_of(robot, iq.HybridTask(scene.told, scene.wanted), exact="position")
     said, forces, moments = [], [], []
-    for k in range(700 if "screw" in name else 500 if "door" in name else 300):
+    for k in range(700 if "screw" in name else 400 if "door" in name else 200):
         tool, (target, ahead) = robot.pose(q), scene.path(max(0.0, DT * k - 0.5))
         pushes = scene.world(tool, np.zeros(6))
         solution = loop.step(q, target, reading_of(scene, tool, np.zeros(6), random), ahead)
@@ -303,6 +306,8 @@ def test_five_joints_that_cannot_follow_a_screw_say_so_before_they_press(name):
     assert set(late) <= {"degraded", "overload"}
     if "screw" in name:
         assert any("force or moment is not reached: " in why for _, why in said)
+        assert {status for status, _ in said[:450]} == {"ok", "degraded"}
+        assert max(forces[:450]) < 4.0  # no integral is wound up
 
 
 @pytest.fixture(scope="module")

@@ -91,11 +91,11 @@ def test_the_core_follows_what_python_follows(name, way, delay, monkeypatch):
     asked = []
     real = driver.Follower._by_core
     monkeypatch.setattr(driver.Follower, "_by_core", lambda *a, **k: (asked.append(real(*a, **k)), asked[-1])[1])
-    Q, answers = driven(arm, follower, events, 1.6)
+    Q, answers = driven(arm, follower, events, 1.2)
     by_python(monkeypatch)
     follower, events = way(arm, arm.motion(np.random.default_rng(1), size=0.8))
-    P, others = driven(arm, follower, events, 1.6)
-    assert sum(a is not None for a in asked) > 100  # of 400 ticks, the core's share
+    P, others = driven(arm, follower, events, 1.2)
+    assert sum(a is not None for a in asked) > 100  # of 300 ticks, the core's share
     assert np.abs(Q - P).max() < 1e-8
     for a, b in zip(answers, others, strict=True):
         assert (a.status, a.reason, a.ruling) == (b.status, b.reason, b.ruling)
