@@ -54,3 +54,24 @@ def pytest_collection():
     gc.freeze()
     gc.enable()
     return found
+
+
+@pytest.fixture(scope="session")
+def panda():
+    return load_robot("panda")
+
+
+@pytest.fixture(scope="session")
+def ur5():
+    return load_robot("ur5")
+
+
+@pytest.fixture(scope="session")
+def so101():
+    return load_robot("so101")
+
+
+def load_robot(name):
+    import invariantqp as iq
+
+    return iq.load_robot(name)

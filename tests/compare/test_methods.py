@@ -42,16 +42,6 @@ def problem(seed, m):
     return rng.normal(size=(6, m)), rng.normal(size=6)
 
 
-@pytest.fixture(scope="module")
-def panda():
-    return iq.load_robot("panda")
-
-
-@pytest.fixture(scope="module")
-def so101():
-    return iq.load_robot("so101")
-
-
 def first_tick(name, robot, q, dx=0.0, **law):
     """The joint velocity of the first tick towards a target dx [m] away along x."""
     target = robot.pose(q)

@@ -11,11 +11,6 @@ Q = np.array([0.1, -0.4, 0.5, 0.6, 0.2])
 AHEAD = np.array([0.1, -0.2, 0.3, 0.02, -0.01, 0.03])
 
 
-@pytest.fixture(scope="module")
-def so101():
-    return iq.load_robot("so101")
-
-
 def goal(robot):
     return iq.exp([0.05, 0.1, -0.1, 0.01, 0.02, -0.01]) @ robot.pose(Q)
 

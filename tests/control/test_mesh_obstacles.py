@@ -25,11 +25,6 @@ CORNERS = 0.5 * SIZE * np.array(list(product((-1.0, 1.0), repeat=3)))
 START = np.array([1.2, -1.4, 1.6, -1.8, -1.57, 0.0])
 
 
-@pytest.fixture(scope="module")
-def ur5():
-    return iq.load_robot("ur5")
-
-
 def surface(place, **options):
     return Mesh((CORNERS, ConvexHull(CORNERS).simplices), place, **options)
 

@@ -47,11 +47,6 @@ OPTIONS = {
 TRAVELS = {"copied": copy.copy, "deep-copied": copy.deepcopy, "pickled": lambda loop: pickle.loads(pickle.dumps(loop))}
 
 
-@pytest.fixture(scope="module")
-def panda():
-    return iq.load_robot("panda")
-
-
 def used(robot, case):
     """A loop after some ticks, and where the arm is then."""
     loop, q = iq.Controller(robot, dt=DT, **{"form": 0.3} | OPTIONS[case](robot)), START

@@ -10,11 +10,6 @@ import invariantqp as iq
 READY = ready("panda")
 
 
-@pytest.fixture(scope="module")
-def panda():
-    return iq.load_robot("panda")
-
-
 @pytest.mark.parametrize("backend", ["daqp", "osqp"])
 def test_a_refused_call_leaves_the_controller_as_it_was(panda, backend):
     rng = np.random.default_rng(1)
