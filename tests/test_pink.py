@@ -13,7 +13,7 @@ from invariantqp.pink import InvariantFrameTask
 from invariantqp.robots.kinematics import ROBOT
 
 DT = 0.01
-STATES = 60
+STATES = 30
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.fuzz_ticks import random_chain
 from support.random_systems import motion
+from support.repeats import repeats
 from support.two_laws import Brought, same_reasons
 
 import invariantqp as iq
@@ -84,7 +85,7 @@ def assert_same(controller, q, target, feedforward=None):
     return native
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=repeats(100, 15), deadline=None)
 @given(st.integers(0, 2**63))
 def test_loops_of_any_chain(seed):
     rng = np.random.default_rng(seed)

@@ -347,7 +347,7 @@ def test_the_answer_is_written_as_json():
 
 @pytest.mark.parametrize("kind", ["point", "face", "ball"])
 def test_what_wrenches_alone_refute_is_refuted_by_the_best_fit_too(kind, monkeypatch):
-    X, w, _ = record(kind, 3)
+    X, w, _ = record(kind, 3, duration=3.0)
     found = identify(X, w)
     fitted = []
     monkeypatch.setattr(judge, "_least_moments", lambda model, _: fitted.append(model.kind) or 0.0)

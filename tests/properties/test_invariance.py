@@ -17,7 +17,7 @@ from invariantqp.velocity.law import Chase
 from invariantqp.velocity.problem import problem_of
 from invariantqp.velocity.solve import solve
 
-FRAMES = repeats(1000, 400)
+FRAMES = repeats(1000, 250)
 AGREE = 1e-10
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.repeats import repeats
 from support.task_files import PEN, content, pen
 
 import invariantqp as iq
@@ -295,7 +296,7 @@ FILES = {
 ODD = [0.0, -0.0, 1.0, -1.0, 1e-300, 1e-12, 1e-3, 1e3, 1e12, -1e12, 1e300, float("inf"), -float("inf"), float("nan")]
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=repeats(100, 50), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_odd_numbers_run_or_are_told(data):
     """Whatever number stands in a file: a run with finite velocities inside limits, or one of our errors."""

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from support.random_systems import CLASSES, distance, motion, sample
+from support.repeats import repeats
 
 import invariantqp as iq
 from invariantqp.engine import core
@@ -231,7 +232,7 @@ def hard_case(rng, case):
 
 @pytest.mark.skipif(core is None, reason="no compiled core here")
 def test_the_core_splits_what_is_well_conditioned(monkeypatch):
-    rng, answered, cases = np.random.default_rng(0), {"h": 0, "metric": 0, "complement": 0}, 450
+    rng, answered, cases = np.random.default_rng(0), {"h": 0, "metric": 0, "complement": 0}, repeats(450, 225)
     for case in range(cases):
         given, rule, scaled = hard_case(rng, case)
         told = given | rule

@@ -12,7 +12,7 @@ import invariantqp as iq
 from invariantqp.engine import ENGINES
 
 AGREE = 1e-10
-SCENES = settings(max_examples=repeats(80, 20), deadline=None, derandomize=True)
+SCENES = settings(max_examples=repeats(80, 12), deadline=None, derandomize=True)
 
 
 def options_in(here, T, unit, told):
