@@ -40,6 +40,13 @@ DEFINITION = (
 )
 
 
+def pytest_ignore_collect(collection_path, config):
+    """What `-m definition` leaves out is not imported for that."""
+    if config.option.markexpr == "definition" and collection_path.suffix == ".py":
+        return not collection_path.relative_to(config.rootpath).as_posix().startswith(DEFINITION) or None
+    return None
+
+
 def pytest_collection_modifyitems(items):
     for item in items:
         if item.nodeid.startswith(DEFINITION):
