@@ -60,6 +60,8 @@ def _as_float64(value: Any) -> Array | str:
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         return "a masked array with masked entries"
     a = np.asarray(value)
+    if a.dtype is FLOAT64:
+        return a
     if a.dtype.kind == "c":
         return "complex numbers"
     if a.dtype.kind not in REAL_KINDS:

@@ -357,8 +357,9 @@ def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None
 def _at(kind: ContactKind, pose: Array, edge: float | None = None) -> Contact:
     """A contact at a pose that needs no check, and that nobody writes to."""
     contact = Contact.__new__(Contact)
-    pose.flags.writeable = False
-    vars(contact).update(kind=kind, pose=pose, edge=edge)
+    pose.setflags(write=False)
+    fields = vars(contact)
+    fields["kind"], fields["pose"], fields["edge"] = kind, pose, edge
     return contact
 
 
