@@ -804,7 +804,7 @@ class HybridController:
             wanted = float(here.wanted[i]) if press else 0.0
             gentle = touch_speed(task, felt * wanted, striking) if press else 0.0
             # Let go no faster than it would touch again with an overload.
-            released = monitor.release(task.slope, i, setting, tick.across / dt, OVERLOAD * gentle) if press else None
+            released = monitor.release(task.slope, i, setting, OVERLOAD * gentle) if press else None
             if task.compliance is not None:
                 top = fastest if slow and press else inf
                 drives.append(fixed(drive, error, here.split.gain, stiffest, wanted, dt, top, grows=grows))

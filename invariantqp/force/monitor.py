@@ -709,19 +709,18 @@ class Monitor(NamedTuple):
         """What a press may be beside what is read [force]."""
         return self.answers[press].unseen(task, read) if press < len(self.answers) else 0.0
 
-    def release(self, slope: float, press: int, setting: Setting, slides: Array, most: float) -> float | None:
+    def release(self, slope: float, press: int, setting: Setting, most: float) -> float | None:
         """The rate at which a press is let go to see whether readings fall [length/s]; None where it is not.
 
-        So slowly at first that they fall by a fifth of it before that shows, and faster and faster, from a surface that
-        goes on as it was answered; no further than `Release.bound` until they have fallen, no faster than the way back
-        allows beside what the surface may do. Faster by what was commanded, not by how far that led: what leads the
-        tool in meanwhile, an arm's way beside its twist in a long tick, is outrun, too.
+        So slowly at first that they fall by a fifth of it before that shows, and faster and faster; no further than
+        `Release.bound` until they have fallen, no faster than the way back allows beside what the surface may do.
+        Faster by what was commanded, not by how far that led: what leads the tool in meanwhile, an arm's way beside its
+        twist in a long tick, is outrun, too.
 
         Args:
             slope: of the surface at most.
             press: which.
             setting: of this tick.
-            slides: (3,) how fast the tool moves across [length/s].
             most: speed at most on a surface that stands [length/s].
         """
         check = self.answers[press] if press < len(self.answers) else Answers()
@@ -730,8 +729,7 @@ class Monitor(NamedTuple):
         gone = max(0.0, check.release.depth - check.depth)
         waits = check.release.fell is None and gone > check.release.bound(slope, check.moves)
         first, led = SHORT * check.release.force / (check.stiff * setting.late), max(0.0, check.release.led)
-        rate = 0.0 if waits else min(first + LETS_GO * led, most + setting.slope_speed)
-        return rate - float(check.grade.dot(slides))
+        return 0.0 if waits else min(first + LETS_GO * led, most + setting.slope_speed)
 
     @property
     def asks(self) -> bool:
