@@ -172,11 +172,10 @@ const Constant CONSTANTS[] = {
     ONE("force.monitor", SWING),
     {"force.monitor.PATIENCE", PATIENT_FOR},
     {"force.monitor.AVERAGED", AVERAGED_FOR},
-    {"force.control.ALONG", ALONG_FOR},
     ONE("force.control", QUICKER),
     ONE("force.control", MAY_BE_STEEP),
     ONE("force.control", TAKEN_BACK),
-    {"force.control.SLOWER", EASES},
+    ONE("force.control", EASES),
     ONE("force.control", LEAST_EASED),
     {NULL, 0.0},
 };

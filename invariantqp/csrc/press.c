@@ -264,11 +264,12 @@ static bool is_wrong(const Stiffness *known, double declared)
 }
 
 /* What is remembered of a tick that moved the joints. */
-static void remember(const Press *press, const Split *split, const Loop *loop, double lag, const Placed *placed,
+static void remember(const Press *press, const Split *split, const Setting *setting, double lag, const Placed *placed,
                      const double twist[6], double along_before, bool free, const Drive *drives, Pressed *state, Answered *answer)
 {
     Pressing *pressing = &state->pressing;
-    double dt = loop->dt, lag_before = pressing->lag, shows = 1.0 - exp(-dt / fmax(lag, 1e-9));
+    double dt = setting->dt, fades = exp(-dt / (SLOWER_PASS * setting->late));
+    double lag_before = pressing->lag, shows = 1.0 - exp(-dt / fmax(lag, 1e-9));
     double still = lag_before > 0.0 ? lag / lag_before : 1.0, inside[6], done[MOST_PARTS], steep = 0.0;
     int n = split->n;
     velocity_at(twist, placed->point, answer->way);
@@ -289,8 +290,8 @@ static void remember(const Press *press, const Split *split, const Loop *loop, d
     }
     pressing->driven = n;
     pressing->lag = lag;
-    pressing->along = fmax(place_speed(answer->motion, placed->point, press->size), along_before * exp(-dt / ALONG_FOR));
-    pressing->steep = fmax(steep, pressing->steep * exp(-dt / ALONG_FOR));
+    pressing->along = fmax(place_speed(answer->motion, placed->point, press->size), along_before * fades);
+    pressing->steep = fmax(steep, pressing->steep * fades);
     pressing->free = free;
 }
 
@@ -385,7 +386,7 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     answer->felt = placed.felt[0];
     answer->asked = placed.asked[0];
     answer->bound = pressing->known[0].bound;
-    remember(press, split, loop, arm, &placed, twist, along_before, acts && answer->tick.solution.scale == 1.0 && !slow && !waits,
+    remember(press, split, &setting, arm, &placed, twist, along_before, acts && answer->tick.solution.scale == 1.0 && !slow && !waits,
              drives, state, answer);
     after_motion(&tick->touch, dot(3, placed.out, answer->way), &state->monitor);
     bool wrong = presses == 1 && pressing->along <= SLOW_SHARE * press->approach_speed && is_wrong(&pressing->known[0], press->stiffness);

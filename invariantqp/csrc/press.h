@@ -245,7 +245,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define PATIENT_FOR 1.0
 #define AVERAGED_FOR 0.2
 /* force/control.py */
-#define ALONG_FOR 0.25
 #define QUICKER 2.0
 #define MOVES_IN 0.3
 #define MAY_BE_STEEP 0.1

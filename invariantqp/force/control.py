@@ -48,6 +48,7 @@ from invariantqp.force.estimate import (
     RESOLVED,
     ROUGH,
     SHORT,
+    SLOWER,
     STIFF,
     UNKNOWN,
     UNSHOWN,
@@ -114,8 +115,6 @@ if TYPE_CHECKING:
 
 # The longest dead time for which ways are remembered.
 MOST_TICKS = 10_000
-# For how long a speed along a surface counts: as long as an estimate remembers [s].
-ALONG = 0.25
 # What is held, a hinge or a peg, is taken for the stiffest of its constraints, this many times as fast as against a
 # press: what is told wrong of it builds up all the time.
 QUICKER = 2.0
@@ -126,7 +125,7 @@ MAY_BE_STEEP = 0.1
 # The share of an arm's lateness that can be taken back at a touch: its lag, not its dead time.
 TAKEN_BACK = 0.5
 # After the contact was lost again and again the gain is reduced by this factor, each time, to this share of it.
-SLOWER = 0.5
+EASES = 0.5
 LEAST_EASED = 1.0 / 64.0
 # The pose of a tool on which nothing depends.
 ANYWHERE = np.eye(4)
@@ -477,7 +476,7 @@ class HybridController:
         shared = min(1.0, dt / (2.0 * self._filter_time)) if self._filter_time else 1.0
         monitor = memory.monitor.after(task, tick, tuple((*one, setting.noise) for one in parts), shared)
         if monitor.settling.unstable(rests=before.rests(task)):
-            now = now._replace(eased=max(LEAST_EASED, SLOWER * now.eased))
+            now = now._replace(eased=max(LEAST_EASED, EASES * now.eased))
         said = verdict(monitor, tick.touch, task, here.contact)
 
         # The law.
@@ -505,6 +504,7 @@ class HybridController:
             motion,
             twist,
             drives,
+            setting.late,
             free=acts and inner.scale == 1.0 and said.action == FOLLOW and not waits,
         )
         shows = 1.0 - exp(-dt / max(after.lag, 1e-9))
@@ -862,18 +862,27 @@ class HybridController:
         return motion, contact.adjoint.dot(here.split.twist.dot(np.array([drive.rate for drive in drives])))
 
     def _remembered(
-        self, now: Pressing, here: Placed, motion: Array, twist: Array, drives: tuple[Drive, ...], *, free: bool
+        self,
+        now: Pressing,
+        here: Placed,
+        motion: Array,
+        twist: Array,
+        drives: tuple[Drive, ...],
+        late: float,
+        *,
+        free: bool,
     ) -> tuple[Pressing, Array]:
         """What is kept of the constraints after a tick with a twist (6,); (3,) the way of the place as it shows now.
 
-        Ways show as those of an arm that lags; where another lag is found than before, what does not show yet is what
-        would not with it: no way jumps.
+        A speed along the surface counts for as long as an estimate looks back, SLOWER times what is late [s]. Ways show
+        as those of an arm that lags; where another lag is found than before, what does not show yet is what would not
+        with it: no way jumps.
         """
         task, dt, lag, before = self.task, self.loop.dt, self._delay.arm, now.lag
         shows, still = 1.0 - exp(-dt / max(lag, 1e-9)), lag / before if before > 0.0 else 1.0
         done = here.split.unit_rates.dot(here.contact.coadjoint.T.dot(twist)).tolist()
         coming = [still * way[1] + dt * rate for way, rate in zip(now.ways, done, strict=True)]
-        fades = exp(-dt / ALONG)
+        fades = exp(-dt / (SLOWER * late))
         after = now._replace(
             drives=tuple(d._replace(speed=rate - d.slope) for d, rate in zip(drives, done, strict=True)),
             ways=tuple((way[0] + shows * c, c - shows * c) for way, c in zip(now.ways, coming, strict=True)),

@@ -17,6 +17,7 @@ import invariantqp as iq
 from invariantqp.engine import core
 from invariantqp.force import control
 from invariantqp.force.control import PACKING, Memory
+from invariantqp.force.estimate import SLOWER, UNKNOWN
 
 pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
 SHARED = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "shared" / "contact_scenes.py"))
@@ -126,6 +127,22 @@ def test_what_is_kept_is_the_same_in_numbers(pressing):
     assert PACKING.packed(PACKING.unpacked(numbers)) == numbers
     assert PACKING.packed(Memory()) is not None
     assert PACKING.packed(PACKING.unpacked(PACKING.packed(Memory()))) == PACKING.packed(Memory())
+
+
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+def test_a_speed_along_the_surface_counts_for_as_long_as_an_estimate_looks_back(engine):
+    robot, q, dt = iq.load_robot("panda"), ready("panda"), 0.005
+    start, along = robot.pose(q), []
+    loop = iq.HybridController(robot, iq.HybridTask(tip, [5.0]), dt=dt, order="moment first", engine=engine)
+    for k in range(120):
+        tool = robot.pose(q)
+        ahead = np.array([0.0, 0.0, 0.0, 0.03 if 40 <= k < 80 else 0.0, 0.0, 0.0])
+        reading = exerted([tool[:3, 3]], start[2, 3] - 1e-3, 1e4)
+        q = q + dt * loop.step(q, tool, reading, ahead).velocity
+        along.append(loop.memory.pressing.along)
+    late = dt + loop._delay.arm + UNKNOWN
+    assert along[79] == pytest.approx(0.03, rel=1e-3)
+    assert along[-1] / along[-2] == pytest.approx(np.exp(-dt / (SLOWER * late)), rel=1e-9)
 
 
 def test_a_tick_changes_no_state_but_its_own(pressing):
