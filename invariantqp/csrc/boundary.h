@@ -60,6 +60,9 @@ PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_
 PyObject *search_misses(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *search_along(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
+/* contact.c */
+PyObject *contact_frame(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
+
 /* press.c */
 PyObject *press(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names);
 

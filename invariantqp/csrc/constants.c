@@ -68,6 +68,7 @@ const Constant CONSTANTS[] = {
     {"geometry.sizes.SMALLEST", SMALLEST_SIZE},
     {"geometry.sizes.LARGEST", LARGEST_SIZE},
     ONE("geometry.sizes", LENGTH_LIMIT),
+    ONE("systems.contacts", SIX_DIGITS),
     ONE("systems.points", WELL_POSED),
     {"systems.points.ROUNDING", CENTRE_ROUNDING},
     ONE("control.tracking", HALF_TURN),

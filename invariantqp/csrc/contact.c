@@ -1,6 +1,7 @@
 /* Twin of a tick of force/contact.py and of a Contact in systems/contacts.py: wrenches and twists in the frame of a contact,
    and what of them presses. */
 
+#include "boundary.h"
 #include "press.h"
 #include <string.h>
 
@@ -116,3 +117,54 @@ double place_speed(const double twist[6], const double place[3], double size)
 }
 
 bool can_yield(const Split *split, int joints) { return joints >= 6 || split->n <= joints - 2; }
+
+/* Three numbers: an array, or a list or tuple of numbers that are Python's; false for anything else. */
+static bool three(PyObject *object, double into[3])
+{
+    bool listed = PyList_CheckExact(object);
+    if (!listed && !PyTuple_CheckExact(object))
+        return vector(object, 3, into) && all_finite(3, into);
+    if ((listed ? PyList_Size(object) : PyTuple_Size(object)) != 3)
+        return false;
+    for (int i = 0; i < 3; i++) {
+        PyObject *number = listed ? PyList_GetItem(object, i) : PyTuple_GetItem(object, i);
+        if (!PyFloat_Check(number) && !PyLong_CheckExact(number))
+            return false;
+        into[i] = PyFloat_AsDouble(number);
+    }
+    if (PyErr_Occurred() == NULL)
+        return all_finite(3, into);
+    PyErr_Clear(); /* an integer beyond any float */
+    return false;
+}
+
+/* contact_frame(point, normal, tangent), as in systems/contacts.py, or None where Python has to find it, or what is wrong. */
+PyObject *contact_frame(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    double p[3], z[3], x[3] = {0.0}, y[3];
+    (void)module;
+    if (count != 3)
+        return refused("contact_frame(point, normal, tangent)");
+    bool turns = arguments[2] == Py_None;
+    if (!three(arguments[0], p) || !three(arguments[1], z) || !(turns || three(arguments[2], x)) || !usual(3, z) || !usual(3, x))
+        Py_RETURN_NONE;
+    double length = -norm(3, z), along = norm(3, x);
+    if (length == 0.0 || (!turns && along == 0.0))
+        Py_RETURN_NONE;
+    for (int i = 0; i < 3; i++) {
+        z[i] /= length;
+        x[i] /= turns ? 1.0 : along;
+    }
+    if (turns)
+        x[fabs(z[0]) <= fmin(fabs(z[1]), fabs(z[2])) ? 0 : fabs(z[1]) <= fabs(z[2]) ? 1 : 2] = 1.0;
+    double share = dot(3, z, x);
+    for (int i = 0; i < 3; i++)
+        x[i] -= share * z[i];
+    if ((length = norm(3, x)) < SIX_DIGITS)
+        Py_RETURN_NONE;
+    for (int i = 0; i < 3; i++)
+        x[i] /= length;
+    cross(z, x, y);
+    const double frame[4][4] = {{x[0], y[0], z[0], p[0]}, {x[1], y[1], z[1], p[1]}, {x[2], y[2], z[2], p[2]}, {0.0, 0.0, 0.0, 1.0}};
+    return new_matrix(4, 4, 4, frame[0]);
+}

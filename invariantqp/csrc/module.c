@@ -194,6 +194,7 @@ static PyMethodDef methods[] = {
            "A controller's tick: a VelocitySolution, and what is to be said of joints beside it; None where Python has to answer."),
     CALLED("acts_at", acts_at, "Joint positions when the command of a tick acts, or None where Python has to find them."),
     CALLED_BY_NAME("press", press, "A hybrid controller's tick, or None where Python has to answer."),
+    CALLED("contact_frame", contact_frame, "The (4, 4) frame of a contact, or None where Python has to find it."),
     CALLED("follow", follow, "A tick of a follower in which nothing new comes, or None where Python has to answer."),
     CALLED("motion", motion, "Position, velocity, acceleration and jerk of what is followed."),
     CALLED("splice", splice, "The residual of a splice, or None where it leaves the limits."),

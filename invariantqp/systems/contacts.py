@@ -28,6 +28,7 @@ from attrs import field, frozen
 from attrs.converters import optional
 from numpy.typing import ArrayLike
 
+from invariantqp.engine import core
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -334,6 +335,9 @@ def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
 
 def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None, argument: str = "tangent") -> Array:
     """The contact's own frame: z against the outward normal, x along the projection of the tangent on the surface."""
+    found: Array | None = None if core is None else core.contact_frame(point, normal, tangent)
+    if found is not None:
+        return found
     # In floats, which for so few numbers is faster than in arrays.
     u, v, w = arrays.unit(normal, "normal")
     u, v, w = -u, -v, -w
