@@ -59,24 +59,7 @@ TINY = float(np.finfo(float).tiny)
 class HybridTask(Value):
     """Move along the freedoms of a contact, press against its constraints.
 
-    Attributes:
-        contact: the contact, or a function that gives it for the tool's (4, 4) pose in the base frame.
-        wrench: what the tool is to exert: (6-k,) parts in the contact's constraints, or a (6,) wrench.
-        h: pitch whose reciprocal system is the complement Z, or None.
-        complement: Z itself, (6, 6-k) in the contact's own frame, or None.
-        metric: (6, 6) in the contact's own frame, or None.
-        compliance: (6, 6) C, twist per wrench, in the contact's own frame; None lets the law follow its estimates.
-        stiffness: of the contact along the press [force/length], or None where nobody knows it.
-        size: over what length the contact spreads [length].
-        normal_within: how far off the told normal the found one may be [rad]; None trusts the told one.
-        lost_below, lost_after, on_loss: when a contact is lost, and what is done then.
-        yields: how far the surface may give way.
-        edge_margin: how near to the surface's edge that is told.
-        approach_speed, approach_distance, approach_time: how it is looked for.
-        max_force, max_moment, on_overload: what is too much, and what is done then.
-        grip: (3,) where the tool holds what it moves, in the tool frame.
-        slide_speed: how fast an error of the target moves the tool along it.
-        retreat_speed, retreat_distance: how a contact is left.
+    Attributes: as the arguments, with `metric` and `compliance` as (6, 6) in the contact's own frame.
     """
 
     contact: Contact | Callable[[Array], Contact]
