@@ -61,6 +61,7 @@ from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.reasons import Code, Reason, read
 from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve, standing
+from invariantqp.velocity.tick import POSTURE_TIME
 
 if TYPE_CHECKING:
     from invariantqp.engine import Loop
@@ -241,6 +242,7 @@ class Controller:
         self._rise, self._brakes = 0.0, self._limits.loop.acceleration
         fastest = self.box.velocity_limit
         self._fastest = np.where(np.isfinite(fastest) & (fastest > 0.0), fastest, 1.0)
+        self._change = self.dt / POSTURE_TIME * self._fastest
         self._slowness = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), fastest)
         self._late = ticks_late(self.delay, self.dt)
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
@@ -644,6 +646,8 @@ class Controller:
             self.row_rank if more is None else None,
             chase,
             fastest,
+            self.memory.commands[0] if fastest is not None else None,
+            self._change,
             self._held(before) if share is None or limits.rows is not None else 0.0,
         )
         law = self.law

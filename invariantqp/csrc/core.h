@@ -59,6 +59,8 @@ typedef struct {
     Row posture; /* zero where there is none */
     bool has_posture, paced;
     Row fastest; /* where the posture is paced: it rests while the task rests */
+    bool has_before; /* likewise: from joint velocities of the tick before it sets in by and by, by `change` in each */
+    Row before, change;
     bool chased;
     Chase chase;
     double dt, held; /* how long the velocity is held, and how much longer */
@@ -388,6 +390,7 @@ Outcome clipped(const Demand *demand, const Row y, Solution *solution);
 void at_limits(const Demand *demand, Solution *solution);
 double steady_share(const Demand *demand, const double wanted[6], const double ahead[6]);
 double posture_share(const Demand *demand, const Row x);
+double slower(const Demand *demand, const Row x);
 Outcome over_root(int k, const double (*D)[6], const double root[6][6], double (*M)[6]);
 Outcome reduce(const Demand *demand, const Row *C, Reduction *reduction);
 void origin(const Reduction *reduction, int m, double share, Row y);
@@ -444,6 +447,7 @@ extern const Constant CONSTANTS[];
 #define FALLING 0.5
 #define GROWING 0.01
 #define POSTURE_PACE 0.01
+#define POSTURE_TIME 0.2
 #define PACE_ROUNDING 1e-14
 #define PROGRESS_SHARE 2e-4
 #define LEAST_WORTH 2e-5

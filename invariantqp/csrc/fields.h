@@ -233,6 +233,8 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     VECTOR(upper, m, NEEDED, "likewise") \
     MAYBE_VECTOR(posture, m, has_posture, "joint velocity wanted where the twist leaves joints free") \
     MAYBE_VECTOR(fastest, m, paced, "joint speeds, for a posture that rests while the task rests") \
+    MAYBE_VECTOR(before, m, has_before, "joint velocities of the tick before, from which it sets in by and by") \
+    VECTOR(change, m, DEFAULT(INFINITY), "by how much it may change them in a tick") \
     MATRIX(C, rows, m, NOTHING, "exact rows, C x = e") \
     VECTOR(e, rows, NOTHING, "their demands") \
     MAYBE_MATRIX(D, rows, 6, of_twist, "C = D J, where D is not zero") \

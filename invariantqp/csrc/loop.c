@@ -227,6 +227,7 @@ static void slowed(Demand *demand, double share)
     for (int j = 0; j < demand->m; j++) {
         demand->posture[j] *= share;
         demand->fastest[j] *= share;
+        demand->change[j] *= share;
     }
 }
 
@@ -321,10 +322,12 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
     for (int j = 0; j < m && demand.dt > 0.0; j++)
         demand.held = fmax(demand.held, loop->rise + 0.5 * fabs(before[j] / loop->brakes[j]));
     demand.has_posture = loop->has_posture || beside->posture != NULL;
-    demand.paced = beside->posture == NULL;
+    demand.paced = demand.has_before = beside->posture == NULL;
     for (int j = 0; j < m; j++) {
         demand.posture[j] = !demand.paced ? beside->posture[j] : loop->has_posture ? (loop->posture[j] - there[j]) * loop->pull[j] : 0.0;
         demand.fastest[j] = loop->fastest[j] > 0.0 && isfinite(loop->fastest[j]) ? loop->fastest[j] : 1.0;
+        demand.before[j] = kept[KEPT + m + j];
+        demand.change[j] = loop->dt / POSTURE_TIME * demand.fastest[j];
     }
     const Pose *wanted = demand.chased ? target : &tool;
     if (demand.chased) {

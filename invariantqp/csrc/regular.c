@@ -127,7 +127,7 @@ static void shortest(int n, const Regular *regular, const double b[6], Row x)
 bool regular_velocity(const Demand *demand, const Regular *regular, const Row A[6], const double b[6], Row x)
 {
     int n = demand->m;
-    Row y;
+    Row y, posture, d;
     if (!regular->holds)
         return false;
     bool led = demand->has_posture && n > 6; /* six joints are told by the twist alone */
@@ -142,10 +142,25 @@ bool regular_velocity(const Demand *demand, const Regular *regular, const Row A[
         shortest(n, regular, y, x);
         pace = posture_share(demand, x);
     }
+    for (int j = 0; j < n && led; j++)
+        posture[j] = pace * demand->posture[j];
+    if (led && demand->has_before) { /* tick.py, _unhurried */
+        Row way;
+        for (int j = 0; j < n; j++)
+            way[j] = posture[j] - demand->before[j];
+        for (int i = 0; i < 6; i++)
+            y[i] = dot(n, A[i], way);
+        shortest(n, regular, y, d);
+        for (int j = 0; j < n; j++)
+            d[j] = way[j] - d[j];
+        double kept = 1.0 - slower(demand, d);
+        for (int j = 0; j < n; j++)
+            posture[j] -= kept * d[j];
+    }
     for (int i = 0; i < 6; i++)
-        y[i] = pace > 0.0 ? b[i] - pace * dot(n, A[i], demand->posture) : b[i];
+        y[i] = led ? b[i] - dot(n, A[i], posture) : b[i];
     shortest(n, regular, y, x);
-    for (int j = 0; j < n && pace > 0.0; j++)
-        x[j] += pace * demand->posture[j];
+    for (int j = 0; j < n && led; j++)
+        x[j] += posture[j];
     return all_finite(n, x);
 }

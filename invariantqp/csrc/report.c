@@ -187,6 +187,15 @@ double posture_share(const Demand *demand, const Row x)
     return t * t / (t * t + POSTURE_PACE * POSTURE_PACE);
 }
 
+/* tick.py, _unhurried: which share of a change x of the joint velocity a posture may make in a tick */
+double slower(const Demand *demand, const Row x)
+{
+    double most = 1.0;
+    for (int j = 0; j < demand->m; j++)
+        most = fmax(most, fabs(x[j]) / demand->change[j]);
+    return 1.0 / most;
+}
+
 /* Of limits that hold, joints as 1 and rows by their rank, the one that pulls hardest first. */
 static void ranked(const Demand *demand, const bool *holds, const double *multipliers, unsigned char *ranks)
 {

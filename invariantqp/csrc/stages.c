@@ -119,6 +119,38 @@ static Outcome pace(Posed *problem, double *share)
     return DONE;
 }
 
+/* tick.py, _unhurried: the posture changes what joints do beside the twist by at most `change` */
+static void unhurried(Posed *problem)
+{
+    const Demand *demand = problem->demand;
+    const Reduction *reduction = &problem->reduction;
+    const Spectrum *found = &problem->spectrum;
+    int m = demand->m, n = demand->rows > 0 ? reduction->n : m;
+    Row before, way, d = {0.0}, x;
+    if (demand->metric != NULL)
+        transformed(m, demand->metric->inverse, demand->before, before);
+    else
+        memcpy(before, demand->before, sizeof before);
+    for (int j = 0; j < m; j++)
+        way[j] = problem->posture[j] - before[j];
+    for (int i = 0; i < n; i++) {
+        Row still = {0.0};
+        if (i < 6 && (found->regular || found->sigma[i] > NULL_RATIO * found->largest))
+            continue;
+        for (int j = 0; j < m && demand->rows > 0; j++)
+            for (int k = 0; k < n; k++)
+                still[j] += reduction->basis[k][j] * found->V[i][k];
+        const double *direction = demand->rows > 0 ? still : found->V[i];
+        double along = dot(m, direction, way);
+        for (int j = 0; j < m; j++)
+            d[j] += along * direction[j];
+    }
+    moved(demand, d, x);
+    double kept = 1.0 - slower(demand, x);
+    for (int j = 0; j < m; j++)
+        problem->posture[j] -= kept * d[j];
+}
+
 /* The spectrum of the velocities that exact rows leave free, compared with that of all. */
 static Outcome free_spectrum(Posed *problem)
 {
@@ -194,6 +226,8 @@ static Outcome posed(const Demand *demand, const Regular *regular, const Row A[6
         return HAND_BACK;
     for (int j = 0; j < m; j++)
         problem->posture[j] *= share;
+    if (demand->has_posture && demand->has_before)
+        unhurried(problem);
     return DONE;
 }
 

@@ -47,6 +47,8 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
         "upper": demand.upper,
         "posture": demand.posture,
         "fastest": demand.fastest,
+        "before": demand.before,
+        "change": demand.change,
         "held": demand.held,
         **_fields(rows, exact, cone),
     }

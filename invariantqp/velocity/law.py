@@ -86,6 +86,8 @@ class Demand(NamedTuple):
     # (m,) speeds beside which joint velocities count, where the posture rests while the task rests; None is a posture
     # that is followed as it is
     fastest: Array | None = None
+    before: Array | None = None  # (m,) joint velocities of the tick before, from which the posture sets in by and by;
+    change: Array | None = None  # (m,) by how much it may change them in a tick; None is any
     held: float = 0.0  # how much longer than the law's dt the velocity is held [s]
 
     def slowed(self, share: float) -> Demand:
@@ -97,6 +99,7 @@ class Demand(NamedTuple):
             posture=None if self.posture is None else share * self.posture,
             chase=None if chase is None else chase.slowed(share),
             fastest=None if self.fastest is None else share * self.fastest,
+            change=None if self.change is None else share * self.change,
             held=self.held / share,
         )
 

@@ -89,6 +89,13 @@ class Spectrum(NamedTuple):
     Vt: Array  # (n, n)
     largest: float  # singular value that all are compared with
 
+    @property
+    def still(self) -> Array:
+        """(k, n) the directions that move nothing."""
+        moving = np.zeros(len(self.Vt), bool)
+        moving[: len(self.sigma)] = self.sigma > NULL_RATIO * self.largest
+        return self.Vt[~moving]
+
 
 def spectrum_of(A: Array, largest: float | None = None) -> Spectrum:
     """The spectrum of the free directions' measured twists A (6, n).
