@@ -11,7 +11,7 @@
 static const double LEAST_WEIGHT = 1e-10;
 
 /* Whether a direction moves anything; it fades in, so that the law has no jump. */
-static double moves(double sigma, double largest)
+double moves(double sigma, double largest)
 {
     return between(sigma / (NULL_RATIO * largest) - 1.0, 0.0, 1.0);
 }

@@ -135,13 +135,14 @@ static void unhurried(Posed *problem)
         way[j] = problem->posture[j] - before[j];
     for (int i = 0; i < n; i++) {
         Row still = {0.0};
-        if (i < 6 && (found->regular || found->sigma[i] > NULL_RATIO * found->largest))
+        double free = i < 6 ? found->regular ? 0.0 : 1.0 - moves(found->sigma[i], found->largest) : 1.0;
+        if (free == 0.0)
             continue;
         for (int j = 0; j < m && demand->rows > 0; j++)
             for (int k = 0; k < n; k++)
                 still[j] += reduction->basis[k][j] * found->V[i][k];
         const double *direction = demand->rows > 0 ? still : found->V[i];
-        double along = dot(m, direction, way);
+        double along = free * dot(m, direction, way);
         for (int j = 0; j < m; j++)
             d[j] += along * direction[j];
     }

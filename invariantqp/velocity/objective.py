@@ -90,11 +90,12 @@ class Spectrum(NamedTuple):
     largest: float  # singular value that all are compared with
 
     @property
-    def still(self) -> Array:
-        """(k, n) the directions that move nothing."""
-        moving = np.zeros(len(self.Vt), bool)
-        moving[: len(self.sigma)] = self.sigma > NULL_RATIO * self.largest
-        return self.Vt[~moving]
+    def moving(self) -> Array:
+        """(n,) 1 for directions that move something, 0 for others; it fades in, so that the law has no jump."""
+        moving = np.zeros(len(self.Vt))
+        if self.largest > 0.0:
+            moving[: len(self.sigma)] = np.clip(self.sigma / (NULL_RATIO * self.largest) - 1.0, 0.0, 1.0)
+        return moving
 
 
 def spectrum_of(A: Array, largest: float | None = None) -> Spectrum:
@@ -139,9 +140,7 @@ def least_squares(
     towards = np.zeros(n) if posture is None else Vt.dot(posture)
     if largest == 0.0:
         return Objective(Vt.T, np.ones(n), towards, ratio=0.0)
-    moving = np.minimum(
-        np.maximum(sigma / (NULL_RATIO * largest) - 1.0, 0.0), 1.0
-    )  # fades in, so that the law has no jump
+    moving = spectrum.moving
     sigma *= moving
     null = moving == 0.0
     squares = damping.squares(sigma, wanted, largest)

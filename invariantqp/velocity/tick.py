@@ -270,8 +270,8 @@ def _unhurried(law: VelocityLaw, problem: Problem, posture: Array) -> Array:
     if demand.before is None or demand.change is None or spectrum is None:
         return posture
     before = demand.before if law.from_joint is None else law.from_joint.dot(demand.before)
-    N = basis.dot(spectrum.still.T)
-    d = N.dot(N.T.dot(posture - before))
+    V = basis.dot(spectrum.Vt.T)
+    d = V.dot((1.0 - spectrum.moving) * (posture - before).dot(V))
     x = d if law.to_joint is None else law.to_joint.dot(d)
     most = max(1.0, float((np.abs(x) / demand.change).max()))
     return np.asarray(posture - (1.0 - 1.0 / most) * d)

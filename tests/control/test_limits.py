@@ -331,15 +331,15 @@ def test_reasons_call_rows_by_the_names_that_their_limits_give(robot, limits, na
 def test_a_limit_of_one_tick_is_as_that_of_a_controller(robot, goal, name):
     limit = KINDS[name].limit
     before = np.zeros(7)
-    now = iq.Controller(robot, dt=DT).step(PANDA, goal, velocity=before, limits=[limit])
-    always = iq.Controller(robot, dt=DT, limits=[limit]).step(PANDA, goal, velocity=before)
+    now = iq.Controller(robot, dt=DT, posture=False).step(PANDA, goal, velocity=before, limits=[limit])
+    always = iq.Controller(robot, dt=DT, posture=False, limits=[limit]).step(PANDA, goal, velocity=before)
     # Room to brake before the target is that of the controller's own acceleration limits.
     tolerance = 1e-9 if name != "acceleration" else 8.0 * DT
     np.testing.assert_allclose(now.velocity, always.velocity, rtol=0.0, atol=tolerance)
-    after = iq.Controller(robot, dt=DT)
+    after = iq.Controller(robot, dt=DT, posture=False)
     after.step(PANDA, goal, limits=[limit])
     assert KINDS[name].used(robot, PANDA, before, now.velocity) < 1.0 + 1e-9
-    np.testing.assert_array_equal(after.step(PANDA, goal).velocity, answer(robot).velocity)  # in that tick alone
+    np.testing.assert_array_equal(after.step(PANDA, goal).velocity, answer(robot, posture=False).velocity)
 
 
 def test_limits_of_a_tick_add_to_those_of_the_controller(robot, goal):

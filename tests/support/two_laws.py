@@ -84,7 +84,10 @@ def chasing(rng, demand):
     slack = np.linalg.norm(demand.root @ demand.s) * (1e-4, 1e-3, 0.1)[rng.integers(3)]
     chase = Chase(part * demand.s, rows_ahead, *placed, slack, bool(rng.random() < 0.8))
     fastest = 10.0 ** rng.uniform(-2, 1, m) if rng.random() < 0.7 else None
-    return demand._replace(chase=chase, fastest=fastest)
+    demand = demand._replace(chase=chase, fastest=fastest)
+    if fastest is None or rng.random() < 0.5:
+        return demand
+    return demand._replace(before=rng.normal(size=m) * fastest, change=10.0 ** rng.uniform(-3, 0, m) * fastest)
 
 
 def random_law(rng, m):

@@ -73,6 +73,7 @@ def sweep(rng, kind, m, exact, dt, *, chased=False):
     wider = rng.uniform(0.0, 2.0, (4, m)) * (rng.random((4, m)) < 0.8)
     placed = [lower - wider[:2], upper + wider[2:]]
     slack, fastest = 10.0 ** rng.uniform(-4.0, 0.0, 2), rng.uniform(0.5, 3.0, (2, m))
+    before, change = 0.3 * rng.normal(size=(2, m)), rng.uniform(0.02, 0.5, (2, m))
 
     def velocity(t):
         def at(pair):
@@ -83,7 +84,7 @@ def sweep(rng, kind, m, exact, dt, *, chased=False):
         if chased:
             first = None if rows is None else at(still)
             chase = Chase(at(ahead), first, at(placed[0]), at(placed[1]), float(at(slack)), apart=True)
-            demand = demand._replace(chase=chase, fastest=at(fastest))
+            demand = demand._replace(chase=chase, fastest=at(fastest), before=at(before), change=at(change))
         return solve(replace(law, dt=dt), demand).velocity
 
     return velocity

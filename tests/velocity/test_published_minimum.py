@@ -68,6 +68,8 @@ def random_case(rng):
         s = np.linalg.solve(root, b - here)
         chase = chase._replace(ahead=part * s)
     demand = Demand(J, s, root, -side[0], side[1], exact, posture, rows, cone, None, chase, fastest)
+    if fastest is not None and rng.random() < 0.5:
+        demand = demand._replace(before=fast * rng.normal(size=m), change=fast * 10.0 ** rng.uniform(-2.0, 0.5, m))
     return VelocityLaw(dt=dt), demand
 
 
@@ -137,7 +139,12 @@ class Published:
             e = e if chase.rows_ahead is None else chase.rows_ahead + steady * (e - chase.rows_ahead)
         x0, _, z = self.centre(s, e)
         t = (np.abs(x0 + self.B @ z) / demand.fastest).max()
-        return self.share * t**2 / (t**2 + POSTURE_PACE**2) * demand.posture
+        posture = t**2 / (t**2 + POSTURE_PACE**2) * demand.posture
+        if demand.before is not None:  # it changes what moves nothing by at most `change`
+            N = self.B @ null_space(self.AB)
+            d = N @ N.T @ (posture - demand.before)
+            posture = posture - d + d / max(1.0, (np.abs(d) / demand.change).max())
+        return self.share * posture
 
     def limits(self, z, origin, lower, upper, everything):
         """Constraints on z; its velocities are origin + B z."""
