@@ -142,6 +142,9 @@ STUDIES: dict[str, Study] = {
     "POSTURE_PACE: the joint speed at which half of the posture is followed": Study(
         constants(tick, "POSTURE_PACE", 1e-3, 3e-3, 1e-2, 2e-2), joints=7
     ),
+    "POSTURE_TIME: in which a posture may bring joints to full speed [s]": Study(
+        constants(controller, "POSTURE_TIME", 1e-3, 0.05, 0.1, 0.2, 0.5), joints=7
+    ),
     "posture_gain [1/s]": Study(
         (Choice("1"), *(Choice(f"{g:g}", fixed(posture_gain=g)) for g in (0.0, 0.3, 3.0, 10.0))), joints=7
     ),

@@ -78,6 +78,7 @@ class Loop:
     slack: float  # of a chase: a measured twist that counts as nothing
     posture: Array | None  # (joints,) joint positions to be near where joints are free
     pull: Array  # (joints,) gains of the posture [1/s]
+    change: Array  # (joints,) by how much it may change joint velocities in a tick
     position_lower: Array  # (joints,) [rad, length]
     position_upper: Array  # (joints,) [rad, length]
     beyond: Array  # (joints,) how far outside it a joint's position is believed
@@ -114,6 +115,7 @@ class Loop:
         slack: float | None = None,
         posture: Array | None = None,
         pull: Array | None = None,
+        change: Array | None = None,
         position_lower: Array,
         position_upper: Array,
         beyond: Array,
@@ -305,6 +307,8 @@ def tick(
     upper: Array,
     posture: Array | None = None,
     fastest: Array | None = None,
+    before: Array | None = None,
+    change: Array | None = None,
     C: Array | None = None,
     e: Array | None = None,
     D: Array | None = None,

@@ -46,7 +46,6 @@ const Constant CONSTANTS[] = {
     ONE("velocity.report", FALLING),
     ONE("velocity.report", GROWING),
     ONE("velocity.tick", POSTURE_PACE),
-    ONE("velocity.tick", POSTURE_TIME),
     ONE("velocity.damping", PROGRESS_SHARE),
     ONE("velocity.damping", LEAST_WORTH),
     ONE("velocity.exact", REGULARISATION),

@@ -448,7 +448,6 @@ extern const Constant CONSTANTS[];
 #define FALLING 0.5
 #define GROWING 0.01
 #define POSTURE_PACE 0.01
-#define POSTURE_TIME 0.2
 #define PACE_ROUNDING 1e-14
 #define PROGRESS_SHARE 2e-4
 #define LEAST_WORTH 2e-5

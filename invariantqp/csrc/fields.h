@@ -87,6 +87,7 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     NUMBER(slack, 0.0, "of a chase: a measured twist that counts as nothing") \
     MAYBE_VECTOR(posture, joints, has_posture, "joint positions to be near where joints are free") \
     VECTOR(pull, joints, DEFAULT(0.0), "gains of the posture [1/s]") \
+    VECTOR(change, joints, DEFAULT(INFINITY), "by how much it may change joint velocities in a tick") \
     VECTOR(position_lower, joints, NEEDED, "[rad, length]") \
     VECTOR(position_upper, joints, NEEDED, "[rad, length]") \
     VECTOR(beyond, joints, NEEDED, "how far outside it a joint's position is believed") \

@@ -327,7 +327,7 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
         demand.posture[j] = !demand.paced ? beside->posture[j] : loop->has_posture ? (loop->posture[j] - there[j]) * loop->pull[j] : 0.0;
         demand.fastest[j] = loop->fastest[j] > 0.0 && isfinite(loop->fastest[j]) ? loop->fastest[j] : 1.0;
         demand.before[j] = kept[KEPT + m + j];
-        demand.change[j] = loop->dt / POSTURE_TIME * demand.fastest[j];
+        demand.change[j] = loop->change[j];
     }
     const Pose *wanted = demand.chased ? target : &tool;
     if (demand.chased) {

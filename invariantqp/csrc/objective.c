@@ -37,7 +37,7 @@ double damped_square(const Demand *demand, double sigma, double wanted, double l
 Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, bool chased,
                       Objective *objective)
 {
-    int k = n < 6 ? n : 6;
+    int k = n < 6 ? n : 6, regular = found->regular ? 6 : 0;
     double largest = found->largest, most = 0.0, least = INFINITY, damped = 0.0;
     if (!(largest > 0.0))
         return HAND_BACK;
@@ -47,37 +47,41 @@ Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const 
     objective->V = (const Row *)found->V;
     bool eased = chased && !found->regular && demand->ceiling > 0.0 && demand->speed == 0.0;
     double needed = 0.0, weak = SLOWEST * largest * SLOWEST * largest; /* squares; damping.py, asked_share */
+    Row moving, towards;
+    for (int i = regular; i < n; i++) {
+        moving[i] = moves(found->sigma[i], largest);
+        towards[i] = dot(n, found->V[i], posture);
+    }
     for (int i = 0; i < k && eased; i++) {
-        double moving = moves(found->sigma[i], largest), sigma = moving * found->sigma[i];
-        double left = moving * (found->wanted[i] - sigma * dot(n, found->V[i], posture));
+        double sigma = moving[i] * found->sigma[i];
+        double left = moving[i] * (found->wanted[i] - sigma * towards[i]);
         needed += left * left;
         weak += weakness(demand, sigma, largest) * left * left;
     }
     for (int i = 0; i < n; i++) {
         double sigma = found->sigma[i], wanted = found->wanted[i];
-        if (found->regular && i < 6) { /* nothing is damped */
+        if (i < regular) { /* nothing is damped */
             objective->rank++;
             objective->optimum[i] = wanted;
             objective->still[i] = found->ahead[i];
             continue;
         }
-        double moving = moves(sigma, largest);
-        sigma *= moving;
-        bool null = moving == 0.0;
+        sigma *= moving[i];
+        bool null = moving[i] == 0.0;
         double squared = damped_square(demand, sigma, wanted, largest);
         double easy = EASY * sigma / largest;
         if (eased)
             squared *= weak / (weak + needed * easy * easy);
         if (null && squared == 0.0)
             squared = NULL_WEIGHT * largest * largest;
-        double weight = sigma * sigma + squared, towards = dot(n, found->V[i], posture);
+        double weight = sigma * sigma + squared;
         if (!null) {
             damped = fmax(damped, squared);
             objective->rank++;
         }
         objective->weights[i] = weight;
-        objective->optimum[i] = (sigma * wanted + squared * towards) / weight;
-        objective->still[i] = (sigma * found->ahead[i] + squared * towards) / weight;
+        objective->optimum[i] = (sigma * wanted + squared * towards[i]) / weight;
+        objective->still[i] = (sigma * found->ahead[i] + squared * towards[i]) / weight;
         most = fmax(most, weight);
         least = fmin(least, weight);
     }

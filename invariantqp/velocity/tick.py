@@ -47,10 +47,6 @@ from invariantqp.velocity.reasons import Code, Reason, row_name
 # the larger, the nearer to their limits joints come where a path goes past one. With positions read to 2e-5 rad an arm
 # that stays moves by less than 0.1 deg in ten seconds.
 POSTURE_PACE = 0.01
-# In which a posture may bring joints to their full speed [s]. Measured on singular paths of seven-joint arms at 100 Hz,
-# the largest acceleration over five times that of damped least squares and 10 rad/s^2: 4.1 with none, 1.5 with .1 s,
-# 1.0 with .2 and .3, 1.1 with .5, where errors begin to grow.
-POSTURE_TIME = 0.2
 # Weight of |y|^2 beside what gives way, only to make the problem strictly convex. Rows that need a motion v then give
 # way by this share of v more than necessary; the second pass, centred at the first one's velocity, by its square.
 REGULARISATION = 1e-8

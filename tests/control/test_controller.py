@@ -5,7 +5,7 @@ from scipy.linalg import null_space
 from support.arms import ready
 
 import invariantqp as iq
-from invariantqp.velocity.tick import POSTURE_TIME
+from invariantqp.control.controller import POSTURE_TIME
 
 PANDA = iq.load_robot("panda")
 READY = ready("panda")
