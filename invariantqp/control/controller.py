@@ -159,8 +159,8 @@ class Controller:
             posture: (m,) joint positions that are kept near where the tool's motion leaves joints free; True is the
                 middle of the joint ranges, for arms with more than six joints, False is none. Where the task rests, so
                 do the joints.
-            posture_gain: how fast the posture is approached while the tool moves [1/s]. What joints do for it changes by
-                at most their full speed in 0.2 s, so they are neither jerked off nor stopped at once.
+            posture_gain: how fast the posture is approached while the tool moves [1/s]. What joints do for it changes
+                by at most their full speed in 0.2 s, so they are neither jerked off nor stopped at once.
             joint_metric: as in `solve_velocity`.
             backend: as in `solve_velocity`.
             exact: what is met exactly while the rest is least squares: "position" for the tool frame's origin, an
