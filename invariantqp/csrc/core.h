@@ -357,7 +357,7 @@ Outcome spectrum(int k, int n, const Row *A, const double *b, const double *ahea
 Outcome sorted_rows(int rows, int n, int with, Rotated *R, double *sigma);
 void completed(int n, int rank, Row *V);
 void want(Spectrum *found, const double b[6], const double *ahead);
-double moves(double sigma, double largest);
+double led_share(const Demand *demand, const Spectrum *found, int i);
 double damped_square(const Demand *demand, double sigma, double wanted, double largest);
 Outcome least_squares(const Demand *demand, int n, const Spectrum *found, const Row posture, bool chased,
                       Objective *objective);

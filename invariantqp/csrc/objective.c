@@ -11,7 +11,7 @@
 static const double LEAST_WEIGHT = 1e-10;
 
 /* Whether a direction moves anything; it fades in, so that the law has no jump. */
-double moves(double sigma, double largest)
+static double moves(double sigma, double largest)
 {
     return between(sigma / (NULL_RATIO * largest) - 1.0, 0.0, 1.0);
 }
@@ -31,6 +31,16 @@ double damped_square(const Demand *demand, double sigma, double wanted, double l
         left = demand->ceiling * largest * weakness(demand, sigma, largest);
     left *= left;
     return demand->speed > 0.0 ? fmax(left, sigma * (fabs(wanted) / demand->speed - sigma)) : left;
+}
+
+/* objective.py, Spectrum.led: the share of a posture that direction i follows, whatever twist is wanted */
+double led_share(const Demand *demand, const Spectrum *found, int i)
+{
+    if (found->regular && i < 6)
+        return 0.0;
+    double moving = moves(found->sigma[i], found->largest), sigma = moving * found->sigma[i];
+    double squared = damped_square(demand, sigma, 0.0, found->largest), total = sigma * sigma + squared;
+    return total > 0.0 ? squared / total : 1.0;
 }
 
 /* By the spectrum of A (6, n), for a twist that has a chase or none. */

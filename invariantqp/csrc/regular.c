@@ -153,9 +153,9 @@ bool regular_velocity(const Demand *demand, const Regular *regular, const Row A[
         shortest(n, regular, y, d);
         for (int j = 0; j < n; j++)
             d[j] = way[j] - d[j];
-        double kept = 1.0 - slower(demand, d);
+        double share = slower(demand, d);
         for (int j = 0; j < n; j++)
-            posture[j] -= kept * d[j];
+            posture[j] = demand->before[j] + share * way[j];
     }
     for (int i = 0; i < 6; i++)
         y[i] = led ? b[i] - dot(n, A[i], posture) : b[i];

@@ -119,7 +119,7 @@ static Outcome pace(Posed *problem, double *share)
     return DONE;
 }
 
-/* tick.py, _unhurried: the posture changes what joints do beside the twist by at most `change` */
+/* tick.py, _unhurried: what the joints follow of a posture changes what they do by at most `change` */
 static void unhurried(Posed *problem)
 {
     const Demand *demand = problem->demand;
@@ -134,22 +134,22 @@ static void unhurried(Posed *problem)
     for (int j = 0; j < m; j++)
         way[j] = problem->posture[j] - before[j];
     for (int i = 0; i < n; i++) {
-        Row still = {0.0};
-        double free = i < 6 ? found->regular ? 0.0 : 1.0 - moves(found->sigma[i], found->largest) : 1.0;
-        if (free == 0.0)
+        Row freed = {0.0};
+        double led = led_share(demand, found, i);
+        if (led == 0.0)
             continue;
         for (int j = 0; j < m && demand->rows > 0; j++)
             for (int k = 0; k < n; k++)
-                still[j] += reduction->basis[k][j] * found->V[i][k];
-        const double *direction = demand->rows > 0 ? still : found->V[i];
-        double along = free * dot(m, direction, way);
+                freed[j] += reduction->basis[k][j] * found->V[i][k];
+        const double *direction = demand->rows > 0 ? freed : found->V[i];
+        double along = led * dot(m, direction, way);
         for (int j = 0; j < m; j++)
             d[j] += along * direction[j];
     }
     moved(demand, d, x);
-    double kept = 1.0 - slower(demand, x);
+    double share = slower(demand, x);
     for (int j = 0; j < m; j++)
-        problem->posture[j] -= kept * d[j];
+        problem->posture[j] = before[j] + share * way[j];
 }
 
 /* The spectrum of the velocities that exact rows leave free, compared with that of all. */

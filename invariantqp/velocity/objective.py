@@ -93,9 +93,19 @@ class Spectrum(NamedTuple):
     def moving(self) -> Array:
         """(n,) 1 for directions that move something, 0 for others; it fades in, so that the law has no jump."""
         moving = np.zeros(len(self.Vt))
-        if self.largest > 0.0:
-            moving[: len(self.sigma)] = np.clip(self.sigma / (NULL_RATIO * self.largest) - 1.0, 0.0, 1.0)
+        moving[: len(self.sigma)] = np.clip(self.sigma / (NULL_RATIO * self.largest) - 1.0, 0.0, 1.0)
         return moving
+
+    def led(self, damping: Damping) -> Array:
+        """(n,) the share of a posture that each direction follows, whatever twist is wanted; all where nothing moves."""
+        sigma, share = np.zeros(len(self.Vt)), np.ones(len(self.Vt))
+        if self.largest == 0.0:
+            return share
+        sigma[: len(self.sigma)] = self.sigma
+        sigma *= self.moving
+        squares = damping.squares(sigma, np.zeros(len(sigma)), self.largest)
+        total = sigma * sigma + squares
+        return np.divide(squares, total, out=share, where=total > 0.0)
 
 
 def spectrum_of(A: Array, largest: float | None = None) -> Spectrum:

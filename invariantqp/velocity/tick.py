@@ -257,20 +257,20 @@ def _followed(law: VelocityLaw, problem: Problem) -> float:
 def _unhurried(law: VelocityLaw, problem: Problem, posture: Array) -> Array:
     """The posture (m,) on y, so that it changes what joints do beside the twist by at most `change` in a tick.
 
-        d = N (y_p - y_before)       N onto the motions of y that move nothing and that exact rows leave free
-        y_p - d + d / max(1, |d_j| / change_j)
+        w = y_p - y_before,   d = V diag(lambda^2 / (sigma^2 + lambda^2)) V'w       what of w the joints follow
+        y_before + w / max(1, |d_j| / change_j)
 
-    So joints that a posture sets in motion, stops or turns another way do not jump; what moves the tool is as it was.
+    So joints that a posture sets in motion, stops or turns another way do not jump, also where damping leaves a weak
+    direction to it; what moves the tool well is as it was.
     """
-    demand, spectrum, basis = problem.demand, problem.spectrum, problem.reduction.basis
+    demand, spectrum = problem.demand, problem.spectrum
     if demand.before is None or demand.change is None or spectrum is None:
         return posture
     before = demand.before if law.from_joint is None else law.from_joint.dot(demand.before)
-    V = basis.dot(spectrum.Vt.T)
-    d = V.dot((1.0 - spectrum.moving) * (posture - before).dot(V))
+    V, way = problem.reduction.basis.dot(spectrum.Vt.T), posture - before
+    d = V.dot(spectrum.led(problem.damping) * way.dot(V))
     x = d if law.to_joint is None else law.to_joint.dot(d)
-    most = max(1.0, float((np.abs(x) / demand.change).max()))
-    return np.asarray(posture - (1.0 - 1.0 / most) * d)
+    return np.asarray(before + way / max(1.0, float((np.abs(x) / demand.change).max())))
 
 
 def limits_of(law: VelocityLaw, demand: Demand) -> tuple[Polytope, Polytope, Cone | None]:

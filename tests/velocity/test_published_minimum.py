@@ -140,10 +140,11 @@ class Published:
         x0, _, z = self.centre(s, e)
         t = (np.abs(x0 + self.B @ z) / demand.fastest).max()
         posture = t**2 / (t**2 + POSTURE_PACE**2) * demand.posture
-        if demand.before is not None:  # it changes what moves nothing by at most `change`
-            N = self.B @ null_space(self.AB)
-            d = N @ N.T @ (posture - demand.before)
-            posture = posture - d + d / max(1.0, (np.abs(d) / demand.change).max())
+        if demand.before is not None:  # what is followed of it changes joint velocities by at most `change`
+            _, sigma, Vt, _ = self.spectrum
+            V, way = self.B @ Vt.T, posture - demand.before
+            d = V @ (self.squares / (sigma**2 + self.squares) * (V.T @ way))
+            posture = demand.before + way / max(1.0, (np.abs(d) / demand.change).max())
         return self.share * posture
 
     def limits(self, z, origin, lower, upper, everything):
