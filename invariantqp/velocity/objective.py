@@ -97,7 +97,7 @@ class Spectrum(NamedTuple):
         return moving
 
     def led(self, damping: Damping) -> Array:
-        """(n,) the share of a posture that each direction follows, whatever twist is wanted; all where nothing moves."""
+        """(n,) the share of a posture that each direction follows, whatever twist is wanted."""
         sigma, share = np.zeros(len(self.Vt)), np.ones(len(self.Vt))
         if self.largest == 0.0:
             return share
