@@ -133,7 +133,7 @@ static void heard(const Press *press, const Stiffness *known, double felt, doubl
 /* Answers.at_rest */
 static void rests(const Press *press, double dt, double felt, double wanted, double noise, Answers *check)
 {
-    double finest = LEAST_WAY * RESOLVED * press->size;
+    double room = press->slope * norm(3, check->slid) + press->yields + check->moves + LEAST_WAY * RESOLVED * press->size;
     if (!isnan(check->rest[0]) && check->rest[3] != wanted) {
         check->rested = check->off = 0.0;
         check->rest[0] = check->rest[1] = check->rest[2] = check->rest[3] = NAN;
@@ -143,14 +143,12 @@ static void rests(const Press *press, double dt, double felt, double wanted, dou
             check->rested = rested;
             return;
         }
-        const double rest[4] = {check->depth, felt,
-                                fmax(felt - check->touched, 0.0) / (fmax(check->depth, finest) + press->slope * norm(3, check->slid)),
-                                wanted};
+        double least = fmax(felt - check->touched, 0.0) / (fmax(check->depth, 0.0) + room);
+        const double rest[4] = {check->depth, felt, least, wanted};
         memcpy(check->rest, rest, sizeof rest);
         check->slid[0] = check->slid[1] = check->slid[2] = 0.0;
     } else {
         double least = check->rest[2], way = check->depth - check->rest[0], rise = felt - check->rest[1];
-        double room = press->slope * norm(3, check->slid) + press->yields + check->moves + finest;
         double low = (way > room ? least : check->stiff) * (way - room);
         double high = (way < -room ? least : check->stiff) * (way + room);
         check->off = fmax(low - rise, rise - high) > fmax(SHORT * wanted, FELL_NOISE * noise) ? check->off + dt : 0.0;
@@ -170,8 +168,10 @@ static bool unanswered(const Press *press, const PressTick *tick, const Stiffnes
     }
     if (check->stiff == 0.0) {
         check->stiff = isnan(known->stiff) ? UNSHOWN * stiff : known->stiff;
-        check->since[0] = 0.0;
-        check->since[1] = check->touched = felt;
+        check->depth = isnan(known->quiet) ? 0.0 : fmax(known->way - known->quiet, 0.0);
+        check->touched = isnan(known->quiet) ? felt : 0.0;
+        check->since[0] = check->depth;
+        check->since[1] = felt;
         check->read = CERTAIN;
         return false;
     }

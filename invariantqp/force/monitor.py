@@ -354,13 +354,13 @@ class Answers(NamedTuple):
 
     Attributes:
         stiff: bound of the stiffness as the touch or the last answer showed it [force/length].
-        depth: way in since the touch [length].
+        depth: way in since nothing was felt, or since the first reading [length].
         since: depth and force at the last answer, or at the touch.
         across: (3,) since then [length].
         grade: (3,) how much the surface rises towards the tool for a way across, as answers showed it.
         silent: for how long readings have neither answered nor stirred [s].
         evidence: of an answer.
-        touched: force at the touch.
+        touched: force at depth 0.
         rested: for how long the force has been near the wanted one [s].
         rest: depth, force and least stiffness, and the wanted force they are of; None before it has rested.
         slid: (3,) across since the touch or since it has rested [length].
@@ -413,7 +413,8 @@ class Answers(NamedTuple):
             return self.begun(), None
         if self.stiff == 0.0:
             stiff = UNSHOWN * (task.stiffness or STIFF) if known.stiff is None else known.stiff
-            return self._replace(stiff=stiff, since=(0.0, press), touched=press, read=CERTAIN), None
+            depth, touched = (0.0, press) if known.quiet is None else (max(known.way - known.quiet, 0.0), 0.0)
+            return self._replace(stiff=stiff, depth=depth, since=(depth, press), touched=touched, read=CERTAIN), None
         now = self._replace(depth=self.depth + tick.came, across=self.across + tick.across, read=read)
         evidence = self.evidence.after(known, noise, wanted, shared, tick.dt)
         now = now._replace(evidence=evidence)
@@ -430,8 +431,7 @@ class Answers(NamedTuple):
         if unshown or now.unseen(task, press) > PRESSES * wanted or now.off > AVERAGED:
             most = task.retreat_distance
             if press > FELL_NOISE * noise:  # less would fall unseen, and how far it reached is not known either
-                since_quiet = now.depth if known.quiet is None else max(now.depth, known.way - known.quiet)
-                most = min(max(since_quiet, 0.0) + STEP * task.size, most)
+                most = min(max(now.depth, 0.0) + STEP * task.size, most)
             release = Release(now.depth, max(press, FELL_NOISE * noise), most, press)
             return now._replace(release=release, evidence=Evidence()), None
         return now, None
@@ -477,15 +477,15 @@ class Answers(NamedTuple):
         """The same with what is known of the force that stands."""
         if self.rest is not None and self.rest[3] != wanted:
             return self._replace(rested=0.0, rest=None, off=0.0)
-        finest = LEAST_WAY * RESOLVED * task.size
+        room = task.slope * _length(self.slid) + task.yields + self.moves + LEAST_WAY * RESOLVED * task.size
         if self.rest is None:
             rested = self.rested + dt if abs(press - wanted) < SHORT * wanted else 0.0
             if rested < PATIENCE:
                 return self._replace(rested=rested)
-            least = max(press - self.touched, 0.0) / (max(self.depth, finest) + task.slope * _length(self.slid))
+            least = max(press - self.touched, 0.0) / (max(self.depth, 0.0) + room)
             return self._replace(rest=(self.depth, press, least, wanted), slid=np.zeros(3))
         depth, force, least, _ = self.rest
-        way, room = self.depth - depth, task.slope * _length(self.slid) + task.yields + self.moves + finest
+        way = self.depth - depth
         low = (least if way > room else self.stiff) * (way - room)
         high = (least if way < -room else self.stiff) * (way + room)
         missing = max(low - (press - force), (press - force) - high)

@@ -154,6 +154,7 @@ FAULTS = {
     "held in the air": (0.0, 0.0),
     "late untold": (0.05, 0.15),
     "noisier than told": (5.0, 10.0),
+    "drift, sliding": (0.05, 0.5),
 }
 # Which of them begin before the touch, at a time; the others about a second after it, and after the slide began.
 BEGIN = dict.fromkeys(("dead in the air", "nothing there", "arm stands", "held in the air"), 0.2) | dict.fromkeys(
@@ -179,7 +180,7 @@ def failing(kind, arm, random):
         circle=slides * float(pick([0.0, 0.02])),
         slides_from=2.0,
         fault=kind,
-        value=between(*FAULTS[kind]) * (float(pick([-1.0, 1.0])) if kind == "drift" else 1.0),
+        value=between(*FAULTS[kind]) * (float(pick([-1.0, 1.0])) if "drift" in kind else 1.0),
     )
 
 
@@ -286,7 +287,7 @@ def run(scene, dt, seconds, trace=0, *, defined=False, c=None):
                 if stuck is None and (fault != "stuck in the touch" or read > scene.value * scene.press):
                     stuck = read + shake[2] * (fault != "stuck in the touch")
                 read = read if stuck is None else stuck
-            elif fault == "drift":
+            elif "drift" in fault:
                 read += scene.value * (t - begins)
             elif fault == "jump":
                 read += scene.value
@@ -484,7 +485,9 @@ def fault_table(a):
         for name, scene in scenes(failing, [kind], a.each, a.tick, a.seed, a.arms):
             if a.only and name != a.only:
                 continue
-            told.append(run(scene, a.tick, 40.0 if kind == "drift" else a.seconds, a.trace, defined=bool(a.without)))
+            # A drift is run until it is worth one and a half presses.
+            seconds = scene.since + 1.5 * scene.press / abs(scene.value) if "drift" in kind else a.seconds
+            told.append(run(scene, a.tick, seconds, a.trace, defined=bool(a.without)))
             if a.verbose:
                 print(
                     f"    {name} {scene}\n      {told[-1].stopped - told[-1].since:.2f} s, {told[-1].last}, {told[-1].after:.2f} presses, {1e3 * told[-1].away:.2f} mm away: {told[-1].reason[:140]} {dict(told[-1].words)}",

@@ -119,6 +119,18 @@ def test_a_bias_that_drifts_or_jumps_under_a_tool_at_rest_is_found(sign, rate):
     assert run.height[round(4.0 / run.dt) : run.stopped].max() < 2e-3
 
 
+@pytest.mark.parametrize("rate", [-0.4, 0.4])
+def test_a_bias_that_drifts_on_a_stiff_table_is_found_before_it_is_worth_the_press(rate):
+    """A long tick feels a touch with nearly all of its press: the way before that counts. It ended "ok" at twice."""
+    given = {"press": 5.0, "stiffness": 9e4, "damping": 1.8e3, "dt": 0.01, "noise": 0.2, "lag": 0.01, "told": 0.0}
+    run = press_on_damper(
+        "panda", since=4.0, seconds=4.0 + 5.0 / abs(rate), reads=lambda press, t: press + rate * (t - 4.0), **given
+    )
+    assert run.said[-1][0] == "fault"
+    assert run.press.max() < 2.0 * 5.0
+    assert run.height[round(4.0 / run.dt) : run.stopped].max() < 2e-3
+
+
 def test_a_force_that_changed_on_the_contact_is_asked_about_and_then_believed():
     """4 N more than the spring says, but nothing in the air."""
     run = press_on_damper(dt=0.01, since=4.0, seconds=20.0, reads=lambda press, t: press + 4.0 * (press > 0.0))
