@@ -134,6 +134,7 @@ static void heard(const Press *press, const Stiffness *known, double felt, doubl
 static void rests(const Press *press, double dt, double felt, double wanted, double noise, Answers *check)
 {
     double room = press->slope * norm(3, check->slid) + press->yields + check->moves + LEAST_WAY * RESOLVED * press->size;
+    double least_felt = fmax(SHORT * wanted, FELL_NOISE * noise);
     if (!isnan(check->rest[0]) && check->rest[3] != wanted) {
         check->rested = check->off = 0.0;
         check->rest[0] = check->rest[1] = check->rest[2] = check->rest[3] = NAN;
@@ -143,15 +144,16 @@ static void rests(const Press *press, double dt, double felt, double wanted, dou
             check->rested = rested;
             return;
         }
-        double least = fmax(felt - check->touched, 0.0) / (fmax(check->depth, 0.0) + room);
-        const double rest[4] = {check->depth, felt, least, wanted};
+        double shown = fmax(felt - check->touched, 0.0), way = fmax(check->depth, 0.0) + room;
+        const double rest[4] = {check->depth, felt, shown / way, wanted};
+        check->off = shown - check->stiff * way > least_felt ? INFINITY : 0.0;
         memcpy(check->rest, rest, sizeof rest);
         check->slid[0] = check->slid[1] = check->slid[2] = 0.0;
     } else {
         double least = check->rest[2], way = check->depth - check->rest[0], rise = felt - check->rest[1];
         double low = (way > room ? least : check->stiff) * (way - room);
         double high = (way < -room ? least : check->stiff) * (way + room);
-        check->off = fmax(low - rise, rise - high) > fmax(SHORT * wanted, FELL_NOISE * noise) ? check->off + dt : 0.0;
+        check->off = fmax(low - rise, rise - high) > least_felt ? check->off + dt : 0.0;
     }
 }
 

@@ -344,9 +344,9 @@ class Answers(NamedTuple):
     presses of the stiffest contact that the touch can have shown. That the surface rises where the tool slides is an
     excuse for half a second: then it has to have been answered, `grade`, or a sensor that is stuck would be a slope
     that is followed. Where the force stands, it changes with the way as on a contact between the softest and the
-    stiffest that was shown, within SHORT of the press: a bias that drifts or jumps moves the tool, as a surface would
-    that moves. A sensor's press that was there from the first reading on, and does not stir, no way has shown: in the
-    air it would be a bias.
+    stiffest that was shown, within SHORT of the press, from nothing on: a bias that drifts or jumps moves the tool, as
+    a surface would that moves. A sensor's press that was there from the first reading on, and does not stir, no way has
+    shown: in the air it would be a bias.
 
     What the readings cannot tell the tool asks: it lets go. On a contact they fall, where they have moved the tool to
     nothing, and what made it ask was the surface, which is known to move so far; a sensor that is stuck, off or not
@@ -478,18 +478,20 @@ class Answers(NamedTuple):
         if self.rest is not None and self.rest[3] != wanted:
             return self._replace(rested=0.0, rest=None, off=0.0)
         room = task.slope * _length(self.slid) + task.yields + self.moves + LEAST_WAY * RESOLVED * task.size
+        least_felt = max(SHORT * wanted, FELL_NOISE * noise)
         if self.rest is None:
             rested = self.rested + dt if abs(press - wanted) < SHORT * wanted else 0.0
             if rested < PATIENCE:
                 return self._replace(rested=rested)
-            least = max(press - self.touched, 0.0) / (max(self.depth, 0.0) + room)
-            return self._replace(rest=(self.depth, press, least, wanted), slid=np.zeros(3))
+            shown, way = max(press - self.touched, 0.0), max(self.depth, 0.0) + room
+            off = inf if shown - self.stiff * way > least_felt else 0.0
+            return self._replace(rest=(self.depth, press, shown / way, wanted), slid=np.zeros(3), off=off)
         depth, force, least, _ = self.rest
         way = self.depth - depth
         low = (least if way > room else self.stiff) * (way - room)
         high = (least if way < -room else self.stiff) * (way + room)
         missing = max(low - (press - force), (press - force) - high)
-        return self._replace(off=self.off + dt if missing > max(SHORT * wanted, FELL_NOISE * noise) else 0.0)
+        return self._replace(off=self.off + dt if missing > least_felt else 0.0)
 
     def released(
         self,
@@ -508,7 +510,7 @@ class Answers(NamedTuple):
             if not rested and self.evidence.stiffness > 0.0:
                 now = self.heard(task, known, press, noise)
                 none: Array = np.zeros(3)
-                begun = now._replace(touched=0.0, rested=0.0, rest=None, slid=none, off=0.0, release=None)
+                begun = now._replace(rested=0.0, rest=None, slid=none, off=0.0, release=None)
                 return begun._replace(moves=moves), None
             release = release._replace(highest=max(release.highest, press))
             if press < release.highest - FELL_NOISE * noise:

@@ -520,7 +520,7 @@ def main():
     p.add_argument("--without", choices=("", *CHECKS), default="")
     a = p.parse_args()
     a.kinds = a.kinds or list(KINDS if a.what == "healthy" else FAULTS)
-    a.seconds = a.seconds or (60.0 if a.what == "healthy" else 10.0)
+    a.seconds = a.seconds or (60.0 if a.what == "healthy" else 20.0)
     if a.without:
         setattr(*CHECKS[a.without])
     if a.what == "healthy":

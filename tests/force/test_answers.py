@@ -131,6 +131,21 @@ def test_a_bias_that_drifts_on_a_stiff_table_is_found_before_it_is_worth_the_pre
     assert run.height[round(4.0 / run.dt) : run.stopped].max() < 2e-3
 
 
+def test_a_bias_that_jumps_by_the_press_before_it_has_rested_is_found():
+    """The tool stood where it had touched, with nothing pressed and all of the press read, "ok"."""
+    reached = []
+
+    def reads(press, t):
+        if not reached and press > 0.95 * PRESS:
+            reached.append(t)
+        return press + PRESS * bool(reached and t > reached[0] + 0.5)
+
+    run = press_on_damper(stiffness=3e4, damping=600.0, dt=0.004, seconds=8.0, reads=reads, noise=0.1, since=0.0)
+    assert reached
+    assert run.said[-1][0] == "fault"
+    assert run.press.max() < 1.1 * PRESS
+
+
 def test_a_force_that_changed_on_the_contact_is_asked_about_and_then_believed():
     """4 N more than the spring says, but nothing in the air."""
     run = press_on_damper(dt=0.01, since=4.0, seconds=20.0, reads=lambda press, t: press + 4.0 * (press > 0.0))
