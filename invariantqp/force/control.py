@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from math import exp, inf, pi, sqrt
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from attrs import field, frozen
@@ -129,6 +129,10 @@ EASES = 0.5
 LEAST_EASED = 1.0 / 64.0
 # The pose of a tool on which nothing depends.
 ANYWHERE = np.eye(4)
+# What `HybridController.step` is given, in its order, with the contact of the tick.
+Given: TypeAlias = tuple[
+    ArrayLike, Any, Any, ArrayLike | None, Contact, ArrayLike | None, ArrayLike | Wrench | None, ArrayLike | None
+]
 
 
 class Pressing(NamedTuple):
@@ -437,21 +441,12 @@ class HybridController:
         """
         contact = contact_now(self.task, self._tool(q) if contact is None else ANYWHERE, contact)
         given = q, target, wrench, feedforward, contact, velocity, wanted, posture
-        found = None if self._core is None else self._by_core(self._core, *given)
-        return self._by_python(*given) if found is None else found
+        found = None if self._core is None else self._by_core(self._core, given)
+        return self._by_python(given) if found is None else found
 
-    def _by_python(
-        self,
-        q: ArrayLike,
-        target: Any,
-        wrench: Any,
-        feedforward: ArrayLike | None,
-        contact: Contact,
-        velocity: ArrayLike | None,
-        wanted: ArrayLike | Wrench | None,
-        posture: ArrayLike | None,
-    ) -> HybridSolution:
+    def _by_python(self, given: Given) -> HybridSolution:
         """A tick in Python, the definition."""
+        q, target, wrench, feedforward, contact, velocity, wanted, posture = given
         task, loop, memory, dt, delay = self.task, self.loop, self.memory, self.loop.dt, self._delay
         robot, joints = loop.robot, len(loop.robot.names)
         positions = arrays.vector(q, joints, "q")
@@ -507,7 +502,7 @@ class HybridController:
             setting.late,
             free=acts and inner.scale == 1.0 and said.action == FOLLOW and not waits,
         )
-        shows = 1.0 - exp(-dt / max(after.lag, 1e-9))
+        shows, outwards = 1.0 - exp(-dt / max(after.lag, 1e-9)), float(here.out.dot(way))
         self._normal = self._normal.found(
             task,
             here.declared,
@@ -518,7 +513,6 @@ class HybridController:
         )
         delay.after(positions, step, sighting.J, here.contact.point, task.size, velocity, touching=touching)
         self._ways.add(step, way, delay.late or 0.0)
-        outwards = float(here.out.dot(way))
         self._beyond = self._beyond.after(here.contact.point, outwards, beyond=said.beyond)
         self._kept = Memory(
             pressing=after,
@@ -552,19 +546,9 @@ class HybridController:
         """(4, 4) the tool's pose, where the contact depends on it."""
         return ANYWHERE if isinstance(self.task.contact, Contact) else self.loop.robot.pose(q)
 
-    def _by_core(
-        self,
-        core: Press,
-        q: ArrayLike,
-        target: Any,
-        wrench: Any,
-        feedforward: ArrayLike | None,
-        contact: Contact,
-        velocity: ArrayLike | None,
-        wanted: ArrayLike | Wrench | None,
-        posture: ArrayLike | None,
-    ) -> HybridSolution | None:
+    def _by_core(self, core: Press, given: Given) -> HybridSolution | None:
         """A tick by the core; None where Python has to answer, or to say what is wrong with an argument."""
+        q, target, wrench, feedforward, contact, velocity, wanted, posture = given
         task, loop, delay = self.task, self.loop, self._delay
         kept = self._kept if isinstance(self._kept, bytes) else PACKING.packed(self._kept)
         if kept is None or (contact.edge is not None and contact.edge < task.edge_margin):
