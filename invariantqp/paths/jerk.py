@@ -3,13 +3,17 @@
 A motion p(t) of them is driven at another rate: dt' = dt / sqrt(b), b a quadratic spline, one number c for each piece.
 
     time             integral of b^-1/2
-    velocity         b <= (top / speed)^2                  in the middle of each piece
-    acceleration     |a| <= A,  a = p' b' / 2 + p'' b      at knots, zero at the first and the last
+    velocity         b <= (top / speed)^2                  at the knot before each piece and in its middle
+    acceleration     |a| <= A,  a = p' b' / 2 + p'' b      at knots
     jerk             |a_i+1 - a_i| <= J h b^-1/2           from knot to knot
 
 All is convex in c but the last, whose tangent is inside the limit. A step is one of an interior point method for that
 problem, from b = 1; p is then the motion at the new rate, through the same points. So in the end b is one, and the
 limits are those of the motion itself.
+
+The place on the path is a spline, too. The coefficients that it has as a B-spline never fall, so it never goes back;
+the first three are the same, and the last three, so it begins and ends without acceleration. Points move along the path
+by what that takes.
 
 References: Verscheure et al. 2009, Time-optimal path tracking for robots: a convex optimization approach.
 Mehrotra 1992, On the implementation of a primal-dual interior point method.
@@ -17,9 +21,11 @@ Mehrotra 1992, On the implementation of a primal-dual interior point method.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BSpline, CubicSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from invariantqp.geometry.arrays import Array
@@ -34,12 +40,21 @@ START = 0.1
 REGULAR = 1e-9
 
 
-def least_time(times: Array, points: Array, limits: JointLimits, share: float, at: Array, top: Array) -> Motion:
-    """The motion through points, from rest to rest, inside the limits.
+def least_time(
+    times: Array,
+    places: Array,
+    joints: Callable[[Array], Array],
+    limits: JointLimits,
+    share: float,
+    at: Array,
+    top: Array,
+) -> Motion:
+    """The motion from rest to rest inside the limits, of the joints and, last, their place on the path.
 
     Args:
-        times: (n,) when they are passed at first; it need not keep the limits.
-        points: (n, m) positions of the joints and, last, the place on the path.
+        times: (n,) of knots at first; it need not keep the limits.
+        places: (n,) the path is at then; they do not fall.
+        joints: positions (k, m) at places (k,), of which the last is the place.
         limits: of all m, inf for none; positions are not looked at.
         share: of the limits of acceleration and jerk that is aimed at.
         at: (k,) places.
@@ -48,15 +63,13 @@ def least_time(times: Array, points: Array, limits: JointLimits, share: float, a
     hard, steep = share * limits.acceleration, share * limits.jerk
     bent, jerky = np.isfinite(hard), np.isfinite(steep)
     of_jerk = np.tile(np.arange(bent.sum() + jerky.sum()) >= bent.sum(), 2)
-    highest = np.interp(0.5 * (points[:-1, -1] + points[1:, -1]), at, top)
     room = z = np.zeros((0, 0))  # what is kept free beside each limit, as a share of it, and what more would be worth
-    motion = CubicSpline(times, points, bc_type="clamped")
+    highest = np.interp(0.5 * (places[:-1] + places[1:]), at, top)
+    motion = _onward(times, places, joints)
     kept, least, gap = (1.0, times, motion), np.inf, np.inf
     for k in range(STEPS):
-        h, v, a = np.diff(times), motion(times, 1), motion(times, 2)
-        jerk, turns, fastest = np.diff(a, axis=0) / h[:, None], a[:-1] * a[1:] < 0.0, v[1:].copy()
-        fastest[turns] = (v[:-1] - 0.5 * a[:-1] ** 2 / np.where(turns, jerk, 1.0))[turns]
-        needs = fastest, a, jerk
+        h, v, needs = np.diff(times), motion(times, 1), _needs(times, motion)
+        fast, a, _ = needs
         over = [float((np.abs(x) / y).max()) for x, y in zip(needs, limits[2:5], strict=True)]
         slow = max(over[0], over[1] ** 0.5, over[2] ** (1.0 / 3.0), 1.0)
         if slow * times[-1] < least:  # all of it so much slower keeps the limits
@@ -75,11 +88,12 @@ def least_time(times: Array, points: Array, limits: JointLimits, share: float, a
         first = np.stack((left[:-1], right[:-1], 0.0 * left[1:]), axis=1)
         change = np.stack((-left[:-1], left[1:] - right[:-1], right[1:]), axis=1) / h[:, None, None]
         rows = np.concatenate((first[:, :, bent] / hard[bent], change[:, :, jerky] / steep[jerky]), axis=2)
-        swift = (np.maximum(fastest, v[:-1])[:, -1:] / highest[:, None]) ** 2
+        swift = np.maximum((np.abs(fast) / limits.velocity).max(axis=2), fast[:, :, -1] / highest[:, None]) ** 2
+        there = np.stack((np.stack((before[:-1], after[:-1], 0.0 * h), axis=1), middle), axis=2)
         need = rows.sum(axis=1)
         free = np.hstack((1.0 - need, 1.0 + need, 1.0 - swift))
-        slope = np.concatenate((-rows, rows, -swift[:, :, None] * middle[:, :, None]), axis=2)
-        slope[:, :, :-1][:, :, of_jerk] -= 0.5 * middle[:, :, None]
+        slope = np.concatenate((-rows, rows, -swift[:, None] * there), axis=2)
+        slope[:, :, :-2][:, :, of_jerk] -= 0.5 * middle[:, :, None]
 
         if k == 0:
             room = np.maximum(np.abs(free), START)
@@ -97,9 +111,32 @@ def least_time(times: Array, points: Array, limits: JointLimits, share: float, a
         b = before * ends[:-1] + after * ends[1:]
         slower = b[:-1] ** -0.5 + 4.0 * (sliding_window_view(ends, 3) * middle).sum(axis=1) ** -0.5 + b[1:] ** -0.5
         times = np.append(0.0, np.cumsum(h * slower / 6.0))
-        motion = CubicSpline(times, points, bc_type="clamped")
+        motion = _onward(times, places, joints)
     slow, times, motion = kept
     return Motion(slow * times, np.moveaxis(motion.c[::-1], 0, 1) / slow ** np.arange(4.0)[:, None])
+
+
+def _needs(times: Array, motion: CubicSpline) -> tuple[Array, Array, Array]:
+    """What a motion with knots at times (n,) has: velocities, accelerations (n, m) and jerk (n - 1, m).
+
+    Velocities (n - 1, 2, m) are those at the knot before each piece and in its middle, or where they turn.
+    """
+    h, v, a = np.diff(times), motion(times, 1), motion(times, 2)
+    jerk, turns = np.diff(a, axis=0) / h[:, None], a[:-1] * a[1:] < 0.0
+    turned = v[:-1] - 0.5 * a[:-1] ** 2 / np.where(turns, jerk, 1.0)
+    return np.stack((v[:-1], np.where(turns, turned, motion(times[:-1] + 0.5 * h, 1))), axis=1), a, jerk
+
+
+def _onward(times: Array, places: Array, joints: Callable[[Array], Array]) -> CubicSpline:
+    """The motion through the joints at places (n,) at times (n,), moved so that it never goes back."""
+    h = np.diff(times, prepend=times[0], append=times[-1])
+    way = CubicSpline(times, places, bc_type="clamped")
+    c: Array = places + way(times, 1) * (h[1:] - h[:-1]) / 3.0 - way(times, 2) * h[1:] * h[:-1] / 6.0
+    c[:2], c[-2:] = places[0], places[-1]
+    c = np.clip(c, places[0], places[-1])
+    c = 0.5 * (np.maximum.accumulate(c) + np.minimum.accumulate(c[::-1])[::-1])
+    way = BSpline(np.pad(times, 3, mode="edge"), np.pad(c, 1, mode="edge"), 3)
+    return CubicSpline(times, joints(way(times)), bc_type="clamped")
 
 
 class _Step:

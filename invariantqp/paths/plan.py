@@ -199,7 +199,7 @@ def _with_jerk(at: Array, q: Array, slopes: Array, top: Array, limits: JointLimi
     places[1], places[-2] = (places[i] + (places[j] - places[i]) / 8.0 for i, j in ((0, 2), (-1, -3)))  # at even jerk
     times: Array = step * np.arange(len(places), dtype=np.float64)
     top = np.clip(top, AT_REST * float(speeds.max()) or float(at[-1] - at[0]), sizes.LARGEST)
-    return least_time(times, CubicSpline(at, q)(places), limits, ACCELERATION_SHARE, at, top)
+    return least_time(times, places, CubicSpline(at, q), limits, ACCELERATION_SHARE, at, top)
 
 
 def _top(
