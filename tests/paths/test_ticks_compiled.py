@@ -37,6 +37,17 @@ def leaps(arm, truth):
     ]
 
 
+def too_fast(arm, truth):
+    """Slow joints that leap, and are led faster than they may turn."""
+    r = arm.robot
+    arm.robot = iq.robots.Chain(r.screws, r.home, r.names, r.position_lower, r.position_upper, 0.4)
+    stamps, way = np.arange(0.0, 1.2, 0.05), np.sign(truth(0.3) - arm.start)
+    return arm.follower(), [
+        (0.0, lambda f: f.follow(arm.start + 0.1 * way * np.ones((24, 1)), stamps)),
+        (0.6, lambda f: f.follow(arm.start + (0.1 - 0.48 * stamps[:, None]) * way, stamps + 0.6)),
+    ]
+
+
 def twists(arm, truth):
     """Twists one after the other, the last for as long as it holds."""
     rng = np.random.default_rng(7)
@@ -81,7 +92,7 @@ def by_python(monkeypatch):
 
 
 ARMS = [("panda", 0.008), ("ur5", 0.0), ("so101", 0.008)]
-WAYS = [chunks, hand, path, leaps, twists, fast, beside]
+WAYS = [chunks, hand, path, leaps, twists, fast, beside, too_fast]
 
 
 @pytest.mark.parametrize(("way", "name", "delay"), [(way, *ARMS[k % 3]) for k, way in enumerate(WAYS)])
