@@ -81,7 +81,6 @@ def least_time(
         both = h[:-1] + h[1:]
         before, after = (np.concatenate(x) for x in (((0.0,), h[1:] / both, (1.0,)), ((1.0,), h[:-1] / both, (0.0,))))
         turn = np.concatenate(((0.0,), 1.0 / both, (0.0,)))[:, None] * v
-        a[[0, -1]] = 0.0
         left, right = a * before[:, None] - turn, a * after[:, None] + turn
         middle = 0.25 * np.stack((before[:-1], 2.0 + after[:-1] + before[1:], after[1:]), axis=1)
         # Of the c before a piece, its own and that after it, (n - 1, 3, .): accelerations and changes of them

@@ -196,7 +196,6 @@ def _with_jerk(at: Array, q: Array, slopes: Array, top: Array, limits: JointLimi
     total = np.append(0.0, np.cumsum(0.5 * (places[1:] + places[:-1])))
     places = (total[n:] - total[:-n]) / n
     places[0], places[-1] = at[0], at[-1]
-    places[1], places[-2] = (places[i] + (places[j] - places[i]) / 8.0 for i, j in ((0, 2), (-1, -3)))  # at even jerk
     times: Array = step * np.arange(len(places), dtype=np.float64)
     top = np.clip(top, AT_REST * float(speeds.max()) or float(at[-1] - at[0]), sizes.LARGEST)
     return least_time(times, places, CubicSpline(at, q), limits, ACCELERATION_SHARE, at, top)
