@@ -4,9 +4,11 @@ import gc
 import os
 import signal
 import sys
+from collections import defaultdict
 from importlib.util import find_spec
 
 import pytest
+from support.repeats import LONG
 
 # NumPy reads this when imported.
 for library in ("OPENBLAS", "MKL", "OMP"):
@@ -47,10 +49,26 @@ def pytest_ignore_collect(collection_path, config):
     return None
 
 
-def pytest_collection_modifyitems(items):
+@pytest.hookimpl(wrapper=True)
+def pytest_collection_modifyitems(config, items):
+    """Of cases that say the same of other arms, times or draws as many as are marked, the first and last too."""
     for item in items:
         if item.nodeid.startswith(DEFINITION):
             item.add_marker("definition")
+    result = yield  # what -k and -m leave
+    cases = defaultdict(list)
+    for item in items:
+        if not LONG and item.get_closest_marker("cases"):
+            cases[item.nodeid.split("[")[0]].append(item)
+    left_out = set()
+    for same in cases.values():
+        few, last = same[0].get_closest_marker("cases").args[0], len(same) - 1
+        if few <= last:
+            left_out |= set(same) - {same[round(k * last / max(few - 1, 1))] for k in range(few)}
+    if left_out:
+        config.hook.pytest_deselected(items=list(left_out))
+        items[:] = [item for item in items if item not in left_out]
+    return result
 
 
 @pytest.hookimpl(wrapper=True)

@@ -133,6 +133,7 @@ def test_a_joint_measured_outside_its_range_is_left_where_it_is(so101):
     assert so101.position_error < 1e-6
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("far", [1.0, 3.0])
 @pytest.mark.parametrize("first", [True, False])
 def test_out_of_reach_it_comes_to_rest_at_the_nearest_pose_by_the_weights_and_returns(first, far):

@@ -59,6 +59,7 @@ def test_told_what_minks_task_is_told_it_is_minks_task(arms, name, arguments):
         np.testing.assert_array_equal(ours.cost, theirs.cost)
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ["ur5", "panda", "so101"])
 def test_a_moved_frame_changes_no_joint_velocity_under_minks_limits_where_minks_task_changes_by_percents(arms, name):
     rng = np.random.default_rng(1)

@@ -49,6 +49,7 @@ def solved(here, task, **options):
     return pink.solve_ik(here, [task] if isinstance(task, pink.Task) else task, DT, solver="daqp", **options)
 
 
+@pytest.mark.cases(5)
 @pytest.mark.parametrize("named", ["the tool's origin", "another point", "own"])
 @pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
 def test_a_moved_frame_changes_no_joint_velocity_under_pinks_default_limits_where_pinks_task_changes_by_percents(
@@ -84,6 +85,7 @@ def test_a_moved_frame_changes_no_joint_velocity_under_pinks_default_limits_wher
     assert np.median(changes["pink"]) > 0.02
 
 
+@pytest.mark.cases(5)
 @pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
 @pytest.mark.parametrize("form", [None, 0.7, -0.4])
 def test_without_limits_it_is_our_own_law_on_the_derivative_of_the_error(arms, name, form):

@@ -57,6 +57,7 @@ def words(found):
     return " ".join((*found.state_words(), *found.range_words(), found.recommended.reason))
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize(("name", "joints", "rank", "attainable", "kind", "form"), ARMS, ids=[a[0] for a in ARMS])
 def test_what_is_said_of_known_arms(name, joints, rank, attainable, kind, form):
     robot = load_arm(name)
@@ -201,6 +202,7 @@ ROUNDED = {
 STATE = {"scara": [0.3, 0.7, 0.1, -0.5], "planar": [0.3, -0.2, -0.8], "yaw and three pitches": [0.3, -0.1, -0.4, -0.8]}
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("name", ROUNDED)
 def test_what_rounding_in_a_urdf_hides_is_told(name):
     robot = ROUNDED[name]

@@ -178,6 +178,7 @@ def test_everyday_figures_of_an_arm_that_is_told_to_stay_turned_in_place_and_lat
     assert late["settling_s"] < 1.0
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize("method", ["hand-written loop", "scaling", "Moore-Penrose", "Pink", "mink"])
 def test_others_are_told_delay_and_acceleration_limits_too(method):
     found = everyday(Cell("everyday", "compare/late", (method,)))[method]

@@ -49,6 +49,7 @@ def test_a_step_under_acceleration_limits_does_not_overshoot(dt, limit, way):
         assert re.search(r"limits allow 0\.\d+ of the approach's speed|of the twist is missed", s.reason)
 
 
+@pytest.mark.cases(4)
 @pytest.mark.parametrize(("dt", "limit"), [(0.001, 8.0), (0.002, 3.0), (0.004, 2.0), (0.01, 20.0)])
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_out_of_reach_under_acceleration_limits_the_arm_rests_and_does_not_swing(name, dt, limit):

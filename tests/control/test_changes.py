@@ -43,6 +43,7 @@ def driven(robot, goal, ticks, changes, **options):
     return np.array([q for q, _ in found]), np.array([s.velocity for _, s in found]), [s for _, s in found]
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("name", LOOPS)
 def test_the_slider_keeps_the_way_and_slows_it_down(robot, goal, name):
     whole, fast, _ = driven(robot, goal, 300, lambda _: {}, **LOOPS[name])

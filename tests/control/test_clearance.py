@@ -100,6 +100,7 @@ def test_the_hand_stops_above_the_table_and_is_named(panda):
     assert limit.at(deepest).distance < 0.0
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize(("options", "tolerance"), [
     ({"dt": 0.001}, 1e-4),
     ({"dt": 0.01}, 5e-4),
@@ -322,6 +323,7 @@ def test_the_core_gives_the_rows_of_its_definition(panda):
     assert alike > 5
 
 
+@pytest.mark.cases(2)
 @pytest.mark.skipif(engine.core is None, reason="one engine alone")
 @pytest.mark.parametrize("options", [{"acceleration_limit": 10.0}, {"dt": 0.01}, {"dt": 0.01, "delay": 0.02}])
 def test_a_tick_in_which_the_core_finds_the_rows_is_one_in_which_it_is_given_them(ur5, options):
@@ -391,6 +393,7 @@ def test_who_brakes_on_goes_through_the_states_that_were_looked_at(ur5):
     assert near > 100
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("acceleration", "dt", "delay"), [(3.0, 0.004, 0.0), (10.0, 0.001, 0.0), (3.0, 0.001, 0.02)])
 def test_an_arm_that_is_led_on_into_what_it_must_not_touch_comes_to_rest(panda, acceleration, dt, delay):
     limit = Clearance(panda, HAND, [TABLE])
@@ -423,6 +426,7 @@ def test_a_tick_ends_no_nearer_than_it_began(ur5, engine):
     assert limit.at(q + 0.01 * x).distance > limit.at(q).distance - 1e-6
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize(
     ("obstacle", "q", "before"),
@@ -454,6 +458,7 @@ def test_what_leads_back_asks_for_no_more_than_all_limits_leave_together(ur5, ob
     assert found.success
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("acceleration", [None, 10.0, 30.0])
 def test_parallel_faces_do_not_make_it_tremble(panda, acceleration):
     """A hand's capsule along a face: the joints' changes are those of the loop without a clearance."""
@@ -474,6 +479,7 @@ def test_parallel_faces_do_not_make_it_tremble(panda, acceleration):
     assert changes["kept"] < 1.2 * changes["without"]
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize(
     ("dt", "acceleration", "starts"), [(DT, None, 2), (0.001, 8.0, 1), (0.005, 8.0, 2), (0.02, 2.0, 2)]
 )
@@ -519,6 +525,7 @@ def test_no_tick_is_ok_while_bodies_are_nearer_than_the_distance(panda, accelera
         assert solution.status == "ok"
 
 
+@pytest.mark.cases(4)
 @pytest.mark.parametrize("told", [True, False])
 @pytest.mark.parametrize("dt", [0.002, 0.02])
 @pytest.mark.parametrize("speed", [0.1, 0.3])
@@ -840,6 +847,7 @@ def test_neither_base_frame_nor_tool_frame_nor_unit_changes_a_velocity(panda):
         np.testing.assert_allclose(tool, x, atol=1e-10 * np.abs(x).max())
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("acceleration", [None, 10.0])
 def test_the_unit_of_length_changes_no_velocity(panda, acceleration):
     """The same arm, shapes and target in millimetres, while it comes down on the table and begins inside of it."""

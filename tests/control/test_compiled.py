@@ -125,6 +125,7 @@ def test_the_cost_of_a_frame_task(seed):
         np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12 * np.abs(other).max())
 
 
+@pytest.mark.cases(12)
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize(("exact", "limits"), LOOPS, ids=str)
 def test_an_arm_that_follows_a_path_into_its_limits(name, exact, limits):
@@ -181,6 +182,7 @@ def test_a_twist_is_followed_as_in_python(exact, limits):
     assert met & {"qp", "damped"}
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("limit", [0.5, 5.0, [np.inf, 5.0, 0.5, 50.0, 5.0, 5.0, 5.0]], ids=str)
 def test_acceleration_limits_to_a_target_at_rest_and_beside_a_limit(limit):
     robot = iq.load_robot("panda")
@@ -288,6 +290,7 @@ def test_not_converging_is_told(panda):
     assert "not converging" in solution.reason
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("jammed", [0, 1, 3, 4, 5])
 def test_a_jammed_joint_is_named(panda, jammed):
     robot, q = panda[0].robot, panda[1]

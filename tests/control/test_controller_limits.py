@@ -215,6 +215,7 @@ def test_an_arm_that_answers_late_comes_to_rest_at_its_limits(late, acceleration
     assert np.abs(np.diff(seen[-200:], axis=0)).max() < (0.01 if acceleration is None else acceleration * DT) * DT
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("exact", [None, "position"])
 @pytest.mark.parametrize("engine", ["compiled", "python"])
 def test_joint_velocities_give_way_to_limits_by_the_least(engine, exact):

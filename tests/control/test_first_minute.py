@@ -42,6 +42,7 @@ def at_origin(twist, T, length):
     return np.concatenate((length * twist[:3], twist[3:] + np.cross(twist[:3], T[:3, 3])))
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize(("name", "dt"), [(name, (0.01, 0.002)[k % 3 == 1]) for k, name in enumerate(SEVEN)])
 def test_told_to_stay_it_stays(name, dt):
     robot = iq.load_robot(name)
@@ -58,6 +59,7 @@ def test_told_to_stay_it_stays(name, dt):
         assert np.rad2deg(away) < (0.1 if reading != "exact" else 1e-9), reading
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize("name", ["panda", "ur5", "xarm7", "ur10", "gen3", "lite6"])
 def test_turned_in_place_the_tool_point_stays(name):
     """By 20 to 90 deg, a jump of the target; all the way no direction needs twenty times the strongest one's speed."""
@@ -89,6 +91,7 @@ def test_turned_in_place_the_tool_point_stays(name):
     raise AssertionError(f"{turns} turns of {name} are regular")
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ["gen3", "iiwa14"])
 def test_out_of_reach_joints_rest_that_bring_the_tool_no_nearer(name):
     """Joints that turn without an end, outstretched: the error is a flat valley, where some go on for minutes."""
@@ -142,6 +145,7 @@ def ticks(name, loop_name, runs=3, dt=0.01):
             q, target = q + dt * solution.velocity, iq.exp(dt * ahead) @ target
 
 
+@pytest.mark.cases(5)
 @pytest.mark.parametrize(
     ("name", "loop_name"),
     [
@@ -313,6 +317,7 @@ def test_turned_in_place_the_tool_stays_at_every_rate(dt, gain, options):
     assert np.linalg.norm((robot.pose(q) - target)[:3]) < 1e-3
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ["panda", "ur5", "z1"])
 def test_the_tick_decides_no_status(name):
     """At one gain loops with a long and a short tick are "ok" for the same time."""
@@ -331,6 +336,7 @@ def test_the_tick_decides_no_status(name):
     assert 0.2 < share[0] < 0.98
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize("name", ARMS)
 def test_scaled_keeps_the_direction_of_an_exact_point(name):
     scaled = 0
@@ -348,6 +354,7 @@ def test_scaled_keeps_the_direction_of_an_exact_point(name):
     assert scaled > 20
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("name", "jump"), [("panda", 0.12), ("ur5", 0.12), ("so101", 0.05)])
 def test_an_exact_point_keeps_its_line_beside_acceleration_limits(name, jump):
     """A jump of the target, from rest to rest, with and without a tool speed."""

@@ -143,6 +143,7 @@ def link(push, wall, arm, told=None):
     return robot, iq.control.LinkEnd(dt=DT, passes="wrench", store=store), store
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize(
     ("wall", "arm", "late"), [(1e3, 25, 25), (1e4, 3, 0), (1e4, 12, 25), (1e5, 3, 25), (1e5, 25, 0)]
 )

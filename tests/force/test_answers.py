@@ -11,6 +11,7 @@ from invariantqp.force.monitor import Answers, Evidence, Release
 PRESS = 10.0
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize(
     ("arm", "stiffness", "damping", "told"),
     [
@@ -30,6 +31,7 @@ def test_a_contact_with_a_damper_is_held(arm, stiffness, damping, told):
     assert run.press.max() < 1.5 * PRESS
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("press", "stiffness", "seed"), [(2.0, 1e3, 0), (5.0, 356.0, 0), (10.0, 356.0, 2)])
 def test_a_press_that_noise_nearly_hides_is_asked_gently(press, stiffness, seed):
     """Letting go ran away by up to 0.7 m while noise hid that nothing was touched; a soft one was a fault."""
@@ -166,6 +168,7 @@ def test_readings_that_fall_as_the_tool_lets_go_are_no_fault(stiffness, b, moves
     assert run.press.max() < 1.5 * PRESS
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize(
     ("stiffness", "b", "moves", "press", "seed"),
     [
@@ -194,6 +197,7 @@ def test_a_contact_that_is_pressed_as_wanted_from_the_start_is_asked_once_and_be
     assert {status for status, _ in run.said[max(asked) + 200 :]} == {"ok"}
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("speed", "stiffness", "seed"), [(0.02, 2e4, 0), (0.06, 2e4, 1), (0.04, 8e4, 2)])
 def test_a_reading_stuck_in_its_noise_while_the_tool_slides_is_no_slope_that_is_followed(speed, stiffness, seed):
     """It pressed with up to 11 times the press, "ok"."""
@@ -202,6 +206,7 @@ def test_a_reading_stuck_in_its_noise_while_the_tool_slides_is_no_slope_that_is_
     assert run.press.max() < 4.0 * PRESS
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize(
     ("arm", "dt", "stiffness", "speed", "circle"),
     [
@@ -228,6 +233,7 @@ def test_a_slope_is_answered_and_followed(slope, stiffness):
     assert np.abs(run.press[-250:] - PRESS).max() < 0.15 * PRESS
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("stiffness", "share"), [(1e3, 1.9), (1e5, 1.1)])
 def test_a_reading_that_stays_above_the_wanted_press_leads_the_tool_out_by_millimetres(share, stiffness):
     """It led the arm away without end, "ok": by 190 to 840 mm."""
@@ -293,6 +299,7 @@ def test_two_readings_of_a_force_that_stays_are_no_answer():
             assert evidence.stiffness == 0.0
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(
     ("share", "arm", "dt", "seed"), [(0.06, "ur5", 0.01, 0), (0.104, "panda", 0.002, 1), (0.09, "gantry", 0.01, 2)]
 )

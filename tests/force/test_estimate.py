@@ -26,6 +26,7 @@ def after(k, b, *, noise=0.1, seconds=1.0, seed=0, slope=0.0, begins=STIFF, push
     return known
 
 
+@pytest.mark.cases(9)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("k", [1e3, 1e4, 1e5])
 @pytest.mark.parametrize("damped", [0.0, 0.01, 0.05])

@@ -11,6 +11,7 @@ PHASES = {"at the start": 0.0, "in the air": 0.05, "just after touch": 0.25, "se
 PRESS = 10.0
 
 
+@pytest.mark.cases(12)
 @pytest.mark.parametrize("phase", PHASES)
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_is_told_and_nothing_presses_on(name, phase):
@@ -40,6 +41,7 @@ def test_a_fault_while_a_normal_is_found_stops_the_push(name):
     assert run.press[-1] == 0.0
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("start", [294, 298, 302])
 def test_readings_that_come_late_in_a_touch_are_waited_for(start):
     """For 50 ms the driver repeats the last one, as after a lost packet."""
@@ -56,6 +58,7 @@ def test_readings_that_come_late_in_a_touch_are_waited_for(start):
     assert run.press[-1] == pytest.approx(PRESS, rel=0.05)
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ["dead", "rises by 30 N"])
 def test_a_retreat_leaves_a_soft_surface_too(name):
     """33 mm are pushed in, and the way back was 20 mm from there."""

@@ -33,6 +33,7 @@ def run(robot, q, scene, seconds, starts=0.5, delay=0.0):
     return zip(*seen, strict=True)
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ["door", "screw"])
 def test_a_stiff_hinge_that_is_not_told_does_not_swing(name):
     robot = iq.load_robot("panda")
@@ -48,6 +49,7 @@ def test_a_stiff_hinge_that_is_not_told_does_not_swing(name):
     assert max(moments) < 0.3
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("stiffness", "delay", "most"), [(1e5, 0.014, 4.0), (1e6, 0.0, 2.5)])
 def test_a_stiff_hinge_told_wrong_is_followed_as_quickly_as_it_does_not_swing(stiffness, delay, most):
     """Told 10 mm off; slowed down by all that a swing shows, the law let 9.9 and 7.3 N build up."""

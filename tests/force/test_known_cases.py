@@ -69,6 +69,7 @@ HYBRID = {
 }
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("case", HYBRID)
 def test_targets_that_jump_along_a_wall_do_not_change_the_press(case):
     goals, into, options = HYBRID[case]

@@ -32,6 +32,7 @@ def steps(kind, n=900):
     return 2e-3 * {"steady": np.ones((n, 1)), "swings": np.sin(0.03 * t), "noise": rng.normal(size=(n, 1))}[kind] * to
 
 
+@pytest.mark.cases(11)
 @pytest.mark.parametrize("kind", ["steady", "swings", "noise"])
 @pytest.mark.parametrize("share", [0.8, 1.0, 1.05])
 @pytest.mark.parametrize("delay", [0, 4, 25])

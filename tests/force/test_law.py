@@ -38,6 +38,7 @@ def knows(k, b):
     return Stiffness.of(k)._replace(found=np.array((k, b, 0.0)), errors=np.zeros(3), bound=k)
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("seed", range(4))
 def test_with_the_true_stiffness_and_damping_it_is_never_under_damped(seed):
     """Its poles are G/T and k/b, whatever k, b and T are: 30 of each, without the integral."""
@@ -50,6 +51,7 @@ def test_with_the_true_stiffness_and_damping_it_is_never_under_damped(seed):
         assert presses[-1] == pytest.approx(10.0, rel=0.02)
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("above", [1.0, 3.0, 10.0, 100.0])
 def test_bounds_that_are_too_large_make_it_slower_and_never_swing(above):
     k, b, dt, lag = 1e4, 50.0, 0.002, 0.005

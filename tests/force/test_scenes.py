@@ -39,6 +39,7 @@ def reading_of(scene, tool, twist, random, noise=0.1):
     return reading + np.concatenate((np.zeros(3), random.normal(0.0, noise, 3)))
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("arm", ["panda", "so101"])
 def test_frames_of_tool_sensor_and_contact_change_nothing(arm):
     """In all scenes; the tool begins a tick's way above the surface."""
@@ -189,6 +190,7 @@ def test_both_of_two_contacts_are_pressed_and_the_loss_of_one_is_told(panda):
     np.testing.assert_allclose(np.mean(presses[700:], axis=0)[0], 5.0, rtol=0.05)  # the floor is not pressed harder
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize("since", [0.6, 1.2])  # one of them is felt, both are
 @pytest.mark.parametrize("name", ["dead", "order", "sign"])
 def test_a_fault_in_two_contacts_stops_both_pushes(panda, name, since):
@@ -211,6 +213,7 @@ def test_a_fault_in_two_contacts_stops_both_pushes(panda, name, since):
     assert forces[-1] == 0.0
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_what_rubs_on_the_floor_is_no_pull_of_the_wall_but_both_of_them_are(panda, sign):
     """Friction of 0.5 on the way to the wall passes for its touch; where the tool lets go it turns round: a "fault"."""

@@ -17,6 +17,7 @@ def rms(run, wanted, since):
     return float(np.sqrt(np.mean((settled / wanted - 1.0) ** 2)))
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("press", [1.0, 5.0, 20.0])
 def test_noise_in_the_air_is_no_contact(press):
     """At most one wrong decision in a million ticks is stated: none in 100 000."""
@@ -95,6 +96,7 @@ def test_a_surface_that_is_gone_is_told_before_the_tool_sinks():
     assert run.height[gone] - run.height[-1] < 2.5e-3
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("stiffness", [500.0, 1e4, 1e5])
 def test_the_gain_follows_the_stiffness(stiffness):
     run = press_on_plane(5.0, stiffness=stiffness, seconds=3.0)
@@ -156,6 +158,7 @@ def test_a_told_delay_is_allowed_for():
     assert not (run.press[run.touch() + 250 :] == 0.0).any()
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("stiffness", "most"), [(1e4, 12.0), (1e5, 40.0)])
 def test_a_delay_that_was_not_told_is_found_in_the_air(stiffness, most):
     """30 ms, which pressed 1e5 N/m with 66 N, and made the press of 1e4 N/m swing from 0 to 15 N for ever."""
@@ -168,6 +171,7 @@ def test_a_delay_that_was_not_told_is_found_in_the_air(stiffness, most):
         assert run.press[-200:] == pytest.approx(10.0, rel=0.05)
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("stiffness", [1e3, 1e4])
 def test_readings_that_are_late_do_not_make_the_press_swing_for_ever(stiffness):
     """No motion in the air shows that they are 50 ms late: the press swung for ever, with status "ok"."""

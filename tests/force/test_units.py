@@ -55,6 +55,7 @@ def tick_of(seed, exact, u):
     return solution
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("exact", EXACT)
 def test_millimetres_change_no_tick(exact):
     slowed = 0

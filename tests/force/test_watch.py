@@ -202,6 +202,7 @@ def test_standing_still_keeps_the_tools_speed_on_the_way_back(panda):
     assert np.linalg.norm(twist[3:] + np.cross(twist[:3], panda.pose(q)[:3, 3])) <= 0.1 * (1 + 1e-6)
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(
     ("name", "q", "speed"),
     [("so101", [-0.991, -0.313, -1.182, 0.599, -1.793], 0.02), ("panda", READY, 5.0), ("panda", READY, 0.5)],
@@ -242,6 +243,7 @@ def test_what_is_no_task_sensor_contact_or_press_is_told(panda):
         iq.solve_pose("panda", np.eye(4))
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("options", [{}, {"stiffness": 5e4}, {"compliance": 2.0 / 1e4}])
 def test_a_press_that_is_lowered_is_no_overload_and_one_that_rises_then_is(options):
     """Told five times too stiff and with a gain of 2/s, the press falls slowly."""
@@ -279,6 +281,7 @@ def test_a_press_that_is_read_exactly_the_same_shows_no_stiffness():
     assert abs(solution.velocity[2]) < 1.0
 
 
+@pytest.mark.cases(4)
 @pytest.mark.parametrize("follows", [-1.0, 0.0, 0.5, 1.0])  # the sign is wrong, the brakes hold, half, all of it
 @pytest.mark.parametrize("on_loss", ["approach", "continue"])
 def test_an_approach_that_the_arm_does_not_follow_ends_and_says_so(follows, on_loss):

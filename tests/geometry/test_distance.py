@@ -93,7 +93,7 @@ def by_core(a: Shape, b: Shape) -> float:
 def test_distances_are_those_of_coal_and_mujoco(one, other):
     rng = np.random.default_rng(4 * KINDS.index(one) + KINDS.index(other))
     apart = inside = 0
-    for _ in range(repeats(1000, 100)):
+    for _ in range(repeats(1000, 80)):
         a, b = made(one, rng), made(other, rng)
         d = distance(placed(a), placed(b))
         assert by_core(a, b) == pytest.approx(d, abs=1e-14)

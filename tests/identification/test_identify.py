@@ -44,6 +44,7 @@ def test_a_persons_motion_tells_kind_and_place(kind):
     assert found.pitch == pitches.get(kind, found.pitch)
 
 
+@pytest.mark.cases(5)
 @pytest.mark.parametrize("kind", TOUCHING)
 def test_deviations_are_those_of_the_errors(kind):
     """The root mean square of error over deviation is near one: of two recordings below three."""
@@ -64,6 +65,7 @@ def test_deviations_are_those_of_the_errors(kind):
     assert np.sqrt(np.mean(np.square(ratios))) < 3.0, ratios
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("kind", ["point on tool", "line", "peg"])
 def test_a_straight_stroke_without_a_turn_does_not_tell(kind):
     X, w, truth = record(kind, SEED, "stroke", duration=5.0)
@@ -110,6 +112,7 @@ def test_freedoms_and_constraints_are_those_of_the_truth(kind):
     assert np.linalg.norm(off) < 0.05 * np.linalg.norm(size[:, 0] * step)
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize("kind", TOUCHING[::2])
 def test_frames_and_units_change_nothing(kind):
     X, w, _, one = identified(kind)
@@ -137,17 +140,17 @@ def test_what_is_felt_is_the_opposite_of_what_is_exerted():
 
 def test_wrenches_by_name_and_readings_of_a_sensor():
     X, w, _, usual = identified("point")
-    by_name = identify(X, [iq.Wrench(moment=a[:3], force=a[3:]) for a in w])
+    by_name = identify(X, [iq.Wrench(moment=a[:3], force=a[3:]) for a in w], kinds=KNOWN)
     np.testing.assert_array_equal(by_name.point, usual.point)
     mount = iq.exp([0.3, -0.2, 0.5, 0.05, 0.02, -0.1])
     sensor = iq.WrenchSensor(mount, order="force first", reads="reaction", mass=0.7, centre=[0.01, 0.02, 0.05])
     bare = iq.WrenchSensor(mount, order="force first", reads="reaction")
     loads = carried(inverted(mount), w)
     readings = np.array([sensor.tare(T) for T in X]) - loads[:, [3, 4, 5, 0, 1, 2]]
-    found = identify(X, readings, sensor=sensor)
+    found = identify(X, readings, sensor=sensor, kinds=KNOWN)
     assert np.linalg.norm(found.point - usual.point) < 1e-4
     with pytest.raises(NoContactFound):  # the weight is left among the readings: told wrong, not found wrong
-        identify(X, readings, sensor=bare)
+        identify(X, readings, sensor=bare, kinds=KNOWN)
 
 
 def test_the_wrong_sign_is_noticed_by_friction():
@@ -156,6 +159,7 @@ def test_the_wrong_sign_is_noticed_by_friction():
         identify(X, -w)
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("told", [False, True])
 @pytest.mark.parametrize("kind", ["point", "hinge"])
 def test_smooth_errors_are_as_white_ones_where_they_are_told(kind, told):
@@ -345,6 +349,7 @@ def test_the_answer_is_written_as_json():
     assert said["contacts"][0]["candidates"][0]["deviations"]["axis"] < 1e-2
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("kind", ["point", "face", "ball"])
 def test_what_wrenches_alone_refute_is_refuted_by_the_best_fit_too(kind, monkeypatch):
     X, w, _ = record(kind, 3, duration=3.0)

@@ -111,6 +111,7 @@ def test_a_path_shorter_than_the_tool_is_off_it_ends():
     assert np.abs(np.diff([s.place for s in told])).sum() < 2.0  # not to and fro
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("seed", [1, 13])
 def test_in_long_ticks_joints_rest_when_the_tool_is_there(seed):
     bench = slow_bench(share=1.0 / 3.0, dt=0.01)

@@ -35,6 +35,7 @@ def rests(Q, arm, after):
     return (moving[-1] + 1) * arm.dt - after
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("poses", [True, False])
 @pytest.mark.parametrize("seed", range(1))
@@ -52,6 +53,7 @@ def test_chunks_keep_every_limit_and_end_at_rest(name, poses, seed):
     assert answers[-1].status in ("done", "blocked")
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ARMS)
 def test_what_is_done_is_at_the_last_point_though_that_was_passed_in_motion(name):
     arm = Arm(name)
@@ -117,6 +119,7 @@ def test_a_hand_after_points_is_not_taken_back_to_the_last_of_them():
     assert np.abs(Q[round(1.0 / arm.dt) :] - arm.start).max() < 1e-3
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("over", [0.02, 0.8, 1.2])
 def test_points_that_are_over_when_they_come_still_say_where_the_last_is(over):
     arm = Arm("ur5")
@@ -147,6 +150,7 @@ def test_joints_that_catch_up_do_not_go_past_what_they_follow():
     assert np.abs(Q[-25:] - place(2.0)).max() < 1e-3
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("seed", range(1))
 def test_broken_streams_keep_every_limit(name, seed):
@@ -164,6 +168,7 @@ def test_broken_streams_keep_every_limit(name, seed):
     assert answers[-1].status == "waiting"
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_a_noisy_hand_is_followed_as_late_as_a_clean_one(name):
     arm, off, told = Arm(name), [], []
@@ -284,6 +289,7 @@ def test_newer_points_are_followed_while_an_override_stays():
     assert np.abs(q - arm.start - 0.2).max() < 1e-6
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("name", "seed"), [("panda", 0), ("ur5", 1)])
 def test_out_of_reach_and_back_it_is_never_stuck(name, seed):
     arm, rng = Arm(name), np.random.default_rng([seed, 9])
@@ -442,6 +448,7 @@ def test_a_long_chunk_is_done_at_its_end_and_nowhere_else(spacing, count):
     assert now > stamps[-1]
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("hertz", [60, 30, 12])
 def test_a_noisy_hand_is_not_amplified_however_seldom_it_is_seen(hertz):
     robot, q, rng = iq.load_robot("ur5"), np.array([0.3, -1.2, 1.6, -1.9, -1.4, 0.2]), np.random.default_rng(0)
@@ -465,6 +472,7 @@ def test_points_of_another_shape_are_refused_by_their_shape(shape):
         follower.follow(np.zeros(shape), np.arange(len(np.zeros(shape))))
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("away", [15.0, 1e6])
 @pytest.mark.parametrize("cutoff", [3.0, np.inf])
 def test_points_far_ahead_are_waited_for(away, cutoff):
@@ -523,6 +531,7 @@ def test_one_point_is_a_goal():
     assert np.abs(arm.robot.pose(Q[-1]) - goal).max() < 1e-6
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(
     ("name", "turn"), [("panda", [0.0, 1.57, 0.0]), ("iiwa14", [0.0, 3.14, 0.0]), ("lite6", [3.14, 0.0, 0.0])]
 )
@@ -603,6 +612,7 @@ def test_a_velocity_that_is_told_is_gone_on_from(each):
     assert each or np.abs(q - arm.start - 0.5).max() < 1e-6
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("again", [0.5, 3.0])
 def test_what_stands_out_of_reach_is_stood_before(again):
     """As a function of time that is the same always, and as chunks of a policy that sends it again."""
@@ -671,7 +681,7 @@ def test_what_holds_the_tool_back_brakes_no_joint_harder_than_it_may(way):
 
 @pytest.mark.parametrize("way", ["hand", "nothing", "path", "paused"])
 def test_it_makes_way_for_what_moves_and_says_so(way):
-    arm = Arm("ur5", dt=0.005)
+    arm = Arm("ur5", dt=0.01)
     arm.start = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
     home = arm.robot.pose(arm.start)
     ball = iq.limits.Sphere([0, 0, 0], 0.08, name="ball")
@@ -682,12 +692,12 @@ def test_it_makes_way_for_what_moves_and_says_so(way):
         follower = iq.PathFollower(loop, [home, iq.transform(translation=[0.3, 0.0, 0.0]) @ home], rate=0.1)
         follower.prepare(arm.start)
     q, Q, said = arm.start, [arm.start], set()
-    for i in range(600):
+    for i in range(300):
         t = i * arm.dt
         ball.move(iq.transform(translation=home[:3, 3] + [0.0, 0.25 - 0.1 * t, 0.0]), [0, 0, 0, 0, -0.1, 0])
         if way == "hand" and i % 3 == 0:
             follower.add(home, t)
-        elif way == "paused" and i == 20:
+        elif way == "paused" and i == 10:
             follower.pause()
         told = follower.step(q, now=t)
         q = q + arm.dt * told.velocity
@@ -735,6 +745,7 @@ def test_what_holds_the_arm_back_is_named(names):
     assert (str(told.status), told.reason) == ("late", f"held by {names[0] if names else 'above'}")
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("dt", "delay", "told"), [(0.004, 0.0, True), (0.01, 0.0, False), (0.005, 0.02, False)])
 def test_a_hand_held_still_makes_way_for_what_comes_and_goes_back(dt, delay, told):
     """A ball comes as far as 20 mm into the hand, stays and goes; what is lost is what an arm alone loses."""

@@ -13,6 +13,7 @@ from invariantqp.paths.plan import plan_of
 ACCELERATION, JERK = 10.0, 100.0
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize(("name", "seed"), [("panda", 1), ("ur5", 2), ("so101", 3), ("xarm7", 4), ("kinova", 5)])
 def test_some_limit_is_near_at_every_moment_and_knots_do_not_matter(name, seed):
     robot, rng = iq.load_robot(name), np.random.default_rng(seed)

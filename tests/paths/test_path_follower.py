@@ -96,6 +96,7 @@ def test_the_tool_stays_on_the_path_at_the_limits(name, seed):
     assert acceleration_share(robot, x, 0.001) <= 1.0 + 1e-9
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_it_takes_little_longer_than_the_optimal_time(seed):
     toppra = pytest.importorskip("toppra")
@@ -213,6 +214,7 @@ def test_it_leaves_what_is_out_of_reach_and_comes_back():
     assert acceleration_share(robot, x) <= 1.0 + 1e-9
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("name", "where"), [("so101", "start"), ("ur5", "middle")])
 def test_an_exact_point_leaves_what_is_far_out_of_reach(name, where):
     robot = iq.load_robot(name)
@@ -240,6 +242,7 @@ def test_an_exact_point_leaves_what_is_far_out_of_reach(name, where):
     assert acceleration_share(robot, x, 0.01) <= 1.0 + 1e-9
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize(
     ("name", "exact", "where"),
     [
@@ -288,6 +291,7 @@ def test_it_leaves_the_path_by_the_least(name, exact, where):
     assert (ours - least).max() < 5e-3 * length
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("name", "joint"), [("z1", 2), ("so101", 1), ("so101", 3)])
 def test_a_path_that_comes_back_into_reach_just_before_its_end_is_done(name, joint):
     robot = iq.load_robot(name)
@@ -314,6 +318,7 @@ def test_a_path_that_comes_back_into_reach_just_before_its_end_is_done(name, joi
     assert acceleration_share(robot, x, 0.01) <= 1.0 + 1e-9
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize(("name", "seed"), [("ur5", 1), ("panda", 2), ("z1", 3)])
 @pytest.mark.parametrize("exact", [None, "position"])
 def test_a_path_that_can_be_had_is_not_left(name, seed, exact):
@@ -376,6 +381,7 @@ def test_a_push_off_the_path_is_taken_back():
     assert largest_error(robot, pose, pushed[-1:], q[-2:])[0] < MM
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_after_a_large_push_it_comes_back_to_where_it_was(name):
     robot = iq.load_robot(name)
@@ -492,6 +498,7 @@ def test_an_exact_point_is_what_stays_on_the_path():
     assert largest_error(robot, pose, solutions, q, radian=0.0)[0] < MM
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize(("exact", "turn"), [("position", 0.0), ("position", 0.3), (None, 0.0)])
 def test_a_turn_that_an_arm_cannot_do_does_not_slow_it_down(exact, turn):
     toppra = pytest.importorskip("toppra")
@@ -532,6 +539,7 @@ def test_a_turn_that_an_arm_cannot_do_does_not_slow_it_down(exact, turn):
     assert 0.005 * len(x) < 1.3 * optimal
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("way", "turned"), [((0.07, 0.0, 0.07), 2.6), ((0.0, 0.0, 0.2), 30.0)])
 def test_an_exact_point_is_reached_where_the_rest_has_to_stray(way, turned):
     arm = iq.load_robot("so101")

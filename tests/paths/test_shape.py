@@ -12,6 +12,7 @@ from support.streams import ARMS, Arm
 import invariantqp as iq
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("name", "rise"), list(zip(ARMS, itertools.cycle([0.1, 0.03]))))
 def test_joints_keep_jerk_limits_and_the_tool_its_path(name, rise):
     arm = Arm(name)
@@ -89,6 +90,7 @@ def quickest(way, V, A, J):
     return 2.0 * (v / A + A / J)
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize(("rise", "seed"), [(0.02, 0), (0.05, 1), (0.2, 2)])
 def test_a_straight_way_of_the_joints_takes_little_more_than_the_least_time(rise, seed):
     """From rest to rest, beside the S-curve of the joint that goes farthest: all joints go in proportion."""

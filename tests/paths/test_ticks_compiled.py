@@ -114,6 +114,7 @@ def test_the_core_follows_what_python_follows(name, way, delay, monkeypatch):
     np.testing.assert_allclose([a.across for a in answers[::25]], [b.across for b in others[::25]], atol=1e-7)
 
 
+@pytest.mark.cases(20)
 @pytest.mark.parametrize("seed", range(40))
 def test_splices_and_plans_are_those_of_python(seed, monkeypatch):
     """Polynomials by the core, beside those of the arrays' definition."""

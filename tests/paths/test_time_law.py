@@ -13,6 +13,7 @@ def limits(rng, m=6, dt=0.002):
     return JointLimits(lower, -lower, V, A, A / rng.uniform(0.01, 0.2, m), dt)
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize(("kind", "dt"), [("noise", 0.002), ("steps", 0.001), ("steps", 0.008), ("away", 0.002)])
 def test_no_limit_is_ever_broken(kind, dt):
     rng = np.random.default_rng(len(kind))

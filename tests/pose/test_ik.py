@@ -184,6 +184,7 @@ def slope(r, q, h=1e-4):
     return np.array(f) @ np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * h)
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
 def test_out_of_reach_the_closest_pose_is_the_one_scipy_finds(name):
     robot = ROBOTS[name]

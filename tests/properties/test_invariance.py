@@ -79,6 +79,7 @@ def agreement(limited, exact):
     return worst, ways
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("limited", [False, True], ids=["free", "limited"])
 @pytest.mark.parametrize("exact", [False, True], ids=["form alone", "exact point"])
 def test_frames_change_nothing(limited, exact):
@@ -91,6 +92,7 @@ def test_frames_change_nothing(limited, exact):
         assert not exact or ("qp", "scaled") in ways
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("limited", [False, True], ids=["free", "limited"])
 def test_millimetres_change_nothing(limited):
     """h and lambda are lengths; everything else is the joints' own."""
@@ -119,6 +121,7 @@ def chased(J, s, ahead, still, numbers, **options):
     return solve(replace(law, dt=dt), d._replace(chase=chase, fastest=fastest))
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("exact", [False, True], ids=["alone", "exact point"])
 @pytest.mark.parametrize("limited", [False, True], ids=["free", "limited"])
 def test_frames_and_millimetres_change_nothing_of_a_chase(limited, exact):

@@ -46,6 +46,7 @@ def imports(monkeypatch):
     return seen
 
 
+@pytest.mark.cases(20)
 @pytest.mark.parametrize("name", TASKS)
 def test_no_tick_imports_anything(imports, name):
     task = iq.load_task(name)

@@ -54,6 +54,7 @@ def difference(model, joints, link):
     return max(np.abs(T - arm.pose(q)).max(), np.abs(J - arm.jacobian(q)).max())
 
 
+@pytest.mark.cases(13)
 @pytest.mark.parametrize("folder", sorted(MODELS.iterdir()), ids=lambda folder: folder.name)
 def test_every_arm_of_every_model_is_pinocchios(folder):
     """To the end of each branch of each URDF of example-robot-data: 585 arms, one joint to 33."""

@@ -21,6 +21,7 @@ def test_a_new_task_is_accepted_as_it_is(robot, path, contact):
     assert trace.passed, trace.shortfalls
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("path", PATHS)
 def test_what_is_commented_out_may_be_taken_in(path):
     """Each key, with the default or example that stands there, alone."""

@@ -55,6 +55,7 @@ def test_noisy_moved_mixed_systems():
     assert all(near for *_, near in wrong), wrong
 
 
+@pytest.mark.cases(8)
 @pytest.mark.parametrize("key", CLASSES, ids=IDS)
 def test_the_motion_takes_the_system_to_its_normal_form(key):
     rng = np.random.default_rng(7)
@@ -94,6 +95,7 @@ WAYS_OUT = [
 ]
 
 
+@pytest.mark.cases(7)
 @pytest.mark.parametrize(("special", "general", "columns"), WAYS_OUT, ids=[f"{a}-to-{b}" for a, b, _ in WAYS_OUT])
 def test_a_border_is_crossed_once_and_never_silently(special, general, columns):
     rng = np.random.default_rng(3)

@@ -244,6 +244,7 @@ def test_six_lines_are_in_involution_where_they_are_dependent():
     assert not found.equilibrium_wrench.any()
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("far", [0.0, 2.0, 1e3])
 def test_the_axes_of_an_so101_are_in_involution_in_every_state(far):
     rng = np.random.default_rng(13)

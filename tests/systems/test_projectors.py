@@ -72,6 +72,7 @@ def test_moved_projectors_are_those_of_the_moved_system(seed, k, which):
     assert distance(moved.constraints, expected.constraints) < 1e-9
 
 
+@pytest.mark.cases(16)
 @pytest.mark.parametrize("key", CLASSES, ids=lambda c: f"{c[0]}-{c[1]}")
 @pytest.mark.parametrize("upper", [False, True])
 def test_the_force_projector_is_the_papers_formula_wherever_that_exists(key, upper):

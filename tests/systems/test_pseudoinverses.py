@@ -182,6 +182,7 @@ def ill_conditioned(rng, m, condition):
     return U * np.geomspace(1.0, 1.0 / condition, m) @ V
 
 
+@pytest.mark.cases(10)
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("m", [1, 2, 3, 4, 5, 6, 7])
 def test_accurate_to_its_intrinsic_condition(m, unit):
@@ -291,6 +292,7 @@ def assert_refused(J, h):
     assert not iq.systems.reciprocal_has_pseudoinverse(J, h)
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("far", [0.0, 2.0, 1e3])
 def test_the_so101_has_no_0_pseudoinverse_in_any_state(far):
     """Its five axes always have a common transversal; rounding used to hide that in a fifth of the states."""
@@ -317,6 +319,7 @@ def test_the_so101_has_one_at_every_other_pitch():
                 assert error <= min(THREE_DIGITS, 2.0 * ROUNDING * said.condition)
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("far", [0.0, 2.0, 1e3])
 def test_a_scara_has_none_wherever_it_stands(far):
     rng = np.random.default_rng(103)
@@ -364,6 +367,7 @@ def disturbed(rng, J):
     return J + 10.0 * ROUNDING * unit * (D / np.linalg.norm(D, axis=0) * np.linalg.norm(J / unit, axis=0))
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("seed", range(4))
 def test_what_is_given_is_right_and_what_is_refused_could_not_be(seed):
     rng = np.random.default_rng(seed)
@@ -392,6 +396,7 @@ def test_what_is_given_is_right_and_what_is_refused_could_not_be(seed):
     assert refused > systems // 5
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("seed", range(2))
 def test_dependent_joints_with_a_metric(seed):
     """Judged in the metric's own norm, on twists whose dependence is exact in float64."""

@@ -93,6 +93,7 @@ def test_the_optimum_by_exact_enumeration_of_active_sets(m):
     assert hit >= 2
 
 
+@pytest.mark.cases(4)
 @pytest.mark.parametrize("metric", [False, True], ids=["identity", "joint metric"])
 @pytest.mark.parametrize("m", [3, 5, 6, 8])
 def test_the_optimum_by_another_solver_on_another_construction(m, metric):
@@ -272,6 +273,7 @@ def exact_answer(K, T, centre, A, low, high):
     return limited_minimum(T.tolist(), centre.tolist(), A.tolist(), low.tolist(), high.tolist())
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize("name", INSTALLED)
 def test_the_optimum_of_random_and_degenerate_limits_in_rational_numbers(name):
     """Equal, opposite and zero rows, limits without room, limits at the optimum; rows of any scale."""

@@ -77,6 +77,7 @@ def by_definition(demand):
     return minimum(H, still + pace * (c - still), demand.lower, demand.upper, rows), pace
 
 
+@pytest.mark.cases(5)
 @pytest.mark.parametrize("rows", [False, True], ids=["box", "rows"])
 @pytest.mark.parametrize("m", [3, 5, 6, 7, 8])
 def test_the_slowed_chase_by_its_definition(m, rows):

@@ -90,6 +90,7 @@ def sweep(rng, kind, m, exact, dt, *, chased=False):
     return velocity
 
 
+@pytest.mark.cases(9)
 @pytest.mark.parametrize("exact", [False, True], ids=["twist", "exact point"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_sweep_jumps(kind, exact):
@@ -101,6 +102,7 @@ def test_no_sweep_jumps(kind, exact):
         assert jump <= JUMP, (k, m, jump)
 
 
+@pytest.mark.cases(9)
 @pytest.mark.parametrize("exact", [False, True], ids=["twist", "exact point"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_sweep_of_a_chase_jumps(kind, exact):
@@ -112,6 +114,7 @@ def test_no_sweep_of_a_chase_jumps(kind, exact):
         assert jump <= JUMP, (k, m, jump)
 
 
+@pytest.mark.cases(6)
 @pytest.mark.parametrize("m", [2, 3, 5, 6, 7, 8])
 @pytest.mark.parametrize("form", [None, 0.4])
 def test_a_bound_that_comes_into_play_changes_nothing_at_first(m, form):

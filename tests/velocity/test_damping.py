@@ -72,6 +72,7 @@ def test_the_closed_loop_gains_are_in_zero_to_one(m, damping):
     np.testing.assert_allclose(gains, np.sort(expected), atol=1e-12)
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize(
     "policy",
     [

@@ -23,6 +23,7 @@ def form_for(name, rng, J):
     return FORMS[name]
 
 
+@pytest.mark.cases(4)
 @pytest.mark.parametrize("kind", KINDS)
 @given(
     seed=st.integers(0, 10**9),

@@ -35,6 +35,7 @@ def largest_share(A, b, lower, upper):
     return result.x[0] if result.status == 0 else None
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize("m", [3, 4, 5, 6, 7, 8])
 def test_among_the_velocities_that_meet_the_rows_least_squares_decides(m):
     """In 40 digits, from the optimum's own linear equations."""
@@ -56,6 +57,7 @@ def test_among_the_velocities_that_meet_the_rows_least_squares_decides(m):
         assert (solution.status, solution.scale) == ("ok", 1.0)
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("m", [3, 5, 6, 7, 8])
 def test_inside_limits_they_hold_at_the_largest_share_there_is(m):
     rng = np.random.default_rng(m)
@@ -116,6 +118,7 @@ def test_never_held_where_a_velocity_exists(seed, m, kind):
         np.testing.assert_allclose(rows.A @ solution.velocity, solution.scale * rows.b, atol=1e-8)
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize(("dt", "held"), [(0.0, 0.0), (0.01, 0.0), (0.01, 0.5)])
 def test_the_share_by_another_solver_from_its_formula(dt, held):
     """The largest share, then once more with what the first one misses, or turns, as the price of motion."""
@@ -273,6 +276,7 @@ def test_rows_that_limits_move_against_their_demand_are_told(engine):
         )
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("m", [4, 6, 7])
 def test_where_rest_is_forbidden_rows_are_as_near_to_their_direction_as_limits_allow(engine, m):

@@ -44,6 +44,7 @@ def state(robot, sort, rng):
             return J, s, -reach, reach
 
 
+@pytest.mark.cases(5)
 @pytest.mark.parametrize("sort", SORTS)
 @pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
 def test_one_solve_is_its_exact_answer(name, sort):
@@ -56,6 +57,7 @@ def test_one_solve_is_its_exact_answer(name, sort):
         assert sort == "singular" or ((lower < exact) & (exact < upper)).all() == (sort == "free")
 
 
+@pytest.mark.cases(4)
 @pytest.mark.parametrize("last", [1e-2, 5e-4, 1e-6, 0.0], ids=lambda x: f"sigma {x:g}")
 @pytest.mark.parametrize("share", [0.8, 1e6], ids=["limited", "free"])
 def test_to_rounding_damping_and_calm_included(share, last):

@@ -28,6 +28,7 @@ def certainty(J, Q):
     return np.abs(np.linalg.eigvals(np.linalg.solve(sqrtm(MU.T @ MU), U.T @ MU))).min()
 
 
+@pytest.mark.cases(4)
 @pytest.mark.parametrize("m", range(1, 9))
 def test_where_a_pitch_form_can_tell_it_is_the_pseudoinverse(m):
     """A x = P_h s; six joints and more can do it all, and every form agrees."""
@@ -67,6 +68,7 @@ def test_a_twist_that_the_joints_can_do_is_no_forms_business():
             np.testing.assert_allclose(J @ x, s, atol=1e-11)
 
 
+@pytest.mark.cases(2)
 @pytest.mark.parametrize("m", range(1, 6))
 def test_a_complement_projects_along_itself(m):
     """x with Jx = P s, P = J(K'J)^-1 K', K from scipy, wherever it can tell."""

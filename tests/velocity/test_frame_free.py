@@ -71,6 +71,7 @@ def question(rng, here, form, exact, limited, achievable, rows, named):
     }
 
 
+@pytest.mark.cases(5)
 @pytest.mark.parametrize("kind", KINDS)
 @given(
     seed=st.integers(0, 10**9),
@@ -102,6 +103,7 @@ def test_frames_and_units_change_nothing(kind, seed, m, exact, limited, achievab
         assert difference <= agree * max(np.abs(x.velocity).max(), 1e-3), (form, x.reason)
 
 
+@pytest.mark.cases(9)
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("kind", KINDS)
 def test_nor_where_limits_leave_almost_no_room(kind, engine):

@@ -103,6 +103,7 @@ def braking_box(rng, m, dt, share=1.0):
     return BrakingBox(JointBox(low, high, speed, share / dt), a, dt)
 
 
+@pytest.mark.cases(3)
 @pytest.mark.parametrize("share", [1.0, 0.1])
 @pytest.mark.parametrize("dt", [1e-3, 1e-2, 0.1])
 def test_from_rest_all_three_limits_hold_for_ever(dt, share):
@@ -125,6 +126,7 @@ def test_from_rest_all_three_limits_hold_for_ever(dt, share):
         assert max((box.position_lower - q).max(), (q - box.position_upper).max()) < 1e-12
 
 
+@pytest.mark.cases(1)
 @pytest.mark.parametrize("dt", [1e-3, 1e-2, 0.1])
 def test_started_too_fast_acceleration_gives_way_and_is_named(dt):
     rng = np.random.default_rng(1)

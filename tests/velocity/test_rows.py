@@ -89,6 +89,7 @@ def test_the_optimum_by_another_solver_on_another_construction(m):
     assert bound >= 10
 
 
+@pytest.mark.cases(6)
 @pytest.mark.parametrize("rows", [False, True], ids=["box", "box and rows"])
 @pytest.mark.parametrize("metric", [False, True], ids=["identity", "joint metric"])
 @pytest.mark.parametrize("backend", ["daqp", "osqp", "quadprog"])

@@ -19,6 +19,7 @@ from support.velocity_reference import (
 import invariantqp as iq
 
 
+@pytest.mark.cases(4)
 @pytest.mark.parametrize("m", range(1, 9))
 def test_what_the_joints_cannot_do_is_missed_by_least_squares_at_the_point(m):
     rng = np.random.default_rng(m)
@@ -39,6 +40,7 @@ def test_what_the_joints_cannot_do_is_missed_by_least_squares_at_the_point(m):
         np.testing.assert_allclose(solution.residual, s - J @ solution.velocity, atol=1e-12 * size)
 
 
+@pytest.mark.cases(6)
 @pytest.mark.parametrize("limited", [False, True], ids=["no bounds", "far bounds"])
 @pytest.mark.parametrize("m", [2, 3, 5, 6, 7, 8])
 def test_near_a_singularity_every_digit_of_the_damped_velocity(m, limited):
@@ -110,6 +112,7 @@ def test_a_slide_beside_hinges_counts_as_a_radian_for_each_length_of_the_arm():
     np.testing.assert_allclose(J @ mixed, s, atol=1e-12)
 
 
+@pytest.mark.cases(4)
 @pytest.mark.parametrize("m", range(1, 9))
 def test_which_way_is_known_beforehand(m):
     rng = np.random.default_rng(30 + m)

@@ -49,6 +49,7 @@ def states(robot, n=5):
 # Where the joints are
 
 
+@pytest.mark.cases(8)
 @pytest.mark.parametrize("name", KNOWN)
 def test_joints_are_where_pinocchio_places_them(name):
     robot = iq.load_robot(name)
@@ -62,6 +63,7 @@ def test_joints_are_where_pinocchio_places_them(name):
         np.testing.assert_array_equal(points[-1], robot.pose(q)[:3, 3])
 
 
+@pytest.mark.cases(8)
 @pytest.mark.parametrize("name", KNOWN)
 def test_the_joints_of_a_chain_are_on_their_axes_and_its_links_keep_their_lengths(name):
     arm = iq.load_robot(name)
