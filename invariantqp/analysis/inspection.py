@@ -24,6 +24,7 @@ Reference: [DS] Sect. 3, 5, and 6.1 for P_h; Szyld 2006 for |I - P| = |P|.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor, inf, isfinite, log10
 from typing import Any, Literal, NamedTuple
@@ -50,6 +51,8 @@ LARGEST_NORM = 4.0
 NEARLY_ALL = 0.9
 # Pitches tried, of the reach.
 MULTIPLES = (1.0, 1.5, 2.0, 3.0, 4.0)
+# Starts of the search for states with the tool up or down: by 500 the same is recommended for each of 20 arms.
+STARTS = 32
 # Sines, and shares of the largest, that nobody asks an arm for: finer than a tool is pointed.
 SMALL = 1e-3
 # Newton's steps; four to eight are enough from anywhere for arms whose wrist can turn that far.
@@ -97,7 +100,7 @@ def recommend(robot: Robot, q: Array) -> Recommendation:
     length = length_at(robot.jacobian(mid), robot.pose(mid)[:3, 3])
     pitches = tried_pitches(length)
     spread = _tried(robot, length, q)
-    up = _tried(robot, length, upright(robot, q[: len(q) // 2 + 1]))
+    up = _tried(robot, length, upright(robot, q[: min(STARTS, len(q) // 2 + 1)]))
     shares = np.minimum(spread.share(), up.share())
     serving = np.flatnonzero(shares >= NEARLY_ALL)
     best = int(serving[0] if len(serving) else shares.argmax())
@@ -123,7 +126,7 @@ def tried_pitches(length: float) -> tuple[float, ...]:
 def smallest_norm(robot: Robot, q: Array, length: float) -> float:
     """The smallest |P_h| of the pitches tried, in one state."""
     U, inverse_root = at_tool(robot, q, length)
-    return min(projector_norm(U, inverse_root, h) for h in tried_pitches(length))
+    return float(projector_norms(U, inverse_root, tried_pitches(length)).min())
 
 
 def at_tool(robot: Robot, q: Array, length: float) -> tuple[Array, Array]:
@@ -143,7 +146,7 @@ def _tried(robot: Robot, length: float, states: Array) -> _ProjectorNorms:
     for i, q in enumerate(states):
         U, inverse_root = at_tool(robot, q, length)
         six[i] = U.shape[1] == 6
-        norms[i] = [projector_norm(U, inverse_root, h) for h in pitches]
+        norms[i] = projector_norms(U, inverse_root, pitches)
     return _ProjectorNorms(states, norms, six)
 
 
@@ -207,18 +210,19 @@ def achievable(A: Array) -> Array:
     return np.asarray(U[:, sigma * sigma >= np.maximum(damped, np.finfo(float).tiny)])
 
 
-def projector_norm(U: Array, inverse_root: Array, h: float) -> float:
-    """|P_h| in the measure: 1 where the joints can do every twist, inf where h [length/rad] has no projector.
+def projector_norms(U: Array, inverse_root: Array, pitches: Sequence[float]) -> Array:
+    """(p,) |P_h| in the measure: 1 where the joints can do every twist, inf where h [length/rad] has no projector.
 
     U (6, k) is what the joints can do, orthonormal; (6, 6) the inverse of the measure's root.
     """
-    if U.shape[1] in (0, 6):
-        return 1.0
-    on_arm = _on_arm(U, inverse_root, h)
-    G = on_arm.dot(U)
-    if np.linalg.norm(G, -2) < ROUNDING:
-        return inf
-    return float(np.linalg.norm(np.linalg.solve(G, on_arm), 2))
+    norms = np.ones(len(pitches))
+    if U.shape[1] not in (0, 6):
+        on_arm = _on_arm(U, inverse_root, pitches)
+        G = on_arm @ U
+        some = np.linalg.norm(G, -2, axis=(1, 2)) >= ROUNDING
+        norms[some] = np.linalg.norm(np.linalg.solve(G[some], on_arm[some]), 2, axis=(1, 2))
+        norms[~some] = inf
+    return norms
 
 
 def unseen(U: Array, inverse_root: Array, pitches: tuple[float, ...], bound: float) -> Array:
@@ -226,15 +230,14 @@ def unseen(U: Array, inverse_root: Array, pitches: tuple[float, ...], bound: flo
 
     U (6, k) is what the joints can do, orthonormal in the measure; `bound` the largest |P_h| that serves.
     """
-    seen = np.vstack([_on_arm(U, inverse_root, h).dot(U) for h in pitches])
-    _, size, directions = np.linalg.svd(seen)
+    _, size, directions = np.linalg.svd((_on_arm(U, inverse_root, pitches) @ U).reshape(-1, U.shape[1]))
     return np.asarray(inverse_root.dot(U).dot(directions[size < 1.0 / bound].T))
 
 
-def _on_arm(U: Array, inverse_root: Array, h: float) -> Array:
-    """(k, 6) U'M with |M| = 1."""
-    M = PitchForm(h).matrix(inverse_root)
-    return np.asarray(U.T.dot(M) / np.linalg.norm(M, 2))
+def _on_arm(U: Array, inverse_root: Array, pitches: Sequence[float]) -> Array:
+    """(p, k, 6) U'M with |M| = 1."""
+    M = np.array([PitchForm(h).matrix(inverse_root) for h in pitches])
+    return np.asarray(U.T @ M / np.linalg.norm(M, 2, axis=(1, 2))[:, None, None])
 
 
 def upright(robot: Robot, q: Array) -> Array:

@@ -11,7 +11,7 @@ from invariantqp.analysis.inspection import (
     NEARLY_ALL,
     SMALL,
     achievable,
-    projector_norm,
+    projector_norms,
     recommend,
     upright,
 )
@@ -130,7 +130,7 @@ def test_the_norm_is_how_many_times_more_a_pitch_misses(multiple):
     for q in spread(robot, 40):
         P, best = projected(robot, q, L, multiple * L)
         root = root_at(robot.pose(q)[:3, 3], L)
-        norm = projector_norm(achievable(root @ robot.jacobian(q)), np.linalg.inv(root), multiple * L)
+        norm = projector_norms(achievable(root @ robot.jacobian(q)), np.linalg.inv(root), [multiple * L])[0]
         assert norm == pytest.approx(np.linalg.norm(P, 2), rel=1e-6)
         s = rng.normal(size=(6, 50))
         missed = np.linalg.norm(s - P @ s, axis=0) / np.linalg.norm(s - best @ s, axis=0)
