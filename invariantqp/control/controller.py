@@ -72,9 +72,9 @@ OF_JOINTS = 1000.0
 AGAIN = 4
 # The default gain [1/s]: slow beside any tracking gain, fast enough to keep the arm off its limits on long paths.
 POSTURE_GAIN = 1.0
-# In which a posture may bring joints to full speed [s]. Measured on 45 singular paths of seven-joint arms at 100 Hz, what
-# the largest acceleration is of five times that of damped least squares and 10 rad/s^2, and of 180 tight tasks those
-# that a QP dominates: 4.1 and 9 without it, 1.5 and 7 with .1 s, 1.2 and 8 with .2, .8 and 11 with .5.
+# In which a posture may bring joints to full speed [s]. Measured: the largest acceleration on 45 singular paths of
+# seven-joint arms at 100 Hz, as a share of five times that of damped least squares and 10 rad/s^2, and how many of 180
+# tight tasks a QP dominates: 4.1 and 9 without it, 1.5 and 7 with .1 s, 1.2 and 8 with .2, .8 and 11 with .5.
 POSTURE_TIME = 0.2
 
 
