@@ -170,14 +170,15 @@ static bool unanswered(const Press *press, const PressTick *tick, const Stiffnes
     }
     if (check->stiff == 0.0) {
         check->stiff = isnan(known->stiff) ? UNSHOWN * stiff : known->stiff;
-        check->depth = isnan(known->quiet) ? 0.0 : fmax(known->way - known->quiet, 0.0);
+        check->quiet = isnan(known->quiet) ? known->way : fmin(known->quiet, known->way);
+        check->depth = known->way - check->quiet;
         check->touched = isnan(known->quiet) ? felt : 0.0;
         check->since[0] = check->depth;
         check->since[1] = felt;
         check->read = CERTAIN;
         return false;
     }
-    check->depth += tick->came;
+    check->depth = known->way - check->quiet;
     for (int i = 0; i < 3; i++) {
         check->across[i] += tick->across[i];
         check->slid[i] += tick->across[i];

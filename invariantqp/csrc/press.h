@@ -75,7 +75,7 @@ typedef struct {
 } Release;
 
 typedef struct {
-    double stiff, depth, since[2], across[3], grade[3], silent;
+    double stiff, quiet, depth, since[2], across[3], grade[3], silent;
     Evidence evidence;
     double touched, rested, rest[4], slid[3], off;
     Release release;

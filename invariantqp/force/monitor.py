@@ -354,7 +354,9 @@ class Answers(NamedTuple):
 
     Attributes:
         stiff: bound of the stiffness as the touch or the last answer showed it [force/length].
-        depth: way in since nothing was felt, or since the first reading [length].
+        quiet: the commanded way, as it shows, where nothing was felt last, or at the first reading [length]. What an
+            arm or its drives give way to a force, no joint measures.
+        depth: way in from there [length].
         since: depth and force at the last answer, or at the touch.
         across: (3,) since then [length].
         grade: (3,) how much the surface rises towards the tool for a way across, as answers showed it.
@@ -371,6 +373,7 @@ class Answers(NamedTuple):
     """
 
     stiff: float = 0.0
+    quiet: float = 0.0
     depth: float = 0.0
     since: tuple[float, float] = (0.0, 0.0)
     across: Annotated[Array, 3] = np.zeros(3)
@@ -413,9 +416,11 @@ class Answers(NamedTuple):
             return self.begun(), None
         if self.stiff == 0.0:
             stiff = UNSHOWN * (task.stiffness or STIFF) if known.stiff is None else known.stiff
-            depth, touched = (0.0, press) if known.quiet is None else (max(known.way - known.quiet, 0.0), 0.0)
-            return self._replace(stiff=stiff, depth=depth, since=(depth, press), touched=touched, read=CERTAIN), None
-        now = self._replace(depth=self.depth + tick.came, across=self.across + tick.across, read=read)
+            quiet, touched = (known.way, press) if known.quiet is None else (min(known.quiet, known.way), 0.0)
+            depth = known.way - quiet
+            first = self._replace(stiff=stiff, quiet=quiet, depth=depth, since=(depth, press), touched=touched)
+            return first._replace(read=CERTAIN), None
+        now = self._replace(depth=known.way - self.quiet, across=self.across + tick.across, read=read)
         evidence = self.evidence.after(known, noise, wanted, shared, tick.dt)
         now = now._replace(evidence=evidence)
         if self.release is not None:

@@ -267,7 +267,7 @@ def test_while_a_press_is_let_go_a_rise_to_more_than_twice_what_is_felt_is_an_ov
 
 
 def test_a_press_lowered_and_not_followed_becomes_an_overload():
-    loop = iq.HybridController(gantry(), pen(8.0), dt=DT, order="moment first")
+    loop = iq.HybridController(gantry(), pen(8.0, stiffness=500.0), dt=DT, order="moment first")
     for wanted in [24.0] * 10 + [8.0] * 100:
         last = loop.step(np.zeros(6), np.eye(4), [0, 0, 0, 0, 0, -24.0], wanted=[wanted])
     assert last.status == "overload"

@@ -51,12 +51,13 @@ def press_on_damper(
     reads=None,
     since=np.inf,
     seed=0,
+    drives=np.inf,
     **task,
 ):
     """Press, and slide with a speed from a time on, straight or on a circle; `reads` makes a reading of the true press.
 
-    It does so from `since` on. The plane moves by a height [m], so many times a second. The run ends 0.05 s after it
-    has stopped.
+    It does so from `since` on. The plane moves by a height [m], so many times a second. Drives of a stiffness [N m/rad]
+    give way to the force, which joints then measure. The run ends 0.05 s after it has stopped.
     """
     random, robot, q = np.random.default_rng(seed), robot_of(arm), ARMS[arm].copy()
     start = robot.pose(q)
@@ -67,7 +68,7 @@ def press_on_damper(
     steps = max(1, round(dt / SUBSTEP))
     h, kept = dt / steps, 0.0 if lag == 0.0 else exp(-dt / steps / lag)
     late = kept * (1.0 - kept**steps) / (1.0 - kept)  # how many substeps a tick's change of velocity comes late
-    velocity, force = np.zeros(len(q)), 0.0
+    velocity, force, bent = np.zeros(len(q)), 0.0, np.zeros(len(q))
     presses, heights, said, left = [], [], [], round(0.05 / dt)
     for k in range(round(seconds / dt)):
         t, tool = k * dt, robot.pose(q)
@@ -78,7 +79,7 @@ def press_on_damper(
         angle = way / circle if circle else 0.0
         target[:2, 3] += (circle * np.array([np.sin(angle), 1.0 - np.cos(angle)])) if circle else (way, 0.0)
         ahead[3:5] = pace * np.cos(angle), pace * np.sin(angle)
-        solution = loop.step(q, target, np.concatenate((random.normal(0.0, 0.03 * noise, 3), push)), ahead)
+        solution = loop.step(q + bent, target, np.concatenate((random.normal(0.0, 0.03 * noise, 3), push)), ahead)
         said.append((str(solution.status), solution.reason))
         change = velocity - solution.velocity
         velocity = solution.velocity + kept**steps * change
@@ -87,7 +88,10 @@ def press_on_damper(
             plane + slope * (p[0] - start[0, 3]) + moves[0] * np.sin(2.0 * np.pi * moves[1] * t) - p[2]
             for p in (robot.pose(q)[:3, 3], robot.pose(q - h * velocity)[:3, 3])
         )
-        force = max(0.0, stiffness * depth + damping * (depth - before) / h) if depth > 0.0 else 0.0
+        gives = UP @ (robot.jacobian(q)[3:] + np.cross(robot.jacobian(q)[:3].T, robot.pose(q)[:3, 3]).T) / drives
+        share = 1.0 / (1.0 + stiffness * drives * float(gives @ gives)) if drives < np.inf else 1.0
+        force = max(0.0, stiffness * share * depth + damping * (depth - before) / h) if depth > 0.0 else 0.0
+        bent = gives * force
         presses.append(force)
         heights.append(-depth)
         left -= said[-1][0] in ("overload", "fault")
