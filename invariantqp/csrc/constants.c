@@ -145,6 +145,7 @@ const Constant CONSTANTS[] = {
     ONE("control.tracking", DELAY_SHARE),
     {"force.estimate.UNKNOWN", UNKNOWN_LATE},
     ONE("force.law", INTEGRAL),
+    ONE("force.law", INTEGRATED),
     ONE("force.law", UNSURE),
     ONE("force.law", SURE),
     ONE("force.law", APPROACHED),

@@ -27,6 +27,8 @@ void touched(Touch *touch, double press, double limit, double noise, double dt)
     touch->airborne += dt;
 }
 
+bool touch_lasts(const Touch *touch, double lost_after) { return touch->touching != 0.0 || touch->airborne <= lost_after; }
+
 /* control.py: of several presses, there is contact where all are felt. */
 Touch weakest_touch(int n, const Touch *touches)
 {

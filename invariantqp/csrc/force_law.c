@@ -5,22 +5,12 @@
 #include "press.h"
 #include <string.h>
 
-/* An error above this share of the wanted press counts as this much in an integral: until it was reached, and later. */
-static const double INTEGRATED[2] = {0.1, 0.5};
-
 void mass_and_damper(const Stiffness *known, const Setting *setting, double eased, double *M, double *D)
 {
     double late = setting->late / (DELAY_SHARE * eased), b = fmax(known->found[1], 0.0), error = known->errors[1];
     double least = fmax(b - error, 0.0), behind = fmax(-known->found[1] - error, 0.0);
     *M = late * (b + error);
     *D = fmax(late * known->bound + behind / (DELAY_SHARE * eased), sqrt(2.0 * known->bound * *M) - least);
-}
-
-/* What the integral counts of an error. */
-static double integrated(double error, double wanted, bool reached)
-{
-    double most = wanted > 0.0 ? INTEGRATED[reached] * wanted : INFINITY;
-    return fmin(fmax(error, -most), most);
 }
 
 /* How much of the bound is known to be there. */
@@ -42,7 +32,8 @@ static Drive pressed(const Drive *drive, double error, double wanted, const Stif
     double per_tick = M / setting->dt;
     if (grows) {
         double share = wanted > 0.0 ? fmin(fmax(SURE * sure(known), UNSURE), 1.0) : 1.0;
-        slope += setting->dt * share * integrated(error, wanted, known->reached != 0.0) * known->bound / (INTEGRAL * D * D);
+        double counts = rises ? INTEGRATED * wanted : INFINITY;
+        slope += setting->dt * share * fmin(fmax(error, -counts), counts) * known->bound / (INTEGRAL * D * D);
     }
     slope = fmin(fmax(slope, -bound), rises ? fmin(bound, inwards) : bound);
     double fastest = rises ? inwards - fmax(slope, 0.0) : inwards;
@@ -60,27 +51,17 @@ static Drive struck(const Drive *drive, double coming, double error, const Stiff
 }
 
 /* In the air. */
-static Drive sought(const Drive *drive, double gentle, const Setting *setting, double most, const Touch *touch,
-                    const Press *press)
+static Drive sought(double gentle, const Setting *setting, double most, const Touch *touch)
 {
-    double bound = setting->slope_speed, slope = 0.0;
-    if (touch->airborne == INFINITY)
-        return (Drive){gentle, 0.0};
-    double rate = fmin((gentle + bound) * (press->lost_after > 0.0 ? fmin(1.0, touch->airborne / press->lost_after) : 1.0), most);
-    if (touch->airborne < press->lost_after) {
-        double grown = drive->slope + setting->dt * UNSURE * DELAY_SHARE / (INTEGRAL * setting->late) * (rate - drive->slope);
-        slope = fmin(fmax(grown, -bound), bound);
-    }
-    return (Drive){rate - slope, slope};
+    return (Drive){touch->airborne == INFINITY ? gentle : fmin(gentle + setting->slope_speed, most), 0.0};
 }
 
 /* With a given compliance. */
-static Drive fixed(const Drive *drive, double error, double gain, double stiffness, double wanted, double dt, double most,
-                   bool grows)
+static Drive fixed(const Drive *drive, double error, double gain, double stiffness, double dt, double most, bool grows)
 {
     double slope = stiffness > 0.0 ? drive->slope : 0.0;
     if (grows && stiffness > 0.0)
-        slope += dt * gain * gain * stiffness / OVERDAMPED * integrated(error, wanted, true);
+        slope += dt * gain * gain * stiffness / OVERDAMPED * error;
     return (Drive){fmin(gain * error, fmax(most - slope, 0.0)), slope};
 }
 
@@ -96,11 +77,11 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             bool yields, Drive *drives)
 {
     int n = split->n, presses = split->presses;
-    bool touching = true, acts;
+    bool there = true, acts;
     double fastest = press->approach_speed;
     for (int i = 0; i < presses; i++)
-        touching = touching && now->touches[i].touching != 0.0;
-    acts = touching && yields;
+        there = there && touch_lasts(&now->touches[i], press->lost_after);
+    acts = there && yields;
     bool grows = now->free != 0.0 && yields && !slow;
     for (int i = 0; i < n; i++) {
         const Drive none = {0.0, 0.0}, *drive = now->driven == n ? &now->drives[i] : &none;
@@ -110,19 +91,19 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
         double gentle = i < presses ? touch_speed(press, (1.0 - LOST_SHARE) * asked[i], striking) : 0.0;
         if (press->has_compliance) {
             double top = slow && i < presses ? fastest : INFINITY;
-            drives[i] = fixed(drive, error, split->gain, press->stiffness, wished, setting->dt, top, grows);
+            drives[i] = fixed(drive, error, split->gain, press->stiffness, setting->dt, top, grows);
             acts = acts && drives[i].speed + drives[i].slope < top;
         } else if (presses == 0) {
             double k = fmin(press->stiffness > 0.0 ? press->stiffness : STIFF, UNSHOWN * STIFF);
             for (int j = 0; j < n; j++)
                 k = fmax(k, (is_known(&now->known[j]) ? now->known[j].found[0] : 0.0) / QUICKER);
             double gain = eased * DELAY_SHARE / ((setting->late - UNKNOWN_LATE) * k);
-            drives[i] = fixed(drive, error, gain, k, 0.0, setting->dt, INFINITY, grows);
+            drives[i] = fixed(drive, error, gain, k, setting->dt, INFINITY, grows);
         } else if (i >= presses) {
-            drives[i] = touching ? pressed(drive, error, 0.0, known, setting, fastest, fastest, eased, grows, &now->known[0])
+            drives[i] = there ? pressed(drive, error, 0.0, known, setting, fastest, fastest, eased, grows, &now->known[0])
                                  : none;
-        } else if (now->touches[i].touching == 0.0) {
-            drives[i] = sought(drive, gentle, setting, fastest, &now->touches[i], press);
+        } else if (!touch_lasts(&now->touches[i], press->lost_after)) {
+            drives[i] = sought(gentle, setting, fastest, &now->touches[i]);
         } else if (known->time <= setting->late) { /* the filters still hold the air */
             double coming = presses == 1 && lag_known && now->went == n ? now->ways[i].coming : 0.0;
             drives[i] = struck(drive, coming, error, known, setting, OVERLOAD * fastest, eased);

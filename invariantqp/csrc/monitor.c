@@ -223,7 +223,6 @@ static void turns(double felt, double wanted, double noise, double dt, Settling 
 static void settled(const PressTick *tick, bool lost, Settling *settling)
 {
     double felt = tick->felt, wanted = tick->wanted, dt = tick->dt;
-    settling->let_go = tick->touch.touching == 0.0 || (settling->let_go != 0.0 && settling->swung > 0.0);
     turns(felt, wanted, tick->noise, dt, settling);
     if (lost) {
         settling->press = NAN;
@@ -242,11 +241,6 @@ static void missed(const PressTick *tick, Settling *settling)
     if (!isnan(before))
         error = before + fmin(1.0, dt / AVERAGED_FOR) * (tick->missing - before);
     *settling = (Settling){.press = error, .missed = error > SHORT ? for_long + dt : 0.0, .rises = 1.0, .swung = SWUNG};
-}
-
-bool unstable(const Settling *settling, bool rests)
-{
-    return settling->swung == 0.0 && (rests || settling->let_go != 0.0);
 }
 
 /* Monitor.after */
@@ -270,7 +264,7 @@ Outcome monitored(const Press *press, const PressTick *tick, int presses, const 
     if (isnan(tick->felt))
         missed(tick, &monitor->settling);
     else if (tick->limit != 0.0)
-        settled(tick, tick->touch.touching == 0.0 && tick->touch.airborne > press->lost_after, &monitor->settling);
+        settled(tick, !touch_lasts(&tick->touch, press->lost_after), &monitor->settling);
     return DONE;
 }
 

@@ -213,7 +213,7 @@ static void known_now(const Press *press, const Split *split, const Placed *plac
     for (int i = 0; i < n; i++) {
         double force = placed->felt[i], wish = placed->asked[i], way = pressing->ways[i].shown;
         const Touch *touch = i < presses ? &pressing->touches[i] : &tick->touch;
-        bool there = touch->touching != 0.0 || (i < presses && touch->airborne <= press->lost_after);
+        bool there = touch->touching != 0.0 || (i < presses && touch_lasts(touch, press->lost_after));
         int lacks = (wish - force > SHORT * most) - (force - wish > SHORT * most);
         if (there)
             known_after(&pressing->known[i], force, way, setting, lacks, i >= presses || (touch->touching != 0.0 && force > tick->limit));
@@ -335,17 +335,17 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     double shared = press->filter_time > 0.0 ? fmin(1.0, dt / (2.0 * press->filter_time)) : 1.0;
     if (monitored(press, tick, presses, pressing->known, placed.felt, placed.asked, setting.noise, shared, &state->monitor) == HAND_BACK)
         return HAND_BACK;
-    bool rests = along_before <= SLOW_SHARE * press->approach_speed, asks = false;
-    if (unstable(&state->monitor.settling, rests))
+    bool asks = false;
+    if (state->monitor.settling.swung == 0.0)
         pressing->eased = fmax(LEAST_EASED, EASES * pressing->eased);
     for (int i = 0; i < (int)state->monitor.asked; i++)
         asks = asks || !isnan(state->monitor.answers[i].release.depth);
     answer->touch = tick->touch;
-    bool touching = tick->touch.touching != 0.0, there = touching || tick->touch.airborne <= press->lost_after;
+    bool touching = tick->touch.touching != 0.0, there = touch_lasts(&tick->touch, press->lost_after);
     bool lost = !there && tick->touch.airborne < INFINITY;
     if (lost && press->on_loss == HOLDS)
         return HAND_BACK;
-    bool slow = !touching && !(there && asks) && !(lost && press->on_loss == CONTINUES);
+    bool slow = !there && !(lost && press->on_loss == CONTINUES);
 
     /* The law. */
     const Dead *dead = &state->monitor.dead;

@@ -83,7 +83,7 @@ typedef struct {
 } Answers;
 
 typedef struct {
-    double press, missed, turns, rises, extreme, wanted, swung, let_go;
+    double press, missed, turns, rises, extreme, wanted, swung;
 } Settling;
 
 typedef struct {
@@ -135,6 +135,7 @@ double weighed(double evidence, double press, double limit, double noise);
 bool certain(double evidence);
 void touch_begun(Touch *touch);
 void touched(Touch *touch, double press, double limit, double noise, double dt);
+bool touch_lasts(const Touch *touch, double lost_after);
 Touch weakest_touch(int n, const Touch *touches);
 double loss_limit(double lost_below, double wanted, double noise);
 void unknown_stiffness(double begins, Stiffness *known);
@@ -168,7 +169,6 @@ double kept_of(double gain, double share);
 Outcome monitored(const Press *press, const PressTick *tick, int presses, const Stiffness *known, const double *felt,
                   const double *asked, double noise, double shared, Monitor *monitor);
 double unseen(const Press *press, const Answers *check, double felt);
-bool unstable(const Settling *settling, bool rests);
 void after_motion(const Touch *touch, double out, Monitor *monitor);
 
 /* force/contact.py */
@@ -215,6 +215,7 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 /* force/law.py */
 #define UNKNOWN_LATE 0.003
 #define INTEGRAL 4.0
+#define INTEGRATED 0.1
 #define UNSURE 0.25
 #define SURE 2.0
 #define APPROACHED 0.5
@@ -252,6 +253,6 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define MAY_BE_STEEP 0.1
 #define TAKEN_BACK 0.5
 #define EASES 0.5
-#define LEAST_EASED (1.0 / 64.0)
+#define LEAST_EASED 0.25
 
 #endif

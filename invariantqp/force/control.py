@@ -124,9 +124,10 @@ MOVES_IN = 0.3
 MAY_BE_STEEP = 0.1
 # The share of an arm's lateness that can be taken back at a touch: its lag, not its dead time.
 TAKEN_BACK = 0.5
-# After the contact was lost again and again the gain is reduced by this factor, each time, to this share of it.
+# After the press swung again and again the gain is reduced by this factor, each time, to this share of it: what slides
+# may swing by what it slides on, and a slower law would not come back from that.
 EASES = 0.5
-LEAST_EASED = 1.0 / 64.0
+LEAST_EASED = 0.25
 # The pose of a tool on which nothing depends.
 ANYWHERE = np.eye(4)
 # What `HybridController.step` is given, in its order, with the contact of the tick.
@@ -470,7 +471,7 @@ class HybridController:
         parts = zip(now.known[:presses], here.force.tolist(), here.wanted.tolist(), strict=False)
         shared = min(1.0, dt / (2.0 * self._filter_time)) if self._filter_time else 1.0
         monitor = memory.monitor.after(task, tick, tuple((*one, setting.noise) for one in parts), shared)
-        if monitor.settling.unstable(rests=before.rests(task)):
+        if monitor.settling.unstable:
             now = now._replace(eased=max(LEAST_EASED, EASES * now.eased))
         said = verdict(monitor, tick.touch, task, here.contact)
 
@@ -736,7 +737,7 @@ class HybridController:
         for i, (known, (way, _), force, wanted) in enumerate(parts):
             press = i < here.presses
             touch = now.touches[i] if press else tick.touch
-            near = touch.touching or (press and touch.airborne <= self.task.lost_after)
+            near = touch.touching or (press and touch.lasts(self.task.lost_after))
             if near and self._beyond.left is None:  # beyond an edge a reading shows no surface
                 short = int(wanted - force > most) - int(force - wanted > most)
                 felt = not press or (touch.touching and force > tick.limit)
@@ -773,9 +774,9 @@ class HybridController:
         """
         task, dt = self.task, self.loop.dt
         yields = can_yield(here.contact, len(self.loop.robot.names))
-        touching = tick.touch.touching
+        there = tick.touch.lasts(task.lost_after)
         grows, fastest = now.free and yields and not slow, task.approach_speed
-        acts, stiffest = touching and yields, task.stiffness or 0.0
+        acts, stiffest = there and yields, task.stiffness or 0.0
         # What a lagging arm has not done yet can be taken back at a touch within a tick, what is sent late cannot. A
         # touch is felt at the end of its tick, but for what passes for air.
         dead, felt = self._delay.declared + (self._delay.late or 0.0), 1.0 - LOST_SHARE
@@ -791,18 +792,18 @@ class HybridController:
             released = monitor.release(task.slope, i, setting, OVERLOAD * gentle) if press else None
             if task.compliance is not None:
                 top = fastest if slow and press else inf
-                drives.append(fixed(drive, error, here.split.gain, stiffest, wanted, dt, top, grows=grows))
+                drives.append(fixed(drive, error, here.split.gain, stiffest, dt, top, grows=grows))
                 acts = acts and drives[-1].rate < top
             elif here.presses == 0:
                 gain = eased * DELAY_SHARE / ((setting.late - UNKNOWN) * held)
-                drives.append(fixed(drive, error, gain, held, 0.0, dt, inf, grows=grows))
-            elif not press and not touching:
+                drives.append(fixed(drive, error, gain, held, dt, inf, grows=grows))
+            elif not press and not there:
                 drives.append(Drive())
             elif not press:
                 speeds, beside = (fastest, fastest), now.known[0]
                 drives.append(pressed(drive, error, 0.0, known, setting, speeds, eased, grows=grows, beside=beside))
-            elif not now.touches[i].touching:
-                drives.append(sought(drive, gentle, setting, fastest, now.touches[i], task))
+            elif not now.touches[i].lasts(task.lost_after):
+                drives.append(sought(gentle, setting, fastest, now.touches[i]))
             elif known.time <= setting.late:  # the filters still hold the air: nothing is pushed in
                 # Of several presses one may read another's friction, which turns round where the tool does.
                 coming = now.ways[i][1] if here.presses == 1 and self._delay.lag is not None else 0.0

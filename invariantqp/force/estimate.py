@@ -130,6 +130,10 @@ class Touch(NamedTuple):
             return Touch(evidence, True, 0.0)
         return Touch(evidence, self.touching and evidence > -CERTAIN, self.airborne + dt)
 
+    def lasts(self, lost_after: float) -> bool:
+        """Whether there is contact, or was less than a time ago [s]."""
+        return self.touching or self.airborne <= lost_after
+
 
 def weighed(evidence: float, press: float, limit: float, noise: float) -> float:
     """E after one more reading."""

@@ -46,9 +46,8 @@ APPROACHED = 0.5
 TAKES_UP = 0.1
 # With a fixed compliance on a declared stiffness k: c k times the time constant of the integral.
 OVERDAMPED = 5.0
-# An error above this share of the wanted press counts as this much in an integral: until the press was reached once,
-# and later.
-INTEGRATED = (0.1, 0.5)
+# Until a press was reached once, an error above this share of it counts as this much in the integral.
+INTEGRATED = 0.1
 
 # Changes of a noisy force are reckoned with up to so many standard deviations; the most of the joints' acceleration
 # that they may take; a gain lowered for that below this share of itself is told; joints without a limit have this
@@ -114,9 +113,8 @@ def pressed(
     rises = wanted > 0.0 and not known.reached
     if grows:
         sure = min(max(SURE * known.sure, UNSURE), 1.0) if wanted > 0.0 else 1.0
-        slope += (
-            setting.dt * sure * _integrated(error, wanted, reached=known.reached) * known.bound / (INTEGRAL * D * D)
-        )
+        counts = INTEGRATED * wanted if rises else inf
+        slope += setting.dt * sure * min(max(error, -counts), counts) * known.bound / (INTEGRAL * D * D)
     slope = min(max(slope, -bound), min(bound, most[0]) if rises else bound)
     fastest = most[0] - max(slope, 0.0) if rises else most[0]
     return Drive(min(max((per_tick * before + error) / (per_tick + D), -most[1]), fastest), slope)
@@ -140,37 +138,17 @@ def struck(
     return law._replace(speed=max(min(law.speed, -coming / setting.dt), -most))
 
 
-def sought(drive: Drive, gentle: float, setting: Setting, most: float, touch: Touch, task: HybridTask) -> Drive:
-    """The law in the air: as fast as is gentle, and as fast as a surface that was lost may leave.
-
-    Where a contact is lost for moments only, the surface leaves at the mean speed of the tool: the slope learns it; and
-    the approach begins from rest, or a step of its speed, which compliant servos turn into a force, would be the touch.
-    """
-    if touch.airborne == inf:
-        return Drive(gentle)
-    bound = setting.slope_speed
-    rate = min((gentle + bound) * (min(1.0, touch.airborne / task.lost_after) if task.lost_after else 1.0), most)
-    slope = 0.0
-    if touch.airborne < task.lost_after:
-        grown = drive.slope + setting.dt * UNSURE * DELAY_SHARE / (INTEGRAL * setting.late) * (rate - drive.slope)
-        slope = min(max(grown, -bound), bound)
-    return Drive(rate - slope, slope)
+def sought(gentle: float, setting: Setting, most: float, touch: Touch) -> Drive:
+    """The law in the air: as fast as is gentle, and as fast as a surface that was lost may leave."""
+    return Drive(gentle if touch.airborne == inf else min(gentle + setting.slope_speed, most))
 
 
-def fixed(
-    drive: Drive, error: float, gain: float, stiffness: float, wanted: float, dt: float, most: float, *, grows: bool
-) -> Drive:
+def fixed(drive: Drive, error: float, gain: float, stiffness: float, dt: float, most: float, *, grows: bool) -> Drive:
     """The same with a given compliance, `gain` c; the `stiffness` k is 0 where none is declared."""
     slope = drive.slope if stiffness > 0.0 else 0.0
     if grows and stiffness > 0.0:
-        slope += dt * gain * gain * stiffness / OVERDAMPED * _integrated(error, wanted, reached=True)
+        slope += dt * gain * gain * stiffness / OVERDAMPED * error
     return Drive(min(gain * error, max(most - slope, 0.0)), slope)
-
-
-def _integrated(error: float, wanted: float, *, reached: bool) -> float:
-    """What the integral counts of an error: little of a touch's rise, or of a step of the wanted press."""
-    most = INTEGRATED[reached] * wanted if wanted > 0.0 else inf
-    return min(max(error, -most), most)
 
 
 def touch_speed(task: HybridTask, press: float, late: float) -> float:

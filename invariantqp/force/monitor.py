@@ -554,7 +554,6 @@ class Settling(NamedTuple):
         extreme: the last it reached that way [force].
         wanted: the press that these are about [force].
         swung: how long ago it swung too often [s].
-        let_go: whether the contact was lost since then.
     """
 
     press: float | None = None
@@ -564,23 +563,18 @@ class Settling(NamedTuple):
     extreme: float = 0.0
     wanted: float = 0.0
     swung: float = SWUNG
-    let_go: bool = False
 
-    def after(
-        self, press: tuple[float, float], dt: float, *, touching: bool, lost: bool, noise: float = 0.0
-    ) -> Settling:
+    def after(self, press: tuple[float, float], dt: float, *, lost: bool, noise: float = 0.0) -> Settling:
         """What is remembered after one more tick.
 
         Args:
             press: felt and wanted [force].
             dt: tick [s].
-            touching: whether there is contact.
-            lost: whether that is told as lost; a shorter time in the air is a press that is not reached.
+            lost: whether the contact is told as lost; a shorter time in the air is a press that is not reached.
             noise: standard deviation of the press [force].
         """
         felt, wanted = press
-        let_go = not touching or (self.let_go and self.swung > 0.0)
-        now = self._turned(felt, wanted, noise, dt)._replace(let_go=let_go, press=None, missed=0.0)
+        now = self._turned(felt, wanted, noise, dt)._replace(press=None, missed=0.0)
         if lost:
             return now
         mean = felt if self.press is None else self.press + min(1.0, dt / AVERAGED) * (felt - self.press)
@@ -607,9 +601,10 @@ class Settling(NamedTuple):
         error = missing if self.press is None else self.press + min(1.0, dt / AVERAGED) * (missing - self.press)
         return Settling(press=error, missed=self.missed + dt if error > SHORT else 0.0)
 
-    def unstable(self, *, rests: bool) -> bool:
-        """Whether a swing too many has just happened, not by sliding on what is rough: that loses no contact."""
-        return self.swung == 0.0 and (rests or self.let_go)
+    @property
+    def unstable(self) -> bool:
+        """Whether a swing too many has just happened."""
+        return self.swung == 0.0
 
     def trouble(self, wanted: float | None, late: float) -> str:
         """What is wrong, in words, "" for nothing.
@@ -700,8 +695,8 @@ class Monitor(NamedTuple):
             return self.settling.after_missing(tick.missing, tick.dt)
         if tick.limit == 0.0:
             return self.settling
-        lost = not tick.touch.touching and tick.touch.airborne > task.lost_after
-        return self.settling.after(tick.press, tick.dt, touching=tick.touch.touching, lost=lost, noise=tick.noise)
+        lost = not tick.touch.lasts(task.lost_after)
+        return self.settling.after(tick.press, tick.dt, lost=lost, noise=tick.noise)
 
     def stopping(self, task: HybridTask, found: Finding | None) -> Monitor:
         """The monitor that leaves: from where it touched; from where it approached if readings are not believed."""
@@ -796,10 +791,10 @@ def _without_edge(monitor: Monitor, touch: Touch, task: HybridTask, *, can_leave
         action = RETREAT if answer == "retreat" and left < (1.0 - ROUNDING) * away else HOLD
         what = {RETREAT: "retreating", HOLD: "standing still until reset"}[action]
         return Verdict(action, found.status, f"{found.reason}: {what}")
-    if touch.touching or touch.airborne <= task.lost_after:
+    if touch.lasts(task.lost_after):
         if monitor.asks:
             return Verdict(FOLLOW, Status.DEGRADED, ASKS)
-        return Verdict(FOLLOW if touch.touching else SLOW, None, "")
+        return Verdict(FOLLOW, None, "")
     if touch.airborne == inf:
         return Verdict(SLOW, Status.LOST, "no contact yet: approaching")
     action, what = LOSS.get(task.on_loss, (SLOW, ": approaching"))

@@ -191,9 +191,8 @@ def test_swings_are_told_of_a_wanted_press_that_stays(swing, steps, told):
     for k in range(2000):
         wanted = 10.0 + steps * (k % 150 < 75)
         press = 10.0 * (1.0 + 0.5 * swing * np.sin(0.06 * k))
-        settling = settling.after((press, wanted), 0.004, touching=True, lost=False, noise=0.1)
-        assert not settling.unstable(rests=False)
-        lowered += settling.unstable(rests=True)
+        settling = settling.after((press, wanted), 0.004, lost=False, noise=0.1)
+        lowered += settling.unstable
     assert bool(settling.trouble(10.0, 0.01)) == (lowered > 1) == told
 
 
@@ -202,8 +201,8 @@ def test_a_press_that_comes_to_what_is_wanted_in_leaps_does_not_swing_about_it()
     settling = Settling()
     for k in range(500):
         press = 10.0 if k > 100 else 0.05 * k + 4.0 * (k % 10 < 5)
-        settling = settling.after((press, 10.0), 0.002, touching=True, lost=False, noise=0.1)
-        assert not settling.unstable(rests=True)
+        settling = settling.after((press, 10.0), 0.002, lost=False, noise=0.1)
+        assert not settling.unstable
         assert settling.trouble(10.0, 0.01) == ""
 
 
@@ -223,8 +222,8 @@ def test_a_press_that_slowly_leaves_is_no_chatter():
     settling = Settling()
     for k in range(600):
         press, touching = max(0.0, 5.0 - 0.05 * (k % 100)), k % 100 < 95
-        settling = settling.after((press, 5.0), 0.01, touching=touching, lost=not touching)
-        assert not settling.unstable(rests=True)
+        settling = settling.after((press, 5.0), 0.01, lost=not touching)
+        assert not settling.unstable
 
 
 def test_a_tool_that_only_taps_is_told_that_the_force_is_not_reached():
