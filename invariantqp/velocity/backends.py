@@ -24,8 +24,6 @@ UNBOUNDED = 1e30
 FEASIBILITY_TOLERANCE = 1e-7
 # Far below that, above what active-set arithmetic on cond(H) = 1e6 can lose.
 DAQP_TOLERANCE = 1e-10
-# Weight of a proximal step of a semidefinite problem, beside 1 of its other directions; and the last step's length.
-PROXIMAL, SETTLED = 1e-4, 1e-12
 # Settings of each solver: defaults leave errors up to 0.3 on ill-conditioned problems.
 TIGHT: dict[str, dict[str, Any]] = {
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100_000},
@@ -93,24 +91,11 @@ class Daqp:
 
     def solve(self, qp: BoxQP) -> Array:
         """The minimiser."""
-        return _daqp(qp)[0]
-
-
-def semidefinite(qp: BoxQP) -> tuple[Array, Array]:
-    """A minimiser (n,) by DAQP, where H may be semidefinite, and its multipliers (k,), zero where no limit is active.
-
-    Raises:
-        SolverFailure: none was found; `.infeasible` where there is none.
-    """
-    return _daqp(qp, eps_prox=PROXIMAL, eta_prox=SETTLED)
-
-
-def _daqp(qp: BoxQP, **settings: float) -> tuple[Array, Array]:
-    rows = np.empty((0, len(qp.c))) if qp.C is None else qp.C
-    z, _, flag, info = daqp.solve(qp.H, -qp.c, rows, qp.upper, qp.lower, primal_tol=DAQP_TOLERANCE, **settings)
-    if flag <= 0:
-        raise SolverFailure("daqp", f"exit flag {flag}", infeasible=flag == -1)
-    return np.asarray(z), np.asarray(info["lam"])
+        rows = np.empty((0, len(qp.c))) if qp.C is None else qp.C
+        z, _, flag, _ = daqp.solve(qp.H, -qp.c, rows, qp.upper, qp.lower, primal_tol=DAQP_TOLERANCE)
+        if flag <= 0:
+            raise SolverFailure("daqp", f"exit flag {flag}", infeasible=flag == -1)
+        return np.asarray(z)
 
 
 @dataclass(frozen=True)

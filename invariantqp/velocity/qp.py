@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf, sqrt
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,15 +27,7 @@ from scipy.optimize import brentq, nnls
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.se3 import norm
 from invariantqp.systems.subspaces import TINY, rank_of
-from invariantqp.velocity.backends import (
-    FEASIBILITY_TOLERANCE,
-    Backend,
-    BoxQP,
-    Daqp,
-    SolverFailure,
-    semidefinite,
-    solved,
-)
+from invariantqp.velocity.backends import FEASIBILITY_TOLERANCE, Backend, BoxQP, Daqp, SolverFailure, solved
 
 EPSILON = float(np.finfo(float).eps)
 # A limit this close, relative to its value (or 1), is at it.
@@ -45,9 +37,8 @@ ACTIVE_TOLERANCE = 1e-6
 SLOWEST = 1e-6
 # What is below this share of the terms of a product is rounding; cosines fade in above it, so that the law has no jump.
 PRODUCT_ROUNDING = 1e-13
-# The multiplier of a speed limit outweighs the rest by this factor at most, and is found in a few steps.
+# The multiplier of a speed limit outweighs the rest by this factor at most.
 MOST_SHARE = 1e8
-MOST_PRICES = 60
 # What an answer is called that no solver gave.
 OWN = "least distance"
 
@@ -185,18 +176,6 @@ class Optimum(NamedTuple):
     nu: float = 0.0  # multiplier of the speed limit, where there is one; 0 where it is not active
 
 
-class Paced(NamedTuple):
-    """Where the chase slows down, (r, g) in units of their size, at a price on the speed of the point."""
-
-    z: Array  # (n + 1,)
-    free: Array  # (n + 1, j) as of an Optimum
-    end: float  # the multiplier of 0 <= g <= |K way|
-    wrong: bool  # whether a multiplier has the wrong sign
-
-
-Found = TypeVar("Found", Optimum, Paced)
-
-
 def minimise(
     backend: Backend, cost: Quadratic, limits: Polytope, cone: Cone | None = None, inside: Array | None = None
 ) -> Optimum:
@@ -223,7 +202,7 @@ def minimise(
                 pull = cost.K.dot(found.z - cost.centre).dot(cost.K) + nu * cone.velocity(found.z).dot(counts)
                 return found._replace(z=found.z - found.free.dot(pull.dot(found.free)), nu=nu)
 
-            found = at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), found, at, inside)
+            found = at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), at, inside)
             speed, yields = cone.speed(found.z), cone.velocity(found.z).dot(cone.J).dot(found.free)
             gain = norm(yields)
             if gain > 0.0:  # what is left of its error, at this price
@@ -254,74 +233,32 @@ def _kept(z: Array, limits: Polytope, cone: Cone | None, inside: Array) -> Array
     return inside + (min((sqrt(b * b + a * c) - b) / a, 1.0) if a > 0.0 else 0.0) * (z - inside)
 
 
-def at_speed_limit(
-    cone: Cone, weight: float, found: Found, at: Callable[[float], Found], inside: Array | None
-) -> Found:
+def at_speed_limit(cone: Cone, weight: float, at: Callable[[float], Optimum], inside: Array | None) -> Optimum:
     """at(nu) for the nu at which the speed of the point, which falls as nu grows, is the limit.
-
-    Where the same limits stay active, v(nu') = (I + (nu' - nu) C)^-1 v(nu), and C = U diag(gains) U' is how the point
-    yields to forces there. So each step goes to where the speed would then be the limit, or halves what is left where
-    that has been excluded, or steps do not become half as long.
 
     Args:
         cone: J and the limit.
         weight: |K|^2 of the cost.
-        found: at(0), which is too fast.
-        at: what is found for nu.
+        at: what is found for nu; at(0) is too fast.
         inside: (n,) a velocity inside all limits, where one is known.
 
     Raises:
         SolverFailure: not even the largest nu is enough.
     """
     typical = weight / float(np.vdot(cone.J, cone.J))  # the speed weighs as much as all the rest
-    halfway, most = sqrt(MOST_SHARE) * typical, MOST_SHARE * typical
-    size, low, high, nu, step = float(np.linalg.norm(cone.J)), 0.0, inf, 0.0, inf
-    for _ in range(MOST_PRICES):
-        v = cone.velocity(found.z)
-        over = norm(v) - cone.limit
-        if abs(over) <= EPSILON * (cone.limit + size * norm(found.z)):
-            break
-        if over > 0.0 and nu == most:
-            if inside is None or not cone.allows(inside, ACTIVE_TOLERANCE):
-                raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
-            break
-        low, high = (nu, high) if over > 0.0 else (low, nu)
-        U, sizes, _ = svd(cone.J.dot(found.free))
-        ahead = nu + _price(v, U, sizes * sizes, cone.limit, most)
-        if ahead > most:  # not while these limits are active
-            ahead = next((price for price in (typical, halfway) if price > nu), most)
-        if not low < ahead < high or (high < inf and abs(ahead - nu) > 0.5 * step):
-            ahead = sqrt(low * high) if low > 0.0 else min(typical, 0.5 * high)
-        step = abs(ahead - nu)
-        if not low < ahead < high or abs(ahead - nu) <= PRODUCT_ROUNDING * nu:  # rounding of the speed
-            break
-        nu, found = ahead, at(ahead)
-    return found
 
+    def price(share: float) -> float:
+        return typical * share / (1.0 - share)
 
-def _price(v: Array, U: Array, gains: Array, limit: float, most: float) -> float:
-    """mu with |(I + mu U diag(gains) U')^-1 v| = limit, v (3,); inf where none up to `most` is enough."""
-    along = v.dot(U[:, : len(gains)])
-    rest = max(float(v.dot(v) - along.dot(along)), 0.0) if len(along) < 3 else 0.0
-    parts = list(zip((along * along).tolist(), gains.tolist(), strict=True))
-    least = -1.0 / max(float(gains.max(initial=0.0)), TINY)
-    over = np.abs(along) / limit - 1.0
-    if (over > most * gains).any():  # of one part alone
-        return inf
-    fast = over > 0.0
-    mu = float((over[fast] / gains[fast]).max(initial=0.0))
-    for _ in range(MOST_PRICES):  # Newton on 1 / |v|, which is concave: from below it does not overshoot
-        square, slope = rest, 0.0
-        for part, gain in parts:
-            shrunk = part / (1.0 + mu * gain) ** 2
-            square, slope = square + shrunk, slope + shrunk * gain / (1.0 + mu * gain)
-        if not slope > 0.0 or mu > most:
-            return inf
-        step = square / slope * (sqrt(square) / limit - 1.0)
-        mu = max(mu + step, 0.5 * (mu + least))
-        if abs(step) <= NEGLIGIBLE * abs(mu):  # the next would be its square
-            break
-    return mu
+    def over(share: float) -> float:
+        return cone.speed(at(price(share)).z) / cone.limit - 1.0
+
+    most = MOST_SHARE / (1.0 + MOST_SHARE)
+    if over(most) > 0.0:
+        if inside is None or not cone.allows(inside, ACTIVE_TOLERANCE):
+            raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
+        return at(price(most))
+    return at(price(brentq(over, 0.0, most, xtol=EPSILON)))
 
 
 def _in_polytope(backend: Backend, cost: Quadratic, limits: Polytope, inside: Array | None) -> Optimum:
@@ -419,74 +356,16 @@ def largest_pace(
 ) -> float:
     """p of: minimise 1/2 |K (z - start - p way)|^2 + delta |K way| (1 - p)  over z inside the limits and 0 <= p <= 1.
 
-    In r = K (z - start - p way), g = p |K way| it is 1/2 |r|^2 - delta g: one QP with the Hessian diag(1, ..., 1, 0).
+    Its derivative by p does not fall: |K way| times what limits take away along the chase, less delta. It is zero at p.
     """
-    if norm(cost.K.dot(start + way - inside)) <= delta:  # no more is missed than by the velocity that is known
-        return 1.0
-    length = norm(cost.K.dot(way))
-    u = cost.K.dot(way) / length
+    along = cost.K.dot(way)
+    along = along / norm(along)
 
     def missed(p: float) -> float:
-        """What limits take away along the chase, less delta: zero where p is the optimum, and it does not fall."""
         centre = start + p * way
         z = minimise(Daqp(), cost._replace(centre=centre), limits, cone, inside).z
-        return float(u.dot(cost.K.dot(centre - z))) - delta
+        return float(along.dot(cost.K.dot(centre - z))) - delta
 
-    try:  # it has no answer where limits leave hardly any room
-        return _largest_pace(cost, start, way, delta, limits, cone, inside)
-    except SolverFailure:
-        pass
     if missed(1.0) <= 0.0:
         return 1.0
     return 0.0 if missed(0.0) >= 0.0 else float(brentq(missed, 0.0, 1.0, xtol=PRODUCT_ROUNDING))
-
-
-def _largest_pace(
-    cost: Quadratic, start: Array, way: Array, delta: float, limits: Polytope, cone: Cone | None, inside: Array
-) -> float:
-    """The same by one QP.
-
-    Raises:
-        SolverFailure: there is no answer, or beside a tool speed one that is not the optimum.
-    """
-    n, length = len(start), norm(cost.K.dot(way))
-    columns = np.column_stack((cost.T, way / length))  # z = start + columns (r, g)
-    N, value = product(limits.A, columns), limits.A.dot(start)
-    lengths = lengths_of(N)
-    moving = (lengths > 0.0).nonzero()[0]
-    N = np.vstack((N[moving] / lengths[moving, None], np.eye(n + 1)[-1]))
-    lower = np.append((limits.lower - value)[moving] / lengths[moving], 0.0)
-    upper = np.append((limits.upper - value)[moving] / lengths[moving], length)
-    size = max(length, float(np.maximum(lower, -upper).max()))  # how far the chase goes, or is outside
-    if cone is not None and cone.J.any():
-        size = max(size, (cone.speed(start + way) - cone.limit) / float(np.linalg.norm(cone.J.dot(cost.T))))
-    slow = None if cone is None else cone.on(start, size * columns)
-    H, c = np.diag(np.append(np.ones(n), 0.0)), np.append(np.zeros(n), delta / size)
-
-    def at(nu: float) -> Paced:
-        """With the price nu on the speed: DAQP's active set, and the optimum on it."""
-        qp = BoxQP.of(H, c, lower / size, upper / size, N)
-        if slow is not None and nu > 0.0:
-            qp = qp._replace(H=H + nu * slow.J.T.dot(slow.J), c=c - nu * slow.start.dot(slow.J))
-        y = semidefinite(qp)[1]
-        a = y.nonzero()[0]
-        shortest, left = _split(N[a])
-        _, sizes, Vt = svd(left.T.dot(qp.H).dot(left))
-        r = rank_of(sizes, PRODUCT_ROUNDING)
-        free = left.dot(Vt[:r].T) / np.sqrt(sizes[:r])
-        z = shortest.dot(np.where(y[a] > 0.0, qp.upper[a], qp.lower[a]))
-        for _ in range(2):  # the second time what rounding missed
-            z += free.dot((qp.c - qp.H.dot(z)).dot(free))
-        wrong = bool(((qp.c - qp.H.dot(z)).dot(shortest) * y[a] < 0.0).any())
-        return Paced(z, free, float(y[-1]), wrong)
-
-    found = at(0.0)
-    if slow is not None and slow.J.any() and not slow.allows(found.z, NEGLIGIBLE):
-        found = at_speed_limit(slow, float(n), found, at, np.append(cost.K.dot(inside - start), 0.0) / size)
-    if slow is not None:
-        good = not found.wrong and slow.allows(found.z, ACTIVE_TOLERANCE)
-        if not (good and limits.allows(start + size * columns.dot(found.z), start)):
-            raise SolverFailure("daqp", "no answer at the tool's speed limit")
-    if found.end != 0.0:
-        return float(found.end > 0.0)
-    return float(min(max(found.z[n] * size / length, 0.0), 1.0))

@@ -9,14 +9,14 @@ of their speed (`exact`): rows, twist and posture slow down together.
     free          the optimum without limits, where that is inside them; otherwise:
     give way      rows that contradict the box, and a tool speed that contradicts both, are relaxed by the least
     share         exact rows slow down along their direction where limits require it           2 QPs, with exact rows
-    pace          the chase of a target slows down before limits bend it                       1 or 2 QPs
+    pace          the chase of a target slows down before limits bend it                       1 or 2 convex problems
     minimise      the optimum inside the limits                                                1 QP
     calm          once more, with damping that grows with the residual (`damping.calm`)        1 QP
     guard         with a form: least squares inside the same limits is blended in where the form does not descend
 
-So a limited tick is three QPs, four where its chase slows down. Two more find what position limits alone leave of the
-chase where they are active, two the share of exact rows; a form's guard does pace, minimise and calm for least squares,
-too; and a tool speed that is active solves each of its QPs two or three times, for the multiplier.
+Two more QPs find what position limits alone leave of the chase where they are active; a form's guard does pace, minimise
+and calm for least squares, too. A pace, and the multiplier of a tool speed that is active, are found as the root of what
+does not fall with them, one QP a trial; the compiled core finds both sooner.
 
 Continuity. Each answer is the optimum of a strictly convex problem whose data are continuous in (J, s, limits).
 Contradictions are reported (`troubles`). Only `SolverFailure` is raised, where no velocity was found at all.
