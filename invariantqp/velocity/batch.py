@@ -17,10 +17,10 @@ from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.compiled import LEFT, Rows, Written, compiled_rows
 from invariantqp.velocity.damping import damping_of
-from invariantqp.velocity.forms import CarriedMetric, form_of
-from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits import Bounds
-from invariantqp.velocity.problem import law_of, measure_of, metric_of
+from invariantqp.velocity.forms import CarriedMetric, Form, form_of
+from invariantqp.velocity.law import VelocityLaw
+from invariantqp.velocity.limits import Bounds, bounds_of
+from invariantqp.velocity.problem import law_of, measure_of, problem_of
 from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve
 
@@ -115,7 +115,7 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
 
 
 class _Batch(NamedTuple):
-    """The arguments of N rows; None where none are given.
+    """The arguments of N rows.
 
     Shapes and options are checked. Of numbers, the core leaves rows that `check` would refuse.
     """
@@ -125,19 +125,20 @@ class _Batch(NamedTuple):
     s: Array  # (N, 6)
     lower: Array  # (N, m)
     upper: Array  # (N, m)
-    posture: Array | None  # (N, m)
-    points: Array | None  # (N, 3)
-    length: float | None
-    carried: CarriedMetric | None  # which measures all rows
+    posture: Array | None  # (N, m), None where none is given
+    points: Array | None  # (N, 3), likewise
+    form: Form | CarriedMetric | None
+    options: VelocityOptions  # as given
 
     def written(self) -> Written:
         """The answers to all rows, but for those that are left."""
         n, _, m = self.twists.shape
+        length = self.options.get("length")
         others = {
             "posture": self.posture,
-            "roots": None if self.carried is None else np.broadcast_to(self.carried.root(), (n, 6, 6)),
+            "roots": np.broadcast_to(self.form.root(), (n, 6, 6)) if isinstance(self.form, CarriedMetric) else None,
             "points": self.points,
-            "lengths": None if self.length is None else np.full((n, 1), float(self.length)),
+            "lengths": None if length is None else np.full((n, 1), float(length)),
         }
         written = compiled_rows(self.laws, self.twists, self.s, (self.lower, self.upper), **others)
         if written is not None:
@@ -152,17 +153,25 @@ class _Batch(NamedTuple):
         Raises:
             BadInput: NaN, sizes that cannot be computed with, crossed bounds.
         """
-        _check(self.twists, self.s, self.lower, self.upper, self.posture)
+        sizes.usual_rows(_finite(self.twists, "J"))
+        sizes.not_too_fast(_finite(self.s, "twist"))
+        if self.posture is not None:
+            _finite(self.posture, "posture")
+        lower, upper = self.lower, self.upper
+        wrong = ~(lower <= upper) | (lower == np.inf) | (upper == -np.inf)  # NaN is not below anything either
+        if wrong.any():
+            i, j = (int(k) for k in np.argwhere(wrong)[0])
+            found = f"lower {lower[i, j]:g} and upper {upper[i, j]:g} in row {i}, joint {j}"
+            raise BadInput("bounds", found, "lower <= upper, -inf and inf where there is no limit")
 
     def solution(self, i: int) -> VelocitySolution:
         """Row i by itself."""
-        J, s, bounds = self.twists[i], self.s[i], (self.lower[i], self.upper[i])
-        law = self.laws[not np.isfinite(bounds).all()]
-        measure = measure_of(J, s, self.carried, None if self.points is None else self.points[i], self.length)
-        if law.metric is None:
-            law = replace(law, metric=metric_of(None, J, measure.point, measure.length))
-        posture = None if self.posture is None else self.posture[i]
-        return solve(law, Demand(J, s, measure.root, *bounds, posture=posture))
+        row: VelocityOptions = {**self.options, "bounds": (self.lower[i], self.upper[i])}
+        if self.posture is not None:
+            row["posture"] = self.posture[i]
+        if self.points is not None:
+            row["point"] = self.points[i]
+        return solve(*problem_of(self.twists[i], self.s[i], **row))
 
 
 def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch:
@@ -172,7 +181,7 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
     twists = _stack(J)
     n, _, m = twists.shape
     s = _rows(twist, (n, 6), "twist", "one twist a Jacobian")
-    box = _box(options.get("bounds"), n, m)
+    lower, upper = _box(options.get("bounds"), n, m)
     posture, point, length = options.get("posture"), options.get("point"), options.get("length")
     wanted = None if posture is None else _rows(posture, (n, m), "posture", "one joint velocity a Jacobian")
     form = form_of(options.get("form"))
@@ -185,18 +194,8 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
     metric = options.get("joint_metric")
     M = None if metric is None else arrays.positive_definite(metric, m, "joint_metric")
     law = law_of(options, first.form, M, limited=True)
-    lower, upper = box
-    return _Batch(
-        laws=(law, replace(law, damping=damping_of(options.get("damping"), limited=False))),
-        twists=twists,
-        s=s,
-        lower=np.broadcast_to(lower, (n, m)),
-        upper=np.broadcast_to(upper, (n, m)),
-        posture=wanted,
-        points=points,
-        length=length,
-        carried=form if isinstance(form, CarriedMetric) else None,
-    )
+    laws = law, replace(law, damping=damping_of(options.get("damping"), limited=False))
+    return _Batch(laws, twists, s, lower, upper, wanted, points, form, options)
 
 
 def _stack(J: ArrayLike) -> Array:
@@ -206,18 +205,6 @@ def _stack(J: ArrayLike) -> Array:
         remedy = "One Jacobian is for solve_velocity." if a.ndim == 2 else ""
         raise BadInput("J", f"shape {a.shape}", expected, remedy)
     return a
-
-
-def _check(J: Array, s: Array, lower: Array, upper: Array, posture: Array | None) -> None:
-    sizes.usual_rows(_finite(J, "J"))
-    sizes.not_too_fast(_finite(s, "twist"))
-    if posture is not None:
-        _finite(posture, "posture")
-    wrong = ~(lower <= upper) | (lower == np.inf) | (upper == -np.inf)  # NaN is not below anything either
-    if wrong.any():
-        i, j = (int(k) for k in np.argwhere(wrong)[0])
-        found = f"lower {lower[i, j]:g} and upper {upper[i, j]:g} in row {i}, joint {j}"
-        raise BadInput("bounds", found, "lower <= upper, -inf and inf where there is no limit")
 
 
 def _rows(value: ArrayLike, shape: tuple[int, int], argument: str, expected: str) -> Array:
@@ -235,21 +222,14 @@ def _finite(a: Array, argument: str) -> Array:
 
 
 def _box(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, n: int, m: int) -> tuple[Array, Array]:
-    """Lower and upper bounds, (N, m), or (1, m) for the same in all rows."""
-    if bounds is None:
-        return np.full((1, m), -np.inf), np.full((1, m), np.inf)
-    if isinstance(bounds, Bounds):
-        lower, upper = np.asarray(bounds.lower), np.asarray(bounds.upper)
-        if len(lower) != m:
-            raise BadInput("bounds", f"{len(lower)} limits", f"{m}, one for each column of J")
-        return lower[None], upper[None]
+    """Lower and upper bounds, (N, m)."""
+    if bounds is None or isinstance(bounds, Bounds):
+        box = bounds_of(bounds, m)
+        return np.broadcast_to(box.lower, (n, m)), np.broadcast_to(box.upper, (n, m))
     if not isinstance(bounds, (tuple, list)) or len(bounds) != 2:
         raise BadInput("bounds", type(bounds).__name__, "Bounds(lower, upper), or (lower, upper) of shape (N, m)")
-    sides = []
-    for name, value in zip(("bounds[0]", "bounds[1]"), bounds, strict=True):
-        a = arrays.array(value, name, f"limits of shape {(n, m)}")
-        if a.shape != (n, m):
-            raise BadInput(name, f"shape {a.shape}", f"shape {(n, m)}, one row a Jacobian")
-        sides.append(a)
-    low, high = sides
+    low, high = (arrays.array(side, f"bounds[{i}]", f"limits of shape {(n, m)}") for i, side in enumerate(bounds))
+    for name, side in (("bounds[0]", low), ("bounds[1]", high)):
+        if side.shape != (n, m):
+            raise BadInput(name, f"shape {side.shape}", f"shape {(n, m)}, one row a Jacobian")
     return low, high
