@@ -126,14 +126,12 @@ class ExactRows(Value):
         Raises:
             BadInput: shapes that do not fit, NaN.
         """
-        if check is False:
-            return cls._of(np.asarray(J), np.asarray(D), np.asarray(b))
-        parts = arrays.matrix(D, (None, 6), "D")
-        return cls._of(arrays.columns(J), parts, arrays.vector(b, len(parts), "b"))
-
-    @classmethod
-    def _of(cls, J: Array, D: Array, b: Array) -> ExactRows:
-        return cls._made(arrays.matrix(D.dot(J), (len(D), J.shape[1]), "A"), b, D)
+        if check:
+            J, D = arrays.columns(J), arrays.matrix(D, (None, 6), "D")
+            b = arrays.vector(b, len(D), "b")
+        twists, parts = np.asarray(J), np.asarray(D)
+        A = arrays.matrix(parts.dot(twists), (len(parts), twists.shape[1]), "A")
+        return cls._made(A, np.asarray(b), parts)
 
     @classmethod
     def _made(cls, A: Array, b: Array, D: Array | None) -> ExactRows:
@@ -160,8 +158,8 @@ class ExactRows(Value):
         Raises:
             BadInput: shapes that do not fit, NaN.
         """
-        velocity, point = arrays.vector(velocity, 3, "velocity"), arrays.vector(point, 3, "point")
-        return cls._of(arrays.columns(J), _velocity_of(point), velocity)
+        velocity = arrays.vector(velocity, 3, "velocity")
+        return cls.of(J, _velocity_of(arrays.vector(point, 3, "point")), velocity)
 
     @classmethod
     def axis(cls, J: ArrayLike, axis: ArrayLike, omega: ArrayLike) -> ExactRows:

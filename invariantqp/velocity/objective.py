@@ -89,23 +89,30 @@ class Spectrum(NamedTuple):
     Vt: Array  # (n, n)
     largest: float  # singular value that all are compared with
 
-    @property
-    def moving(self) -> Array:
-        """(n,) 1 for directions that move something, 0 for others; it fades in, so that the law has no jump."""
-        moving = np.zeros(len(self.Vt))
-        moving[: len(self.sigma)] = np.clip(self.sigma / (NULL_RATIO * self.largest) - 1.0, 0.0, 1.0)
-        return moving
+    def damped(self, damping: Damping, wanted: Array) -> tuple[Array, Array, Array]:
+        """(n,) sigma, lambda^2, and 1 for directions that move something, 0 for others.
+
+        Sigma and that fade in, so that the law has no jump. `wanted` (n,) is U'b.
+        """
+        moving, sigma, k = np.zeros(len(self.Vt)), np.zeros(len(self.Vt)), len(self.sigma)
+        moving[:k] = np.clip(self.sigma / (NULL_RATIO * self.largest) - 1.0, 0.0, 1.0)
+        sigma[:k] = moving[:k] * self.sigma
+        return sigma, damping.squares(sigma, wanted, self.largest), moving
 
     def led(self, damping: Damping) -> Array:
         """(n,) the share of a posture that each direction follows, whatever twist is wanted."""
-        sigma, share = np.zeros(len(self.Vt)), np.ones(len(self.Vt))
+        share = np.ones(len(self.Vt))
         if self.largest == 0.0:
             return share
-        sigma[: len(self.sigma)] = self.sigma
-        sigma *= self.moving
-        squares = damping.squares(sigma, np.zeros(len(sigma)), self.largest)
+        sigma, squares, _ = self.damped(damping, np.zeros(len(share)))
         total = sigma * sigma + squares
         return np.divide(squares, total, out=share, where=total > 0.0)
+
+    def of(self, b: Array) -> Array:
+        """(n,) U'b of a measured twist b (6,), 0 for directions that move nothing."""
+        found, k = np.zeros(len(self.Vt)), len(self.sigma)
+        found[:k] = b.dot(self.U[:, :k])
+        return found
 
 
 def spectrum_of(A: Array, largest: float | None = None) -> Spectrum:
@@ -135,25 +142,16 @@ def least_squares(
         damping: the policy.
         ahead: (6,) of b, without its chase; None where it has none.
     """
-    U, singular, Vt, largest = spectrum
+    _, singular, Vt, largest = spectrum
     n = len(Vt)
     if n == 0:
         return Objective(np.empty((0, 0)), np.empty(0), np.empty(0))
-    k = len(singular)
-    wanted, sigma = np.zeros(n), np.zeros(n)
-    wanted[:k] = b.dot(U[:, :k])
-    unchased = None
-    if ahead is not None:
-        unchased = np.zeros(n)
-        unchased[:k] = ahead.dot(U[:, :k])
-    sigma[:k] = singular
     towards = np.zeros(n) if posture is None else Vt.dot(posture)
     if largest == 0.0:
         return Objective(Vt.T, np.ones(n), towards, ratio=0.0)
-    moving = spectrum.moving
-    sigma *= moving
+    wanted = spectrum.of(b)
+    sigma, squares, moving = spectrum.damped(damping, wanted)
     null = moving == 0.0
-    squares = damping.squares(sigma, wanted, largest)
     if ahead is not None and type(damping) is Adaptive:
         squares *= asked_share(damping, sigma, moving * (wanted - sigma * towards), largest)
     squares[null & (squares == 0.0)] = NULL_WEIGHT * largest * largest
@@ -165,7 +163,7 @@ def least_squares(
         damping=sqrt(float(np.where(null, 0.0, squares).max())),
         rank=n - int(np.count_nonzero(null)),
         ratio=float(singular[-1]) / largest if singular[-1] > NULL_RATIO * largest else 0.0,
-        still=None if unchased is None else (sigma * unchased + squares * towards) / weights,
+        still=None if ahead is None else (sigma * spectrum.of(ahead) + squares * towards) / weights,
     )
 
 

@@ -39,34 +39,23 @@ WHOLE_SPEED = 1.0 - ACTIVE_TOLERANCE
 
 def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array | None) -> VelocitySolution:
     """The solution for an answer y; x = T y, T (m, m) `to_joint` or the identity."""
-    objective, found, share = answer.objective, answer.found, answer.room.share.value
-    slow = share < WHOLE_SPEED
-    y = answer.y if to_joint is None else to_joint.dot(answer.y)
-    x, active = clipped(demand, y)
-    missed = _missed(demand, problem, x)
-    damping = objective.damping if missed > 0.0 else 0.0
-    little = _is_little(demand, problem.wanted, x, share)
-    slowed = _slowed(demand, answer, to_joint)
-    moved = any(reason.code is Code.ROWS_MOVED for reason in slowed)
-    limited = little or moved or (missed > MISSED and not _falls(demand, x))
-    stuck = (little and demand.chase is None) or ((little or (limited and missed == inf)) and _rests(demand, x))
-    troubles = [*answer.troubles, *row_troubles(demand, problem.reduction)]
-    status = Status.DEGRADED if troubles else Status.SCALED if slow else Status.OK
-    if status is Status.OK:
-        status = Status.GUARDED if answer.blended > 0.0 else Status.LIMITED if limited else Status.OK
-    reasons = [*troubles, *([Reason(Code.STUCK)] if stuck else []), *slowed]
-    if damping > 0.0:
-        reasons.append(damped(objective))
+    found, share, m = answer.found, answer.room.share.value, len(demand.lower)
+    x, active = clipped(demand, answer.y if to_joint is None else to_joint.dot(answer.y))
+    slowed, troubles = slowed_rows(demand, answer.room, to_joint), row_troubles(demand, problem.reduction)
+    troubles = [*answer.troubles, *troubles]
+    missed, limited, stuck = _judged(demand, problem, x, share, slowed)
+    damping = answer.objective.damping if missed > 0.0 else 0.0
     bound = found is not None and (found.nu > 0.0 or bool(found.multipliers.any()) or answer.pace < 1.0)
-    if status is Status.LIMITED and not stuck and not moved and answer.pace >= WHOLE_SPEED:
-        if missed < inf and not bound and damping == 0.0:
-            reasons.append(Reason(Code.CALMED))
-        reasons.append(Reason(Code.MISSED, numbers=(missed,)) if missed < inf else Reason(Code.MOVED))
-    multipliers, row_multipliers = _multipliers(demand, answer) if bound else (None, None)
-    reasons += at_limits(demand, x, active, row_multipliers)
+    pulls = found.multipliers if found is not None and bound else None
+    row_pulls = None if pulls is None or demand.rows is None else pulls[m:]
+    status = status_of(troubles, share, answer.blended, limited=limited)
+    reasons = [*troubles, *([Reason(Code.STUCK)] if stuck else []), *slowed, *_reductions(answer, damping)]
+    if status is Status.LIMITED and not stuck and not _has(slowed, Code.ROWS_MOVED) and answer.pace >= WHOLE_SPEED:
+        reasons += _short(missed, by_calm=not bound and damping == 0.0)
+    reasons += at_limits(demand, x, active, row_pulls)
     return VelocitySolution(
         velocity=x,
-        method="qp" if slow or bound else "damped" if damping > 0.0 else "closed-form",
+        method="qp" if share < WHOLE_SPEED or bound else "damped" if damping > 0.0 else "closed-form",
         status=status,
         reasons=worst_first(reasons),
         active=active,
@@ -75,15 +64,59 @@ def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array |
         damping=damping,
         guard=answer.blended,
         backend=found.backend if found is not None and bound else "",
-        multipliers=multipliers,
-        row_multipliers=row_multipliers,
+        multipliers=None if pulls is None else pulls[:m],
+        row_multipliers=row_pulls,
         row_names=() if demand.rows is None else demand.rows.names,
     )
+
+
+def _judged(demand: Demand, problem: Problem, x: Array, share: float, slowed: list[Reason]) -> tuple[float, bool, bool]:
+    """What of the twist is missed, whether that is more than "ok" allows, and whether nothing gets nearer at all."""
+    missed, little = _missed(demand, problem, x), _is_little(demand, problem.wanted, x, share)
+    limited = little or _has(slowed, Code.ROWS_MOVED) or (missed > MISSED and not _falls(demand, x))
+    if little and demand.chase is None:
+        return missed, limited, True
+    return missed, limited, (little or (limited and missed == inf)) and _rests(demand, x)
+
+
+def _has(reasons: list[Reason], code: Code) -> bool:
+    """Whether some reason is of a code."""
+    return any(reason.code is code for reason in reasons)
+
+
+def _reductions(answer: Answer, damping: float) -> list[Reason]:
+    """What slows the chase down, what the guard does, and damping."""
+    reasons = []
+    if answer.pace < WHOLE_SPEED:
+        reasons.append(Reason(Code.CHASE_SLOWED, numbers=(answer.pace,)))
+    if answer.blended > 0.0:
+        reasons.append(Reason(Code.GUARDED, numbers=(answer.blended,)))
+    if damping > 0.0:
+        reasons.append(damped(answer.objective))
+    return reasons
+
+
+def _short(missed: float, *, by_calm: bool) -> list[Reason]:
+    """What a "limited" tick misses, where nothing else says why: infinitely much where nothing is to move."""
+    if missed == inf:
+        return [Reason(Code.MOVED)]
+    return [*([Reason(Code.CALMED)] if by_calm else []), Reason(Code.MISSED, numbers=(missed,))]
 
 
 def damped(objective: Objective) -> Reason:
     """Why lambda is not zero."""
     return Reason(Code.DAMPED, numbers=(objective.ratio,))
+
+
+def status_of(troubles: list[Reason], share: float, blended: float, *, limited: bool) -> Status:
+    """The status of a tick: of several, the gravest."""
+    if troubles:
+        return Status.DEGRADED
+    if share < WHOLE_SPEED:
+        return Status.SCALED
+    if blended > 0.0:
+        return Status.GUARDED
+    return Status.LIMITED if limited else Status.OK
 
 
 def at_limits(demand: Demand, x: Array, active: tuple[int, ...], row_multipliers: Array | None) -> list[Reason]:
@@ -168,16 +201,6 @@ def row_troubles(demand: Demand, reduction: Reduction) -> list[Reason]:
     return troubles
 
 
-def _slowed(demand: Demand, answer: Answer, to_joint: Array | None) -> list[Reason]:
-    """What limits slow down, and what the guard does about the rest."""
-    reasons = slowed_rows(demand, answer.room, to_joint)
-    if answer.pace < WHOLE_SPEED:
-        reasons.append(Reason(Code.CHASE_SLOWED, numbers=(answer.pace,)))
-    if answer.blended > 0.0:
-        reasons.append(Reason(Code.GUARDED, numbers=(answer.blended,)))
-    return reasons
-
-
 def slowed_rows(demand: Demand, room: Room, to_joint: Array | None) -> list[Reason]:
     """The share of the exact rows' speed, and how far a motion that limits require moves them."""
     share, start = room.share, room.reduction.start
@@ -208,13 +231,3 @@ def _is_little(demand: Demand, wanted: Array, x: Array, share: float) -> bool:
     left = demand.root.dot(demand.s - demand.J.dot(x))
     little = wanted.dot(wanted - left) < PROGRESS_SHARE * wanted.dot(wanted)
     return bool(little) and not is_met(demand.root.dot(demand.J), wanted, x)
-
-
-def _multipliers(demand: Demand, answer: Answer) -> tuple[Array | None, Array | None]:
-    """Those of the bounds (m,) and of the rows (k,); None where there are none."""
-    if answer.found is None:
-        return None, None
-    y, m = answer.found.multipliers, len(demand.lower)
-    if demand.rows is None:
-        return y[:m], None
-    return y[:m], y[m : m + len(np.asarray(demand.rows.C))]

@@ -32,10 +32,10 @@ from invariantqp.velocity.forms import CarriedMetric, Form, attempted, form_of
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.objective import least_squares, spectrum_of
 from invariantqp.velocity.problem import Measure, measure_of, problem_of
-from invariantqp.velocity.qp import Quadratic, minimise
+from invariantqp.velocity.qp import Quadratic
 from invariantqp.velocity.reasons import Code, Reason, worst_first
-from invariantqp.velocity.report import WHOLE_SPEED, at_limits, row_troubles, slowed_rows
-from invariantqp.velocity.solution import Status, VelocitySolution, clipped
+from invariantqp.velocity.report import WHOLE_SPEED, at_limits, row_troubles, slowed_rows, status_of
+from invariantqp.velocity.solution import VelocitySolution, clipped
 from invariantqp.velocity.solve import computed
 from invariantqp.velocity.tick import Room, room_within
 
@@ -199,12 +199,12 @@ def _solved(
     if demand.exact is not None:
         reduction = reduce(demand.exact.on(law.to_joint), demand.root)
     room = room_within(law, demand, reduction)
-    troubles = [*room.troubles, *row_troubles(demand, reduction)]
-    slow, bounded, backend = room.share.value < WHOLE_SPEED, False, ""
+    troubles = [*room.limits.troubles, *row_troubles(demand, reduction)]
+    bounded, backend = False, ""
     for level in levels:
         if not room.basis.shape[1]:
             break
-        found = minimise(law.backend, _sum(level, room, T, damping), room.polytope, room.cone, room.inside)
+        found = room.nearest(law.backend, _sum(level, room, T, damping))
         room = room.narrowed(found.z, _left(level, T.dot(room.basis)))
         bounded = bounded or found.nu > 0.0 or bool(found.multipliers.any())
         backend = found.backend or backend
@@ -213,9 +213,9 @@ def _solved(
     x, active = clipped(demand, T.dot(room.origin))
     slowed = slowed_rows(demand, room, law.to_joint)
     reasons = [*troubles, *slowed, *at_limits(demand, x, active, None)]
-    status = Status.DEGRADED if troubles else Status.SCALED if slow else Status.LIMITED if slowed else Status.OK
-    method = "qp" if bounded or slow else "closed-form"
-    residual, share = demand.s - demand.J.dot(x), room.share.value
+    share, residual = room.share.value, demand.s - demand.J.dot(x)
+    status = status_of(troubles, share, 0.0, limited=bool(slowed))
+    method = "qp" if bounded or share < WHOLE_SPEED else "closed-form"
     return VelocitySolution(x, method, status, worst_first(reasons), active, residual, share, 0.0, 0.0, backend)
 
 

@@ -14,9 +14,9 @@ of their speed (`exact`): rows, twist and posture slow down together.
     calm          once more, with damping that grows with the residual (`damping.calm`)        1 QP
     guard         with a form: least squares inside the same limits is blended in where the form does not descend
 
-Two more QPs find what position limits alone leave of the chase where they are active; a form's guard does pace, minimise
-and calm for least squares, too. A pace, and the multiplier of a tool speed that is active, are found as the root of what
-does not fall with them, one QP a trial; the compiled core finds both sooner.
+Two more QPs find what position limits alone leave of the chase where they are active; a form's guard does pace,
+minimise and calm for least squares, too. A pace, and the multiplier of a tool speed that is active, are found as the
+root of what does not fall with them, one QP a trial; the compiled core finds both sooner.
 
 Continuity. Each answer is the optimum of a strictly convex problem whose data are continuous in (J, s, limits).
 Contradictions are reported (`troubles`). Only `SolverFailure` is raised, where no velocity was found at all.
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.se3 import norm
-from invariantqp.velocity.backends import Daqp, SolverFailure
+from invariantqp.velocity.backends import Backend, Daqp, SolverFailure
 from invariantqp.velocity.damping import CALM, Damping, calm, worth
 from invariantqp.velocity.exact import Nearest, Reduction, Share, fixed_beside, nearest_to_demand, reduce, share_of
 from invariantqp.velocity.forms import PitchForm, attempted
@@ -102,13 +102,20 @@ class Problem(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """The limits on y, after contradictions gave way (`troubles` says which), and a y (m,) inside them."""
+    """The limits on y or z, after contradictions gave way (`troubles` says which), and a velocity inside them."""
 
     polytope: Polytope
     position: Polytope  # without the limits of velocity and acceleration
     cone: Cone | None
-    troubles: tuple[Reason, ...]
     inside: Array
+    troubles: tuple[Reason, ...] = ()
+
+    def on(self, origin: Array, basis: Array, inside: Array) -> Limits:
+        """The same on what is left, y = origin + basis z; `inside` is a y."""
+        polytope, value = self.polytope.on(origin, basis, inside), self.polytope.A.dot(origin)
+        position = polytope._replace(lower=self.position.lower - value, upper=self.position.upper - value)
+        cone = None if self.cone is None else self.cone.on(origin, basis)
+        return Limits(polytope, position, cone, (inside - origin).dot(basis), self.troubles)
 
     def beside(self, nearest: Nearest) -> Limits:
         """Those that do not keep exact rows from being nearer to their demand."""
@@ -123,11 +130,7 @@ class Room(NamedTuple):
     reduction: Reduction
     origin: Array  # (m,)
     basis: Array  # (m, n)
-    polytope: Polytope  # the limits on z
-    position: Polytope  # without the limits of velocity and acceleration
-    cone: Cone | None
-    inside: Array  # (n,) a z inside all
-    troubles: tuple[Reason, ...]  # contradictions between limits
+    limits: Limits  # on z
 
     def velocity(self, z: Array) -> Array:
         """(m,) y of z."""
@@ -141,12 +144,12 @@ class Room(NamedTuple):
 
     def narrowed(self, z: Array, basis: Array) -> Room:
         """The velocities that differ from that of z by basis (n, k) times what is left."""
-        cone = None if self.cone is None else self.cone.on(z, basis)
-        limits = self.polytope.on(z, basis), self.position.on(z, basis)
-        origin, inside = self.velocity(z), np.zeros(basis.shape[1])
-        return self._replace(
-            origin=origin, basis=self.basis.dot(basis), polytope=limits[0], position=limits[1], cone=cone, inside=inside
-        )
+        limits = self.limits.on(z, basis, z)
+        return self._replace(origin=self.velocity(z), basis=self.basis.dot(basis), limits=limits)
+
+    def nearest(self, backend: Backend, cost: Quadratic) -> Optimum:
+        """The optimum inside all limits."""
+        return minimise(backend, cost, self.limits.polytope, self.limits.cone, self.limits.inside)
 
 
 class Answer(NamedTuple):
@@ -173,7 +176,7 @@ def answered(law: VelocityLaw, problem: Problem) -> Answer:
     y = reduction.full + reduction.basis.dot(objective.centre())
     whole = not reduction.contradicts and reduction.excess(demand.held) == 0.0
     if whole and demand.allows(y if law.to_joint is None else law.to_joint.dot(y)):
-        room = room_of(reduction, Limits(*limits_of(law, demand), (), y), Share(1.0, y))
+        room = room_of(reduction, Limits(*limits_of(law, demand), y), Share(1.0, y))
         first = Answer(y, room, objective, None, np.zeros(len(y)), 1.0, 0.0, ())
     else:
         room = room_within(law, demand, reduction)
@@ -302,11 +305,7 @@ def room_within(law: VelocityLaw, demand: Demand, reduction: Reduction) -> Room:
 def room_of(reduction: Reduction, limits: Limits, share: Share) -> Room:
     """The velocities inside the limits at a share of the exact rows' speed."""
     origin, basis = reduction.origin(share.value), reduction.basis
-    cone = None if limits.cone is None else limits.cone.on(origin, basis)
-    polytope, value = limits.polytope.on(origin, basis, share.velocity), limits.polytope.A.dot(origin)
-    position = polytope._replace(lower=limits.position.lower - value, upper=limits.position.upper - value)
-    inside = (share.velocity - origin).dot(basis)
-    return Room(share, reduction, origin, basis, polytope, position, cone, inside, limits.troubles)
+    return Room(share, reduction, origin, basis, limits.on(origin, basis, share.velocity))
 
 
 def _chasing(law: VelocityLaw, problem: Problem, room: Room, objective: Objective) -> Answer:
@@ -325,24 +324,24 @@ def _chasing(law: VelocityLaw, problem: Problem, room: Room, objective: Objectiv
     What will be calmed does not slow it: out of reach, the speed of a stretched arm towards its target keeps nothing
     else back. P is part of the minimum of one convex function, so the answer is continuous in all data.
     """
-    chase = problem.demand.chase
+    chase, (polytope, position, cone, inside, _) = problem.demand.chase, room.limits
     if chase is None or objective.still is None:
         return _nearest(law, room, objective)
     whole, unchased = objective.centre(), objective.paced(0.0).centre()
     mu = _calm(law, problem, room.velocity(whole), 0.0)
     calmed = objective.calmed(mu)
     cost = calmed.quadratic()
-    found = minimise(law.backend, cost, room.position, None, room.inside)
-    if room.polytope.allows(found.z) and (room.cone is None or room.cone.allows(found.z, NEGLIGIBLE)):
+    found = minimise(law.backend, cost, position, None, inside)
+    if polytope.allows(found.z) and (cone is None or cone.allows(found.z, NEGLIGIBLE)):
         return _answer(room, objective, found) if mu == 0.0 else _nearest(law, room, objective)
-    start = minimise(law.backend, calmed.paced(0.0).quadratic(), room.position, None, room.inside).z
+    start = minimise(law.backend, calmed.paced(0.0).quadratic(), position, None, inside).z
     way = found.z - start
     if norm(cost.K.dot(way)) <= NULL_RATIO * norm(cost.K.dot(found.z)):
         return _nearest(law, room, objective)
     ahead = norm(problem.demand.root.dot(chase.ahead)) * room.share.value
     pace = 1.0
     for _ in range(2):
-        pace = largest_pace(cost, start, way, ahead + pace * chase.slack, room.polytope, room.cone, room.inside)
+        pace = largest_pace(cost, start, way, ahead + pace * chase.slack, polytope, cone, inside)
         if pace in (0.0, 1.0):
             break
     slowed = room.basis.dot((1.0 - pace) * (whole - unchased))
@@ -351,7 +350,7 @@ def _chasing(law: VelocityLaw, problem: Problem, room: Room, objective: Objectiv
 
 def _nearest(law: VelocityLaw, room: Room, objective: Objective) -> Answer:
     """The optimum inside all limits."""
-    return _answer(room, objective, minimise(law.backend, objective.quadratic(), room.polytope, room.cone, room.inside))
+    return _answer(room, objective, room.nearest(law.backend, objective.quadratic()))
 
 
 def _answer(room: Room, objective: Objective, found: Optimum) -> Answer:
@@ -360,7 +359,7 @@ def _answer(room: Room, objective: Objective, found: Optimum) -> Answer:
     if found.trouble:
         trouble = (Reason(Code.SOLVER, words=f"{found.trouble}; solved by {found.backend}"),)
     y = room.velocity(found.z)
-    return Answer(y, room, objective, found, np.zeros(len(y)), 1.0, 0.0, (*room.troubles, *trouble))
+    return Answer(y, room, objective, found, np.zeros(len(y)), 1.0, 0.0, (*room.limits.troubles, *trouble))
 
 
 def _calmed(law: VelocityLaw, answer: Answer, mu: float) -> Answer:
@@ -437,7 +436,7 @@ def _given_way(law: VelocityLaw, demand: Demand) -> Limits:
         if least > cone.limit:
             troubles += (Reason(Code.TOOL_FASTER, numbers=(least, cone.limit)),)
             cone = cone._replace(limit=least * (1.0 + FASTER))
-    return Limits(polytope, position, cone, troubles, y)
+    return Limits(polytope, position, cone, y, troubles)
 
 
 def _rows_given_way(
