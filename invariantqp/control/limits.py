@@ -11,6 +11,7 @@ class with one method. Where limits contradict each other, they give way by the 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from functools import cached_property, lru_cache
 from math import inf
 from operator import le
@@ -288,11 +289,14 @@ class PinkLimit(Limit):
         name: the name of its class.
     """
 
+    _configuration: Any  # of the loop that it is in, and its tick [s]
+    _dt: float
+
     def __init__(self, limit: ForPink, collision_model: Any = None) -> None:
         """As its attributes."""
         if not _is_pinks(limit):
             raise BadInput("limit", excerpt(limit), "a limit made for Pink: compute_qp_inequalities(...)")
-        self.limit = limit
+        self.limit: Any = limit
         self.collision_model = collision_model
         self.name = type(limit).__name__
 
@@ -308,13 +312,14 @@ class PinkLimit(Limit):
             raise BadInput("limits", "a robot of joint screws", "one of a URDF: Pink's limits read its model")
         from invariantqp.robots.pink import Configuration, SelfCollisionBarrier  # Pink is loaded when it is asked for
 
-        q, shapes = middle(loop.robot), self.collision_model
+        made, q, shapes = copy(self), middle(loop.robot), self.collision_model
         if shapes is None and isinstance(self.limit, SelfCollisionBarrier):
             shapes = _shapes_of(loop.robot)
         collisions = {} if shapes is None else {"collision_model": shapes}
-        limit = _InPink(self.name, self.limit, Configuration(model, model.createData(), q, **collisions), loop.dt)
+        configuration = Configuration(model, model.createData(), q, **collisions)
+        vars(made).update(_configuration=configuration, _dt=loop.dt)
         try:
-            limit.rows(q, np.zeros(len(q)))
+            made.rows(q, np.zeros(len(q)))
         except _Unusable:  # in that state
             pass
         except Exception as error:  # whatever a class of another library raises
@@ -330,32 +335,15 @@ class PinkLimit(Limit):
                 "a limit made from robot.model",
                 remedy if self.collision_model is None else "",
             ) from error
-        return limit
-
-
-def _shapes_of(robot: Robot) -> Any:
-    """The shapes of an arm's links that SelfCollisionBarrier keeps apart, None for an arm that is known without."""
-    if not any(link.parts for link in getattr(robot, "links", ())):
-        return None
-    from invariantqp.robots.models import collision_model
-
-    return collision_model(robot)  # type: ignore[arg-type]
-
-
-class _InPink(Limit):
-    """A limit of Pink's in a loop."""
-
-    def __init__(self, name: str, limit: ForPink, configuration: Any, dt: float) -> None:
-        self.name = name
-        self._limit: Any = limit
-        self._configuration, self._dt = configuration, dt
+        return made
 
     def rows(self, q: Array, velocity: Array) -> LimitRows | None:
+        """The rows of a tick of the loop that it is in, of unit length."""
         self._configuration.update(q)
-        if hasattr(self._limit, "set_last_integration"):  # an acceleration limit
-            self._limit.set_last_integration(velocity.copy(), self._dt)
+        if hasattr(self.limit, "set_last_integration"):  # an acceleration limit
+            self.limit.set_last_integration(velocity.copy(), self._dt)
         with np.errstate(invalid="ignore"):  # NaN is checked for below
-            answer = self._limit.compute_qp_inequalities(self._configuration, self._dt)
+            answer = self.limit.compute_qp_inequalities(self._configuration, self._dt)
         if answer is None:
             return None
         G, h = answer
@@ -381,28 +369,30 @@ class _InPink(Limit):
         return LimitRows(C[kept] / length[kept, None], np.full(len(kept), -inf), upper[kept] / length[kept], names)
 
 
-class _Function(Limit):
-    """A function of q that returns rows."""
+def _shapes_of(robot: Robot) -> Any:
+    """The shapes of an arm's links that SelfCollisionBarrier keeps apart, None for an arm that is known without."""
+    if not any(link.parts for link in getattr(robot, "links", ())):
+        return None
+    from invariantqp.robots.models import collision_model
 
-    def __init__(self, function: Callable[[Array], LimitRows | None], argument: str) -> None:
-        self._function, self.argument = function, argument
-        called = getattr(function, "name", getattr(function, "__name__", ""))
+    return collision_model(robot)  # type: ignore[arg-type]
+
+
+class _OfJoints(Limit):
+    """Rows that never change, or a function of q that returns rows."""
+
+    def __init__(self, rows: Rows, argument: str) -> None:
+        self._rows, self.argument = rows, argument
+        called = getattr(rows, "name", getattr(rows, "__name__", ""))
         self.name = called if isinstance(called, str) and called != "<lambda>" else ""
+
+    def for_loop(self, loop: Loop) -> Limit | LimitRows:
+        del loop
+        return self._rows if isinstance(self._rows, LimitRows) else self
 
     def rows(self, q: Array, velocity: Array) -> LimitRows | None:
         del velocity
-        return self._function(q.copy())
-
-
-class _Fixed(Limit):
-    """Rows that never change."""
-
-    def __init__(self, rows: LimitRows, argument: str) -> None:
-        self._rows, self.argument = rows, argument
-
-    def for_loop(self, loop: Loop) -> LimitRows:
-        del loop
-        return self._rows
+        return None if isinstance(self._rows, LimitRows) else self._rows(q.copy())
 
 
 Rows: TypeAlias = LimitRows | Callable[[Array], LimitRows | None]
@@ -434,12 +424,10 @@ def _limit_of(limit: object) -> Limit:
 
 def row_limit(rows: Any, argument: str = "rows") -> Limit:
     """What `rows=` takes, as a limit."""
-    if isinstance(rows, LimitRows):
-        return _Fixed(rows, argument)
-    if isinstance(rows, type) or not callable(rows):
+    if isinstance(rows, type) or not (callable(rows) or isinstance(rows, LimitRows)):
         of_rows = "LimitRows(C, lower, upper), or a function of q that returns it"
         raise BadInput(argument, excerpt(rows), LIMITS if argument == "limits" else of_rows)
-    return _Function(rows, argument)
+    return _OfJoints(rows, argument)
 
 
 def _is_pinks(limit: object) -> bool:
@@ -536,7 +524,7 @@ class RowLimits:
 
     def own(self, q: Array) -> LimitRows | None:
         """The rows at joint positions q (m,) but Pink's, None where there are none or they cannot be used."""
-        known = [limit for limit in self._limits if not isinstance(limit, _InPink)]
+        known = [limit for limit in self._limits if not isinstance(limit, PinkLimit)]
         try:
             return self._asked("rows", known, q, np.zeros(self._m))
         except _Unusable:
