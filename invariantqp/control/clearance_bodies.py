@@ -247,15 +247,9 @@ class Pairs:
         kept = []
         for i, j in combinations(range(len(self.parts)), 2):
             a, b = self.parts[i], self.parts[j]
-            if a.around:
+            if a.around or a.name == b.name:
                 continue
-            names = frozenset((a.name, b.name))
-            if len(names) == 1:
-                continue
-            reason = "not among the pairs given" if wanted is not None and names not in wanted else apart.get(names, "")
-            if not reason and not (wanted is not None and names in wanted):
-                reason = self._needless(a, b)
-            if reason:
+            if reason := self._needless(a, b, wanted, apart):
                 dropped[a.name, b.name] = reason
             else:
                 kept.append((i, j))
@@ -266,8 +260,13 @@ class Pairs:
         kept = [pair for pair, two in zip(kept, bodies, strict=True) if two not in dropped]
         return kept, tuple(Dropped(*two, reason) for two, reason in dropped.items())
 
-    def _needless(self, a: Part, b: Part) -> str:
+    def _needless(self, a: Part, b: Part, wanted: set[frozenset[str]] | None, apart: Exclusions) -> str:
         """Why two bodies need not be kept apart, "" where they must be."""
+        names = frozenset((a.name, b.name))
+        if wanted is not None:
+            return apart.get(names, "") if names in wanted else "not among the pairs given"
+        if names in apart:
+            return apart[names]
         if b.around:
             return "" if a.body else "no joint moves it"
         if a.body == b.body:

@@ -597,10 +597,15 @@ class Controller:
         """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""
         return (self._posture - q) * self._pull if self.posture_gain else None
 
-    def _rows(
-        self, sighting: Sighting, target: Any, gain: float, ahead: Array, more: ExactRows | None
+    def _exact(
+        self, state: Observed, share: float | None, ahead: Array, more: ExactRows | None, now: Changes | None
     ) -> ExactRows | None:
-        return rows_of(self.exact, View(self.robot, sighting, target, gain, ahead), more) if self.exact else more
+        """What is met exactly, at a share of the gain, and `more`; with no share, for `ahead` alone."""
+        if not self.exact:
+            return more
+        gain = 0.0 if share is None else share * self.gain
+        ahead = (1.0 + gain * self.delay * (1.0 if now is None else now.speed)) * ahead
+        return rows_of(self.exact, View(self.robot, state.sighting, state.target, gain, ahead), more)
 
     def _tick(
         self,
@@ -627,17 +632,12 @@ class Controller:
         posture = self.posture_pull(there) if posture is None else posture
         limits = self._limits.at(sighting, target, there, before, now)
         stand = limits.trouble or (Reason(Code.STOPPED) if now is not None and now.speed == 0.0 else stand)
-        chase = None
-        if share is None:
-            exact = self._rows(sighting, target, 0.0, ahead, more)
-        else:
-            gain = share * self.gain
-            exact = self._rows(
-                sighting, target, gain, (1.0 + gain * self.delay * (1.0 if now is None else now.speed)) * ahead, more
+        exact, chase = self._exact(state, share, ahead, more, now), None
+        if share is not None:
+            still = self._exact(state, None, ahead, more, now)
+            chase = Chase(
+                ahead, None if still is None else still.b, *limits.placed, self._slack, self.measure.carried is None
             )
-            rows_ahead = self._rows(sighting, target, 0.0, ahead, more)
-            still = None if rows_ahead is None else rows_ahead.b
-            chase = Chase(ahead, still, *limits.placed, self._slack, self.measure.carried is None)
         demand = Demand(
             sighting.J,
             s,
