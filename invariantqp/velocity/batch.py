@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.compiled import LEFT, Rows, Written, compiled_rows
+from invariantqp.velocity.compiled import Rows, Written, compiled_rows
 from invariantqp.velocity.damping import damping_of
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.law import VelocityLaw
@@ -132,20 +132,14 @@ class _Batch(NamedTuple):
 
     def written(self) -> Written:
         """The answers to all rows, but for those that are left."""
-        n, _, m = self.twists.shape
-        length = self.options.get("length")
+        n, length = len(self.s), self.options.get("length")
         others = {
             "posture": self.posture,
             "roots": np.broadcast_to(self.form.root(), (n, 6, 6)) if isinstance(self.form, CarriedMetric) else None,
             "points": self.points,
             "lengths": None if length is None else np.full((n, 1), float(length)),
         }
-        written = compiled_rows(self.laws, self.twists, self.s, (self.lower, self.upper), **others)
-        if written is not None:
-            return written
-        written = Written.empty(n, m, 0)
-        written.record[:] = LEFT
-        return written
+        return compiled_rows(self.laws, self.twists, self.s, (self.lower, self.upper), **others)
 
     def check(self) -> None:
         """Look at all numbers.

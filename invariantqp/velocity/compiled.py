@@ -6,9 +6,9 @@ The core answers what this package's own Python would, or hands the tick back.
 from __future__ import annotations
 
 import os
-from _thread import LockType, allocate_lock, start_new_thread
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
+from threading import Thread
 from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
 import numpy as np
@@ -61,8 +61,7 @@ def compiled(law: VelocityLaw, demand: Demand) -> VelocitySolution | None:
         fields |= {"chase_upper": chase.upper, "chase_slack": chase.slack, "chase_apart": chase.apart}
     if fixed.form == "brought" and law.form is not None:
         fields["brought"] = np.asarray(law.form.matrix(np.asarray(np.linalg.inv(demand.root))), np.float64)
-    found: VelocitySolution | None = core.tick(fixed, **fields)
-    return found if found is None or rows is None or not rows.names else found._replace(row_names=rows.names)
+    return _with_names(core.tick(fixed, **fields), rows)
 
 
 def _fields(rows: LimitRows | None, exact: ExactRows | None, cone: Cone | None) -> dict[str, Any]:
@@ -99,7 +98,7 @@ def _point(value: Any) -> Any:
 
 
 def compiled_problem(
-    J: ArrayLike,
+    J: Any,
     twist: ArrayLike,
     tasks: tuple[Task, ...] = (),
     *,
@@ -120,29 +119,33 @@ def compiled_problem(
     """
     law, unlimited = LAWS
     unset = all(value is None and name in UNSET for name, value in others.items())
-    if core is None or law is None or engine != "compiled" or not unset:
+    kinds = (J, np.ndarray), (rows, LimitRows), (exact, ExactRows), (tool_speed, ToolSpeed)
+    known = J is not None and all(type(part) in {kind, type(None)} for part, kind in kinds)
+    if core is None or law is None or engine != "compiled" or not (unset and known):
         return None
-    if type(J) is not np.ndarray or J.shape[:-1] != (6,) or J.shape[1] > core.MOST_JOINTS:
+    if J.shape[:-1] != (6,) or J.shape[1] > core.MOST_JOINTS:
         return None
     lower, upper = _box(J.shape[1], bounds)
-    parts = ((rows, LimitRows), (exact, ExactRows), (tool_speed, ToolSpeed))
-    if lower is None or any(type(part) not in {kind, type(None)} for part, kind in parts):
+    if lower is None:
         return None
     cone = None
     if tool_speed is not None:
         if tool_speed.point is None or J.dtype != np.float64:
             return None
         cone = tool_speed.cone(J, tool_speed.point)
-    fields = {"J": J, "s": twist, "lower": lower, "upper": upper, "point": _point(point), "posture": posture}
-    fields |= _fields(rows, exact, cone)
-    if type(length) in {int, float} and length > 0.0:
-        fields["length"] = float(length)
-    elif length is not None:
+    if length is not None and not (type(length) in {int, float} and length > 0.0):
         return None
+    fields = {"J": J, "s": twist, "lower": lower, "upper": upper, "point": _point(point), "posture": posture}
+    fields |= _fields(rows, exact, cone) | ({} if length is None else {"length": float(length)})
     call = partial(core.tasks, law, unlimited, tasks) if tasks else partial(core.tick, law, unlimited)
     found: VelocitySolution | None = call(**fields)
     if found is not None and tasks:  # of which level would they be?
         found = found._replace(multipliers=None, row_multipliers=None)
+    return _with_names(found, rows)
+
+
+def _with_names(found: VelocitySolution | None, rows: LimitRows | None) -> VelocitySolution | None:
+    """The core's answer with what its rows are called."""
     return found if found is None or rows is None or not rows.names else found._replace(row_names=rows.names)
 
 
@@ -156,12 +159,6 @@ class Written(NamedTuple):
     status: NDArray[np.str_]  # likewise
     numbers: Array  # (N, 3) scale, damping, guard
     records: Array  # (k, r) for `core.solution`
-
-    @classmethod
-    def empty(cls, n: int, m: int, numbers: int) -> Written:
-        """To be written for n ticks of m joints, with so many numbers a record."""
-        words = np.empty(n, np.intp), np.empty(n, "U11"), np.empty(n, "U8")
-        return cls(np.empty((n, m)), np.empty((n, 6)), *words, np.empty((n, 3)), np.empty((n, numbers)))
 
 
 class Rows(Mapping[int, VelocitySolution]):
@@ -207,8 +204,8 @@ def compiled_rows(
     s: Array,
     box: tuple[Array, Array],
     **others: Array | None,
-) -> Written | None:
-    """Many ticks, each without dt; None where all are Python's. Large batches go to several threads.
+) -> Written:
+    """Many ticks, each without dt, but for those that are left. Large batches go to several threads.
 
     Args:
         laws: of rows in which all joints have bounds, and of others.
@@ -220,16 +217,19 @@ def compiled_rows(
     n, _, m = J.shape
     fixed, unlimited = (law.compiled for law in laws)
     if core is None or fixed is None or unlimited is None or fixed.form == "brought" or m > core.MOST_JOINTS:
-        return None
+        words = np.empty(n, "U11"), np.empty(n, "U8")
+        return Written(np.empty((n, m)), np.empty((n, 6)), np.full(n, LEFT), *words, np.empty((n, 3)), np.empty((n, 0)))
     lower, upper = box
     made = {"velocity": np.empty((n, m)), "residual": np.empty((n, 6)), "numbers": np.zeros((n, 6))}
     made["records"], taken = np.empty((n, core.RECORD)), np.zeros(2, np.int32)
     fields = {"J": J, "s": s, "lower": lower, "upper": upper, **others, **made}
     ticks = partial(core.ticks, fixed, unlimited, taken, ROWS_AT_A_TIME, **fields)
-    helpers = [_started(ticks) for _ in range(min(n // ROWS_A_THREAD, cpu_count()) - 1)]
+    helpers = [Thread(target=ticks) for _ in range(min(n // ROWS_A_THREAD, cpu_count()) - 1)]
+    for helper in helpers:
+        helper.start()
     ticks()
     for helper in helpers:
-        helper.acquire()
+        helper.join()
     velocity, residual, numbers, records = made.values()
     record, method, status = numbers[:, :3].T.astype(np.intp)
     plain = np.where(record == LEFT, 0, (method, status))  # of a row that is left nothing is written
@@ -240,18 +240,3 @@ def compiled_rows(
 def cpu_count() -> int:
     """How many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _started(work: Callable[[], None]) -> LockType:
-    """A thread for some work, and a lock that it releases at its end; `threading` would wait until it has begun."""
-    done = allocate_lock()
-    done.acquire()
-
-    def begun() -> None:
-        try:
-            work()
-        finally:
-            done.release()
-
-    start_new_thread(begun, ())
-    return done
