@@ -189,44 +189,35 @@ def rows_of(
     for s, (at, weight, longer, going, time) in enumerate(zip(*states[:4], states.times.tolist(), strict=True)):
         J, motions = moved_by(robots, at)
         placed = placed_at(shapes, motions, [se3.exp(time * twist, check=False) for twist in twists], solids)
-        for k, (i, j, share) in enumerate(pairs.tolist()):
-            one, other = int(i), int(j)
+        for k, (one, other) in enumerate(pairs[:, :2].astype(int).tolist()):
+            share = float(pairs[k, 2])
             if not share > 0.0 or recedes[k]:
                 continue
             signs = between(starts, int(shapes[one, 0]), int(shapes[other, 0]))
-            wanted = min(settings[0], distances[k] if s > 0 else inf)
             found = places(placed[one], placed[other])
-            twist, wrenches = twists[other] - twists[one], [_wrench(place) for place in found]
-            moved = [
-                (place, C, float(wrench.dot(twist)))
-                for place, wrench in zip(found, wrenches, strict=True)
-                if (C := _row(wrench, J, signs))[:m].any()
-            ]
-            comes = [_coming(C[:m], -grows, limits[:2, :m]) for _, C, grows in moved]
+            ways = _ways(found, signs * J, twists[other] - twists[one], limits[:2, :m])
+            wanted = min(settings[0], distances[k] if s > 0 else inf)
             if s == 0:
-                distances[k] = min((place.distance for place, _, _ in moved), default=inf)
-                goes = len(moved) > 0 and float(moved[0][1][:m].dot(before[:m])) >= 0.0
-                recedes[k] = last > 0 and goes and comes[0] > 0.0
-            leaving = s == 0 < last and not recedes[k]
+                distances[k] = min((way.place.distance for way in ways), default=inf)
+                goes = len(ways) > 0 and float(ways[0].row[:m].dot(before[:m])) >= 0.0
+                recedes[k] = last > 0 and goes and ways[0].strong > 0.0
             over = 0.0  # by how much the nearest place could come nearer faster than states ahead leave room for
-            for (place, whole, grows), strong in zip(moved, comes, strict=True):
-                C = weight[:m] * whole[:m] + longer[:m].dot(whole[:m]) * states.grows[:m]
-                drift = grows + float(whole[m:].dot(going[m:]))
-                out = float(place.normal.dot(moved[0][0].normal))
-                room = place.distance - wanted
-                mine = settings[1] * min(room, share * room)  # of what another one leaves that may take a share, too
-                nearer = mine + drift if share == 1.0 or room < 0.0 else min(mine, settings[1] * room + drift)
-                slower = _made_way(share * room, strong, settings) + drift
-                if place is moved[0][0] and 0 < s < last:
+            for way in ways:
+                room, row = way.place.distance - wanted, way.row[:m]
+                drift = way.grows + float(way.row[m:].dot(going[m:]))
+                nearer, slower = _nearer(way, room, share, drift, settings)
+                if way is ways[0] and 0 < s < last:
                     leaves[k] = min(leaves[k], max(nearer, 0.0) / (time / settings[3] + 1.0))
-                elif place is moved[0][0] and s == last:
+                elif way is ways[0] and s == last:
                     over = max(nearer - leaves[k], 0.0)
-                approach = room, nearer - over, slower, out, drift
+                C = weight[:m] * row + longer[:m].dot(row) * states.grows[:m]
+                approach = room, nearer - over, slower, float(way.place.normal.dot(ways[0].place.normal)), drift
+                leaving = s == 0 < last and not recedes[k]
                 lower, urgency = _asked_of(C, approach, states, limits[0, :m], settings, leaving=leaving, now=s == 0)
                 if lower > -inf:
                     still = still and drift == 0.0
                     valid = valid and (s > 0 or room >= -DEEP * settings[0])
-                    _keep(kept, (urgency - (place is not found[0]), lower, k, C))
+                    _keep(kept, (urgency - (way.place is not found[0]), lower, k, C))
     C_kept, kept_lower = np.array([row[3] for row in kept]).reshape(-1, m), np.array([row[1] for row in kept])
     if valid:
         braked = C_kept.dot(states.y[:m])
@@ -277,6 +268,39 @@ def moved_by(robots: Sequence[Chain], q: Array) -> tuple[Array, list[Array]]:
     return np.hstack(J), motions
 
 
+class Way(NamedTuple):
+    """A place at which joints move two bodies."""
+
+    place: Place
+    row: Array  # (M,) how fast the distance grows with joint velocities; zero where that is rounding
+    grows: float  # and by itself
+    strong: float  # how hard the arm can make way, `_coming`
+
+
+def _ways(found: Sequence[Place], J: Array, twist: Array, limits: Array) -> list[Way]:
+    """Those of some places that the arm's own joints move.
+
+    J (6, M) is how the second body moves beside the first, its `twist` (6,) how by itself; limits are as in `_coming`.
+    """
+    ways, m = [], limits.shape[1]
+    for place in found:
+        wrench = np.concatenate((se3.cross(place.point, place.normal), place.normal))
+        parts = wrench[:, None] * J
+        total = parts.sum(axis=0)
+        row = np.where(np.abs(total) > ROUNDING * np.abs(parts).sum(axis=0), total, 0.0)
+        if row[:m].any():
+            grows = float(wrench.dot(twist))
+            ways.append(Way(place, row, grows, _coming(row[:m], -grows, limits)))
+    return ways
+
+
+def _nearer(way: Way, room: float, share: float, drift: float, settings: Array) -> tuple[float, float]:
+    """How fast bodies may come nearer in a room of which this arm may take a share, and where its joints take time."""
+    mine = settings[1] * min(room, share * room)  # of what another one leaves that may take a share, too
+    nearer = mine + drift if share == 1.0 or room < 0.0 else min(mine, settings[1] * room + drift)
+    return nearer, _made_way(share * room, way.strong, settings) + drift
+
+
 def _coming(row: Array, falls: float, limits: Array) -> float:
     """How hard an arm can make way by a row (m,) of a distance that `falls` by itself, 0 where it does not or faster.
 
@@ -295,17 +319,6 @@ def _made_way(room: float, strong: float, settings: Array) -> float:
         return inf
     alpha, dt = float(settings[1]), float(settings[3])
     return float(braking_speed(np.array([room]), np.array([settings[4] * strong]), dt, alpha)[0])
-
-
-def _wrench(place: Place) -> Array:
-    return np.concatenate((se3.cross(place.point, place.normal), place.normal))
-
-
-def _row(wrench: Array, J: Array, signs: Array) -> Array:
-    """(M,) how fast a distance grows with joint velocities; zero where that is rounding."""
-    parts = signs * wrench[:, None] * J
-    total = parts.sum(axis=0)
-    return np.asarray(np.where(np.abs(total) > ROUNDING * np.abs(parts).sum(axis=0), total, 0.0))
 
 
 def _asked_of(
