@@ -47,34 +47,6 @@ def ticks_late(delay: float, dt: float) -> tuple[int, float]:
     return whole, max(0.0, late - whole)
 
 
-class Convergence(NamedTuple):
-    """Running averages of a loop."""
-
-    told: float = 0.0  # size of the motion commanded in a tick
-    done: float = 0.0  # of the motion seen, the part along it
-    speed: float = 0.0  # commanded, as a share of the arm's full speed
-    ticks: float = 0.0  # number of ticks but the first
-
-    def followed(self, told: Array, done: Array, slowness: float) -> Convergence:
-        """After a tick in which a motion (6,) was commanded and another one seen, both in the measure.
-
-        `slowness` is 1 / |motion| of a tick at full speed.
-        """
-        share, size = 1.0 / MEMORY, norm(told)
-        along = float(told.dot(done)) / size if size > 0.0 else 0.0
-        return Convergence(
-            (1.0 - share) * self.told + share * size,
-            (1.0 - share) * self.done + share * along,
-            (1.0 - share) * self.speed + share * slowness * size,
-            self.ticks + 1.0,
-        )
-
-    @property
-    def follows(self) -> bool:
-        """Whether the joints do what is commanded, as far as it can be said."""
-        return self.ticks < MEMORY or self.speed < FAST_SHARE or self.done >= KEPT_SHARE * self.told
-
-
 def slowness(A: Array, limits: Array) -> float:
     """1 / |v|, v the measured twist of joints A (6, m) at full speed (m,); 0 where one has no limit or none moves."""
     each = np.sqrt((A * A).sum(axis=0))
@@ -86,7 +58,10 @@ def slowness(A: Array, limits: Array) -> float:
 class Memory(NamedTuple):
     """The state between ticks; a tick returns the next one."""
 
-    convergence: Convergence  # how the joints follow their commands
+    told: float  # size of the motion commanded in a tick, in the mean of the last ones
+    done: float  # likewise of the motion seen, the part along it
+    speed: float  # likewise commanded, as a share of the arm's full speed
+    ticks: float  # number of ticks but the first
     turn: Array  # (3,) rotation of the error in the tick before, NaN before the first
     positions: Array  # (m,) in the tick before, NaN before the first
     commands: Array  # (k, m) the last ones, the latest first [rad/s, length/s]; k as `late` needs
@@ -96,18 +71,19 @@ class Memory(NamedTuple):
     def at_first(cls, joints: int, delay: float, dt: float) -> Memory:
         """Before the first tick."""
         late = ticks_late(delay, dt)
-        return cls(Convergence(), np.full(3, nan), np.full(joints, nan), np.zeros((late[0] + 2, joints)), late)
+        return cls(0.0, 0.0, 0.0, 0.0, np.full(3, nan), np.full(joints, nan), np.zeros((late[0] + 2, joints)), late)
 
     @classmethod
     def of(cls, numbers: Array, joints: int, late: tuple[int, float]) -> Memory:
         """As `numbers` gives it."""
         head, rest = numbers[:HEADER], numbers[HEADER:].reshape(-1, joints).copy()
-        return cls(Convergence(*head[:4].tolist()), head[4:].copy(), rest[0], rest[1:], late)
+        told, done, speed, ticks = head[:4].tolist()
+        return cls(told, done, speed, ticks, head[4:].copy(), rest[0], rest[1:], late)
 
     @property
     def numbers(self) -> Array:
         """(7 + m + k m,) all of it as the compiled core takes it."""
-        return np.concatenate((self.convergence, self.turn, self.positions, self.commands.ravel()))
+        return np.concatenate((self[:4], self.turn, self.positions, self.commands.ravel()))
 
     def now(self, velocity: ArrayLike | None) -> Array:
         """(m,) the joint velocity that the next command follows: as measured, or else the one commanded last."""
@@ -127,11 +103,22 @@ class Memory(NamedTuple):
         return np.asarray((1.0 - part) * self.commands[whole] + part * self.commands[whole + 1])
 
     def followed(self, q: Array, A: Array, dt: float, slowness: float) -> Memory:
-        """With what the joints did since the tick before, seen at q (m,) by measured joint twists A (6, m)."""
+        """With what the joints did since the tick before, seen at q (m,) by measured joint twists A (6, m).
+
+        `slowness` is 1 / |motion| of a tick at full speed.
+        """
         if np.isnan(self.positions).any():
             return self
-        watch = self.convergence.followed(A.dot(dt * self.shown), A.dot(q - self.positions), slowness)
-        return self._replace(convergence=watch)
+        told, done = A.dot(dt * self.shown), A.dot(q - self.positions)
+        size = norm(told)
+        new = np.array((size, float(told.dot(done)) / size if size > 0.0 else 0.0, slowness * size))
+        means = ((1.0 - 1.0 / MEMORY) * np.array(self[:3]) + 1.0 / MEMORY * new).tolist()
+        return self._replace(told=means[0], done=means[1], speed=means[2], ticks=self.ticks + 1.0)
+
+    @property
+    def follows(self) -> bool:
+        """Whether the joints do what is commanded, as far as it can be said."""
+        return self.ticks < MEMORY or self.speed < FAST_SHARE or self.done >= KEPT_SHARE * self.told
 
     def after(self, q: Array, command: Array) -> Memory:
         """After a tick at q (m,) that gave a command (m,)."""
@@ -142,7 +129,7 @@ class Memory(NamedTuple):
 
         Of its joints, the one that is farthest from where its command led in this tick is named.
         """
-        if self.convergence.follows:
+        if self.follows:
             return solution
         off = np.sqrt((A * A).sum(axis=0)) * np.abs(dt * self.shown - (q - self.positions))
         return with_trouble(solution, (Reason(Code.NOT_FOLLOWING, (int(off.argmax()),)),))

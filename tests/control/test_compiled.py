@@ -78,10 +78,10 @@ def assert_same(controller, q, target, feedforward=None):
     np.testing.assert_array_equal(ours.commands[0], native.velocity)
     np.testing.assert_array_equal(ours.positions, q)
     np.testing.assert_allclose(ours.turn, theirs.turn, rtol=1e-12, atol=1e-14)
-    assert ours.convergence.ticks == theirs.convergence.ticks
+    assert ours.ticks == theirs.ticks
     for name in ("told", "done", "speed"):
-        one, other = getattr(ours.convergence, name), getattr(theirs.convergence, name)
-        assert one == pytest.approx(other, rel=1e-6, abs=1e-6 * theirs.convergence.told)
+        one, other = getattr(ours, name), getattr(theirs, name)
+        assert one == pytest.approx(other, rel=1e-6, abs=1e-6 * theirs.told)
     return native
 
 
