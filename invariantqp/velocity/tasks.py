@@ -90,7 +90,8 @@ class TwistTask(Value):
         """
         twists, wanted, chosen = sizes.joint_twists(J), sizes.not_too_fast(arrays.twist(twist)), form_of(form)
         measure = measure_of(twists, wanted, chosen, point, None)
-        self.__attrs_init__(twists, wanted, chosen, _weight(weight), _level(priority), measure.point, measure)
+        share, level = arrays.number(weight, "weight", positive=True), arrays.count(priority, "priority")
+        self.__attrs_init__(twists, wanted, chosen, share, level, measure.point, measure)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -112,15 +113,8 @@ class JointTask(Value):
         Raises:
             BadInput: NaN, a weight that is not positive.
         """
-        self.__attrs_init__(arrays.vector(velocity, None, "velocity"), _weight(weight), _level(priority))
-
-
-def _level(priority: int) -> int:
-    return arrays.count(priority, "priority")
-
-
-def _weight(weight: float) -> float:
-    return arrays.number(weight, "weight", positive=True)
+        share, level = arrays.number(weight, "weight", positive=True), arrays.count(priority, "priority")
+        self.__attrs_init__(arrays.vector(velocity, None, "velocity"), share, level)
 
 
 def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[VelocityOptions]) -> VelocitySolution:
