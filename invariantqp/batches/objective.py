@@ -37,7 +37,7 @@ from invariantqp.batches.namespace import (
     settled,
 )
 from invariantqp.geometry.arrays import NEGLIGIBLE
-from invariantqp.velocity.damping import CALM, DEVIATION_SHARE, QUIET_SHARE, UNLIMITED_CEILING, Adaptive, Fixed
+from invariantqp.velocity.damping import CALM, DEVIATION_SHARE, UNLIMITED_CEILING, Adaptive, Fixed
 from invariantqp.velocity.objective import NULL_RATIO, NULL_WEIGHT
 
 # In single precision, directions that the law damps by less than this share of the largest singular value are damped by
@@ -139,7 +139,7 @@ def _calm(xp: Namespace, A: Rows, b: Rows, x: Rows, speed: Rows, dt: float) -> R
     size, left = xp.sqrt(xp.sum(A * A, axis=(-2, -1))), length_of(xp, b - _times(xp, A, x))
     deviation = DEVIATION_SHARE * dt * size * speed * speed - length_of(xp, b)
     error = left + xp.maximum(deviation, xp.zeros_like(deviation))
-    return xp.maximum(0.5 * CALM * dt * error * size - QUIET_SHARE * size * size, xp.zeros_like(error))
+    return xp.maximum(0.5 * CALM * dt * error * size - NEGLIGIBLE * size * size, xp.zeros_like(error))
 
 
 def _gradient(xp: Namespace, A: Rows, b: Rows, posture: Rows, x: Rows, spectrum: tuple[Rows, Rows, Damped]) -> Rows:

@@ -12,7 +12,7 @@ double calm(int n, const Row A[6], const double wanted[6], const Row y, const Ro
     for (int i = 0; i < 6; i++)
         left[i] = wanted[i] - dot(n, A[i], y) - dot(n, A[i], slowed);
     double error = norm(6, left) + excess_deviation(n, A, wanted, speed, dt);
-    return fmax(0.0, 0.5 * factor * dt * error * size - QUIET_SHARE * size * size);
+    return fmax(0.0, 0.5 * factor * dt * error * size - QP_ROUNDING * size * size);
 }
 
 /* Whether it is worth it to move the joints for a target, for joint twists on x. */

@@ -206,7 +206,7 @@ Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, const double *
         rows.lower[i] = limits->lower[m + i] / length;
         rows.upper[i] = limits->upper[m + i] / length;
     }
-    double weight = sqrt(LEAST_MOTION);
+    double weight = sqrt(REGULARISATION);
     if (least_violation(&rows, &box, weight, NULL, y, t, &found) == HAND_BACK)
         return HAND_BACK;
     memcpy(first, y, sizeof first);
@@ -255,7 +255,7 @@ Outcome slowed_point(int m, const Polytope *limits, Cone *cone, Row y, Yielded *
     Quadratic problem;
     for (int i = 0; i < 3; i++)
         square += dot(m, cone->J[i], cone->J[i]);
-    begun(m, sqrt(LEAST_MOTION) * (square > 0.0 ? sqrt(square) : 1.0), NULL, &sum);
+    begun(m, sqrt(REGULARISATION) * (square > 0.0 ? sqrt(square) : 1.0), NULL, &sum);
     for (int i = 0; i < 3; i++)
         add_square(&sum, cone->J[i], -cone->start[i]);
     solved_by(&sum, &problem);

@@ -436,13 +436,13 @@ extern const Constant CONSTANTS[];
 #define EASY 3.0
 #define CALM 0.25
 #define DEVIATION_SHARE 0.25
-#define QUIET_SHARE 1e-9
 #define QP_ROUNDING 1e-9
 #define TINY 2.2250738585072014e-308
 #define DEPENDENT 1e-12
 #define STEPS 10
 #define ACTIVE_TOLERANCE 1e-6
 #define SLOWEST 1e-6
+#define EPSILON 2.220446049250313e-16
 #define PRODUCT_ROUNDING 1e-13
 #define MISSED_SHARE 0.05
 #define FALLING 0.5
@@ -453,11 +453,9 @@ extern const Constant CONSTANTS[];
 #define LEAST_WORTH 2e-5
 #define WHOLE_SPEED (1.0 - ACTIVE_TOLERANCE)
 #define REGULARISATION 1e-9
-#define LEAST_MOTION 1e-8
 #define WIDENING 1e-7
 #define FASTER 1e-4
 #define EXACT_CALM 1.0
-#define LEAST_SHARE 1e-15
 #define FAR_SHARE 1e-3
 #define WHOLE (1.0 - 1e-8)
 #define INTERIOR (0.5 * ACTIVE_TOLERANCE)

@@ -228,7 +228,7 @@ Outcome share_of(const Reduction *reduction, int m, const Polytope *limits, cons
         return HAND_BACK;
     if (value < FAR_SHARE && found.nu > 0.0 && size > 0.0) /* told by weights 1e-9 apart */
         return HAND_BACK;
-    if (value < LEAST_SHARE || value * length <= ACTIVE_TOLERANCE * size) {
+    if (value < EPSILON || value * length <= ACTIVE_TOLERANCE * size) {
         share->value = known;
         return DONE;
     }

@@ -6,7 +6,7 @@ The core answers what this package's own Python would, or hands the tick back.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
 from threading import Thread
 from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
@@ -97,6 +97,14 @@ def _point(value: Any) -> Any:
     return np.array(value, np.float64) if numbers else value
 
 
+def _fits(J: Any, length: Any, parts: Iterable[tuple[Any, type]]) -> bool:
+    """Whether joint twists, a length, and parts that may be None are of the kinds that the core takes."""
+    if type(J) is not np.ndarray or J.shape[:-1] != (6,) or core is None or J.shape[1] > core.MOST_JOINTS:
+        return False
+    given = length is None or (type(length) in {int, float} and length > 0.0)
+    return given and all(type(part) in {kind, type(None)} for part, kind in parts)
+
+
 def compiled_problem(
     J: Any,
     twist: ArrayLike,
@@ -119,11 +127,8 @@ def compiled_problem(
     """
     law, unlimited = LAWS
     unset = all(value is None and name in UNSET for name, value in others.items())
-    kinds = (J, np.ndarray), (rows, LimitRows), (exact, ExactRows), (tool_speed, ToolSpeed)
-    known = J is not None and all(type(part) in {kind, type(None)} for part, kind in kinds)
-    if core is None or law is None or engine != "compiled" or not (unset and known):
-        return None
-    if J.shape[:-1] != (6,) or J.shape[1] > core.MOST_JOINTS:
+    kinds = (rows, LimitRows), (exact, ExactRows), (tool_speed, ToolSpeed)
+    if core is None or law is None or engine != "compiled" or not (unset and _fits(J, length, kinds)):
         return None
     lower, upper = _box(J.shape[1], bounds)
     if lower is None:
@@ -133,8 +138,6 @@ def compiled_problem(
         if tool_speed.point is None or J.dtype != np.float64:
             return None
         cone = tool_speed.cone(J, tool_speed.point)
-    if length is not None and not (type(length) in {int, float} and length > 0.0):
-        return None
     fields = {"J": J, "s": twist, "lower": lower, "upper": upper, "point": _point(point), "posture": posture}
     fields |= _fields(rows, exact, cone) | ({} if length is None else {"length": float(length)})
     call = partial(core.tasks, law, unlimited, tasks) if tasks else partial(core.tick, law, unlimited)

@@ -45,7 +45,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.qp import SLOWEST
@@ -77,8 +77,6 @@ DEVIATION_SHARE = 0.25
 PROGRESS_SHARE = 2e-4
 # The least that a motion is worth. Measured: with 2e-4 arms that should rest creep at some 1e-5 rad/s.
 LEAST_WORTH = 2e-5
-# mu below this share of |A|^2 changes no digit that matters; it is subtracted, so that mu sets in without a jump.
-QUIET_SHARE = 1e-9
 
 
 @runtime_checkable
@@ -259,7 +257,8 @@ def calm(A: Array, wanted: Array, achieved: Array, speed: float, dt: float, fact
     size = sqrt(float(np.vdot(A, A)))
     deviation = max(0.0, DEVIATION_SHARE * dt * size * speed * speed - norm(wanted))
     error = norm(wanted - achieved) + deviation
-    return max(0.0, 0.5 * factor * dt * error * size - QUIET_SHARE * size * size)
+    # What changes no digit that matters is subtracted, so that mu sets in without a jump.
+    return max(0.0, 0.5 * factor * dt * error * size - NEGLIGIBLE * size * size)
 
 
 def worth(A: Array, wanted: Array, lower: Array, upper: Array, fastest: Array) -> float:

@@ -44,6 +44,7 @@ from invariantqp.velocity.damping import DEVIATION_SHARE
 from invariantqp.velocity.measure import root_at
 from invariantqp.velocity.qp import (
     ACTIVE_TOLERANCE,
+    EPSILON,
     Cone,
     Optimum,
     Polytope,
@@ -58,15 +59,17 @@ ROW_TOLERANCE = 1e-10
 # Demands are at least this share of the terms that they sum, where contradictions are compared with them: 1e-16 of the
 # terms is rounding, and 1e-9 of a demand a contradiction.
 TERMS = 1e-5
-# Makes the share's problems strictly convex, around the velocity known to be inside; the share is smaller by this much.
+# Makes problems strictly convex: of the share, around the velocity known to be inside; of what gives way, around rest.
+# The share is smaller by this much. Rows that need a motion v give way by this share of v more than necessary, and in
+# the second pass, centred at the first one's velocity, by its square.
 REGULARISATION = 1e-9
 # Measured with 160 random targets on four arms: none oscillates from 0.5 on, some do at 0.15; at 2 some loops that
 # arrive with 1 no longer do within eight seconds.
 EXACT_CALM = 1.0
 # A share above this counts as 1.
 WHOLE = 1.0 - 1e-8
-# A share below this counts as 0: it is rounding of 1, beside which it is found; and below the other it is found again.
-LEAST_SHARE, FAR_SHARE = 1e-15, 1e-3
+# A share below this is found again: it was found beside 1, of which it has the rounding.
+FAR_SHARE = 1e-3
 # Where limits bind, the share is reduced by this part of 1 - share, so that the next problem has an interior, and what
 # holds it still counts as a limit that is met.
 INTERIOR = 0.5 * ACTIVE_TOLERANCE
@@ -228,7 +231,7 @@ class Nearest(NamedTuple):
 
     inside: Array  # (m,)
     share: float  # p in [0, 1]
-    beside: Array  # (m,) what of it moves the rows beside that share; zero where they can keep their direction
+    beside: bool  # whether it moves the rows beside that share: they cannot keep their direction
     limits: NDArray[np.bool_]  # (k,) which limits on y
     cone: bool  # whether the tool's speed does, too
 
@@ -332,7 +335,7 @@ def nearest_to_demand(
         backend: the solver asked first.
     """
     full, (m, n) = reduction.full, reduction.basis.shape
-    found = Nearest(inside, 0.0, np.zeros(m), np.zeros(len(limits.lower), bool), False)
+    found = Nearest(inside, 0.0, False, np.zeros(len(limits.lower), bool), False)
     if not inside.any() or n == m:
         return found
     length = 0.0 if reduction.contradicts else norm(full)
@@ -367,14 +370,13 @@ def nearest_to_demand(
     along = y.dot(V)
     p = min(max(float(along[n:k].sum()), 0.0), length)
     along[:n], along[n:k] = 0.0, along[n:k] - p
-    beside = V.dot(along)
-    size = norm(beside)
+    size = norm(along)  # of what moves the rows beside that share
     found = found._replace(inside=y, share=p / length if length > 0.0 else 0.0)
     if size <= NEGLIGIBLE * norm(y):  # the rows can keep their direction
         return found
     pulls = np.abs(optimum.multipliers) * np.linalg.norm(limits.A, axis=1)
     slowed = cone is not None and optimum.nu * norm(cone.velocity(y).dot(cone.J)) > NEGLIGIBLE * size
-    return found._replace(beside=beside, limits=pulls > NEGLIGIBLE * size, cone=slowed)
+    return found._replace(beside=True, limits=pulls > NEGLIGIBLE * size, cone=slowed)
 
 
 def fixed_beside(reduction: Reduction, limits: Polytope, cone: Cone | None, nearest: Nearest) -> Reduction:
@@ -446,7 +448,7 @@ def share_of(
     value, known = (min(max(along / length, 0.0), 1.0) for along in (float(found.z[0]), float(first[0])))
     if first[0] <= NEGLIGIBLE * norm(inside):
         known = 0.0
-    if value < LEAST_SHARE or value * length <= ACTIVE_TOLERANCE * norm(inside):
+    if value < EPSILON or value * length <= ACTIVE_TOLERANCE * norm(inside):
         return Share(known, inside)
     velocity = basis.dot(found.z)
     if value >= WHOLE:

@@ -32,14 +32,12 @@ from scipy.linalg import lapack
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import pitch_form
 from invariantqp.velocity.damping import Adaptive, Damping, asked_share
-from invariantqp.velocity.qp import Quadratic
+from invariantqp.velocity.qp import EPSILON, Quadratic
 
 # A singular value below this share of the largest is rounding: its direction moves nothing.
 NULL_RATIO = 1e-12
 # Weight of directions that move nothing where the policy damps nothing, relative to the largest squared singular value.
 NULL_WEIGHT = 1e-8
-# |mu| below this share of |J|^2 |Q| is what rounding leaves of zero in J'QJ.
-FORM_ROUNDING = 1e-15
 
 
 class Objective(NamedTuple):
@@ -186,7 +184,7 @@ def convexified(J: Array, s: Array, h: float, posture: Array | None, damping: Da
         raise np.linalg.LinAlgError(f"dsyev returned {info}")
     size = np.abs(mu)
     largest = float(size.max())
-    noise = FORM_ROUNDING * (1.0 + 2.0 * abs(h)) * float(np.vdot(J, J))
+    noise = 6.0 * EPSILON * (1.0 + 2.0 * abs(h)) * float(np.vdot(J, J))  # what rounding leaves of zero in J'QJ
     towards = np.zeros(n) if posture is None else posture.dot(V)
     if largest <= noise:
         return Objective(V, np.ones(n), towards, ratio=0.0)

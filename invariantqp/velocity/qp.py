@@ -246,19 +246,22 @@ def at_speed_limit(cone: Cone, weight: float, at: Callable[[float], Optimum], in
         SolverFailure: not even the largest nu is enough.
     """
     typical = weight / float(np.vdot(cone.J, cone.J))  # the speed weighs as much as all the rest
-
-    def price(share: float) -> float:
-        return typical * share / (1.0 - share)
-
-    def over(share: float) -> float:
-        return cone.speed(at(price(share)).z) / cone.limit - 1.0
-
     most = MOST_SHARE / (1.0 + MOST_SHARE)
-    if over(most) > 0.0:
-        if inside is None or not cone.allows(inside, ACTIVE_TOLERANCE):
-            raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
-        return at(price(most))
-    return at(price(brentq(over, 0.0, most, xtol=EPSILON)))
+
+    def priced(share: float) -> Optimum:
+        return at(typical * share / (1.0 - share))
+
+    share = rising_root(lambda share: cone.limit - cone.speed(priced(share).z), most)
+    if share == most and (inside is None or not cone.allows(inside, ACTIVE_TOLERANCE)):
+        raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
+    return priced(share)
+
+
+def rising_root(f: Callable[[float], float], end: float) -> float:
+    """x in [0, end] at which f, which does not fall, is zero; one of the ends where it is nowhere."""
+    if f(end) <= 0.0:
+        return end
+    return 0.0 if f(0.0) >= 0.0 else float(brentq(f, 0.0, end, xtol=EPSILON, disp=False))
 
 
 def _in_polytope(backend: Backend, cost: Quadratic, limits: Polytope, inside: Array | None) -> Optimum:
@@ -366,6 +369,4 @@ def largest_pace(
         z = minimise(Daqp(), cost._replace(centre=centre), limits, cone, inside).z
         return float(along.dot(cost.K.dot(centre - z))) - delta
 
-    if missed(1.0) <= 0.0:
-        return 1.0
-    return 0.0 if missed(0.0) >= 0.0 else float(brentq(missed, 0.0, 1.0, xtol=PRODUCT_ROUNDING))
+    return rising_root(missed, 1.0)

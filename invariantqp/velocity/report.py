@@ -39,14 +39,13 @@ WHOLE_SPEED = 1.0 - ACTIVE_TOLERANCE
 
 def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array | None) -> VelocitySolution:
     """The solution for an answer y; x = T y, T (m, m) `to_joint` or the identity."""
-    found, share, m = answer.found, answer.room.share.value, len(demand.lower)
+    share, m = answer.room.share.value, len(demand.lower)
     x, active = clipped(demand, answer.y if to_joint is None else to_joint.dot(answer.y))
     slowed, troubles = slowed_rows(demand, answer.room, to_joint), row_troubles(demand, problem.reduction)
     troubles = [*answer.troubles, *troubles]
     missed, limited, stuck = _judged(demand, problem, x, share, slowed)
     damping = answer.objective.damping if missed > 0.0 else 0.0
-    bound = found is not None and (found.nu > 0.0 or bool(found.multipliers.any()) or answer.pace < 1.0)
-    pulls = found.multipliers if found is not None and bound else None
+    bound, pulls = answer.bound is not None, None if answer.bound is None else answer.bound.multipliers
     row_pulls = None if pulls is None or demand.rows is None else pulls[m:]
     status = status_of(troubles, share, answer.blended, limited=limited)
     reasons = [*troubles, *([Reason(Code.STUCK)] if stuck else []), *slowed, *_reductions(answer, damping)]
@@ -63,7 +62,7 @@ def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array |
         scale=share,
         damping=damping,
         guard=answer.blended,
-        backend=found.backend if found is not None and bound else "",
+        backend="" if answer.bound is None else answer.bound.backend,
         multipliers=None if pulls is None else pulls[:m],
         row_multipliers=row_pulls,
         row_names=() if demand.rows is None else demand.rows.names,

@@ -34,7 +34,16 @@ from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.backends import Backend, Daqp, SolverFailure
 from invariantqp.velocity.damping import CALM, Damping, calm, worth
-from invariantqp.velocity.exact import Nearest, Reduction, Share, fixed_beside, nearest_to_demand, reduce, share_of
+from invariantqp.velocity.exact import (
+    REGULARISATION,
+    Nearest,
+    Reduction,
+    Share,
+    fixed_beside,
+    nearest_to_demand,
+    reduce,
+    share_of,
+)
 from invariantqp.velocity.forms import PitchForm, attempted
 from invariantqp.velocity.law import Demand, Guard, VelocityLaw
 from invariantqp.velocity.limits import LimitRows
@@ -47,9 +56,6 @@ from invariantqp.velocity.reasons import Code, Reason, row_name
 # the larger, the nearer to their limits joints come where a path goes past one. With positions read to 2e-5 rad an arm
 # that stays moves by less than 0.1 deg in ten seconds.
 POSTURE_PACE = 0.01
-# Weight of |y|^2 beside what gives way, only to make the problem strictly convex. Rows that need a motion v then give
-# way by this share of v more than necessary; the second pass, centred at the first one's velocity, by its square.
-REGULARISATION = 1e-8
 # What gave way is given this share more, so that the next problem has an interior; the tool's least speed likewise.
 WIDENING = 1e-7
 FASTER = 1e-4
@@ -163,6 +169,13 @@ class Answer(NamedTuple):
     pace: float  # share of the chase that is left, 1 where limits do not slow it down
     blended: float  # share of least squares that the guard blended in
     troubles: tuple[Reason, ...]  # what is not as demanded
+
+    @property
+    def bound(self) -> Optimum | None:
+        """The optimum where limits are active in it, or slow the chase down; None where none are."""
+        found = self.found
+        active = found is not None and (found.nu > 0.0 or bool(found.multipliers.any()) or self.pace < 1.0)
+        return found if active else None
 
 
 def answered(law: VelocityLaw, problem: Problem) -> Answer:
@@ -294,7 +307,7 @@ def room_within(law: VelocityLaw, demand: Demand, reduction: Reduction) -> Room:
     """The velocities at the share of the exact rows' speed that the limits allow, after contradictions gave way."""
     limits = _given_way(law, demand)
     nearest = nearest_to_demand(reduction, limits.polytope, limits.cone, limits.inside, law.backend)
-    if nearest.beside.any():
+    if nearest.beside:
         reduction = fixed_beside(reduction, limits.polytope, limits.cone, nearest)
         limits, share = limits.beside(nearest), Share(nearest.share, nearest.inside)
     else:
