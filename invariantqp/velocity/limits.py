@@ -42,6 +42,9 @@ def between(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Array]:
         BadInput: empty, of different lengths, NaN, or lower above upper (the joint is named).
     """
     low, high = arrays.array(lower, "lower", VECTOR), arrays.array(upper, "upper", VECTOR)
+    pairs = zip(low.tolist(), high.tolist(), strict=True) if low.ndim == 1 and low.shape == high.shape != (0,) else None
+    if pairs and all(a <= b and a < inf and b > -inf for a, b in pairs):  # sooner than numpy for a few
+        return low, high
     for a, argument in ((low, "lower"), (high, "upper")):
         if a.ndim != 1 or len(a) == 0:
             raise BadInput(argument, f"shape {a.shape}", "one limit a joint: shape (m,), m >= 1")
@@ -54,9 +57,7 @@ def between(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Array]:
         i = int(crossed.argmax())
         found = f"lower {low[i]:g} above upper {high[i]:g} at joint {i}"
         raise BadInput("lower", found, "lower <= upper for every joint", "No velocity satisfies both.")
-    if (low == inf).any() or (high == -inf).any():
-        raise BadInput("lower", "a lower limit of +inf or an upper limit of -inf", "a box with points in it")
-    return low, high
+    raise BadInput("lower", "a lower limit of +inf or an upper limit of -inf", "a box with points in it")
 
 
 def accelerations(value: ArrayLike, m: int, argument: str = "acceleration_limit") -> Array:
