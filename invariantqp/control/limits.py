@@ -504,17 +504,11 @@ class RowLimits:
 
     def at(self, q: Array, velocity: Array) -> TickRows:
         """The rows at joint positions q (m,), coming from a joint velocity (m,)."""
-        try:
-            return TickRows(self._asked("rows", self._limits, q, velocity))
-        except _Unusable as trouble:
-            return TickRows(None, trouble.reason)
+        return self._asked("rows", self._limits, q, velocity)
 
     def after(self, q: Array, x: Array) -> LimitRows | None:
         """More rows, where the answer x (m,) of a tick at q (m,) does not keep some limit to its end."""
-        try:
-            return self._asked("after", self.does["after"], q, x)
-        except _Unusable:
-            return None
+        return self._asked("after", self.does["after"], q, x).rows
 
     @cached_property
     def fixed(self) -> LimitRows | None:
@@ -525,10 +519,7 @@ class RowLimits:
     def own(self, q: Array) -> LimitRows | None:
         """The rows at joint positions q (m,) but Pink's, None where there are none or they cannot be used."""
         known = [limit for limit in self._limits if not isinstance(limit, PinkLimit)]
-        try:
-            return self._asked("rows", known, q, np.zeros(self._m))
-        except _Unusable:
-            return None
+        return self._asked("rows", known, q, np.zeros(self._m)).rows
 
     def broken(self) -> str:
         """What of some limit does not hold where rows were last asked for, "" where all do."""
@@ -541,7 +532,7 @@ class RowLimits:
 
     def _asked(
         self, method: Literal["rows", "after"], limits: Sequence[Limit | LimitRows], q: Array, velocity: Array
-    ) -> LimitRows | None:
+    ) -> TickRows:
         """What a method of limits answers, together."""
         found = []
         for limit in limits:
@@ -550,14 +541,15 @@ class RowLimits:
                 continue
             try:
                 rows = getattr(limit, method)(q, velocity)
+            except _Unusable as trouble:
+                return TickRows(None, trouble.reason)
             except BadInput as error:
                 if error.argument == "limits":
                     raise
-                words = Reason(Code.ROWS_REFUSED, rows=(limit.name or "rows",), words=str(error))
-                raise _Unusable(words) from error
+                return TickRows(None, Reason(Code.ROWS_REFUSED, rows=(limit.name or "rows",), words=str(error)))
             if rows is not None:
                 found.append(self._named(rows, limit))
-        return _stacked(found)
+        return TickRows(_stacked(found))
 
     def _named(self, rows: object, limit: Limit) -> LimitRows:
         """Rows on the arm's joints, by the name of their limit where they have none."""
