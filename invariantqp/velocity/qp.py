@@ -61,12 +61,6 @@ class Polytope(NamedTuple):
         value, margin = self.A.dot(z), self.margin(z, *terms)
         return bool(((value <= self.upper + margin) & (value >= self.lower - margin)).all())
 
-    def admitting(self, z: Array) -> Polytope:
-        """The same limits, widened so far that z is inside by rounding."""
-        value, margin = self.A.dot(z), self.margin(z)
-        lower, upper = np.minimum(self.lower, value - margin), np.maximum(self.upper, value + margin)
-        return self._replace(lower=lower, upper=upper)
-
     def without(self, some: NDArray[np.bool_]) -> Polytope:
         """The limits but for some (k,), which are left without bounds."""
         return self._replace(lower=np.where(some, -inf, self.lower), upper=np.where(some, inf, self.upper))
@@ -265,24 +259,19 @@ def rising_root(f: Callable[[float], float], end: float) -> float:
 
 
 def _in_polytope(backend: Backend, cost: Quadratic, limits: Polytope, inside: Array | None) -> Optimum:
-    """The optimum inside the limits; limits that leave hardly more room than rounding are widened by that, once."""
+    """The optimum inside the limits; where they leave hardly more room than rounding, the z that is known."""
     try:
         return _optimum(backend, cost, limits)
     except SolverFailure as failure:
         if inside is None:
             raise
         trouble = "" if failure.infeasible else str(failure)
-    try:
-        return _optimum(backend, cost, limits.admitting(inside))
-    except SolverFailure:
         return Optimum(inside, np.zeros(len(limits.lower)), np.zeros((len(inside), 0)), OWN, trouble)
 
 
 def _optimum(backend: Backend, cost: Quadratic, limits: Polytope) -> Optimum:
     value = limits.A.dot(cost.centre)
     outside = np.maximum(limits.lower - value, value - limits.upper)
-    if (outside <= 0.0).all():
-        return Optimum(cost.centre, np.zeros(len(value)), cost.T)
     outside -= PRODUCT_ROUNDING * lengths_of(limits.A) * np.linalg.norm(cost.centre)
     N = product(limits.A, cost.T)
     lengths = lengths_of(N)
