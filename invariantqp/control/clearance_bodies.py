@@ -292,6 +292,7 @@ class Pairs:
         lowest, highest = np.maximum(self._robot.position_lower, -np.pi), np.minimum(self._robot.position_upper, np.pi)
         cells = [(lowest[between], highest[between])]
         q = np.concatenate((np.zeros(m), np.zeros(self.screws.shape[1] - m) if others is None else others))
+        apart = (1.0 - 1e-9) * self._distance  # at the distance, but for rounding, is not nearer
         for _ in range(STATES):
             if not cells:
                 return f"always nearer than {1e3 * self._distance:.1f} mm"
@@ -299,10 +300,10 @@ class Pairs:
             q[between] = 0.5 * (low + high)
             J, motions = moved_by(self.robots, q)
             found = places(*placed_at(numbers[two], motions, (), solids))
-            if found[0].distance > self._distance:
+            if found[0].distance > apart:
                 return ""
             farthest, ways = min(self._farthest(place, J[:, between], 0.5 * (high - low)) for place in found)
-            if farthest > self._distance:
+            if farthest > apart:
                 axis = int(np.argmax(ways))
                 upper, lower = high.copy(), low.copy()
                 upper[axis] = lower[axis] = q[between[axis]]
