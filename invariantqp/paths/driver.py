@@ -14,7 +14,7 @@ from collections.abc import Callable
 from copy import deepcopy
 from functools import partial
 from math import inf, nan
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,6 +81,15 @@ LATE = "the joints' limits"
 ELSEWHERE = "joints are not where they were sent: they do not follow, or later than told (delay=)"
 # Why an arm stands that is not done.
 NOT_DUE = "the next points are not due yet"
+
+
+class Course(NamedTuple):
+    """What the core follows while nothing new comes."""
+
+    reference: Reference
+    numbers: Array
+    until: float  # by the stamps' clock
+    told: float  # up to which place `Shape.told_by_core` tells of a tick
 
 
 class Follower:
@@ -169,7 +178,7 @@ class Follower:
         self._astray = False  # whether it waits for joints that are not where they were sent
         self._off = 0.0  # how far one of them is from there at most
         self._command = self._pace = np.zeros(m)  # in the last tick, and what it had changed by, over the tick
-        self._course: tuple[Reference, Array, float] | None = None  # what the core follows
+        self._course: Course | None = None
         self._time = 0.0  # when the next tick begins, by the stamps' clock
         self._sent: deque[Array] = deque(maxlen=round(loop.delay / loop.dt) + 1)
         self._reference: Reference | None = None
@@ -292,7 +301,7 @@ class Follower:
             self._forget()
             self._halt()
         elif course is not None:  # the same course, for longer
-            self._course = *course[:2], self._time + self.timeout
+            self._course = course._replace(until=self._time + self.timeout)
         self._twist, self._turns, self._heard = wanted, bool(wanted.any()), self._time
 
     def prepare(self, q: ArrayLike) -> None:
@@ -369,7 +378,9 @@ class Follower:
         loop = self.controller
         clock = None if now is None else arrays.number(now, "now", "a time in seconds")
         course = self._course if velocity is None and override == self._override else None
-        soon = course is not None and self._time < course[2] and (clock is None or -SKEW <= clock - self._time <= SKEW)
+        soon = (
+            course is not None and self._time < course.until and (clock is None or -SKEW <= clock - self._time <= SKEW)
+        )
         if course is not None:
             if soon and loop.varies:
                 loop.begin()
@@ -407,19 +418,14 @@ class Follower:
         found = None if course is None else self._by_core(course, measured, begun=True)
         if found is not None:
             return found
-        if self._looks_over:
+        if self._late and self._twist is None:
             self._late = not reference.splice(reference.source, self._time, self._state, EASE_SAMPLE)
         command = self._moved(reference, measured)
         self._time += self.controller.dt
         self._course = self._made_course(reference)
         return self._reported(reference, measured, command)
 
-    @property
-    def _looks_over(self) -> bool:
-        """Whether joints that catch up look for a splice in this tick."""
-        return self._late and self._twist is None
-
-    def _made_course(self, reference: Reference) -> tuple[Reference, Array, float] | None:
+    def _made_course(self, reference: Reference) -> Course | None:
         """What the core follows, and until when nothing new comes; None where Python has to."""
         loop, shape = self.controller, self._shape
         if core is None or loop.for_core is None:
@@ -430,34 +436,33 @@ class Follower:
             self._late or reference.source is not shape.motion or self._time <= reference.joined or self._astray
         ):
             return None
-        until = self._looked + 0.5 * AHEAD if self._function else inf
+        until, told = self._looked + 0.5 * AHEAD if self._function else inf, -inf
         if shape is not None:
-            until = min(until, shape.until)
+            until, told = min(until, shape.until), shape.usual
         elif self._twist is None:
             until = min(until, inf if self._late else reference.end) if self._last is None else min(until, self._due)
         until = min(until, inf if self._next is None else self._next[2])
         if self._turns or (self._twist is None and self._newest is not None):
             until = min(until, self._heard + self.timeout)
         numbers = reference.course(gain=None if shape is None else loop.gain)
-        return None if numbers is None or until <= self._time else (reference, numbers, until)
+        return None if numbers is None or until <= self._time else Course(reference, numbers, until, told)
 
     @property
     def _due(self) -> float:
         """When to go back to the last point if no newer ones come."""
         return inf if self._last is None else self._last[1] if self._closed else self._last[2]
 
-    def _by_core(
-        self, course: tuple[Reference, Array, float], q: ArrayLike, *, begun: bool = False
-    ) -> FollowerSolution | None:
+    def _by_core(self, course: Course, q: ArrayLike, *, begun: bool = False) -> FollowerSolution | None:
         """A tick in which nothing new comes, or all of it is taken in, by the core; None where Python has to answer.
 
         `begun` is whether the positions sent are those of this tick.
         """
-        reference, numbers, _ = course
-        time, sent, shape, loop = self._time, self._sent, self._shape, self.controller
+        reference, numbers, _, told = course
+        time, sent, shape, loop, ease = self._time, self._sent, self._shape, self.controller, 0.0
         full = not begun and len(sent) == sent.maxlen  # the first goes as this tick's positions come
         shown = sent[full] if full < len(sent) else self._q
-        ease = max(EASE_SAMPLE, SHORTEST_STOP * loop.dt) if self._looks_over else 0.0
+        if self._late and self._twist is None:
+            ease = max(EASE_SAMPLE, SHORTEST_STOP * loop.dt)
         found = core.follow(  # type: ignore[union-attr]
             numbers,
             self._unbraked.for_core,
@@ -488,10 +493,9 @@ class Follower:
         if way is not None or (ease and time < reference.joined):
             reference.joins(time, *((np.zeros((6, self._m)), 0.0) if way is None else (way, ease)))
             self._course = self._made_course(reference)
-        told = None
-        if shape is not None and not self.paused:
-            told = shape.told_by_core(command, measured, before, after, self._override)
-        return self._reported(reference, measured, command) if told is None else told
+        if shape is not None and after < told:
+            return shape.told_by_core(command, measured, before, after, self._override)
+        return self._reported(reference, measured, command)
 
     def _moved(self, reference: Reference, measured: Array) -> Array:
         """(m,) the command of a tick along a reference, inside the limits; the joints are sent so far."""

@@ -296,17 +296,17 @@ class Shape:
         left = end - place if rate > 0.0 else place
         return float(last + left / abs(rate)) if rate else float(last)
 
-    def told_by_core(
-        self, command: Array, q: Array, before: float, after: float, override: float
-    ) -> FollowerSolution | None:
-        """As `told`, of a tick on the way from a place to another; None for one that is to be told otherwise."""
-        plan, motion = self.plan, self.motion
-        if plan is None or motion is None or self.back or after >= self._usual:
-            return None
-        if motion.clock.final <= 0.0 or motion.clock.rate < 0.0:
-            return None
+    @property
+    def usual(self) -> float:
+        """Up to which place `told_by_core` tells all there is, while the clock is as it is."""
+        forward = self.motion is not None and self.motion.clock.final > 0.0 <= self.motion.clock.rate
+        return self._usual if forward and not self.back else -inf
+
+    def told_by_core(self, command: Array, q: Array, before: float, after: float, override: float) -> FollowerSolution:
+        """As `told`, of a tick on the way from a place to another that is below `usual`."""
+        plan, status = self.driven, SLOWED
         self._ticks += 1
-        ruling, status = plan.ruling[plan.nearest(before)], SLOWED
+        ruling = plan.ruling[plan.nearest(before)]
         if ruling == ON_TIME:
             status = MOVING
         elif override < 1.0:
