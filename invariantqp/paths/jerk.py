@@ -68,8 +68,8 @@ def least_time(
     motion = _onward(times, places, joints)
     kept, least, gap = (1.0, times, motion), np.inf, np.inf
     for k in range(STEPS):
-        h, v, needs = np.diff(times), motion(times, 1), _needs(times, motion)
-        fast, a, _ = needs
+        h, v = np.diff(times), motion(times, 1)
+        fast, a, _ = needs = _needs(times, motion, v)
         over = [float((np.abs(x) / y).max()) for x, y in zip(needs, limits[2:5], strict=True)]
         slow = max(over[0], over[1] ** 0.5, over[2] ** (1.0 / 3.0), 1.0)
         if slow * times[-1] < least:  # all of it so much slower keeps the limits
@@ -115,12 +115,12 @@ def least_time(
     return Motion(slow * times, np.moveaxis(motion.c[::-1], 0, 1) / slow ** np.arange(4.0)[:, None])
 
 
-def _needs(times: Array, motion: CubicSpline) -> tuple[Array, Array, Array]:
+def _needs(times: Array, motion: CubicSpline, v: Array) -> tuple[Array, Array, Array]:
     """What a motion with knots at times (n,) has: velocities, accelerations (n, m) and jerk (n - 1, m).
 
-    Velocities (n - 1, 2, m) are those at the knot before each piece and in its middle, or where they turn.
+    Velocities (n - 1, 2, m) are `v` (n, m) at the knot before each piece, and in its middle, or where they turn.
     """
-    h, v, a = np.diff(times), motion(times, 1), motion(times, 2)
+    h, a = np.diff(times), motion(times, 2)
     jerk, turns = np.diff(a, axis=0) / h[:, None], a[:-1] * a[1:] < 0.0
     turned = v[:-1] - 0.5 * a[:-1] ** 2 / np.where(turns, jerk, 1.0)
     return np.stack((v[:-1], np.where(turns, turned, motion(times[:-1] + 0.5 * h, 1))), axis=1), a, jerk
