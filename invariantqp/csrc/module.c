@@ -196,7 +196,6 @@ static PyMethodDef methods[] = {
     CALLED_BY_NAME("press", press, "A hybrid controller's tick, or None where Python has to answer."),
     CALLED("contact_frame", contact_frame, "The (4, 4) frame of a contact, or None where Python has to find it."),
     CALLED("follow", follow, "A tick of a follower in which nothing new comes, or None where Python has to answer."),
-    CALLED("motion", motion, "Position, velocity, acceleration and jerk of what is followed."),
     CALLED("splice", splice, "The residual of a splice, or None where it leaves the limits."),
     CALLED("planned", planned, "Coefficients of the motion from a state that is near points with little jerk."),
     CALLED("scene", scene, "What of a clearance does not change from tick to tick, or None where it is too large."),

@@ -53,7 +53,6 @@ void source_position(const Course *course, double time, double *r);
 bool splices(const Course *course, double time, const double *state, double duration, double *found);
 void quintic(int m, const double *powers, double u, Path r);
 void left_over(const Course *course, double time, Path r);
-PyObject *motion(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *splice(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *planned(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 

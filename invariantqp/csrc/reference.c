@@ -125,13 +125,6 @@ void left_over(const Course *course, double time, Path r)
         quintic(course->limits.m, course->residual, fmax(u, 0.0), r);
 }
 
-/* Reference.at */
-static void reference_at(const Course *course, double time, Path r)
-{
-    source_at(course, time, r);
-    left_over(course, time, r);
-}
-
 /* _residuals: the quintic from position, velocity and acceleration (3, m) to zero in D. */
 static void residual_of(int m, const double *e, double D, double *powers)
 {
@@ -168,19 +161,6 @@ static bool limits_of(PyObject *object, JointLimits *limits)
     limits->acceleration = x + 3 * m;
     limits->jerk = x + 4 * m;
     return x != NULL && !PyErr_Occurred();
-}
-
-/* motion(course, time): (4, columns) position, velocity, acceleration and jerk. */
-PyObject *motion(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
-{
-    (void)module;
-    Course course;
-    Path r;
-    double time = count == 2 ? PyFloat_AsDouble(arguments[1]) : NAN;
-    if (PyErr_Occurred() || count != 2 || !course_of(arguments[0], &course))
-        return refused("motion(course, time)");
-    reference_at(&course, time, r);
-    return new_matrix(4, course.columns, MOST + 1, r[0]);
 }
 
 /* Reference.splice: the residual (6, m) from a state (3, m) in a duration; whether that keeps the limits. */
