@@ -502,7 +502,10 @@ class Follower:
         dt, shape = self.controller.dt, self._shape
         along = shape is not None and reference.source is shape.motion and not self._late
         self._answer = None
-        v = self._wanted(reference) if along else self._limited(reference)
+        v = wanted = self._wanted(reference)
+        if not along:  # inside the limits of the joints
+            v = self._limits.nearest(self._q, self._v, self._a, wanted)
+            self._late = self._late or (self._twist is None and bool((v != wanted).any()))
         wanted = self._corrected(measured, v)
         command = self._nearest(measured, wanted)
         if self._bound and along and shape is not None and (loop := self._beside) is not None:  # the path waits
@@ -520,14 +523,6 @@ class Follower:
         if self._bound:  # how hard the loop braked is nothing to go on with
             self._pace = self._a = np.zeros(self._m)
         return command
-
-    def _limited(self, reference: Reference) -> Array:
-        """(m,) the joint velocity of a tick: the wanted one, inside the limits of the joints."""
-        wanted = self._wanted(reference)
-        v = self._limits.nearest(self._q, self._v, self._a, wanted)
-        if self._twist is None and (v != wanted).any():
-            self._late = True
-        return v
 
     def _nearest(self, measured: Array, wanted: Array) -> Array:
         """(m,) the command nearest the wanted one (m,) that rows and tool speed of the loop allow: argmin |x - c|."""
