@@ -166,7 +166,7 @@ const Constant CONSTANTS[] = {
     ONE("force.monitor", SOFTER),
     ONE("force.monitor", SINCE),
     ONE("force.monitor", EXCUSED),
-    ONE("force.control", MOVES_IN),
+    ONE("force.law", MOVES_IN),
     ONE("force.monitor", TURNS),
     ONE("force.monitor", SWUNG),
     ONE("force.monitor", SWING),

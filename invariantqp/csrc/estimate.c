@@ -85,13 +85,13 @@ static void landed(Stiffness *known, const Setting *setting)
         return;
     double rise = fmax(known->force, 3.0 * setting->noise);
     double stiff = rise / fmax(known->way - known->quiet, LEAST_WAY * setting->resolved);
-    unknown_stiffness(fmin(fmax(stiff, SOFTEST * setting->begins), setting->begins), &fresh);
+    unknown_stiffness(fmin(fmax(stiff, SOFTEST * STIFF), STIFF), &fresh);
     fresh.way = known->way;
     fresh.force = known->force;
     memcpy(fresh.mean, known->mean, sizeof fresh.mean);
     fresh.time = known->time;
     fresh.quiet = known->quiet;
-    fresh.stiff = fmin(STIFFER * stiff, 2.0 * setting->begins);
+    fresh.stiff = fmin(STIFFER * stiff, 2.0 * STIFF);
     *known = fresh;
 }
 

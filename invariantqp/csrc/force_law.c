@@ -50,10 +50,15 @@ static Drive struck(const Drive *drive, double coming, double error, const Stiff
     return law;
 }
 
-/* In the air. */
-static Drive sought(double gentle, const Setting *setting, double most, const Touch *touch)
+double surface_speed(const Press *press, double along, double moves)
 {
-    return (Drive){touch->airborne == INFINITY ? gentle : fmin(gentle + setting->slope_speed, most), 0.0};
+    return press->slope * along + fmin(moves / MOVES_IN, press->approach_speed);
+}
+
+/* In the air. */
+static Drive sought(double gentle, double leaves, double most, const Touch *touch)
+{
+    return (Drive){touch->airborne == INFINITY ? gentle : fmin(gentle + leaves, most), 0.0};
 }
 
 /* With a given compliance. */
@@ -65,10 +70,10 @@ static Drive fixed(const Drive *drive, double error, double gain, double stiffne
     return (Drive){fmin(gain * error, fmax(most - slope, 0.0)), slope};
 }
 
-static double touch_speed(const Press *press, double force, double late)
+static double touch_speed(const Press *press, double force, double most, double late)
 {
-    double stiff = press->stiffness > 0.0 ? press->stiffness : APPROACHED * STIFF;
-    return fmin(press->approach_speed, fmax(force, 0.0) / (stiff * late + fmin(stiff, APPROACHED * STIFF) * DAMPED_BY));
+    double table = APPROACHED * STIFF, soft = press->stiffness > 0.0 ? fmin(press->stiffness, table) : table;
+    return fmin(press->approach_speed, fmin(fmax(force, 0.0) / soft, fmax(most, 0.0) / table) / (late + DAMPED_BY));
 }
 
 /* HybridController._driven: the law of each constraint; whether it acts in full. */
@@ -78,7 +83,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
 {
     int n = split->n, presses = split->presses;
     bool there = true, acts;
-    double fastest = press->approach_speed;
+    double fastest = press->approach_speed, leaves = surface_speed(press, now->along, press->yields);
     for (int i = 0; i < presses; i++)
         there = there && touch_lasts(&now->touches[i], press->lost_after);
     acts = there && yields;
@@ -88,7 +93,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
         const Stiffness *known = &now->known[i];
         const Answers *check = i < presses && i < (int)monitor->asked ? &monitor->answers[i] : NULL;
         double error = asked[i] - felt[i], wished = i < presses ? asked[i] : 0.0;
-        double gentle = i < presses ? touch_speed(press, (1.0 - LOST_SHARE) * asked[i], striking) : 0.0;
+        double gentle = i < presses ? touch_speed(press, (1.0 - LOST_SHARE) * asked[i], (1.0 - LOST_SHARE) * most_force, striking) : 0.0;
         if (press->has_compliance) {
             double top = slow && i < presses ? fastest : INFINITY;
             drives[i] = fixed(drive, error, split->gain, press->stiffness, setting->dt, top, grows);
@@ -103,13 +108,13 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             drives[i] = there ? pressed(drive, error, 0.0, known, setting, fastest, fastest, eased, grows, &now->known[0])
                                  : none;
         } else if (!touch_lasts(&now->touches[i], press->lost_after)) {
-            drives[i] = sought(gentle, setting, fastest, &now->touches[i]);
+            drives[i] = sought(gentle, leaves, fastest, &now->touches[i]);
         } else if (known->time <= setting->late) { /* the filters still hold the air */
             double coming = presses == 1 && lag_known && now->went == n ? now->ways[i].coming : 0.0;
             drives[i] = struck(drive, coming, error, known, setting, OVERLOAD * fastest, eased);
         } else {
             double room = most_force - felt[i] - (check == NULL ? 0.0 : unseen(press, check, felt[i]));
-            double inwards = touch_speed(press, fmax(room, wished), setting->late)
+            double inwards = touch_speed(press, fmax(room, wished), fmax(room, wished), setting->late)
                            + (known->reached != 0.0 ? 0.0 : press->slope * now->along);
             drives[i] = pressed(drive, error, wished, known, setting, inwards, OVERLOAD * fastest, eased, grows, NULL);
         }

@@ -181,7 +181,7 @@ static void setting_of(const Press *press, const Split *split, double arm, doubl
         moves = fmax(moves, monitor->answers[i].moves);
     for (int i = 0; i < split->n; i++)
         most = fmax(most, fabs(asked[i]));
-    double speed = press->slope * before->along + fmin((press->yields + moves) / MOVES_IN, press->approach_speed);
+    double speed = surface_speed(press, before->along, press->yields + moves);
     *setting = (Setting){.dt = dt,
                          .share = share,
                          .filter_time = press->filter_time,

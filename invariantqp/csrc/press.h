@@ -163,6 +163,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             bool yields, Drive *drives);
 Outcome trembling(const Loop *loop, const Row J[6], const double (*admittance)[6], const double place[3], double size,
                   double noise, double passed, double *share);
+double surface_speed(const Press *press, double along, double moves);
 double kept_of(double gain, double share);
 
 /* monitor.c */

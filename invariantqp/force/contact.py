@@ -131,9 +131,10 @@ class HybridTask(Value):
                 c k T < 1/4. None lets the law follow what is estimated of stiffness, damping and delay, and takes C
                 in the same way in all directions about the place of contact, or over twice the size about the grip of
                 one that cannot be lost.
-            stiffness: of the contact along the press [force/length], arm in series included: where the estimate
-                begins. It is estimated in any case, so that one declared wrong costs time, not the force. A fixed
-                compliance has integral action where it is declared.
+            stiffness: of the contact along the press [force/length], arm in series included: of
+                something soft it makes an approach up to 2.5 times as fast, and an estimate begins with it where no
+                touch is seen. A touch shows more, so that one declared wrong costs nothing else. A fixed compliance has
+                integral action where it is declared.
             size: over what length the contact spreads, which weighs moments against forces [length].
             normal_within: corrects the told normal by how the tool moves along the surface, by this angle at most
                 [rad], up to pi/4; None trusts the told one. Friction does not disturb it. One press only.
@@ -147,7 +148,8 @@ class HybridTask(Value):
                 is pushed. Only for contacts that say where their edge is.
             approach_speed: the most that the force law moves the place of contact in the air and into the contact
                 [length/s], beside what a slope asks for. Without a fixed compliance a touch is slower than this where
-                tick and delay ask for it: the wanted press over 1e5 N/m (or `stiffness`) times what is late.
+                tick and delay ask for it: the wanted press over 1e5 N/m times what is late, or of what is declared
+                softer.
             approach_distance: after this way towards the contact without feeling it, stand still [length]; inf: never.
             approach_time: likewise [s]; the way alone ends it by default.
             slide_speed: the most that an error of the target moves the tool along the contact [length/s], its turning

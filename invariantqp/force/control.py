@@ -74,6 +74,7 @@ from invariantqp.force.law import (
     slid,
     sought,
     struck,
+    surface_speed,
     taken_up,
     touch_speed,
     trembling,
@@ -118,8 +119,6 @@ MOST_TICKS = 10_000
 # What is held, a hinge or a peg, is taken for the stiffest of its constraints, this many times as fast as against a
 # press: what is told wrong of it builds up all the time.
 QUICKER = 2.0
-# What a surface is known to move it may move within this time [s].
-MOVES_IN = 0.3
 # The share of how fast a surface may come or go that it may do so where it did not until now.
 MAY_BE_STEEP = 0.1
 # The share of an arm's lateness that can be taken back at a touch: its lag, not its dead time.
@@ -713,7 +712,7 @@ class HybridController:
         """What estimates and laws have in common in a tick."""
         task, dt, share, held = self.task, self.loop.dt, self._smoothing.share, here.presses == 0
         moves = task.yields + max((check.moves for check in self.memory.monitor.answers), default=0.0)
-        speed = task.slope * before.along + min(moves / MOVES_IN, task.approach_speed)
+        speed = surface_speed(task, before.along, moves)
         return Setting(
             dt,
             share,
@@ -783,11 +782,12 @@ class HybridController:
         striking = dt + (1.0 - TAKEN_BACK) * (dead + min(self._delay.arm - dead, dt))
         least = min(task.stiffness or STIFF, UNSHOWN * STIFF)
         held = max(least, *((one.known or 0.0) / QUICKER for one in now.known), least)
+        leaves = surface_speed(task, now.along, task.yields)
         drives: list[Drive] = []
         for i, (drive, known) in enumerate(zip(now.drives, now.known, strict=True)):
             press, error = i < here.presses, float(here.wanted[i] - here.force[i])
             wanted = float(here.wanted[i]) if press else 0.0
-            gentle = touch_speed(task, felt * wanted, striking) if press else 0.0
+            gentle = touch_speed(task, felt * wanted, felt * tick.most[0], striking) if press else 0.0
             # Let go no faster than it would touch again with an overload.
             released = monitor.release(task.slope, i, setting, OVERLOAD * gentle) if press else None
             if task.compliance is not None:
@@ -803,7 +803,7 @@ class HybridController:
                 speeds, beside = (fastest, fastest), now.known[0]
                 drives.append(pressed(drive, error, 0.0, known, setting, speeds, eased, grows=grows, beside=beside))
             elif not now.touches[i].lasts(task.lost_after):
-                drives.append(sought(gentle, setting, fastest, now.touches[i]))
+                drives.append(sought(gentle, leaves, fastest, now.touches[i]))
             elif known.time <= setting.late:  # the filters still hold the air: nothing is pushed in
                 # Of several presses one may read another's friction, which turns round where the tool does.
                 coming = now.ways[i][1] if here.presses == 1 and self._delay.lag is not None else 0.0
@@ -811,14 +811,13 @@ class HybridController:
             else:
                 force = float(here.force[i])
                 room = tick.most[0] - force - monitor.unseen(task, i, force)
-                inwards = touch_speed(task, max(room, wanted), setting.late)
+                inwards = touch_speed(task, max(room, wanted), max(room, wanted), setting.late)
                 # Until the press was reached, speed and slope together: beside a touch what the way along may ask for.
                 speeds = inwards + (0.0 if known.reached else task.slope * now.along), OVERLOAD * fastest
                 drives.append(pressed(drive, error, wanted, known, setting, speeds, eased, grows=grows))
-            if released is not None:
+            if released is not None:  # beside what the law does anyway, or nothing would be asked
                 acts = False
-                if drives[i].rate > -released:  # the law itself may let go faster
-                    drives[i] = Drive(-released - drive.slope, drive.slope)
+                drives[i] = Drive(min(drives[i].rate, 0.0) - released - drive.slope, drive.slope)
         return tuple(drives), acts
 
     def _twists(

@@ -282,12 +282,12 @@ class Stiffness(NamedTuple):
         return Stiffness.of(setting.begins)._replace(way=x, force=force, mean=np.array((x, v, 0.0, force)), quiet=quiet)
 
     def landed(self, setting: Setting) -> Stiffness:
-        """What a touch shows before anything else: it is at most so stiff as its jump over its way says."""
+        """What a touch shows, whatever is declared: it is at most so stiff as its jump over its way says."""
         if self.quiet is None:
             return self
         rise = max(self.force, 3.0 * setting.noise)
         stiff = rise / max(self.way - self.quiet, LEAST_WAY * setting.resolved)
-        begins = min(max(stiff, SOFTEST * setting.begins), setting.begins)
+        begins = min(max(stiff, SOFTEST * STIFF), STIFF)
         fresh = Stiffness.of(begins)
         return fresh._replace(
             way=self.way,
@@ -295,7 +295,7 @@ class Stiffness(NamedTuple):
             mean=self.mean,
             time=self.time,
             quiet=self.quiet,
-            stiff=min(STIFFER * stiff, Stiffness.of(setting.begins).bound),
+            stiff=min(STIFFER * stiff, Stiffness.of(STIFF).bound),
         )
 
     def after(self, force: float, way: float, setting: Setting, short: int = 0, *, felt: bool = True) -> Stiffness:

@@ -44,6 +44,8 @@ APPROACHED = 0.5
 # Where joints have no acceleration limits motion along a contact is taken up within this time [s]: at its speed by
 # default 1 m/s^2, as arms are usually moved.
 TAKES_UP = 0.1
+# What a surface is known to move it may move within this time [s].
+MOVES_IN = 0.3
 # With a fixed compliance on a declared stiffness k: c k times the time constant of the integral.
 OVERDAMPED = 5.0
 # Until a press was reached once, an error above this share of it counts as this much in the integral.
@@ -138,9 +140,17 @@ def struck(
     return law._replace(speed=max(min(law.speed, -coming / setting.dt), -most))
 
 
-def sought(gentle: float, setting: Setting, most: float, touch: Touch) -> Drive:
-    """The law in the air: as fast as is gentle, and as fast as a surface that was lost may leave."""
-    return Drive(gentle if touch.airborne == inf else min(gentle + setting.slope_speed, most))
+def surface_speed(task: HybridTask, along: float, moves: float) -> float:
+    """How fast a surface may come or go: by the slope that the tool slides along at a speed, and by what it moves."""
+    return task.slope * along + min(moves / MOVES_IN, task.approach_speed)
+
+
+def sought(gentle: float, leaves: float, most: float, touch: Touch) -> Drive:
+    """The law in the air: as fast as is gentle, and as fast as a surface that was lost leaves, as declared.
+
+    That it may leave faster is no reason to run after it: where it did not, the tool would strike it.
+    """
+    return Drive(gentle if touch.airborne == inf else min(gentle + leaves, most))
 
 
 def fixed(drive: Drive, error: float, gain: float, stiffness: float, dt: float, most: float, *, grows: bool) -> Drive:
@@ -151,15 +161,21 @@ def fixed(drive: Drive, error: float, gain: float, stiffness: float, dt: float, 
     return Drive(min(gain * error, max(most - slope, 0.0)), slope)
 
 
-def touch_speed(task: HybridTask, press: float, late: float) -> float:
-    """The speed at which a table is struck with no more than a press [force], after what is late [s]; [length/s].
+def touch_speed(task: HybridTask, press: float, most: float, late: float) -> float:
+    """The speed at which a contact is struck that may be as stiff as a table, after what is late [s]; [length/s].
 
-    Contact is looked for with what is wanted, and soft things are pressed in with what is left to an overload: a table
-    may be behind them.
+    A softer one that is declared is struck with the press, and a table that may stand there, or behind it, with no more
+    than `most`: what is declared makes an approach faster, never slower, and its error costs no overload.
+
+    Args:
+        task: declares a stiffness, or does not.
+        press: what a contact as declared may press by [force].
+        most: what a table may press by [force].
+        late: what is late [s].
     """
-    stiff = APPROACHED * STIFF if task.stiffness is None else task.stiffness
-    damping = min(stiff, APPROACHED * STIFF) * DAMPED
-    return min(task.approach_speed, max(press, 0.0) / (stiff * late + damping))
+    table = APPROACHED * STIFF
+    speed = max(press, 0.0) / min(task.stiffness or table, table)
+    return min(task.approach_speed, min(speed, max(most, 0.0) / table) / (late + DAMPED))
 
 
 def slid(task: HybridTask, contact: Contact, error: Array, ahead: Array) -> Array:

@@ -191,6 +191,16 @@ def test_readings_that_fall_as_the_tool_lets_go_are_no_fault(stiffness, b, moves
 
 
 @pytest.mark.cases(2)
+@pytest.mark.parametrize(("stiffness", "gap"), [(2207.0, 2e-3), (2207.0, 4e-3), (1500.0, 4e-3), (4000.0, 4e-3)])
+def test_a_press_is_let_go_faster_than_the_law_leaves_anyway(stiffness, gap):
+    """A surface came as fast as the law left it, 5 mm/s: that asked nothing, the press stayed, and that was a fault."""
+    given = {"press": 5.0, "moves": (3e-3, 0.3 if stiffness != 2207.0 else 0.2622), "gap": gap, "told": 0.0}
+    run = press_on_damper("ur5", dt=0.01, seconds=8.0, stiffness=stiffness, damping=0.0, noise=0.2, **given)
+    assert any("letting go" in why for _, why in run.said)
+    assert run.stopped is None
+
+
+@pytest.mark.cases(2)
 @pytest.mark.parametrize(
     ("stiffness", "b", "moves", "press", "seed"),
     [

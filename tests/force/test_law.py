@@ -8,8 +8,8 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.control.tracking import DELAY_SHARE
-from invariantqp.force.estimate import UNKNOWN, Setting, Stiffness, Touch
-from invariantqp.force.law import TAKES_UP, Drive, pressed, sought, taken_up
+from invariantqp.force.estimate import STIFF, UNKNOWN, Setting, Stiffness, Touch
+from invariantqp.force.law import APPROACHED, TAKES_UP, Drive, pressed, sought, taken_up, touch_speed
 
 
 def setting_of(dt, late, slope_speed=0.0):
@@ -70,11 +70,21 @@ def test_a_surface_that_comes_is_followed_without_an_error_by_the_slope_alone():
     assert still.slope == 0.0  # of a surface that stands still nothing is left that could lead away
 
 
-def test_a_contact_that_was_lost_is_approached_as_fast_as_its_surface_may_leave():
-    setting = setting_of(0.002, 0.02, 0.01)
-    assert sought(0.01, setting, 0.05, Touch()).rate == 0.01  # before the first touch
-    assert sought(0.01, setting, 0.05, Touch(airborne=0.2)).rate == 0.02
-    assert sought(0.01, setting, 0.015, Touch(airborne=0.2)).rate == 0.015
+def test_a_contact_that_was_lost_is_approached_as_fast_as_its_surface_leaves():
+    assert sought(0.01, 0.01, 0.05, Touch()).rate == 0.01  # before the first touch
+    assert sought(0.01, 0.01, 0.05, Touch(airborne=0.2)).rate == 0.02
+    assert sought(0.01, 0.01, 0.015, Touch(airborne=0.2)).rate == 0.015
+
+
+@pytest.mark.parametrize("late", [1e-3, 0.01, 0.1])
+def test_what_is_declared_makes_an_approach_faster_and_never_slower(late):
+    """Told 30 times too stiff nothing was touched within 6 s; told 10 times too soft a table was struck with 28 N of 10."""
+    contact, table = iq.point_contact(np.zeros(3), [0, 0, 1]), APPROACHED * STIFF
+    untold = touch_speed(iq.HybridTask(contact, [10.0], approach_speed=1.0), 9.0, 22.5, late)
+    for declared in (1e2, 1e3, 1e4, 5e4, 1e5, 1e6, 1e8):
+        speed = touch_speed(iq.HybridTask(contact, [10.0], stiffness=declared, approach_speed=1.0), 9.0, 22.5, late)
+        assert untold <= speed <= 2.5 * untold * (1.0 + 1e-12), declared
+        assert speed == pytest.approx(untold * min(max(table / declared, 1.0), 2.5))
 
 
 def test_a_moment_is_levelled_no_faster_than_the_press_beside_it():
@@ -116,3 +126,11 @@ def test_until_the_press_was_reached_speed_and_slope_together_are_no_faster_than
             assert drive.rate <= most * (1.0 + 1e-12)
         struck = knows(k, 0.0)._replace(rose=True)
         assert pressed(drive, -5.0, 10.0, struck, setting, (most, 1.0), 1.0, grows=True).rate <= 0.0
+
+
+@pytest.mark.parametrize("declared", [20.0, 2e3, 2e5, 2e7])
+def test_a_touch_shows_more_than_what_is_declared(declared):
+    """Declared 10 to 100 times too soft, 2e3 N/m were pressed with swings of 5 of 10 N: the estimate began below it."""
+    setting = setting_of(0.01, 0.03)._replace(begins=declared, resolved=1e-6)
+    touched = Stiffness.of(declared)._replace(way=1e-4, force=0.2, quiet=0.0).landed(setting)
+    assert (touched.begins, touched.stiff) == pytest.approx((2e3, 6e3))
