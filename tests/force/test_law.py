@@ -78,7 +78,7 @@ def test_a_contact_that_was_lost_is_approached_as_fast_as_its_surface_leaves():
 
 @pytest.mark.parametrize("late", [1e-3, 0.01, 0.1])
 def test_what_is_declared_makes_an_approach_faster_and_never_slower(late):
-    """Told 30 times too stiff nothing was touched within 6 s; told 10 times too soft a table was struck with 28 N of 10."""
+    """Told 30 times too stiff nothing was touched in 6 s; told 10 times too soft a table was struck with 28 N of 10."""
     contact, table = iq.point_contact(np.zeros(3), [0, 0, 1]), APPROACHED * STIFF
     untold = touch_speed(iq.HybridTask(contact, [10.0], approach_speed=1.0), 9.0, 22.5, late)
     for declared in (1e2, 1e3, 1e4, 5e4, 1e5, 1e6, 1e8):
