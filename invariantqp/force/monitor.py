@@ -534,8 +534,8 @@ class Answers(NamedTuple):
 
 # What a reading without an answer may be.
 NO_ANSWER = (
-    f"the readings do not answer the motion: a sensor that is stuck, drifts, is not tared or told wrong ({TOLD}), or a "
-    "surface that moves (yields=)"
+    f"the readings do not answer the motion: a sensor that is stuck, drifts, is not tared or told wrong ({TOLD}), a "
+    "robot that stands still, or a surface that moves (yields=)"
 )
 
 
