@@ -426,6 +426,9 @@ class Answers(NamedTuple):
         if self.release is not None:
             across, led = self.release.across + tick.across, self.release.led - tick.commanded
             release = self.release._replace(across=across, led=led)
+            bound = release.bound(task.slope, self.moves)
+            if release.depth - self.depth <= bound < release.depth - now.depth:
+                now = now._replace(read=0.0)  # whether anything is read where nothing should be is asked from there on
             return now.released(release, task, known, press, wanted, noise)
         now = now._replace(slid=self.slid + tick.across, silent=self.silent + tick.dt)
         now = now.at_rest(task, tick.dt, press, wanted, noise)
