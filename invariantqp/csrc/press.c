@@ -265,26 +265,37 @@ static bool is_wrong(const Stiffness *known, double declared)
 
 /* What is remembered of a tick that moved the joints. */
 static void remember(const Press *press, const Split *split, const Setting *setting, double lag, const Placed *placed,
-                     const double twist[6], double along_before, bool free, const Drive *drives, Pressed *state, Answered *answer)
+                     int m, const Row J[6], const double *velocity, double along_before, bool free, const Drive *drives,
+                     Pressed *state, Answered *answer)
 {
     Pressing *pressing = &state->pressing;
     double dt = setting->dt, fades = exp(-dt / (SLOWER_PASS * setting->late));
     double lag_before = pressing->lag, shows = 1.0 - exp(-dt / fmax(lag, 1e-9));
-    double still = lag_before > 0.0 ? lag / lag_before : 1.0, inside[6], done[MOST_PARTS], steep = 0.0;
+    double still = lag_before > 0.0 ? lag / lag_before : 1.0, steep = 0.0;
+    double twist[6], led[6], inside[6], done[MOST_PARTS], ways[MOST_PARTS];
     int n = split->n;
+    for (int j = 0; j < m; j++) /* of the joints: what was commanded along a contact is no way into it */
+        state->coming[j] = still * (state->joints > 0.0 ? state->coming[j] : 0.0) + dt * velocity[j];
+    state->joints = m;
+    for (int i = 0; i < 6; i++) {
+        twist[i] = dot(m, J[i], velocity);
+        led[i] = dot(m, J[i], state->coming);
+    }
+    for (int j = 0; j < m; j++)
+        state->coming[j] *= 1.0 - shows;
     velocity_at(twist, placed->point, answer->way);
+    velocity_at(led, placed->point, answer->shown);
     for (int i = 0; i < 3; i++) {
         answer->way[i] *= dt;
-        double led = still * state->coming[i] + answer->way[i];
-        state->coming[i] = (1.0 - shows) * led;
-        answer->shown[i] = shows * led;
+        answer->shown[i] *= shows;
     }
     twist_in(&placed->frame, twist, inside);
     rows_times(n, split->unit_rates, inside, done);
+    twist_in(&placed->frame, led, inside);
+    rows_times(n, split->unit_rates, inside, ways);
     for (int i = 0; i < n; i++) {
-        double way = still * pressing->ways[i].coming + dt * done[i];
-        pressing->ways[i].shown += shows * way;
-        pressing->ways[i].coming = way - shows * way;
+        pressing->ways[i].shown += shows * ways[i];
+        pressing->ways[i].coming = ways[i] - shows * ways[i];
         pressing->drives[i] = (Drive){done[i] - drives[i].slope, drives[i].slope};
         steep = fmax(steep, fabs(drives[i].slope));
     }
@@ -380,14 +391,11 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
         return HAND_BACK;
 
     /* What is remembered. */
-    double twist[6];
-    for (int i = 0; i < 6; i++)
-        twist[i] = dot(m, then_J[i], answer->tick.solution.velocity);
     answer->felt = placed.felt[0];
     answer->asked = placed.asked[0];
     answer->bound = pressing->known[0].bound;
-    remember(press, split, &setting, arm, &placed, twist, along_before, acts && answer->tick.solution.scale == 1.0 && !slow && !waits,
-             drives, state, answer);
+    remember(press, split, &setting, arm, &placed, m, (const Row *)then_J, answer->tick.solution.velocity, along_before,
+             acts && answer->tick.solution.scale == 1.0 && !slow && !waits, drives, state, answer);
     after_motion(&tick->touch, dot(3, placed.out, answer->way), &state->monitor);
     bool wrong = presses == 1 && pressing->along <= SLOW_SHARE * press->approach_speed && is_wrong(&pressing->known[0], press->stiffness);
     answer->room = fmax(1.0 - trembles, 1.0 - MOST_TREMBLING);

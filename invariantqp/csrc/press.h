@@ -109,7 +109,7 @@ typedef struct {
     Pressing pressing;
     Monitor monitor;
     Noise noise;
-    double tool[16], out[3], last[6], coming[3], smooth[6], motion[6];
+    double tool[16], out[3], last[6], joints, coming[MOST], smooth[6], motion[6];
 } Pressed;
 
 /* A wrench or a twist of the contact's frame in the base frame, and back. */

@@ -190,7 +190,7 @@ class Memory(NamedTuple):
         tool: (4, 4) its pose in the last tick; None before the first.
         out: (3,) the way out in the last tick; None in the air.
         last: (6,) reading; None before the first.
-        coming: (3,) way of the place of contact that does not show yet [length].
+        coming: ways of the joints that do not show yet; () before any.
         smooth: (6,) wrench in the sensor's frame; None before the first.
         motion: (6,) along the contact in the last tick, base frame.
     """
@@ -201,7 +201,7 @@ class Memory(NamedTuple):
     tool: Annotated[Array, 4, 4] | None = None
     out: Annotated[Array, 3] | None = None
     last: Annotated[Array, 6] | None = None
-    coming: Annotated[Array, 3] = np.zeros(3)
+    coming: Annotated[tuple[float, ...], 16] = ()
     smooth: Annotated[Array, 6] | None = None
     motion: Annotated[Array, 6] = np.zeros(6)
 
@@ -497,7 +497,8 @@ class HybridController:
             now,
             here,
             motion,
-            twist,
+            then.J,
+            step,
             drives,
             setting.late,
             free=acts and inner.scale == 1.0 and said.action == FOLLOW and not waits,
@@ -506,7 +507,7 @@ class HybridController:
         self._normal = self._normal.found(
             task,
             here.declared,
-            shows * led,
+            shows * velocity_at(then.J.dot(led), here.contact.point),
             None if tick.press is None else (float(here.force[0]), float(here.wanted[0])),
             (task.stiffness or now.known[0].bound) if presses else None,
             touching=touching,
@@ -521,7 +522,7 @@ class HybridController:
             tool=tool,
             out=here.out if touching else None,
             last=reading,
-            coming=(1.0 - shows) * led,
+            coming=tuple(((1.0 - shows) * led).tolist()),
             smooth=smooth,
             motion=motion,
         )
@@ -850,32 +851,34 @@ class HybridController:
         now: Pressing,
         here: Placed,
         motion: Array,
-        twist: Array,
+        J: Array,
+        step: Array,
         drives: tuple[Drive, ...],
         late: float,
         *,
         free: bool,
     ) -> tuple[Pressing, Array]:
-        """What is kept of the constraints after a tick with a twist (6,); (3,) the way of the place as it shows now.
+        """What is kept of the constraints after a tick with joint twists J (6, m) and ways (m,); the ways that come.
 
         A speed along the surface counts for as long as an estimate looks back, SLOWER times what is late [s]. Ways show
-        as those of an arm that lags; where another lag is found than before, what does not show yet is what would not
-        with it: no way jumps.
+        as those of an arm that lags, where its joints have them: what was commanded along a contact is none into it.
+        Where another lag is found than before, what does not show yet is what would not with it: no way jumps.
         """
         task, dt, lag, before = self.task, self.loop.dt, self._delay.arm, now.lag
         shows, still = 1.0 - exp(-dt / max(lag, 1e-9)), lag / before if before > 0.0 else 1.0
-        done = here.split.unit_rates.dot(here.contact.coadjoint.T.dot(twist)).tolist()
-        coming = [still * way[1] + dt * rate for way, rate in zip(now.ways, done, strict=True)]
+        coming = still * np.array(self.memory.coming or np.zeros_like(step)) + step
+        rates = here.split.unit_rates.dot(here.contact.coadjoint.T)
+        done, ways = (rates.dot(J.dot(way)).tolist() for way in (step / dt, coming))
         fades = exp(-dt / (SLOWER * late))
         after = now._replace(
             drives=tuple(d._replace(speed=rate - d.slope) for d, rate in zip(drives, done, strict=True)),
-            ways=tuple((way[0] + shows * c, c - shows * c) for way, c in zip(now.ways, coming, strict=True)),
+            ways=tuple((way[0] + shows * c, c - shows * c) for way, c in zip(now.ways, ways, strict=True)),
             lag=lag,
             along=max(speed_at(here.contact, motion, task.size), now.along * fades),
             steep=max(*(abs(drive.slope) for drive in drives), now.steep * fades, 0.0),
             free=free,
         )
-        return after, still * self.memory.coming + dt * velocity_at(twist, here.contact.point)
+        return after, coming
 
     def _halted(self, q: Array, velocity: Array | None, sighting: Sighting, here: Contact) -> HybridSolution:
         """A tick whose joint positions cannot be true, nor where wrenches act; what is kept stays."""

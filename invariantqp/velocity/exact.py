@@ -129,7 +129,7 @@ class ExactRows(Value):
         Raises:
             BadInput: shapes that do not fit, NaN.
         """
-        if check:
+        if check is not False:
             J, D = arrays.columns(J), arrays.matrix(D, (None, 6), "D")
             b = arrays.vector(b, len(D), "b")
         twists, parts = np.asarray(J), np.asarray(D)
