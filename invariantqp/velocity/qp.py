@@ -39,6 +39,7 @@ SLOWEST = 1e-6
 PRODUCT_ROUNDING = 1e-13
 # The multiplier of a speed limit outweighs the rest by this factor at most.
 MOST_SHARE = 1e8
+MOST_PRICES = 60
 # What an answer is called that no solver gave.
 OWN = "least distance"
 
@@ -196,7 +197,7 @@ def minimise(
                 pull = cost.K.dot(found.z - cost.centre).dot(cost.K) + nu * cone.velocity(found.z).dot(counts)
                 return found._replace(z=found.z - found.free.dot(pull.dot(found.free)), nu=nu)
 
-            found = at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), at, inside)
+            found = at_speed_limit(cone, float(np.vdot(cost.K, cost.K)), found, at, inside)
             speed, yields = cone.speed(found.z), cone.velocity(found.z).dot(cone.J).dot(found.free)
             gain = norm(yields)
             if gain > 0.0:  # what is left of its error, at this price
@@ -227,35 +228,74 @@ def _kept(z: Array, limits: Polytope, cone: Cone | None, inside: Array) -> Array
     return inside + (min((sqrt(b * b + a * c) - b) / a, 1.0) if a > 0.0 else 0.0) * (z - inside)
 
 
-def at_speed_limit(cone: Cone, weight: float, at: Callable[[float], Optimum], inside: Array | None) -> Optimum:
+def at_speed_limit(
+    cone: Cone, weight: float, found: Optimum, at: Callable[[float], Optimum], inside: Array | None
+) -> Optimum:
     """at(nu) for the nu at which the speed of the point, which falls as nu grows, is the limit.
+
+    Where the same limits stay active, v(nu') = (I + (nu' - nu) C)^-1 v(nu), and C = U diag(gains) U' is how the point
+    yields to forces there. So each step goes to where the speed would then be the limit, or halves what is left where
+    that has been excluded, or steps do not become half as long.
 
     Args:
         cone: J and the limit.
         weight: |K|^2 of the cost.
-        at: what is found for nu; at(0) is too fast.
+        found: at(0), which is too fast.
+        at: what is found for nu.
         inside: (n,) a velocity inside all limits, where one is known.
 
     Raises:
         SolverFailure: not even the largest nu is enough.
     """
     typical = weight / float(np.vdot(cone.J, cone.J))  # the speed weighs as much as all the rest
-    most = MOST_SHARE / (1.0 + MOST_SHARE)
+    halfway, most = sqrt(MOST_SHARE) * typical, MOST_SHARE * typical
+    size, low, high, nu, step = float(np.linalg.norm(cone.J)), 0.0, inf, 0.0, inf
+    for _ in range(MOST_PRICES):
+        v = cone.velocity(found.z)
+        over = norm(v) - cone.limit
+        if abs(over) <= EPSILON * (cone.limit + size * norm(found.z)):
+            break
+        if over > 0.0 and nu == most:
+            if inside is None or not cone.allows(inside, ACTIVE_TOLERANCE):
+                raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
+            break
+        low, high = (nu, high) if over > 0.0 else (low, nu)
+        U, sizes, _ = svd(cone.J.dot(found.free))
+        ahead = nu + _price(v, U, sizes * sizes, cone.limit, most)
+        if ahead > most:  # not while these limits are active
+            ahead = next((price for price in (typical, halfway) if price > nu), most)
+        if not low < ahead < high or (high < inf and abs(ahead - nu) > 0.5 * step):
+            ahead = sqrt(low * high) if low > 0.0 else min(typical, 0.5 * high)
+        step = abs(ahead - nu)
+        if not low < ahead < high or abs(ahead - nu) <= PRODUCT_ROUNDING * nu:  # rounding of the speed
+            break
+        nu, found = ahead, at(ahead)
+    return found
 
-    def priced(share: float) -> Optimum:
-        return at(typical * share / (1.0 - share))
 
-    share = rising_root(lambda share: cone.limit - cone.speed(priced(share).z), most)
-    if share == most and (inside is None or not cone.allows(inside, ACTIVE_TOLERANCE)):
-        raise SolverFailure("the limits", "no velocity in them is slow enough for the tool", infeasible=True)
-    return priced(share)
-
-
-def rising_root(f: Callable[[float], float], end: float) -> float:
-    """x in [0, end] at which f, which does not fall, is zero; one of the ends where it is nowhere."""
-    if f(end) <= 0.0:
-        return end
-    return 0.0 if f(0.0) >= 0.0 else float(brentq(f, 0.0, end, xtol=EPSILON, disp=False))
+def _price(v: Array, U: Array, gains: Array, limit: float, most: float) -> float:
+    """mu with |(I + mu U diag(gains) U')^-1 v| = limit, v (3,); inf where none up to `most` is enough."""
+    along = v.dot(U[:, : len(gains)])
+    rest = max(float(v.dot(v) - along.dot(along)), 0.0) if len(along) < 3 else 0.0
+    parts = list(zip((along * along).tolist(), gains.tolist(), strict=True))
+    least = -1.0 / max(float(gains.max(initial=0.0)), TINY)
+    over = np.abs(along) / limit - 1.0
+    if (over > most * gains).any():  # of one part alone
+        return inf
+    fast = over > 0.0
+    mu = float((over[fast] / gains[fast]).max(initial=0.0))
+    for _ in range(MOST_PRICES):  # Newton on 1 / |v|, which is concave: from below it does not overshoot
+        square, slope = rest, 0.0
+        for part, gain in parts:
+            shrunk = part / (1.0 + mu * gain) ** 2
+            square, slope = square + shrunk, slope + shrunk * gain / (1.0 + mu * gain)
+        if not slope > 0.0 or mu > most:
+            return inf
+        step = square / slope * (sqrt(square) / limit - 1.0)
+        mu = max(mu + step, 0.5 * (mu + least))
+        if abs(step) <= NEGLIGIBLE * abs(mu):  # the next would be its square
+            break
+    return mu
 
 
 def _in_polytope(backend: Backend, cost: Quadratic, limits: Polytope, inside: Array | None) -> Optimum:
@@ -358,4 +398,6 @@ def largest_pace(
         z = minimise(Daqp(), cost._replace(centre=centre), limits, cone, inside).z
         return float(along.dot(cost.K.dot(centre - z))) - delta
 
-    return rising_root(missed, 1.0)
+    if missed(1.0) <= 0.0:
+        return 1.0
+    return 0.0 if missed(0.0) >= 0.0 else float(brentq(missed, 0.0, 1.0, xtol=PRODUCT_ROUNDING, disp=False))

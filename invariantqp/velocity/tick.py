@@ -15,8 +15,8 @@ of their speed (`exact`): rows, twist and posture slow down together.
     guard         with a form: least squares inside the same limits is blended in where the form does not descend
 
 Two more QPs find what position limits alone leave of the chase where they are active; a form's guard does pace,
-minimise and calm for least squares, too. A pace, and the multiplier of a tool speed that is active, are found as the
-root of what does not fall with them, one QP a trial; the compiled core finds both sooner.
+minimise and calm for least squares, too. A pace is the root of what does not fall with it, one QP a trial, which the
+compiled core finds by one; a tool speed that is active solves each QP two or three times, for the multiplier.
 
 Continuity. Each answer is the optimum of a strictly convex problem whose data are continuous in (J, s, limits).
 Contradictions are reported (`troubles`). Only `SolverFailure` is raised, where no velocity was found at all.
