@@ -20,14 +20,12 @@ from invariantqp.velocity.damping import damping_of
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.law import VelocityLaw
 from invariantqp.velocity.limits import Bounds, bounds_of
-from invariantqp.velocity.problem import law_of, measure_of, problem_of
+from invariantqp.velocity.problem import VelocityOptions, law_of, measure_of, problem_of
 from invariantqp.velocity.solution import Status, VelocitySolution
 from invariantqp.velocity.solve import solve
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
-
-    from invariantqp.velocity.problem import VelocityOptions
 
 
 @dataclass(frozen=True, eq=False)
