@@ -56,9 +56,19 @@ double surface_speed(const Press *press, double along, double moves)
 }
 
 /* In the air. */
-static Drive sought(double gentle, double leaves, double most, const Touch *touch)
+static Drive sought(const Drive *drive, double gentle, double leaves, const Setting *setting, const Touch *touch,
+                    const Press *press)
 {
-    return (Drive){touch->airborne == INFINITY ? gentle : fmin(gentle + leaves, most), 0.0};
+    double bound = fmax(leaves, drive->slope), slope = 0.0;
+    if (touch->airborne == INFINITY)
+        return (Drive){gentle, 0.0};
+    double part = press->lost_after > 0.0 ? fmin(1.0, touch->airborne / press->lost_after) : 1.0;
+    double rate = fmin((gentle + bound) * part, press->approach_speed);
+    if (touch->airborne < press->lost_after) {
+        double grown = drive->slope + setting->dt * UNSURE * DELAY_SHARE / (INTEGRAL * setting->late) * (rate - drive->slope);
+        slope = fmin(fmax(grown, -setting->slope_speed), bound);
+    }
+    return (Drive){rate - slope, slope};
 }
 
 /* With a given compliance. */
@@ -85,7 +95,7 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
     bool there = true, acts;
     double fastest = press->approach_speed, leaves = surface_speed(press, now->along, press->yields);
     for (int i = 0; i < presses; i++)
-        there = there && touch_lasts(&now->touches[i], press->lost_after);
+        there = there && touch_lasts(&now->touches[i], setting->late);
     acts = there && yields;
     bool grows = now->free != 0.0 && yields && !slow;
     for (int i = 0; i < n; i++) {
@@ -107,8 +117,8 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
         } else if (i >= presses) {
             drives[i] = there ? pressed(drive, error, 0.0, known, setting, fastest, fastest, eased, grows, &now->known[0])
                                  : none;
-        } else if (!touch_lasts(&now->touches[i], press->lost_after)) {
-            drives[i] = sought(gentle, leaves, fastest, &now->touches[i]);
+        } else if (!touch_lasts(&now->touches[i], setting->late)) {
+            drives[i] = sought(drive, gentle, leaves, setting, &now->touches[i], press);
         } else if (known->time <= setting->late) { /* the filters still hold the air */
             double coming = presses == 1 && lag_known && now->went == n ? now->ways[i].coming : 0.0;
             drives[i] = struck(drive, coming, error, known, setting, OVERLOAD * fastest, eased);

@@ -774,7 +774,7 @@ class HybridController:
         """
         task, dt = self.task, self.loop.dt
         yields = can_yield(here.contact, len(self.loop.robot.names))
-        there = tick.touch.lasts(task.lost_after)
+        there = tick.touch.lasts(setting.late)  # what is lost for less no law could have acted on
         grows, fastest = now.free and yields and not slow, task.approach_speed
         acts, stiffest = there and yields, task.stiffness or 0.0
         # What a lagging arm has not done yet can be taken back at a touch within a tick, what is sent late cannot. A
@@ -803,8 +803,8 @@ class HybridController:
             elif not press:
                 speeds, beside = (fastest, fastest), now.known[0]
                 drives.append(pressed(drive, error, 0.0, known, setting, speeds, eased, grows=grows, beside=beside))
-            elif not now.touches[i].lasts(task.lost_after):
-                drives.append(sought(gentle, leaves, fastest, now.touches[i]))
+            elif not now.touches[i].lasts(setting.late):
+                drives.append(sought(drive, gentle, leaves, setting, now.touches[i], task))
             elif known.time <= setting.late:  # the filters still hold the air: nothing is pushed in
                 # Of several presses one may read another's friction, which turns round where the tool does.
                 coming = now.ways[i][1] if here.presses == 1 and self._delay.lag is not None else 0.0

@@ -145,12 +145,22 @@ def surface_speed(task: HybridTask, along: float, moves: float) -> float:
     return task.slope * along + min(moves / MOVES_IN, task.approach_speed)
 
 
-def sought(gentle: float, leaves: float, most: float, touch: Touch) -> Drive:
-    """The law in the air: as fast as is gentle, and as fast as a surface that was lost leaves, as declared.
+def sought(drive: Drive, gentle: float, leaves: float, setting: Setting, touch: Touch, task: HybridTask) -> Drive:
+    """The law in the air: as fast as is gentle, and as fast as a surface leaves, as declared or as was just seen.
 
-    That it may leave faster is no reason to run after it: where it did not, the tool would strike it.
+    That it may leave faster is no reason to run after it: where it did not, the tool would strike it. Where a contact
+    is lost for moments only, the surface leaves at the mean speed of the tool: the slope learns it; and the approach
+    begins from rest, or a step of its speed, which compliant servos turn into a force, would be the touch.
     """
-    return Drive(gentle if touch.airborne == inf else min(gentle + leaves, most))
+    if touch.airborne == inf:
+        return Drive(gentle)
+    bound, slope = max(leaves, drive.slope), 0.0
+    part = min(1.0, touch.airborne / task.lost_after) if task.lost_after else 1.0
+    rate = min((gentle + bound) * part, task.approach_speed)
+    if touch.airborne < task.lost_after:
+        grown = drive.slope + setting.dt * UNSURE * DELAY_SHARE / (INTEGRAL * setting.late) * (rate - drive.slope)
+        slope = min(max(grown, -setting.slope_speed), bound)
+    return Drive(rate - slope, slope)
 
 
 def fixed(drive: Drive, error: float, gain: float, stiffness: float, dt: float, most: float, *, grows: bool) -> Drive:

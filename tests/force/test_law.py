@@ -70,10 +70,25 @@ def test_a_surface_that_comes_is_followed_without_an_error_by_the_slope_alone():
     assert still.slope == 0.0  # of a surface that stands still nothing is left that could lead away
 
 
-def test_a_contact_that_was_lost_is_approached_as_fast_as_its_surface_leaves():
-    assert sought(0.01, 0.01, 0.05, Touch()).rate == 0.01  # before the first touch
-    assert sought(0.01, 0.01, 0.05, Touch(airborne=0.2)).rate == 0.02
-    assert sought(0.01, 0.01, 0.015, Touch(airborne=0.2)).rate == 0.015
+def test_a_contact_lost_for_moments_is_approached_from_rest():
+    """A step of speed, which compliant servos turn into a force, was the next touch, and so on."""
+    task = iq.HybridTask(iq.point_contact(np.zeros(3), [0, 0, 1]), [10.0])
+    setting, speeds = setting_of(0.002, 0.02), []
+    for airborne in (0.002, 0.05, task.lost_after, 1.0, np.inf):
+        touch = Touch(airborne=airborne)
+        speeds.append(sought(Drive(), 0.01, 0.0, setting, touch, task).rate)
+    assert speeds == pytest.approx([0.0002, 0.005, 0.01, 0.01, 0.01])
+    again = [sought(Drive(), 0.01, 0.01, setting, Touch(airborne=t), task).rate for t in (0.002, 0.1)]
+    assert again == pytest.approx([0.0004, 0.02])  # so is a surface that may have gone away while the tool slid
+
+
+def test_what_a_surface_might_do_makes_no_approach_faster():
+    """The way that a press was asked over counted as a surface's: it came back at 7.2 mm/s for 1.9, and struck."""
+    task = iq.HybridTask(iq.point_contact(np.zeros(3), [0, 0, 1]), [5.0])
+    moved = setting_of(0.01, 0.03, 0.02)
+    assert sought(Drive(), 0.002, 0.0, moved, Touch(airborne=1.0), task).rate == pytest.approx(0.002)
+    seen = sought(Drive(0.0, 0.004), 0.002, 0.0, moved, Touch(airborne=task.lost_after / 2.0), task)
+    assert seen.rate == pytest.approx(0.003)  # it was just followed as fast
 
 
 @pytest.mark.parametrize("late", [1e-3, 0.01, 0.1])
