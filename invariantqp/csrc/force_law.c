@@ -123,8 +123,8 @@ bool driven(const Press *press, const Split *split, const Pressing *now, const M
             double coming = presses == 1 && lag_known && now->went == n ? now->ways[i].coming : 0.0;
             drives[i] = struck(drive, coming, error, known, setting, OVERLOAD * fastest, eased);
         } else {
-            double room = most_force - felt[i] - (check == NULL ? 0.0 : unseen(press, check, felt[i]));
-            double inwards = touch_speed(press, fmax(room, wished), fmax(room, wished), setting->late)
+            double room = fmax(most_force - felt[i] - (check == NULL ? 0.0 : unseen(press, check, felt[i])), wished);
+            double inwards = touch_speed(press, room, room, setting->late)
                            + (known->reached != 0.0 ? 0.0 : press->slope * now->along);
             drives[i] = pressed(drive, error, wished, known, setting, inwards, OVERLOAD * fastest, eased, grows, NULL);
         }

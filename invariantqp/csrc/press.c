@@ -356,7 +356,7 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     bool lost = !there && tick->touch.airborne < INFINITY;
     if (lost && press->on_loss == HOLDS)
         return HAND_BACK;
-    bool slow = !there && !(lost && press->on_loss == CONTINUES);
+    bool slow = !touch_lasts(&tick->touch, setting.late) && !(lost && press->on_loss == CONTINUES);
 
     /* The law. */
     const Dead *dead = &state->monitor.dead;

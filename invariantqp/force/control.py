@@ -775,6 +775,7 @@ class HybridController:
         task, dt = self.task, self.loop.dt
         yields = can_yield(here.contact, len(self.loop.robot.names))
         there = tick.touch.lasts(setting.late)  # what is lost for less no law could have acted on
+        slow = slow or (not there and tick.touch.lasts(task.lost_after))
         grows, fastest = now.free and yields and not slow, task.approach_speed
         acts, stiffest = there and yields, task.stiffness or 0.0
         # What a lagging arm has not done yet can be taken back at a touch within a tick, what is sent late cannot. A
@@ -811,8 +812,8 @@ class HybridController:
                 drives.append(struck(drive, coming, error, known, setting, OVERLOAD * fastest, eased))
             else:
                 force = float(here.force[i])
-                room = tick.most[0] - force - monitor.unseen(task, i, force)
-                inwards = touch_speed(task, max(room, wanted), max(room, wanted), setting.late)
+                room = max(tick.most[0] - force - monitor.unseen(task, i, force), wanted)
+                inwards = touch_speed(task, room, room, setting.late)
                 # Until the press was reached, speed and slope together: beside a touch what the way along may ask for.
                 speeds = inwards + (0.0 if known.reached else task.slope * now.along), OVERLOAD * fastest
                 drives.append(pressed(drive, error, wanted, known, setting, speeds, eased, grows=grows))

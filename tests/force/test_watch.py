@@ -83,6 +83,13 @@ def test_a_short_gap_is_no_loss_and_a_contact_found_again_is_ok(panda):
         assert [s.status for s in again[-4:]] == ["lost", "ok", "ok", "ok"]
 
 
+def test_a_compliant_tool_that_leaves_its_contact_comes_back_no_faster_than_it_approaches(panda):
+    """For a moment it presses on, and for the rest of `lost_after` it is bounded as in the air: not 0.5 m/s."""
+    solutions, _ = fed(panda, [TOUCH] * 3 + [AIR] * 10, lost_after=0.1, compliance=0.1, approach_speed=0.01)
+    assert {s.status for s in solutions} == {"ok"}
+    assert [rises(s)[0] for s in solutions[7:]] == pytest.approx([-0.01] * 6, abs=1e-6)
+
+
 def test_a_press_in_doubt_of_its_contact_presses_on(panda):
     """Just below what counts as contact it stood still, as long as it takes to be sure of the air, again and again."""
     solutions, _ = fed(panda, [TOUCH] * 3 + [0.499] * 100, lost_after=0.05, yields=0.0)
