@@ -226,10 +226,10 @@ def _read_by_pinocchio(robot: Any) -> ReadState:
 def _read_by_twists(robot: Robot) -> ReadState:
     def read(q: Array, target: Any, feedforward: Any) -> tuple[Array, Array, Array, Array]:
         sighting = robot.sight(q, target)
-        tool = pose_of(sighting.pose)
-        to_tool = se3.inverse_adjoint(tool)
+        back = se3.inverse(pose_of(sighting.pose), check=False)
+        to_tool = se3.adjoint(back, check=False)
         ahead = np.zeros(6) if feedforward is None else to_tool.dot(feedforward)
-        wanted = se3.inverse(tool, check=False).dot(pose_of(target))
+        wanted = back.dot(pose_of(target))
         return to_tool.dot(sighting.J), to_tool.dot(sighting.error), ahead, wanted
 
     return read

@@ -13,7 +13,6 @@ Euclidean group.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import atan2, copysign, hypot, inf, sin, sqrt, tan
 from typing import Any
 
@@ -94,25 +93,10 @@ def adjoint(pose: ArrayLike, *, check: bool = True) -> Array:
 
     Reference: [DS] (2.2).
     """
-    (r, s, t), (u, v, w), o = _blocks(pose if check is False else arrays.pose(pose))
-    return np.array((*r, *o, *s, *o, *t, *o, *u, *r, *v, *s, *w, *t)).reshape(6, 6)
-
-
-def _blocks(T: Any) -> tuple[Any, Any, Any]:
-    """The rows of R, those of p^ R, and three zeros: in floats, which for so few numbers is faster than in arrays."""
-    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = T.tolist()
-    u = y * g - z * d, y * h - z * e, y * i - z * f
-    v = z * a - x * g, z * b - x * h, z * c - x * i
-    w = x * d - y * a, x * e - y * b, x * f - y * c
-    return ((a, b, c), (d, e, f), (g, h, i)), (u, v, w), (0.0, 0.0, 0.0)
-
-
-def inverse_adjoint(T: Array) -> Array:
-    """`adjoint` of the inverse of a (4, 4) pose, which is not checked: [[R', 0], [-R'p^, R']]."""
-    R_t = T[:3, :3].T
+    T: Any = pose if check is False else arrays.pose(pose)
     A = np.zeros((6, 6))
-    A[:3, :3] = A[3:, 3:] = R_t
-    A[3:, :3] = R_t.dot(_cross(-T[:3, 3]))
+    A[:3, :3] = A[3:, 3:] = T[:3, :3]
+    A[3:, :3] = _cross(T[:3, 3]).dot(T[:3, :3])
     return A
 
 
@@ -121,8 +105,7 @@ def coadjoint(pose: ArrayLike, *, check: bool = True) -> Array:
 
     Reference: [DS] Sect. 6.3.
     """
-    (r, s, t), (u, v, w), o = _blocks(pose if check is False else arrays.pose(pose))
-    return np.array((*r, *u, *s, *v, *t, *w, *o, *r, *o, *s, *o, *t)).reshape(6, 6)
+    return adjoint(pose, check=check)[SWAPPED][:, SWAPPED]
 
 
 def bracket(first: ArrayLike, second: ArrayLike) -> Array:
@@ -135,28 +118,15 @@ def bracket(first: ArrayLike, second: ArrayLike) -> Array:
 
 def lie(a: Array, b: Array) -> Array:
     """`bracket` of two (6,) twists that are not checked."""
-    w1, w2, w3, v1, v2, v3 = a.tolist()
-    x1, x2, x3, y1, y2, y3 = b.tolist()
-    return np.array(
-        (
-            w2 * x3 - w3 * x2,
-            w3 * x1 - w1 * x3,
-            w1 * x2 - w2 * x1,
-            w2 * y3 - w3 * y2 + v2 * x3 - v3 * x2,
-            w3 * y1 - w1 * y3 + v3 * x1 - v1 * x3,
-            w1 * y2 - w2 * y1 + v1 * x2 - v2 * x1,
-        )
-    )
+    return np.concatenate((cross(a[:3], b[:3]), cross(a[:3], b[3:]) + cross(a[3:], b[:3])))
 
 
 def exp(twist: ArrayLike, *, check: bool = True) -> Array:
     """The (4, 4) rigid motion reached by moving with a (6,) twist, angular part [rad] first, for unit time."""
     s: Any = twist if check is False else arrays.twist(twist)
-    x, y, z, u, v, w = s.tolist()
-    xx, yy, zz = x * x, y * y, z * z
-    if not xx + yy + zz + u * u + v * v + w * w < inf:
+    if not np.vdot(s, s) < inf:
         raise BadInput("twist", "numbers beyond any scale", "a twist (omega; v) [rad; length]")
-    theta = sqrt(xx + yy + zz)
+    theta = norm(s[:3])
     if theta < SMALL_ANGLE:
         t2 = theta * theta
         a = 1.0 - t2 / 6.0 * (1.0 - t2 / 20.0 * (1.0 - t2 / 42.0))  # sin t / t
@@ -164,21 +134,14 @@ def exp(twist: ArrayLike, *, check: bool = True) -> Array:
         c = (1.0 - t2 / 20.0 * (1.0 - t2 / 42.0 * (1.0 - t2 / 72.0))) / 6.0  # (t - sin t) / t^3
     else:
         a = sin(theta) / theta
-        half = sin(0.5 * theta) / theta
-        b = 2.0 * half * half
+        b = 2.0 * (sin(0.5 * theta) / theta) ** 2
         c = (1.0 - a) / (theta * theta)
-    # R = 1 + a W + b W^2 and p = (1 + b W + c W^2) linear part, with W^2 = axis axis' - theta^2 1.
-    along = c * (x * u + y * v + z * w)
-    rest = 1.0 - c * (xx + yy + zz)
-    xy, xz, yz = b * x * y, b * x * z, b * y * z
-    return np.array(
-        (
-            (1.0 - b * (yy + zz), xy - a * z, xz + a * y, rest * u + b * (y * w - z * v) + along * x),
-            (xy + a * z, 1.0 - b * (xx + zz), yz - a * x, rest * v + b * (z * u - x * w) + along * y),
-            (xz - a * y, yz + a * x, 1.0 - b * (xx + yy), rest * w + b * (x * v - y * u) + along * z),
-            (0.0, 0.0, 0.0, 1.0),
-        )
-    )
+    W = _cross(s[:3])
+    once = W.dot(s[3:])
+    T = np.eye(4)
+    T[:3, :3] += a * W + b * W.dot(W)
+    T[:3, 3] = s[3:] + b * once + c * W.dot(once)
+    return T
 
 
 def log(pose: ArrayLike, *, check: bool = True) -> Array:
@@ -187,38 +150,25 @@ def log(pose: ArrayLike, *, check: bool = True) -> Array:
     At exactly pi the axis is determined up to sign; either is a logarithm.
     """
     T: Any = pose if check is False else arrays.pose(pose)
-    return _log(*T.tolist()[:3])
-
-
-def displacement(start: Array, end: Array) -> Array:
-    """log(end start^-1), the (6,) twist whose unit-time motion takes one (4, 4) pose to another; neither is checked."""
-    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = start.tolist()
-    rows = []
-    for r, s, t, p in end.tolist()[:3]:
-        u, v, w = r * a + s * b + t * c, r * d + s * e + t * f, r * g + s * h + t * i
-        rows.append((u, v, w, p - (u * x + v * y + w * z)))
-    return _log(*rows)
-
-
-def _log(first: Sequence[float], second: Sequence[float], third: Sequence[float]) -> Array:
-    """`log` of three rows of a pose."""
-    (a, b, c, u), (d, e, f, v), (g, h, i, w) = first, second, third
-    x, y, z = _rotation_vector(a, b, c, d, e, f, g, h, i)
-    theta = sqrt(x * x + y * y + z * z)
+    w, p = rotation_vector(T[:3, :3]), T[:3, 3]
+    theta = norm(w)
     if theta < SMALL_ANGLE:
         t2 = theta * theta
         c = (1.0 + t2 / 60.0 * (1.0 + t2 / 42.0)) / 12.0  # (1 - t/2 cot(t/2)) / t^2
     else:
         c = (1.0 - 0.5 * theta / tan(0.5 * theta)) / (theta * theta)
-    # p - W p / 2 + c W^2 p, where W p is the vector product of the rotation vector with p = (u, v, w).
-    i, j, k = y * w - z * v, z * u - x * w, x * v - y * u
-    p = u - 0.5 * i + c * (y * k - z * j), v - 0.5 * j + c * (z * i - x * k), w - 0.5 * k + c * (x * j - y * i)
-    return np.array((x, y, z, *p))
+    once = cross(w, p)
+    return np.concatenate((w, p - 0.5 * once + c * cross(w, once)))
+
+
+def displacement(start: Array, end: Array) -> Array:
+    """log(end start^-1), the (6,) twist whose unit-time motion takes one (4, 4) pose to another; neither is checked."""
+    return log(end.dot(inverse(start, check=False)), check=False)
 
 
 def rotation(vector: Array) -> Array:
     """The (3, 3) rotation about the axis and by the angle of a (3,) rotation vector."""
-    return np.asarray(exp(np.concatenate((vector, np.zeros(3))), check=False)[:3, :3])
+    return exp(np.concatenate((vector, np.zeros(3))), check=False)[:3, :3]
 
 
 def rotation_vector(R: Array) -> Array:
@@ -226,13 +176,7 @@ def rotation_vector(R: Array) -> Array:
 
     By the largest component of the unit quaternion (Shepperd), which loses no digits; SciPy's takes 40 times as long.
     """
-    return np.array(_rotation_vector(*R.ravel().tolist()))
-
-
-def _rotation_vector(
-    a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float, i: float
-) -> tuple[float, float, float]:
-    """`rotation_vector` of the entries of R, row by row."""
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
     trace = a + e + i
     largest = max(a, e, i, trace)
     if largest == trace:
@@ -244,10 +188,9 @@ def _rotation_vector(
     else:
         w, x, y, z = d - b, c + g, f + h, 1.0 - a - e + i
     n = sqrt(x * x + y * y + z * z)
-    if n == 0.0:
-        return 0.0, 0.0, 0.0
-    share = copysign(2.0 * atan2(n, abs(w)) / n, w)  # (w; v) and -(w; v) are the same rotation
-    return share * x, share * y, share * z
+    # (w; v) and -(w; v) are the same rotation.
+    share = copysign(2.0 * atan2(n, abs(w)) / n, w) if n > 0.0 else 0.0
+    return np.array((share * x, share * y, share * z))
 
 
 def velocity_at(twists: Array, point: Array) -> Array:

@@ -183,7 +183,7 @@ class CarriedMetric(Value):
         pose = tool if self.follows_tool else self.pose
         if pose is None:
             raise BadInput("form", 'CarriedMetric(..., "tool")', "a CarriedMetric with a (4, 4) pose")
-        root: Array = self._root.dot(se3.inverse_adjoint(pose))
+        root: Array = self._root.dot(se3.adjoint(se3.inverse(pose, check=False), check=False))
         return root
 
     @property
