@@ -26,6 +26,7 @@ REAL_KINDS = "iufO"
 # What to do with a quaternion where a rotation is expected, and with a position, a quaternion or both for a pose.
 OF_A_QUATERNION = "a quaternion's rotation is scipy's Rotation.from_quat(xyzw).as_matrix()."
 MADE_OF_PARTS = f"iq.transform(rotation, position) makes one; {OF_A_QUATERNION}"
+SYMMETRIC_PART = "Its symmetric part is (A + A.T) / 2."
 # Of every homogeneous matrix of a rigid motion.
 LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 # How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
@@ -45,28 +46,24 @@ def array(value: ArrayLike, argument: str, expected: str) -> Array:
     if type(value) is np.ndarray and value.dtype is FLOAT64:
         return value
     try:
-        found = _as_float64(value)
+        a = np.asarray(value)
+        wrong = _not_real(value, a)
+        if not wrong:
+            return a.astype(np.float64, copy=False)
     except Exception as error:
         raise BadInput(argument, f"{excerpt(value)}, which is not numeric ({error})", expected) from error
-    if isinstance(found, str):
-        raise BadInput(argument, found, expected)
-    return found
+    raise BadInput(argument, wrong, expected)
 
 
-def _as_float64(value: Any) -> Array | str:
-    """The array, or what there is instead of real numbers."""
+def _not_real(value: Any, a: NDArray[Any]) -> str:
+    """What there is instead of real numbers; "" where there are such."""
     if value is None:
         return "None"
-    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+    if np.ma.is_masked(value):
         return "a masked array with masked entries"
-    a = np.asarray(value)
-    if a.dtype is FLOAT64:
-        return a
     if a.dtype.kind == "c":
         return "complex numbers"
-    if a.dtype.kind not in REAL_KINDS:
-        return f"{excerpt(value)}, which is not numeric"
-    return a.astype(np.float64, copy=False)
+    return "" if a.dtype.kind in REAL_KINDS else f"{excerpt(value)}, which is not numeric"
 
 
 def _finite(a: Array, argument: str, expected: str) -> Array:
@@ -134,12 +131,13 @@ def matrix(value: ArrayLike, shape: tuple[int | None, int], argument: str) -> Ar
     return _finite(a, argument, expected)
 
 
-def symmetric(value: ArrayLike, size: int, argument: str, expected: str = "", remedy: str = "") -> Array:
+def symmetric(value: ArrayLike, size: int, argument: str) -> Array:
     """A finite symmetric (size, size) matrix; `NEGLIGIBLE` is relative to its largest entry."""
     a = matrix(value, (size, size), argument)
     if (np.abs(a - a.T) > NEGLIGIBLE * np.abs(a).max(initial=0.0)).any():
-        expected = expected or f"a symmetric ({size}, {size}) matrix"
-        raise BadInput(argument, "a matrix that is not symmetric", expected, remedy)
+        raise BadInput(
+            argument, "a matrix that is not symmetric", f"a symmetric ({size}, {size}) matrix", SYMMETRIC_PART
+        )
     return a
 
 
@@ -153,7 +151,7 @@ def positive_definite(value: ArrayLike, size: int, argument: str) -> Array:
     a = _finite(a, argument, expected)
     root = np.sqrt(np.abs(np.diag(a)))
     if (np.abs(a - a.T) > NEGLIGIBLE * np.outer(root, root)).any():
-        raise BadInput(argument, "a matrix that is not symmetric", expected, "Its symmetric part is (A + A.T) / 2.")
+        raise BadInput(argument, "a matrix that is not symmetric", expected, SYMMETRIC_PART)
     try:
         np.linalg.cholesky(a)
     except np.linalg.LinAlgError as error:

@@ -166,7 +166,7 @@ class Candidate(Compared):
             wanted = arrays.vector(given, count, "press")
         else:
             force = arrays.number(float(given), "press", "a force")
-            if force and not kind.unilateral:
+            if force and not kind.presses:
                 expected = f"0, or {count} parts in its constraints"
                 raise BadInput("press", f"{force:g}, and a {self.kind} that holds both ways", expected)
             wanted = np.array([force, *[0.0] * (count - 1)])

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property, lru_cache
-from math import inf, isinf, sqrt
+from math import inf, isinf
 
 import numpy as np
 from attrs import field, frozen
@@ -52,9 +52,8 @@ class ContactKind(Value):
         name: "point", "line", ...
         freedoms: (6, k) independent twists S that the contact allows.
         constraints: (6, 6-k) wrenches W that the tool can exert on it.
-        unilateral: whether the tool can press but not pull: the first constraint is the press, and contact is lost
-            below zero.
-        presses: how many of the first constraints are presses: 0 unless unilateral, 2 for two contacts at once.
+        presses: how many of the first constraints are unilateral: the tool can press but not pull, and contact is lost
+            below zero. 0 of a joint, 1 of a tool on a surface, 2 of two contacts at once.
         out: (6,) unit twist that leads out of the contact, or None where there is no way out.
         origin: (3,) the place of contact in this frame; zero unless the frame has been displaced.
     """
@@ -62,7 +61,6 @@ class ContactKind(Value):
     name: str
     freedoms: Array = field(converter=own)
     constraints: Array = field(converter=own)
-    unilateral: bool
     presses: int
     out: Array | None = field(converter=optional(own))
     origin: Array = field(converter=own)
@@ -72,19 +70,17 @@ class ContactKind(Value):
         name: str,
         freedoms: ArrayLike,
         constraints: ArrayLike | None = None,
-        unilateral: bool = False,  # noqa: FBT002 (a field like the others)
+        presses: int = 0,
         out: ArrayLike | None = None,
         origin: ArrayLike = (0.0, 0.0, 0.0),
-        presses: int | None = None,
     ) -> None:
         """A kind of contact from what it allows.
 
-        Constraints left out are a basis of all wrenches that do no work on the freedoms, `presses` is 1 if unilateral.
+        Constraints left out are a basis of all wrenches that do no work on the freedoms.
 
         Raises:
-            BadInput: dependent columns, wrenches that do work on the freedoms.
+            BadInput: dependent columns, wrenches that do work on the freedoms, more presses than constraints.
         """
-        pressed = arrays.flag(unilateral, "unilateral")
         S = _independent(freedoms, "freedoms")
         if constraints is None:
             W = annihilator(S) if S.shape[1] else np.eye(6)
@@ -95,13 +91,9 @@ class ContactKind(Value):
         work = np.abs(W.T.dot(S))
         if (work > SIX_DIGITS * _powers(W, S).max(initial=0.0)).any():
             raise BadInput("constraints", f"wrenches that do work on the freedoms (W'S up to {work.max():.3g})", "none")
-        if pressed and not W.shape[1]:
-            raise BadInput("unilateral", "True without constraints", "a contact that can be pressed")
-        count = int(pressed) if presses is None else arrays.count(presses, "presses")
-        if (count > 0) != pressed or count > W.shape[1]:
-            raise BadInput("presses", f"{count}", f"1 to {W.shape[1]} if unilateral, else 0")
+        count = arrays.count(presses, "presses", W.shape[1])
         way_out = None if out is None else arrays.twist(out, "out")
-        self.__attrs_init__(name, S, W, pressed, count, way_out, arrays.vector(origin, 3, "origin"))
+        self.__attrs_init__(name, S, W, count, way_out, arrays.vector(origin, 3, "origin"))
 
     def relabelled(self, offset: ArrayLike) -> ContactKind:
         """The same physical contact expressed in a frame displaced by a (4, 4) offset in the old one."""
@@ -110,7 +102,7 @@ class ContactKind(Value):
         out = None if self.out is None else A.dot(self.out)
         origin = back[:3, :3].dot(self.origin) + back[:3, 3]
         S, W = A.dot(self.freedoms), B.dot(self.constraints)
-        return ContactKind(self.name, S, W, self.unilateral, out, origin, self.presses)
+        return ContactKind(self.name, S, W, self.presses, out, origin)
 
 
 def _powers(W: Array, S: Array) -> Array:
@@ -121,8 +113,9 @@ def _powers(W: Array, S: Array) -> Array:
 
 def _independent(columns: ArrayLike, argument: str) -> Array:
     a = arrays.system(columns, argument)
-    if a.shape[1] and span(a).rank < a.shape[1]:
-        raise BadInput(argument, f"{a.shape[1]} columns of rank {span(a).rank}", "independent columns")
+    rank = span(a).rank if a.shape[1] else 0
+    if rank < a.shape[1]:
+        raise BadInput(argument, f"{a.shape[1]} columns of rank {rank}", "independent columns")
     return a
 
 
@@ -134,8 +127,8 @@ def _kind(name: str, freedoms: str, constraints: str) -> ContactKind:
     names = {"rx": 0, "ry": 1, "rz": 2, "mx": 0, "my": 1, "mz": 2, "x": 3, "y": 4, "z": 5}
     E = np.eye(6)
     S, W = (E[:, [names[n] for n in text.split()]] for text in (freedoms, constraints))
-    pressed = constraints.startswith("z")
-    return ContactKind(name, S, W, pressed, -E[5] if pressed or "z" in freedoms.split() else None)
+    presses = int(constraints.startswith("z"))
+    return ContactKind(name, S, W, presses, -E[5] if presses or "z" in freedoms.split() else None)
 
 
 POINT = _kind("point", "rx ry rz x y", "z")
@@ -335,35 +328,26 @@ def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
 
 def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None, argument: str = "tangent") -> Array:
     """The contact's own frame: z against the outward normal, x along the projection of the tangent on the surface."""
-    found: Array | None = None if core is None else core.contact_frame(point, normal, tangent)
-    if found is not None:
-        return found
-    # In floats, which for so few numbers is faster than in arrays.
-    u, v, w = arrays.unit(normal, "normal")
-    u, v, w = -u, -v, -w
-    if tangent is None:
-        least = min(abs(u), abs(v), abs(w))
-        along = (1.0, 0.0, 0.0) if abs(u) == least else (0.0, 1.0, 0.0) if abs(v) == least else (0.0, 0.0, 1.0)
-    else:
-        along = arrays.unit(tangent, argument)
-    a, b, c = along
-    share = u * a + v * b + w * c
-    a, b, c = a - share * u, b - share * v, c - share * w
-    length = sqrt(a * a + b * b + c * c)
+    frame: Array | None = None if core is None else core.contact_frame(point, normal, tangent)
+    if frame is not None:
+        return frame
+    z = -arrays.direction(normal, "normal")
+    along = np.eye(3)[int(np.abs(z).argmin())] if tangent is None else arrays.direction(tangent, argument)
+    x = along - z * z.dot(along)
+    length = se3.norm(x)
     if length < SIX_DIGITS:
         raise BadInput(argument, "a direction parallel to the normal", "one along the surface")
-    a, b, c = a / length, b / length, c / length
-    x, y, z = arrays.vector(point, 3, "point").tolist()
-    rows = (a, v * c - w * b, u, x, b, w * a - u * c, v, y, c, u * b - v * a, w, z, 0.0, 0.0, 0.0, 1.0)
-    return np.array(rows).reshape(4, 4)
+    frame = np.eye(4)
+    frame[:3, 0], frame[:3, 1], frame[:3, 2] = x / length, se3.cross(z, x / length), z
+    frame[:3, 3] = arrays.vector(point, 3, "point")
+    return frame
 
 
 def _at(kind: ContactKind, pose: Array, edge: float | None = None) -> Contact:
-    """A contact at a pose that needs no check, and that nobody writes to."""
+    """A contact at a pose that needs no check, and that nobody writes to; in a tick the constructor's checks show."""
     contact = Contact.__new__(Contact)
     pose.setflags(write=False)
-    fields = vars(contact)
-    fields["kind"], fields["pose"], fields["edge"] = kind, pose, edge
+    vars(contact).update(kind=kind, pose=pose, edge=edge)
     return contact
 
 
@@ -392,8 +376,6 @@ def two_contacts(first: Contact, second: Contact) -> Contact:
     if out is not None:
         speed = float(np.linalg.norm(se3.velocity_at(out, kind.origin)))
         out = out / speed if speed > SIX_DIGITS else None
-    both = ContactKind(
-        f"{kind.name} and {other.name}", S, W, unilateral=n + k > 0, out=out, origin=kind.origin, presses=n + k
-    )
+    both = ContactKind(f"{kind.name} and {other.name}", S, W, n + k, out, kind.origin)
     edges = [contact.edge for contact in (first, second) if contact.edge is not None]
     return Contact(both, first.pose, min(edges, default=None))

@@ -60,19 +60,17 @@ def psi(J: ArrayLike, h: float, Lambda: ArrayLike) -> Array:
     m = twists.shape[1]
     expected = f"a symmetric ({m}, {m}) matrix, its {m} diagonal entries, or a number"
     a = arrays.array(Lambda, "Lambda", expected)
-    if a.ndim < 2:
-        a = np.diag(np.broadcast_to(a, m) if a.ndim == 0 else a)
+    if a.ndim == 0 or a.shape == (m,):
+        a = np.diag(np.broadcast_to(a, m))
     if a.shape != (m, m):
-        raise BadInput("Lambda", f"shape {np.shape(Lambda)}", expected)
-    damping = arrays.symmetric(a, m, "Lambda", expected, "Pass (A + A.T) / 2 if that is meant.")
-    total = gram_matrix(twists, h) + damping
+        raise BadInput("Lambda", f"shape {a.shape}", expected)
+    total = gram_matrix(twists, h) + arrays.symmetric(a, m, "Lambda")
     scale = np.sqrt(np.abs(total).max(axis=0))
     scale[scale == 0.0] = 1.0
     scaled = total / np.outer(scale, scale)
     if not np.linalg.cond(scaled) <= LARGEST_CONDITION:
-        raise BadInput(
-            "Lambda", "a pole: G + Lambda is singular", "one for which it is not", "Change Lambda or h a little."
-        )
+        found = "a pole: G + Lambda is singular"
+        raise BadInput("Lambda", found, "one for which it is not", "Change Lambda or h a little.")
     right = twists.T.dot(pitch_form(h)) / scale[:, None]
     return np.asarray((twists / scale).dot(np.linalg.solve(scaled, right)))
 

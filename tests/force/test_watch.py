@@ -242,8 +242,8 @@ def test_what_is_no_task_sensor_contact_or_press_is_told(panda):
         )
     with pytest.raises(iq.BadInput, match="a press of -5"):
         iq.HybridController(panda, iq.HybridTask(surface, [-5.0]), dt=DT, order="moment first")
-    with pytest.raises(iq.BadInput, match="unilateral"):
-        iq.contacts.ContactKind("free", np.eye(6), unilateral=True)
+    with pytest.raises(iq.BadInput, match="presses"):
+        iq.contacts.ContactKind("free", np.eye(6), presses=1)
     with pytest.raises(iq.BadInput, match="robot: found 'panda'"):
         iq.Controller("panda", dt=DT)
     with pytest.raises(iq.BadInput, match="robot: found 'panda'"):

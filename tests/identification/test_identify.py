@@ -319,13 +319,13 @@ def test_a_touch_that_is_too_short_is_refused():
 def test_a_candidate_makes_a_task(kind):
     X, w, _, found = identified(kind)
     best = found.best
-    press = 5.0 if best.contact_kind.unilateral else 0.0
+    press = 5.0 if best.contact_kind.presses else 0.0
     task = best.task(press, max_force=30.0)
     assert isinstance(task, iq.HybridTask)
     assert task.max_force == 30.0
     contact = task.contact_at(X[20])
     assert contact.kind == best.contact_kind
-    if best.contact_kind.unilateral:  # z is the way that the tool pressed
+    if best.contact_kind.presses:  # z is the way that the tool pressed
         pushed = np.mean([T[:3, :3] @ a[3:] @ task.contact_at(T).pose[:3, 2] for T, a in zip(X, w, strict=True)])
         assert pushed > 1.0
     else:
@@ -337,7 +337,7 @@ def test_a_ball_joint_holds_every_force():
     contact = iq.contacts.ball_joint([0.1, 0.2, 0.3])
     turns = np.column_stack([iq.revolute(a, [0.1, 0.2, 0.3]) for a in np.eye(3)])
     assert np.linalg.matrix_rank(np.column_stack((contact.freedoms, turns))) == 3
-    assert not contact.kind.unilateral
+    assert contact.kind.presses == 0
     np.testing.assert_allclose(contact.point, [0.1, 0.2, 0.3])
 
 

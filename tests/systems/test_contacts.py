@@ -118,7 +118,7 @@ def test_the_press_is_a_force_into_the_surface_through_the_point():
         press = contact.constraints[:, 0]
         n = N / np.linalg.norm(N)
         np.testing.assert_allclose(press, np.concatenate((np.cross(P, -n), -n)), atol=1e-15)
-        assert contact.kind.unilateral
+        assert contact.kind.presses == 1
         np.testing.assert_allclose(velocity_of(iq.adjoint(contact.pose) @ contact.kind.out, P), n, atol=1e-15)
 
 
@@ -191,7 +191,7 @@ def test_contacts_of_ones_own():
     kind = iq.contacts.ContactKind("wheel", np.eye(6)[:, [0, 1, 2, 3]])
     np.testing.assert_allclose(np.asarray(kind.constraints).T @ np.asarray(kind.freedoms), 0.0, atol=1e-15)
     assert iq.contacts.Contact(kind, np.eye(4)).name == "wheel"
-    assert not kind.unilateral
+    assert kind.presses == 0
 
 
 @pytest.mark.parametrize(
