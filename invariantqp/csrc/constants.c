@@ -67,7 +67,6 @@ const Constant CONSTANTS[] = {
     {"geometry.sizes.LARGEST", LARGEST_SIZE},
     ONE("geometry.sizes", LENGTH_LIMIT),
     ONE("systems.contacts", SIX_DIGITS),
-    ONE("systems.points", WELL_POSED),
     {"systems.points.ROUNDING", CENTRE_ROUNDING},
     ONE("control.tracking", HALF_TURN),
     ONE("velocity.limits", OUTSIDE),

@@ -465,7 +465,7 @@ extern const Constant CONSTANTS[];
 #define SMALLEST_SIZE 1e-30
 #define LARGEST_SIZE 1e30
 #define LENGTH_LIMIT 1000000000000.0
-#define WELL_POSED 0.0001
+#define WELL_POSED 0.0001 /* det A over its trace cubed: above this the adjugate loses less than four digits */
 #define CENTRE_ROUNDING 1e-12
 #define TERMS 1e-5
 #define PI 3.14159265358979323846

@@ -32,7 +32,7 @@ static double speed_at(const double w[3], const double v[3], const double p[3])
     return norm(3, moved);
 }
 
-/* centre.py, resting_point, where the axes fix it well; others are handed back. */
+/* systems/points.py, resting_point, by an adjugate where that loses few digits; others are handed back. */
 static Outcome own_point(int m, const Row J[6], double p[3])
 {
     double S[3][3], b[3], slides = 0.0, C[3][3];
@@ -59,7 +59,7 @@ static Outcome own_point(int m, const Row J[6], double p[3])
     return DONE;
 }
 
-/* centre.py, reach: the broken line from a point to its foot on each turning axis, the last one first. */
+/* systems/points.py, reach: the broken line from a point to its foot on each turning axis, the last one first. */
 static Outcome reach(int m, const Row J[6], const double p[3], double *length)
 {
     double here[3] = {p[0], p[1], p[2]}, size = norm(3, p);

@@ -84,18 +84,13 @@ def vector(value: ArrayLike, size: int | None, argument: str) -> Array:
     return a if isfinite(hypot(*a.tolist())) else _finite(a, argument, "finite numbers")
 
 
-def unit(value: ArrayLike, argument: str) -> tuple[float, float, float]:
-    """The unit vector along a finite (3,) one that is not zero."""
-    x, y, z = vector(value, 3, argument).tolist()
-    length = hypot(x, y, z)  # squares nothing that could overflow or vanish
+def direction(value: ArrayLike, argument: str) -> Array:
+    """The unit vector (3,) along a finite one that is not zero."""
+    a = vector(value, 3, argument)
+    length = hypot(*a.tolist())  # squares nothing that could overflow or vanish
     if length == 0.0:
         raise BadInput(argument, "the zero vector", "a direction", "Any length but zero will do.")
-    return x / length, y / length, z / length
-
-
-def direction(value: ArrayLike, argument: str) -> Array:
-    """The same as an array."""
-    return np.array(unit(value, argument))
+    return a / length
 
 
 def twist(value: ArrayLike, argument: str = "twist") -> Array:

@@ -105,7 +105,7 @@ def coadjoint(pose: ArrayLike, *, check: bool = True) -> Array:
 
     Reference: [DS] Sect. 6.3.
     """
-    return adjoint(pose, check=check)[SWAPPED][:, SWAPPED]
+    return np.asarray(adjoint(pose, check=check)[SWAPPED][:, SWAPPED])
 
 
 def bracket(first: ArrayLike, second: ArrayLike) -> Array:

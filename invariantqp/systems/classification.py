@@ -57,15 +57,8 @@ _TWISTS: dict[tuple[int, str], Callable[..., list[tuple[float, ...]]]] = {
     (3, "IID"): lambda: [(0, 0, 0, 1, 0, 0), (0, 0, 0, 0, 1, 0), (0, 0, 0, 0, 0, 1)],
 }
 
-# What each modulus is called, in order: h_a <= h_b <= h_c pitches (IA2: the single one first), p = tan of an angle.
-MODULUS_NAMES: dict[tuple[int, str], tuple[str, ...]] = {
-    **dict.fromkeys([(1, "h"), (2, "IIA"), (2, "IIB"), (3, "IIA"), (3, "IIB"), (3, "IIC")], ("h",)),
-    **dict.fromkeys([(2, "IA"), (3, "IA2"), (3, "IB3")], ("h_a", "h_b")),
-    **dict.fromkeys([(2, "IB"), (3, "IC")], ("p",)),
-    **dict.fromkeys([(1, "h=inf"), (2, "IIC"), (3, "IID")], ()),
-    (3, "IA1"): ("h_a", "h_b", "h_c"),
-    (3, "IB0"): ("h", "p"),
-}
+# What the pitches of a class with none to three of them are called, ascending (IA2: the single one first).
+_PITCH_NAMES: tuple[tuple[str, ...], ...] = ((), ("h",), ("h_a", "h_b"), ("h_a", "h_b", "h_c"))
 # Relative error of the twists that must not change the type: a hundred times that of a model file with nine digits.
 CLASS_TOLERANCE = 1e-7
 # A margin below this is small enough to tell the user about.
@@ -128,7 +121,7 @@ def _two_screws(s: Parts) -> Frame:
 
 
 def _screw_and_translation(s: Parts) -> Frame:
-    """IB: the translation cancels the pitch; IIB: it is across the axis and the pitch stays."""
+    """IB: the translation cancels the pitch."""
     w, v, n = s.W[:, 0], s.V[:, 0], s.N[:, 0]
     along = float(w.dot(n))
     n = n if along >= 0.0 else -n
@@ -139,6 +132,7 @@ def _screw_and_translation(s: Parts) -> Frame:
 
 
 def _screw_across_translation(s: Parts) -> Frame:
+    """IIB: the translation is across the axis, and the pitch stays."""
     w, v = s.W[:, 0], s.V[:, 0]
     y = s.N[:, 0] - w * w.dot(s.N[:, 0])
     return Frame((_pitch(s),), (), _axes(w, y / np.linalg.norm(y)), cross(w, v))
@@ -187,7 +181,7 @@ def _screw_and_plane(s: Parts) -> Frame:
     return Frame((), (float(R[2].dot(n)) / along,), R, cross(w, v - n * (w.dot(v) / along)))
 
 
-FRAMES: dict[tuple[int, str], Callable[[Parts], Frame]] = {
+_FRAMES: dict[tuple[int, str], Callable[[Parts], Frame]] = {
     (1, "h"): lambda s: Frame((_pitch(s),), (), _axes(s.W[:, 0]), cross(s.W[:, 0], s.V[:, 0])),
     (1, "h=inf"): lambda s: Frame((), (), _axes(s.N[:, 0]), np.zeros(3)),
     **dict.fromkeys([(2, "IA"), (2, "IIA")], _two_screws),
@@ -304,10 +298,12 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
         following = other.name if other.dimension == k else f"{other.name} ({other.dimension}-system)"
     n = min(k, 6 - k)
     moduli: tuple[float, ...] = ()
+    names: tuple[str, ...] = ()
     form, motion = np.empty((6, 0)), np.eye(4)
     if n:
-        frame = FRAMES[n, name](chosen.parts)
+        frame = _FRAMES[n, name](chosen.parts)
         moduli = (*(h * system.unit for h in frame.pitches), *frame.ratios)
+        names = (*_PITCH_NAMES[len(frame.pitches)], *("p" for _ in frame.ratios))
         motion[:3, :3] = frame.axes
         motion[:3, 3] = -frame.axes.dot(point + frame.origin * system.unit)
         form = normal_form(n, name, moduli)
@@ -317,7 +313,7 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
         reciprocal=k in {4, 5},
         admits_pseudoinverse=(n, name) not in _NO_PSEUDOINVERSE,
         moduli=moduli,
-        modulus_names=MODULUS_NAMES[n, name] if n else (),
+        modulus_names=names,
         normal_form=form,
         motion=motion,
         borders=borders,
@@ -361,7 +357,7 @@ def _decide(basis: Array, singular: Array, tolerance: float) -> _Decision:
         N = N / np.sqrt((N * N).sum(axis=0))
     if e:
         trust *= float(sigma[e - 1])
-    name, pitches = f"{'h' if e else 'h=inf'}", np.empty(0)
+    name, pitches = "h" if e else "h=inf", np.empty(0)
     if n > 1:
         letter = "ABCD"[n - e]
         coupled = False

@@ -14,7 +14,7 @@ Reference: [DS] Example 3, corrected; S_q is a 4-system whose reciprocal is a II
 
 from __future__ import annotations
 
-from math import hypot, inf, sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -24,12 +24,10 @@ from numpy.typing import ArrayLike
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.se3 import velocity_at
+from invariantqp.geometry.se3 import cross, norm, velocity_at
 from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.systems.subspaces import span, system_meet
 
-# det A over its trace cubed (at most 1/27): above this the adjugate loses less than four digits.
-WELL_POSED = 1e-4
 # A point this many of the arm's lengths away (of the caller's units where it has none) is what rounding makes of a
 # twist that does not turn across the axes; measured from there, every velocity nearby would count as nothing.
 FAR = 1e6
@@ -56,29 +54,14 @@ def resting_point(twists: Array, tolerance: float = ROUNDING, longest: float = L
     |J_v| / |J_omega| above `longest` no joint turns: the point is the origin, and free.
     """
     w, v = twists[:3], twists[3:]
-    (_, xy, xz), (yx, _, yz), (zx, zy, _) = w.dot(v.T).tolist()
-    b = (yz - zy, zx - xz, xy - yx)  # the sum of w x v
-    spread = w.dot(w.T)
-    (xx, s, t), (_, yy, r), (_, _, zz) = spread.tolist()
-    # A p = b with A = |w|^2 I - w w', by its adjugate: a tick has no time for more where A is well away from singular.
-    k, m, n = yy + zz, xx + zz, xx + yy
-    if np.vdot(v, v) > 0.5 * (k + m + n) * longest * longest:  # k + m + n = 2 |w|^2
+    spread, axes = np.linalg.eigh(w.dot(w.T))
+    stiffness = spread.sum() - spread  # eigenvalues of A = |w|^2 I - w w', descending
+    if np.vdot(v, v) > spread.sum() * longest * longest:
         return Resting(np.zeros(3), np.eye(3))
-    cofactors = np.array(
-        (
-            (m * n - r * r, s * n + t * r, t * m + s * r),
-            (s * n + t * r, k * n - t * t, r * k + s * t),
-            (t * m + s * r, r * k + s * t, k * m - s * s),
-        )
-    )
-    determinant = k * (m * n - r * r) - s * (s * n + t * r) - t * (t * m + s * r)
-    if determinant > WELL_POSED * (k + m + n) ** 3:
-        return Resting(cofactors.dot(b) / determinant, np.empty((3, 0)))
-    spread, axes = np.linalg.eigh(spread)
-    stiffness = spread.sum() - spread  # eigenvalues of |w|^2 I - w w', descending
     fixed = stiffness > tolerance * stiffness[0]
     along = axes[:, fixed]
-    return Resting(along.dot(along.T.dot(b) / stiffness[fixed]), axes[:, ~fixed])
+    moment = np.cross(w, v, axis=0).sum(axis=1)
+    return Resting(along.dot(along.T.dot(moment) / stiffness[fixed]), axes[:, ~fixed])  # A p = the sum of w x v
 
 
 def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
@@ -98,7 +81,7 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
         # Among the free points only the component of omega across them moves the point: w x (free t) = across t.
         across = np.cross(s[:3], free, axis=0)
         along = np.linalg.pinv(across).dot(velocity_at(s, p))
-        if sqrt(along.dot(along)) <= FAR * (length if 0.0 < length < inf else 1.0):
+        if norm(along) <= FAR * (length if 0.0 < length < inf else 1.0):
             p = p - free.dot(along)
     return Centre(p, length)
 
@@ -113,18 +96,15 @@ def reach(J: ArrayLike, point: ArrayLike) -> float:
     given in that frame; 0 where all axes meet in the point, or where no joint turns.
     """
     twists = arrays.columns(J)
-    x, y, z = arrays.vector(point, 3, "point").tolist()
-    length, size = 0.0, hypot(x, y, z)
-    for *turn, a, b, c in reversed(twists.T.tolist()):
-        rate, moment = hypot(*turn), hypot(a, b, c)
+    foot = arrays.vector(point, 3, "point")
+    length, size = 0.0, norm(foot)
+    for s in reversed(twists.T):
+        rate, moment = norm(s[:3]), norm(s[3:])
         if rate * LENGTH_LIMIT <= moment:
             continue
-        u, v, w = (component / rate for component in turn)
-        # The velocity of the point at unit rate, e = v / rate + u x p; its foot on the axis is p + u x e.
-        e, f, g = a / rate + v * z - w * y, b / rate + w * x - u * z, c / rate + u * y - v * x
-        leg = (v * g - w * f, w * e - u * g, u * f - v * e)
-        x, y, z = x + leg[0], y + leg[1], z + leg[2]
-        length += hypot(*leg)
+        leg = cross(s[:3] / rate, velocity_at(s / rate, foot))
+        foot = foot + leg
+        length += norm(leg)
         size = max(size, moment / rate)
     return length if length > ROUNDING * size else 0.0
 
@@ -142,15 +122,13 @@ class PointMotion(Value):
     """The joint velocities that move a point along a direction.
 
     Attributes:
-        velocities: (m, n) basis of them all: those of `twists` first, then those that move nothing.
+        velocities: (m, n) basis of them all: the k of `twists` first, then the m - r that move nothing, ker J.
         twists: (6, k) basis of S_q meet im J, the motions of the tool that move the point so.
-        self_motions: (m, m-r) basis of ker J.
         moves: whether the point can move along the direction; if not, all these velocities leave it at rest.
     """
 
     velocities: Array = field(converter=own)
     twists: Array = field(converter=own)
-    self_motions: Array = field(converter=own)
     moves: bool
 
 
@@ -177,7 +155,6 @@ def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointM
     twists = arrays.columns(J)
     wanted = motions_along(point, direction)
     system = span(twists)
-    still = system.still
     shared = system_meet(wanted, twists, ROUNDING) if system.rank else np.empty((6, 0))
     # The right inverse of C = diag(sigma) V' on the coordinates U'D s; on im J any J^{+h} gives the same.
     coordinates = system.basis.T.dot(system.scaled(shared))
@@ -186,4 +163,4 @@ def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointM
     speeds = velocity_at(shared, p)
     terms = np.linalg.norm(shared[3:]) + np.linalg.norm(shared[:3]) * (np.linalg.norm(p) + system.unit)
     moves = bool(np.linalg.norm(speeds) > ROUNDING * terms)
-    return PointMotion(np.hstack((active, still)), shared, still, moves)
+    return PointMotion(np.hstack((active, system.still)), shared, moves)

@@ -20,7 +20,7 @@ from invariantqp.geometry.se3 import adjoint, inverse, velocity_at
 from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.systems.classification import GibsonHunt, gibson_hunt, own_point
 from invariantqp.systems.gram import blind_directions, principal_screws
-from invariantqp.systems.subspaces import annihilator, span
+from invariantqp.systems.subspaces import span
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -36,7 +36,6 @@ class SystemReport(Value):
         principal_screws: (6, k') for each of them the screw that proves it.
         blind_directions: (6, b) unit translations that no pitch form sees, along the axes of the frame as far as they
             can be; b > 0 exactly where no h works.
-        constraint_wrenches: (6, 6 - rank) basis of the wrenches that ask no torque of any joint.
         singularity_distance: smallest over largest singular value of the twists, taken about their own point and in
             their own length, so the same in every frame and unit; 0 in a singularity.
     """
@@ -47,7 +46,6 @@ class SystemReport(Value):
     principal_pitches: Array = field(converter=own)
     principal_screws: Array = field(converter=own)
     blind_directions: Array = field(converter=own)
-    constraint_wrenches: Array = field(converter=own)
     singularity_distance: float
 
     @property
@@ -109,7 +107,6 @@ def describe(J: ArrayLike) -> SystemReport:
         principal_pitches=pitches,
         principal_screws=screws,
         blind_directions=along_axes(blind),
-        constraint_wrenches=annihilator(S),
         singularity_distance=0.0 if kind.dimension < min(6, twists.shape[1]) else _isotropy(twists),
     )
 

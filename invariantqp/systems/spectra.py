@@ -74,17 +74,6 @@ class HyperbolicSpectrum(Value):
             return 1.0
         return float(counted[0] / counted[-1]) if counted[-1] > 0.0 else inf
 
-    @property
-    def manipulability(self) -> float:
-        """Product of the `rank` largest |sigma_i|: Yoshikawa's sqrt det(JJ') at rank 6, sqrt|det J'Q_h J| below."""
-        return float(np.abs(self.singular_values[: self.rank]).prod())
-
-    @property
-    def signature(self) -> tuple[int, int, int]:
-        """Numbers of positive, negative and zero values."""
-        up, down = int(np.count_nonzero(self.values > 0.0)), int(np.count_nonzero(self.values < 0.0))
-        return up, down, len(self.values) - up - down
-
 
 def hyperbolic_singular_values(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None) -> HyperbolicSpectrum:
     """The hyperbolic singular values of (6, m) twists, with principal joint directions and twists.
@@ -137,12 +126,6 @@ class HyperbolicPolar(Value):
     signs: Array = field(converter=own)
     joint_directions: Array = field(converter=own)
     screws: Array = field(converter=own)
-
-    @property
-    def isometry(self) -> int:
-        """1 where W is an isometry of the joint metric into Q_h, -1 into -Q_h, 0 where signs are mixed."""
-        least, most = int(self.signs.min(initial=1.0)), int(self.signs.max(initial=-1.0))
-        return least if least == most else 0
 
 
 def hyperbolic_polar(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None) -> HyperbolicPolar:

@@ -5,8 +5,26 @@ from __future__ import annotations
 import numpy as np
 
 import invariantqp as iq
-from invariantqp.systems.classification import MODULUS_NAMES, normal_form
+from invariantqp.systems.classification import normal_form
 
+MODULUS_NAMES = {
+    (1, "h"): ("h",),
+    (1, "h=inf"): (),
+    (2, "IA"): ("h_a", "h_b"),
+    (2, "IIA"): ("h",),
+    (2, "IB"): ("p",),
+    (2, "IIB"): ("h",),
+    (2, "IIC"): (),
+    (3, "IA1"): ("h_a", "h_b", "h_c"),
+    (3, "IA2"): ("h_a", "h_b"),
+    (3, "IIA"): ("h",),
+    (3, "IB0"): ("h", "p"),
+    (3, "IB3"): ("h_a", "h_b"),
+    (3, "IIB"): ("h",),
+    (3, "IC"): ("p",),
+    (3, "IIC"): ("h",),
+    (3, "IID"): (),
+}
 CLASSES = sorted(MODULUS_NAMES)
 DISTINCT = {(2, "IA"), (3, "IA1"), (3, "IA2"), (3, "IB3")}  # whose pitches must differ
 WITHOUT = {"h=inf", "IC", "IIC", "IID", "IB3"}  # and IIB, of either dimension: no h works

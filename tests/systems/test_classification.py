@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.random_systems import CLASSES, admits, distance, motion, reciprocal_of, sample
+from support.random_systems import CLASSES, MODULUS_NAMES, admits, distance, motion, reciprocal_of, sample
 from support.repeats import repeats
 
 import invariantqp as iq
-from invariantqp.systems.classification import CLASS_TOLERANCE, MODULUS_NAMES, NEAR_BORDER, normal_form
+from invariantqp.systems.classification import CLASS_TOLERANCE, NEAR_BORDER, normal_form
 
 EXAMPLE = {"h": 0.3, "h_a": -0.5, "h_b": 0.25, "h_c": 0.75, "p": 0.4}
 IDS = [f"{k}-{n}" for k, n in CLASSES]
