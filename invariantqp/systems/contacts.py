@@ -82,10 +82,7 @@ class ContactKind(Value):
             BadInput: dependent columns, wrenches that do work on the freedoms, more presses than constraints.
         """
         S = _independent(freedoms, "freedoms")
-        if constraints is None:
-            W = annihilator(S) if S.shape[1] else np.eye(6)
-        else:
-            W = _independent(constraints, "constraints")
+        W = annihilator(S) if constraints is None else _independent(constraints, "constraints")
         if S.shape[1] + W.shape[1] != 6:
             raise BadInput("constraints", f"{W.shape[1]} wrenches", f"{6 - S.shape[1]}, S has {S.shape[1]} twists")
         work = np.abs(W.T.dot(S))
@@ -113,9 +110,8 @@ def _powers(W: Array, S: Array) -> Array:
 
 def _independent(columns: ArrayLike, argument: str) -> Array:
     a = arrays.system(columns, argument)
-    rank = span(a).rank if a.shape[1] else 0
-    if rank < a.shape[1]:
-        raise BadInput(argument, f"{a.shape[1]} columns of rank {rank}", "independent columns")
+    if span(a).rank < a.shape[1]:
+        raise BadInput(argument, f"{a.shape[1]} columns of rank {span(a).rank}", "independent columns")
     return a
 
 
@@ -371,11 +367,10 @@ def two_contacts(first: Contact, second: Contact) -> Contact:
     if span(W).rank < W.shape[1]:
         found = f"a {kind.name} and a {other.name} with {W.shape[1]} wrenches of rank {span(W).rank}"
         raise BadInput("second", found, "a contact that constrains what the first leaves free")
-    S = annihilator(W) if W.shape[1] < 6 else np.zeros((6, 0))
     out = None if kind.out is None or other.out is None else kind.out + other.out  # out of both
     if out is not None:
         speed = float(np.linalg.norm(se3.velocity_at(out, kind.origin)))
         out = out / speed if speed > SIX_DIGITS else None
-    both = ContactKind(f"{kind.name} and {other.name}", S, W, n + k, out, kind.origin)
+    both = ContactKind(f"{kind.name} and {other.name}", annihilator(W), W, n + k, out, kind.origin)
     edges = [contact.edge for contact in (first, second) if contact.edge is not None]
     return Contact(both, first.pose, min(edges, default=None))

@@ -155,7 +155,7 @@ def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointM
     twists = arrays.columns(J)
     wanted = motions_along(point, direction)
     system = span(twists)
-    shared = system_meet(wanted, twists, ROUNDING) if system.rank else np.empty((6, 0))
+    shared = system_meet(wanted, twists, ROUNDING)
     # The right inverse of C = diag(sigma) V' on the coordinates U'D s; on im J any J^{+h} gives the same.
     coordinates = system.basis.T.dot(system.scaled(shared))
     active = system.right.dot(coordinates / system.singular[:, None])

@@ -107,18 +107,17 @@ def dual_projectors(
 
     Reference: [DS] Sect. 6.1 (P_h = J J^{+h}), (6.5), Sect. 6.3.
     """
-    rules = {"h": h, "complement": complement, "metric": getattr(metric, "carried", metric)}
-    rule = [name for name, value in rules.items() if value is not None]
-    if core is not None and len(rule) == 1 and (S is None) != (wrenches is None):
-        answer = core.projectors(S, wrenches, *rules.values())
-        if answer is not None:  # where it is well conditioned
-            return DualProjectors(*answer)
     if (S is None) == (wrenches is None):
         found = "neither S nor wrenches" if S is None else "both S and wrenches"
         raise BadInput("S", found, "the freedoms S or the constraint wrenches")
-    given = arrays.columns(wrenches, "wrenches") if S is None else arrays.system(S, "S")  # type: ignore[arg-type]
+    rules = {"h": h, "complement": complement, "metric": getattr(metric, "carried", metric)}
+    rule = [name for name, value in rules.items() if value is not None]
     if len(rule) != 1:
         raise BadInput("h", " and ".join(rule) or "no rule for the complement", "one of h, complement, metric")
+    answer = None if core is None else core.projectors(S, wrenches, *rules.values())
+    if answer is not None:  # where it is well conditioned
+        return DualProjectors(*answer)
+    given = arrays.columns(wrenches, "wrenches") if S is None else arrays.system(S, "S")  # type: ignore[arg-type]
     U, unit, spread = _freedoms(given, S is not None)
     k, scale = U.shape[1], lengths(unit)
     if h is not None:
@@ -153,28 +152,17 @@ def dual_projectors(
 
 def _freedoms(given: Array, twists: bool) -> tuple[Array, float, float]:
     """Orthonormal basis of S, the length that counts as 1 in it, and how much it magnifies errors of its columns."""
-    if not given.shape[1]:
-        return given, 1.0, 1.0
     system = span(given)
-    if twists:
-        return system.basis, system.unit, system.spread
-    freedoms = annihilator(given)
-    if not freedoms.shape[1]:
-        return freedoms, 1.0, system.spread
-    own_system = span(freedoms)
-    return own_system.basis, own_system.unit, system.spread
+    freedoms = system if twists else span(annihilator(given))
+    return freedoms.basis, freedoms.unit, system.spread
 
 
 def _given(complement: ArrayLike | None, k: int, unit: float) -> tuple[Array, float]:
     """Orthonormal basis of the given Z, lengths in `unit`, and how much it magnifies errors of the columns."""
-    twists = arrays.system(complement, "complement")  # type: ignore[arg-type]
-    if not twists.shape[1] and k == 6:
-        return twists, 1.0
-    system = span(twists, unit=unit) if twists.shape[1] else None
-    rank = system.rank if system else 0
-    if system is None or rank != 6 - k:
+    system = span(arrays.system(complement, "complement"), unit=unit)  # type: ignore[arg-type]
+    if system.rank != 6 - k:
         expected = f"twists that span {6 - k} dimensions"
-        raise BadInput("complement", f"rank {rank}", expected, f"S has {k}, and both must fill six.")
+        raise BadInput("complement", f"rank {system.rank}", expected, f"S has {k}, and both must fill six.")
     return system.basis, system.spread
 
 

@@ -89,12 +89,12 @@ def rank_of(sigma: NDArray[np.floating[Any]], tolerance: float) -> int:
     return int(np.count_nonzero(sigma > tolerance * max(float(sigma.max(initial=0.0)), TINY)))
 
 
-def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE, unit: float | None = None) -> Span:
-    """Factorise (6, m) twists; singular values below `tolerance` times the largest are taken as zero.
+def span(J: ArrayLike, tolerance: float = RANK_TOLERANCE, unit: float | None = None, argument: str = "J") -> Span:
+    """Factorise (6, m) twists, m >= 0; singular values below `tolerance` times the largest are taken as zero.
 
     `unit` is the length that counts as 1, by default the twists' own. Two systems to be compared need the same.
     """
-    twists = arrays.columns(J)
+    twists = arrays.system(J, argument)
     unit = length_unit(twists) if unit is None else unit
     U, sigma, Vt = np.linalg.svd(twists / lengths(unit), full_matrices=False)
     r = rank_of(sigma, tolerance)
@@ -119,7 +119,7 @@ def reciprocal(S: ArrayLike, h: float = 0.0) -> Array:
     Reference: [DS] (2.9), (2.10).
     """
     pitch = finite_pitch(h)
-    system = span(arrays.columns(S, "S"))
+    system = span(S, argument="S")
     return orthogonal(pitch_form(pitch / system.unit).dot(system.basis)) * lengths(system.unit)
 
 
@@ -130,7 +130,7 @@ def annihilator(S: ArrayLike) -> Array:
 
     Reference: [DS] Sect. 6.2 (before (6.5)), Sect. 6.3.
     """
-    system = span(arrays.columns(S, "S"))
+    system = span(S, argument="S")
     return orthogonal(system.basis) / lengths(system.unit)
 
 
@@ -149,13 +149,13 @@ def system_meet(first: ArrayLike, second: ArrayLike, tolerance: float = RANK_TOL
     # U1 a + U2 b = 0 means that U1 a lies in both systems; those (a; b) are the null space of (U1 U2).
     still, k = joined.still, bases[0].shape[1]
     shared = bases[0].dot(still[:k]) - bases[1].dot(still[k:])
-    return np.linalg.qr(shared)[0] * lengths(unit) if still.shape[1] else np.empty((6, 0))
+    return np.linalg.qr(shared)[0] * lengths(unit)
 
 
 def _join(first: ArrayLike, second: ArrayLike, tolerance: float) -> tuple[Span, tuple[Array, Array], float]:
     """The span of the orthonormal bases of two systems, those bases, and their common unit of length."""
     limit = arrays.tolerance(tolerance)
-    one, other = arrays.columns(first, "first"), arrays.columns(second, "second")
+    one, other = arrays.system(first, "first"), arrays.system(second, "second")
     unit = span(np.hstack((one, other))).unit
     bases = span(one, unit=unit).basis, span(other, unit=unit).basis
     return span(np.hstack(bases), limit, unit=1.0), bases, unit
@@ -169,6 +169,4 @@ def self_reciprocal(S: ArrayLike, h: float = 0.0, tolerance: float = RANK_TOLERA
 
     Reference: [DS] Theorem 3.1 (ii).
     """
-    limit = arrays.tolerance(tolerance)
-    other = reciprocal(S, h)
-    return system_meet(S, other, limit) if other.shape[1] else np.empty((6, 0))
+    return system_meet(S, reciprocal(S, h), tolerance)

@@ -103,3 +103,17 @@ def test_systems_that_meet_in_nothing_and_the_zero_system():
 def test_half_the_killing_form_has_no_reciprocal():
     with pytest.raises(iq.BadInput, match="Killing"):
         iq.reciprocal(np.eye(6)[:, :2], float("inf"))
+
+
+def test_the_zero_system_is_a_system():
+    """What these functions return for no twists is taken by all of them."""
+    zero, S = iq.systems.screw_system(np.zeros((6, 2))), np.random.default_rng(4).normal(size=(6, 2))
+    assert zero.shape == (6, 0)
+    for other in (iq.reciprocal(zero, 0.3), iq.systems.annihilator(zero)):
+        assert np.linalg.matrix_rank(other) == 6
+    assert iq.systems.system_meet(S, zero).shape == (6, 0)
+    assert iq.systems.self_reciprocal(zero, 0.3).shape == (6, 0)
+    assert distance(iq.systems.system_sum(zero, S), S) < 1e-12
+    assert iq.principal_pitches(zero).shape == (0,)
+    assert iq.systems.blind_directions(zero).shape == (6, 0)
+    assert iq.systems.gram_polynomial(zero) == 1.0
