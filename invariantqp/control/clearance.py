@@ -327,7 +327,7 @@ class Clearance(Limit):
             now = self._now.time = last + dt
         for i, shape in self._shapes:
             known, pose = self._moved[i], shape.pose
-            if shape.told:
+            if shape.declared:
                 self._moved[i] = known if known.place is pose else Moved(pose, now, 0.0, shape.twist)
             elif known.moves or known.place is not pose:
                 self._moved[i] = known.now(pose, se3.displacement, now, alpha)
@@ -560,7 +560,7 @@ class Clearance(Limit):
         """Where obstacles are, when a command of now acts; what has moved is judged anew."""
         for i, shape in self._shapes:
             seen = self._seen.get(i)
-            twist = shape.twist if shape.told else self._moved[i].speed
+            twist = shape.twist if shape.declared else self._moved[i].speed
             if seen and seen[0] is shape.pose and seen[1] is twist and seen[2] == delay:
                 continue
             self._seen[i] = shape.pose, twist, delay

@@ -69,12 +69,12 @@ class Mesh(Shape):
         points = size * points
         if solid:
             points, faces = _outside(points)
-        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        low, high = points.min(axis=0), points.max(axis=0)
+        middle = 0.5 * (low + high)
         frame = np.eye(4) if pose is None else arrays.pose(pose, "pose")
-        half = 0.5 * (points.max(axis=0) - points.min(axis=0))
-        super().__init__(Core.MESH, 0.0, half, frame.dot(se3.transform(translation=middle)), name)
-        vars(self).update(points=points - middle, faces=faces, hull=solid)
-        vars(self).update(solid=Triangles(self.points, faces, solid))
+        super().__init__(Core.MESH, 0.0, 0.5 * (high - low), frame.dot(se3.transform(translation=middle)), name)
+        points = points - middle
+        vars(self).update(points=points, faces=faces, hull=solid, solid=Triangles(points, faces, solid))
 
 
 class Triangles:
@@ -88,11 +88,11 @@ class Triangles:
             corner.append(point)
         for a, b, c in faces.tolist():
             triangle.append(coal.Triangle(a, b, c))
-        self._model = coal.Convex(corner, triangle) if hull else coal.BVHModelOBBRSS()
+        self.model = coal.Convex(corner, triangle) if hull else coal.BVHModelOBBRSS()
         if not hull:
-            self._model.beginModel(len(faces), len(points))
-            self._model.addSubModel(corner, triangle)
-            self._model.endModel()
+            self.model.beginModel(len(faces), len(points))
+            self.model.addSubModel(corner, triangle)
+            self.model.endModel()
         self._here, self._there = coal.Transform3s(), coal.Transform3s()
         self._wanted = coal.DistanceRequest(True, True)
 
@@ -110,12 +110,12 @@ class Triangles:
             i = int(heights.argmin())
             return [Place(float(heights[i]), normal, points[i])]
         R, p = other.pose[:3, :3], other.pose[:3, 3]
-        found = [self._place(_of(other.core, other.radius, *other.half.tolist()), other.radius, R, p)]
+        near = [self._place(_of(other.core, other.radius, *other.half.tolist()), other.radius, R, p)]
         ends = corners(other.half)
         if len(ends) > 1:
             ball = _of(Core.SEGMENT, other.radius, 0.0, 0.0, 0.0)
-            found += [self._place(ball, other.radius, R, R.dot(end) + p) for end in ends]
-        return found
+            near += [self._place(ball, other.radius, R, R.dot(end) + p) for end in ends]
+        return near
 
     def drawn(self) -> Array:
         """(n, 3, 3) corners of triangles to draw, in its own frame: of the convex hull where there are very many."""
@@ -128,7 +128,7 @@ class Triangles:
         self._here.setTranslation(p)
         self._here.setRotation(R)
         result = coal.DistanceResult()
-        d = coal.distance(shape, self._here, self._model, self._there, self._wanted, result)
+        d = coal.distance(shape, self._here, self.model, self._there, self._wanted, result)
         return Place(d + radius, result.normal, result.getNearestPoint1())
 
 
@@ -166,15 +166,14 @@ def _outside(points: Array) -> tuple[Array, NDArray[np.intp]]:
         hull: Any = ConvexHull(points)
     except QhullError as error:
         raise BadInput("source", "points without a volume", "points about a solid", "Or hull=False.") from error
-    kept = hull.vertices
     place = np.zeros(len(points), np.intp)
-    place[kept] = np.arange(len(kept))
+    place[hull.vertices] = np.arange(len(hull.vertices))
     corner = points[hull.simplices]
     turn = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     inward = (turn * hull.equations[:, :3]).sum(axis=1) < 0.0
     faces = place[hull.simplices]
     faces[inward] = faces[inward][:, [0, 2, 1]]
-    return points[kept], faces
+    return points[hull.vertices], faces
 
 
 def triangles(file: str) -> tuple[Array, NDArray[np.intp]]:
@@ -183,17 +182,16 @@ def triangles(file: str) -> tuple[Array, NDArray[np.intp]]:
         raise RobotModelError(f"no mesh at {file}")
     try:
         mesh = coal.MeshLoader().load(file, np.ones(3))
-        found = np.array(mesh.vertices(), dtype=np.float64)
-        faces = np.array([[t[0], t[1], t[2]] for t in map(mesh.tri_indices, range(mesh.num_tris))], dtype=np.intp)
+        corners_of = map(mesh.tri_indices, range(mesh.num_tris))
+        return np.array(mesh.vertices(), np.float64), np.array([[t[0], t[1], t[2]] for t in corners_of], np.intp)
     except Exception as error:  # whatever its reader raises
         raise RobotModelError(f"{file}: cannot be read as a mesh ({error})") from error
-    return found, faces
 
 
 def shape_of(shape: Shape) -> coal.ShapeBase:
     """A shape as coal has it, about its own frame."""
     if isinstance(shape, Mesh):
-        return shape.solid._model  # noqa: SLF001 (of this file)
+        return shape.solid.model
     return _of(shape.core, shape.radius, *shape.half.tolist())
 
 

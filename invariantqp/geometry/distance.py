@@ -55,8 +55,8 @@ class Placed(NamedTuple):
 
 def distance(a: Placed, b: Placed) -> float:
     """The signed distance of two shapes; infinite for two half-spaces, which have none."""
-    found = places(a, b)
-    return found[0].distance if found else inf
+    near = places(a, b)
+    return near[0].distance if near else inf
 
 
 def places(a: Placed, b: Placed) -> list[Place]:
@@ -65,25 +65,25 @@ def places(a: Placed, b: Placed) -> list[Place]:
     if cores == (Core.HALF_SPACE, Core.HALF_SPACE):
         return []
     if b.solid is not None:
-        found = b.solid.places(b.pose, a)
+        near = b.solid.places(b.pose, a)
     elif a.solid is not None:
-        found = _other_way(a.solid.places(a.pose, b))
+        near = _other_way(a.solid.places(a.pose, b))
     elif b.core is Core.HALF_SPACE:
-        found = _plane(a, b)
+        near = _plane(a, b)
     elif a.core is Core.HALF_SPACE:
-        found = _other_way(_plane(b, a))
+        near = _other_way(_plane(b, a))
     elif cores == (Core.SEGMENT, Core.SEGMENT):
-        found = _segments(a, b)
+        near = _segments(a, b)
     elif cores == (Core.BOX, Core.BOX):
-        found = _boxes(a, b)
+        near = _boxes(a, b)
     else:
-        found = _segment_and_box(a, b) if a.core is Core.SEGMENT else _other_way(_segment_and_box(b, a))
+        near = _segment_and_box(a, b) if a.core is Core.SEGMENT else _other_way(_segment_and_box(b, a))
     thick = a.radius + b.radius
-    return sorted((Place(d - thick, normal, point) for d, normal, point in found), key=itemgetter(0))
+    return sorted((Place(d - thick, normal, point) for d, normal, point in near), key=itemgetter(0))
 
 
-def _other_way(found: list[Place]) -> list[Place]:
-    return [Place(d, -normal, point + d * normal) for d, normal, point in found]
+def _other_way(near: list[Place]) -> list[Place]:
+    return [Place(d, -normal, point + d * normal) for d, normal, point in near]
 
 
 def _between(x: Array, y: Array, meeting: Array) -> Place:
@@ -108,17 +108,17 @@ def _segments(a: Placed, b: Placed) -> list[Place]:
     size = norm(meeting)
     crossing = size > PARALLEL * sqrt(uu * vv) and size > 0.0
     meeting = meeting / size if crossing else _some_across(u if uu > vv else v)
-    found = []
+    near = []
     D = uu * vv - uv * uv
     if PARALLEL * uu * vv < D:
         t = (uv * vw - vv * uw) / D
         r = (uv * t + vw) / vv
         if 0.0 <= t <= 1.0 and 0.0 <= r <= 1.0:
             t = min(max((uv * r - uw) / uu, 0.0), 1.0)
-            found.append(_between(p + t * u, s + r * v, meeting))
-    found += [_between(end, _foot(end, s, v), meeting) for end in ((p, p + u) if uu > 0.0 else (p,))]
-    found += [_between(_foot(end, p, u), end, meeting) for end in ((s, s + v) if vv > 0.0 else (s,))]
-    return found
+            near.append(_between(p + t * u, s + r * v, meeting))
+    near += [_between(end, _foot(end, s, v), meeting) for end in ((p, p + u) if uu > 0.0 else (p,))]
+    near += [_between(_foot(end, p, u), end, meeting) for end in ((s, s + v) if vv > 0.0 else (s,))]
+    return near
 
 
 def _some_across(u: Array) -> Array:
@@ -144,20 +144,14 @@ def _nearest_to_box(p: Array, u: Array, h: Array) -> float:
     return float(ts[i - 1] - slopes[i - 1] / (slopes[i] - slopes[i - 1]) * (ts[i] - ts[i - 1]))
 
 
-def _to_base(b: Placed, d: float, outward: Array, y: Array) -> Place:
-    """A place in the frame of box b, by a point y of the other core, in the base frame: from that to the box."""
-    R = b.pose[:3, :3]
-    return Place(d, -R.dot(outward), R.dot(y) + b.pose[:3, 3])
-
-
 def _point_and_box(y: Array, b: Placed) -> Place:
     """Of a point y in the frame of box b, and the box."""
     gap = y - np.clip(y, -b.half, b.half)
     d = norm(gap)
-    if d > ROUNDING:
-        return _to_base(b, d, gap / d, y)
     at = b.pose.copy()
     at[:3, 3] += at[:3, :3].dot(y)
+    if d > ROUNDING:
+        return Place(d, -at[:3, :3].dot(gap / d), at[:3, 3])
     return _way_apart(Placed(Core.SEGMENT, 0.0, np.zeros(3), at), b)
 
 
@@ -200,7 +194,7 @@ def corners(half: Array) -> list[Array]:
 
 def _boxes(a: Placed, b: Placed) -> list[Place]:
     """Of two boxes: the corners and edges of each against the other; where they meet, the least way out."""
-    found: list[Place] = []
+    near: list[Place] = []
     for one, other in ((a, b), (b, a)):
         R = other.pose[:3, :3].T.dot(one.pose[:3, :3])
         c = other.pose[:3, :3].T.dot(one.pose[:3, 3] - other.pose[:3, 3])
@@ -214,8 +208,8 @@ def _boxes(a: Placed, b: Placed) -> list[Place]:
                     if not edge:
                         return [_way_apart(a, b)]
                     new += edge
-        found += new if one is a else _other_way(new)
-    return found
+        near += new if one is a else _other_way(new)
+    return near
 
 
 def _way_apart(a: Placed, b: Placed) -> Place:

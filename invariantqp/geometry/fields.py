@@ -8,7 +8,7 @@
         def __init__(self, normal: ArrayLike, height: float = 0.0) -> None:
             self.__attrs_init__(arrays.direction(normal, "normal"), arrays.number(height, "height"))
 
-The constructor says what is accepted and checks it once, by the names the caller knows; the fields say what is kept.
+The constructor says what is accepted and checks it once, by the names the caller knows; the fields, what is stored.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ SHOWN = 6
 
 def own(a: Array) -> Array:
     """A read-only copy: what the caller does to the array afterwards changes nothing."""
-    kept = np.array(a)
-    kept.flags.writeable = False
-    return kept
+    copy = np.array(a)
+    copy.flags.writeable = False
+    return copy
 
 
 def same(a: object, b: object) -> bool:
@@ -73,9 +73,9 @@ class Value(Compared):
         return {f.name: getattr(self, f.name) for f in _fields(self)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        for kept in state.values():
-            if isinstance(kept, np.ndarray):
-                kept.flags.writeable = False
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
         vars(self).update(state)
 
 

@@ -40,15 +40,15 @@ class Shape:
     half: Array  # (3,) half sizes of the core along its own axes [length]
     place: Array  # (4, 4) the core in the frame in which the shape is given
     pose: Array  # (4, 4) that frame now, in the base frame; the identity until it is moved
-    twist: Array  # (6,) of that frame now, in the base frame [rad/s; length/s]; zero where it is not told
-    told: bool  # whether it is told
+    twist: Array  # (6,) of that frame now, in the base frame [rad/s; length/s]; zero where it is not declared
+    declared: bool  # whether it is declared, or else follows from the frame's last two poses
     solid: Any = None  # what tells distances of a mesh; None of other shapes
 
     def __init__(self, core: Core, radius: float, half: ArrayLike, place: Array, name: str) -> None:
         """A shape from its parts; use Sphere, Capsule, Box or HalfSpace."""
         arrays.instance(name, str, "name", "text, which reasons call it by")
         vars(self).update(name=name, core=core, radius=radius, half=own(np.asarray(half, float)), place=own(place))
-        vars(self).update(pose=own(np.eye(4)), twist=own(np.zeros(6)), told=False)
+        vars(self).update(pose=own(np.eye(4)), twist=own(np.zeros(6)), declared=False)
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"{name} of a shape does not change; move(pose, twist) moves it, another one is made anew")
@@ -64,7 +64,7 @@ class Shape:
         """
         where = own(arrays.pose(pose, "pose"))
         speed = own(np.zeros(6) if twist is None else arrays.twist(twist))
-        vars(self).update(pose=where, twist=speed, told=twist is not None)
+        vars(self).update(pose=where, twist=speed, declared=twist is not None)
 
     @property
     def called(self) -> str:

@@ -101,10 +101,10 @@ def involution(lines: ArrayLike, tolerance: float = 1.0 / LARGEST_CONDITION) -> 
     """
     J = _lines(lines)
     limit = arrays.tolerance(tolerance)
-    system, found = span(J), factors(J, 0.0)
+    system, factored = span(J), factors(J, 0.0)
     Q = pitch_form(0.0)  # in any unit of length the same matrix
     dependent = system.rank < J.shape[1]
-    kernel = int(np.count_nonzero(found.shares * limit > 1.0))
+    kernel = int(np.count_nonzero(factored.shares * limit > 1.0))
     holds = dependent or kernel > 0
     forces: Array | None = None
     wrench: Array | None = None
@@ -112,7 +112,7 @@ def involution(lines: ArrayLike, tolerance: float = 1.0 / LARGEST_CONDITION) -> 
         forces = system.still[:, -1]
         wrench = np.zeros(6)
     elif holds:
-        balanced = np.linalg.lstsq(J, found.lost, rcond=None)[0]
+        balanced = np.linalg.lstsq(J, factored.lost, rcond=None)[0]
         forces = np.asarray(balanced / np.linalg.norm(balanced))
         wrench = Q.dot(J.dot(forces))
     R = orthogonal(Q.dot(system.basis))

@@ -174,17 +174,17 @@ def _refuse_pitch(given: Array, h: float, freedoms: Array, twists: bool) -> None
     columns, pitch = (given, h) if twists else (given[se3.SWAPPED], -h)
     if core is not None and core.pseudoinverse(columns, pitch) is not None:  # where it is well conditioned
         return
-    found = factors(columns, pitch)
-    if found.exists:
+    factored = factors(columns, pitch)
+    if factored.exists:
         return
-    if found.dependent:
-        said = f"columns so nearly dependent that rounding decides what they span (condition {found.spread:.1g})"
-        raise BadInput("S" if twists else "wrenches", said, "independent columns", "Leave out a column.")
-    z = found.lost
+    if factored.dependent:
+        found = f"columns so nearly dependent that rounding decides what they span (condition {factored.spread:.1g})"
+        raise BadInput("S" if twists else "wrenches", found, "independent columns", "Leave out a column.")
+    z = factored.lost
     if not twists:
         z[3:] += 2.0 * h * z[:3]  # Q_h^-1 w for the wrench w = Q_0 z
         z = z / np.linalg.norm(z)
     k = freedoms.shape[1]
     kind = gibson_hunt(freedoms)
     system = f"a {k}-system {'whose reciprocal is ' if kind.reciprocal else ''}of type {kind}"
-    raise NoProjectors(h, system, (k, k - found.rank + found.gram_rank), z, pitches_or_none(freedoms), CHOICES)
+    raise NoProjectors(h, system, (k, k - factored.rank + factored.gram_rank), z, pitches_or_none(freedoms), CHOICES)

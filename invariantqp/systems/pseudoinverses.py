@@ -214,15 +214,15 @@ def pseudoinverse(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = No
     metric = None
     if joint_metric is not None:
         metric = arrays.positive_definite(joint_metric, twists.shape[1], "joint_metric")
-    found = factors(twists, pitch, metric)
-    if found.exists:
-        return found.inverse
+    factored = factors(twists, pitch, metric)
+    if factored.exists:
+        return factored.inverse
     pitches = pitches_or_none(twists)
-    z = screw_system(twists)[:, -1] if found.dependent else found.lost
+    z = screw_system(twists)[:, -1] if factored.dependent else factored.lost
     raise NoPseudoinverse(
         h=pitch,
-        rank=found.rank,
-        gram_rank=found.rank if found.dependent else found.gram_rank,
+        rank=factored.rank,
+        gram_rank=factored.rank if factored.dependent else factored.gram_rank,
         self_reciprocal=z / np.linalg.norm(z),
         principal_pitches=pitches[np.argsort(np.abs(pitches - pitch), kind="stable")],
     )
@@ -327,26 +327,26 @@ def existence(J: ArrayLike, h: float) -> Existence:
     Reference: [DS] Theorem 3.1; `certificate` is the z of its proof.
     """
     twists, pitch = arrays.columns(J), finite_pitch(h)
-    found = factors(twists, pitch)
-    if found.rank in (0, 6):
+    factored = factors(twists, pitch)
+    if factored.rank in (0, 6):
         never = (False, False, False)
-        return Existence(pitch, found.rank, found.condition, found.rank, 1.0, 0.5 * pi, inf, never, None)
-    view = _view(twists, pitch, found)
+        return Existence(pitch, factored.rank, factored.condition, factored.rank, 1.0, 0.5 * pi, inf, never, None)
+    view = _view(twists, pitch, factored)
     angle, meets = _least_angle(view)
     distance, tangent = _pitch_distance(twists, pitch, view)
-    singular = found.gram_rank < found.rank
+    singular = factored.gram_rank < factored.rank
     Q = pitch_form(pitch / view.system.unit)
     mu = np.linalg.eigvalsh(view.system.basis.T.dot(Q).dot(view.system.basis))
     return Existence(
         h=pitch,
-        rank=found.rank,
-        condition=found.condition,
-        gram_rank=found.gram_rank,
+        rank=factored.rank,
+        condition=factored.condition,
+        gram_rank=factored.gram_rank,
         gram_eigenvalue=float(np.abs(mu).min() / np.abs(Q).max()),
         angle=angle,
         pitch_distance=distance,
         degenerate=(singular, meets, tangent),
-        certificate=found.lost if singular else None,
+        certificate=factored.lost if singular else None,
     )
 
 
@@ -371,11 +371,11 @@ class _View(NamedTuple):
         return float(self.sizes.dot(np.abs(velocity))) / LARGEST_CONDITION
 
 
-def _view(twists: Array, h: float, found: Factors) -> _View:
+def _view(twists: Array, h: float, factored: Factors) -> _View:
     system = span(twists)
     length = max(system.unit, abs(h))
     sizes = np.linalg.norm(system.scaled(twists), axis=0)
-    return _View(system, sizes, np.linalg.qr(found.screws / lengths(length))[0], pitch_form(h / length), length)
+    return _View(system, sizes, np.linalg.qr(factored.screws / lengths(length))[0], pitch_form(h / length), length)
 
 
 def _least_angle(view: _View) -> tuple[float, bool]:

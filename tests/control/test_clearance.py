@@ -560,7 +560,7 @@ def test_it_makes_way_for_what_comes_whether_or_not_its_twist_is_told(panda):
                 twist = [0.0, 0.0, 0.0, 0.0, speed, 0.0] if told else None
                 ball.move(iq.transform(translation=tool + np.array([0.0, y, 0.0])), twist)
             q = q + DT * loop.step(q, panda.pose(READY)).velocity
-            there, last = ball.pose, ball.twist if ball.told else None
+            there, last = ball.pose, ball.twist if ball.declared else None
             ball.move(iq.transform(translation=tool + np.array([0.0, y + DT * speed, 0.0])), last)  # by then
             d.append(by_coal(limit, q))
             ball.move(there, last)
