@@ -105,17 +105,14 @@ def recommend(robot: Robot, q: Array) -> Recommendation:
     serving = np.flatnonzero(shares >= NEARLY_ALL)
     best = int(serving[0] if len(serving) else shares.argmax())
     states, least = np.vstack((spread.states, up.states)), np.vstack((spread.norms, up.norms)).min(axis=1)
-    hardest, said = states[least.argmax()], []
-    where, lost = None, np.empty((6, 0))
+    where, lost, notes = None, np.empty((6, 0)), []
     if least.max() > LARGEST_NORM:
-        where, lost = hardest, unseen(*at_tool(robot, hardest, length), pitches, LARGEST_NORM)
-        said = [_unseen_words(where, lost, root_at(robot.pose(where)[:3, 3], length))]
-    if not len(serving):
-        return Recommendation(
-            "tool", None, length, " ".join([_tool_words(length, spread, up, best), *said]), where, lost
-        )
-    words = _pitch_words(pitches[best], length, spread, up, best)
-    return Recommendation("pitch", pitches[best], length, " ".join([words, *said]), where, lost)
+        where = states[least.argmax()]
+        lost = unseen(*at_tool(robot, where, length), pitches, LARGEST_NORM)
+        notes = [_unseen_words(where, lost, root_at(robot.pose(where)[:3, 3], length))]
+    h = pitches[best] if len(serving) else None
+    words = _tool_words(length, spread, up, best) if h is None else _pitch_words(h, length, spread, up, best)
+    return Recommendation("tool" if h is None else "pitch", h, length, " ".join([words, *notes]), where, lost)
 
 
 def tried_pitches(length: float) -> tuple[float, ...]:
@@ -179,9 +176,9 @@ def _tool_words(length: float, spread: _ProjectorNorms, up: _ProjectorNorms, i: 
 
 def _shares(spread: _ProjectorNorms, up: _ProjectorNorms, i: int) -> str:
     """In how many states of each kind a pitch serves."""
-    said = f"{100.0 * spread.share()[i]:.3g} % of the states looked at"
+    shares = f"{100.0 * spread.share()[i]:.3g} % of the states looked at"
     upright = f" and {100.0 * up.share()[i]:.3g} % of those with the last axis parallel to the first (tool up or down)"
-    return said + upright if len(up.states) else said
+    return shares + upright if len(up.states) else shares
 
 
 def _unseen_words(q: Array, lost: Array, root: Array) -> str:
@@ -246,11 +243,12 @@ def upright(robot: Robot, q: Array) -> Array:
     There are none where no joint or only one turns, where joint limits forbid them, and where the two axes are parallel
     in every state (a SCARA): then they are no other states than the rest.
     """
-    found = [state for start in q if (state := _turned(robot, start)) is not None]
-    return np.array(found).reshape(-1, q.shape[1])
+    states = [state for start in q if (state := _turned(robot, start)) is not None]
+    return np.array(states).reshape(-1, q.shape[1])
 
 
 def _turned(robot: Robot, start: Array) -> Array | None:
+    """The state near `start` with the last axis parallel to the first; None where there is none, or it is `start`."""
     q = start
     for step in range(STEPS + 1):
         J = robot.jacobian(q)
@@ -262,8 +260,6 @@ def _turned(robot: Robot, start: Array) -> Array | None:
         first, last = axes[:, 0], axes[:, -1]
         if np.linalg.norm(np.cross(first, last)) < SMALL:
             return q if step else None
-        if step == STEPS:
-            break
         led = np.cross(axes.T, last).T  # (3, k) how each joint that turns leads the last axis
         wanted = np.copysign(1.0, first.dot(last)) * first - last
         change = np.zeros(len(q))

@@ -98,17 +98,15 @@ def joint_ranges(robot: Robot) -> tuple[Array, Array]:
 
 def survey(robot: Robot, q: Array) -> Survey:
     """Describe the arm in each of (n, m) states."""
-    numbers, types = np.full((len(q), 9), np.nan), []
-    for row, state in zip(numbers, q, strict=True):
-        report = describe(robot.jacobian(state))
-        row[:3] = report.rank, report.blind_directions.shape[1], report.singularity_distance
-        row[3 : 3 + len(report.principal_pitches)] = report.principal_pitches
-        types.append(str(report.type))
+    reports = [describe(robot.jacobian(state)) for state in q]
+    pitches = np.full((len(q), 6), np.nan)
+    for row, report in zip(pitches, reports, strict=True):
+        row[: len(report.principal_pitches)] = report.principal_pitches
     return Survey(
         q=q,
-        rank=numbers[:, 0].astype(int),
-        types=tuple(types),
-        pitches=numbers[:, 3:],
-        blind=numbers[:, 1].astype(int),
-        distance=numbers[:, 2],
+        rank=np.array([report.rank for report in reports]),
+        types=tuple(str(report.type) for report in reports),
+        pitches=pitches,
+        blind=np.array([report.blind_directions.shape[1] for report in reports]),
+        distance=np.array([report.singularity_distance for report in reports]),
     )

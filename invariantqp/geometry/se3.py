@@ -7,8 +7,7 @@ Poses are 4x4 homogeneous, twists (omega; v), wrenches (m; f). `x_from_y` maps y
 Functions of a pose or a twist check it first. `check=False` leaves the check out and saves its time: for float64
 arrays that come from this library or were checked before.
 
-Reference: [DS] Sect. 2.1 (2.2)-(2.4). [DS] is Donelan & Selig, Hyperbolic pseudoinverses for kinematics in the
-Euclidean group.
+Reference: [DS] Sect. 2.1 (2.2)-(2.4).
 """
 
 from __future__ import annotations

@@ -11,32 +11,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull
 
 from invariantqp.analysis.inspection import MULTIPLES, Inspection
 from invariantqp.analysis.survey import Survey, joint_ranges, survey
-from invariantqp.errors import written
+from invariantqp.errors import BadInput, written
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.distance import Placed, corners
+from invariantqp.geometry.shapes import Core
 from invariantqp.pictures.charts import BLUE, RULE, SKY, TEXT, VERMILION
 from invariantqp.pictures.figure import figure_file
+from invariantqp.robots.bodies import SIDES
 from invariantqp.robots.kinematics import Robot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-
-from typing import TYPE_CHECKING
-
-from numpy.typing import ArrayLike
-from scipy.spatial import ConvexHull
-
-from invariantqp.errors import BadInput
-from invariantqp.geometry.distance import Placed, corners
-from invariantqp.geometry.shapes import Core
-from invariantqp.robots.bodies import SIDES
-
-if TYPE_CHECKING:
     from invariantqp.control.clearance import Clearance
-
 
 # Points of a line: enough for a smooth curve at the width of a panel.
 SWEEP = 121

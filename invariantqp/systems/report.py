@@ -20,7 +20,7 @@ from invariantqp.geometry.se3 import adjoint, inverse, velocity_at
 from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.systems.classification import GibsonHunt, gibson_hunt, own_point
 from invariantqp.systems.gram import blind_directions, principal_screws
-from invariantqp.systems.subspaces import span
+from invariantqp.systems.subspaces import screw_system
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -89,8 +89,7 @@ def describe(J: ArrayLike) -> SystemReport:
     """Report on (6, m) joint twists."""
     twists = arrays.columns(J)
     kind = gibson_hunt(twists)
-    system = span(twists)
-    S = system.twists(np.eye(system.rank)[:, : kind.dimension])
+    S = screw_system(twists)[:, : kind.dimension]
     pitches, screws, blind = np.empty(0), np.empty((6, 0)), np.empty((6, 0))
     if kind.admits_pseudoinverse:
         try:

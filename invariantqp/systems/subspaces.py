@@ -5,7 +5,8 @@
 
 There is one factorisation and one decision of rank, `span`. Its unit of length is the power of two nearest
 |J_v| / |J_omega|: the rank is then the same in metres and in millimetres, and the scaling is exact. The functions for
-users return a basis, twists or wrenches as columns, in the caller's unit of length; (6, 0) is the zero system.
+users return a basis, twists or wrenches as columns, in the caller's unit of length; (6, 0) is the zero system, which
+they take as any other.
 
 Reference: [DS] Sect. 2.2, (2.9), (2.10), Theorem 3.1 (ii), Sect. 6.3.
 """
@@ -60,10 +61,6 @@ class Span(Compared):
         """(6, k) twists in the caller's unit of length, measured in `unit`."""
         return twists / lengths(self.unit)
 
-    def twists(self, coordinates: Array) -> Array:
-        """The (6, k) twists with the given basis coordinates, back in the caller's unit of length."""
-        return np.asarray(self.basis.dot(coordinates) * lengths(self.unit))
-
 
 def lengths(unit: float) -> Array:
     """(6, 1) what takes twists measured in a unit of length to the caller's."""
@@ -107,7 +104,7 @@ def screw_system(J: ArrayLike) -> Array:
     Reference: [DS] Sect. 2.2.
     """
     system = span(J)
-    return system.twists(np.eye(system.rank))
+    return system.basis * lengths(system.unit)
 
 
 def reciprocal(S: ArrayLike, h: float = 0.0) -> Array:

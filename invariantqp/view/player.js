@@ -155,27 +155,27 @@ function draw() {
   axes.forEach((u, k) => joint(points[k + 1], u, k));
   if (!run.recorded) triad(goal, 0.13 * r, 2, 0.35, false);
   triad(tool, 0.13 * r, 3.5, 1, true);
-  const told = [`t      ${state.t.toFixed(2)} s`], error = run.charts.find(c => c.title === run.error_title);
-  if (run.recorded) told.push(`contact ${run.status[i]}`);
+  const lines = [`t      ${state.t.toFixed(2)} s`], error = run.charts.find(c => c.title === run.error_title);
+  if (run.recorded) lines.push(`contact ${run.status[i]}`);
   else if (error) {
     const { data } = error.values;
-    told.push(`error  ${written(data[i])} mm, ${written(data[frames + i])} deg`);
+    lines.push(`error  ${written(data[i])} mm, ${written(data[frames + i])} deg`);
   }
   const waits = !run.recorded && !run.status[i];
-  if (!run.recorded) told.push(waits ? "waiting for the run" : `status ${run.status[i]}`);
-  if (limited[i]) told.push("limit active");
+  if (!run.recorded) lines.push(waits ? "waiting for the run" : `status ${run.status[i]}`);
+  if (limited[i]) lines.push("limit active");
   if (arrays.force) {
     const push = between("force", f), size = norm(push), at = spot(tool);
-    told.push(`force  ${size.toFixed(2)} N`);
+    lines.push(`force  ${size.toFixed(2)} N`);
     arrow(at, push, run.force_scale, HUES.force, `${size.toFixed(1)} N`);
   }
   if (!waits) {
     const going = between("travel", f), pace = `${written(1000 * norm(going))} mm/s`;
-    told.push(`speed  ${pace}`);
+    lines.push(`speed  ${pace}`);
     arrow(spot(tool), going, run.travel_scale, HUES.travel, pace);
   }
   painter.end();
-  $("told").replaceChildren(...told.map(words => {
+  $("status").replaceChildren(...lines.map(words => {
     const line = document.createElement("span");
     line.className = /^limit|^status (?!ok)/.test(words) ? "bad" : "";
     line.textContent = `${words}\n`;

@@ -100,7 +100,7 @@ def test_the_page_shows_robot_curves_and_joints(opened, trace):
     header = opened.find_element("css selector", "#joints tr").text
     assert header.split(maxsplit=3)[:3] == ["position,", "in", "its"]
     assert "velocity, of its limit" in header
-    assert "error" in opened.find_element("id", "told").text
+    assert "error" in opened.find_element("id", "status").text
 
 
 def test_the_page_places_the_arm_where_it_is(opened, trace):
@@ -189,11 +189,11 @@ def test_the_served_page_follows_the_run_and_plays_it(browser):
         browser.get("about:blank")
         browser.get_log("browser")
         browser.get(viewer.url)
-        assert browser.find_element("id", "told").text.endswith("waiting for the run")
+        assert browser.find_element("id", "status").text.endswith("waiting for the run")
         serving.start()
         assert until(lambda: clock(browser) == 20.0)
         assert not browser.find_element("id", "play").is_enabled()
-        assert "status ok" in browser.find_element("id", "told").text
+        assert "status ok" in browser.find_element("id", "status").text
         titles = [head.text for head in browser.find_elements("css selector", "aside h2")]
         assert titles == ["joints", "joint position / range", "joint velocity / limit"]
         assert colours(browser.find_element("id", "view").screenshot_as_png) > COLOURFUL
@@ -204,7 +204,7 @@ def test_the_served_page_follows_the_run_and_plays_it(browser):
         assert len(browser.find_elements("css selector", ".chart")) == 3
         assert until(lambda: 0.0 < clock(browser) < 20.0)  # from the start on
         button.click()
-        assert "error" in browser.find_element("id", "told").text
+        assert "error" in browser.find_element("id", "status").text
         assert errors(browser) == []
     finally:
         goes_on.set()
