@@ -25,7 +25,7 @@ def test_two_systems_can_share_a_unit():
     own, shared = span(J), span(J, unit=4.0)
     assert own.unit == 2.0 ** round(np.log2(np.linalg.norm(J[3:]) / np.linalg.norm(J[:3])))
     assert shared.unit == 4.0
-    np.testing.assert_allclose(shared.twists(np.diag(shared.singular) @ shared.right.T), J)
+    np.testing.assert_allclose(shared.basis @ np.diag(shared.singular) @ shared.right.T, shared.scaled(J))
 
 
 def same(A, B):
