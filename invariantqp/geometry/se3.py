@@ -29,12 +29,8 @@ SMALL_ANGLE = 1e-2
 SWAPPED = np.array([3, 4, 5, 0, 1, 2])
 
 
-def cross_matrix(a: ArrayLike) -> Array:
-    """The (3, 3) matrix of b -> a x b."""
-    return _cross(arrays.vector(a, 3, "a"))
-
-
-def _cross(a: Array) -> Array:
+def cross_matrix(a: Array) -> Array:
+    """The (3, 3) matrix of b -> a x b, for an a (3,) that is not checked."""
     x, y, z = a.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
@@ -95,7 +91,7 @@ def adjoint(pose: ArrayLike, *, check: bool = True) -> Array:
     T: Any = pose if check is False else arrays.pose(pose)
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = T[:3, :3]
-    A[3:, :3] = _cross(T[:3, 3]).dot(T[:3, :3])
+    A[3:, :3] = cross_matrix(T[:3, 3]).dot(T[:3, :3])
     return A
 
 
@@ -135,7 +131,7 @@ def exp(twist: ArrayLike, *, check: bool = True) -> Array:
         a = sin(theta) / theta
         b = 2.0 * (sin(0.5 * theta) / theta) ** 2
         c = (1.0 - a) / (theta * theta)
-    W = _cross(s[:3])
+    W = cross_matrix(s[:3])
     once = W.dot(s[3:])
     T = np.eye(4)
     T[:3, :3] += a * W + b * W.dot(W)
@@ -194,8 +190,4 @@ def rotation_vector(R: Array) -> Array:
 
 def velocity_at(twists: Array, point: Array) -> Array:
     """Velocity v + omega x p of the body point now at p (3,), for a (6,) twist or (6, k) columns."""
-    if twists.ndim == 1:
-        a, b, c, u, v, w = twists.tolist()
-        x, y, z = point.tolist()
-        return np.array((u + b * z - c * y, v + c * x - a * z, w + a * y - b * x))
-    return np.asarray(twists[3:] - _cross(point).dot(twists[:3]))
+    return np.asarray(twists[3:] - cross_matrix(point).dot(twists[:3]))

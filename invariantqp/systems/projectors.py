@@ -172,8 +172,6 @@ def _refuse_pitch(given: Array, h: float, freedoms: Array, twists: bool) -> None
         return
     # Wrenches W are the twists Q_0 W measured by -h: W'Q_h^-1 W = (Q_0 W)'Q_{-h}(Q_0 W).
     columns, pitch = (given, h) if twists else (given[se3.SWAPPED], -h)
-    if core is not None and core.pseudoinverse(columns, pitch) is not None:  # where it is well conditioned
-        return
     factored = factors(columns, pitch)
     if factored.exists:
         return

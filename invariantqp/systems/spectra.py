@@ -89,18 +89,15 @@ def hyperbolic_singular_values(J: ArrayLike, h: float, *, joint_metric: ArrayLik
     twists = arrays.columns(J)
     pitch = finite_pitch(h)
     m = twists.shape[1]
-    G = gram_matrix(twists, pitch)
-    system = span(twists)
-    if joint_metric is None:
-        mu, V = np.linalg.eigh(G)
-    else:
-        whiten = np.linalg.inv(np.linalg.cholesky(arrays.positive_definite(joint_metric, m, "joint_metric"))).T
-        mu, V = np.linalg.eigh(whiten.T.dot(G).dot(whiten))
-        V = whiten.dot(V)
+    M = np.eye(m) if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
+    whiten = np.linalg.inv(np.linalg.cholesky(M)).T
+    mu, V = np.linalg.eigh(whiten.T.dot(gram_matrix(twists, pitch)).dot(whiten))
+    V = whiten.dot(V)
+    rank = span(twists).rank
     order = np.argsort(-np.abs(mu), kind="stable")
     values, V = mu[order], V[:, order]
-    values[system.rank :] = 0.0
-    return HyperbolicSpectrum(pitch, system.rank, values, V, twists.dot(V))
+    values[rank:] = 0.0
+    return HyperbolicSpectrum(pitch, rank, values, V, twists.dot(V))
 
 
 @frozen(eq=False, repr=False, slots=False)
