@@ -35,7 +35,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import SWAPPED, across, cross, velocity_at
 from invariantqp.systems.points import resting_point
-from invariantqp.systems.subspaces import orthogonal, span
+from invariantqp.systems.subspaces import TINY, orthogonal, span
 
 # [DS] Tables 1 and 2: the columns of each class from its moduli. h, a, b, c are pitches [length/rad], p a ratio.
 _TWISTS: dict[tuple[int, str], Callable[..., list[tuple[float, ...]]]] = {
@@ -96,7 +96,7 @@ class Parts(NamedTuple):
     W: Array
     V: Array
     N: Array
-    pitches: Array
+    pitches: Array = np.empty(0)
 
 
 def normal_form(dimension: int, name: str, moduli: tuple[float, ...]) -> Array:
@@ -338,60 +338,50 @@ def _unit(twists: Array, moved: Array, point: Array) -> float:
 def _decide(basis: Array, singular: Array, tolerance: float) -> _Decision:
     """The type at a tolerance, the numbers that decide it, and the parts of the system."""
     size = singular / singular[0]
-    k = int(np.count_nonzero(size > tolerance))
+    k = max(1, int(np.count_nonzero(size > tolerance)))  # some twist is not zero, at whatever tolerance
     borders = [Border("dimension", float(s), tolerance) for s in size[max(k - 1, 1) : k + 1]]
+    if k == 6:
+        return _Decision("SE3", 6, Parts(np.eye(3), np.eye(3), np.eye(3)), borders)
     # An error eps of the twists turns the basis by eps * cond, so the numbers below are divided by cond.
     trust = float(size[k - 1])
-    if k == 6:
-        return _Decision("SE3", 6, Parts(np.eye(3), np.eye(3), np.eye(3), np.empty(0)), borders)
-    B = basis[:, :k]
-    if k > 3:
-        B = orthogonal(B[SWAPPED])
-    W, sigma, Vt = np.linalg.svd(B[:3], full_matrices=False)
+    B = basis[:, :k] if k <= 3 else orthogonal(basis[:, :k][SWAPPED])
     n = B.shape[1]
+    W, sigma, Vt = np.linalg.svd(B[:3], full_matrices=False)
     e = int(np.count_nonzero(sigma * trust > tolerance))
     borders += [Border("smallest angular part", float(s) * trust, tolerance) for s in sigma[max(e - 1, 0) : e + 1]]
     moments = B[3:].dot(Vt.T)
-    W, V, N = W[:, :e], moments[:, :e] / sigma[:e], moments[:, e:]
-    if n - e:
-        N = N / np.sqrt((N * N).sum(axis=0))
-    if e:
-        trust *= float(sigma[e - 1])
-    name, pitches = "h" if e else "h=inf", np.empty(0)
-    if n > 1:
-        letter = "ABCD"[n - e]
-        coupled = False
-        if 0 < e < n:
-            coupling = float(np.linalg.norm(W.T.dot(N)))
-            borders.append(Border("translation along the axes", coupling * trust, tolerance))
-            coupled = coupling * trust > tolerance
-        if coupled:
-            name = f"I{letter}0" if (n, e) == (3, 2) else f"I{letter}"
-        elif e < 2:
-            name = f"II{letter}"
-        else:
-            W, V, pitches, suffix, gaps = _principal(W, V, sigma[:e], tolerance / size[k - 1])
-            borders += [Border("pitch difference", g * float(size[k - 1]), tolerance) for g in gaps]
-            name = f"II{letter}" if suffix == 0 else f"I{letter}"
-            if n == 3 and suffix:
-                name += str(suffix) if letter == "A" else "3"
-    return _Decision(name, k, Parts(W, V, N, pitches), borders)
+    N = moments[:, e:] / np.maximum(np.linalg.norm(moments[:, e:], axis=0), TINY)
+    parts = Parts(W[:, :e], moments[:, :e] / sigma[:e], N)
+    if n == 1:
+        return _Decision("h" if e else "h=inf", k, parts, borders)
+    letter = "ABCD"[n - e]
+    if 0 < e < n:
+        coupling = float(np.linalg.norm(parts.W.T.dot(N))) * trust * float(sigma[e - 1])
+        borders.append(Border("translation along the axes", coupling, tolerance))
+        if coupling > tolerance:
+            return _Decision("IB0" if (n, e) == (3, 2) else f"I{letter}", k, parts, borders)
+    if e < 2:
+        return _Decision(f"II{letter}", k, parts, borders)
+    parts, gaps = _principal(parts, sigma[:e], tolerance / trust)
+    borders += [Border("pitch difference", g * trust, tolerance) for g in gaps]
+    if len(parts.pitches) == 1:
+        return _Decision(f"II{letter}", k, parts, borders)
+    suffix = {3: "1", 2: "2"}[len(parts.pitches)] if e == 3 else "3" if n == 3 else ""
+    return _Decision(f"I{letter}{suffix}", k, parts, borders)
 
 
-def _principal(W: Array, V: Array, sigma: Array, tolerance: float) -> tuple[Array, Array, Array, int, list[float]]:
-    """Principal directions, moments, distinct pitches; 0, 1, 2 for all equal, all distinct, two equal; the gaps."""
-    A = W.T.dot(V)
+def _principal(s: Parts, sigma: Array, tolerance: float) -> tuple[Parts, list[float]]:
+    """The parts with principal directions, their moments and the distinct pitches; the gaps between the pitches."""
+    A = s.W.T.dot(s.V)
     pitches, X = np.linalg.eigh(0.5 * (A + A.T))
     # h_i = x'A x with A = Sigma^-1 (..) Sigma^-1: an error in the basis is magnified by |Sigma^-1 x|^2 in the pitch.
     firm = 1.0 / ((X / sigma[:, None]) ** 2).sum(axis=0)
     gaps = ((pitches[1:] - pitches[:-1]) * np.minimum(firm[1:], firm[:-1])).tolist()
     equal = [g <= tolerance for g in gaps]
-    kind = 1
     if all(equal):
-        kind, pitches = 0, pitches.mean(keepdims=True)
-    elif any(equal):
-        kind = 2
+        pitches = pitches.mean(keepdims=True)
+    elif any(equal):  # the single one first
         if equal[0]:
             X, pitches = X[:, [2, 0, 1]], pitches[[2, 0, 1]]
         pitches = np.array((pitches[0], 0.5 * (pitches[1] + pitches[2])))
-    return W.dot(X), V.dot(X), pitches, kind, gaps
+    return Parts(s.W.dot(X), s.V.dot(X), s.N, pitches), gaps

@@ -154,6 +154,13 @@ def test_the_next_name_is_found_just_past_the_border():
     assert near > systems // 3
 
 
+@pytest.mark.parametrize("moment", [0.0, 1e-3])
+def test_what_is_beyond_a_hinge_is_a_slide(moment):
+    """Its angular part is nearly all of it: an error that hides that part leaves no zero system."""
+    kind = iq.gibson_hunt(np.array([0.0, 0.0, 1.0, moment, 0.0, moment]))
+    assert (str(kind), kind.next) == ("h", "h=inf")
+
+
 def test_a_number_that_is_seen_twice_is_one_border():
     """A small angular part is a small difference of pitches too; no system nearby is of the type between the two."""
     J = np.array([(1, 0, 0, -0.5, 0, 0), (0, 1, 0, 0, 0.25, 0), (0, 0, 3e-7, 0, 0, 1)]).T
