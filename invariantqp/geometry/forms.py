@@ -17,6 +17,7 @@ import numpy as np
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import SWAPPED
 
 
 def invariant_form(alpha: float, beta: float) -> Array:
@@ -27,9 +28,8 @@ def invariant_form(alpha: float, beta: float) -> Array:
     Reference: [DS] Theorem 2.1.
     """
     a, b = arrays.number(alpha, "alpha"), arrays.number(beta, "beta")
-    Q = np.zeros((6, 6))
-    Q[[0, 1, 2], [0, 1, 2]] = -2.0 * a
-    Q[[0, 1, 2, 3, 4, 5], [3, 4, 5, 0, 1, 2]] = b
+    Q = np.diag([-2.0 * a, -2.0 * a, -2.0 * a, 0.0, 0.0, 0.0])
+    Q[np.arange(6), SWAPPED] = b
     return Q
 
 
@@ -51,11 +51,7 @@ def pitch_form_inverse(h: float) -> Array:
 
     Reference: [DS] Sect. 6.3.
     """
-    finite = finite_pitch(h)
-    Q = np.zeros((6, 6))
-    Q[[0, 1, 2, 3, 4, 5], [3, 4, 5, 0, 1, 2]] = 1.0
-    Q[[3, 4, 5], [3, 4, 5]] = 2.0 * finite
-    return Q
+    return np.asarray(pitch_form(-finite_pitch(h))[SWAPPED][:, SWAPPED])
 
 
 def finite_pitch(h: float, argument: str = "h") -> float:
