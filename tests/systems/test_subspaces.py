@@ -117,3 +117,4 @@ def test_the_zero_system_is_a_system():
     assert iq.principal_pitches(zero).shape == (0,)
     assert iq.systems.blind_directions(zero).shape == (6, 0)
     assert iq.systems.gram_polynomial(zero) == 1.0
+    assert iq.systems.reciprocal_has_pseudoinverse(np.eye(6), 0.3)
