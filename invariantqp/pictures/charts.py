@@ -31,8 +31,6 @@ SCREEN_COLOURS = (*COLOURS[:6], "#7F7F7F", "#B8A900")
 
 # Greys of what is not a result: text beside the data, reference lines, and shaded areas.
 TEXT, RULE, SHADE = "#444444", "#777777", "#999999"
-
-
 # The most frames of a run; players interpolate.
 FRAMES = 600
 # Title of the chart of errors, from which a page reads what the error is.

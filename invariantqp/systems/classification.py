@@ -366,8 +366,8 @@ def _decide(basis: Array, singular: Array, tolerance: float) -> _Decision:
     borders += [Border("pitch difference", g * trust, tolerance) for g in gaps]
     if len(parts.pitches) == 1:
         return _Decision(f"II{letter}", k, parts, borders)
-    suffix = {3: "1", 2: "2"}[len(parts.pitches)] if e == 3 else "3" if n == 3 else ""
-    return _Decision(f"I{letter}{suffix}", k, parts, borders)
+    name = "IA" if n == 2 else "IB3" if e == 2 else "IA2" if len(parts.pitches) == 2 else "IA1"
+    return _Decision(name, k, parts, borders)
 
 
 def _principal(s: Parts, sigma: Array, tolerance: float) -> tuple[Parts, list[float]]:

@@ -77,12 +77,12 @@ class SystemReport(Value):
         elif len(self.principal_pitches):
             pitches = listed(self.principal_pitches, 6)
             use = f"Stay away from the principal pitches h = {pitches} (length/rad): there no pseudoinverse exists."
-        found = (f"{joints}: {lost if self.singular else away}.", kind, use)
+        sentences = (f"{joints}: {lost if self.singular else away}.", kind, use)
         if not t.near_border:
-            return found
+            return sentences
         b = t.borders[0]
         size = f"the {b.quantity} has size {b.value:.3g}, a factor {t.margin:.3g} from {b.tolerance:.3g}"
-        return (*found, f"Close to type {t.next}: {size}.")
+        return (*sentences, f"Close to type {t.next}: {size}.")
 
 
 def describe(J: ArrayLike) -> SystemReport:
