@@ -70,31 +70,25 @@ def _parts(visuals: Sequence[Visual], links: dict[str, Link]) -> Iterator[Part]:
     from invariantqp.view.meshes import read_meshes, reduced
 
     read = cache(read_meshes)
-    found: list[tuple[int, Mesh]] = []
+    groups: dict[tuple[int, tuple[int, int, int]], list[Mesh]] = {}  # by joint and colour
     for name, part, colour in visuals:
         link = links[name]
         place = link.frame.dot(part.pose)
         own: Any = None if colour is None else tuple(round(255 * each) for each in colour[:3])
         for mesh in _shapes(part, read):
             vertices = mesh.vertices.dot(place[:3, :3].T) + place[:3, 3]
-            found.append((link.body, mesh._replace(vertices=vertices, colour=mesh.colour or own or GREY)))
-    merged = _merged(found)
-    for (joint, hue), mesh in zip(merged, reduced(list(merged.values()), TRIANGLES), strict=True):
+            groups.setdefault((link.body, mesh.colour or own or GREY), []).append(mesh._replace(vertices=vertices))
+    merged = [_merged(meshes) for meshes in groups.values()]
+    for (joint, hue), mesh in zip(groups, reduced(merged, TRIANGLES), strict=True):
         if len(mesh.faces):
             yield Part(joint, hue, mesh.vertices, mesh.faces)
 
 
-def _merged(found: list[tuple[int, Mesh]]) -> dict[tuple[int, tuple[int, int, int]], Mesh]:
-    """One mesh for each joint and colour."""
-    groups: dict[tuple[int, tuple[int, int, int]], list[Mesh]] = {}
-    for joint, mesh in found:
-        groups.setdefault((joint, mesh.colour or GREY), []).append(mesh)
-    merged = {}
-    for key, meshes in groups.items():
-        first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
-        faces = np.vstack([mesh.faces + n for mesh, n in zip(meshes, first, strict=True)])
-        merged[key] = meshes[0]._replace(vertices=np.vstack([mesh.vertices for mesh in meshes]), faces=faces)
-    return merged
+def _merged(meshes: list[Mesh]) -> Mesh:
+    """The triangles of all of them."""
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+    faces = np.vstack([mesh.faces + n for mesh, n in zip(meshes, first, strict=True)])
+    return meshes[0]._replace(vertices=np.vstack([mesh.vertices for mesh in meshes]), faces=faces)
 
 
 def _shapes(part: Geometry, read: Callable[[Path], list[Mesh]]) -> list[Mesh]:
