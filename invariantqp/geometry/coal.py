@@ -78,7 +78,7 @@ class Mesh(Shape):
 
 
 class Triangles:
-    """What coal knows of a mesh; it may be copied and pickled."""
+    """A mesh as coal has it; it may be copied and pickled."""
 
     def __init__(self, points: Array, faces: NDArray[np.intp], hull: bool) -> None:
         """From corners (n, 3) and triangles (f, 3), anticlockwise as seen from outside where it is a hull."""

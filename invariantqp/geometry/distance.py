@@ -34,7 +34,7 @@ class Place(NamedTuple):
 
 
 class Solid(Protocol):
-    """What tells distances of a mesh: another library does."""
+    """A mesh, whose distances another library finds."""
 
     def places(self, pose: Array, other: Placed) -> list[Place]:
         """Where another shape's core is near, from that to the mesh at a (4, 4) pose."""
@@ -50,7 +50,7 @@ class Placed(NamedTuple):
     radius: float
     half: Array  # (3,)
     pose: Array  # (4, 4)
-    solid: Solid | None = None  # of a mesh
+    solid: Solid | None = None  # the mesh, of one
 
 
 def distance(a: Placed, b: Placed) -> float:

@@ -42,7 +42,7 @@ class Shape:
     pose: Array  # (4, 4) that frame now, in the base frame; the identity until it is moved
     twist: Array  # (6,) of that frame now, in the base frame [rad/s; length/s]; zero where it is not declared
     declared: bool  # whether it is declared, or else follows from the frame's last two poses
-    solid: Any = None  # what tells distances of a mesh; None of other shapes
+    solid: Any = None  # the mesh of `Core.MESH`, whose distances another library finds
 
     def __init__(self, core: Core, radius: float, half: ArrayLike, place: Array, name: str) -> None:
         """A shape from its parts; use Sphere, Capsule, Box or HalfSpace."""
