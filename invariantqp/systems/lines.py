@@ -116,7 +116,7 @@ def involution(lines: ArrayLike, tolerance: float = 1.0 / LARGEST_CONDITION) -> 
         forces = np.asarray(balanced / np.linalg.norm(balanced))
         wrench = Q.dot(J.dot(forces))
     R = orthogonal(Q.dot(system.basis))
-    null, plenty, double = _null_lines(R, Q, kernel)
+    null, infinite, double = _null_lines(R, Q, kernel)
     finite, at_infinity = _split(null, limit * system.spread)
     finite[3:] *= system.unit
     return Involution(
@@ -124,7 +124,7 @@ def involution(lines: ArrayLike, tolerance: float = 1.0 / LARGEST_CONDITION) -> 
         determinant=float(np.linalg.det(gram_matrix(J, 0.0))),
         rank=system.rank,
         transversals=finite,
-        transversal_count=inf if plenty else float(finite.shape[1]),
+        transversal_count=inf if infinite else float(finite.shape[1]),
         double=double,
         at_infinity=at_infinity,
         joint_forces=forces,
@@ -161,11 +161,10 @@ def _null_lines(R: Array, Q: Array, kernel: int) -> tuple[Array, bool, bool]:
         np.sqrt(-mu[j]) * E[:, i] + sign * np.sqrt(mu[i]) * E[:, j] for i in up for j in down for sign in (1.0, -1.0)
     ]
     null = np.hstack((E[:, zero], np.array(pairs).T.reshape(n, len(pairs))))
-    if n > 2 and len(up) and len(down):
-        # Infinitely many: keep as many independent ones as there are.
-        null = null[:, _independent(null)]
-    plenty = (n > 2 and len(up) > 0 and len(down) > 0) or kernel > 1
-    return R.dot(null), plenty, n > 1 and kernel == 1 and not pairs
+    infinite = kernel > 1
+    if n > 2 and pairs:  # of infinitely many as many independent ones as there are
+        infinite, null = True, null[:, _independent(null)]
+    return R.dot(null), infinite, n > 1 and kernel == 1 and not pairs
 
 
 def _independent(columns: Array) -> list[int]:
