@@ -112,16 +112,32 @@ def bracket(first: ArrayLike, second: ArrayLike) -> Array:
 
 
 def lie(a: Array, b: Array) -> Array:
-    """`bracket` of two (6,) twists that are not checked."""
-    return np.concatenate((cross(a[:3], b[:3]), cross(a[:3], b[3:]) + cross(a[3:], b[:3])))
+    """`bracket` of two (6,) twists that are not checked: in floats, as `exp` and `log` are.
+
+    A path takes thousands of the three, and 1.4 times as long in arrays.
+    """
+    w1, w2, w3, v1, v2, v3 = a.tolist()
+    x1, x2, x3, y1, y2, y3 = b.tolist()
+    return np.array(
+        (
+            w2 * x3 - w3 * x2,
+            w3 * x1 - w1 * x3,
+            w1 * x2 - w2 * x1,
+            w2 * y3 - w3 * y2 + v2 * x3 - v3 * x2,
+            w3 * y1 - w1 * y3 + v3 * x1 - v1 * x3,
+            w1 * y2 - w2 * y1 + v1 * x2 - v2 * x1,
+        )
+    )
 
 
 def exp(twist: ArrayLike, *, check: bool = True) -> Array:
     """The (4, 4) rigid motion reached by moving with a (6,) twist, angular part [rad] first, for unit time."""
     s: Any = twist if check is False else arrays.twist(twist)
-    if not np.vdot(s, s) < inf:
+    x, y, z, u, v, w = s.tolist()
+    xx, yy, zz = x * x, y * y, z * z
+    if not xx + yy + zz + u * u + v * v + w * w < inf:
         raise BadInput("twist", "numbers beyond any scale", "a twist (omega; v) [rad; length]")
-    theta = norm(s[:3])
+    theta = sqrt(xx + yy + zz)
     if theta < SMALL_ANGLE:
         t2 = theta * theta
         a = 1.0 - t2 / 6.0 * (1.0 - t2 / 20.0 * (1.0 - t2 / 42.0))  # sin t / t
@@ -129,14 +145,21 @@ def exp(twist: ArrayLike, *, check: bool = True) -> Array:
         c = (1.0 - t2 / 20.0 * (1.0 - t2 / 42.0 * (1.0 - t2 / 72.0))) / 6.0  # (t - sin t) / t^3
     else:
         a = sin(theta) / theta
-        b = 2.0 * (sin(0.5 * theta) / theta) ** 2
+        half = sin(0.5 * theta) / theta
+        b = 2.0 * half * half
         c = (1.0 - a) / (theta * theta)
-    W = cross_matrix(s[:3])
-    once = W.dot(s[3:])
-    T = np.eye(4)
-    T[:3, :3] += a * W + b * W.dot(W)
-    T[:3, 3] = s[3:] + b * once + c * W.dot(once)
-    return T
+    # R = 1 + a W + b W^2 and p = (1 + b W + c W^2) linear part, with W^2 = axis axis' - theta^2 1.
+    along = c * (x * u + y * v + z * w)
+    rest = 1.0 - c * (xx + yy + zz)
+    xy, xz, yz = b * x * y, b * x * z, b * y * z
+    return np.array(
+        (
+            (1.0 - b * (yy + zz), xy - a * z, xz + a * y, rest * u + b * (y * w - z * v) + along * x),
+            (xy + a * z, 1.0 - b * (xx + zz), yz - a * x, rest * v + b * (z * u - x * w) + along * y),
+            (xz - a * y, yz + a * x, 1.0 - b * (xx + yy), rest * w + b * (x * v - y * u) + along * z),
+            (0.0, 0.0, 0.0, 1.0),
+        )
+    )
 
 
 def log(pose: ArrayLike, *, check: bool = True) -> Array:
@@ -145,15 +168,18 @@ def log(pose: ArrayLike, *, check: bool = True) -> Array:
     At exactly pi the axis is determined up to sign; either is a logarithm.
     """
     T: Any = pose if check is False else arrays.pose(pose)
-    w, p = rotation_vector(T[:3, :3]), T[:3, 3]
-    theta = norm(w)
+    x, y, z = rotation_vector(T[:3, :3]).tolist()
+    u, v, w = T[:3, 3].tolist()
+    theta = sqrt(x * x + y * y + z * z)
     if theta < SMALL_ANGLE:
         t2 = theta * theta
         c = (1.0 + t2 / 60.0 * (1.0 + t2 / 42.0)) / 12.0  # (1 - t/2 cot(t/2)) / t^2
     else:
         c = (1.0 - 0.5 * theta / tan(0.5 * theta)) / (theta * theta)
-    once = cross(w, p)
-    return np.concatenate((w, p - 0.5 * once + c * cross(w, once)))
+    # p - W p / 2 + c W^2 p, where W p is the vector product of the rotation vector with p = (u, v, w).
+    i, j, k = y * w - z * v, z * u - x * w, x * v - y * u
+    p = u - 0.5 * i + c * (y * k - z * j), v - 0.5 * j + c * (z * i - x * k), w - 0.5 * k + c * (x * j - y * i)
+    return np.array((x, y, z, *p))
 
 
 def displacement(start: Array, end: Array) -> Array:

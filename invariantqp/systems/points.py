@@ -60,8 +60,9 @@ def resting_point(twists: Array, tolerance: float = ROUNDING, longest: float = L
         return Resting(np.zeros(3), np.eye(3))
     fixed = stiffness > tolerance * stiffness[0]
     along = axes[:, fixed]
-    moment = np.cross(w, v, axis=0).sum(axis=1)
-    return Resting(along.dot(along.T.dot(moment) / stiffness[fixed]), axes[:, ~fixed])  # A p = the sum of w x v
+    M = w.dot(v.T)
+    moment = np.array((M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]))  # the sum of w x v, which is A p
+    return Resting(along.dot(along.T.dot(moment) / stiffness[fixed]), axes[:, ~fixed])
 
 
 def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:

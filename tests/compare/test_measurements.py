@@ -45,11 +45,11 @@ def test_a_frame_changes_who_measures_in_it_and_nobody_else(limited):
 def test_chaos_is_seen_by_the_control():
     """Gradient projection without a posture drifts: rounding in the start grows as another frame does."""
     task = load_task("compare/panda_limits")
-    task = task.model_copy(update={"law": task.law.model_copy(update={"posture": False, "dt": 0.002})})
+    task = task.model_copy(update={"law": task.law.model_copy(update={"posture": False})})
     setup = prepare(task)
     _, plain = watched_run(setup, controller_named("Moore-Penrose"))
     _, nudged = watched_run(moved_start(task, setup), controller_named("Moore-Penrose"))
-    assert np.abs(plain.q - nudged.q).max() > 1e4 * 1e-12  # at the file's tick it is 1e6
+    assert np.abs(plain.q - nudged.q).max() > 1e8 * 1e-12  # 4e11 to 4e12 of five starts
 
 
 def test_a_moved_start_is_the_same_motion_of_the_tool():
