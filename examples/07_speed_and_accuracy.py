@@ -10,6 +10,7 @@ Run: python examples/07_speed_and_accuracy.py [picture.svg]      prints table an
      python examples/07_speed_and_accuracy.py --everyday         measures the everyday tasks, a minute; writes the page
 """
 
+import json
 import sys
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from shared.pages import guide, listed, markdown, write_section
 from invariantqp.cli.console import progress
 from invariantqp.compare.measurements import KINDS
 from invariantqp.compare.report import DARK, draw, losses, verdict, write_report
-from invariantqp.compare.results import load_results, write_results
+from invariantqp.compare.results import write_results
 from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
 from invariantqp.compare.tables import summary
 
@@ -35,7 +36,7 @@ def main(word):
         with progress("measuring", quiet=False) as report:
             first = sweep([], None, FOLDER / "everyday", jobs=-1, only=["everyday"], progress=report)
         write_results(FOLDER / "everyday.json", first)
-    results, first = load_results(FOLDER / "results.json"), load_results(FOLDER / "everyday.json")
+    results, first = (json.loads((FOLDER / file).read_text("utf-8")) for file in ("results.json", "everyday.json"))
     print(markdown(summary(results)), "\n")
     for sentence in verdict(results):
         print("-", sentence)

@@ -78,12 +78,10 @@ def compare(
 def print_comparison(results: dict[str, Any], files: list[Path]) -> None:
     """The tables of a comparison, its verdict, and the files that were written."""
     from invariantqp.compare.report import verdict
-    from invariantqp.compare.results import kinds_in
     from invariantqp.compare.tables import EVERYDAY_CELLS, STABILITY_CELLS, everyday, stability, summary
 
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
-    parts = [(summary(results), "")] if {"loop", "tick"} & kinds_in(results).keys() else []
-    parts += [(everyday(results), EVERYDAY_CELLS.replace("*", "")), (stability(results), STABILITY_CELLS)]
+    parts = ((summary(results), ""), (everyday(results), EVERYDAY_CELLS), (stability(results), STABILITY_CELLS))
     for found, cells in parts:
         if not found.rows:
             continue

@@ -32,6 +32,7 @@ from invariantqp.compare.method import (
     Solve,
     Takes,
     answer,
+    in_loop,
     pose_of,
     posture_of,
 )
@@ -128,7 +129,7 @@ class TaskLaw:
         as its `FrameTask` takes them, `posture` what its `PostureTask` takes before the cost, `options` go to its
         `solve_ik`.
         """
-        self._name, self._solve, self._options, self._pose = library.__name__, library.solve_ik, options, pose
+        self._solve, self._options, self._pose = library.solve_ik, options, pose
         self._configuration, self._offset = configuration, at_point(law)
         self._dt, self._share, self._reach = law.dt, share_of(law), AccelerationReach(law, len(robot.names))
         self._task = library.FrameTask(*tool, 1.0, 1.0, gain=self._share)
@@ -158,7 +159,7 @@ class TaskLaw:
             constraints=self._exact,
             **self._options,
         )
-        return answer(self._reach.cut(x), self._name, "daqp")
+        return answer(self._reach.cut(x))
 
 
 def _position_task(frame_task: Any) -> Any:
@@ -300,7 +301,7 @@ class PlacoLaw:
             towards = positions + self._pull * (self._middle - positions)
             self._posture.set_joints(dict(zip(self._names, towards.tolist(), strict=True)))
         x = self._solver.solve(False)[6:] / self._dt  # after six coordinates of the base
-        return answer(self._reach.cut(x), "placo", "eiquadprog")
+        return answer(self._reach.cut(x))
 
     def _ahead(self, here: Array, pose: Array, feedforward: ArrayLike | None) -> Array:
         """The given share of the way to a pose, and as far on as the pose moves in a tick."""
@@ -361,14 +362,14 @@ METHODS = [
         name="Pink",
         why="frame task and posture task of Pink's solve_ik with DAQP, and its limits",
         takes=IN_A_QP,
-        system=PinkLaw,
+        loop=PinkLaw,
         needs=("pink", "pinocchio"),
     ),
     row(
         name="mink",
         why="frame task and posture task of mink's solve_ik with DAQP on a MuJoCo model, and its limits",
         takes=IN_A_QP,
-        system=MinkLaw,
+        loop=MinkLaw,
         needs=("mink", "mujoco"),
         shown=False,
     ),
@@ -376,7 +377,7 @@ METHODS = [
         name="placo",
         why="frame task and joints task of placo's KinematicsSolver (C++), and its limits",
         takes=Takes("joints task, weight 1e-6", "hard task", "inside the QP", "1e-6 without a posture task", AHEAD),
-        system=PlacoLaw,
+        loop=PlacoLaw,
         needs=("placo",),
         shown=False,
     ),
@@ -384,7 +385,7 @@ METHODS = [
         name="Drake",
         why="Drake's DoDifferentialInverseKinematics, which keeps the direction of the twist",
         takes=Takes("in what is left", "a part of the twist, with it", "inside; slows the twist down", "none"),
-        make=drake_velocity,
+        loop=in_loop(drake_velocity),
         needs=("pydrake",),
         shown=False,
     ),

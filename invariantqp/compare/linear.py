@@ -15,7 +15,18 @@ from collections.abc import Callable
 
 import numpy as np
 
-from invariantqp.compare.method import CANNOT, DLS, LAMBDA, PENROSE, LoopSetting, Method, Question, Solve, Takes
+from invariantqp.compare.method import (
+    CANNOT,
+    DLS,
+    LAMBDA,
+    PENROSE,
+    LoopSetting,
+    Method,
+    Question,
+    Solve,
+    Takes,
+    in_loop,
+)
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 
 # Chiaverini's damping starts when the smallest singular value falls below this.
@@ -116,21 +127,21 @@ METHODS = [
         family="Moore-Penrose",
         why="gradient projection: J^+ s by numpy's pinv, and the posture in the null space (Liegeois 1977)",
         takes=Takes(IN_NULL_SPACE, CANNOT, CLIPPED, "none"),
-        make=projected(lambda J: np.asarray(np.linalg.pinv(J))),
+        loop=in_loop(projected(lambda J: np.asarray(np.linalg.pinv(J)))),
     ),
     Method(
         name="task priority",
         family="Moore-Penrose",
         why="exact rows first, the twist in their null space, the posture last (Nakamura 1987; Chiaverini 1997)",
         takes=Takes("lowest priority", "first priority", CLIPPED, "along small singular values (Chiaverini 1997)"),
-        make=priority,
+        loop=in_loop(priority),
     ),
     Method(
         name=DLS,
         family="damped",
         why="damped least squares with lambda = 0.05 (Wampler 1986; Nakamura & Hanafusa 1986)",
         takes=Takes("in the damped null space", CANNOT, CLIPPED, "lambda = 0.05"),
-        make=projected(damped),
+        loop=in_loop(projected(damped)),
     ),
     Method(
         name="SNS",
@@ -138,6 +149,6 @@ METHODS = [
         why="saturation in the null space: joints stay at their limits and others make up for them (Flacco, De Luca "
         "& Khatib 2012)",
         takes=Takes(IN_NULL_SPACE, CANNOT, "inside; slows the twist down", "none"),
-        make=lambda _: lambda tick: saturate(tick)[0],
+        loop=in_loop(lambda _: lambda tick: saturate(tick)[0]),
     ),
 ]

@@ -121,11 +121,11 @@ class Watched:
             solution = self._law.step(q, target, feedforward)
         except Exception as error:  # noqa: BLE001 (exceptions are counted)
             self.exceptions += 1
-            return answer(still, "hold", status=Status.HELD, reason=f"{type(error).__name__}: {error}")
+            return answer(still, Status.HELD, f"{type(error).__name__}: {error}")
         if np.isfinite(solution.velocity).all():
             return solution
         self.not_finite += 1
-        return answer(still, "hold", status=Status.HELD, reason="the answer was not finite")
+        return answer(still, Status.HELD, "the answer was not finite")
 
 
 def _spoilt(broken: str, q: ArrayLike, target: Any, feedforward: ArrayLike | None) -> tuple[Any, Any, Any]:

@@ -1,8 +1,8 @@
 """What a row of the comparison is, and the loop around those that are a function of one tick.
 
 Every row is given the same of the arm and of each tick. What a method cannot take is part of its row (`Takes`), and
-reports print it. A method is a function of one tick, put in a loop by `MethodLaw`; or a whole loop of its own. That
-loop is the same for every method, and as lean as one writes it by hand:
+reports print it. A method is a whole control loop, or a function of one tick that `in_loop` puts in one: the same for
+all of these, and as lean as one writes it by hand:
 
     s = gain log(T^-1 T_target) + feedforward,    x = clip(solve(J, s, limits, posture, exact rows))
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -22,8 +23,7 @@ from numpy.typing import ArrayLike
 from invariantqp.control import controller
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import tracking_gain
-from invariantqp.errors import BadInput
-from invariantqp.extras import is_installed, require
+from invariantqp.extras import is_installed
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
@@ -93,8 +93,7 @@ class Method:
     family: Family
     why: str  # what it is and where it comes from, in one line
     takes: Takes
-    make: Callable[[LoopSetting], Solve] | None = None  # makes the function of a tick
-    system: MakeController | None = None  # or a whole control loop, (robot, law) to controller
+    loop: MakeController  # its control loop, of robot and law
     needs: tuple[str, ...] = ()  # Python modules that have to be installed; imported where the loop is made
     shown: bool = True  # whether the first table and the chart have it
 
@@ -114,11 +113,9 @@ class Method:
         return {**row, "takes": asdict(self.takes)}
 
 
-def answer(
-    x: Array, method: str, solver: str = "", *, status: Status = Status.OK, reason: str = ""
-) -> VelocitySolution:
+def answer(x: Array, status: Status = Status.OK, reason: str = "") -> VelocitySolution:
     """A velocity (m,) as the answer of a tick; what else an answer says is not known of the method."""
-    return VelocitySolution(np.asarray(x), method, status, reason, (), np.full(6, np.nan), 1.0, 0.0, 0.0, solver)
+    return VelocitySolution(np.asarray(x), "", status, reason, (), np.full(6, np.nan), 1.0, 0.0, 0.0, "")
 
 
 def posture_of(robot: Robot, law: LawSpec) -> tuple[Array, Array]:
@@ -126,13 +123,18 @@ def posture_of(robot: Robot, law: LawSpec) -> tuple[Array, Array]:
     return controller.posture_of(law.posture, law.posture_gain, robot)
 
 
-class MethodLaw:
-    """The loop of one method."""
+def in_loop(make: Callable[[LoopSetting], Solve]) -> MakeController:
+    """A control loop around the function of a tick that `make` makes."""
+    return partial(MethodLaw, make=make)
 
-    def __init__(self, robot: Robot, law: LawSpec, name: str, make: Callable[[LoopSetting], Solve]) -> None:
+
+class MethodLaw:
+    """The loop around a function of a tick."""
+
+    def __init__(self, robot: Robot, law: LawSpec, make: Callable[[LoopSetting], Solve]) -> None:
         """Of `law`, dt, gain, delay, acceleration_limit, point, length, posture, exact and position_margin count."""
         by_pinocchio = kinematics() != OURS and getattr(robot, "model", None) is not None
-        self._name, self._robot = name, robot
+        self._robot = robot
         self._read = _read_by_pinocchio(robot) if by_pinocchio else _read_by_twists(robot)
         self._gain = tracking_gain(law.gain, law.dt, law.delay)
         point = np.asarray(law.point, np.float64)
@@ -159,18 +161,7 @@ class MethodLaw:
         pull = self._pull * (self._middle - positions)
         tick = Question(J, self._gain * error + ahead, lower, upper, pull, C, e, positions)
         x = np.minimum(np.maximum(self._solve(tick), lower), upper)
-        return answer(self._reach.cut(x), self._name)
-
-
-def controller_of(method: Method) -> MakeController:
-    """The control loop of a method that is installed: its own, or this one around its function of a tick."""
-    require(method.extra, *method.needs)
-    if method.system is not None:
-        return method.system
-    make = method.make
-    if make is None:
-        raise BadInput("method", f"{method.name}, which has neither a solver nor a loop", "a method with one of them")
-    return lambda robot, law: MethodLaw(robot, law, method.name, make)
+        return answer(self._reach.cut(x))
 
 
 class AccelerationReach:

@@ -48,19 +48,19 @@ METHODS = [
         name=OURS,
         why="this library's law as it is shipped" + (", by the compiled core" if native else ""),
         takes=OUR_TAKES,
-        system=our_controller,
+        loop=our_controller,
     ),
     row(
         name=OURS_PYTHON,
         why="the same law in Python alone",
         takes=OUR_TAKES,
-        system=partial(our_controller, engine="python"),
+        loop=partial(our_controller, engine="python"),
     ),
     row(
         name="[DS] Lambda",
         why="(J'Q_h J + lambda I)^-1 J'Q_h s with lambda = 0.05 m as in [DS] (6.4), which is not always a damping",
         takes=Takes("through its damping", CANNOT, "clipped", "Lambda = 0.05 m"),
-        system=paper_law,
+        loop=paper_law,
         shown=False,
     ),
 ]

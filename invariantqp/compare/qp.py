@@ -30,6 +30,7 @@ from invariantqp.compare.method import (
     Solve,
     Takes,
     answer,
+    in_loop,
     posture_of,
 )
 from invariantqp.control.tracking import tracking_gain
@@ -110,7 +111,7 @@ class HandWritten:
         if flag <= 0:
             raise RuntimeError(f"DAQP: exit flag {flag}")
         self.reach.last = x
-        return answer(x, "hand-written", "daqp")
+        return answer(x)
 
 
 def least_squares(setting: LoopSetting) -> Solve:
@@ -174,7 +175,7 @@ METHODS = [
         name=HAND_WRITTEN,
         why="Pinocchio and DAQP called one after the other in forty lines, least squares with metres and radians alike",
         takes=Takes("in the objective", "equality rows", "inside the QP", "weight 1e-6"),
-        system=HandWritten,
+        loop=HandWritten,
         needs=("pinocchio",),
     ),
     row(
@@ -182,12 +183,12 @@ METHODS = [
         why="with Levenberg and Marquardt's damping (Sugihara 2011), at the given point, and a radian counting as the "
         "arm's reach: the nearest to this library's law",
         takes=Takes("in the objective", "equality rows", "inside the QP", "grows with what is missed (Sugihara 2011)"),
-        make=least_squares,
+        loop=in_loop(least_squares),
     ),
     row(
         name="scaling",
         why="the largest share of the twist in its own direction inside the limits, as Drake's function does",
         takes=Takes("in what is left", "a part of the twist, with it", "inside; slows the twist down", "none"),
-        make=scaling,
+        loop=in_loop(scaling),
     ),
 ]

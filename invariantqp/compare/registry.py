@@ -6,22 +6,20 @@ import difflib
 from collections.abc import Iterable, Sequence
 
 from invariantqp.compare import libraries, linear, ours, qp
-from invariantqp.compare.method import FAMILIES, Method, controller_of
+from invariantqp.compare.method import FAMILIES, Method
 from invariantqp.errors import BadInput, UnknownName
 from invariantqp.extras import require
 from invariantqp.runs.controllers import MakeController
 
-_METHODS = {method.name: method for family in (ours, qp, linear, libraries) for method in family.METHODS}
-
-
-def methods() -> dict[str, Method]:
-    """Every method by its name, installed or not; ours is the first."""
-    return dict(_METHODS)
+# Every method by its name, installed or not; ours is the first.
+METHODS = {method.name: method for family in (ours, qp, linear, libraries) for method in family.METHODS}
 
 
 def controller_named(name: str) -> MakeController:
-    """The control loop of a method, by the method's name."""
-    return controller_of(_METHODS[name])
+    """The control loop of a method, by the method's name; `MissingExtra` where it is not installed."""
+    method = METHODS[name]
+    require(method.extra, *method.needs)
+    return method.loop
 
 
 def chosen(names: Sequence[str] | None = None) -> list[Method]:
@@ -31,12 +29,12 @@ def chosen(names: Sequence[str] | None = None) -> list[Method]:
     method. One given by its full name has to be installed.
     """
     if names is None:
-        return list(_METHODS.values())
+        return list(METHODS.values())
     words = [word.strip() for word in names if word.strip()]
     if not words:
         raise BadInput("--methods", "no method", "methods, families or parts of names")
     meant = {method for word in words for method in _meant(word)}
-    return [method for method in _METHODS.values() if method in meant]
+    return [method for method in METHODS.values() if method in meant]
 
 
 def not_installed(methods: Iterable[Method]) -> dict[str, list[str]]:
@@ -50,13 +48,14 @@ def not_installed(methods: Iterable[Method]) -> dict[str, list[str]]:
 
 def _meant(word: str) -> list[Method]:
     """The method of this name; or the methods of this family; or those with this in their name."""
-    low, table = word.lower(), _METHODS.values()
-    found = [method for method in table if method.name.lower() == low]
-    for method in found:
-        require(method.extra, *method.needs)
-    found = found or [method for method in table if method.family.lower() == low]
-    found = found or [method for method in table if low in method.name.lower()]
+    low = word.lower()
+    named = {method.name.lower(): method for method in METHODS.values()}
+    if low in named:
+        require(named[low].extra, *named[low].needs)
+        return [named[low]]
+    found = [method for method in METHODS.values() if method.family.lower() == low]
+    found = found or [method for name, method in named.items() if low in name]
     if not found:
-        known = [*_METHODS, *FAMILIES]
+        known = [*METHODS, *FAMILIES]
         raise UnknownName("method", word, difflib.get_close_matches(word, known), known)
     return found

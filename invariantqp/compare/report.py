@@ -204,9 +204,9 @@ def html(results: Results, svg: str) -> str:
         "light": LIGHT._asdict(),
         "dark": DARK._asdict(),
         "caption": CAPTION,
-        "summary": tables.summary(results) if {"loop", "tick"} & kinds_in(results).keys() else None,
+        "summary": tables.summary(results),
         "everyday": tables.everyday(results),
-        "cells": tables.EVERYDAY_CELLS.replace("*", ""),
+        "cells": tables.EVERYDAY_CELLS,
         "folded": folded(results),
         "machine": machine(results),
         "command": f"invariantqp compare {' '.join(results['tasks'])}{quick} --seed {results['seed']} --out comparison",
@@ -216,21 +216,18 @@ def html(results: Results, svg: str) -> str:
 
 def folded(results: Results) -> list[tuple[str, Table]]:
     """Tables that a reader opens, with their titles."""
-    found = []
-    if (moved := tables.motion(results)).rows:
-        found.append((tables.MOTION_CELLS, moved))
-    if (hard := tables.stability(results)).rows:
-        found.append((tables.STABILITY_CELLS, hard))
     names = [m["name"] for m in results["methods"]]
-    if names != tables.shown(results):
-        found.append(("Every method", tables.summary(results, names)))
-    found.append(("What each method is, and what it makes of what every row is given", tables.information(results)))
-    found += [(about, table) for kind, about in ABOUT.items() if (table := tables.listed(results, kind)).rows]
     cells = [cell for cell in results["cells"] if "failed" in cell["result"]]
     failed = [(cell["method"], cell["kind"], cell["task"], cell["result"]["failed"]) for cell in cells]
-    if failed:
-        found.append(("What could not be measured", Table(("method", "measurement", "task", "why"), failed)))
-    return found
+    found = [
+        (tables.MOTION_CELLS, tables.motion(results)),
+        (tables.STABILITY_CELLS, tables.stability(results)),
+        ("Every method", tables.summary(results, [] if names == shown(results) else names)),
+        ("What each method is, and what it makes of what every row is given", tables.information(results)),
+        *((about, tables.listed(results, kind)) for kind, about in ABOUT.items()),
+        ("What could not be measured", Table(("method", "measurement", "task", "why"), failed)),
+    ]
+    return [(about, table) for about, table in found if table.rows]
 
 
 def _opening(results: Results) -> str:
@@ -239,16 +236,16 @@ def _opening(results: Results) -> str:
     quick = rough if results["quick"] else ""
     equal = "Every method is given the same posture, exact rows, limits, gain and feedforward."
     counts = f"{len(results['methods'])} methods on {len(results['tasks'])} tasks; seed {results['seed']}."
-    own = results.get("kinematics") == OURS
+    own = results["kinematics"] == OURS
     seen = f" Pinocchio was not installed: the loops of other methods read the arm from {OURS}." if own else ""
     return f"{counts} {equal}{seen}{quick}"
 
 
 def machine(results: Results) -> str:
-    """The machine and the versions, as far as the results have them."""
+    """The machine and the versions."""
     m = results["machine"]
-    releases = ", ".join(f"{name} {version}" for name, version in results.get("versions", {}).items())
-    return f"{m['processor']}, {m['cores']} cores, {m['system']}, Python {m['python']}. {releases or 'No versions'}."
+    releases = ", ".join(f"{name} {version}" for name, version in results["versions"].items())
+    return f"{m['processor']}, {m['cores']} cores, {m['system']}, Python {m['python']}. {releases}."
 
 
 def inline_svg(file: Path) -> str:

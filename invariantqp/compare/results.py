@@ -20,7 +20,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from invariantqp.errors import BadInput
 from invariantqp.version import __version__
 
 SCHEMA = 1
@@ -29,19 +28,6 @@ SOLVERS, OTHERS = ("daqp", "osqp", "qpsolvers"), ("pin-pink", "mink", "placo", "
 LIBRARIES = ("numpy", "scipy", "pin", *SOLVERS, *OTHERS)
 
 Results = dict[str, Any]
-
-
-def load_results(file: Path) -> Results:
-    """Read results that `invariantqp compare` wrote."""
-    try:
-        results = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        found = getattr(error, "strerror", None) or str(error)
-        raise BadInput(str(file), found, "a results.json of invariantqp compare") from error
-    if not isinstance(results, dict) or results.get("schema") != SCHEMA:
-        found = f"schema {results.get('schema')!r}" if isinstance(results, dict) else type(results).__name__
-        raise BadInput(str(file), found, f"results of schema {SCHEMA}", "Run invariantqp compare again.")
-    return results
 
 
 def write_results(file: Path, results: Results) -> None:
@@ -53,11 +39,8 @@ def write_results(file: Path, results: Results) -> None:
     lines = ",\n  ".join(json.dumps(cell, allow_nan=False, separators=(",", ":")) for cell in content.pop("cells"))
     head = json.dumps(content, indent=1, allow_nan=False)
     part = file.with_suffix(".part")
-    try:
-        part.write_text(f'{head[:-2]},\n "cells": [\n  {lines}\n ]\n}}\n', encoding="utf-8")
-        part.replace(file)
-    except OSError as error:
-        raise BadInput(str(file), f"{error}", "a folder that can be written to") from error
+    part.write_text(f'{head[:-2]},\n "cells": [\n  {lines}\n ]\n}}\n', encoding="utf-8")
+    part.replace(file)
 
 
 def plain(value: Any) -> Any:

@@ -40,7 +40,7 @@ EVERYDAY = {
 EVERYDAY_CELLS = (
     "In each cell: largest position error [mm] · orientation error [deg], both beyond those that the target's own "
     "jump makes · joint acceleration after the first tick [rad/s^2] · settling time, to 1 mm and 1 deg, from when the "
-    "target is at rest on [s]. *joints*: how far they move where they are to stay."
+    "target is at rest on [s]. joints: how far they move where they are to stay."
 )
 MOTION_CELLS = (
     "In each cell: largest joint acceleration after the first tick [rad/s^2] · settling time after the path, to 1 mm "
@@ -92,8 +92,13 @@ def depends(loop: dict[str, Any]) -> bool:
 
 
 def summary(results: Results, names: Sequence[str] | None = None) -> Table:
-    """Time [us], largest errors [mm] and [deg] of every task; and the largest change by another tool frame [rad]."""
+    """Time [us], largest errors [mm] and [deg] of every task; and the largest change by another tool frame [rad].
+
+    No rows where neither was measured.
+    """
     loops, ticks = results_of(results, "loop"), results_of(results, "tick")
+    if not loops and not ticks:
+        return Table((), ())
     table = {m["name"]: m for m in results["methods"]}
     rows = []
     for name in shown(results) if names is None else names:
@@ -114,7 +119,7 @@ def summary(results: Results, names: Sequence[str] | None = None) -> Table:
 def motion(results: Results) -> Table:
     """Largest joint acceleration [rad/s^2] and settling time [s] of every task; no rows where none was measured."""
     loops = results_of(results, "loop")
-    if not any("acceleration" in loop for loop in loops.values()):
+    if not loops:
         return Table((), ())
     rows = [[name, *(_moved(loops.get((task, name), {})) for task in results["tasks"])] for name in shown(results)]
     return Table(["method", *map(title, results["tasks"])], rows)

@@ -37,8 +37,7 @@ for file in package.rglob("*.py"):
         import_module(".".join(file.relative_to(package.parent).with_suffix("").parts))
 imported = look()
 from invariantqp.compare.report import draw
-from invariantqp.compare.results import load_results
-results, out = load_results(Path(sys.argv[2])), Path(sys.argv[1])
+results, out = json.loads(Path(sys.argv[2]).read_text("utf-8")), Path(sys.argv[1])
 results = {**results, "tasks": results["tasks"][:1]}
 motion = iq.load_task("scara")
 iq.pictures.picture(iq.run_task(motion, dt=0.02), out / "motion.png")
