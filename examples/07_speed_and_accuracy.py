@@ -30,7 +30,7 @@ FOLDER, PICTURES = HERE / "comparison", HERE / "pictures"
 def main(word):
     if word == "--measure":
         with progress("measuring", quiet=False) as report:
-            rest = [name for name, kind in KINDS.items() if name != "everyday" and not kind.asked]
+            rest = [name for name, kind in KINDS.items() if name != "everyday" and not kind.on_request]
             write_report(sweep(DEFAULT_TASKS, None, FOLDER, jobs=-1, only=rest, progress=report), FOLDER)
     if word in {"--measure", "--everyday"}:
         with progress("measuring", quiet=False) as report:

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.batches.law import velocities
+from invariantqp.batches.law import pair, velocities
 from invariantqp.batches.motions import vector_of
 from invariantqp.batches.namespace import Namespace, Rows, length_of, shaped, together
-from invariantqp.errors import BadInput, excerpt
+from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 
 
@@ -69,12 +69,7 @@ class DifferentialIK:
         self.num_envs = arrays.count(num_envs, "num_envs")
         self._order = arrays.choice(quaternion, "quaternion", ("wxyz", "xyzw"))
         self._dt = arrays.number(dt, "dt", "a time", positive=True)
-        if position_limits is not None and (
-            not isinstance(position_limits, (tuple, list)) or len(position_limits) != 2
-        ):
-            raise BadInput("position_limits", excerpt(position_limits), "(lower, upper)")
-        lower, upper = position_limits or (None, None)
-        self._limits = _checked(lower, upper, velocity_limit)
+        self._limits = _checked(*pair(position_limits, "position_limits"), velocity_limit)
         self.ee_pos_des: Rows | None = None
         self.ee_quat_des: Rows | None = None
         self.status: Rows | None = None
@@ -151,9 +146,12 @@ class DifferentialIK:
             twist = xp.concat((xp.zeros_like(p), p_des - p), axis=-1)
         twists = xp.concat((J[..., 3:, :], J[..., :3, :]), axis=-2)
         step = q * 0.0 + (xp.inf if fastest is None else fastest * self._dt)
-        room = (-step if low is None else xp.minimum(xp.maximum(low - q, -step), step),
-                step if high is None else xp.minimum(xp.maximum(high - q, -step), step))  # fmt: skip
-        answer = velocities(twists, twist, point=p * 0.0, bounds=room, length=0.0 if self._position else None, dt=1.0)
+        bounds = (
+            -step if low is None else xp.minimum(xp.maximum(low - q, -step), step),
+            step if high is None else xp.minimum(xp.maximum(high - q, -step), step),
+        )
+        length = 0.0 if self._position else None
+        answer = velocities(twists, twist, point=p * 0.0, bounds=bounds, length=length, dt=1.0)
         self.status = answer.status
         return q + answer.velocity
 

@@ -105,7 +105,7 @@ def velocities(
         MissingExtra: array-api-compat is not installed.
     """
     policy, tick = _policy(damping), arrays.not_negative(dt, "dt", "a tick")
-    lower, upper = _pair(bounds)
+    lower, upper = pair(bounds, "bounds")
     optional = {"bounds[0]": lower, "bounds[1]": upper, "posture": posture, "length": length}
     xp, rows = together({"J": J, "twist": twist, "point": point}, optional)
     with np.errstate(all="ignore"):  # a row that overflows is held
@@ -205,12 +205,13 @@ def _policy(damping: Damping | float | None) -> Adaptive | Fixed | None:
     return policy  # type: ignore[return-value]
 
 
-def _pair(bounds: Any) -> tuple[Any, Any]:
-    if bounds is None:
+def pair(limits: Any, argument: str) -> tuple[Any, Any]:
+    """Lower and upper limits; None each without any."""
+    if limits is None:
         return None, None
-    if not isinstance(bounds, (tuple, list)) or len(bounds) != 2 or bounds[0] is None or bounds[1] is None:
-        raise BadInput("bounds", excerpt(bounds), "(lower, upper), arrays of shape (..., m), or None")
-    return bounds[0], bounds[1]
+    if not isinstance(limits, (tuple, list)) or len(limits) != 2 or limits[0] is None or limits[1] is None:
+        raise BadInput(argument, excerpt(limits), "(lower, upper), arrays of shape (..., m), or None")
+    return limits[0], limits[1]
 
 
 def at_point(xp: Namespace, twists: Rows, point: Rows) -> Rows:
@@ -244,9 +245,8 @@ def reaches(xp: Namespace, J: Rows, s: Rows, size: Rows) -> Rows:
     w, v = length_of(xp, s[..., :3]), length_of(xp, s[..., 3:])
     one, rounded = xp.ones_like(w), rounding * size
     has = (v > rounded * w) & (w * LENGTH_LIMIT > v)
-    asked = xp.where(has, v / xp.where(has, w, one), one)
-    beside = xp.where(has, rounding * asked, xp.zeros_like(asked))
-    rounded = xp.where(rounded > beside, rounded, beside)
+    wanted = xp.where(has, v / xp.where(has, w, one), one)
+    rounded = xp.maximum(rounded, xp.where(has, rounding * wanted, xp.zeros_like(wanted)))
     moves = speeds > rounded * rounded * rates
     own = xp.sqrt(xp.where(moves, speeds, one) / xp.where(moves, rates, one))
-    return xp.where(total > rounded, total, xp.where(moves, own, asked))
+    return xp.where(total > rounded, total, xp.where(moves, own, wanted))

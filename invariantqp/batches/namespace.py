@@ -29,20 +29,37 @@ def together(needed: dict[str, Any], optional: dict[str, Any] | None = None) -> 
         BadInput: not real numbers, or arrays of two libraries.
         MissingExtra: array-api-compat is not installed.
     """
-    missing = [name for name, value in needed.items() if value is None]
-    if missing:
-        raise BadInput(missing[0], "None", "an array")
+    for name, value in needed.items():
+        if value is None:
+            raise BadInput(name, "None", "an array")
     values = needed | (optional or {})
     require("batches", "array_api_compat")
     import array_api_compat as api
 
     given = {name: v for name, v in values.items() if api.is_array_api_obj(v) and not api.is_numpy_array(v)}
-    if not given:  # no other library owns any: float32 where the first is, float64 otherwise
-        found = [None if v is None else checks.array(v, name, "real numbers") for name, v in values.items()]
-        first_array = next((v for v in values.values() if isinstance(v, np.ndarray)), np.empty(0))
-        if first_array.dtype == np.float32:
-            found = [None if a is None else a.astype(np.float32) for a in found]
-        return api.array_namespace(np.empty(0)), found
+    if given:
+        xp, like = _library(given)
+    else:  # numpy's: float32 where the first of its arrays is, float64 otherwise
+        first = next((v for v in values.values() if isinstance(v, np.ndarray)), np.empty(0))
+        xp = api.array_namespace(np.empty(0))
+        like = np.empty(0, first.dtype if first.dtype == np.float32 else np.float64)
+    made: list[Rows] = []
+    for name, v in values.items():
+        if v is None:
+            made.append(None)
+        elif name not in given:
+            made.append(constant(xp, like, checks.array(v, name, "real numbers")))
+        elif xp.isdtype(v.dtype, ("real floating", "integral")):
+            made.append(v if v.dtype == like.dtype else xp.astype(v, like.dtype))
+        else:
+            raise BadInput(name, f"an array of {v.dtype}", "real numbers")
+    return xp, made
+
+
+def _library(given: dict[str, Rows]) -> tuple[Namespace, Rows]:
+    """The namespace of arrays of one library, and an array of the precision and on the device of the first of them."""
+    import array_api_compat as api
+
     first = next(iter(given))
     try:
         xp = api.array_namespace(*given.values())
@@ -50,16 +67,7 @@ def together(needed: dict[str, Any], optional: dict[str, Any] | None = None) -> 
         kinds = ", ".join(sorted({type(v).__module__.split(".")[0] for v in given.values()}))
         raise BadInput(first, f"arrays of {kinds}", "arrays of one library") from error
     floating = [v for v in given.values() if xp.isdtype(v.dtype, "real floating")]
-    like = floating[0] if floating else xp.astype(given[first], xp.asarray(1.0).dtype)
-    made = []
-    for name, v in values.items():
-        if name not in given:
-            made.append(None if v is None else constant(xp, like, checks.array(v, name, "real numbers")))
-            continue
-        if not xp.isdtype(v.dtype, ("real floating", "integral")):
-            raise BadInput(name, f"an array of {v.dtype}", "real numbers")
-        made.append(v if v.dtype == like.dtype else xp.astype(v, like.dtype))
-    return xp, made
+    return xp, floating[0] if floating else xp.astype(given[first], xp.asarray(1.0).dtype)
 
 
 def constant(xp: Namespace, like: Rows, value: Any) -> Rows:

@@ -103,20 +103,20 @@ def damped_least_squares(
     limited = xp.all(xp.isfinite(low) & xp.isfinite(high), axis=-1)[..., None]
     damped = _damped(xp, sigma, largest, null, damping, limited, unit)
     weights = sigma * sigma + damped.values
-    wanted = _times(xp, xp.matrix_transpose(U), b0)
-    optimum = (sigma * wanted + damped.values * _times(xp, Vt, towards)) / weights
-    possible = constant_of(b) if m >= 6 else _times(xp, U, xp.where(null, xp.zeros_like(sigma), wanted))
+    wanted = _times(xp.matrix_transpose(U), b0)
+    optimum = (sigma * wanted + damped.values * _times(Vt, towards)) / weights
+    possible = constant_of(b) if m >= 6 else _times(U, xp.where(null, xp.zeros_like(sigma), wanted))
     spectrum = (Vt, sigma, damped)
     x, side, settled, K, free = _boxed(xp, Vt, weights, optimum, low, high)
     if dt > 0.0:
-        speed = length_of(xp, xp.where(null, xp.zeros_like(sigma), _times(xp, Vt, x)))
+        speed = length_of(xp, xp.where(null, xp.zeros_like(sigma), _times(Vt, x)))
         added = _calm(xp, A0, b0, x, speed, dt)[..., None]
         x, side, settled, K, free = _boxed(xp, Vt, weights + added, optimum * (weights / (weights + added)), low, high)
     if dt == 0.0 and carries_derivatives(A, b, lower, upper, posture):
         bound = xp.where(side < 0.0, lower, xp.where(side > 0.0, upper, x))
         change = _gradient(xp, A, b, posture, bound, spectrum)
         change = _rows_last(xp, change - constant_of(change), 1)
-        newton = inverse_hessian_times(xp, K, free, change)
+        newton = inverse_hessian_times(K, free, change)
         x = bound - xp.reshape(xp.matrix_transpose(newton), side.shape)
     return Least(x, side, settled, possible)
 
@@ -126,7 +126,7 @@ def _boxed(
 ) -> tuple[Rows, Rows, Rows, Rows, Rows]:
     """x, side (..., m) and settled (...) for K = diag(sqrt(weights)) V'; K (m, m, N), free joints (m, N)."""
     roots = xp.sqrt(weights)
-    centre, axes = _times(xp, xp.matrix_transpose(Vt), optimum), Vt.ndim - 2
+    centre, axes = _times(xp.matrix_transpose(Vt), optimum), Vt.ndim - 2
     condition = xp.reshape(xp.max(roots, axis=-1) / xp.min(roots, axis=-1), (-1,))
     K, start, lower, upper = (_rows_last(xp, v, v.ndim - axes) for v in (roots[..., None] * Vt, centre, low, high))
     found = least_squares_in_box(xp, Problem(K, start, lower, upper, condition))
@@ -136,7 +136,7 @@ def _boxed(
 
 def _calm(xp: Namespace, A: Rows, b: Rows, x: Rows, speed: Rows, dt: float) -> Rows:
     """(...) mu of `velocity.damping.calm`."""
-    size, left = xp.sqrt(xp.sum(A * A, axis=(-2, -1))), length_of(xp, b - _times(xp, A, x))
+    size, left = xp.sqrt(xp.sum(A * A, axis=(-2, -1))), length_of(xp, b - _times(A, x))
     deviation = DEVIATION_SHARE * dt * size * speed * speed - length_of(xp, b)
     error = left + xp.maximum(deviation, xp.zeros_like(deviation))
     return xp.maximum(0.5 * CALM * dt * error * size - NEGLIGIBLE * size * size, xp.zeros_like(error))
@@ -151,9 +151,9 @@ def _gradient(xp: Namespace, A: Rows, b: Rows, posture: Rows, x: Rows, spectrum:
     m = sigma.shape[-1]
     one = constant(xp, sigma, np.eye(m))
     change = damped.slopes * S + one * (damped.by_largest * S[..., 0, 0][..., None])[..., None, :]
-    left = _times(xp, Vt, x - posture)
-    pulled = damped.values * left + _times(xp, change, left)
-    return _times(xp, xp.matrix_transpose(A), _times(xp, A, x) - b) + _times(xp, xp.matrix_transpose(Vt), pulled)
+    left = _times(Vt, x - posture)
+    pulled = damped.values * left + _times(change, left)
+    return _times(xp.matrix_transpose(A), _times(A, x) - b) + _times(xp.matrix_transpose(Vt), pulled)
 
 
 def _damped(
@@ -197,7 +197,7 @@ def _rows_last(xp: Namespace, value: Rows, axes: int) -> Rows:
     return xp.stack([xp.moveaxis(rows, 0, -1)], axis=0)[0]
 
 
-def _times(xp: Namespace, M: Rows, v: Rows) -> Rows:  # noqa: ARG001 (called beside functions of xp)
+def _times(M: Rows, v: Rows) -> Rows:
     """(..., k) the product of (..., k, m) and (..., m)."""
     return (M @ v[..., None])[..., 0]
 

@@ -51,7 +51,7 @@ def inspect(
 ) -> None:
     """Say what ROBOT can do and which form to give it: rank, type, pitches to stay away from, blind directions."""
     from invariantqp.analysis.inspection import inspect as inspect_arm
-    from invariantqp.runs.taskfile import load_arm
+    from invariantqp.runs.taskfile import believed, load_arm
 
     if q is not None and samples is not None:
         raise BadInput("--q", "--samples too", "one of them: --q for one state, --samples for the joint range")
@@ -64,34 +64,36 @@ def inspect(
     many = {} if samples is None else {"samples": samples}
     found = inspect_arm(loaded, name=robot, q=state, **many)
     if state is not None:
-        from invariantqp.control.limits import no_degrees, not_believed, refuse
-
-        refuse(not_believed(loaded, found.q, no_degrees(loaded, loaded.jacobian(found.q))), "--q")
-    kept = None
+        believed(loaded, found.q, "--q")
+    apart = None
     if clearance:
         from invariantqp.control.clearance import Clearance
 
-        kept = Clearance(loaded)
+        apart = Clearance(loaded)
     if json_file is not None:
         content = found.as_json()
-        if kept is not None:
-            near, bodies = kept.at(found.q), {name: len(shapes) for name, shapes in kept.bodies.items()}
-            nearest = {"bodies": near[:2], "distance": near.distance} if near.first else None
-            content["clearance"] = {"bodies": bodies, "nearest": nearest, "pairs": kept.pairs, "dropped": kept.dropped}
+        if apart is not None:
+            near = apart.at(found.q)
+            content["clearance"] = {
+                "bodies": {name: len(shapes) for name, shapes in apart.bodies.items()},
+                "nearest": {"bodies": near[:2], "distance": near.distance} if near.first else None,
+                "pairs": apart.pairs,
+                "dropped": apart.dropped,
+            }
         write(json_file, json.dumps(content, indent=1) + "\n")
     if plot is not None:
         with writing(plot):
-            if kept is None:
+            if apart is None:
                 from invariantqp.pictures.inspection import pitch_picture
 
                 pitch_picture(found, loaded, plot)
             else:
                 from invariantqp.pictures.inspection import bodies_picture
 
-                bodies_picture(kept, found.q, plot)
+                bodies_picture(apart, found.q, plot)
     print_inspection(found)
-    if kept is not None:
-        print_clearance(kept, found.q)
+    if apart is not None:
+        print_clearance(apart, found.q)
 
 
 def print_inspection(found: Inspection) -> None:
@@ -99,11 +101,7 @@ def print_inspection(found: Inspection) -> None:
     console = Console(highlight=False, soft_wrap=True)
     width = console.width if console.is_terminal else PLAIN_WIDTH
     advice = found.recommended
-    use = (
-        f"no form; for splits the pitch h = {advice.h:g}"
-        if advice.h is not None
-        else "no form, and no pitch for splits"
-    )
+    use = "no form, and no pitch for splits" if advice.h is None else f"no form; for splits the pitch h = {advice.h:g}"
     console.print(f"[bold]{escape(found.robot)}[/bold], {len(found.joints)} joints to {escape(found.tool)}")
     for title, words in (
         ("to use it", found.use_words()),
@@ -117,21 +115,21 @@ def print_inspection(found: Inspection) -> None:
             console.print(paragraph, markup=False)
 
 
-def print_clearance(kept: Clearance, q: Array) -> None:
+def print_clearance(clearance: Clearance, q: Array) -> None:
     """The bodies of an arm, how near they are at joint positions q (m,), and which are kept apart, or why not."""
     console = Console(highlight=False, soft_wrap=True)
     console.print("\n[bold]bodies[/bold]")
-    for name, shapes in kept.bodies.items():
+    for name, shapes in clearance.bodies.items():
         kinds = Counter(shape.called for shape in shapes)
         console.print(f"  {name}: {', '.join(f'{n} x {kind}' for kind, n in kinds.items())}", markup=False)
-    near = kept.at(q)
+    near = clearance.at(q)
     console.print(f"  nearest where the arm is: {near}" if near.first else "  no two of them can touch", markup=False)
-    console.print(f"\n[bold]clearance: {len(kept.pairs)} pairs of links are kept apart[/bold]")
-    for name in dict.fromkeys(first for first, _ in kept.pairs):
-        others = ", ".join(second for first, second in kept.pairs if first == name)
+    console.print(f"\n[bold]clearance: {len(clearance.pairs)} pairs of links are kept apart[/bold]")
+    for name in dict.fromkeys(first for first, _ in clearance.pairs):
+        others = ", ".join(second for first, second in clearance.pairs if first == name)
         console.print(f"  {name} from {others}", markup=False)
-    console.print(f"\n[bold]{len(kept.dropped)} are not[/bold]")
-    reasons = dict.fromkeys(dropped.reason for dropped in kept.dropped)
+    console.print(f"\n[bold]{len(clearance.dropped)} are not[/bold]")
+    reasons = dict.fromkeys(dropped.reason for dropped in clearance.dropped)
     for reason in reasons:
-        pairs = ", ".join(f"{one} and {other}" for one, other, why in kept.dropped if why == reason)
+        pairs = ", ".join(f"{one} and {other}" for one, other, why in clearance.dropped if why == reason)
         console.print(f"  {reason}: {pairs}", markup=False)

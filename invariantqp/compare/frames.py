@@ -81,8 +81,7 @@ class DisplacedSensor:
     def measure(self) -> Measurement:
         """What the sensors say, the wrench in the displaced frame."""
         measured = self._plant.measure()
-        wrench = None if measured.wrench is None else self._from_sensor.dot(measured.wrench)
-        return measured._replace(wrench=wrench)
+        return measured._replace(wrench=self._from_sensor.dot(measured.wrench))
 
     def command(self, velocity: Array) -> None:
         """Move for one tick at joint velocities (m,)."""
@@ -128,9 +127,8 @@ def moved_start(task: Task, setup: Setup) -> Setup:
 def frame_check(task: Task, seed: int = 0) -> list[FrameCheck]:
     """Run a task under each law with its own tool frame, with one that is displaced at random, and with a start moved.
 
-    The laws are ours, Moore-Penrose and damped, and for an elastic path, which the others do not
-    have, ours. Runs of such a path may differ in length: the shorter one rests at its end. `seed` is that of the
-    displacement.
+    The laws are ours, Moore-Penrose and damped; for an elastic path, which the others do not have, ours. Runs of such
+    a path may differ in length: the shorter one rests at its end. `seed` is that of the displacement.
     """
     tool = random_displacement(seed)
     checks = []
@@ -189,7 +187,7 @@ class RaibertCraig(TaskController):
         """For a run in displaced frames, of which it knows the sensor's, and the tool's by its (4, 4) displacement."""
         problem, scene = setup.problem, setup.scene
         if scene is None or problem.sensor is None:
-            raise BadInput("setup", "a task without contact", "one with [contact] and [force]")
+            raise BadInput("task", "a task without contact", "one with [contact] and [force]")
         robot, law = problem.robot, problem.law
         self._robot, self._sensor, self._contact_at = robot, problem.sensor, scene.task.contact_at
         self._back = np.eye(4) if tool is None else se3.inverse(tool)
@@ -202,8 +200,6 @@ class RaibertCraig(TaskController):
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
-        if measured.wrench is None:
-            raise BadInput("plant", "no force sensor", "a plant that measures the wrench at the tool")
         sighting, T = self._robot.sight(measured.q, goal.target), self._robot.pose(measured.q)
         exerted = self._sensor.load(measured.wrench, T)
         self.wrench = self._sensor.in_base(exerted, T)

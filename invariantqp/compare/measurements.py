@@ -96,7 +96,7 @@ class Kind:
     alone: bool = False
     tasks: tuple[str, ...] | None = None  # the measurement's own tasks; None for the tasks of the sweep
     slow: bool = False  # whether a quick run leaves it out
-    asked: bool = False  # whether every run leaves it out that does not ask for it by name
+    on_request: bool = False  # whether only a run that names it has it
 
 
 class Watched:
@@ -116,7 +116,7 @@ class Watched:
         still = np.zeros(len(np.asarray(q)))
         self._tick += 1
         if self._broken and self._tick < self._last and self._tick % BROKEN_EVERY == 0:
-            q, target, feedforward = _spoilt(self._broken, q, target, feedforward)
+            q, target, feedforward = _with_nan(self._broken, q, target, feedforward)
         try:
             solution = self._law.step(q, target, feedforward)
         except Exception as error:  # noqa: BLE001 (exceptions are counted)
@@ -128,15 +128,15 @@ class Watched:
         return answer(still, Status.HELD, "the answer was not finite")
 
 
-def _spoilt(broken: str, q: ArrayLike, target: Any, feedforward: ArrayLike | None) -> tuple[Any, Any, Any]:
+def _with_nan(broken: str, q: ArrayLike, target: Any, feedforward: ArrayLike | None) -> tuple[Any, Any, Any]:
     """The inputs with NaN in one of them; a target keeps its class, which checked it before."""
     if broken == "q":
         return np.full(len(np.asarray(q)), np.nan), target, feedforward
     if broken == "feedforward":
         return q, target, np.full(6, np.nan)
-    spoilt = target.pose.copy()
-    spoilt[:3, 3] = np.nan
-    return q, target._replace(pose=spoilt), feedforward
+    pose = target.pose.copy()
+    pose[:3, 3] = np.nan
+    return q, target._replace(pose=pose), feedforward
 
 
 def watched_run(setup: Setup, make: MakeController, broken: str = "") -> tuple[Watched, Trace]:
@@ -185,7 +185,7 @@ def figures(law: Watched, trace: Trace) -> Result:
     at_end = (trace.q[1:] <= low + NEGLIGIBLE) | (trace.q[1:] >= high - NEGLIGIBLE)
     left = (np.diff(trace.outside, axis=0) > NEGLIGIBLE) | (speed - trace.velocity_limit > NEGLIGIBLE)
     beyond = (np.diff(trace.outside, axis=0), trace.outside[-1], speed - trace.velocity_limit)
-    ways: dict[str, Any] = {
+    failed = {
         "raised": law.exceptions / ticks,
         "not_finite": law.not_finite / ticks,
         "outside": float(left.any(axis=1).mean()),
@@ -203,8 +203,8 @@ def figures(law: Watched, trace: Trace) -> Result:
         "excess": max(0.0, *(float(x.max()) for x in beyond)),
         "tail": float(speed[-max(1, round(TAIL * ticks)) :].max()),
         "ticks": ticks,
-        **ways,
-        "failed_ticks": sum(ways.values()),
+        **failed,
+        "failed_ticks": sum(failed.values()),
     }
 
 
@@ -330,7 +330,10 @@ def tick_times(cell: Cell) -> dict[str, Result]:
             found[name] = {"failed": str(error)}
     with quietly():
         taken = interleaved(calls, len(inputs), 3 if cell.quick else 10)
-    return found | {name: spread(times) for name, times in taken.items()}
+    for name, times in taken.items():
+        median, p99 = np.percentile(times, (50.0, 99.0)).tolist()
+        found[name] = {"median_us": median, "p99_us": p99}
+    return found
 
 
 def inputs_of(task: Task, stretches: int) -> list[tuple[Array, Array, Array]]:
@@ -374,22 +377,17 @@ def interleaved(calls: Mapping[str, Callable[[int], object]], count: int, rounds
     return {name: np.array(times) / 1e3 for name, times in taken.items()}
 
 
-def spread(times: Array) -> dict[str, float]:
-    """Median and 99th percentile [us], with the keys of results.json."""
-    return {"median_us": float(np.median(times)), "p99_us": float(np.percentile(times, 99.0))}
-
-
 KINDS = {
     "loop": Kind(loops),
     "beyond": Kind(loops, tasks=tuple(name for name in TASKS if name.startswith("stability/"))),
     "everyday": Kind(everyday, tasks=tuple(EVERYDAY)),
     "calibration": Kind(calibration, tasks=CALIBRATION, slow=True),
     "tick": Kind(tick_times, alone=True),
-    "stability": Kind(stability, tasks=tuple(shipped_tasks("stability")), asked=True),
+    "stability": Kind(stability, tasks=tuple(shipped_tasks("stability")), on_request=True),
     **{
-        f"NaN in {name}": Kind(partial(stability, broken=name), tasks=("stability/jump",), asked=True)
+        f"NaN in {name}": Kind(partial(stability, broken=name), tasks=("stability/jump",), on_request=True)
         for name in ("q", "target", "feedforward")
     },
 }
 # What breaks velocity control.
-STABILITY = tuple(name for name, kind in KINDS.items() if kind.asked)
+STABILITY = tuple(name for name, kind in KINDS.items() if kind.on_request)

@@ -15,7 +15,6 @@ import math
 import os
 import platform
 from contextlib import suppress
-from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -31,13 +30,12 @@ Results = dict[str, Any]
 
 
 def write_results(file: Path, results: Results) -> None:
-    """Write results with one cell in a line, so that two files can be compared line by line.
+    """Write `plain` results with one cell in a line, so that two files can be compared line by line.
 
     The file appears complete or not at all, even if the program is interrupted.
     """
-    content = plain(results)
-    lines = ",\n  ".join(json.dumps(cell, allow_nan=False, separators=(",", ":")) for cell in content.pop("cells"))
-    head = json.dumps(content, indent=1, allow_nan=False)
+    lines = ",\n  ".join(json.dumps(cell, allow_nan=False, separators=(",", ":")) for cell in results["cells"])
+    head = json.dumps({key: value for key, value in results.items() if key != "cells"}, indent=1, allow_nan=False)
     part = file.with_suffix(".part")
     part.write_text(f'{head[:-2]},\n "cells": [\n  {lines}\n ]\n}}\n', encoding="utf-8")
     part.replace(file)
@@ -71,7 +69,6 @@ def kinds_in(results: Results) -> dict[str, None]:
     return dict.fromkeys(cell["kind"] for cell in results["cells"])
 
 
-@cache
 def machine() -> dict[str, str | int]:
     """Processor, number of cores, operating system, and version of Python."""
     info = Path("/proc/cpuinfo")  # where the system's name of the processor is a family's
@@ -85,7 +82,6 @@ def machine() -> dict[str, str | int]:
     }
 
 
-@cache
 def versions() -> dict[str, str]:
     """The version of this package and of each library above that is installed."""
     found = {"invariantqp": __version__}

@@ -1,8 +1,7 @@
 """A sweep: every measurement of every method on every task, in parallel, written to DIR/results.json.
 
 Cells that measure time run after all others, one at a time, in a process of their own with one BLAS thread. Such a cell
-has all methods of a task: they are timed in turn, so that a change of the clock rate affects all alike. All other cells
-go through joblib, with the back end that the caller has set up.
+has all methods of a task: they are timed in turn, so that a change of the clock rate affects all alike.
 """
 
 from __future__ import annotations
@@ -39,21 +38,18 @@ def cells(
     only: Sequence[str] | None = None,
 ) -> list[Cell]:
     """The cells of a sweep, with those that run alone at the end; `only` names measurements, None is the usual ones."""
-    found = []
-    for name, kind in sorted(_wanted(only).items(), key=lambda item: item[1].alone):
-        if only is None and (kind.asked or (quick and kind.slow)):
-            continue
-        groups = [tuple(methods)] if kind.alone else [(method,) for method in methods]
-        places = tasks if kind.tasks is None else kind.tasks
-        found += [Cell(name, task, group, seed, quick) for task in places for group in groups]
-    return found
-
-
-def _wanted(only: Sequence[str] | None) -> dict[str, Kind]:
     for name in only or ():
         if name not in KINDS:
             raise UnknownName("measurement", name, difflib.get_close_matches(name, KINDS), list(KINDS))
-    return {name: kind for name, kind in KINDS.items() if only is None or name in only}
+    usual = {name for name, kind in KINDS.items() if not (kind.on_request or (quick and kind.slow))}
+    wanted = usual if only is None else set(only)
+    found = []
+    for name, kind in sorted(KINDS.items(), key=lambda item: item[1].alone):
+        if name in wanted:
+            groups = [tuple(methods)] if kind.alone else [(method,) for method in methods]
+            places = tasks if kind.tasks is None else kind.tasks
+            found += [Cell(name, task, group, seed, quick) for task in places for group in groups]
+    return found
 
 
 def sweep(
@@ -63,7 +59,7 @@ def sweep(
     *,
     seed: int = 0,
     quick: bool = False,
-    jobs: int | None = None,
+    jobs: int = 1,
     only: Sequence[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Results:
@@ -78,7 +74,7 @@ def sweep(
         out: the folder DIR; it is created if it does not exist.
         seed: seed of states, twists and displacements.
         quick: whether to measure fewer states and longer ticks.
-        jobs: number of processes; None leaves it to joblib's back end, which has one by default.
+        jobs: number of processes; -1 is one a core.
         only: names of measurements; None is the usual ones.
         progress: called with (cells done, cells in all).
     """
@@ -113,7 +109,7 @@ def sweep(
     return results
 
 
-def _attempts(work: list[Cell], jobs: int | None) -> Iterator[tuple[Cell, dict[str, Result]]]:
+def _attempts(work: list[Cell], jobs: int) -> Iterator[tuple[Cell, dict[str, Result]]]:
     """The results of every cell in the order in which they are finished; see `attempt`."""
     beside = [cell for cell in work if not KINDS[cell.kind].alone]
     if beside:

@@ -77,7 +77,8 @@ def charts_of(trace: Trace, ends: Array) -> list[CurveChart]:
     charts = [CurveChart(ERROR, names, np.maximum(extremes(errors, ends), NEGLIGIBLE).T, hues, log=True)]
     if trace.clearance is not None:
         shown, most = trace.clearance.shown
-        kept, least = 1e3 * trace.clearance.kept, 1e3 * np.array([shown[a : b + 1].min() for a, b in ticks_of(ends)])
+        kept = 1e3 * trace.clearance.required
+        least = 1e3 * np.array([shown[a : b + 1].min() for a, b in ticks_of(ends)])
         span = (min(0.0, float(least.min())), 1e3 * most)
         charts.append(CurveChart("least distance [mm]", ("of bodies",), least[None], (BLUE,), (kept,), span))
     if trace.contact is not None:

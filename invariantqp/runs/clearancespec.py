@@ -108,24 +108,25 @@ class Around:
     """What is around an arm in a run, and the clearance from it."""
 
     def __init__(
-        self, robot: Any, spec: ClearanceSpec, obstacles: list[ObstacleSpec], looked_up: Callable[[str], Any]
+        self, robot: Any, clearance: ClearanceSpec, obstacles: list[ObstacleSpec], looked_up: Callable[[str], Any]
     ) -> None:
         """Around a robot, by a task's tables; `looked_up` looks a robot's source up."""
         from invariantqp.control.clearance import Clearance
 
         self._specs = obstacles
         self.obstacles: list[Shape | OtherArm] = [_obstacle(spec, looked_up) for spec in obstacles]
-        for i, (told, obstacle) in enumerate(zip(obstacles, self.obstacles, strict=True)):
+        for i, (spec, obstacle) in enumerate(zip(obstacles, self.obstacles, strict=True)):
             if not isinstance(obstacle, Shape):
-                for key in ("start",) if told.end is None else ("start", "end"):
-                    obstacle.believed(getattr(told, key), f"obstacle[{i}].{key}")
+                for key in ("start",) if spec.end is None else ("start", "end"):
+                    obstacle.believed(getattr(spec, key), f"obstacle[{i}].{key}")
         bodies: dict[str, list[Shape]] | None = None
-        if spec.body is not None:
+        if clearance.body is not None:
             bodies = {}
-            for one in spec.body:
-                bodies.setdefault(one.link, []).append(Capsule(one.a, one.b, one.radius))
+            for body in clearance.body:
+                bodies.setdefault(body.link, []).append(Capsule(body.a, body.b, body.radius))
         self.move(0.0)
-        self.clearance: Clearance = Clearance(robot, bodies, self.obstacles, spec.distance, exclude=spec.exclude)
+        distance, exclude = clearance.distance, clearance.exclude
+        self.clearance: Clearance = Clearance(robot, bodies, self.obstacles, distance, exclude=exclude)
 
     def move(self, t: float) -> None:
         """Everything to where it is at t [s]."""

@@ -73,8 +73,8 @@ class ElasticPathController(TaskController):
     def __init__(self, loop: Controller, problem: ControlProblem, q: Array) -> None:
         """Along the path of a problem, from joint positions q (m,)."""
         n = len(problem.poses)
-        kept = np.unique(np.linspace(0, n - 1, min(n, PATH_SAMPLES)).round().astype(int))
-        self.follower: PathFollower = PathFollower(loop, problem.poses[kept], times=problem.time[kept], rate=1.0)
+        samples = np.unique(np.linspace(0, n - 1, min(n, PATH_SAMPLES)).round().astype(int))
+        self.follower: PathFollower = PathFollower(loop, problem.poses[samples], times=problem.time[samples], rate=1.0)
         self.follower.prepare(q)
         self.form = loop.law.form
         self.followed: list[FollowerSolution] = []
@@ -97,8 +97,6 @@ class ContactController(TaskController):
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
-        if measured.wrench is None:
-            raise BadInput("plant", "no force sensor", "one that measures the wrench at the tool")
         solution = self._loop.step(measured.q, goal.target, measured.wrench, goal.feedforward)
         self.wrench = solution.wrench
         return solution.velocity_solution._replace(status=solution.status, reasons=solution.reason)

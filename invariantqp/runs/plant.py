@@ -26,10 +26,10 @@ from invariantqp.robots.kinematics import Robot
 
 
 class Measurement(NamedTuple):
-    """What the sensors say: joint positions (m,), and the wrench (6,) in the sensor's frame, None without a sensor."""
+    """What the sensors say: joint positions (m,), and the wrench (6,) in the sensor's frame."""
 
     q: Array
-    wrench: Array | None
+    wrench: Array
 
 
 class PlantState(NamedTuple):
@@ -169,8 +169,6 @@ class IdealPlant:
 
     def measure(self) -> Measurement:
         """Joint positions and the sensor's wrench, both exact."""
-        if self._springs is None:
-            return Measurement(self._q, None)
         now = self.state()
         return Measurement(now.q, self._sensor.reading(now.pose, now.wrench))
 

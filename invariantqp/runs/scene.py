@@ -179,9 +179,9 @@ def _surface(contact: ContactSpec, T: Array) -> _Touched:
     y = np.cross(n, x)
     foot = T[:3, 3] - contact.gap * n
     edges = tuple(np.array(edge) - n * n.dot(edge) for edge in contact.edges)
-    for told, edge in zip(contact.edges, edges, strict=True):
+    for given, edge in zip(contact.edges, edges, strict=True):
         if not np.linalg.norm(edge) > SIX_DIGITS:
-            found = f"{list(told)} along the normal or too short"
+            found = f"{list(given)} along the normal or too short"
             raise BadInput("contact.edges", found, "a way along the surface from the tool to an edge")
     believed = Plane(foot, n, edges)
     real = Plane(foot, tilt.dot(n), tuple(tilt.dot(edge) for edge in edges))

@@ -1,4 +1,4 @@
-"""The base of every table of a task file, the kinds of numbers in them, and what is said of a file that does not fit.
+"""The base of every table of a task file, the kinds of numbers in them, and the errors of a file that does not fit.
 
 A number in a file is a number: no text, no booleans, and nothing so large that its square would overflow. Units are SI
 and radians. A problem is one line: its path, what was found, and what would be right.

@@ -17,10 +17,12 @@ from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field, PlainValidator, PrivateAttr, StrictBool, ValidationError, model_validator
 
 from invariantqp.control.controller import Controller
 from invariantqp.control.demands import ExactPoint
+from invariantqp.control.limits import no_degrees, not_believed, refuse
 from invariantqp.control.measure import tool_metric
 from invariantqp.errors import BadInput, InvariantQPError, TaskFileError, UnknownName
 from invariantqp.geometry import arrays, screws, se3
@@ -276,7 +278,7 @@ class Task(Section):
         """What does not fit together in it or with its robot, a line each as of `problems`."""
         found: list[str] = []
 
-        def look(table: str, make: Callable[[], T]) -> T | None:
+        def check(table: str, make: Callable[[], T]) -> T | None:
             try:
                 return make()
             except TaskFileError as error:
@@ -290,19 +292,21 @@ class Task(Section):
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a run that begins warns
-            look("path", lambda: self.ticks)
-            robot = look("robot", self.load_robot)
+            check("path", lambda: self.ticks)
+            robot = check("robot", self.load_robot)
             if robot is not None:
-                look("robot", lambda: started(robot, self.start()))
-                look("path", lambda: self.path.along(robot, self.start()))
-                look("law", lambda: Controller(robot, **law_options(robot, self.law)))
-                look("clearance", lambda: self.around(robot))
+                check("robot", lambda: believed(robot, self.start(), "robot.start"))
+                check("path", lambda: self.path.along(robot, self.start()))
+                check("law", lambda: Controller(robot, **law_options(robot, self.law)))
+                check("clearance", lambda: self.around(robot))
         return found
 
 
-def started(robot: Robot, start: Array) -> Array:
-    """Joint positions (m,) at the start of a run, which can be true."""
-    return Controller(robot, dt=LawSpec().dt).believed(start, "robot.start")
+def believed(robot: Robot, q: ArrayLike, argument: str) -> Array:
+    """Joint positions (m,) that can be true; errors name the argument."""
+    positions = arrays.vector(q, len(robot.names), argument)
+    refuse(not_believed(robot, positions, no_degrees(robot, robot.jacobian(positions))), argument)
+    return positions
 
 
 def shipped_tasks(group: str = "") -> dict[str, FilePath]:

@@ -135,13 +135,13 @@ class ClearanceTrace:
 
     distance: Array  # (n + 1,) the least [m], negative inside
     pairs: list[str]  # (n + 1,) of which bodies
-    kept: float  # what was to be kept [m]
+    required: float  # the least that is allowed [m]
 
     @property
     def shown(self) -> tuple[Array, float]:
-        """(n + 1,) the distances and the largest that a chart shows [m]: nothing matters at ten times what is kept."""
+        """(n + 1,) the distances and the largest that a chart shows [m]: nothing matters at ten times the required."""
         farthest = float(np.max(self.distance, where=np.isfinite(self.distance), initial=0.0))
-        most = max(min(farthest, 10.0 * self.kept or inf), 2.0 * self.kept)
+        most = max(min(farthest, 10.0 * self.required or inf), 2.0 * self.required)
         return np.minimum(self.distance, most), most
 
     def describe(self) -> str:

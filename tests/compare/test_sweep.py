@@ -16,7 +16,7 @@ from invariantqp.cli import app
 from invariantqp.cli.console import Exit
 from invariantqp.compare import sweep as module
 from invariantqp.compare import tables
-from invariantqp.compare.measurements import KINDS, STABILITY, Kind, interleaved, spread
+from invariantqp.compare.measurements import KINDS, STABILITY, Kind, interleaved
 from invariantqp.compare.method import OURS, SCALED_LEAST_SQUARES
 from invariantqp.compare.registry import METHODS
 from invariantqp.compare.results import LIBRARIES, plain, results_of, versions
@@ -63,7 +63,7 @@ def test_cells_are_kinds_times_tasks_times_methods(toys):
     assert [(c.task, c.methods) for c in by_kind["timed"]] == [("t", tuple(FEW)), ("u", tuple(FEW))]
     assert [c.kind for c in work[-2:]] == ["timed", "timed"]
     assert {c.seed for c in work} == {3}
-    toys["asked"] = Kind(counted, asked=True)
+    toys["asked"] = Kind(counted, on_request=True)
     assert "asked" not in {c.kind for c in cells(["t"], FEW)}
     toys["slow"] = Kind(counted, slow=True)
     assert "slow" not in {c.kind for c in cells(["t"], FEW, quick=True)}
@@ -128,7 +128,6 @@ def test_rounds_go_through_all_in_turn():
     taken = interleaved(calls, 2, 5)
     assert order[:4] == [("a", 0), ("a", 1), ("b", 0), ("b", 1)]
     assert {name: len(t) for name, t in taken.items()} == {"a": 10, "b": 10}
-    assert spread(np.arange(101.0)) == {"median_us": 50.0, "p99_us": 99.0}
     slow = interleaved({"fast": lambda _: None, "slow": lambda _: time.sleep(2e-3)}, 1, 3)
     assert np.median(slow["slow"]) > np.median(slow["fast"])
 
@@ -180,7 +179,7 @@ def test_everyday_tasks_alone_are_a_table_and_a_page(tmp_path):
 def hard_run(tmp_path_factory):
     """Where methods fail, run by the command, of a few tasks."""
     out = tmp_path_factory.mktemp("stability")
-    few = {name: dataclasses.replace(kind, tasks=kind.tasks[-1:]) for name, kind in KINDS.items() if kind.asked}
+    few = {name: dataclasses.replace(kind, tasks=kind.tasks[-1:]) for name, kind in KINDS.items() if kind.on_request}
     words = ["compare", "--stability", "--jobs", "1", "--out", str(out)]
     chosen = [word for name in (OURS, SCALED_LEAST_SQUARES, "Pink") for word in ("--methods", name)]
     with pytest.MonkeyPatch.context() as patch:

@@ -59,7 +59,7 @@ def test_path_and_force_hold_after_contact_has_settled(name, physics):
     path, force = PROMISES[physics]
     figures = trace.summary()
     assert trace.passed, trace.shortfalls
-    assert trace.clearance is None or trace.clearance.distance.min() < 1.01 * trace.clearance.kept  # it is needed
+    assert trace.clearance is None or trace.clearance.distance.min() < 1.01 * trace.clearance.required  # it is needed
     assert figures["position_error_mm"]["max"] < path
     assert 0.0 < figures["force_error_relative_rms"] < force
     assert trace.limit_violation == 0.0

@@ -40,7 +40,7 @@ def test_shipped_tasks_are_accepted(name):
     assert trace.passed, trace.shortfalls
     assert trace.limit_violation <= 1e-9
     assert "held" not in trace.statuses
-    assert trace.clearance is None or trace.clearance.distance.min() < 1.01 * trace.clearance.kept  # it is needed
+    assert trace.clearance is None or trace.clearance.distance.min() < 1.01 * trace.clearance.required  # it is needed
     shorter = task.path.model_copy(update={"duration": 0.3 * task.path.duration})
     hurried = iq.run_task(task.model_copy(update={"path": shorter}), dt=0.01)  # limits bind, and hold
     assert hurried.limit_violation <= 1e-9
