@@ -24,7 +24,6 @@ from invariantqp.errors import BadInput, InvariantQPError
 from invariantqp.version import __version__
 
 app: typer.Typer = typer.Typer(
-    help="Task-space velocity control of robot arms whose answers do not depend on frames or length units.",
     epilog=HELP,
     no_args_is_help=True,
     add_completion=False,

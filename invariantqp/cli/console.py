@@ -1,4 +1,4 @@
-"""What every command shares: exit statuses, what it says on standard error, numbers it reads, and files it writes.
+"""What commands share: exit statuses, messages on standard error, numbers to read, files to write.
 
 What cannot be written is refused before the work is done, as far as can be known.
 """
@@ -82,11 +82,6 @@ def progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | No
         job = bar.add_task(what, total=None)
 
         yield lambda done, total: bar.update(job, completed=done, total=total)
-
-
-def percent(share: float) -> str:
-    """A share in words."""
-    return f"{100.0 * share:.3g} %"
 
 
 def numbers(option: str, text: str) -> list[float]:

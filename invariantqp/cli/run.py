@@ -21,7 +21,6 @@ from invariantqp.cli.console import (
     JsonFile,
     NotAccepted,
     Quiet,
-    percent,
     progress,
     say,
     writable,
@@ -238,12 +237,12 @@ def print_frame_check(trace: Trace, seed: int) -> None:
     from invariantqp.compare.frames import contact_frame_check, frame_check
 
     if trace.contact is None:
-        said = "The same motion of the tool, of a tool frame displaced at random:"
+        title = "The same motion of the tool, of a tool frame displaced at random:"
         table = Table("law", "change of joint positions, rad", "start moved by 1e-12", "largest error, mm", box=None)
         for check in frame_check(trace.task, seed):
             table.add_row(check.law, f"{check.change:.1e}", f"{check.control:.1e}", f"{check.worst_error_mm:.2g}")
     else:
-        said = "The same task, with the frames of tool, sensor and contact displaced at random:"
+        title = "The same task, with the frames of tool, sensor and contact displaced at random:"
         errors_and_forces = ("path error, mm", "in displaced frames", "force error", "in displaced frames")
         table = Table("law", "change of joint velocities, rad/s", *errors_and_forces, box=None)
         for c in contact_frame_check(trace.task, seed, trace.physics):
@@ -251,8 +250,13 @@ def print_frame_check(trace: Trace, seed: int) -> None:
             forces = (percent(f or 0.0) for f in (c.force_error, c.displaced_force_error))
             table.add_row(c.law, f"{c.change:.1e}", *errors, *forces)
     console = Console(highlight=False)
-    console.print(f"\n{said}")
+    console.print(f"\n{title}")
     console.print(table)
+
+
+def percent(share: float) -> str:
+    """A share in words."""
+    return f"{100.0 * share:.3g} %"
 
 
 def _shares(counts: dict[str, Any]) -> str:

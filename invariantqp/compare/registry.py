@@ -56,6 +56,6 @@ def _meant(word: str) -> list[Method]:
     found = [method for method in METHODS.values() if method.family.lower() == low]
     found = found or [method for name, method in named.items() if low in name]
     if not found:
-        known = [*METHODS, *FAMILIES]
+        known = list(dict.fromkeys([*METHODS, *FAMILIES]))
         raise UnknownName("method", word, difflib.get_close_matches(word, known), known)
     return found

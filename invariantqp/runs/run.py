@@ -38,10 +38,11 @@ def warnings_of(robot: Robot, form: Form | None, q: Array, solutions: Sequence[V
     n = len(solutions)
     damped = sum(getattr(s, "damping", 0.0) > 0.0 for s in solutions)  # laws compared with ours need not say
     found = [f"{damped} of {n} ticks were damped, near a singularity or a principal pitch"] if damped else []
-    for status in ("limited", "guarded", "scaled", "degraded", "held"):
+    for status in ("limited", "guarded", "scaled", "degraded", "held", "overload", "fault"):
         hits = [s for s in solutions if s.status == status]
         if hits:
-            found.append(f"{len(hits)} of {n} ticks were {status}; the first: {hits[0].reason}")
+            what = f"{status}s" if status in ("overload", "fault") else status
+            found.append(f"{len(hits)} of {n} ticks were {what}; the first: {hits[0].reason}")
     if isinstance(form, PitchForm) and len(robot.names) < 6:
         found += _about_pitches(robot, form.h, q)
     return found

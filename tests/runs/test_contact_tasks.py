@@ -160,6 +160,9 @@ def test_an_overload_stops_the_tool():
     trace = iq.run_task(task)
     assert trace.statuses[-1] == "overload"
     assert not trace.velocity[-1].any()
+    (note,) = (note for note in trace.warnings if "overload" in note)
+    assert f"{trace.statuses.count('overload')} of {len(trace.statuses)} ticks were overloads; the first: " in note
+    assert "N of 5.2" in note
 
 
 @pytest.mark.parametrize("yields", [0.0, 0.02, np.inf])
