@@ -116,7 +116,7 @@ def damped_least_squares(
         bound = xp.where(side < 0.0, lower, xp.where(side > 0.0, upper, x))
         change = _gradient(xp, A, b, posture, bound, spectrum)
         change = _rows_last(xp, change - constant_of(change), 1)
-        newton = inverse_hessian_times(K, free, change)
+        newton = inverse_hessian_times(xp, K, free, change)
         x = bound - xp.reshape(xp.matrix_transpose(newton), side.shape)
     return Least(x, side, settled, possible)
 
