@@ -31,10 +31,12 @@ def main(word):
     if word == "--measure":
         with progress("measuring", quiet=False) as report:
             rest = [name for name, kind in KINDS.items() if name != "everyday" and not kind.on_request]
-            write_report(sweep(DEFAULT_TASKS, None, FOLDER, jobs=-1, only=rest, progress=report), FOLDER)
+            results = sweep(DEFAULT_TASKS, None, jobs=-1, only=rest, progress=report)
+        write_results(FOLDER / "results.json", results)
+        write_report(results, FOLDER)
     if word in {"--measure", "--everyday"}:
         with progress("measuring", quiet=False) as report:
-            first = sweep([], None, FOLDER / "everyday", jobs=-1, only=["everyday"], progress=report)
+            first = sweep([], None, jobs=-1, only=["everyday"], progress=report)
         write_results(FOLDER / "everyday.json", first)
     results, first = (json.loads((FOLDER / file).read_text("utf-8")) for file in ("results.json", "everyday.json"))
     print(markdown(summary(results)), "\n")

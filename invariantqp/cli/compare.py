@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from invariantqp.cli.console import WIDEST, NotAccepted, Quiet, folder, progress, say
+from invariantqp.cli.console import WIDEST, NotAccepted, Quiet, folder, progress, say, writing
 from invariantqp.errors import BadInput, install_command
 from invariantqp.extras import require
 
@@ -51,23 +51,22 @@ def compare(
     from invariantqp.compare.measurements import STABILITY
     from invariantqp.compare.registry import chosen, not_installed
     from invariantqp.compare.report import write_report
-    from invariantqp.compare.sweep import DEFAULT_TASKS, cells, sweep
+    from invariantqp.compare.results import write_results
+    from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
     from invariantqp.compare.tables import failed_stability
 
     if jobs < -1 or jobs == 0:
         raise BadInput("--jobs", f"{jobs}", "a number of processes, or -1 for all cores")
     kinds = list(STABILITY) if stability else None if only is None else [word.strip() for word in only.split(",")]
-    rows = chosen(methods)  # a wrong name is refused before a folder is made
-    for cell in cells(tasks or DEFAULT_TASKS, [row.name for row in rows[:1]], only=kinds):
-        cell.load()
-    for extra, names in {} if quiet else not_installed(rows).items():
+    for extra, names in {} if quiet else not_installed(chosen(methods)).items():
         say(f"not installed, so left out: {'; '.join(names)}. Run: {install_command(extra)}")
     folder("--out", out)
     with progress("measuring", quiet) as report:
-        results = sweep(
-            tasks or DEFAULT_TASKS, methods, out, seed=seed, quick=quick, jobs=jobs, only=kinds, progress=report
-        )
-    files = write_report(results, out)
+        results = sweep(tasks or DEFAULT_TASKS, methods, seed=seed, quick=quick, jobs=jobs, only=kinds, progress=report)
+    with writing(out):
+        out.mkdir(parents=True, exist_ok=True)
+        write_results(out / "results.json", results)
+        files = write_report(results, out)
     if not quiet:
         print_comparison(results, files)
     failed = failed_stability(results) if stability else []

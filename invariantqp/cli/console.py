@@ -110,13 +110,12 @@ def writable(option: str, file: Path | None, suffixes: tuple[str, ...] = ()) -> 
 
 
 def folder(option: str, out: Path) -> None:
-    """Make a folder, or refuse one that cannot be had."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(option, f"{out}: {error.strerror}", "a folder, or a place where one can be made") from error
-    if not os.access(out, os.W_OK):
-        raise BadInput(option, f"{out}, which may not be written to", "a folder of yours")
+    """Refuse a folder that can neither be written to nor made."""
+    place = next(place for place in (out, *out.absolute().parents) if place.exists())
+    if not place.is_dir():
+        raise BadInput(option, f"{place}, a file", "a folder, or a place where one can be made")
+    if not os.access(place, os.W_OK):
+        raise BadInput(option, f"{place}, which may not be written to", "a folder of yours")
 
 
 @contextmanager

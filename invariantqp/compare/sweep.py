@@ -1,4 +1,4 @@
-"""A sweep: every measurement of every method on every task, in parallel, written to DIR/results.json.
+"""A sweep: every measurement of every method on every task, in parallel.
 
 Cells that measure time run after all others, one at a time, in a process of their own with one BLAS thread. Such a cell
 has all methods of a task: they are timed in turn, so that a change of the clock rate affects all alike.
@@ -18,7 +18,7 @@ from joblib.externals.loky import ProcessPoolExecutor
 from invariantqp.compare.measurements import KINDS, Cell, Kind, Result
 from invariantqp.compare.method import kinematics
 from invariantqp.compare.registry import chosen
-from invariantqp.compare.results import SCHEMA, Results, machine, plain, versions, write_results
+from invariantqp.compare.results import SCHEMA, Results, machine, plain, versions
 from invariantqp.compare.tables import TASKS
 from invariantqp.errors import UnknownName
 from invariantqp.runs.taskfile import load_task
@@ -55,7 +55,6 @@ def cells(
 def sweep(
     tasks: Sequence[str],
     methods: Sequence[str] | None,
-    out: Path,
     *,
     seed: int = 0,
     quick: bool = False,
@@ -63,7 +62,7 @@ def sweep(
     only: Sequence[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Results:
-    """Measure every method on every task, write DIR/results.json and return its content.
+    """Measure every method on every task: the content of results.json.
 
     Methods that are not installed are left out. A wrong name, or a robot that is not installed, ends it before the
     first measurement.
@@ -71,7 +70,6 @@ def sweep(
     Args:
         tasks: names or files of tasks.
         methods: names of methods, as `registry.chosen` takes them; None is every one that is installed.
-        out: the folder DIR; it is created if it does not exist.
         seed: seed of states, twists and displacements.
         quick: whether to measure fewer states and longer ticks.
         jobs: number of processes; -1 is one a core.
@@ -87,26 +85,21 @@ def sweep(
         found[cell] = result
         if progress is not None:
             progress(len(found), len(work))
-    results: Results = plain(
-        {
-            "schema": SCHEMA,
-            "machine": machine(),
-            "versions": versions(),
-            "kinematics": kinematics(),
-            "seed": seed,
-            "quick": quick,
-            "tasks": list(tasks),
-            "methods": [{**m.as_json(), "shown": m.shown or methods is not None} for m in rows],
-            "cells": [
-                {"kind": cell.kind, "task": cell.task, "method": method, "result": result}
-                for cell in work
-                for method, result in found[cell].items()
-            ],
-        }
-    )
-    out.mkdir(parents=True, exist_ok=True)
-    write_results(out / "results.json", results)
-    return results
+    return {
+        "schema": SCHEMA,
+        "machine": machine(),
+        "versions": versions(),
+        "kinematics": kinematics(),
+        "seed": seed,
+        "quick": quick,
+        "tasks": list(tasks),
+        "methods": [{**m.as_json(), "shown": m.shown or methods is not None} for m in rows],
+        "cells": [
+            {"kind": cell.kind, "task": cell.task, "method": method, "result": plain(result)}
+            for cell in work
+            for method, result in found[cell].items()
+        ],
+    }
 
 
 def _attempts(work: list[Cell], jobs: int) -> Iterator[tuple[Cell, dict[str, Result]]]:
