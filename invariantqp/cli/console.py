@@ -70,17 +70,10 @@ def progress(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | No
     if quiet or not console.is_terminal:
         yield None
         return
-    from rich import progress as bars
+    from rich.progress import Progress
 
-    with bars.Progress(
-        bars.TextColumn(what),
-        bars.BarColumn(),
-        bars.TextColumn("{task.percentage:3.0f} %"),
-        bars.TimeRemainingColumn(),
-        console=console,
-    ) as bar:
+    with Progress(console=console) as bar:
         job = bar.add_task(what, total=None)
-
         yield lambda done, total: bar.update(job, completed=done, total=total)
 
 

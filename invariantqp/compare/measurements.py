@@ -183,12 +183,11 @@ def figures(law: Watched, trace: Trace) -> Result:
     speed, ticks = np.abs(trace.velocity), len(trace.velocity)
     at_speed = speed >= trace.velocity_limit * (1.0 - NEGLIGIBLE)
     at_end = (trace.q[1:] <= low + NEGLIGIBLE) | (trace.q[1:] >= high - NEGLIGIBLE)
-    left = (np.diff(trace.outside, axis=0) > NEGLIGIBLE) | (speed - trace.velocity_limit > NEGLIGIBLE)
-    beyond = (np.diff(trace.outside, axis=0), trace.outside[-1], speed - trace.velocity_limit)
+    further, faster = np.diff(trace.outside, axis=0), speed - trace.velocity_limit
     failed = {
         "raised": law.exceptions / ticks,
         "not_finite": law.not_finite / ticks,
-        "outside": float(left.any(axis=1).mean()),
+        "outside": float(((further > NEGLIGIBLE) | (faster > NEGLIGIBLE)).any(axis=1).mean()),
     }
     return {
         "position_mm": 1e3 * float(trace.position_error.max()),
@@ -200,7 +199,7 @@ def figures(law: Watched, trace: Trace) -> Result:
         "settling_s": settling_time(trace),
         "variation": float(np.abs(np.diff(trace.velocity, axis=0)).sum()),
         "peak": float((speed / trace.velocity_limit).max()),
-        "excess": max(0.0, *(float(x.max()) for x in beyond)),
+        "excess": max(0.0, *(float(x.max()) for x in (further, trace.outside[-1], faster))),
         "tail": float(speed[-max(1, round(TAIL * ticks)) :].max()),
         "ticks": ticks,
         **failed,

@@ -12,7 +12,9 @@ from invariantqp.extras import require
 from invariantqp.runs.controllers import MakeController
 
 # Every method by its name, installed or not; ours is the first.
-METHODS = {method.name: method for family in (ours, qp, linear, libraries) for method in family.METHODS}
+METHODS: dict[str, Method] = {
+    method.name: method for family in (ours, qp, linear, libraries) for method in family.METHODS
+}
 
 
 def controller_named(name: str) -> MakeController:

@@ -9,7 +9,6 @@ plain QP are enough, who sees the frame, who is better.
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -173,29 +172,16 @@ ABOUT = {
 
 def write_report(results: Results, out: Path) -> list[Path]:
     """Write report.html and the chart into a folder that exists: the files, the report first, then the chart if any."""
-    drawn = []
-    inline = ""
+    report, chart, svg = out / "report.html", out / "speed_and_accuracy.svg", ""
     if {"loop", "tick"} <= kinds_in(results).keys():
-        drawn.append(out / "speed_and_accuracy.svg")
-        draw(results, drawn[0])
-        with tempfile.TemporaryDirectory() as folder:
-            narrow = Path(folder) / "narrow.svg"
-            draw(results, narrow, columns=1)
-            inline = themed(f'<div class="two">{inline_svg(drawn[0])}</div><div class="one">{inline_svg(narrow)}</div>')
-    report = out / "report.html"
-    report.write_text(html(results, inline), encoding="utf-8")
-    return [report, *drawn]
-
-
-def themed(svg: str) -> str:
-    """A drawing in light colours with the page's in their place, which are dark where the reader's are."""
-    for name, colour in LIGHT._asdict().items():
-        svg = svg.replace(colour.lower(), f"var(--{name})")
-    return svg
+        draw(results, chart)
+        svg = inline_svg(chart)
+    report.write_text(html(results, svg), encoding="utf-8")
+    return [report, chart] if svg else [report]
 
 
 def html(results: Results, svg: str) -> str:
-    """The page as one HTML file that needs no other file; `svg` is the chart by `themed`, "" without one."""
+    """The page as one HTML file that needs no other file; `svg` is the chart by `inline_svg`, "" without one."""
     quick = " --quick" if results["quick"] else ""
     values = {
         "opening": _opening(results),
@@ -249,14 +235,13 @@ def machine(results: Results) -> str:
 
 
 def inline_svg(file: Path) -> str:
-    """An SVG file as an element of an HTML page; its ids begin with the name of the file, as no other picture's do."""
+    """A chart in light colours as an element of the page, in the page's own: dark where the reader's are."""
     text = file.read_text(encoding="utf-8")
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    name = file.stem
-    text = re.sub(r'\bid="', f'id="{name}-', text)
-    text = re.sub(r'((?:xlink:)?href)="#', rf'\1="#{name}-', text)
-    return re.sub(r"url\(#", f"url(#{name}-", text)
+    for name, colour in LIGHT._asdict().items():
+        text = text.replace(colour.lower(), f"var(--{name})")
+    return text
 
 
 # Errors within this factor of the least, or below a micrometre and a thousandth of a degree, are as good.

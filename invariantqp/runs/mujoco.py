@@ -21,7 +21,7 @@ from invariantqp.extras import optional
 from invariantqp.force.sensor import GRAVITY
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
-from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.chain import Chain
 from invariantqp.robots.urdf import chain_xml
 from invariantqp.runs.contactspec import Physics
 from invariantqp.runs.plant import (
@@ -130,7 +130,7 @@ def _tip(springs: SurfaceSprings, T: Array) -> Solid:
 
 def arm_model(
     urdf: Path,
-    robot: Robot,
+    robot: Chain,
     start: Array,
     timestep: float,
     touch: Springs | Solids | None,
@@ -138,13 +138,12 @@ def arm_model(
     physics: Physics,
 ) -> Any:
     """The `mujoco.MjModel` of an arm, its force sensor and what it touches."""
-    tool = tool_body(robot)
     try:
-        spec = mujoco.MjSpec.from_string(chain_xml(urdf, tool, robot.names))
+        spec = mujoco.MjSpec.from_string(chain_xml(urdf, robot.tool, robot.names))
     except ValueError as error:
         raise RobotModelError(f"{urdf.name}: MuJoCo cannot read it ({error})") from error
     _settings(spec, timestep)
-    _add_tool(spec, tool, sensor)
+    _add_tool(spec, robot.tool, sensor)
     if isinstance(touch, SurfaceSprings):
         touch = solids_of(touch, robot.pose(start))
     if isinstance(touch, Solids):
@@ -160,11 +159,6 @@ def arm_model(
     if touch is not None:
         _stiffen(model, touch)
     return model
-
-
-def tool_body(robot: Robot) -> str:
-    """The name of the link that is the robot's tool."""
-    return str(getattr(robot, "tool", ""))
 
 
 def _add_servo(spec: Any, joint: str, armature: float) -> None:
@@ -287,7 +281,7 @@ class MujocoPlant:
     def __init__(
         self,
         urdf: Path,
-        robot: Robot,
+        robot: Chain,
         start: Array,
         dt: float,
         touch: Springs | Solids | None,
@@ -305,7 +299,7 @@ class MujocoPlant:
         self.data: Any = mujoco.MjData(self.model)
         self._joints = np.array([self.model.joint(name).qposadr[0] for name in robot.names])
         self._dofs = np.array([self.model.joint(name).dofadr[0] for name in robot.names])
-        self._tool = self.model.body(tool_body(robot)).id
+        self._tool = self.model.body(robot.tool).id
         self._sensor = self.model.body("sensor").id
         self._late = deque([np.zeros(len(start))] * round(self._physics.delay / dt))
         self._rng = np.random.default_rng(self._physics.seed)

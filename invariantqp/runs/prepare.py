@@ -14,6 +14,7 @@ from invariantqp.force.contact import HybridTask
 from invariantqp.force.sensor import WrenchSensor
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.clearancespec import Around
 from invariantqp.runs.contactspec import OperatorSpec
@@ -133,7 +134,7 @@ def overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
         raise BadInput(key, repr(overrides[key]), message(wrong)) from error
 
 
-def _plant(task: Task, robot: Robot, scene: ContactScene | None, physics: str) -> Plant:
+def _plant(task: Task, robot: Chain, scene: ContactScene | None, physics: str) -> Plant:
     springs, sensor = (None, None) if scene is None else (scene.springs, scene.simulated_sensor)
     if physics == "ideal":
         return IdealPlant(robot, task.start(), task.law.dt, springs, sensor, task.physics.delay)

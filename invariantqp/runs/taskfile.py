@@ -47,6 +47,11 @@ from invariantqp.runs.section import (
 )
 from invariantqp.velocity.limits import ToolSpeed
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
 T = TypeVar("T")
 
 # Folders of tasks that come with the package.
@@ -107,12 +112,6 @@ def _looked_up(source: str | None, folder: FilePath | None) -> str | FilePath:
     """A source: the file of that name beside the task file, if there is one; else as it is."""
     file = None if folder is None else folder / str(source)
     return file if file is not None and file.is_file() else str(source)
-
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 
 def _form(given: Any) -> Any:

@@ -88,7 +88,7 @@ def test_a_page_is_well_formed_and_says_what_it_is_given(tmp_path):
     file = tmp_path / "a.svg"
     file.write_text('<svg><g id="x"/><use href="#x"/><path clip-path="url(#x)"/></svg>', encoding="utf-8")
     drawn = report.inline_svg(file)
-    assert drawn == '<svg><g id="a-x"/><use href="#a-x"/><path clip-path="url(#a-x)"/></svg>'
+    assert drawn == '<svg><g id="x"/><use href="#x"/><path clip-path="url(#x)"/></svg>'
     text = report.html(results(**{"1 < 2": (1.0, 1.0, 1.0, 0.0, 0.0), "{{ b }}": (2.0, 1.0, 1.0, 0.0, 0.0)}), drawn)
     parser = Balanced()
     parser.feed(text)
@@ -134,7 +134,7 @@ def test_one_task_is_not_all_one_tasks():
     assert "is as near here; it takes 1 times our time." in " ".join(report.verdict(results(**both)))
 
 
-def test_the_page_is_dark_where_its_reader_is_and_fits_a_phone(files):
+def test_the_page_is_dark_where_its_reader_is(files):
     text = files[0].read_text(encoding="utf-8")
     light, dark = text.index("prefers-color-scheme"), text.index("</style>")
     for name, colour in report.LIGHT._asdict().items():
@@ -142,8 +142,5 @@ def test_the_page_is_dark_where_its_reader_is_and_fits_a_phone(files):
         assert f"--{name}: {colour}" in text[:light]
         assert f"--{name}: {getattr(report.DARK, name)}" in text[light:dark]
         assert f"var(--{name})" in text[dark:]
-    # Two panels in a row, and one for narrow screens.
-    sizes = [tuple(map(float, size)) for size in re.findall(r'<svg[^>]* viewBox="0 0 ([\d.]+) ([\d.]+)"', text)]
-    assert [round(100.0 / 72.0 * width) for width, _ in sizes] == [850, 425]
     ids = re.findall(r'\bid="([^"]+)"', text)
     assert len(ids) == len(set(ids))
