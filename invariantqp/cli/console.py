@@ -116,8 +116,11 @@ def writing(file: Path) -> Iterator[None]:
     """Say which file it was that could not be written, for lack of space for instance: `NotWritten`."""
     try:
         yield
-    except OSError as error:
-        raise NotWritten(f"{file} could not be written: {error.strerror or error}") from error
+    except (OSError, BadInput) as error:
+        cause = error if isinstance(error, OSError) else error.__cause__
+        if not isinstance(cause, OSError):
+            raise
+        raise NotWritten(f"{file} could not be written: {cause.strerror or cause}") from error
 
 
 def write(file: Path, text: str) -> None:

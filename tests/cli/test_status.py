@@ -125,6 +125,18 @@ def test_a_full_disk(started, task, command):
 
 
 @needs_full
+@pytest.mark.parametrize("command", [["run", "{task}"], ["inspect", "planar_3r"]])
+def test_a_picture_on_a_full_disk(started, task, tmp_path, command):
+    picture = tmp_path / "full.png"
+    picture.symlink_to(FULL)
+    done = started(*(word.format(task=task) for word in command), "--plot", picture)
+    assert (done.returncode, done.stderr) == (
+        Exit.NOT_WRITTEN,
+        f"error: {picture} could not be written: No space left on device\n",
+    )
+
+
+@needs_full
 def test_a_full_disk_that_nobody_can_be_told_of(started, task):
     with FULL.open("w") as full:
         assert started("run", task, stdout=full, stderr=full).returncode == Exit.NOT_WRITTEN
