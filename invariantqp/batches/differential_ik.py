@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.batches.law import pair, velocities
 from invariantqp.batches.motions import vector_of
-from invariantqp.batches.namespace import Namespace, Rows, length_of, shaped, together
+from invariantqp.batches.namespace import Namespace, Rows, as_arrays, length_of, shaped
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 
@@ -101,7 +101,7 @@ class DifferentialIK:
         for name, value in given.items():
             if needed[name] and value is None:
                 raise BadInput(name, "None", "the tool's, which this kind of command needs")
-        xp, (c, p, quat) = together({"command": command}, given)
+        xp, (c, p, quat) = as_arrays({"command": command}, given)
         self._rows(command=(c, self.action_dim), ee_pos=(p, 3), ee_quat=(quat, 4))
         way = c[..., :3]
         self.ee_pos_des = p + way if self._relative else way
@@ -134,7 +134,7 @@ class DifferentialIK:
         here = {"ee_pos": ee_pos, "ee_quat": ee_quat, "jacobian": jacobian, "joint_pos": joint_pos}
         there = {"ee_pos_des": self.ee_pos_des, "ee_quat_des": self.ee_quat_des}
         limits = {"position_limits[0]": lower, "position_limits[1]": upper, "velocity_limit": speed}
-        xp, (p, quat, J, q, p_des, quat_des, low, high, fastest) = together(here, there | limits)
+        xp, (p, quat, J, q, p_des, quat_des, low, high, fastest) = as_arrays(here, there | limits)
         shaped(J, (6, None), "jacobian", "shape (N, 6, m), linear rows first")
         self._rows(ee_pos=(p, 3), ee_quat=(quat, 4), joint_pos=(q, J.shape[-1]))
         with np.errstate(all="ignore"):  # quaternions of size zero: such rows are held
@@ -169,7 +169,7 @@ class DifferentialIK:
 
 def _checked(lower: Any, upper: Any, speed: Any) -> tuple[Rows, Rows, Rows]:
     """Limits, refused where they leave no motion; None where there is none."""
-    xp, (low, high, fastest) = together(
+    xp, (low, high, fastest) = as_arrays(
         {}, {"position_limits[0]": lower, "position_limits[1]": upper, "velocity_limit": speed}
     )
     if fastest is not None and not xp.all(fastest > 0.0):  # NaN is not above zero either

@@ -16,14 +16,14 @@ from numpy.typing import ArrayLike
 from invariantqp.batches.namespace import (
     Namespace,
     Rows,
-    beside_largest,
-    constant_of,
+    as_arrays,
     cross,
-    joined,
+    detached,
+    leading_axes,
     length_of,
+    over_largest,
     precision,
     shaped,
-    together,
 )
 from invariantqp.batches.objective import Least, damped_least_squares
 from invariantqp.errors import BadInput, excerpt
@@ -107,7 +107,7 @@ def velocities(
     policy, tick = _policy(damping), arrays.not_negative(dt, "dt", "a tick")
     lower, upper = pair(bounds, "bounds")
     optional = {"bounds[0]": lower, "bounds[1]": upper, "posture": posture, "length": length}
-    xp, rows = together({"J": J, "twist": twist, "point": point}, optional)
+    xp, rows = as_arrays({"J": J, "twist": twist, "point": point}, optional)
     with np.errstate(all="ignore"):  # a row that overflows is held
         inputs, good, still = _sound(xp, _broadcast(xp, rows))
         x, status, side = _answer(xp, inputs, policy, tick)
@@ -126,23 +126,23 @@ def _answer(xp: Namespace, q: Inputs, policy: Adaptive | Fixed | None, dt: float
     per_radian = xp.stack((L, L, L, *[xp.ones_like(L)] * 3), axis=-1)
     A, b = per_radian[..., None] * J, per_radian * s
     t = _metric(xp, q.J, L)
-    largest = constant_of(xp.max(xp.abs(A * t[..., None, :]), axis=(-2, -1)))[..., None]
+    largest = detached(xp.max(xp.abs(A * t[..., None, :]), axis=(-2, -1)))[..., None]
     unit = xp.where(largest > 0.0, largest, xp.ones_like(largest))
     A, b = A * t[..., None, :] / unit[..., None], b / unit
     least = damped_least_squares(xp, A, b, q.low / t, q.high / t, q.posture / t, policy, unit, dt)
     at_low, at_high = least.side < 0.0, least.side > 0.0
     x = xp.minimum(xp.maximum(t * least.x, q.low), q.high)
     x = xp.where(at_low, q.low, xp.where(at_high, q.high, x))
-    zero = xp.zeros_like(least.settled, dtype=xp.int8)
-    limited = _is_limited(xp, constant_of(A), constant_of(b), least)
+    zero = xp.zeros_like(least.converged, dtype=xp.int8)
+    limited = _is_limited(xp, detached(A), detached(b), least)
     side = xp.astype(at_high, xp.int8) - xp.astype(at_low, xp.int8)
     return x, xp.where(limited, zero + 1, zero), side
 
 
 def _is_limited(xp: Namespace, A: Rows, b: Rows, least: Least) -> Rows:
     """(...) whether too much of the twist is missed, no velocity reduces the error, or no optimum was found."""
-    b, size = beside_largest(xp, b)
-    x, possible = constant_of(least.x) / size, least.possible / size
+    b, size = over_largest(xp, b)
+    x, possible = detached(least.x) / size, least.possible / size
     moved = (A @ x[..., None])[..., 0]
     rounding = PRODUCT_ROUNDING**2 * xp.sum(A * A, axis=(-2, -1)) * xp.sum(x * x, axis=-1)
 
@@ -151,13 +151,13 @@ def _is_limited(xp: Namespace, A: Rows, b: Rows, least: Least) -> Rows:
         return (left > share * share * whole) & (left > rounding)
 
     little = xp.sum(b * moved, axis=-1) < PROGRESS_SHARE * xp.sum(b * b, axis=-1)
-    return ~least.settled | misses(possible, MISSED) | (little & misses(b, NEGLIGIBLE))
+    return ~least.converged | misses(possible, MISSED) | (little & misses(b, NEGLIGIBLE))
 
 
 def _metric(xp: Namespace, J: Rows, L: Rows) -> Rows:
     """(..., m) how much of a joint counts as one: L of a slide beside joints that turn."""
-    turning, moving = (xp.sqrt(xp.sum(constant_of(v) ** 2, axis=-2)) for v in (J[..., :3, :], J[..., 3:, :]))
-    slides = (turning * constant_of(L)[..., None] <= NEGLIGIBLE * moving) & (moving > 0.0)
+    turning, moving = (xp.sqrt(xp.sum(detached(v) ** 2, axis=-2)) for v in (J[..., :3, :], J[..., 3:, :]))
+    slides = (turning * detached(L)[..., None] <= NEGLIGIBLE * moving) & (moving > 0.0)
     mixed = xp.any(slides, axis=-1) & ~xp.all(slides, axis=-1)
     one = xp.ones_like(turning)
     return xp.where(slides & mixed[..., None] & (L[..., None] > 0.0), L[..., None] * one, one)
@@ -172,7 +172,7 @@ def _broadcast(xp: Namespace, rows: Sequence[Rows]) -> Inputs:
     tails |= {name: (v, tail) for name, (v, tail) in optional.items() if v is not None}
     for name, (v, tail) in tails.items():
         shaped(v, tail, name, f"shape (..., {', '.join(map(str, tail))})")
-    lead = joined({name: tuple(v.shape[: v.ndim - len(tail)]) for name, (v, tail) in tails.items()})
+    lead = leading_axes({name: tuple(v.shape[: v.ndim - len(tail)]) for name, (v, tail) in tails.items()})
     wide = {name: xp.broadcast_to(v, lead + tail) for name, (v, tail) in tails.items()}
     zero = xp.zeros_like(wide["J"][..., 0, :])
     low, high = wide.get("bounds[0]", zero - xp.inf), wide.get("bounds[1]", zero + xp.inf)
@@ -192,7 +192,7 @@ def _sound(xp: Namespace, inputs: Inputs) -> tuple[Inputs, Rows, Rows]:
     if L is not None:
         good = good & xp.isfinite(L) & (L >= 0.0)
         L = xp.where(good, L, xp.ones_like(L))
-    still = constant_of(xp.where(boxed, xp.minimum(xp.maximum(zero, low), high), zero))
+    still = detached(xp.where(boxed, xp.minimum(xp.maximum(zero, low), high), zero))
     one = good[..., None]
     s, p, posture, low, high = (xp.where(one, v, xp.zeros_like(v)) for v in (s, p, posture, low, high))
     return Inputs(xp.where(one[..., None], J, xp.zeros_like(J)), s, p, low, high, posture, L), good, still

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.batches.namespace import Namespace, Rows, constant, cross, length_of, shaped, together
+from invariantqp.batches.namespace import Namespace, Rows, as_arrays, constant, cross, length_of, shaped
 from invariantqp.geometry import arrays
 from invariantqp.geometry.se3 import SMALL_ANGLE
 from invariantqp.robots.chain import Chain
@@ -22,7 +22,7 @@ POSES, TWISTS = "shape (..., 4, 4): homogeneous", "shape (..., 6): angular part 
 
 def exps(twists: ArrayLike) -> Rows:
     """(..., 4, 4) the rigid motion of each of (..., 6) twists."""
-    xp, (s,) = together({"twists": twists})
+    xp, (s,) = as_arrays({"twists": twists})
     shaped(s, (6,), "twists", TWISTS)
     w, v = s[..., :3], s[..., 3:]
     t2 = xp.sum(w * w, axis=-1, keepdims=True)
@@ -45,7 +45,7 @@ def exps(twists: ArrayLike) -> Rows:
 
 def logs(poses: ArrayLike) -> Rows:
     """(..., 6) the twist of each of (..., 4, 4) poses, angle in [0, pi]; whether they are rigid is not checked."""
-    xp, (T,) = together({"poses": poses})
+    xp, (T,) = as_arrays({"poses": poses})
     shaped(T, (4, 4), "poses", POSES)
     p = T[..., :3, 3]
     w = vector_of(xp, quaternion_of(xp, T[..., :3, :3]))
@@ -59,7 +59,7 @@ def logs(poses: ArrayLike) -> Rows:
 
 def adjoints(poses: ArrayLike) -> Rows:
     """(..., 6, 6) the matrix [[R, 0], [p^ R, R]] of each of (..., 4, 4) poses."""
-    xp, (T,) = together({"poses": poses})
+    xp, (T,) = as_arrays({"poses": poses})
     shaped(T, (4, 4), "poses", POSES)
     R, p = T[..., :3, :3], T[..., :3, 3]
     moved = xp.matrix_transpose(cross(xp, p[..., None, :], xp.matrix_transpose(R)))
@@ -123,7 +123,7 @@ def kinematics(robot: Chain, q: ArrayLike) -> Kinematics:
         MissingExtra: array-api-compat is not installed.
     """
     arrays.instance(robot, Chain, "robot", "a Chain, as load_robot returns it")
-    xp, (positions,) = together({"q": q})
+    xp, (positions,) = as_arrays({"q": q})
     m = len(robot.names)
     shaped(positions, (m,), "q", f"shape (..., {m}), one position a joint")
     rates, powers = robot.powers

@@ -20,7 +20,7 @@ Rows = Any
 Namespace = Any
 
 
-def together(needed: dict[str, Any], optional: dict[str, Any] | None = None) -> tuple[Namespace, list[Rows]]:
+def as_arrays(needed: dict[str, Any], optional: dict[str, Any] | None = None) -> tuple[Namespace, list[Rows]]:
     """The namespace of several arguments, and each as a floating array of it, on one device, in one precision.
 
     The first argument that is an array of a library decides for all; an optional one that is None stays None.
@@ -88,7 +88,7 @@ def shaped(value: Rows, tail: tuple[int | None, ...], argument: str, expected: s
     return value
 
 
-def joined(rows: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
+def leading_axes(rows: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
     """The leading axes that all arguments broadcast to; the first that does not is refused."""
     lead: tuple[int, ...] = ()
     for name, shape in rows.items():
@@ -99,7 +99,7 @@ def joined(rows: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
     return lead
 
 
-def constant_of(value: Rows) -> Rows:
+def detached(value: Rows) -> Rows:
     """The same numbers without their derivatives."""
     import array_api_compat as api
 
@@ -119,26 +119,26 @@ def carries_derivatives(*values: Rows) -> bool:
     return any(api.is_jax_array(v) or (api.is_torch_array(v) and v.requires_grad) for v in values if v is not None)
 
 
-def settled(step: Callable[[Any, Any], Any], problem: Any, state: Any, times: int) -> Any:
-    """The state of all rows after steps of (problem, state) until each is `settled` (N,), `times` at most.
+def iterated(step: Callable[[Any, Any], Any], problem: Any, state: Any, times: int) -> Any:
+    """The state of all rows after steps of (problem, state) until each is `converged` (N,), `times` at most.
 
     Problem and state are named tuples of arrays with the rows last. Under JAX it is one traced loop. Elsewhere rows
-    that are settled take no part any more once they are half of all; a device is asked each time how many are left.
+    that are converged take no part any more once they are half of all; a device is asked each time how many are left.
     """
     import array_api_compat as api
 
-    if api.is_jax_array(state.settled):
+    if api.is_jax_array(state.converged):
         import jax
 
         def going(carried: Any) -> Any:
-            return (carried[0] < times) & ~carried[1].settled.all()
+            return (carried[0] < times) & ~carried[1].converged.all()
 
         return jax.lax.while_loop(going, lambda c: (c[0] + 1, step(problem, c[1])), (0, state))[1]
     whole, here = state, slice(None)
     for _ in range(times):
         state = step(problem, state)
-        open_rows = api.array_namespace(state.settled).nonzero(~state.settled)[0]
-        left, count = open_rows.shape[0], state.settled.shape[0]
+        open_rows = api.array_namespace(state.converged).nonzero(~state.converged)[0]
+        left, count = open_rows.shape[0], state.converged.shape[0]
         if left == 0:
             break
         if 2 * left <= count:
@@ -177,7 +177,7 @@ def length_of(xp: Namespace, v: Rows) -> Rows:
     return xp.where(some, xp.sqrt(xp.where(some, square, xp.ones_like(square))), xp.zeros_like(square))
 
 
-def beside_largest(xp: Namespace, v: Rows) -> tuple[Rows, Rows]:
+def over_largest(xp: Namespace, v: Rows) -> tuple[Rows, Rows]:
     """(..., n) divided by its largest entry (..., 1), so that no square overflows; and that entry, or 1."""
     largest = xp.max(xp.abs(v), axis=-1, keepdims=True)
     largest = xp.where(largest > 0.0, largest, xp.ones_like(largest))

@@ -31,10 +31,10 @@ from invariantqp.batches.namespace import (
     Rows,
     carries_derivatives,
     constant,
-    constant_of,
+    detached,
+    iterated,
     length_of,
     precision,
-    settled,
 )
 from invariantqp.geometry.arrays import NEGLIGIBLE
 from invariantqp.velocity.damping import CALM, DEVIATION_SHARE, UNLIMITED_CEILING, Adaptive, Fixed
@@ -52,7 +52,7 @@ class Least(NamedTuple):
 
     x: Rows  # (..., m) inside the box
     side: Rows  # (..., m) -1 at the lower bound, 1 at the upper, 0 between
-    settled: Rows  # (...) whether it is the optimum
+    converged: Rows  # (...) whether it is the optimum
     possible: Rows  # (..., k) what of b the joints can do, all of it for six and more
 
 
@@ -88,7 +88,7 @@ def damped_least_squares(
         unit: (..., 1) what A and b were divided by, for a fixed lambda.
         dt: how long the velocity is held, for `velocity.damping.calm`; the answer then has no derivative.
     """
-    A0, b0, low, high, towards = (constant_of(v) for v in (A, b, lower, upper, posture))
+    A0, b0, low, high, towards = (detached(v) for v in (A, b, lower, upper, posture))
     m = A0.shape[-1]
     if A0.shape[-2] < m:
         fill = xp.broadcast_to(xp.zeros_like(A0[..., :1, :]), (*A0.shape[:-2], m - A0.shape[-2], m))
@@ -105,33 +105,34 @@ def damped_least_squares(
     weights = sigma * sigma + damped.values
     wanted = _times(xp.matrix_transpose(U), b0)
     optimum = (sigma * wanted + damped.values * _times(Vt, towards)) / weights
-    possible = constant_of(b) if m >= 6 else _times(U, xp.where(null, xp.zeros_like(sigma), wanted))
+    possible = detached(b) if m >= 6 else _times(U, xp.where(null, xp.zeros_like(sigma), wanted))
     spectrum = (Vt, sigma, damped)
-    x, side, settled, K, free = _boxed(xp, Vt, weights, optimum, low, high)
+    x, side, converged, K, free = _boxed(xp, Vt, weights, optimum, low, high)
     if dt > 0.0:
         speed = length_of(xp, xp.where(null, xp.zeros_like(sigma), _times(Vt, x)))
         added = _calm(xp, A0, b0, x, speed, dt)[..., None]
-        x, side, settled, K, free = _boxed(xp, Vt, weights + added, optimum * (weights / (weights + added)), low, high)
+        total = weights + added
+        x, side, converged, K, free = _boxed(xp, Vt, total, optimum * (weights / total), low, high)
     if dt == 0.0 and carries_derivatives(A, b, lower, upper, posture):
         bound = xp.where(side < 0.0, lower, xp.where(side > 0.0, upper, x))
         change = _gradient(xp, A, b, posture, bound, spectrum)
-        change = _rows_last(xp, change - constant_of(change), 1)
+        change = _rows_last(xp, change - detached(change), 1)
         newton = inverse_hessian_times(xp, K, free, change)
         x = bound - xp.reshape(xp.matrix_transpose(newton), side.shape)
-    return Least(x, side, settled, possible)
+    return Least(x, side, converged, possible)
 
 
 def _boxed(
     xp: Namespace, Vt: Rows, weights: Rows, optimum: Rows, low: Rows, high: Rows
 ) -> tuple[Rows, Rows, Rows, Rows, Rows]:
-    """x, side (..., m) and settled (...) for K = diag(sqrt(weights)) V'; K (m, m, N), free joints (m, N)."""
+    """x, side (..., m) and converged (...) for K = diag(sqrt(weights)) V'; K (m, m, N), free joints (m, N)."""
     roots = xp.sqrt(weights)
     centre, axes = _times(xp.matrix_transpose(Vt), optimum), Vt.ndim - 2
     condition = xp.reshape(xp.max(roots, axis=-1) / xp.min(roots, axis=-1), (-1,))
     K, start, lower, upper = (_rows_last(xp, v, v.ndim - axes) for v in (roots[..., None] * Vt, centre, low, high))
     found = least_squares_in_box(xp, Problem(K, start, lower, upper, condition))
     x, side = (xp.reshape(xp.matrix_transpose(v), centre.shape) for v in (found.x, found.side))
-    return x, side, xp.reshape(found.settled, centre.shape[:-1]), K, found.side == 0.0
+    return x, side, xp.reshape(found.converged, centre.shape[:-1]), K, found.side == 0.0
 
 
 def _calm(xp: Namespace, A: Rows, b: Rows, x: Rows, speed: Rows, dt: float) -> Rows:
@@ -147,7 +148,7 @@ def _gradient(xp: Namespace, A: Rows, b: Rows, posture: Rows, x: Rows, spectrum:
     Vt, sigma, damped = spectrum
     AV = A @ xp.matrix_transpose(Vt)
     S = xp.matrix_transpose(AV) @ AV
-    S = S - constant_of(S)
+    S = S - detached(S)
     m = sigma.shape[-1]
     one = constant(xp, sigma, np.eye(m))
     change = damped.slopes * S + one * (damped.by_largest * S[..., 0, 0][..., None])[..., None, :]
@@ -217,23 +218,23 @@ class Boxed(NamedTuple):
 
     x: Rows  # (m, N) inside the box
     side: Rows  # (m, N) -1 held at the lower bound, 1 at the upper, 0 free
-    settled: Rows  # (N,) whether x is the optimum, to rounding
+    converged: Rows  # (N,) whether x is the optimum, to rounding
 
 
 def least_squares_in_box(xp: Namespace, problem: Problem) -> Boxed:
-    """The optimum of every row; where it is not settled, the best velocity found."""
+    """The optimum of every row; where it is not converged, the best velocity found."""
     _, centre, lower, upper, _ = problem
     zero = xp.zeros_like(centre)
     side = xp.where((lower >= upper) | (centre < lower), zero - 1.0, xp.where(centre > upper, zero + 1.0, zero))
     begin = Boxed(xp.minimum(xp.maximum(centre, lower), upper), side, zero[0] > 1.0)
     # Of 4096 random rows with 8 joints none needs more than 25 passes.
-    x, side, found = settled(partial(_pass, xp), problem, begin, 4 * centre.shape[0] + 10)
+    x, side, found = iterated(partial(_pass, xp), problem, begin, 4 * centre.shape[0] + 10)
     x = xp.where(side < 0.0, lower, xp.where(side > 0.0, upper, x))
     return Boxed(xp.minimum(xp.maximum(x, lower), upper), side, found)
 
 
 def _pass(xp: Namespace, problem: Problem, here: Boxed) -> Boxed:
-    """One step of every row; a settled row stays."""
+    """One step of every row; a converged row stays."""
     K, centre, lower, upper, condition = problem
     zero, held = xp.zeros_like(centre), here.side != 0.0
     one = zero + 1.0

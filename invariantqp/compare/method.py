@@ -69,7 +69,7 @@ class LoopSetting(NamedTuple):
     length: float  # L, how many metres at that point a radian counts for
 
 
-class Question(NamedTuple):
+class Tick(NamedTuple):
     """What every method is given in one tick, in the tool frame, angular part first."""
 
     J: Array  # (6, m) joint twists
@@ -82,7 +82,7 @@ class Question(NamedTuple):
     q: Array  # (m,) joint positions
 
 
-Solve = Callable[[Question], Array]
+Solve = Callable[[Tick], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ class MethodLaw:
             e = self._gain * (there - self._point) + ahead[3:] + se3.cross(ahead[:3], there)
         lower, upper = self._reach.within(*self._box.at(positions))
         pull = self._pull * (self._middle - positions)
-        tick = Question(J, self._gain * error + ahead, lower, upper, pull, C, e, positions)
+        tick = Tick(J, self._gain * error + ahead, lower, upper, pull, C, e, positions)
         x = np.minimum(np.maximum(self._solve(tick), lower), upper)
         return answer(self._reach.cut(x))
 

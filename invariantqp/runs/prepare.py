@@ -79,7 +79,7 @@ def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
     try:
         return _prepared(task, physics)
     except InvariantQPError:
-        found = task.misfits()
+        found = task.mismatches()
         if len(found) > 1:
             raise TaskFileError(task.name, found) from None
         raise

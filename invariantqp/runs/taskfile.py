@@ -273,7 +273,7 @@ class Task(Section):
         """(m,) joint positions at the start."""
         return np.array(self.robot.start)
 
-    def misfits(self) -> list[str]:
+    def mismatches(self) -> list[str]:
         """What does not fit together in it or with its robot, a line each as of `problems`."""
         found: list[str] = []
 
@@ -359,7 +359,7 @@ def task_from(content: dict[str, Any], source: str, folder: FilePath | None = No
     if task is not None:
         task._folder = folder  # noqa: SLF001 (set once, here)
     if task is None or found:
-        raise TaskFileError(source, [*found.values(), *(task.misfits() if task is not None else ())])
+        raise TaskFileError(source, [*found.values(), *(task.mismatches() if task is not None else ())])
     return task
 
 
