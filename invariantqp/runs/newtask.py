@@ -67,8 +67,10 @@ def new_task(name: str, robot: str, *, path: str = "line", contact: str | None =
         "law": law,
     }
     if contact is not None:
-        size = {"size": [0.08, 0.05][: SIDES[contact]]} if SIDES[contact] else {}
-        content |= {"contact": {"kind": contact, **size}, "force": {"press": 5.0}, "sensor": {}}
+        shape: dict[str, Any] = {"size": [0.08, 0.05][: SIDES[contact]]} if SIDES[contact] else {}
+        if contact == "hinge":
+            shape["point"] = MOVES["screw"]["point"]  # a screw path turns about it
+        content |= {"contact": {"kind": contact, **shape}, "force": {"press": 5.0}, "sensor": {}}
     if path != "hold":
         content["accept"] = {"position_error_mm": 1.0}  # above what a run at these speeds leaves
     task_from(content, f"the task {name!r}").load_robot()

@@ -13,7 +13,13 @@ from invariantqp.runs.taskfile import Task, task_from, tomllib
 
 @pytest.mark.parametrize(
     ("robot", "path", "contact"),
-    [("panda", "circle", None), ("ur5", "line", None), ("so101", "line", "point"), ("ur3", "screw", "face")],
+    [
+        ("panda", "circle", None),
+        ("ur5", "line", None),
+        ("so101", "line", "point"),
+        ("ur3", "screw", "face"),
+        ("panda", "screw", "hinge"),
+    ],
 )
 def test_a_new_task_is_accepted_as_it_is(robot, path, contact):
     task = task_from(tomllib.loads(new_task("mine", robot, path=path, contact=contact)), "mine")
