@@ -54,4 +54,4 @@ def table(arm, below=0.02, stiffness=2e4):
     """A table under an arm's tip, `below` its start [m], of a stiffness [N/m]."""
     tip = iq.load_robot(arm).pose(ARMS[arm])[:3, 3]
     up = np.array([0.0, 0.0, 1.0])
-    return SurfaceSprings("point", np.zeros((1, 3)), Plane(tip - below * up, up, ()), stiffness)
+    return SurfaceSprings(np.zeros((1, 3)), Plane(tip - below * up, up, ()), stiffness)

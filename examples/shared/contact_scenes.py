@@ -168,7 +168,7 @@ def scenes(start, radius):
     round_ = circle(start, radius)
 
     def pen(shape, k=1e4):
-        return SurfaceSprings("point", np.zeros((1, 3)), shape, k)
+        return SurfaceSprings(np.zeros((1, 3)), shape, k)
 
     def flat(n, told=None, k=1e4, **options):
         told, touch = n if told is None else told, pen(Plane(foot, n), k)

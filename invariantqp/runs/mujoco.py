@@ -116,9 +116,9 @@ def _tip(springs: SurfaceSprings, T: Array) -> Solid:
     """The part of the tool that touches, in the tool frame."""
     p = springs.points.mean(axis=0)
     up = T[:3, :3].T.dot(springs.surface.normal)  # in the tool frame
-    if springs.shape == "point":
+    if len(springs.points) == 1:
         return ball_at(p, up)
-    if springs.shape == "edge":
+    if len(springs.points) == 2:
         along = springs.points[1] - springs.points[0]
         half = 0.5 * float(np.linalg.norm(along))
         return Solid("capsule", (TIP, half), se3.facing(along, p + TIP * up))

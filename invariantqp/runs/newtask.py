@@ -73,7 +73,7 @@ def new_task(name: str, robot: str, *, path: str = "line", contact: str | None =
         content |= {"contact": {"kind": contact, **shape}, "force": {"press": 5.0}, "sensor": {}}
     if path != "hold":
         content["accept"] = {"position_error_mm": 1.0}  # above what a run at these speeds leaves
-    task_from(content, f"the task {name!r}").load_robot()
+    task_from(content, f"the task {name!r}")
     return draft(content)
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from math import hypot, inf
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -76,7 +76,6 @@ class Plane(NamedTuple):
 class SurfaceSprings:
     """Points of a tool on a surface that pushes and does not pull."""
 
-    shape: Literal["point", "edge", "face"]  # the part of the tool that touches
     points: Array  # (n, 3) in the tool frame [m]: one, the two ends of an edge, or the four corners of a face in order
     surface: Plane  # what they touch
     stiffness: float  # of all points together [N/m]
@@ -100,7 +99,6 @@ class HingeSprings:
     home: Array  # (4, 4) tool pose at angle 0
     screw: Array  # (6,) twist of the door, in the base frame
     stiffness: float  # of all points together [N/m]
-    shape: Literal["hinge"] = "hinge"
 
     def handle(self, angle: float) -> Array:
         """(n, 3) where the points of the door are at an angle [rad]."""

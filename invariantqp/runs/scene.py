@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from math import atan2, inf, sqrt
-from typing import Literal
 
 import numpy as np
 from scipy.linalg import orth
@@ -45,7 +44,6 @@ CORNERS = {
     "point": ((0, 0),),
     "edge": ((-1, 0), (1, 0)),
     "face": ((-1, -1), (1, -1), (1, 1), (-1, 1)),
-    "hinge": ((-1, -1), (1, -1), (1, 1), (-1, 1)),
 }
 
 
@@ -200,9 +198,8 @@ def _surface(contact: ContactSpec, T: Array) -> _Touched:
         return Contact(here.kind, here.pose, believed.extent(p)) if edges else here
 
     lever = b or a or POINT_SIZE, a or POINT_SIZE, a or POINT_SIZE
-    shape: Literal["point", "edge", "face"] = contact.kind  # type: ignore[assignment]
     stiffness = contact.stiffness * np.array([*np.square(lever), 1.0, 1.0, 1.0])
-    return SurfaceSprings(shape, points, real, contact.stiffness), stiffness, contact_at, n, believed
+    return SurfaceSprings(points, real, contact.stiffness), stiffness, contact_at, n, believed
 
 
 def _hinge(contact: ContactSpec, T: Array) -> _Touched:
@@ -226,7 +223,7 @@ def _hinge(contact: ContactSpec, T: Array) -> _Touched:
 
     a, b = (0.5 * s for s in contact.size or (POINT_SIZE, POINT_SIZE))
     R = T[:3, :3].T.dot(handle[:3, :3])
-    points = np.array([R.dot([i * a, 0.0, j * b]) for i, j in CORNERS["hinge"]])
+    points = np.array([R.dot([i * a, 0.0, j * b]) for i, j in CORNERS["face"]])
     tilt = se3.rotation(np.asarray(contact.tilt))
     real = screws.revolute(tilt.dot(axis), p + tilt.dot(to_axis))
     stiffness = contact.stiffness * np.array([b * b, a * a + b * b, a * a, 1.0, 1.0, 1.0])

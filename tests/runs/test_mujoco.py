@@ -50,9 +50,9 @@ def touches(T):
     strained = T.copy()
     strained[:3, 3] += [0.0004, 0.0, 0.0003]
     return {
-        "point": SurfaceSprings("point", np.zeros((1, 3)), Plane(into, up), 2e4),
-        "edge": SurfaceSprings("edge", FACE[:2] - FACE[:2].mean(axis=0), Plane(into, up), 2e4),
-        "face": SurfaceSprings("face", FACE, Plane(into, up), 1e4),
+        "point": SurfaceSprings(np.zeros((1, 3)), Plane(into, up), 2e4),
+        "edge": SurfaceSprings(FACE[:2] - FACE[:2].mean(axis=0), Plane(into, up), 2e4),
+        "face": SurfaceSprings(FACE, Plane(into, up), 1e4),
         "hinge": HingeSprings(FACE, strained, iq.revolute([0.0, 0.0, 1.0], T[:3, 3] + [0.4, 0.0, 0.0]), 2e4),
     }
 
@@ -148,7 +148,7 @@ def test_what_has_no_model_is_refused():
     T = robot.pose(READY)
     slanted = Plane(T[:3, 3], np.array([0.0, 0.0, 1.0]), (np.array([0.1, 0.0, 0.0]), np.array([0.1, 0.1, 0.0])))
     with pytest.raises(iq.BadInput, match=r"contact\.edges: found edges at another angle"):
-        panda(SurfaceSprings("point", np.zeros((1, 3)), slanted, 1e4))
+        panda(SurfaceSprings(np.zeros((1, 3)), slanted, 1e4))
     task = iq.load_task("arm_3r")
     with pytest.raises(iq.BadInput, match="found a robot from joint screws"):
         iq.run_task(task, physics="mujoco")

@@ -20,7 +20,7 @@ def turned(axis, angle, point=(0.0, 0.0, 0.0)):
 
 
 def test_a_surface_pushes_in_proportion_and_does_not_pull():
-    pen = SurfaceSprings("point", np.zeros((1, 3)), Plane(np.zeros(3), UP), 2e4)
+    pen = SurfaceSprings(np.zeros((1, 3)), Plane(np.zeros(3), UP), 2e4)
     at = np.array([0.3, -0.2, -0.001])
     pushed = pen.wrench(iq.transform(translation=at))
     np.testing.assert_allclose(pushed, [*np.cross(at, 20.0 * UP), *(20.0 * UP)], atol=1e-12)
@@ -30,8 +30,8 @@ def test_a_surface_pushes_in_proportion_and_does_not_pull():
 def test_what_turns_an_edge_or_a_face_back_follows_from_where_its_points_are():
     """k L^2 / 4 about an edge's middle, k b^2 / 4 and k a^2 / 4 for a face of sides a and b."""
     k, angle, deep = 2e4, 1e-4, iq.transform(translation=[0.0, 0.0, -0.001])
-    edge = SurfaceSprings("edge", EDGE, Plane(np.zeros(3), UP), k)
-    face = SurfaceSprings("face", FACE, Plane(np.zeros(3), UP), k)
+    edge = SurfaceSprings(EDGE, Plane(np.zeros(3), UP), k)
+    face = SurfaceSprings(FACE, Plane(np.zeros(3), UP), k)
     for touch, axis, stiffness in (
         (edge, [0.0, 1.0, 0.0], k * 0.06**2 / 4),
         (face, [1.0, 0.0, 0.0], k * 0.04**2 / 4),
@@ -44,7 +44,7 @@ def test_what_turns_an_edge_or_a_face_back_follows_from_where_its_points_are():
 
 
 def test_a_tilted_face_rests_on_the_corners_that_reach():
-    face = SurfaceSprings("face", FACE, Plane(np.zeros(3), UP), 2e4)
+    face = SurfaceSprings(FACE, Plane(np.zeros(3), UP), 2e4)
     tipped = face.wrench(turned([0.0, 1.0, 0.0], 0.1))  # two corners above, two below
     assert tipped[5] == pytest.approx(5e3 * 2 * 0.03 * np.sin(0.1))
 
@@ -67,7 +67,7 @@ def test_a_door_follows_and_resists_what_it_cannot_follow():
 def test_the_wrench_is_the_gradient_of_the_springs_energy():
     """Power: k/2n sum depth^2 changes by -W.s along any twist."""
     T = iq.transform(translation=[0.2, 0.1, -0.001]) @ turned([0.6, 0.8, 0.0], 0.01)
-    touch = SurfaceSprings("face", FACE, Plane(np.array([0.2, 0.1, 0.0]), UP), 2e4)
+    touch = SurfaceSprings(FACE, Plane(np.array([0.2, 0.1, 0.0]), UP), 2e4)
 
     def energy(pose):
         depths = [touch.surface.depth(p) for p in FACE @ pose[:3, :3].T + pose[:3, 3]]
@@ -83,7 +83,7 @@ def test_the_plant_moves_as_told_and_its_sensor_feels_contact_and_weight():
     T = robot.pose(READY)
     real = SimulatedSensor(motion(np.random.default_rng(1), 0.1), 0.4, (0.01, 0.02, 0.03))
     plant = IdealPlant(
-        robot, READY, 0.002, SurfaceSprings("point", np.zeros((1, 3)), Plane(T[:3, 3] + 1e-3 * UP, UP), 2e4), real
+        robot, READY, 0.002, SurfaceSprings(np.zeros((1, 3)), Plane(T[:3, 3] + 1e-3 * UP, UP), 2e4), real
     )
     velocity = np.linspace(-0.1, 0.1, 7)
     for _ in range(3):
