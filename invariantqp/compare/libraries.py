@@ -30,7 +30,7 @@ from invariantqp.compare.method import (
     Method,
     Solve,
     Takes,
-    Tick,
+    TickInputs,
     answer,
     in_loop,
     pose_of,
@@ -342,7 +342,7 @@ def drake_velocity(setting: LoopSetting) -> Solve:
     parameters.set_joint_centering_gain(np.eye(setting.m))
     still = np.zeros(setting.m)
 
-    def velocity(tick: Tick) -> Array:
+    def velocity(tick: TickInputs) -> Array:
         parameters.set_nominal_joint_position(tick.q + tick.posture)
         parameters.set_joint_velocity_limits((tick.lower, tick.upper))
         found = drake.DoDifferentialInverseKinematics(tick.q, still, tick.s, tick.J, parameters)

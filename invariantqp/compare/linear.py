@@ -24,7 +24,7 @@ from invariantqp.compare.method import (
     Method,
     Solve,
     Takes,
-    Tick,
+    TickInputs,
     in_loop,
 )
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
@@ -51,7 +51,7 @@ def chiaverini(J: Array) -> Array:
 def projected(inverse: Callable[[Array], Array]) -> Callable[[LoopSetting], Solve]:
     """Gradient projection with some inverse of J."""
 
-    def velocity(tick: Tick) -> Array:
+    def velocity(tick: TickInputs) -> Array:
         G = inverse(tick.J)
         return np.asarray(tick.posture + G.dot(tick.s - tick.J.dot(tick.posture)))
 
@@ -62,7 +62,7 @@ def priority(setting: LoopSetting) -> Solve:
     """Exact rows, the twist in their null space, the posture in what both leave."""
     eye = np.eye(setting.m)
 
-    def velocity(tick: Tick) -> Array:
+    def velocity(tick: TickInputs) -> Array:
         x, N = np.zeros(setting.m), eye
         if len(tick.C):
             x, N = chiaverini(tick.C).dot(tick.e), eye - np.linalg.pinv(tick.C, rcond=NEGLIGIBLE).dot(tick.C)
@@ -73,7 +73,7 @@ def priority(setting: LoopSetting) -> Solve:
     return velocity
 
 
-def saturate(tick: Tick) -> tuple[Array, float]:
+def saturate(tick: TickInputs) -> tuple[Array, float]:
     """A joint that would exceed its limit stays at it, and the other joints make up for it: (m,) inside, and alpha.
 
     alpha is 1 if they can achieve s, else the largest value found on the way. Where the bounds exclude zero velocity,

@@ -69,7 +69,7 @@ class LoopSetting(NamedTuple):
     length: float  # L, how many metres at that point a radian counts for
 
 
-class Tick(NamedTuple):
+class TickInputs(NamedTuple):
     """What every method is given in one tick, in the tool frame, angular part first."""
 
     J: Array  # (6, m) joint twists
@@ -82,7 +82,7 @@ class Tick(NamedTuple):
     q: Array  # (m,) joint positions
 
 
-Solve = Callable[[Tick], Array]
+Solve = Callable[[TickInputs], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ class MethodLaw:
             e = self._gain * (there - self._point) + ahead[3:] + se3.cross(ahead[:3], there)
         lower, upper = self._reach.within(*self._box.at(positions))
         pull = self._pull * (self._middle - positions)
-        tick = Tick(J, self._gain * error + ahead, lower, upper, pull, C, e, positions)
+        tick = TickInputs(J, self._gain * error + ahead, lower, upper, pull, C, e, positions)
         x = np.minimum(np.maximum(self._solve(tick), lower), upper)
         return answer(self._reach.cut(x))
 

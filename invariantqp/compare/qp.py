@@ -28,7 +28,7 @@ from invariantqp.compare.method import (
     Method,
     Solve,
     Takes,
-    Tick,
+    TickInputs,
     answer,
     in_loop,
     posture_of,
@@ -118,7 +118,7 @@ def least_squares(setting: LoopSetting) -> Solve:
     """Least squares inside the limits, at the given point with the given length; mu grows with what is missed."""
     root, solver, eye = root_at(setting.point, setting.length), Daqp(), np.eye(setting.m)
 
-    def velocity(tick: Tick) -> Array:
+    def velocity(tick: TickInputs) -> Array:
         A, b = root.dot(tick.J), root.dot(tick.s)
         size = float(np.vdot(A, A))
         H, c = A.T.dot(A) + NEGLIGIBLE * size * eye, A.T.dot(b) + NEGLIGIBLE * size * tick.posture
@@ -136,7 +136,7 @@ def least_squares(setting: LoopSetting) -> Solve:
     return velocity
 
 
-def slowed(solver: Daqp, H: Array, c: Array, tick: Tick) -> Array:
+def slowed(solver: Daqp, H: Array, c: Array, tick: TickInputs) -> Array:
     """The minimiser with exact rows, slowed down by halves where limits forbid them."""
     rows = np.vstack((np.eye(len(c)), tick.C))
     for share in (1.0, 0.5, 0.25, 0.125, 0.0):
@@ -157,7 +157,7 @@ def scaling(setting: LoopSetting) -> Solve:
     m, solver = setting.m, Daqp()
     H = np.diag(np.r_[np.full(m, POSTURE_COST), 1.0 / POSTURE_COST])
 
-    def velocity(tick: Tick) -> Array:
+    def velocity(tick: TickInputs) -> Array:
         c = np.r_[POSTURE_COST * tick.posture, 1.0 / POSTURE_COST]
         rows = np.vstack((np.eye(m + 1), np.column_stack((tick.J, -tick.s))))
         low, high = np.r_[tick.lower, 0.0, np.zeros(6)], np.r_[tick.upper, 1.0, np.zeros(6)]

@@ -11,7 +11,7 @@ from invariantqp.compare.linear import (
     chiaverini,
     saturate,
 )
-from invariantqp.compare.method import CANNOT, FAMILIES, OURS, OURS_PYTHON, LoopSetting, Tick
+from invariantqp.compare.method import CANNOT, FAMILIES, OURS, OURS_PYTHON, LoopSetting, TickInputs
 from invariantqp.compare.registry import METHODS, chosen, controller_named, not_installed
 from invariantqp.errors import BadInput, MissingExtra, UnknownName
 from invariantqp.runs.taskfile import LawSpec
@@ -28,7 +28,7 @@ def setting(m):
 def plain(J, s, lower, upper):
     """A tick without posture and exact rows."""
     m = J.shape[1]
-    return Tick(J, s, lower, upper, np.zeros(m), np.zeros((0, m)), np.zeros(0), np.zeros(m))
+    return TickInputs(J, s, lower, upper, np.zeros(m), np.zeros((0, m)), np.zeros(0), np.zeros(m))
 
 
 def solved(name, J, s, reach=1e3, **told):
@@ -231,6 +231,6 @@ def test_exact_rows_that_limits_forbid_are_slowed_down_by_halves():
     row[0, 0] = 1.0
     make = ROWS["QP with length and LM"].loop.keywords["make"](LoopSetting(6, 0.01, np.zeros(3), 0.5))
     for wanted, share in ((0.9, 1.0), (1.5, 0.5), (3.9, 0.25), (7.9, 0.125), (9.0, 0.0)):
-        x = make(Tick(J, s, -np.ones(6), np.ones(6), np.zeros(6), row, np.array([wanted]), np.zeros(6)))
+        x = make(TickInputs(J, s, -np.ones(6), np.ones(6), np.zeros(6), row, np.array([wanted]), np.zeros(6)))
         assert x[0] == pytest.approx(share * wanted, abs=1e-9)
         assert (np.abs(x) <= 1.0 + 1e-9).all()
