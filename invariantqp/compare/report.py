@@ -9,7 +9,7 @@ plain QP are enough, who sees the frame, who is better.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -246,101 +246,73 @@ def inline_svg(file: Path) -> str:
 
 # Errors within this factor of the least, or below a micrometre and a thousandth of a degree, are as good.
 AS_GOOD, AS_NONE = 1.1, 1e-3
-Figures = dict[str, dict[str, Any]]
+
+
+class OfTask(NamedTuple):
+    """What was measured of the rows of the first table on one task."""
+
+    task: str
+    runs: dict[str, dict[str, Any]]  # the figures of each row's run
+    times: dict[str, float]  # the median of each row's ticks [us]
+
+    def nearest(self) -> list[str]:
+        """The rows whose largest position error is as good as the least of all."""
+        have = {name: run["position_mm"] for name, run in self.runs.items() if run["position_mm"] is not None}
+        least = min(have.values(), default=0.0)
+        return [name for name, mm in have.items() if mm <= max(AS_GOOD * least, AS_NONE)]
+
+
+def by_task(results: Results) -> list[OfTask]:
+    """Each task with what was measured on it."""
+    runs, ticks, names = results_of(results, "loop"), results_of(results, "tick"), shown(results)
+    return [
+        OfTask(
+            task,
+            {name: runs[task, name] for name in names if (task, name) in runs},
+            {name: ticks[task, name]["median_us"] for name in names if (task, name) in ticks},
+        )
+        for task in results["tasks"]
+    ]
 
 
 def verdict(results: Results) -> list[str]:
     """Where Moore-Penrose is enough, where a plain QP is, whose answer is one, where we lose."""
-    lost = [f"Where {OURS} loses: {sentence}" for sentence in losses(results)]
-    return [sentence for make in (_penrose, _plain_qp, _one_answer) for sentence in make(results)] + lost
-
-
-def of_task(results: Results, kind: str, task: str) -> Figures:
-    """{method: result} of the rows of the first table."""
-    found = {name: r for (place, name), r in results_of(results, kind).items() if place == task}
-    return {name: found[name] for name in shown(results) if name in found}
-
-
-def by_task(results: Results) -> Iterator[tuple[str, Figures, Figures]]:
-    """Each task with the runs and the times of those rows."""
-    for task in results["tasks"]:
-        yield task, of_task(results, "loop", task), of_task(results, "tick", task)
-
-
-def as_good(loops: Figures) -> list[str]:
-    """The rows whose largest position error is as good as the least of all."""
-    have = {name: r["position_mm"] for name, r in loops.items() if r["position_mm"] is not None}
-    least = min(have.values(), default=0.0)
-    return [name for name, mm in have.items() if mm <= max(AS_GOOD * least, AS_NONE)]
+    measured = by_task(results)
+    found = (_penrose(measured), _plain_qp(measured), _one_answer(results))
+    return [*filter(None, found), *(f"Where {OURS} loses: {sentence}" for sentence in losses(results))]
 
 
 def losses(results: Results) -> list[str]:
     """Where ours is slower or further off than another row, or more tilted."""
     sentences = []
-    for task, loops, ticks in by_task(results):
-        if OURS not in loops or OURS not in ticks:
+    for measured in by_task(results):
+        task, runs, times = measured
+        if OURS not in runs or OURS not in times:
             continue
-        mine, took = loops[OURS], ticks[OURS]["median_us"]
-        times = {name: tick["median_us"] for name, tick in ticks.items()}
-        faster = [f"{n} ({figure(times[n])} us)" for n in as_good(loops) if n in times and times[n] < took]
-        nearer = [n for n, r in loops.items() if _nearer(r["position_mm"], mine["position_mm"])]
+        mine = runs[OURS]
+        faster = [f"{n} ({figure(times[n])} us)" for n in measured.nearest() if n in times and times[n] < times[OURS]]
+        nearer, straighter = (
+            [name for name, run in runs.items() if _better(run[key], mine[key])]
+            for key in ("position_mm", "orientation_deg")
+        )
         parts = [f"{what} are {', '.join(names)}" for what, names in (("faster", faster), ("nearer", nearer)) if names]
-        turned = {
-            n: r
-            for n, r in loops.items()
-            if (r["orientation_deg"] or 0.0) * AS_GOOD < (mine["orientation_deg"] or 0.0) > AS_NONE
-        }
-        if turned:
-            parts.append(f"it tilts by {_missed([mine])}; {', '.join(turned)} by {_missed(turned.values())}")
+        if straighter:
+            theirs = _largest_errors([runs[name] for name in straighter])
+            parts.append(f"it tilts by {_largest_errors([mine])}; {', '.join(straighter)} by {theirs}")
         if parts:
             sentences.append(f"{title(task)}: {'; '.join(parts)}.")
     return sentences
 
 
-def _missed(loops: Iterable[dict[str, Any]]) -> str:
-    """The largest errors of some runs, from the least to the largest."""
-    runs = list(loops)
-    deg, mm = (sorted(r[key] or 0.0 for r in runs) for key in ("orientation_deg", "position_mm"))
-    return f"{_span(deg)} deg, at {_span(mm)} mm"
-
-
-def _nearer(theirs: float | None, mine: float | None) -> bool:
+def _better(theirs: float | None, mine: float | None) -> bool:
     """Whether an error is less by more than nothing; one that was not measured is not."""
     return theirs is not None and mine is not None and theirs * AS_GOOD < mine > AS_NONE
 
 
-def _good_in(results: Results, name: str) -> tuple[list[str], list[str]]:
-    """The tasks in which a row is as near as anyone, and those in which it is not."""
-    good: list[str] = []
-    not_good: list[str] = []
-    for task, loops, _ in by_task(results):
-        if name in loops:
-            (good if name in as_good(loops) else not_good).append(task)
-    return good, not_good
-
-
-def _penrose(results: Results) -> list[str]:
-    good, off = _good_in(results, PENROSE)
-    errors = ", ".join(f"{title(t)} {figure(of_task(results, 'loop', t)[PENROSE]['position_mm'])}" for t in off)
-    text = f"as near as any here: {' and '.join(map(title, good))}; there it needs nothing else. It is off elsewhere"
-    return [f"{PENROSE} is {text} [mm]: {errors}."] if good and off else []
-
-
-def _plain_qp(results: Results) -> list[str]:
-    good, off = _good_in(results, HAND_WRITTEN)
-    times = [{name: tick["median_us"] for name, tick in ticks.items()} for _, _, ticks in by_task(results)]
-    ratios, alone = (
-        sorted(t[HAND_WRITTEN] / t[name] for t in times if {name, HAND_WRITTEN} <= set(t))
-        for name in (OURS, OURS_PYTHON)
-    )
-    if not good or not ratios:
-        return []
-    count = len(good) + len(off)
-    where = f"in {len(good)} of {count} tasks" if off else f"in all {count} tasks" if count > 1 else "here"
-    found = [f"A {HAND_WRITTEN} of Pinocchio and DAQP is as near {where}; it takes {_span(ratios)} times our time"]
-    if alone:
-        found.append(f"Without the compiled core ours takes {_span(sorted(1.0 / r for r in alone))} times its time")
-    return [f"{'. '.join(found)}."]
+def _largest_errors(runs: list[dict[str, Any]]) -> str:
+    """The largest errors of some runs, from the least to the largest."""
+    deg, mm = (sorted(run[key] or 0.0 for run in runs) for key in ("orientation_deg", "position_mm"))
+    return f"{_span(deg)} deg, at {_span(mm)} mm"
 
 
 def _span(values: list[float]) -> str:
@@ -348,11 +320,34 @@ def _span(values: list[float]) -> str:
     return least if least == most else f"{least} to {most}"
 
 
-def _one_answer(results: Results) -> list[str]:
+def _penrose(measured: list[OfTask]) -> str:
+    have = [m for m in measured if PENROSE in m.runs]
+    good = [title(m.task) for m in have if PENROSE in m.nearest()]
+    off = [f"{title(m.task)} {figure(m.runs[PENROSE]['position_mm'])}" for m in have if PENROSE not in m.nearest()]
+    text = f"as near as any here: {' and '.join(good)}; there it needs nothing else. It is off elsewhere"
+    return f"{PENROSE} is {text} [mm]: {', '.join(off)}." if good and off else ""
+
+
+def _plain_qp(measured: list[OfTask]) -> str:
+    good = [HAND_WRITTEN in m.nearest() for m in measured if HAND_WRITTEN in m.runs]
+    ratios, alone = (
+        sorted(m.times[HAND_WRITTEN] / m.times[name] for m in measured if {name, HAND_WRITTEN} <= m.times.keys())
+        for name in (OURS, OURS_PYTHON)
+    )
+    if not any(good) or not ratios:
+        return ""
+    where = "here" if len(good) == 1 else f"in {'all' if all(good) else f'{sum(good)} of'} {len(good)} tasks"
+    text = f"A {HAND_WRITTEN} of Pinocchio and DAQP is as near {where}; it takes {_span(ratios)} times our time."
+    if alone:
+        text += f" Without the compiled core ours takes {_span(sorted(1.0 / r for r in alone))} times its time."
+    return text
+
+
+def _one_answer(results: Results) -> str:
     parts = []
     for name in (OURS, SCALED_LEAST_SQUARES, HAND_WRITTEN, PENROSE):
         worst = [worst_frame(results, name, kind) for kind in ("loop", "beyond")]
         if any(change is not None for change in worst):
             parts.append(f"{name} {' · '.join(figure(change, '{:.0e}') for change in worst)}")
     what = "Another tool frame for the same motion moves joints at most [rad], in these tasks · out of reach"
-    return [f"{what}: {', '.join(parts)}."] if parts else []
+    return f"{what}: {', '.join(parts)}." if parts else ""
