@@ -31,14 +31,6 @@ app: typer.Typer = typer.Typer(
     context_settings={"help_option_names": ["--help", "-h"]},
 )
 REPORT = "Please report it where you got invariantqp from, with all of these lines."
-# What each kind of exception leaves with; any other is a defect.
-STATUSES = (
-    (NotAccepted, Exit.NOT_ACCEPTED),
-    (InvariantQPError, Exit.BAD_INPUT),
-    (NotWritten, Exit.NOT_WRITTEN),
-    (OSError, Exit.NOT_WRITTEN),
-    (KeyboardInterrupt, Exit.INTERRUPTED),
-)
 
 
 def main() -> None:
@@ -52,8 +44,7 @@ def main() -> None:
         status = _called()
         sys.stdout.flush()
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 (what is none of ours is reported as a defect)
-        status = next((status for kind, status in STATUSES if isinstance(error, kind)), Exit.DEFECT)
-        sentences = _sentences(error)
+        status, sentences = _outcome(error)
         if isinstance(error, OSError):
             _forget(sys.stdout)
     try:
@@ -64,17 +55,21 @@ def main() -> None:
     sys.exit(status)
 
 
-def _sentences(error: BaseException) -> list[str]:
-    """What to say of an error."""
-    if isinstance(error, NotAccepted):
-        return [f"not accepted: {reason}" for reason in error.reasons]
-    if isinstance(error, (KeyboardInterrupt, BrokenPipeError)):
-        return []
-    if isinstance(error, (InvariantQPError, NotWritten)):
-        return [f"error: {error}"]
-    if isinstance(error, OSError):
-        return [f"error: output could not be written: {error.strerror or error}"]
-    return [
+def _outcome(error: BaseException) -> tuple[int, list[str]]:
+    """The status that an error leaves with, and what to say of it."""
+    match error:
+        case NotAccepted():
+            return Exit.NOT_ACCEPTED, [f"not accepted: {reason}" for reason in error.reasons]
+        case InvariantQPError():
+            return Exit.BAD_INPUT, [f"error: {error}"]
+        case NotWritten():
+            return Exit.NOT_WRITTEN, [f"error: {error}"]
+        case OSError():
+            sentence = f"error: output could not be written: {error.strerror or error}"
+            return Exit.NOT_WRITTEN, [] if isinstance(error, BrokenPipeError) else [sentence]
+        case KeyboardInterrupt():
+            return Exit.INTERRUPTED, []
+    return Exit.DEFECT, [
         "".join(traceback.format_exception(error)).rstrip(),
         f"This is a defect of invariantqp {__version__} ({engine}), not of your input. {REPORT}",
         f"The command was: {' '.join(['invariantqp', *sys.argv[1:]])}",
