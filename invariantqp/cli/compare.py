@@ -92,7 +92,10 @@ def print_comparison(results: dict[str, Any], files: list[Path]) -> None:
             console.print(cells, markup=False)
     for sentence in verdict(results):
         console.print(f"- {sentence}", markup=False)
-    failed = sum("failed" in cell["result"] for cell in results["cells"])
+    failed = [cell["result"]["failed"] for cell in results["cells"] if "failed" in cell["result"]]
     if failed:
-        console.print(f"{failed} of {len(results['cells'])} measurements failed: the report says why.")
+        sentence = (
+            f"{len(failed)} of {len(results['cells'])} measurements failed, as the report says; the first: {failed[0]}"
+        )
+        console.print(sentence, markup=False)
     console.print(f"written: {', '.join(str(file) for file in files)}", markup=False)

@@ -104,6 +104,13 @@ def test_what_cannot_be_measured_is_a_row_and_not_an_end(toys):
     assert list(results_of(results, "counted")) == [("compare/panda_limits", "Moore-Penrose")]
 
 
+def test_the_command_says_why_the_first_measurement_failed(toys, tmp_path):
+    toys["counted"] = Kind(stumbling)
+    chosen = [word for name in FEW for word in ("--methods", name)]
+    done = CliRunner().invoke(app, ["compare", "scara", "--jobs", "1", "--out", str(tmp_path), *chosen])
+    assert "1 of 6 measurements failed, as the report says; the first: ValueError: no such thing" in done.output
+
+
 def test_a_sweep_tells_its_progress(toys):
     seen = []
     sweep(["compare/panda_limits"], FEW, progress=lambda *k: seen.append(k))
