@@ -63,6 +63,37 @@ class Point(NamedTuple):
     marker: str
 
 
+# Errors within this factor of the least, or below a micrometre and a thousandth of a degree, are as good.
+AS_GOOD, AS_NONE = 1.1, 1e-3
+
+
+class OfTask(NamedTuple):
+    """What was measured of the rows of the first table on one task."""
+
+    task: str
+    runs: dict[str, dict[str, Any]]  # the figures of each row's run
+    times: dict[str, float]  # the median of each row's ticks [us]
+
+    def nearest(self) -> list[str]:
+        """The rows whose largest position error is as good as the least of all."""
+        have = {name: run["position_mm"] for name, run in self.runs.items() if run["position_mm"] is not None}
+        least = min(have.values(), default=0.0)
+        return [name for name, mm in have.items() if mm <= max(AS_GOOD * least, AS_NONE)]
+
+
+def by_task(results: Results) -> list[OfTask]:
+    """Each task with what was measured on it."""
+    runs, ticks, names = results_of(results, "loop"), results_of(results, "tick"), shown(results)
+    return [
+        OfTask(
+            task,
+            {name: runs[task, name] for name in names if (task, name) in runs},
+            {name: ticks[task, name]["median_us"] for name in names if (task, name) in ticks},
+        )
+        for task in results["tasks"]
+    ]
+
+
 def draw(results: Results, file: Path, colours: Colours = LIGHT, columns: int = 2) -> None:
     """Draw the chart with at most so many panels in a row; the ending of the file tells the format."""
     names, tasks = shown(results), results["tasks"]
@@ -83,7 +114,7 @@ def draw(results: Results, file: Path, colours: Colours = LIGHT, columns: int = 
     # Inches at 100 dots: two panels are 850 pixels wide, as a README is, one as wide as a phone; drawn at twice that.
     with figure_file(file, (4.25 * columns, 3.2 * rows + 0.25 * legend), style, dots=200) as figure:
         panels = figure.subplots(rows, columns, squeeze=False).ravel()
-        drawn = [points(results, task, names, colours) for task in tasks]
+        drawn = [points(measured, names, colours) for measured in by_task(results)]
         times = [p.time for found in drawn for p in found]
         span = (min(times) / ROOM, max(times) * ROOM) if times else (1.0, 10.0)
         for axes, task, found in zip(panels, tasks, drawn, strict=False):
@@ -97,16 +128,13 @@ def draw(results: Results, file: Path, colours: Colours = LIGHT, columns: int = 
         _legend(figure, names, colours, across)
 
 
-def points(results: Results, task: str, names: Sequence[str], colours: Colours) -> list[Point]:
-    """The points of a panel, those methods that have a time and an error."""
-    loops, ticks = results_of(results, "loop"), results_of(results, "tick")
-    found = []
-    for name in names:
-        loop, tick = loops.get((task, name), {}), ticks.get((task, name), {})
-        error, time = loop.get("position_mm"), tick.get("median_us")
-        if error and time:
-            found.append(Point(name, time, error, colour(loop, colours), marker_of(name, names)))
-    return found
+def points(measured: OfTask, names: Sequence[str], colours: Colours) -> list[Point]:
+    """The points of a panel: the methods that have a time and an error."""
+    return [
+        Point(name, measured.times[name], run["position_mm"], colour(run, colours), marker_of(name, names))
+        for name, run in measured.runs.items()
+        if run["position_mm"] and measured.times.get(name)
+    ]
 
 
 def marker_of(name: str, names: Sequence[str]) -> str:
@@ -242,37 +270,6 @@ def inline_svg(file: Path) -> str:
     for name, colour in LIGHT._asdict().items():
         text = text.replace(colour.lower(), f"var(--{name})")
     return text
-
-
-# Errors within this factor of the least, or below a micrometre and a thousandth of a degree, are as good.
-AS_GOOD, AS_NONE = 1.1, 1e-3
-
-
-class OfTask(NamedTuple):
-    """What was measured of the rows of the first table on one task."""
-
-    task: str
-    runs: dict[str, dict[str, Any]]  # the figures of each row's run
-    times: dict[str, float]  # the median of each row's ticks [us]
-
-    def nearest(self) -> list[str]:
-        """The rows whose largest position error is as good as the least of all."""
-        have = {name: run["position_mm"] for name, run in self.runs.items() if run["position_mm"] is not None}
-        least = min(have.values(), default=0.0)
-        return [name for name, mm in have.items() if mm <= max(AS_GOOD * least, AS_NONE)]
-
-
-def by_task(results: Results) -> list[OfTask]:
-    """Each task with what was measured on it."""
-    runs, ticks, names = results_of(results, "loop"), results_of(results, "tick"), shown(results)
-    return [
-        OfTask(
-            task,
-            {name: runs[task, name] for name in names if (task, name) in runs},
-            {name: ticks[task, name]["median_us"] for name in names if (task, name) in ticks},
-        )
-        for task in results["tasks"]
-    ]
 
 
 def verdict(results: Results) -> list[str]:

@@ -29,7 +29,8 @@ def test_a_change_that_the_control_makes_too_is_no_dependence():
     found = results(
         invariantqp=(1.0, 1.0, 1.0, 1e-14, 1e-12), chaos=(1.0, 1.0, 1.0, 1.6, 1.6), other=(1.0, 1.0, 1.0, 1e-4, 1e-12)
     )
-    colours = [p.colour for p in report.points(found, "compare/panda_limits", tables.shown(found), report.LIGHT)]
+    (measured,) = report.by_task(found)
+    colours = [p.colour for p in report.points(measured, tables.shown(found), report.LIGHT)]
     assert colours == [report.LIGHT.same, report.LIGHT.same, report.LIGHT.other]
 
 
@@ -114,8 +115,8 @@ def test_points_stand_at_their_values_each_by_the_marker_of_its_method(tmp_path,
     monkeypatch.setattr(report, "_panel", lambda axes, *rest: (keep(axes, *rest), drawn.append(axes)))
     one = {**RESULTS, "tasks": RESULTS["tasks"][1:2]}
     report.draw(one, tmp_path / "chart.svg")
-    for axes, task in zip(drawn, one["tasks"], strict=True):
-        found = report.points(one, task, tables.shown(one), report.LIGHT)
+    for axes, measured in zip(drawn, report.by_task(one), strict=True):
+        found = report.points(measured, tables.shown(one), report.LIGHT)
         assert len({p.marker for p in found}) == len(found) == 10
         dots = {(*line.get_xydata()[0], line.get_marker()) for line in axes.lines}
         assert dots == {(p.time, p.error, p.marker) for p in found}
