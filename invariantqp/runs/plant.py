@@ -167,6 +167,8 @@ class IdealPlant:
 
     def measure(self) -> Measurement:
         """Joint positions and the sensor's wrench, both exact."""
+        if self._springs is None:
+            return Measurement(self._q, np.zeros(6))
         now = self.state()
         return Measurement(now.q, self._sensor.reading(now.pose, now.wrench))
 
