@@ -1,9 +1,8 @@
 """Other libraries on the same tasks, each imported where its loop is made: Pink, mink, placo and Drake.
 
 Pink has the robot's own Pinocchio model. mink and placo get a URDF rebuilt joint by joint from the same screws: at
-q = 0 the axes of every link are those of the base. Drake needs no model: it is given J and s
-in the tool frame and the given bounds. Their limits on joint positions and velocities are on, and none stops when a
-limit is exceeded.
+q = 0 the axes of every link are those of the base. Drake needs no model: it is given J and s in the tool frame and the
+given bounds. Their limits on joint positions and velocities are on, and none stops when a limit is exceeded.
 
 Pink, mink and placo take no feedforward twist. Instead they get a target that lies ahead on the path, as far as it
 takes for their own gain to ask for the velocity of the path. Their frame task has unit costs, the posture task the cost

@@ -86,7 +86,7 @@ class ObstacleSpec(Section):
             raise ValueError("start and end of an arm have as many joints")
         return self
 
-    def share(self, t: float) -> tuple[float, float]:
+    def progress(self, t: float) -> tuple[float, float]:
         """How far out it is at t [s], from 0 to 1, and how fast [1/s]."""
         rate = 2.0 * pi / self.period
         return 0.5 * (1.0 - cos(rate * t)), 0.5 * rate * sin(rate * t)
@@ -131,14 +131,14 @@ class Around:
     def move(self, t: float) -> None:
         """Everything to where it is at t [s]."""
         for spec, obstacle in zip(self._specs, self.obstacles, strict=True):
-            share, rate = spec.share(t)
+            progress, rate = spec.progress(t)
             if not isinstance(obstacle, Shape):
                 start = np.array(spec.start)
                 way = np.zeros(len(start)) if spec.end is None else np.array(spec.end) - start
-                obstacle.move(start + share * way, rate * way)
+                obstacle.move(start + progress * way, rate * way)
             elif any(spec.moves):
                 way = np.array(spec.moves)
-                obstacle.move(se3.transform(translation=share * way), np.concatenate((np.zeros(3), rate * way)))
+                obstacle.move(se3.transform(translation=progress * way), np.concatenate((np.zeros(3), rate * way)))
 
     @property
     def moving(self) -> bool:

@@ -11,6 +11,7 @@ REFUSED = [
     (["--jobs", "-3"], "--jobs: found -3"),
     (["--jobs", "0"], "--jobs: found 0; expected a number of processes, or -1 for all cores"),
     (["--out", "{file}"], "--out: found {file}, a file; expected a folder"),
+    (["--out", "{file}/below"], "--out: found {file}, a file; expected a folder"),
     (["--stability", "arm_3r"], "TASK: found --stability too; expected one of them"),
     (["--stability", "--only", "time"], "--only: found --stability too"),
     (["--seed", "-1"], "--seed"),
