@@ -147,10 +147,8 @@ def watched_run(setup: Setup, make: MakeController, broken: str = "") -> tuple[W
 
 
 def with_rest(setup: Setup) -> Setup:
-    """The setup with a second more, in which the target is at rest; a path that may be late and contact as they are."""
+    """The setup with a second more, in which the target is at rest."""
     problem, more = setup.problem, round(REST / setup.task.law.dt)
-    if setup.scene is not None or problem.elastic is not None:
-        return setup
     time = setup.task.law.dt * np.arange(len(problem.time) + more, dtype=np.float64)
     still = np.vstack((problem.feedforward, np.zeros((more, 6))))
     wanted, poses = (np.concatenate((T, np.repeat(T[-1:], more, axis=0))) for T in (setup.wanted, problem.poses))

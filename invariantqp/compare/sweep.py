@@ -20,7 +20,7 @@ from invariantqp.compare.method import kinematics
 from invariantqp.compare.registry import chosen
 from invariantqp.compare.results import SCHEMA, Results, machine, plain, versions
 from invariantqp.compare.tables import TASKS
-from invariantqp.errors import UnknownName
+from invariantqp.errors import BadInput, UnknownName
 from invariantqp.runs.taskfile import load_task
 
 # Seven, six and five joints, each on a path that meets no limit and on one that meets some.
@@ -64,8 +64,8 @@ def sweep(
 ) -> Results:
     """Measure every method on every task: the content of results.json.
 
-    Methods that are not installed are left out. A wrong name, or a robot that is not installed, ends it before the
-    first measurement.
+    Methods that are not installed are left out. A wrong name, a robot that is not installed, or a task in contact or
+    with elastic timing, which other methods do not have, ends it before the first measurement.
 
     Args:
         tasks: names or files of tasks.
@@ -78,13 +78,19 @@ def sweep(
     """
     rows = [method for method in chosen(methods) if method.installed and (method.shown or not quick or methods)]
     work = cells(tasks, [method.name for method in rows], seed=seed, quick=quick, only=only)
-    for task in dict.fromkeys(cell.task for cell in work):
-        load_task(task).load_robot()
-    found: dict[Cell, dict[str, Result]] = {}
+    for name in dict.fromkeys(cell.task for cell in work):
+        task = load_task(name)
+        task.load_robot()
+        if task.contact is not None or task.path.timing == "elastic":
+            found = f"{name}, {'in contact' if task.contact else 'with elastic timing'}"
+            raise BadInput(
+                "TASK", found, "a task without contact whose path keeps its timing: other methods have no other"
+            )
+    measured: dict[Cell, dict[str, Result]] = {}
     for cell, result in _attempts(work, jobs):
-        found[cell] = result
+        measured[cell] = result
         if progress is not None:
-            progress(len(found), len(work))
+            progress(len(measured), len(work))
     return {
         "schema": SCHEMA,
         "machine": machine(),
@@ -97,7 +103,7 @@ def sweep(
         "cells": [
             {"kind": cell.kind, "task": cell.task, "method": method, "result": plain(result)}
             for cell in work
-            for method, result in found[cell].items()
+            for method, result in measured[cell].items()
         ],
     }
 

@@ -8,6 +8,11 @@ REFUSED = [
     (["nobody"], "unknown task 'nobody'"),
     (["arm_3r", "--methods", "zzz"], "unknown method 'zzz'"),
     (["arm_3r", "--only", "zzz"], "unknown measurement 'zzz'; known: loop, beyond,"),
+    (
+        ["pen_on_paper"],
+        "TASK: found pen_on_paper, in contact; expected a task without contact whose path keeps its timing",
+    ),
+    (["ur5_elastic", "--only", "tick"], "TASK: found ur5_elastic, with elastic timing; expected"),
     (["--jobs", "-3"], "--jobs: found -3"),
     (["--jobs", "0"], "--jobs: found 0; expected a number of processes, or -1 for all cores"),
     (["--out", "{file}"], "--out: found {file}, a file; expected a folder"),

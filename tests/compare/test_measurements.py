@@ -156,11 +156,6 @@ def test_after_a_path_the_target_rests_for_a_second():
     np.testing.assert_array_equal(after.wanted[: len(before.wanted)], before.wanted)
     assert (after.wanted[-more:] == before.wanted[-1]).all()
     assert not after.problem.feedforward[-more:].any()
-    for name in ("pen_on_paper", "ur5_elastic"):  # contact, and a path that may be late
-        task = load_task(name)
-        task = task.model_copy(update={"law": task.law.model_copy(update={"dt": 0.01})})
-        setup = prepare(task)
-        assert with_rest(setup) is setup
 
 
 def test_everyday_figures_of_an_arm_that_is_told_to_stay_turned_in_place_and_late():
