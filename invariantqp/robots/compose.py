@@ -20,11 +20,11 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import prismatic, revolute
-from invariantqp.robots.chain import Chain, Link
+from invariantqp.robots.chain import LIMITS, Chain, Link
 
-# What a chain has of each joint besides its screw and name.
 A_CHAIN = "a Chain, such as load_robot returns"
-OF_JOINTS = ("position_lower", "position_upper", "velocity_limit", "places")
+# What a chain has of each joint besides its screw and name.
+OF_JOINTS = (*LIMITS, "places")
 
 
 def rail(axis: ArrayLike, lower: float = -inf, upper: float = inf, speed: float = inf, *, name: str = "rail") -> Chain:
@@ -79,11 +79,7 @@ def relative(arm: Chain, other: Chain) -> Chain:
     arrays.instance(arm, Chain, "arm", A_CHAIN)
     arrays.instance(other, Chain, "other", A_CHAIN)
     back = se3.inverse(other.home, check=False)
-    names: list[str] = []
-    for name in other.names:
-        while name in (*arm.names, *names):
-            name = f"other/{name}"  # noqa: PLW2901
-        names.append(name)
+    names = list(_unlike(arm.names, other.names, "other/").values())
     turned = _carried(other, back)
     kept = {name: getattr(turned, name)[::-1] for name in OF_JOINTS}
     n = len(names)
@@ -117,12 +113,20 @@ def _chain(parts: Sequence[Chain], home: Array, tool: str) -> Chain:
 
 
 def _renamed(links: tuple[Link, ...], taken: tuple[Link, ...], prefix: str) -> tuple[Link, ...]:
-    """Links under names that others have not: with a prefix where they have."""
-    names = {link.name for link in taken}
-    made = []
-    for link in links:
-        name = link.name
-        while name in names:
-            name = prefix + name
-        made.append(link._replace(name=name))
-    return tuple(made)
+    """Links under names that others have not, with what their descriptions let them touch."""
+    new = _unlike([link.name for link in taken], [link.name for link in links], prefix)
+    return tuple(
+        link._replace(name=new[link.name], excludes=tuple((new.get(name, name), why) for name, why in link.excludes))
+        for link in links
+    )
+
+
+def _unlike(taken: Sequence[str], names: Sequence[str], prefix: str) -> dict[str, str]:
+    """A name for each of some, unlike those that are taken: with a prefix, as often as it needs."""
+    new: dict[str, str] = {}
+    for name in names:
+        free = name
+        while free in taken or free in new.values():
+            free = prefix + free
+        new[name] = free
+    return new

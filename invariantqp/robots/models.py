@@ -20,7 +20,7 @@ from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import UNLIMITED
 from invariantqp.robots.pinocchio import joint_twists, pin
 from invariantqp.robots.tree import NOT_SINGLE, cannot_move, selected
-from invariantqp.robots.urdf import excluded
+from invariantqp.robots.urdf import excluded, open_limit
 
 
 def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None) -> Chain:
@@ -104,7 +104,7 @@ def _limits(model: pin.Model, joint: int) -> tuple[float, float]:
     low, high = model.lowerPositionLimit[at], model.upperPositionLimit[at]
     if not (model.nqs[joint] == model.nvs[joint] == 1 and low <= high):
         return -np.inf, np.inf
-    return (low if low > -UNLIMITED else -np.inf), (high if high < UNLIMITED else np.inf)
+    return open_limit(low), open_limit(high)
 
 
 def _frame(model: pin.Model, name: str) -> int:

@@ -19,6 +19,7 @@ from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain, Geometry, Link
 from invariantqp.robots.tree import cannot_move, selected
+from invariantqp.robots.urdf import excluding
 
 with optional("sim", "mujoco"):
     import mujoco
@@ -63,7 +64,7 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
             raise cannot_move(MODEL, names[i], "is coupled to another and has no coordinate of its own")
     data = _posed(model, joints)
     place = data.site(tool) if tool in sites else data.body(body)
-    lower, upper = np.where(model.jnt_limited[joints, None], model.jnt_range[joints], (-np.inf, np.inf)).T
+    lower, upper = _limits(model, joints)
     return Chain(
         _twists(model, data, body)[:, model.jnt_dofadr[joints]],
         se3.transform(place.xmat.reshape(3, 3), place.xpos),
@@ -88,21 +89,22 @@ def chain_to(model: Any, frame: str | int, kind: str) -> tuple[Chain, NDArray[np
     moving = np.flatnonzero(J.any(axis=0))
     if not len(moving):
         raise RobotModelError(f"no joint moves the {kind} {frame!r}; choose one beyond the first joint")
-    joints = model.dof_jntid[moving]
-    limited = np.isin(model.jnt_type[joints], (HINGE, SLIDE)) & (model.jnt_limited[joints] != 0)
-    lower, upper = np.where(limited[:, None], model.jnt_range[joints], (-np.inf, np.inf)).T
+    lower, upper = _limits(model, model.dof_jntid[moving])
     home = se3.transform(place.xmat.reshape(3, 3), place.xpos)
     return Chain(J[:, moving], home, position_lower=lower, position_upper=upper), moving
+
+
+def _limits(model: Any, joints: Sequence[int]) -> tuple[Array, Array]:
+    """Position limits (m,) of joints, infinite where there is none or a joint is no hinge or slide."""
+    limited = np.isin(model.jnt_type[joints], (HINGE, SLIDE)) & (model.jnt_limited[joints] != 0)
+    lower, upper = np.where(limited[:, None], model.jnt_range[joints], (-np.inf, np.inf)).T
+    return lower, upper
 
 
 def _links(
     model: Any, data: Any, names: list[str], paths: list[list[int]], joints: list[int], to_tool: list[int]
 ) -> tuple[Link, ...]:
     """All bodies, the arm's joints at zero; those behind joints off the way to the tool are `unknown`."""
-    apart: dict[str, list[tuple[str, str]]] = {}
-    for signature in model.exclude_signature.tolist():
-        one, other = names[signature >> 16], names[signature & 0xFFFF]
-        apart.setdefault(one, []).append((other, "by the MJCF: <exclude>"))
     made = []
     for i, name in enumerate(names):
         body = sum(joint in joints for joint in paths[i])
@@ -111,8 +113,10 @@ def _links(
         frame = se3.transform(data.xmat[i].reshape(3, 3), data.xpos[i])
         geoms = range(model.body_geomadr[i], model.body_geomadr[i] + model.body_geomnum[i])
         parts = tuple(_part(model, g) for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g])
-        made.append(Link(name, body, frame, parts, unknown, tuple(apart.get(name, ()))))
-    return tuple(made)
+        made.append(Link(name, body, frame, parts, unknown))
+    signatures = model.exclude_signature.tolist()
+    pairs = {frozenset((names[pair >> 16], names[pair & 0xFFFF])): "by the MJCF: <exclude>" for pair in signatures}
+    return excluding(made, pairs)
 
 
 def _part(model: Any, geom: int) -> Geometry:

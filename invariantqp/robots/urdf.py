@@ -102,27 +102,30 @@ def _colour(material: ET.Element) -> tuple[float, ...] | None:
     return tuple(min(max(x, 0.0), 1.0) for x in rgba) if len(rgba) == 4 else None
 
 
+# Which attributes give the size of a geometry, with how many numbers each.
+SIZES = {
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "mesh": {"scale": 3},
+}
+
+
 def _part(name: str, link: ET.Element, element: ET.Element, folder: Path | None) -> Geometry:
     where = f"{name}: link {link.get('name')!r}"
-    pose, kind = np.eye(4), ""
+    shape = next(iter(element.find("geometry") or ()), None)
+    kind = "" if shape is None else shape.tag
+    if shape is None or kind not in SIZES:
+        why = f"{where}: <geometry> with {kind!r}; expected a box, sphere, cylinder or mesh"
+        return Geometry("unreadable", (), np.eye(4), why)
+    left_out = "1 1 1" if kind == "mesh" else ""
     try:
-        pose = _origin(where, element)
-        shape = next(iter(element.find("geometry") or ()), None)
-        kind = "" if shape is None else shape.tag
-        if kind == "box":
-            return Geometry(kind, tuple(_numbers(where, shape, "size", "")), pose)
-        if kind == "sphere":
-            return Geometry(kind, tuple(_numbers(where, shape, "radius", "", 1)), pose)
-        if kind in ("cylinder", "capsule"):
-            size = (_numbers(where, shape, key, "", 1)[0] for key in ("radius", "length"))
-            return Geometry(kind, tuple(size), pose)
-        if kind == "mesh" and shape is not None:
-            scale = _numbers(where, shape, "scale", "1 1 1")
-            return Geometry(kind, tuple(scale), pose, _mesh_file(shape.get("filename", ""), folder))
+        size = [x for key, count in SIZES[kind].items() for x in _numbers(where, shape, key, left_out, count)]
+        file = _mesh_file(shape.get("filename", ""), folder) if kind == "mesh" else None
+        return Geometry(kind, tuple(size), _origin(where, element), file)
     except RobotModelError as error:
-        return Geometry("unreadable", (), pose, str(error))
-    why = f"{where}: <geometry> with {kind!r}; expected a box, sphere, cylinder or mesh"
-    return Geometry("unreadable", (), pose, why)
+        return Geometry("unreadable", (), np.eye(4), str(error))
 
 
 def _origin(where: str, element: ET.Element) -> Array:
@@ -286,13 +289,12 @@ def excluded(robot: Chain, file: str | PathLike[str] | None = None) -> Exclusion
     return found if file is None else {**found, **disabled(Path(file))}
 
 
-def excluding(links: tuple[Link, ...], pairs: Exclusions) -> tuple[Link, ...]:
+def excluding(links: Sequence[Link], pairs: Exclusions) -> tuple[Link, ...]:
     """Links that know of the pairs that may touch."""
-    made = []
-    for link in links:
-        others = tuple((*(pair - {link.name}), reason) for pair, reason in pairs.items() if link.name in pair)
-        made.append(link._replace(excludes=link.excludes + tuple(other for other in others if len(other) == 2)))
-    return tuple(made)
+    excludes: dict[str, list[tuple[str, str]]] = {}
+    for (one, *other), reason in pairs.items():
+        excludes.setdefault(one, []).extend((name, reason) for name in other)
+    return tuple(link._replace(excludes=tuple(excludes.get(link.name, ()))) for link in links)
 
 
 def disabled(file: Path) -> Exclusions:

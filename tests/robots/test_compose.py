@@ -7,6 +7,7 @@ from support.arms import ready
 
 import invariantqp as iq
 from invariantqp.robots import mobile_base, rail, relative, stand_on
+from invariantqp.robots.urdf import excluded
 
 RNG = np.random.default_rng(4)
 PLACE = iq.exp([0.3, -0.2, 1.0, 0.4, -0.1, 0.7])
@@ -73,6 +74,16 @@ def test_a_tool_seen_from_another():
     np.testing.assert_allclose(seen.jacobian(both), turned(seen, both), atol=1e-8)
     assert seen.names[:2] == ("other/panda_joint7", "other/panda_joint6")
     np.testing.assert_array_equal(seen.position_upper, [*other.position_upper[::-1], *arm.position_upper])
+
+
+def test_what_the_links_of_an_arm_may_touch_are_its_own():
+    arm, other = two_arms()
+    own = excluded(arm)
+    others = {frozenset(f"other/{name}" for name in pair): why for pair, why in own.items()}
+    assert len(own) == 35
+    assert excluded(relative(arm, other)) == {**own, **others}
+    kept = iq.limits.Clearance(relative(arm, other)).pairs
+    assert ("other/panda_link5", "panda_link7") in kept  # one arm lets its own fifth link touch its own seventh
 
 
 def test_two_arms_follow_each_other_by_one_controller():
