@@ -25,7 +25,8 @@ from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
-from invariantqp.robots.urdf import Exclusions, excluded
+from invariantqp.robots.tree import Exclusions
+from invariantqp.robots.urdf import excluded
 from invariantqp.velocity.limits import accelerations
 
 # Whether a pair is always near is looked at in so many states, at most; one that is not shown to be is kept.

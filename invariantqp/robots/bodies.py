@@ -7,7 +7,6 @@ larger than the link; two capsules are taken where they are so much smaller than
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
 from itertools import product
@@ -38,10 +37,11 @@ CELLS = 80
 SOME = 4
 # The search for a capsule's axis, in units of its size: how it begins, and that it ends where a step saves less volume.
 SEARCH = {"maxiter": 300, "fatol": 1e-3, "xatol": 1e-2, "initial_simplex": 0.2 * np.vstack((np.zeros(4), np.eye(4)))}
-Bodies = dict[str, list[Shape]]
+# A triangle of a binary STL.
+STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-def bodies_of(robot: Robot) -> Bodies:
+def bodies_of(robot: Robot) -> dict[str, list[Shape]]:
     """The shapes of each link in its frame, in the order of the links; those without geometry are left out.
 
     Those of a link are computed once in a process: capsules for meshes take a tenth of a second.
@@ -111,13 +111,12 @@ def _surface(part: Geometry) -> Array:
 
 
 def _read(file: str) -> Array:
-    """(f, 3, 3) triangles of a mesh file: of a binary STL, which has 50 bytes for each; of others by coal."""
-    data = np.fromfile(file, dtype=np.uint8) if Path(file).is_file() else np.zeros(0, dtype=np.uint8)
-    count = int.from_bytes(data[80:84].tobytes(), "little")
-    if len(data) > 84 and len(data) == 84 + 50 * count:
-        found = data[84:].reshape(count, 50)[:, 12:48].copy().view("<f4").astype(np.float64)
+    """(f, 3, 3) triangles of a mesh file: of a binary STL; of others by coal."""
+    data = Path(file).read_bytes() if Path(file).is_file() else b""
+    if len(data) > 84 and len(data) == 84 + STL.itemsize * int.from_bytes(data[80:84], "little"):
+        found = np.frombuffer(data, STL, offset=84)["corners"].astype(np.float64)
         if np.isfinite(found).all():
-            return np.asarray(found.reshape(count, 3, 3))
+            return found
     from invariantqp.geometry.coal import triangles  # coal is loaded where there is such a mesh
 
     try:
@@ -179,18 +178,18 @@ def capsule(points: Array, *, searched: bool = True) -> Capsule:
         return Capsule(centre, centre, 0.0)
     V = (points - centre) / size
     principal = np.linalg.eigh(V.T.dot(V))[1].T
+
+    def axis(x: Array, along: Array, across: Array) -> Array:
+        return np.concatenate((along + x[:2].dot(across), x[2:].dot(across)))
+
+    def volume(x: Array, along: Array, across: Array) -> float:
+        return _around(V, axis(x, along, across))[0]
+
     found = []
     for k, along in enumerate(principal):
-        across = principal[[k - 2, k - 1]]  # leaning and shifted by these alone
-
-        def axis(x: Array, along: Array = along, across: Array = across) -> Array:
-            return np.concatenate((along + x[:2].dot(across), x[2:].dot(across)))
-
-        def volume(x: Array, axis: Callable[[Array], Array] = axis) -> float:
-            return _around(V, axis(x))[0]
-
-        x = minimize(volume, np.zeros(4), method="Nelder-Mead", options=SEARCH).x if searched else np.zeros(4)
-        found.append((volume(x), axis(x)))
+        frame = along, principal[[k - 2, k - 1]]  # leaning and shifted across it
+        x = minimize(volume, np.zeros(4), frame, "Nelder-Mead", options=SEARCH).x if searched else np.zeros(4)
+        found.append((volume(x, *frame), axis(x, *frame)))
     best = min(found, key=lambda one: one[0])[1]
     _, a, b = _around(V, best)
     return _grown(Capsule(centre + size * a, centre + size * b, 0.0), points)

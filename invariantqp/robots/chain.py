@@ -155,10 +155,6 @@ class Chain(Value):
         given = {"position_lower": position_lower, "position_upper": position_upper, "velocity_limit": velocity_limit}
         return self._changed(**{name: value for name, value in given.items() if value is not None})
 
-    def with_links(self, links: tuple[Link, ...]) -> Chain:
-        """The same chain made of other links."""
-        return self._changed(links=links)
-
     def by_engine(self, engine: Engine) -> Chain:
         """The same chain, its kinematics, and what is made from it, by another engine: "compiled" or "python"."""
         by = arrays.choice(engine, "engine", ENGINES)

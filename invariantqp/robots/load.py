@@ -22,7 +22,7 @@ from invariantqp.robots.compose import stand_on
 from invariantqp.robots.kinematics import question_pose, question_range
 from invariantqp.robots.published import PUBLISHED, published
 from invariantqp.robots.tree import chain_to_link
-from invariantqp.robots.urdf import disabled, excluding, is_text, joint_of_yourdfpy, joints_of, parts_of, read_xml
+from invariantqp.robots.urdf import disabled, is_text, joint_of_yourdfpy, joints_of, parts_of, read_xml
 
 DATA = "example-robot-data"
 SOURCES = (
@@ -145,20 +145,19 @@ def read_arm(source: Any, tool: str | ArrayLike | None, chosen: tuple[str, ...] 
     known = IN_DATA.get(str(source))
     if known is not None and tool is None:
         tool, chosen = known.tool, known.joints if chosen is None else chosen
-    arm = _described(urdf_of(source), tool, chosen)
-    pairs = disabled(_data_folder() / known.srdf) if known is not None and known.srdf else {}
-    return arm.with_links(excluding(arm.links, pairs)) if pairs else arm
+    return _described(urdf_of(source), tool, chosen, known.srdf if known is not None else "")
 
 
-def _described(source: Path | str, tool: str | None, joints: Sequence[str] | None) -> Chain:
-    """The arm of a description in XML."""
+def _described(source: Path | str, tool: str | None, joints: Sequence[str] | None, srdf: str = "") -> Chain:
+    """The arm of a description in XML, and of an SRDF in example-robot-data."""
     name, root = read_xml(source)
     if root.tag == "mujoco":
         from invariantqp.robots.mujoco import load_mujoco, read_mjcf
 
         return load_mujoco(read_mjcf(source), tool, joints)
     parts = parts_of(name, root, source.resolve().parent if isinstance(source, Path) else None)
-    return chain_to_link(joints_of(name, root), name, tool, joints, parts)
+    apart = disabled(_data_folder() / srdf) if srdf else None
+    return chain_to_link(joints_of(name, root), name, tool, joints, parts, apart)
 
 
 def _library(source: object) -> str | None:

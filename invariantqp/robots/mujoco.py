@@ -18,8 +18,7 @@ from invariantqp.extras import optional
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain, Geometry, Link
-from invariantqp.robots.tree import cannot_move, selected
-from invariantqp.robots.urdf import excluding
+from invariantqp.robots.tree import cannot_move, excluding, selected
 
 with optional("sim", "mujoco"):
     import mujoco

@@ -24,6 +24,8 @@ MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed", "floating", "planar")
 # Why a joint cannot be one of an arm, by its type.
 NOT_SINGLE = "({}) has no single coordinate; only revolute and prismatic joints are modelled"
+# Pairs of links that may touch, each with its reason: an SRDF lists them, an MJCF excludes them.
+Exclusions = dict[frozenset[str], str]
 
 
 class TreeJoint(NamedTuple):
@@ -40,6 +42,12 @@ class TreeJoint(NamedTuple):
     speed: float = inf  # velocity limit [rad/s, m/s], inf where there is none
     mimics: str = ""  # the joint that it follows, "" for none
 
+    @property
+    def screw(self) -> Array:
+        """(6,) its unit twist, in its frame."""
+        still = np.zeros(3)
+        return np.concatenate((still, self.axis) if self.kind == "prismatic" else (self.axis, still))
+
 
 def chain_to_link(
     joints: Sequence[TreeJoint],
@@ -47,38 +55,38 @@ def chain_to_link(
     tool: str | None,
     chosen: Sequence[str] | None,
     parts: dict[str, tuple[Geometry, ...]] | None = None,
+    apart: Exclusions | None = None,
 ) -> Chain:
-    """The arm from the root of a tree of joints to a link, or to the joint that moves it; else as in `load_robot`."""
+    """The arm from the root of a tree of joints to a link, or to the joint that moves it; else as in `load_robot`.
+
+    `parts` are the links' collision geometry, `apart` the pairs of links that may touch.
+    """
     above = {joint.child: joint for joint in joints}
     if len(above) < len(joints):
         raise RobotModelError(f"{name}: a link is moved by two joints; expected a tree of links")
-    paths = {link: path_to(above, link, name) for link in above}
     links = list(dict.fromkeys(link for joint in joints for link in (joint.parent, joint.child)))
+    paths = {link: path_to(above, link, name) for link in links}
     if tool is None:
-        tool = max(paths, key=lambda link: _length(paths[link]))
+        tool = max(above, key=lambda link: _length(paths[link]))
     if tool not in links:
         tool = next((joint.child for joint in joints if joint.name == tool), tool)
     if tool not in links:
         raise UnknownName("frame", tool, difflib.get_close_matches(tool, links), links)
-    path = paths.get(tool, [])
+    path = paths[tool]
     can = [joint.name for joint in path if joint.kind != "fixed"]
     moving = selected(name, tool, can, [joint.name for joint in joints], chosen)
-    made = _links({link: paths.get(link, []) for link in links}, path, moving, parts or {})
-    frames = {link.name: link.frame for link in made}
-    arm, screws = [joint for joint in path if joint.name in moving], []
+    arm = [joint for joint in path if joint.name in moving]
     for joint in arm:
         if joint.kind not in MOVING:
             raise cannot_move(name, joint.name, NOT_SINGLE.format(joint.kind))
         if joint.mimics:
             raise cannot_move(name, joint.name, f"mimics {joint.mimics!r} and has no coordinate of its own")
-        T, still = frames[joint.child], np.zeros(3)
-        along = T[:3, :3].dot(joint.axis)
-        hinge = (along, se3.cross(T[:3, 3], along))
-        screws.append(np.concatenate((still, along) if joint.kind == "prismatic" else hinge))
+    made = excluding(_links(paths, path, moving, parts or {}), apart or {})
+    frames = {link.name: link.frame for link in made}
     return Chain(
-        np.column_stack(screws),
+        np.column_stack([se3.adjoint(frames[joint.child], check=False).dot(joint.screw) for joint in arm]),
         frames[tool],
-        [joint.name for joint in arm],
+        moving,
         [joint.lower for joint in arm],
         [joint.upper for joint in arm],
         [joint.speed for joint in arm],
@@ -117,9 +125,7 @@ def path_to(above: dict[str, TreeJoint], link: str, name: str) -> list[TreeJoint
 
 def displacement(joint: TreeJoint, q: float) -> Array:
     """(4, 4) motion of a joint by q, in its own frame."""
-    still = np.zeros(3)
-    parts = (still, q * joint.axis) if joint.kind == "prismatic" else (q * joint.axis, still)
-    return se3.exp(np.concatenate(parts), check=False)
+    return se3.exp(q * joint.screw, check=False)
 
 
 def rest(joint: TreeJoint) -> float:
@@ -138,7 +144,7 @@ def _links(
     to_tool: list[TreeJoint],
     moving: list[str],
     parts: dict[str, tuple[Geometry, ...]],
-) -> tuple[Link, ...]:
+) -> list[Link]:
     """All links of a tree, the arm's joints at zero.
 
     Those behind joints off the way to the tool are `unknown`: somebody else moves these. What hangs on the arm's last
@@ -157,7 +163,15 @@ def _links(
                 if joint.name not in way and body < len(moving):
                     unknown = unknown or joint.name
         made.append(Link(name, body, T, parts.get(name, ()), unknown))
-    return tuple(made)
+    return made
+
+
+def excluding(links: Sequence[Link], apart: Exclusions) -> tuple[Link, ...]:
+    """Links that know of the pairs that may touch."""
+    excludes: dict[str, list[tuple[str, str]]] = {}
+    for (one, *other), reason in apart.items():
+        excludes.setdefault(one, []).extend((name, reason) for name in other)
+    return tuple(link._replace(excludes=tuple(excludes.get(link.name, ()))) for link in links)
 
 
 def cannot_move(name: str, joint: str, why: str) -> RobotModelError:

@@ -18,9 +18,9 @@ import numpy as np
 
 from invariantqp.errors import RobotModelError
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.chain import Chain, Geometry, Link
+from invariantqp.robots.chain import Chain, Geometry
 from invariantqp.robots.kinematics import UNLIMITED
-from invariantqp.robots.tree import MOVING, TYPES, TreeJoint, displacement, path_to, rest
+from invariantqp.robots.tree import MOVING, TYPES, Exclusions, TreeJoint, displacement, path_to, rest
 
 # What may stand before the "<" of a text.
 BLANK = "\ufeff \t\r\n"
@@ -276,11 +276,6 @@ def _hold(element: ET.Element, joint: TreeJoint) -> None:
     element.set("type", "fixed")
 
 
-# Pairs of links that may touch, each with its reason: an SRDF lists them, an MJCF excludes them.
-#     <disable_collisions link1="hand" link2="finger" reason="Adjacent"/>
-Exclusions = dict[frozenset[str], str]
-
-
 def excluded(robot: Chain, file: str | PathLike[str] | None = None) -> Exclusions:
     """Pairs of links that a robot's own description excludes, and those of an SRDF file; each with its reason."""
     found: Exclusions = {}
@@ -289,16 +284,8 @@ def excluded(robot: Chain, file: str | PathLike[str] | None = None) -> Exclusion
     return found if file is None else {**found, **disabled(Path(file))}
 
 
-def excluding(links: Sequence[Link], pairs: Exclusions) -> tuple[Link, ...]:
-    """Links that know of the pairs that may touch."""
-    excludes: dict[str, list[tuple[str, str]]] = {}
-    for (one, *other), reason in pairs.items():
-        excludes.setdefault(one, []).extend((name, reason) for name in other)
-    return tuple(link._replace(excludes=tuple(excludes.get(link.name, ()))) for link in links)
-
-
 def disabled(file: Path) -> Exclusions:
-    """The pairs of an SRDF."""
+    """The pairs of an SRDF, <disable_collisions link1="hand" link2="finger" reason="Adjacent"/>."""
     name, root = read_xml(file)
     if root.tag != "robot":
         raise RobotModelError(f"{name}: found <{root.tag}>; expected the <robot> of an SRDF")
