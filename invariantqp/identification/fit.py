@@ -148,7 +148,7 @@ def _squares(e: Array, V: Array) -> Array:
     return np.asarray((e * applied(V, e)).sum(axis=1))
 
 
-def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED, steps: int = STEPS) -> Fit:
+def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED) -> Fit:
     """The best fit near a start, until a step would lower the sum of squares by less than enough."""
     zero = np.zeros_like(samples.wrench)
     friction = across_the_slide(samples, start[1][:3, 3]) if model.pressed else None
@@ -156,7 +156,7 @@ def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED,
     damping, count, cost = DAMPING, sum(e.size for e, *_ in state.rows.values()), inf
     kept, held = None, DAMPING**2
     alike = np.pad(gauge(model.kind, start[2]), ((0, samples.bending.shape[-1]), (0, 0)))
-    for step in range(steps):
+    for step in range(STEPS):
         H, g, now = _normal_equations(state)
         before, cost = cost, now
         # Nearly linear: poses are corrected, and what is worse is taken back. Where rows are surely off, the model is

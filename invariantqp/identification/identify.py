@@ -36,7 +36,7 @@ from invariantqp.systems.subspaces import orthogonal
 KINDS: tuple[str, ...] = tuple(MODELS)
 # Second moment of a push or a motion, in its noise, above which there was one: a noise given or estimated a fifth too
 # small is none. Of 150 samples of noise it is above 1.5 once in a million times.
-TRIED = 1.5
+EXCITED = 1.5
 # Shortest contact that is looked for after another one, as a part of the whole.
 COARSE = 10
 # Share of a stretch that its contacts have to explain by a determined kind: less is noise cut into pieces.
@@ -199,12 +199,9 @@ def identify(
     lengths = [b - a for a, b in runs]
     if max(lengths) < FEWEST:
         raise BadInput("wrenches", f"{max(lengths)} samples in contact", f"{FEWEST} or more")
-    look = _Look(record, wanted)
-    parts, refused = look.all_segments([(a, b) for a, b in runs if b - a >= FEWEST])
-    if refused:
-        raise refused
+    parts = _all_segments(record, wanted, [(a, b) for a, b in runs if b - a >= FEWEST])
     if len(parts) > 1:
-        parts = look.merged(parts)
+        parts = _merged(record, wanted, parts)
     if len(parts) == 1:
         return parts[0]
     kinds_found = ", ".join(f"{p.kind or 'undecided'} in samples {p.start} to {p.stop}" for p in parts)
@@ -212,151 +209,146 @@ def identify(
     return Identification(None, (), {}, np.zeros((6, 0)), reason, parts[0].start, parts[-1].stop, tuple(parts))
 
 
-class _Look:
-    """Stretches of a recording, each judged once."""
+def _all_segments(record: Recording, kinds: tuple[str, ...], runs: list[tuple[int, int]]) -> list[Identification]:
+    """The contacts of all stretches; an error where nothing explains more than a small part of them."""
+    parts, unexplained = list[Identification](), list[tuple[int, NoContactFound]]()
+    for start, stop in runs:
+        try:
+            parts += _segments(record, kinds, start, stop)
+        except NoContactFound as error:
+            unexplained.append((stop - start, error))
+    lost, whole = sum(length for length, _ in unexplained), sum(b - a for a, b in runs)
+    if unexplained and not (parts and lost <= (1.0 - MOSTLY) * whole):
+        raise max(unexplained, key=lambda found: found[0])[1]
+    return parts
 
-    def __init__(self, record: Recording, kinds: tuple[str, ...]) -> None:
-        self.record, self.kinds = record, kinds
-        self._explained: dict[tuple[int, int], bool] = {}
-        self._known: dict[tuple[int, int], tuple[Samples, list[Verdict]]] = {}
 
-    def verdicts(self, start: int, stop: int) -> tuple[Samples, list[Verdict]]:
-        """Samples, and a verdict on each kind."""
-        if (start, stop) not in self._known:
-            samples = self.record.blocks(start, stop)
-            self._known[start, stop] = samples, judged(samples, self.kinds)
-        return self._known[start, stop]
+def _segments(record: Recording, kinds: tuple[str, ...], start: int, stop: int) -> list[Identification]:
+    """A stretch in contact as one contact or several, one after the other; an error where nothing explains it."""
 
-    def explained(self, start: int, stop: int) -> bool:
-        """Whether some kind explains a stretch."""
-        if (start, stop) not in self._explained:
-            self._explained[start, stop] = explains(self.record.blocks(start, stop), self.kinds)
-        return self._explained[start, stop]
+    def explained(a: int, b: int) -> bool:
+        return explains(record.blocks(a, b), kinds)
 
-    def all_segments(self, runs: list[tuple[int, int]]) -> tuple[list[Identification], NoContactFound | None]:
-        """The contacts of all stretches; what is said where nothing explains them, but for short ones."""
-        parts, unexplained = [], []
-        for start, stop in runs:
-            try:
-                parts += self.segments(start, stop)
-            except NoContactFound as error:
-                unexplained.append((stop - start, error))
-        lost, whole = sum(length for length, _ in unexplained), sum(b - a for a, b in runs)
-        few = bool(parts) and lost <= (1.0 - MOSTLY) * whole
-        return parts, None if few or not unexplained else max(unexplained, key=lambda found: found[0])[1]
+    def identified(a: int, b: int) -> tuple[Identification, Samples, list[Verdict]]:
+        samples = record.blocks(a, b)
+        verdicts = judged(samples, kinds)
+        return _identification(samples, verdicts, a, b, record.every(a, b)), samples, verdicts
 
-    def segments(self, start: int, stop: int) -> list[Identification]:
-        """A stretch in contact as one contact or several, one after the other; an error where nothing explains it."""
-        whole = self._identified(start, stop)
-        if whole.candidates:
-            return [whole]
-        self._explained[start, stop] = False
-        parts = [self._identified(a, b) for a, b in self._split(start, stop) if self.explained(a, b)]
-        explained = sum(part.stop - part.start for part in parts if part.kind)
-        if explained < MOSTLY * (stop - start):
-            raise self._none(start, stop)
-        return parts
+    whole, samples, verdicts = identified(start, stop)
+    if whole.candidates:
+        return [whole]
+    parts = [part for a, b in _split(explained, start, stop) if (part := identified(a, b)[0]).candidates]
+    if sum(part.stop - part.start for part in parts if part.kind) < MOSTLY * (stop - start):
+        raise _none(samples, verdicts, start, stop)
+    return parts
 
-    def _identified(self, start: int, stop: int) -> Identification:
-        """What a stretch says of one contact."""
-        samples, verdicts = self.verdicts(start, stop)
-        return _identification(samples, verdicts, start, stop, self.record.every(start, stop))
 
-    def _split(self, start: int, stop: int) -> list[tuple[int, int]]:
-        """Stretches between changes: each change lies between the longest stretch that ends and the one that begins.
+def _split(explained: Callable[[int, int], bool], start: int, stop: int) -> list[tuple[int, int]]:
+    """Stretches between changes: each change lies between the longest stretch that ends and the one that begins.
 
-        From the start, the longest that some kind explains ends at the latest place where the contact can have
-        changed; from the end, it begins at the earliest.
-        """
-        latest = self._ends(lambda a, b: self.explained(start + a, start + b), stop - start)
-        earliest = self._ends(lambda a, b: self.explained(stop - b, stop - a), stop - start)
-        if not latest or len(latest) != len(earliest) or len(latest) >= COARSE:
+    From the start, the longest that some kind explains ends at the latest place where the contact can have changed;
+    from the end, it begins at the earliest.
+    """
+    latest = _ends(lambda a, b: explained(start + a, start + b), stop - start)
+    earliest = _ends(lambda a, b: explained(stop - b, stop - a), stop - start)
+    if not latest or len(latest) != len(earliest):
+        return []
+    begins = [start, *(start + k for k in latest)]
+    ends = [*(stop - k for k in reversed(earliest)), stop]
+    return [(a, b) for a, b in zip(begins, ends, strict=True) if b - a >= FEWEST]
+
+
+def _ends(explained: Callable[[int, int], bool], length: int) -> list[int]:
+    """Where the longest stretches end that are explained one after the other, without the last; [] if they are not.
+
+    The whole is known not to be explained.
+    """
+    found: list[int] = []
+    begin, step = 0, max(FEWEST, length // COARSE)
+    while len(found) < COARSE - 1:
+        low, high = begin + step, length
+        if low >= length or not explained(begin, low):
             return []
-        begins = [start, *(start + k for k in latest)]
-        ends = [*(stop - k for k in reversed(earliest)), stop]
-        return [(a, b) for a, b in zip(begins, ends, strict=True) if b - a >= FEWEST]
+        while high - low > FEWEST // 2:  # so many say nothing by themselves
+            middle = (low + high) // 2
+            low, high = (middle, high) if explained(begin, middle) else (low, middle)
+        begin = low
+        found.append(begin)
+        if explained(begin, length):
+            return found
+    return []
 
-    @staticmethod
-    def _ends(explained: Callable[[int, int], bool], length: int) -> list[int]:
-        """Where the longest stretches end that are explained one after the other, without the last; [] if none is."""
-        found: list[int] = []
-        begin = 0
-        step = max(FEWEST, length // COARSE)
-        while begin < length and len(found) < COARSE:
-            if explained(begin, length):
-                return found
-            low, high = begin + step, length
-            if low >= length or not explained(begin, low):
-                return []
-            while high - low > FEWEST // 2:  # so many say nothing by themselves
-                middle = (low + high) // 2
-                low, high = (middle, high) if explained(begin, middle) else (low, middle)
-            found.append(low)
-            begin = low
-        return [] if begin < length else found
 
-    def merged(self, parts: list[Identification]) -> list[Identification]:
-        """The same contact again and again as one: where one kind that explains each explains all together."""
-        samples, every = (
-            Samples(*(np.concatenate([getattr(s, name) for s in apart]) for name in Samples._fields))
-            for apart in (
-                [of(part.start, part.stop) for part in parts] for of in (self.record.blocks, self.record.every)
-            )
+def _merged(record: Recording, kinds: tuple[str, ...], parts: list[Identification]) -> list[Identification]:
+    """The same contact again and again as one: where one kind that explains each explains all together."""
+    samples, every = (
+        Samples(*(np.concatenate([getattr(s, name) for s in apart]) for name in Samples._fields))
+        for apart in ([of(part.start, part.stop) for part in parts] for of in (record.blocks, record.every))
+    )
+    together = _identification(samples, judged(samples, kinds), parts[0].start, parts[-1].stop, every)
+    kind = together.candidates[0].kind if together.candidates else ""
+    same = all(part.kind in (None, kind) and kind in [c.kind for c in part.candidates] for part in parts)
+    return [together] if same else parts
+
+
+def _none(samples: Samples, verdicts: list[Verdict], start: int, stop: int) -> NoContactFound:
+    """The error where nothing explains a stretch."""
+    nearest = min(verdicts, key=lambda v: v.misfit)
+    what = f"no kind of contact explains samples {start} to {stop}; the nearest is {nearest.key}: {nearest.why}"
+    off = nearest.fit.off
+    first, last = (float(np.sqrt(np.mean(part**2))) for part in np.array_split(off, 2))
+    if nearest.misfit < MISFIT:
+        why = "Its motion fits: look at the sign, the frame and the weight in the wrenches"
+    elif max(first, last) > 2.0 * min(first, last):
+        why = f"It is off most at sample {samples.at[int(np.argmax(off))]}: the contact may change there, or be lost"
+    else:
+        why = (
+            f"It is off throughout: noise {nearest.misfit:.2g} times as large would explain it. Smooth errors, of "
+            "clearance, bending or an arm's own geometry, are not seen by an estimate: say noise= or accuracy="
         )
-        together = _identification(samples, judged(samples, self.kinds), parts[0].start, parts[-1].stop, every)
-        kind = together.candidates[0].kind if together.candidates else ""
-        same = all(part.kind in (None, kind) and kind in [c.kind for c in part.candidates] for part in parts)
-        return [together] if same else parts
-
-    def _none(self, start: int, stop: int) -> NoContactFound:
-        """What is said where nothing explains a stretch."""
-        samples, verdicts = self.verdicts(start, stop)
-        nearest = min(verdicts, key=lambda v: v.misfit)
-        what = f"no kind of contact explains samples {start} to {stop}; the nearest is {nearest.key}: {nearest.why}"
-        off = nearest.fit.off
-        first, last = (float(np.sqrt(np.mean(part**2))) for part in np.array_split(off, 2))
-        if nearest.misfit < MISFIT:
-            why = "Its motion fits: look at the sign, the frame and the weight in the wrenches"
-        elif max(first, last) > 2.0 * min(first, last):
-            k = int(np.argmax(off)) * len(samples.at) // len(off)
-            why = f"It is off most at sample {samples.at[k]}: the contact may change there, or be lost"
-        else:
-            why = (
-                f"It is off throughout: noise {nearest.misfit:.2g} times as large would explain it. Smooth errors, of "
-                "clearance, bending or an arm's own geometry, are not seen by an estimate: say noise= or accuracy="
-            )
-        return NoContactFound(f"{what}. {why}.", nearest.key, nearest.misfit)
+    return NoContactFound(f"{what}. {why}.", nearest.key, nearest.misfit)
 
 
 def _identification(samples: Samples, verdicts: list[Verdict], start: int, stop: int, every: Samples) -> Identification:
     """The answer of a stretch: kinds by some samples, and where they are by every one."""
-    size = float(np.sqrt(samples.pose[:, :3, 3].var(axis=0).sum()))
-    left = sorted((v for v in verdicts if not v.why), key=lambda v: (v.model.freedoms, v.fit.motion))
-    sides = every, every.reversed if any(v.reversed for v in left) else every
-    left = [v._replace(fit=fit(v.model, sides[v.reversed], v.fit.start)) for v in left]
-    # A place is well known or not by the motion, or by the arm that turns.
-    lengths = [max(size, 1e-3 * float(np.linalg.norm(v.fit.tool[:3, 3])), 1e-12) for v in left]
-    candidates = tuple(candidate(v.fit, v.reversed, v.press, n) for v, n in zip(left, lengths, strict=True))
+    candidates = _candidates(samples, verdicts, every)
     refuted = {v.key: v.why for v in verdicts if v.why}
     if not candidates:
         return Identification(None, (), refuted, np.zeros((6, 0)), "no kind explains it", start, stop)
-    moved, pushed, unexcited = _tried(candidates[0], samples)
-    best, kind = left[0].model, candidates[0].contact_kind
-    k = kind.freedoms.shape[1]
-    reason = ""
+    moved, pushed, unexcited = _excitation(candidates[0], samples)
+    reason = _undecided(candidates, moved, pushed, unexcited.shape[1])
+    return Identification(None if reason else candidates[0].kind, candidates, refuted, unexcited, reason, start, stop)
+
+
+def _candidates(samples: Samples, verdicts: list[Verdict], every: Samples) -> tuple[Candidate, ...]:
+    """The kinds that are not refuted, fitted to every sample, the most constrained first."""
+    size = float(np.sqrt(samples.pose[:, :3, 3].var(axis=0).sum()))
+    made = []
+    for v in sorted((v for v in verdicts if not v.why), key=lambda v: (v.model.freedoms, v.fit.motion)):
+        found = fit(v.model, every.reversed if v.reversed else every, v.fit.start)
+        # A place is well known or not by the motion, or by the arm that turns.
+        length = max(size, 1e-3 * float(np.linalg.norm(found.tool[:3, 3])), 1e-12)
+        made.append(candidate(found, v.reversed, v.press, length))
+    return tuple(made)
+
+
+def _undecided(candidates: tuple[Candidate, ...], moved: int, pushed: int, unexcited: int) -> str:
+    """Why the first of the candidates is not the only one that can be meant; "" where it is."""
+    best = candidates[0]
+    k = best.contact_kind.freedoms.shape[1]
     if moved < k or (pushed < 6 - k and len(candidates) > 1):
         names = ", ".join(dict.fromkeys(c.kind for c in candidates))
-        reason = (
-            f"{unexcited.shape[1]} twists were neither moved along nor pushed against, and {names} differ in them: "
+        return (
+            f"{unexcited} twists were neither moved along nor pushed against, and {names} differ in them: "
             "move the tool along every way it gives, push and pull the others"
         )
-    elif not best.pressed and any(v.model.pressed for v in left):
-        pressed = next(v.model.kind for v in left if v.model.pressed)
-        reason = f"a {best.kind}, or a {pressed} held by friction: pull it as well, and push sideways"
-    return Identification(None if reason else best.kind, candidates, refuted, unexcited, reason, start, stop)
+    pressed = next((c.kind for c in candidates if MODELS[c.kind].pressed), best.kind)
+    if pressed != best.kind and not MODELS[best.kind].pressed:
+        return f"a {best.kind}, or a {pressed} held by friction: pull it as well, and push sideways"
+    return ""
 
 
-def _tried(candidate_: Candidate, samples: Samples) -> tuple[int, int, Array]:
+def _excitation(candidate_: Candidate, samples: Samples) -> tuple[int, int, Array]:
     """How many of a contact's freedoms moved, how many of its constraints were pushed, and (6, u) twists of neither.
 
     A push is what is left of the wrench in the constraints beside what goes with the wrench in the freedoms: friction,
@@ -395,5 +387,5 @@ def _above(moment: Array, noise: Array) -> tuple[int, Array]:
     root = np.linalg.cholesky(noise)
     half = np.linalg.solve(root, np.linalg.solve(root, moment).T)
     values, vectors = np.linalg.eigh(0.5 * (half + half.T))
-    above = values > TRIED
+    above = values > EXCITED
     return int(above.sum()), np.asarray(root @ vectors[:, above])

@@ -7,7 +7,7 @@ has, acts across the slide instead of along it, or drives it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from math import sqrt
 from typing import NamedTuple
 
@@ -21,15 +21,12 @@ from invariantqp.identification.motions import applied, coadjoint, cross, invers
 # A kind is refuted where poses or wrenches leave it by so many times their noise, root mean square: noise given or
 # estimated half as large as it is refutes nothing.
 MISFIT = 2.0
-# A first look at one sample of so many that finds a kind surely worse is enough.
-FIRST_LOOK = 3
 # A misfit that a further start ends at again, to this share, is the least.
 SAME = 1e-2
 # A step that would lower the sum of squares by less than this moves no parameter by a third of its standard deviation.
 ENOUGH = 0.1
 # Beyond so many standard deviations a pitch or a curvature is not zero.
 SURE = 5.0
-MOMENTS = "moments about what turns freely are {:.3g} times their noise"
 # Kinds whose frames are those of another kind that moves in more ways.
 _WITHIN = {
     "peg": ("slide", "hinge", "screw"),
@@ -67,34 +64,22 @@ class Verdict(NamedTuple):
 
 def judged(samples: Samples, kinds: tuple[str, ...]) -> list[Verdict]:
     """A verdict on each kind."""
-    sides = (samples, samples.reversed)
-    resisted = [_resisted(side) for side in sides]
-    found: list[Verdict] = []
+    return _simplest(list(_verdicts(samples, kinds)), samples)
+
+
+def explains(samples: Samples, kinds: tuple[str, ...]) -> bool:
+    """Whether some kind is not refuted."""
+    return any(not v.why for v in _verdicts(samples, kinds))
+
+
+def _verdicts(samples: Samples, kinds: tuple[str, ...]) -> Iterator[Verdict]:
+    """One kind after the other, those that move in fewer ways first."""
+    sides, found = (samples, samples.reversed), list[Verdict]()
     for model in MODELS.values():
-        if model.kind not in kinds:
-            continue
-        for reversed_ in (False, True)[: 1 + model.reversible]:
+        for reversed_ in (False, True)[: 1 + model.reversible] if model.kind in kinds else ():
             side = sides[reversed_]
-            least = _least_moments(model, resisted[reversed_])
-            if least < MISFIT:
-                best = _best(model, side, _inside(model, reversed_, found))
-                found.append(_verdict(model, reversed_, best, side))
-            else:
-                found.append(Verdict(model, reversed_, _anywhere(model, side), MOMENTS.format(least)))
-    return _simplest(found, samples)
-
-
-def _resisted(samples: Samples) -> Array:
-    """(6,) second moments of the wrenches, in their noise, along the twists that they do least work on first."""
-    root = np.linalg.cholesky(samples.wrench_noise.mean(axis=0))
-    w = np.linalg.solve(root, samples.wrench.T)
-    return np.asarray(np.linalg.eigvalsh(w @ w.T / w.shape[1]))
-
-
-def _least_moments(model: Model, resisted: Array) -> float:
-    """What moments about turns that a kind leaves free are at least, root mean square, in their noise."""
-    free = len(model.free_moments)
-    return sqrt(max(0.0, float(resisted[:free].mean()))) if free else 0.0
+            found.append(_verdict(reversed_, _best(model, side, _inside(model, reversed_, found)), side))
+            yield found[-1]
 
 
 def _inside(model: Model, reversed_: bool, found: list[Verdict]) -> list[Start]:
@@ -109,38 +94,15 @@ def _inside(model: Model, reversed_: bool, found: list[Verdict]) -> list[Start]:
     return at
 
 
-def explains(samples: Samples, kinds: tuple[str, ...]) -> bool:
-    """Whether some kind is not refuted: sooner than all verdicts, where one is."""
-    for model in MODELS.values():
-        if model.kind in kinds:
-            for side in (samples, samples.reversed)[: 1 + model.reversible]:
-                if not _least_moments(model, _resisted(side)) < MISFIT:
-                    continue
-                if not _verdict(model, side is not samples, _best(model, side), side).why:
-                    return True
-    return False
-
-
-def _best(model: Model, samples: Samples, inside: Sequence[Start] = ()) -> Fit:
-    """The best fit from any start; only those that are near are worth all samples."""
-    few = Samples(*(part[:: max(1, min(FIRST_LOOK, len(samples.pose) // 40))] for part in samples))
-    best: Fit | None = None
-    again = False
+def _best(model: Model, samples: Samples, inside: Sequence[Start]) -> Fit:
+    """The best fit from any start, until one is near, or two end at the same."""
+    tried: list[Fit] = []
     for start in (*inside, *starts(model, samples)):
-        found = _seated(fit(model, few, start, ENOUGH), few)
-        again = best is not None and abs(found.worst - best.worst) < SAME * best.worst
-        if best is None or best.worst > (1.0 + SAME) * found.worst:
-            best = found
-        if best.worst < 0.75 * MISFIT or again:
+        tried.append(_seated(fit(model, samples, start, ENOUGH), samples))
+        least, *others = sorted(one.worst for one in tried)
+        if least < 0.75 * MISFIT or (others and others[0] < (1.0 + SAME) * least):
             break
-    if best is None or best.worst > SURELY * MISFIT:
-        return best or _anywhere(model, samples)
-    return _seated(fit(model, samples, best.start, ENOUGH), samples)
-
-
-def _anywhere(model: Model, samples: Samples) -> Fit:
-    """A fit of a kind that has no start."""
-    return fit(model, samples, (np.eye(4), np.eye(4), np.zeros(model.extra)), steps=1)
+    return next(one for one in tried if one.worst <= (1.0 + SAME) * least)
 
 
 def _seated(found: Fit, samples: Samples) -> Fit:
@@ -158,27 +120,30 @@ def _seated(found: Fit, samples: Samples) -> Fit:
     return found._replace(base=base, tool=tool)
 
 
-def _verdict(model: Model, reversed_: bool, found: Fit, samples: Samples) -> Verdict:
+def _verdict(reversed_: bool, found: Fit, samples: Samples) -> Verdict:
     """What poses and wrenches say of a fit."""
+    why, press = _refuted(found, samples), 0.0
+    if found.model.pressed and not why:
+        why, press = _pressed(found, samples)
+    return Verdict(found.model, reversed_, found, why, press)
 
-    def verdict(why: str, press: float = 0.0) -> Verdict:
-        return Verdict(model, reversed_, found, why, press)
 
+def _refuted(found: Fit, samples: Samples) -> str:
+    """Why a fit is refuted, whether it is pressed or holds both ways; "" if it is not."""
     if not found.motion < MISFIT:
-        return verdict(f"poses leave it by {found.motion:.3g} times their noise")
+        return f"poses leave it by {found.motion:.3g} times their noise"
     if not found.wrench < MISFIT:
-        return verdict(MOMENTS.format(found.wrench))
-    C = inverse(found.base) @ samples.pose @ found.tool
-    if model.kind in ("hinge", "screw"):
-        turned = angles(C, samples.turned @ found.tool[:3, 2])
+        return f"moments about what turns freely are {found.wrench:.3g} times their noise"
+    if found.model.kind in ("hinge", "screw"):
+        turned = angles(inverse(found.base) @ samples.pose @ found.tool, samples.turned @ found.tool[:3, 2])
         noise = sqrt(float(np.trace(samples.pose_noise[:, :3, :3], axis1=1, axis2=2).mean()) / 3.0)
         if np.std(turned) < SURELY * noise and (samples.slides(found.tool[:3, 3])[2] > 0.5).any():
-            return verdict("it slid and never turned")
-    if model.kind == "peg":
-        f = _forces(found, samples)
-        if np.mean(f[:, 2] ** 2) > np.mean(f[:, 0] ** 2 + f[:, 1] ** 2):  # rubber on dry concrete has a friction of one
-            return verdict("it was pushed along its axis, harder than friction holds")
-    return _pressed(model, verdict, found, samples, C) if model.pressed else verdict("")
+            return "it slid and never turned"
+    if found.model.kind == "peg":
+        x, y, z = np.mean(_forces(found, samples) ** 2, axis=0)
+        if z > x + y:  # rubber on dry concrete has a friction of one
+            return "it was pushed along its axis, harder than friction holds"
+    return ""
 
 
 def _forces(found: Fit, samples: Samples) -> Array:
@@ -186,31 +151,31 @@ def _forces(found: Fit, samples: Samples) -> Array:
     return applied(found.base[:3, :3].T @ samples.pose[:, :3, :3], samples.wrench[:, 3:])
 
 
-def _pressed(model: Model, verdict: Callable[..., Verdict], found: Fit, samples: Samples, C: Array) -> Verdict:
-    """What friction says of a contact that is pressed, not pulled."""
-    f, p = _forces(found, samples), C[:, :3, 3]
+def _pressed(found: Fit, samples: Samples) -> tuple[str, float]:
+    """Why friction refutes a contact that is pressed, not pulled, or "", and the sign of its press along z."""
+    f, p = _forces(found, samples), (inverse(found.base) @ samples.pose @ found.tool)[:, :3, 3]
     n = np.broadcast_to(np.array([0.0, 0.0, 1.0]), p.shape)
-    if model.kind == "sphere":
+    if found.model.kind == "sphere":
         n = n + found.extra[0] * p
         n = n / np.linalg.norm(n, axis=1)[:, None]
     press = (f * n).sum(axis=1)
     sign = float(np.sign(np.median(press)))
     noise = sqrt(float(np.trace(samples.wrench_noise[:, 3:, 3:], axis1=1, axis2=2).mean()) / 3.0)
     if np.mean(sign * press > -SURELY * noise) < PRESSED:
-        return verdict("it was pulled as well as pressed")
+        return "it was pulled as well as pressed", sign
     side = f - press[:, None] * n
     if np.mean(np.linalg.norm(side, axis=1) < np.abs(press) + SURELY * noise) < PRESSED:
-        return verdict("its side force is more than friction has")
+        return "its side force is more than friction has", sign
     which, way, sure = samples.slides(found.tool[:3, 3])
     slides = sure > 0.5
     u, f, normal = way[slides] @ found.base[:3, :3], side[which[slides]], n[which[slides]]
     along, across = (f * u).sum(axis=1), (f * cross(normal, u)).sum(axis=1)  # of the side force, where it slides
     if len(along) >= 10 and np.sqrt(np.mean(across**2 + along**2)) > SURELY * noise:
         if np.mean(across**2) > CROSSWISE**2 * np.mean(along**2 + across**2):
-            return verdict("its side force acts across the slide, and friction along it")
+            return "its side force acts across the slide, and friction along it", sign
         if -along.sum() > CROSSWISE * np.abs(along).sum():
-            return verdict("friction would drive it: is the sign of the wrenches right?")
-    return verdict("", sign)
+            return "friction would drive it: is the sign of the wrenches right?", sign
+    return "", sign
 
 
 def _simplest(verdicts: list[Verdict], samples: Samples) -> list[Verdict]:
