@@ -27,6 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import ROUNDING, Array
@@ -34,15 +35,14 @@ from invariantqp.identification.models import Model, angles, gauge
 from invariantqp.identification.motions import (
     adjoint,
     applied,
-    carried,
     coadjoint,
     cross,
-    framed,
+    frame_along,
     inverse,
-    moved,
-    nearest_rotation,
     poses,
+    propagated,
     skew,
+    small_motions,
     unit,
 )
 
@@ -88,10 +88,10 @@ class Samples(NamedTuple):
         """The same with base and tool exchanged: poses X^-1, and the wrench that the base exerts, in the base frame."""
         A, B = adjoint(self.pose), coadjoint(self.pose)
         w = -applied(B, self.wrench)
-        noise = carried(A, self.pose_noise)
+        noise = propagated(A, self.pose_noise)
         m, f = skew(w[:, :3]), skew(w[:, 3:])
         by_pose = -np.concatenate((np.concatenate((m, f), -1), np.concatenate((f, np.zeros_like(f)), -1)), -2)
-        wrench_noise = carried(B, self.wrench_noise) + carried(by_pose, noise)
+        wrench_noise = propagated(B, self.wrench_noise) + propagated(by_pose, noise)
         return Samples(self.at, self.turned, inverse(self.pose), w, noise, wrench_noise, -A @ self.bending)
 
     def slides(self, tip: Array) -> tuple[NDArray[np.intp], Array, Array]:
@@ -106,7 +106,7 @@ class Samples(NamedTuple):
         v = p[inner + 1] - p[inner - 1]
         speed = np.linalg.norm(v, axis=1)
         at_tip = np.concatenate((-skew(tip), np.eye(3)), axis=1)
-        noise = np.trace(carried(at_tip, self.pose_noise[inner]), axis1=1, axis2=2) / 3.0
+        noise = np.trace(propagated(at_tip, self.pose_noise[inner]), axis1=1, axis2=2) / 3.0
         sure = speed * speed / (speed * speed + SURELY**4 * 2.0 * noise)
         return inner, v / np.maximum(speed, 1e-300)[:, None], sure
 
@@ -123,7 +123,7 @@ class Fit(NamedTuple):
     wrench: float  # likewise of wrenches; 0 where no row says anything
     friction: float  # likewise of side forces across the slide, in ACROSS of the force; 0 where nothing slides
     off: Array  # (n,) root mean square over the rows of each sample, poses alone
-    alike: float  # for how many samples one that is independent stands: 1 of white noise, more of smooth errors
+    inefficiency: float  # statistical: so many samples say as much as an independent one; 1 of white noise
 
     @property
     def start(self) -> Start:
@@ -154,29 +154,29 @@ def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED)
     friction = across_the_slide(samples, start[1][:3, 3]) if model.pressed else None
     state = _state(model, samples, friction, *start, np.zeros(samples.bending.shape[-1]), zero, zero)
     damping, count, cost = DAMPING, sum(e.size for e, *_ in state.rows.values()), inf
-    kept, held = None, DAMPING**2
-    alike = np.pad(gauge(model.kind, start[2]), ((0, samples.bending.shape[-1]), (0, 0)))
+    accepted, near = None, DAMPING**2  # the last state with corrected poses, and the damping there
+    free = np.pad(gauge(model.kind, start[2]), ((0, samples.bending.shape[-1]), (0, 0)))
     for step in range(STEPS):
         H, g, now = _normal_equations(state)
         before, cost = cost, now
         # Nearly linear: poses are corrected, and what is worse is taken back. Where rows are surely off, the model is
         # not near, and to linearise about corrected poses would lead away.
-        if kept is not None or now < SURELY**2 * count:
-            if kept is None or now < kept[-1] * (1.0 + sqrt(CONVERGED)):  # corrections made anew may raise it
-                kept, held = (state, H, g, now), max(0.1 * held, DAMPING**2)
+        if accepted is not None or now < SURELY**2 * count:
+            if accepted is None or now < accepted[-1] * (1.0 + sqrt(CONVERGED)):  # corrections made anew may raise it
+                accepted, near = (state, H, g, now), max(0.1 * near, DAMPING**2)
             else:
-                held = max(100.0 * held, DAMPING)
-                state, H, g, now = kept
-            delta = _step(H, g, held, alike)
-            if -float(delta.dot(g)) < enough + 1e-9 * now or held > 1.0:
+                near = max(100.0 * near, DAMPING)
+                state, H, g, now = accepted
+            delta = _step(H, g, near, free)
+            if -float(delta.dot(g)) < enough + 1e-9 * now or near > 1.0:
                 break
-            corrected = {name: -applied(K, e + J @ delta) for name, (e, J, _, K) in state.rows.items()}
-            xi, omega = corrected["poses"], corrected.get("moments", zero)
-            state = _state(model, samples, friction, *_moved(state, delta), xi, omega)
+            corrections = {name: -applied(K, e + J @ delta) for name, (e, J, _, K) in state.rows.items()}
+            xi, omega = corrections["poses"], corrections.get("moments", zero)
+            state = _state(model, samples, friction, *_updated(state, delta), xi, omega)
             continue
         while damping * DAMPING**2 < 1.0:
-            delta = _step(H, g, damping, alike)
-            trial = _state(model, samples, friction, *_moved(state, delta), zero, zero)
+            delta = _step(H, g, damping, free)
+            trial = _state(model, samples, friction, *_updated(state, delta), zero, zero)
             pairs = zip(trial.rows.values(), state.rows.values(), strict=True)
             if sum(_squares(e, V).sum() for (e, *_), (*_, V, _) in pairs) < cost:
                 break
@@ -186,7 +186,7 @@ def fit(model: Model, samples: Samples, start: Start, enough: float = CONVERGED)
         state, damping = trial, max(0.1 * damping, DAMPING**2)
         if cost > SURELY**4 * count and step > 2 and before - cost < SLOW * cost:
             break
-    return _finished(model, state if kept is None else kept[0])
+    return _finished(model, state if accepted is None else accepted[0])
 
 
 def _normal_equations(state: _State) -> tuple[Array, Array, float]:
@@ -198,14 +198,14 @@ def _normal_equations(state: _State) -> tuple[Array, Array, float]:
     return tuple(sum(part) for part in zip(*parts, strict=True))
 
 
-def _step(H: Array, g: Array, damping: float, alike: Array) -> Array:
+def _step(H: Array, g: Array, damping: float, free: Array) -> Array:
     """Marquardt's step across what changes nothing; none turns a frame by more than half a radian or so.
 
     Each parameter counts in the length at which it adds one to the sum of squares, so that no unit enters.
     """
     D = np.diag(H)
     scale = 1.0 / np.sqrt(D + ROUNDING * D.max())
-    across = np.linalg.qr(alike / scale[:, None], mode="complete")[0][:, alike.shape[1] :]
+    across = np.linalg.qr(free / scale[:, None], mode="complete")[0][:, free.shape[1] :]
     curved = across.T @ (H * np.outer(scale, scale)) @ across
     damped = curved + np.diag(damping * np.diag(curved) + ROUNDING)
     delta: Array = np.asarray(-scale * (across @ np.linalg.solve(damped, across.T @ (scale * g))))
@@ -213,7 +213,7 @@ def _step(H: Array, g: Array, damping: float, alike: Array) -> Array:
     return delta * min(1.0, 0.5 / max(turn, ROUNDING))
 
 
-def _moved(state: _State, delta: Array) -> tuple[Array, Array, Array, Array]:
+def _updated(state: _State, delta: Array) -> tuple[Array, Array, Array, Array]:
     base, tool = (T @ se3.exp(d, check=False) for T, d in ((state.base, delta[:6]), (state.tool, delta[6:12])))
     n = 12 + len(state.extra)
     return base, tool, state.extra + delta[12:n], state.compliance + delta[n:]
@@ -242,7 +242,7 @@ def _state(
     omega: Array,
 ) -> _State:
     """Rows at frames A and B, linearised at corrected poses and wrenches."""
-    X = inverse(base) @ (samples.pose @ moved(xi + samples.bending @ compliance))
+    X = inverse(base) @ (samples.pose @ small_motions(xi + samples.bending @ compliance))
     C = X @ tool
     values, L, by_extra = model.rows(C, extra, samples.turned @ tool[:3, 2])
     by_pose = L @ adjoint(X)
@@ -304,11 +304,14 @@ def _finished(model: Model, state: _State) -> Fit:
         for name in ("moments", "friction")
     )
     motion = sqrt(float(squares["poses"].sum()) / max(1, e.size - determined))
-    off, alike = np.sqrt(squares["poses"] / e.shape[1]), _alike(np.asarray(np.linalg.cholesky(V)).swapaxes(-1, -2), e)
-    return Fit(model, state.base, state.tool, state.extra, H, motion, wrench, friction, off, alike)
+    off, inefficiency = (
+        np.sqrt(squares["poses"] / e.shape[1]),
+        _inefficiency(np.asarray(np.linalg.cholesky(V)).swapaxes(-1, -2), e),
+    )
+    return Fit(model, state.base, state.tool, state.extra, H, motion, wrench, friction, off, inefficiency)
 
 
-def _alike(whitening: Array, e: Array) -> float:
+def _inefficiency(whitening: Array, e: Array) -> float:
     """1 + 2 sum of the correlations of misses (n, r) with those k samples later, up to the first that is none."""
     w = applied(whitening, e)
     square, total = float((w * w).sum()), 1.0
@@ -329,7 +332,7 @@ def covariance(fit: Fit, size: float) -> Array:
     scale = np.array(
         ([1.0] * 3 + [size] * 3) * 2 + [1.0 / size if fit.model.kind == "sphere" else size] * len(fit.extra)
     )
-    H = fit.information / fit.alike * np.outer(scale, scale)
+    H = fit.information / fit.inefficiency * np.outer(scale, scale)
     values, vectors = np.linalg.eigh(H)
     free = np.linalg.qr(gauge(fit.model.kind, fit.extra) / scale[:, None])[0]
     known = np.eye(len(H)) - free @ free.T  # a change that changes nothing about the contact has no variance
@@ -354,8 +357,8 @@ def starts(model: Model, samples: Samples) -> list[Start]:
         p, q = _held(R, t, np.eye(3))
         return [(poses(np.eye(3), q), poses(np.eye(3), p), np.zeros(0))]
     if model.kind == "slide":
-        base = framed(travel[0], t.mean(axis=0))
-        tool = poses(nearest_rotation(R.mean(axis=0)).T @ base[:3, :3], np.zeros(3))  # A^-1 X B does not turn
+        base = frame_along(travel[0], t.mean(axis=0))
+        tool = poses(Rotation.from_matrix(R).mean().as_matrix().T @ base[:3, :3], np.zeros(3))  # A^-1 X B does not turn
         return [(base, tool, np.zeros(0))]
     axes = [(Vt[0], U[:, 0] * np.sign(U[:, 0] @ (middle[:3, :3] @ Vt[0])))] if turns else []
     if model.kind == "face":
@@ -363,7 +366,7 @@ def starts(model: Model, samples: Samples) -> list[Start]:
         across = pushed - travel[0] * (travel[0] @ pushed)
         ends = [travel[2]] if turns else [across, travel[2]]
         axes += [(middle[:3, :3].T @ unit(n), unit(n)) for n in ends if np.linalg.norm(n) > 0.0]
-        return [(framed(b, t.mean(axis=0)), framed(a, np.zeros(3)), np.zeros(0)) for a, b in axes]
+        return [(frame_along(b, t.mean(axis=0)), frame_along(a, np.zeros(3)), np.zeros(0)) for a, b in axes]
     if not turns:
         axes.append((middle[:3, :3].T @ travel[0], travel[0]))
     return [_about(model, samples, R, t, a, b) for a, b in axes]
@@ -373,7 +376,7 @@ def _about(model: Model, samples: Samples, R: Array, t: Array, a: Array, b: Arra
     """An axis along a in the tool and b in the base."""
     across = np.eye(3) if model.kind == "hinge" else np.eye(3) - np.outer(b, b)
     p, q = _held(R, t, across)
-    base, tool = framed(b, q), framed(a, p)
+    base, tool = frame_along(b, q), frame_along(a, p)
     if model.kind != "screw":
         return base, tool, np.zeros(0)
     tool[:3, :3] = samples.pose[len(R) // 2, :3, :3].T @ base[:3, :3]
@@ -440,16 +443,16 @@ def _tip(model: Model, R: Array, t: Array, n: Array, found: Array) -> list[Start
     p = found[:3]
     x = R @ p + t
     middle = x.mean(axis=0)
-    base = framed(n, middle + n * (found[3] - n @ middle))
+    base = frame_along(n, middle + n * (found[3] - n @ middle))
     if model.kind == "line":
         u = np.einsum("nji,j->ni", R, n)
         spread, directions = np.linalg.eigh(u.T @ u / len(u))
         edge, z = directions[:, 0], u.mean(axis=0)
         if spread[1] > STRAIGHT**2:
-            return [(base, framed(z - edge * (edge @ z), p, edge), np.zeros(0))]
+            return [(base, frame_along(z - edge * (edge @ z), p, edge), np.zeros(0))]
         # The tool never tilts: directions of the edge in its plane, 30 degrees apart.
         other, turns = np.cross(z, edge), np.arange(6) * np.pi / 6.0
-        return [(base, framed(z, p, np.cos(t) * edge + np.sin(t) * other), np.zeros(0)) for t in turns]
+        return [(base, frame_along(z, p, np.cos(t) * edge + np.sin(t) * other), np.zeros(0)) for t in turns]
     if model.kind == "point":
         return [(base, poses(np.eye(3), p), np.zeros(0))]
     y = (x - base[:3, 3]) @ base[:3, :3]  # z + k |p|^2 / 2 = 0 through them

@@ -28,7 +28,7 @@ from invariantqp.identification.candidate import Candidate, candidate
 from invariantqp.identification.fit import Samples, fit
 from invariantqp.identification.judge import MISFIT, Verdict, explains, judged
 from invariantqp.identification.models import MODELS
-from invariantqp.identification.motions import adjoint, applied, carried, coadjoint, inverse, twists
+from invariantqp.identification.motions import adjoint, applied, coadjoint, inverse, propagated, twists
 from invariantqp.identification.recording import FEWEST, Recording, recording
 from invariantqp.systems.contacts import Contact
 from invariantqp.systems.subspaces import orthogonal
@@ -239,7 +239,7 @@ def _segments(record: Recording, kinds: tuple[str, ...], start: int, stop: int) 
         return [whole]
     parts = [part for a, b in _split(explained, start, stop) if (part := identified(a, b)[0]).candidates]
     if sum(part.stop - part.start for part in parts if part.kind) < MOSTLY * (stop - start):
-        raise _none(samples, verdicts, start, stop)
+        raise _no_contact_found(samples, verdicts, start, stop)
     return parts
 
 
@@ -291,7 +291,7 @@ def _merged(record: Recording, kinds: tuple[str, ...], parts: list[Identificatio
     return [together] if same else parts
 
 
-def _none(samples: Samples, verdicts: list[Verdict], start: int, stop: int) -> NoContactFound:
+def _no_contact_found(samples: Samples, verdicts: list[Verdict], start: int, stop: int) -> NoContactFound:
     """The error where nothing explains a stretch."""
     nearest = min(verdicts, key=lambda v: v.misfit)
     what = f"no kind of contact explains samples {start} to {stop}; the nearest is {nearest.key}: {nearest.why}"
@@ -359,7 +359,7 @@ def _excitation(candidate_: Candidate, samples: Samples) -> tuple[int, int, Arra
     to_contact = inverse(frames) @ samples.pose
     B = coadjoint(to_contact)
     w = applied(B, samples.wrench)
-    noise = carried(B, samples.wrench_noise).mean(axis=0)
+    noise = propagated(B, samples.wrench_noise).mean(axis=0)
     P = np.linalg.inv(noise)
     parts = np.linalg.solve(W.T @ P @ W, W.T @ P @ w.T).T
     friction = w @ S
@@ -370,7 +370,7 @@ def _excitation(candidate_: Candidate, samples: Samples) -> tuple[int, int, Arra
     pushes, directions = _above(parts.T @ parts / len(parts), spread)
     middle = len(frames) // 2
     xi = applied(adjoint(to_contact[middle]), twists(inverse(samples.pose[middle]) @ samples.pose))
-    Q = np.linalg.inv(carried(adjoint(to_contact[middle]), samples.pose_noise[middle]))
+    Q = np.linalg.inv(propagated(adjoint(to_contact[middle]), samples.pose_noise[middle]))
     along = np.linalg.solve(S.T @ Q @ S, S.T @ Q @ xi.T).T
     along = along - along.mean(axis=0)
     moves, ways = _above(along.T @ along / len(along), np.asarray(np.linalg.inv(S.T @ Q @ S)))

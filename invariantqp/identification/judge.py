@@ -98,14 +98,14 @@ def _best(model: Model, samples: Samples, inside: Sequence[Start]) -> Fit:
     """The best fit from any start, until one is near, or two end at the same."""
     tried: list[Fit] = []
     for start in (*inside, *starts(model, samples)):
-        tried.append(_seated(fit(model, samples, start, ENOUGH), samples))
+        tried.append(_at_its_press(fit(model, samples, start, ENOUGH), samples))
         least, *others = sorted(one.worst for one in tried)
         if least < 0.75 * MISFIT or (others and others[0] < (1.0 + SAME) * least):
             break
     return next(one for one in tried if one.worst <= (1.0 + SAME) * least)
 
 
-def _seated(found: Fit, samples: Samples) -> Fit:
+def _at_its_press(found: Fit, samples: Samples) -> Fit:
     """A face or an edge with its origin where it is pressed: m = p x f in the mean."""
     if found.model.kind not in ("face", "line"):
         return found
@@ -184,13 +184,13 @@ def _simplest(verdicts: list[Verdict], samples: Samples) -> list[Verdict]:
     found = []
     for v in verdicts:
         simpler, name = {"screw": ("hinge", "pitch"), "sphere": ("point", "curvature")}.get(v.model.kind, ("", ""))
-        if not v.why and (simpler, v.reversed) in left and _none(v, samples):
+        if not v.why and (simpler, v.reversed) in left and _is_zero(v, samples):
             v = v._replace(why=f"its {name} is zero, within its noise: a {simpler}")  # noqa: PLW2901
         found.append(v)
     return found
 
 
-def _none(v: Verdict, samples: Samples) -> bool:
+def _is_zero(v: Verdict, samples: Samples) -> bool:
     """Whether a pitch or a curvature is zero within what is known of it, and that is something."""
     size = float(np.sqrt(samples.pose[:, :3, 3].var(axis=0).sum()))
     value, deviation = float(v.fit.extra[0]), sqrt(covariance(v.fit, size)[-1, -1])

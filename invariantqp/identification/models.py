@@ -42,7 +42,7 @@ class Model(NamedTuple):
     rows: Callable[[Array, Array, Array], Rows]  # of poses C, curvature or pitch, and turns about z of B summed up
     # Twists of A, of B and of both that change no constraint, as columns of the identity: a plane turns about its
     # normal and slides in itself, a point turns.
-    alike: tuple[tuple[int, ...], tuple[int, ...], tuple[tuple[int, int], ...]]
+    gauge: tuple[tuple[int, ...], tuple[int, ...], tuple[tuple[int, int], ...]]
     known: dict[str, list[int]]  # which entries of the twists of A and B say how surely something is known
     free_moments: tuple[int, ...] = ()  # moments in the tool frame of the contact that are zero
     extra: int = 0  # how many numbers beside the two frames
@@ -138,7 +138,7 @@ MODELS: dict[str, Model] = {
 
 def gauge(kind: str, extra: Array) -> Array:
     """(12 + e, g) small twists of A and B in themselves, beside curvature or pitch, that change no constraint."""
-    of_base, of_tool, jointly = MODELS[kind].alike
+    of_base, of_tool, jointly = MODELS[kind].gauge
     E = np.eye(12 + len(extra))
     columns = [E[i] for i in of_base] + [E[6 + i] for i in of_tool] + [E[i] + E[6 + j] for i, j in jointly]
     if kind == "screw":

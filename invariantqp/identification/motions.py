@@ -43,7 +43,7 @@ def rotation_vectors(R: Array) -> Array:
     return np.asarray(Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1]))
 
 
-def moved(twists: Array) -> Array:
+def small_motions(twists: Array) -> Array:
     """(n, 4, 4) the motions by twists as small as noise: to second order."""
     w, v = twists[:, :3], twists[:, 3:]
     K = skew(w)
@@ -79,15 +79,9 @@ def applied(M: Array, v: Array) -> Array:
     return np.asarray((M @ v[..., None])[..., 0])
 
 
-def carried(M: Array, covariance: Array) -> Array:
+def propagated(M: Array, covariance: Array) -> Array:
     """(..., m, m) covariance M C M' of M x."""
     return np.asarray(M @ covariance @ np.swapaxes(M, -1, -2))
-
-
-def nearest_rotation(A: Array) -> Array:
-    """(3, 3) the rotation nearest to a matrix."""
-    U, _, Vt = np.linalg.svd(A)
-    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
 
 
 def unit(a: Array) -> Array:
@@ -95,7 +89,7 @@ def unit(a: Array) -> Array:
     return np.asarray(a / np.linalg.norm(a))
 
 
-def framed(z: Array, point: Array, x: Array | None = None) -> Array:
+def frame_along(z: Array, point: Array, x: Array | None = None) -> Array:
     """(4, 4) a frame at a point with z along one direction and x near another."""
     z = unit(z)
     near = np.eye(3)[int(np.abs(z).argmin())] if x is None else x
