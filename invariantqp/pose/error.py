@@ -14,7 +14,6 @@ from math import inf, sqrt, tan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from attrs import frozen
 
 from invariantqp.control.compiled import compiled_demands
 from invariantqp.control.demands import Exact, ExactJoints, ExactPoint, View, rows_of
@@ -48,34 +47,24 @@ class JointSpace:
         hinge = (speed > 0.0) & (np.abs((J[:3] * J[3:]).sum(axis=0)) <= NEGLIGIBLE * speed * drift)
         self.turn: Array = np.where(hinge, 2.0 * np.pi / np.where(hinge, speed, 1.0), 1.0)
         self.whole: Array = hinge & (self.upper - self.lower >= self.turn)
-        self._turning = bool(self.whole.any())
-        self._half = np.where(self.whole, 0.5 * self.turn, np.inf)
-        self._open = np.where(self.whole, -UNBOUNDED, self.lower), np.where(self.whole, UNBOUNDED, self.upper)
 
     def steps(self, q: Array, *, turning: bool) -> tuple[Array, Array]:
         """The least and the largest step (m,) from q; with `turning`, half a turn for a hinge that can turn over."""
-        if not (turning and self._turning):
-            return self.lower - q, self.upper - q
-        lower, upper = self._open
-        return np.maximum(lower - q, -self._half), np.minimum(upper - q, self._half)
+        least, most = self.lower - q, self.upper - q
+        if not turning:
+            return least, most
+        return np.where(self.whole, -0.5 * self.turn, least), np.where(self.whole, 0.5 * self.turn, most)
 
     def inside(self, q: Array) -> Array:
         """q shifted by whole turns into the limits; clipped to them where no turn helps."""
-        clipped: Array = np.minimum(np.maximum(q, self.lower), self.upper)
-        if not self._turning or clipped.tobytes() == q.tobytes():
-            return clipped
         over = np.maximum(np.ceil((q - self.upper) / self.turn), 0.0)
         under = np.maximum(np.ceil((self.lower - q) / self.turn), 0.0)
-        q = q + np.where(self.whole, (under - over) * self.turn, 0.0)
-        return np.minimum(np.maximum(q, self.lower), self.upper)
+        return np.clip(q + np.where(self.whole, (under - over) * self.turn, 0.0), self.lower, self.upper)
 
     def near(self, q: Array, start: Array) -> Array:
         """The same pose with each joint as near its start as whole turns inside the limits bring it."""
-        if not self._turning:
-            return q
-        wanted = np.round((start - q) / self.turn)
         least, most = np.ceil((self.lower - q) / self.turn), np.floor((self.upper - q) / self.turn)
-        turns = np.where(self.whole, np.minimum(np.maximum(wanted, least), most), 0.0)
+        turns = np.where(self.whole, np.clip(np.round((start - q) / self.turn), least, most), 0.0)
         return self.inside(q + turns * self.turn)
 
     def at_limits(self, q: Array) -> tuple[int, ...]:
@@ -84,20 +73,13 @@ class JointSpace:
         return tuple(np.flatnonzero(room <= ROUNDING * (1.0 + np.abs(q))).tolist())
 
 
-@frozen(eq=False)
-class PoseArm:
+class PoseArm(NamedTuple):
     """An arm in a pose search."""
 
     robot: Robot  # the arm
     space: JointSpace  # its joint limits and whole turns
     point: Array  # (3,) in the tool frame [length], the arm's own point in the middle of its range
     length: float  # the arm's own length there [length]
-    chain: Chain | None  # the arm as joint screws, None where the compiled core cannot have it
-    compiled: Arm | None  # the arm as the core takes it, with its own length; None likewise
-
-    def measured(self, length: float, point: Array, exact: tuple[Exact, ...] = ()) -> Arm | None:
-        """The arm as the core takes it, with another length for a radian, another point, and exact demands."""
-        return None if self.chain is None else _compiled(self.chain, self.space, point, length, exact)
 
 
 def pose_arm(robot: Robot) -> PoseArm:
@@ -109,21 +91,17 @@ def _pose_arm(robot: Robot) -> PoseArm:
     space = JointSpace(robot)
     here = robot.pose(space.middle)
     place, length = centre(robot.jacobian(space.middle))
-    length = length if 0.0 < length < inf else 1.0
     point = here[:3, :3].T.dot(place - here[:3, 3])
-    chain = robot if type(robot) is Chain else None  # a class of the user's may be no such chain
-    core = None if chain is None else core_for(chain.engine)
-    if core is None or len(space.middle) > core.MOST_JOINTS:
-        chain = None
-    compiled = None if chain is None else _compiled(chain, space, point, length)
-    return PoseArm(robot, space, point, length, chain, compiled)
+    return PoseArm(robot, space, point, length if 0.0 < length < inf else 1.0)
 
 
-def _compiled(
-    chain: Chain, space: JointSpace, point: Array, length: float, exact: tuple[Exact, ...] = ()
-) -> Arm | None:
-    core, wanted = core_for(chain.engine), compiled_demands(exact)
-    if core is None or wanted is None or len(wanted) > core.MOST_ROWS:
+def _compiled(arm: PoseArm, point: Array, length: float, exact: tuple[Exact, ...]) -> Arm | None:
+    """The arm as the core takes it, with a point, the length of a radian and exact demands; None where it cannot."""
+    chain, space, wanted = arm.robot, arm.space, compiled_demands(exact)
+    if type(chain) is not Chain or wanted is None:  # a class of the user's may be no such chain
+        return None
+    core = core_for(chain.engine)
+    if core is None or len(chain.names) > core.MOST_JOINTS or len(wanted) > core.MOST_ROWS:
         return None
     made: Arm = core.Arm(
         screws=chain.screws,
@@ -248,8 +226,8 @@ def pose_error(arm: PoseArm, target: Any, form: Form | float | None, exact: tupl
             raise BadInput("form", f"{found}, which measures no distance", "a pitch other than 0, or CarriedMetric")
         L = abs(chosen.h)
     point = next((np.asarray(demand.point) for demand in exact if isinstance(demand, ExactPoint)), arm.point)
-    compiled = arm.compiled if not exact and arm.length == L else arm.measured(L, point, exact)
-    return PoseError(robot, wanted, np.diag((L, L, L, 1.0, 1.0, 1.0)), point, even=True, exact=exact, compiled=compiled)
+    root, compiled = np.diag((L, L, L, 1.0, 1.0, 1.0)), _compiled(arm, point, L, exact)
+    return PoseError(robot, wanted, root, point, even=True, exact=exact, compiled=compiled)
 
 
 def _log_derivative(omega: Array) -> Array:

@@ -110,7 +110,6 @@ class PoseSearch:
         self._time_limit = arrays.number(time_limit, "time_limit", "seconds or inf", positive=True, infinite=True)
         self._restarts = arrays.count(restarts, "restarts", arrays.MANY)
         self._seed = arrays.count(seed, "seed")
-        self._plain: PoseError | None = None  # of some pose: the core needs no more than its measure
 
     def start(self, q0: ArrayLike) -> Array:
         """Joint positions (m,) to begin from."""
@@ -118,7 +117,7 @@ class PoseSearch:
         refuse(not_believed(self._robot, q, self._believed), "q0")
         return q
 
-    def near(self, pose: Array, argument: str) -> None:
+    def refuse_far(self, pose: Array, argument: str) -> None:
         """Refuse a pose (4, 4) as far away as one in millimetres."""
         refuse_far(pose[:3, 3], self._tip, self._far, argument)
 
@@ -126,7 +125,7 @@ class PoseSearch:
         """Joint positions for one target, from q0 first."""
         space = self._space
         error = pose_error(self._arm, target, self._form, self._exact)
-        self.near(error.matrix, "target")
+        self.refuse_far(error.matrix, "target")
         start = space.middle if q0 is None else space.inside(self.start(q0))
         error.misses(start)  # anything that loads at its first use loads now, not in this target's time
         begun = perf_counter()
@@ -136,31 +135,32 @@ class PoseSearch:
         # An arm with joints to spare can follow a path past a limit without turning a joint by 2 pi: try that first.
         spare = len(start) > 6 or bool(self._exact)
         first = descend(error, space, start, goal, deadline, turning=q0 is None or not spare)
-        ended: list[Try] = []
+        refined: list[Try] = []
         downhill = q0 is not None and bool(self._exact) and not first.met
         if downhill:
-            ended = [self._ended(error, first.q, goal, last)]
-            if ended[0].unmet <= self._tolerance and ended[0].at_rest:
-                return self._answer(error, ended[0], start, first.steps + ended[0].steps, 1, late=False)
+            refined = [self._refined(error, first.q, goal, last)]
+            if refined[0].unmet <= self._tolerance and refined[0].at_rest:
+                return self._answer(error, refined[0], start, first.steps + refined[0].steps, 1, late=False)
         tried = self._tries(error, first, goal, deadline)
         late = perf_counter() > deadline
         if not any(one.met for one in tried):
             # From a given start, the closest pose is the one downhill from there.
             alone = q0 is not None and not downhill
             nearest = tried[:1] if alone else sorted(tried, key=self._rank)[:CLOSEST]
-            ended += [self._ended(error, one.q, goal, last) for one in nearest]
-        best = self._best(tried, ended, downhill)
-        return self._answer(error, best, start, sum(one.steps for one in (*tried, *ended)), len(tried), late=late)
+            refined += [self._refined(error, one.q, goal, last) for one in nearest]
+        best = self._best(tried, refined, downhill)
+        return self._answer(error, best, start, sum(one.steps for one in (*tried, *refined)), len(tried), late=late)
 
-    def _best(self, tried: list[Try], ended: list[Try], downhill: bool) -> Try:
-        """The one that met the target with most room; or of those `ended`, whose first may be downhill from q0."""
+    def _best(self, tried: list[Try], refined: list[Try], downhill: bool) -> Try:
+        """The one that met the target with most room; or of those `refined`, whose first may be downhill from q0."""
         met = [one for one in tried if one.met]
         if met:
-            keeps = self._clearance
-            far = keeps is not None and not self._is_good(met[-1])
-            return max(met, key=lambda one: keeps.at(one.q).distance) if far and keeps else met[-1]
+            clearance = self._clearance
+            if clearance is None or self._is_good(met[-1]):
+                return met[-1]
+            return max(met, key=lambda one: clearance.at(one.q).distance)
         # From q0, and not to what is exact: only a try that met that is nearer.
-        kept = [one for i, one in enumerate(ended) if not (downhill and i) or one.unmet <= self._tolerance]
+        kept = [one for i, one in enumerate(refined) if not (downhill and i) or one.unmet <= self._tolerance]
         least = min(map(self._rank, kept))
         # The first that is as near as the nearest: rounding does not choose between mirror images.
         return next(one for one in kept if self._rank(one) <= (least[0], (1.0 + arrays.NEGLIGIBLE) * least[1]))
@@ -192,10 +192,9 @@ class PoseSearch:
 
     def _of_core(self, target: Array) -> tuple[Arm | None, float, bool]:
         """What the core needs besides targets: the arm as measured, |r| that meets one, whether joints turn over."""
-        if self._plain is None:
-            self._plain = pose_error(self._arm, target, self._form, self._exact)
-        goal = GOAL_SHARE * self._tolerance * self._plain.least
-        return self._plain.compiled, goal, len(self._robot.names) <= 6 and not self._exact
+        error = pose_error(self._arm, target, self._form, self._exact)
+        goal = GOAL_SHARE * self._tolerance * error.least
+        return error.compiled, goal, len(self._robot.names) <= 6 and not self._exact
 
     def _tries(self, error: PoseError, first: Try, goal: float, deadline: float) -> list[Try]:
         """The first try, and others from states spread over the joint range until one is good or the time is over."""
@@ -216,7 +215,7 @@ class PoseSearch:
     def _blocked(self, q: Array) -> str:
         return "" if self._clearance is None else self._clearance.blocked(q)
 
-    def _ended(self, error: PoseError, q: Array, goal: float, last: float) -> Try:
+    def _refined(self, error: PoseError, q: Array, goal: float, last: float) -> Try:
         """The last digits from q (m,); with exact demands several times: a penalty from far away is in their way."""
         one = descend(error, self._space, q, goal, last, patient=True)
         for _ in range(AGAIN if self._exact and not one.met else 0):
@@ -350,7 +349,7 @@ def solve_poses(
     listed = arrays.listed(targets, "targets", "a list of poses")
     wanted = [arrays.pose(target, f"targets[{i}]") for i, target in enumerate(listed)]
     for i, pose in enumerate(wanted):
-        search.near(pose, f"targets[{i}]")
+        search.refuse_far(pose, f"targets[{i}]")
     path, n, m = arrays.flag(along, "along"), len(wanted), len(robot.names)
     starts: list[Array | None] = [None] * n
     if q0 is not None:

@@ -88,12 +88,12 @@ def descend(
         merit = state.f + penalty * state.unmet
         past.append(merit)
         if state.distance <= goal or perf_counter() > deadline:
-            return _ended(state, merit, steps, met=state.distance <= goal, at_rest=False)
+            return _stopped(state, merit, steps, met=state.distance <= goal, at_rest=False)
         before = past[-1 - window] if steps > window else inf
         if not patient and merit > 0.5 * before:
-            return _ended(state, merit, steps, met=False, at_rest=False)
+            return _stopped(state, merit, steps, met=False, at_rest=False)
         if damping > STIFFEST or before - merit <= ROUNDING * merit:
-            return _ended(state, merit, steps, met=False, at_rest=True)
+            return _stopped(state, merit, steps, met=False, at_rest=True)
         H = error.curvature(state) if patient and state.C is None else None
         room, price = space.steps(state.q, turning=turning), 0.0
         if state.C is None:
@@ -106,7 +106,7 @@ def descend(
             state, damping = seen, max(EASED * damping, least)
         else:
             damping *= STIFFENED
-    return _ended(state, state.f + penalty * state.unmet, longest, met=False, at_rest=True)
+    return _stopped(state, state.f + penalty * state.unmet, longest, met=False, at_rest=True)
 
 
 def _compiled(
@@ -126,7 +126,7 @@ def _compiled(
         q = ended[0]
 
 
-def _ended(state: Linearization, merit: float, steps: int, *, met: bool, at_rest: bool) -> Try:
+def _stopped(state: Linearization, merit: float, steps: int, *, met: bool, at_rest: bool) -> Try:
     return Try(state.q, state.f, state.unmet, merit, steps, met, at_rest)
 
 
@@ -168,7 +168,7 @@ def _exact_step(state: Linearization, C: Array, damping: float, lower: Array, up
             first = _minimum((Vt.T * weights).dot(Vt), (sigma * wanted).dot(Vt), unit, lower, upper)
         g = (r - A.dot(first)).dot(AB)
         x = first + B.dot(_minimum(H, g, 1.0 / size, lower - first, upper - first, B)) if len(H) else first
-        x = np.minimum(np.maximum(x, lower), upper)
+        x = np.clip(x, lower, upper)
     return x, _price(state, C, (r - A.dot(x)).dot(A), x, lower, upper)
 
 
@@ -185,8 +185,7 @@ def _price(state: Linearization, C: Array, pull: Array, x: Array, lower: Array, 
 
 
 def _is_inside(x: Array, lower: Array, upper: Array) -> bool:
-    """Whether clipping changes no bit; one comparison, faster than two."""
-    return bool(np.minimum(np.maximum(x, lower), upper).tobytes() == x.tobytes())
+    return bool(((lower <= x) & (x <= upper)).all())
 
 
 def _minimum(H: Array, g: Array, unit: float, lower: Array, upper: Array, rows: Array | None = None) -> Array:
@@ -195,4 +194,4 @@ def _minimum(H: Array, g: Array, unit: float, lower: Array, upper: Array, rows: 
         x = _SOLVER.solve(BoxQP(unit * H, unit * g, lower, upper, rows))
     except SolverFailure:
         x = unit * g if rows is None else np.zeros(len(g))
-    return x if rows is not None else np.minimum(np.maximum(x, lower), upper)
+    return x if rows is not None else np.clip(x, lower, upper)

@@ -108,16 +108,16 @@ def test_only_what_the_core_has_goes_there():
 
 
 def test_numbers_that_are_none():
-    arm = pose_arm(ARMS[0])
     pose = ARMS[0].pose(np.zeros(7))
+    compiled = pose_error(pose_arm(ARMS[0]), pose, None, ()).compiled
     with pytest.raises(TypeError, match="Arm"):
         core.Arm(point=np.zeros(2))
     with pytest.raises(TypeError, match="descend"):
         core.descend(np.zeros(3), pose, np.zeros(7), *HOW)
     with pytest.raises(TypeError, match="misses"):
-        core.misses(arm.compiled, pose)
+        core.misses(compiled, pose)
     for steps in (-1.0, np.nan, 1e300):  # no count of steps
         with pytest.raises(TypeError, match="descend"):
-            core.descend(arm.compiled, pose, np.zeros(7), *HOW[:-1], np.full(10, steps))
+            core.descend(compiled, pose, np.zeros(7), *HOW[:-1], np.full(10, steps))
     for target, start in ((np.nan * pose, np.zeros(7)), (pose, np.zeros(6)), (pose, np.full(7, np.nan))):
-        assert core.descend(arm.compiled, target, start, *HOW) is None
+        assert core.descend(compiled, target, start, *HOW) is None
