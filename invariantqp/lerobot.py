@@ -18,6 +18,7 @@ Reference: LeRobot, src/lerobot/model/kinematics.py (its own class uses placo).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 from os import PathLike
 from typing import Any
 
@@ -25,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.limits import AnyLimit, JointLimits
+from invariantqp.control.limits import AnyLimit
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import same_turn
 from invariantqp.errors import BadInput, excerpt
@@ -35,7 +36,7 @@ from invariantqp.geometry.screws import turning
 from invariantqp.geometry.se3 import cross
 from invariantqp.paths.driver import Follower
 from invariantqp.paths.solution import FollowerSolution
-from invariantqp.robots.kinematics import Robot, middle
+from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import read_arm
 from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.exact import ExactRows
@@ -101,13 +102,13 @@ class RobotKinematics:
         given = None if joint_names is None else arrays.strings(joint_names, "joint_names")
         period = arrays.number(frame_time, "frame_time", "seconds", positive=True)
         self.position_first = arrays.flag(position_first, "position_first")
-        arm = _arm(urdf_path, target_frame_name, given)
+        arm = _arm(urdf_path, target_frame_name, given, velocity_limit)
         self.robot = arm
         self.target_frame_name = target_frame_name
         self.joint_names: list[str] = list(arm.names if given is None else given)
         self.position_error = 0.0
         self.moving = np.array([self.joint_names.index(name) for name in arm.names])
-        self.speed: Array = _speeds(velocity_limit, arm.velocity_limit, arm.names)
+        self.speed: Array = arm.velocity_limit
         self._step = period * self.speed
         self._law = VelocityLaw(damping=Adaptive(), dt=period / TICKS)
         self._stride = STRIDE * ToolMeasure(arm).length
@@ -200,7 +201,7 @@ class ActionFollower:
 
     Attributes:
         follower: what follows.
-        told: what it told of the last tick, None before the first.
+        solution: of the last tick, None before the first.
         action: (n,) commanded last, in the order of `kinematics.joint_names` [deg].
     """
 
@@ -236,14 +237,14 @@ class ActionFollower:
             arm,
             dt=arrays.number(period, "period", "seconds", positive=True),
             acceleration_limit=_radians(acceleration_limit, "acceleration_limit"),
-            limits=[JointLimits(velocity_limit=kinematics.speed), *limits],
+            limits=limits,
             exact="position" if kinematics.position_first and few else None,
         )
         self._kinematics = kinematics
         self._gap = 1.0 / arrays.number(fps, "fps", "a rate in 1/s", positive=True)
         rise = None if jerk is None else _radians(jerk, "jerk")
         self.follower = Follower(loop, jerk=rise, cutoff=cutoff, timeout=timeout)
-        self.told: FollowerSolution | None = None
+        self.solution: FollowerSolution | None = None
         self.action: Array | None = None
         self._chunk: tuple[Array, Array] | None = None  # stamps, and actions of what does not move the frame
 
@@ -291,7 +292,7 @@ class ActionFollower:
         self._chunk = np.zeros(1), action[None].copy()
 
     def step(self, now: float | None = None) -> Array:
-        """(n,) the action for the next period, in the order of `joint_names` [deg]; what it told is in `told`.
+        """(n,) the action for the next period, in the order of `joint_names` [deg]; `solution` has the rest.
 
         `now` is the time [s], by the clock of the stamps; None counts periods. `reset` has to say first where the robot
         is.
@@ -300,23 +301,23 @@ class ActionFollower:
             raise BadInput("now", "a tick before it is known where the robot is", "reset(measured) first")
         moving, follower = self._kinematics.moving, self.follower
         q = np.radians(self.action[moving])
-        self.told = follower.step(q, now=now)
+        self.solution = follower.step(q, now=now)
         action = self.action.copy()
         if self._chunk is not None:
             stamps, actions = self._chunk
-            time = self.told.place + self.told.late
+            time = self.solution.place + self.solution.late
             for j in set(range(len(action))) - set(moving.tolist()):
                 action[j] = np.interp(time, stamps, actions[:, j])
-        action[moving] = np.degrees(q + follower.controller.dt * self.told.velocity)
+        action[moving] = np.degrees(q + follower.controller.dt * self.solution.velocity)
         self.action = action
         return action.copy()
 
 
 def _radians(value: ArrayLike, argument: str) -> Array:
-    """Limits told in degrees."""
+    """Limits in degrees, in radians."""
     given = arrays.array(value, argument, "numbers above zero, in degrees")
-    if not np.isfinite(given).all():
-        raise BadInput(argument, excerpt(value), "finite limits, in degrees")
+    if not (np.isfinite(given) & (given > 0.0)).all():
+        raise BadInput(argument, excerpt(value), "finite numbers above zero, in degrees")
     return np.radians(given)
 
 
@@ -331,8 +332,8 @@ def _rigid(value: ArrayLike, argument: str) -> Array:
     return arrays.pose(given, argument)
 
 
-def _arm(source: str | PathLike[str], frame: str, given: tuple[str, ...] | None) -> Robot:
-    """The joints that move the frame, of those given."""
+def _arm(source: str | PathLike[str], frame: str, given: tuple[str, ...] | None, speed: ArrayLike | None) -> Robot:
+    """The joints that move the frame, of those given, with their speeds [deg/s]; None are the source's."""
     arrays.instance(source, (str, PathLike), "urdf_path", "the path or the text of a URDF, or a robot's name")
     arrays.instance(frame, str, "target_frame_name", "the name of a frame")
     if given is not None and len(set(given)) < len(given):
@@ -341,10 +342,15 @@ def _arm(source: str | PathLike[str], frame: str, given: tuple[str, ...] | None)
     if moving is not None and not moving:
         raise BadInput("joint_names", arrays.names(given or ()), f"joints that move {frame!r}")
     arm = read_arm(source, frame, None if moving is None else tuple(moving))
-    rates = turning(arm.jacobian(middle(arm)))
+    rates = turning(arm.screws)
     if not rates.all():
         slides = arm.names[int(np.argmin(rates))]
-        raise BadInput("urdf_path", f"joint {slides} slides", "joints that turn", "Positions are told in degrees.")
+        raise BadInput("urdf_path", f"joint {slides} slides", "joints that turn", "Positions are in degrees.")
+    if speed is not None:
+        arm = arm.with_limits(velocity_limit=_radians(speed, "velocity_limit"))
+    if np.isinf(arm.velocity_limit).any():
+        joints = arrays.names([n for n, v in zip(arm.names, arm.velocity_limit.tolist(), strict=True) if v == inf])
+        raise BadInput("velocity_limit", f"none for {joints}", "finite limits [deg/s]", "Say velocity_limit=...")
     return arm
 
 
@@ -357,15 +363,3 @@ def _moves(source: str | PathLike[str], frame: str, joint: str) -> bool:
             raise
         return False
     return True
-
-
-def _speeds(told: ArrayLike | None, limits: Array, names: Sequence[str]) -> Array:
-    """(m,) velocity limits [rad/s], finite."""
-    speed = limits if told is None else np.radians(arrays.array(told, "velocity_limit", "[deg/s]"))
-    speed = np.broadcast_to(speed, len(names)) if speed.shape in {(), (len(names),)} else np.empty(0)
-    if not len(speed) or not (speed > 0.0).all():
-        raise BadInput("velocity_limit", excerpt(told), f"one limit above zero [deg/s], or {len(names)}")
-    if not np.isfinite(speed).all():
-        joints = arrays.names([n for n, v in zip(names, speed.tolist(), strict=True) if not np.isfinite(v)])
-        raise BadInput("velocity_limit", f"none for {joints}", "finite limits [deg/s]", "Say velocity_limit=...")
-    return speed.copy()

@@ -68,10 +68,10 @@ def controller_config(
         robosuite's dictionary, in which grippers and all that is no arm are as before.
     """
     config: dict[str, Any] = load_composite_controller_config(robot=robot)
-    told = {"velocity_limit": velocity_limit, "press": press or {}, "options": options}
+    ours = {"velocity_limit": velocity_limit, "press": press or {}, "options": options}
     for name in {"right", "left"} & set(config["body_parts"]):
         gripper = config["body_parts"][name]["gripper"]
-        config["body_parts"][name] = {"type": PART, "interpolation": None, "gripper": gripper, **deepcopy(told)}
+        config["body_parts"][name] = {"type": PART, "interpolation": None, "gripper": gripper, **deepcopy(ours)}
     return {**config, "type": COMPOSITE}
 
 
@@ -84,10 +84,10 @@ class InvariantComposite(CompositeController):  # type: ignore[misc]
 
     def _init_controllers(self) -> None:
         every = self.part_controller_config
-        ours = {part: told for part, told in every.items() if told["type"] == PART}
-        self.part_controller_config = {part: told for part, told in every.items() if part not in ours}
+        ours = {part: config for part, config in every.items() if config["type"] == PART}
+        self.part_controller_config = {part: config for part, config in every.items() if part not in ours}
         super()._init_controllers()
-        made = {**self.part_controllers, **{part: InvariantPose(**told) for part, told in ours.items()}}
+        made = {**self.part_controllers, **{part: InvariantPose(**config) for part, config in ours.items()}}
         self.part_controller_config = every
         self.part_controllers.clear()
         self.part_controllers.update((part, made[part]) for part in every)  # actions are split in this order
@@ -118,11 +118,11 @@ class InvariantPose(PartController):  # type: ignore[misc]
         velocity_limit: ArrayLike = VELOCITY_LIMIT,
         press: dict[str, Any] | None = None,
         options: dict[str, Any] | None = None,
-        **told: Any,
+        **config: Any,
     ) -> None:
         """As robosuite makes it; see `controller_config`."""
-        said = {name: told.get(name) for name in ("part_name", "naming_prefix")}
-        super().__init__(sim, joint_indexes, actuator_range, ref_name=ref_name, lite_physics=True, **said)
+        names = {name: config.get(name) for name in ("part_name", "naming_prefix")}
+        super().__init__(sim, joint_indexes, actuator_range, ref_name=ref_name, lite_physics=True, **names)
         self.control_dim = 10
         self.reset_goal()
         model = sim.model._model  # noqa: SLF001 (robosuite's own way to MuJoCo's)
@@ -144,15 +144,15 @@ class InvariantPose(PartController):  # type: ignore[misc]
             action: (10,) position [m] and rotation vector [rad] of the tool in the world, the speed of that position
                 [m/s], and the force [N] to press with along the z axis of this pose; 0 presses nothing.
         """
-        told = arrays.vector(action, self.control_dim, "action")
+        wanted = arrays.vector(action, self.control_dim, "action")
         self.update()
         if np.abs(self.free.robot.pose(self.joint_pos) - self._tool()).max() > SAME:
             raise BadInput("robot", "an arm whose base has moved", "one whose base stands still")
-        pose = se3.exp(np.concatenate((told[3:6], np.zeros(3))))
-        pose[:3, 3] = told[:3]
-        if told[9] > 0.0 and self._press <= 0.0:
+        pose = se3.exp(np.concatenate((wanted[3:6], np.zeros(3))))
+        pose[:3, 3] = wanted[:3]
+        if wanted[9] > 0.0 and self._press <= 0.0:
             self.hybrid.reset()
-        self._pose, self._speed, self._press = pose, told[6:9], float(told[9])
+        self._pose, self._speed, self._press = pose, wanted[6:9], float(wanted[9])
 
     def reset_goal(self) -> None:
         """Stay here."""

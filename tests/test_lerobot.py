@@ -252,7 +252,7 @@ def test_a_chunk_is_done_when_its_stamps_say_inside_the_limits(so101):
     assert np.abs(actions[1:] - wanted)[moving, :5].max() < 0.3
     np.testing.assert_allclose(actions[1:, 5], wanted[:, 5], atol=1e-9)  # the gripper, from one action to the next
     np.testing.assert_allclose(actions[-1], ramp()[0, -1], atol=1e-3)
-    assert follower.told.status == "done"
+    assert follower.solution.status == "done"
     speed = np.diff(actions[:, :5], axis=0) / 0.01
     acceleration = np.diff(speed, axis=0, prepend=0.0 * speed[:1]) / 0.01
     jerk = np.diff(acceleration, axis=0, prepend=0.0 * speed[:1]) / 0.01
