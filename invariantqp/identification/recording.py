@@ -259,8 +259,8 @@ def read(path: Path | str, robot: Robot | None = None) -> File:
         if file.suffix.lower() == ".csv":
             columns = _csv(file, name)
         else:
-            with np.load(file, allow_pickle=False) as held:
-                columns = _flat({key: np.asarray(held[key], dtype=float) for key in held.files})
+            with np.load(file, allow_pickle=False) as archive:
+                columns = _flat({key: np.asarray(archive[key], dtype=float) for key in archive.files})
     except OSError as error:
         raise BadInput(name, (error.strerror or str(error)).lower(), expected) from error
     except (ValueError, EOFError) as error:
@@ -291,11 +291,11 @@ def _csv(file: Path, name: str) -> dict[str, Array]:
     return dict(zip(header, values.T, strict=True))
 
 
-def _flat(held: Mapping[str, Array]) -> dict[str, Array]:
+def _flat(archive: Mapping[str, Array]) -> dict[str, Array]:
     """The columns of an NPZ's arrays, by the names that a CSV has."""
     columns: dict[str, Array] = {}
     names = {"force": FORCE, "moment": MOMENT[0]}
-    for key, a in held.items():
+    for key, a in archive.items():
         if key in names and a.ndim == 2 and a.shape[1] == 3:
             columns.update(zip(names[key], a.T, strict=True))
         elif key == "q" and a.ndim == 2:
@@ -310,29 +310,22 @@ def _flat(held: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _recording(columns: dict[str, Array], name: str, robot: Robot | None) -> File:
-    moment = next((words for words in MOMENT if all(w in columns for w in words)), None)
-    if moment is None or any(w not in columns for w in FORCE):
-        raise BadInput(
-            name, f"columns {', '.join(columns) or 'none'}", "fx, fy, fz and mx, my, mz: what the sensor reads"
-        )
+    moment = _named(columns, *MOMENT)
+    if not moment or not _named(columns, FORCE):
+        found = f"columns {', '.join(columns) or 'none'}"
+        raise BadInput(name, found, "fx, fy, fz and mx, my, mz: what the sensor reads")
     if len({len(a) for a in columns.values()}) > 1:
         raise BadInput(name, "arrays of different lengths", "one entry a sample in each")
     readings = _stacked(columns, (*moment, *FORCE))
     if not len(readings):
         raise BadInput(name, "no sample", "one a line")
-    clock = next((w for w in ("time", "t") if w in columns), None)
-    if clock is not None:
-        steps = np.diff(columns[clock])
-        for k in np.flatnonzero(~((steps > 0.0) & np.isfinite(steps)))[:1].tolist():
-            raise BadInput(name, f"time that does not grow after sample {k}", "seconds, evenly spaced")
-        if len(steps) and np.median(steps) >= QUESTIONED_TIME:
-            found = f"samples {np.median(steps):g} s apart"
-            raise BadInput(name, found, "times in seconds, of samples at some 100 Hz", "Are these milliseconds?")
+    clock = _named(columns, ("time",), ("t",))
+    time = _time(columns[clock[0]], name) if clock else None
     q: Array | None = None
     used: tuple[str, ...] = POSE
     if "poses" in columns:
         used, tool = ("poses",), columns["poses"]
-    elif all(w in columns for w in POSE):
+    elif _named(columns, POSE):
         tool = quaternion_poses(_stacked(columns, POSE), name)
     elif robot is None:
         expected = f"{', '.join(POSE)}; or joint positions and a robot"
@@ -340,9 +333,24 @@ def _recording(columns: dict[str, Array], name: str, robot: Robot | None) -> Fil
     else:
         used, q = _positions(columns, name, robot)
         tool = np.array([robot.pose(state) for state in q])
-    read_from = {clock, *moment, *FORCE, *used}
-    time = None if clock is None else columns[clock]
+    read_from = {*clock, *moment, *FORCE, *used}
     return File(time, q, tool, readings, tuple(w for w in columns if w not in read_from))
+
+
+def _named(columns: dict[str, Array], *choices: tuple[str, ...]) -> tuple[str, ...]:
+    """The first of some sets of names that are all of columns; () for none."""
+    return next((names for names in choices if all(name in columns for name in names)), ())
+
+
+def _time(time: Array, name: str) -> Array:
+    """(n,) times [s], checked."""
+    steps = np.diff(time)
+    for k in np.flatnonzero(~((steps > 0.0) & np.isfinite(steps)))[:1].tolist():
+        raise BadInput(name, f"time that does not grow after sample {k}", "seconds, evenly spaced")
+    if len(steps) and np.median(steps) >= QUESTIONED_TIME:
+        found = f"samples {np.median(steps):g} s apart"
+        raise BadInput(name, found, "times in seconds, of samples at some 100 Hz", "Are these milliseconds?")
+    return time
 
 
 def _stacked(columns: dict[str, Array], names: Iterable[str]) -> Array:
@@ -353,13 +361,11 @@ def _stacked(columns: dict[str, Array], names: Iterable[str]) -> Array:
 def _positions(columns: dict[str, Array], name: str, robot: Robot) -> tuple[tuple[str, ...], Array]:
     """The columns of joint positions, called as the joints or numbered, and what they have (n, m)."""
     m = len(robot.names)
-    named = (robot.names, tuple(f"q{j + 1}" for j in range(m)), tuple(f"q{j}" for j in range(m)))
-    words = next((words for words in named if all(w in columns for w in words)), None)
-    if words is None:
+    words = _named(columns, robot.names, tuple(f"q{j + 1}" for j in range(m)), tuple(f"q{j}" for j in range(m)))
+    if not words:
         raise BadInput(name, f"columns {', '.join(columns)}", f"{', '.join(robot.names)}; or q1 to q{m}")
     q = _stacked(columns, words)
-    if not np.isfinite(q).all():
-        k = int(np.flatnonzero(~np.isfinite(q).all(axis=1))[0])
+    for k in np.flatnonzero(~np.isfinite(q).all(axis=1))[:1].tolist():
         raise BadInput(name, f"NaN or infinity in sample {k}", "joint positions", "Leave such samples out.")
     return words, q
 

@@ -75,12 +75,7 @@ def chain_to_link(
     path = paths[tool]
     can = [joint.name for joint in path if joint.kind != "fixed"]
     moving = selected(name, tool, can, [joint.name for joint in joints], chosen)
-    arm = [joint for joint in path if joint.name in moving]
-    for joint in arm:
-        if joint.kind not in MOVING:
-            raise cannot_move(name, joint.name, NOT_SINGLE.format(joint.kind))
-        if joint.mimics:
-            raise cannot_move(name, joint.name, f"mimics {joint.mimics!r} and has no coordinate of its own")
+    arm = [_movable(joint, name) for joint in path if joint.name in moving]
     made = excluding(_links(paths, path, moving, parts or {}), apart or {})
     frames = {link.name: link.frame for link in made}
     return Chain(
@@ -94,6 +89,15 @@ def chain_to_link(
         places=[frames[joint.child][:3, 3] for joint in arm],
         links=made,
     )
+
+
+def _movable(joint: TreeJoint, name: str) -> TreeJoint:
+    """The joint itself, once it is seen to have a coordinate of its own."""
+    if joint.kind not in MOVING:
+        raise cannot_move(name, joint.name, NOT_SINGLE.format(joint.kind))
+    if joint.mimics:
+        raise cannot_move(name, joint.name, f"mimics {joint.mimics!r} and has no coordinate of its own")
+    return joint
 
 
 def selected(name: str, tool: str, can: list[str], known: Sequence[str], chosen: Sequence[str] | None) -> list[str]:
