@@ -62,9 +62,7 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
 
     def set_target(self, transform_target_to_world: Any) -> None:
         """Set the wanted pose, a `mink.SE3` or (4, 4), in the world frame."""
-        given = transform_target_to_world
-        pose = arrays.pose(given.as_matrix() if isinstance(given, SE3) else given, "target")
-        super().set_target(given if isinstance(given, SE3) else SE3.from_matrix(pose))
+        super().set_target(SE3.from_matrix(arrays.pose(transform_target_to_world, "target")))
 
     def compute_qp_objective(self, configuration: Configuration) -> Objective:
         """(H, c) of minimise 1/2 dq'H dq + c'dq, dq (nv,) the displacement of a step, once there is a target."""

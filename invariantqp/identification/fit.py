@@ -126,11 +126,6 @@ class Fit(NamedTuple):
     inefficiency: float  # statistical: so many samples say as much as an independent one; 1 of white noise
 
     @property
-    def start(self) -> Start:
-        """Where another fit begins."""
-        return self.base, self.tool, self.extra
-
-    @property
     def worst(self) -> float:
         """The largest of the misses."""
         return max(self.motion, self.wrench, self.friction)

@@ -325,7 +325,8 @@ def _candidates(samples: Samples, verdicts: list[Verdict], every: Samples) -> tu
     size = float(np.sqrt(samples.pose[:, :3, 3].var(axis=0).sum()))
     made = []
     for v in sorted((v for v in verdicts if not v.why), key=lambda v: (v.model.freedoms, v.fit.motion)):
-        found = fit(v.model, every.reversed if v.reversed else every, v.fit.start)
+        start = v.fit.base, v.fit.tool, v.fit.extra
+        found = fit(v.model, every.reversed if v.reversed else every, start)
         # A place is well known or not by the motion, or by the arm that turns.
         length = max(size, 1e-3 * float(np.linalg.norm(found.tool[:3, 3])), 1e-12)
         made.append(candidate(found, v.reversed, v.press, length))

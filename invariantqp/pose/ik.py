@@ -160,10 +160,10 @@ class PoseSearch:
                 return met[-1]
             return max(met, key=lambda one: clearance.at(one.q).distance)
         # From q0, and not to what is exact: only a try that met that is nearer.
-        kept = [one for i, one in enumerate(refined) if not (downhill and i) or one.unmet <= self._tolerance]
-        least = min(map(self._rank, kept))
+        some = [one for i, one in enumerate(refined) if not (downhill and i) or one.unmet <= self._tolerance]
+        least = min(map(self._rank, some))
         # The first that is as near as the nearest: rounding does not choose between mirror images.
-        return next(one for one in kept if self._rank(one) <= (least[0], (1.0 + arrays.NEGLIGIBLE) * least[1]))
+        return next(one for one in some if self._rank(one) <= (least[0], (1.0 + arrays.NEGLIGIBLE) * least[1]))
 
     def met(self, target: Array, q0: Array) -> Array | None:
         """Joint positions (m,) on a pose (4, 4), both checked, by one try of the core from q0; None for none.
@@ -200,7 +200,6 @@ class PoseSearch:
         """The first try, and others from states spread over the joint range until one is good or the time is over."""
         tried = [first]
         if not self._is_good(first):
-            # The seed says where the sequence begins.
             origin = np.random.default_rng(self._seed).random(len(self._robot.names))
             for state in spread(self._robot, self._restarts, origin):
                 if self._is_good(tried[-1]) or perf_counter() > deadline:
@@ -236,14 +235,14 @@ class PoseSearch:
         position, orientation = error.misses(q)
         reached = position <= self._tolerance and orientation <= self._tolerance
         exactly = bool(self._exact) and best.unmet <= self._tolerance
-        kept = exactly and best.at_rest
+        closest = exactly and best.at_rest
         found = f"{written(position)} in length and {written(orientation)} rad off"
         among = "" if tries == 1 else f", the closest of {tries} tries"
         if reached and (exactly or not self._exact):
             reason = ""
-        elif kept:
+        elif closest:
             reason = f"the exact demands are met; the rest is {found}{among}"
-        elif late or (exactly and not best.at_rest):
+        elif late or exactly:
             reason = f"time over: {found}{among}"
         else:
             reason = f"out of reach: {found}{among}"
@@ -252,7 +251,7 @@ class PoseSearch:
             reason = "; ".join(filter(None, (f"{blocked}{'' if reason else among}", reason)))
         return PoseSolution(
             q=q,
-            success=(not reason or kept) and not blocked,
+            success=(not reason or closest) and not blocked,
             position_error=position,
             orientation_error=orientation,
             error=sqrt(2.0 * best.f),

@@ -180,5 +180,5 @@ def question_range(lower: Array, upper: Array, turns: NDArray[np.bool_], argumen
     far = np.where(turns, np.maximum(*(np.where(np.isfinite(a), np.abs(a), 0.0) for a in (lower, upper))), 0.0)
     most = float(far.max(initial=0.0))
     if most > QUESTIONED_TURN:
-        said = f"may turn to {most:.4g} rad, {most / (2.0 * pi):.3g} turns; are these degrees?"
-        warnings.warn(f"{argument}: joint {int(far.argmax())} {said}", UserWarning, stacklevel=3)
+        turned = f"may turn to {most:.4g} rad, {most / (2.0 * pi):.3g} turns; are these degrees?"
+        warnings.warn(f"{argument}: joint {int(far.argmax())} {turned}", UserWarning, stacklevel=3)

@@ -43,15 +43,15 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
 
     The rest is as in `load_robot`; joints that are held and have no single coordinate are as the model has them.
     """
-    sites = [model.site(i).name for i in range(model.nsite)]
     bodies = [model.body(i).name or f"unnamed body {i}" for i in range(model.nbody)]
+    sites = {model.site(i).name: int(model.site_bodyid[i]) for i in range(model.nsite) if model.site(i).name}
+    carriers = {name: i for i, name in enumerate(bodies)} | sites
     paths = [_joints_to(model, body) for body in range(model.nbody)]
     if tool is None:
-        tool = max(bodies, key=lambda body: len(paths[bodies.index(body)]))
-    if tool not in sites and tool not in bodies:
-        known = [name for name in (*sites, *bodies) if name]
-        raise UnknownName("frame", tool, difflib.get_close_matches(tool, known), known)
-    body = _body_of(model, tool, "site") if tool in sites else bodies.index(tool)
+        tool = bodies[max(range(model.nbody), key=lambda body: len(paths[body]))]
+    if tool not in carriers:
+        raise UnknownName("frame", tool, difflib.get_close_matches(tool, carriers), list(carriers))
+    body = carriers[tool]
     names = [model.joint(i).name or f"unnamed joint {i}" for i in range(model.njnt)]
     moving = selected(MODEL, tool, [names[i] for i in paths[body]], names, chosen)
     joints = [i for i in paths[body] if names[i] in moving]
