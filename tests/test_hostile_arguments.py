@@ -44,7 +44,7 @@ INNER = {
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.used PaperLambda.of_size "
     "Controller.near Controller.posture_pull Controller.said Controller.wrong "
     "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after Clearance.given "
-    "Clearance.watch OtherArm.believed BoxQP.of Chain.motions Chain.with_links LimitRows.trusted Candidate.frame "
+    "Clearance.watch OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
     "ExactPoint.rows Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called LimitRows.with_box "
     "ToolSpeed.cone ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points "
     "InvariantFrameTask.compute_qp_objective",

@@ -48,10 +48,8 @@ IN_DATA = {
     "xarm7": Known("xarm_description/urdf/xarm7.urdf", "link_eef", srdf="xarm_description/srdf/xarm7.srdf"),
     "so100": Known("so_arm_description/urdf/so100.urdf", "gripper"),
     "so101": Known("so_arm_description/urdf/so101.urdf", "gripper_frame_link"),
-    "kinova": Known(
-        "kinova_description/robots/kinova.urdf", "j2s6s200_end_effector", srdf="kinova_description/srdf/kinova.srdf"
-    ),
-    "z1": Known("z1_description/urdf/z1.urdf", "gripperStator", srdf="z1_description/srdf/z1.srdf"),
+    "kinova": Known("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
+    "z1": Known("z1_description/urdf/z1.urdf", "gripperStator"),
     "tiago": Known("tiago_description/robots/tiago.urdf", "arm_tool_link"),
     "talos": Known(
         "talos_data/robots/talos_reduced.urdf",
