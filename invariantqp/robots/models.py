@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invariantqp.errors import RobotModelError, UnknownName
-from invariantqp.geometry import arrays
+from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import UNLIMITED
-from invariantqp.robots.pinocchio import joint_twists, pin
+from invariantqp.robots.pinocchio import pin
 from invariantqp.robots.tree import NOT_SINGLE, cannot_move, selected
 from invariantqp.robots.urdf import excluded, open_limit
 
@@ -86,7 +86,8 @@ def _chain(
 ) -> tuple[Chain, NDArray[np.intp]]:
     """Joints of a model as screws from its configuration q to a frame, and their tangent indices."""
     data = model.createData()
-    J = joint_twists(model, data, q)
+    # (6, nv), the angular part first; Pinocchio leaves the second dimension out for one joint.
+    J = pin.computeJointJacobians(model, data, q).reshape(6, -1).take(se3.SWAPPED, axis=0)
     home = pin.updateFramePlacement(model, data, index).homogeneous
     tangent = [np.arange(model.idx_vs[i], model.idx_vs[i] + model.nvs[i]) for i in joints]
     lower, upper = zip(*(_limits(model, i) for i in joints for _ in range(model.nvs[i])), strict=True)

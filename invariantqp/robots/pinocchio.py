@@ -1,4 +1,4 @@
-"""Pinocchio: its order of coordinates, its poses, and a model of it made from joint screws.
+"""Pinocchio, and a model of it made from joint screws.
 
 This is the only file that imports Pinocchio, 3.8 or later; without it, it names the extra that installs it.
 """
@@ -19,13 +19,7 @@ from invariantqp.robots.kinematics import UNLIMITED
 with optional("pin", "Pinocchio"):
     import pinocchio as pin
 
-__all__ = ["joint_twists", "model_of", "pin"]
-
-
-def joint_twists(model: pin.Model, data: pin.Data, q: Array) -> Array:
-    """(6, nv) twists of all joints of a model at its configuration q, in the world frame."""
-    J: Array = pin.computeJointJacobians(model, data, q).take(se3.SWAPPED, axis=0)
-    return J if J.ndim == 2 else J.reshape(6, 1)  # Pinocchio leaves the second dimension out for one joint
+__all__ = ["model_of", "pin"]
 
 
 def model_of(

@@ -5,7 +5,7 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.engine import core
-from invariantqp.robots.pinocchio import joint_twists, pin
+from invariantqp.robots.pinocchio import pin
 
 
 def random_chain(rng, m):
@@ -38,7 +38,8 @@ def test_pinocchio_sees_what_the_screws_say(name):
     data, tool = arm.model.createData(), arm.model.nframes - 1
     for q in rng.normal(size=(50, len(arm.names))):
         J, pose = arm._kinematics(q)
-        np.testing.assert_allclose(joint_twists(arm.model, data, q), J, rtol=0.0, atol=1e-14)
+        twists = pin.computeJointJacobians(arm.model, data, q)[[3, 4, 5, 0, 1, 2]]
+        np.testing.assert_allclose(twists, J, rtol=0.0, atol=1e-14)
         seen = pin.updateFramePlacement(arm.model, data, tool).homogeneous
         np.testing.assert_allclose(seen, pose, rtol=0.0, atol=1e-14)
 
