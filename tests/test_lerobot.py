@@ -329,3 +329,10 @@ def test_what_no_robot_can_be_told_is_refused(so101):
     for chunk in (ramp()[:, :, :5], np.zeros((2, 50, 6)), np.full((50, 6), np.nan), "chunk"):
         with pytest.raises(iq.BadInput, match="chunk"):
             follower.follow(chunk, 0.0)
+
+
+def test_a_speed_that_is_given_takes_the_place_of_the_descriptions():
+    kinematics = RobotKinematics("so101", joint_names=JOINTS, velocity_limit=900.0)  # its URDF says 573 deg/s
+    np.testing.assert_allclose(kinematics.robot.velocity_limit, np.radians(900.0))
+    follower = ActionFollower(kinematics, acceleration_limit=9000.0)
+    np.testing.assert_allclose(follower.follower.controller.box.velocity_limit, np.radians(900.0))
