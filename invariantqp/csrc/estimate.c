@@ -90,6 +90,7 @@ static void landed(Stiffness *known, const Setting *setting)
     fresh.force = known->force;
     memcpy(fresh.mean, known->mean, sizeof fresh.mean);
     fresh.time = known->time;
+    fresh.lasted = known->lasted;
     fresh.quiet = known->quiet;
     fresh.stiff = fmin(STIFFER * stiff, 2.0 * STIFF);
     *known = fresh;
@@ -117,7 +118,9 @@ void known_after(Stiffness *known, double force, double way, const Setting *sett
 {
     double dt = setting->dt, x = known->way + setting->share * (way - known->way), v = (x - known->way) / dt;
     double time = known->time + dt, z[4];
-    if (time <= 3.0 * setting->filter_time + 2.0 * dt || !felt) { /* the filters still hold the air */
+    known->lacked = known->lacked * lacks > 0.0 ? known->lacked + lacks * dt : lacks * dt;
+    known->lasted = felt ? known->lasted + dt : 0.0;
+    if (known->lasted <= 3.0 * setting->filter_time + 2.0 * dt) { /* the filters still hold the air */
         const double mean[4] = {x, v, known->gone, force};
         bool first = known->time == 0.0;
         known->way = x;
@@ -149,7 +152,6 @@ void known_after(Stiffness *known, double force, double way, const Setting *sett
     double square = rest * rest, most = SURPRISE * SURPRISE * variance;
     bool surprised = square > most;
     known->residual += fmin(1.0, dt / SETTLES) * (fmin(square, most) - known->residual);
-    known->lacked = known->lacked * lacks > 0.0 ? known->lacked + lacks * dt : lacks * dt;
     double begins = known->begins;
     if (surprised) {
         begins = fmin(10.0 * begins, fmax(begins, STIFF));

@@ -202,6 +202,7 @@ static void turns(double felt, double wanted, double noise, double dt, Settling 
     double extreme = settling->extreme, back = rises ? extreme - felt : felt - extreme;
     double turned = same ? exp(-dt / SWUNG) * settling->turns : 0.0;
     settling->swung += dt;
+    settling->since += dt;
     settling->wanted = wanted;
     settling->extreme = felt;
     settling->rises = 1.0;
@@ -214,6 +215,8 @@ static void turns(double felt, double wanted, double noise, double dt, Settling 
         return;
     }
     bool about = (extreme > wanted) == rises, swings = about && turned + 1.0 > TURNS;
+    settling->often += (1.0 / settling->since - settling->often) / TURNS;
+    settling->since = 0.0;
     settling->rises = !rises;
     settling->turns = about && !swings ? turned + 1.0 : 0.0;
     settling->swung = swings ? 0.0 : settling->swung;

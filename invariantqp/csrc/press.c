@@ -347,7 +347,7 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
     if (monitored(press, tick, presses, pressing->known, placed.felt, placed.asked, setting.noise, shared, &state->monitor) == HAND_BACK)
         return HAND_BACK;
     bool asks = false;
-    if (state->monitor.settling.swung == 0.0)
+    if (state->monitor.settling.swung == 0.0 && state->monitor.settling.often * setting.late <= 1.0)
         pressing->eased = fmax(LEAST_EASED, EASES * pressing->eased);
     for (int i = 0; i < (int)state->monitor.asked; i++)
         asks = asks || !isnan(state->monitor.answers[i].release.depth);

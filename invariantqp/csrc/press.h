@@ -18,7 +18,7 @@ typedef struct {
 
 typedef struct {
     double found[3], errors[3], bound, way, force, mean[4], means[4], gone, seen[3][3], sums[3], residual;
-    double rose, begins, time, quiet, stiff, reached, lacked;
+    double rose, begins, time, quiet, stiff, reached, lacked, lasted;
 } Stiffness;
 
 typedef struct {
@@ -83,7 +83,7 @@ typedef struct {
 } Answers;
 
 typedef struct {
-    double press, missed, turns, rises, extreme, wanted, swung;
+    double press, missed, turns, rises, extreme, wanted, swung, since, often;
 } Settling;
 
 typedef struct {

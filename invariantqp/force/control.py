@@ -470,7 +470,7 @@ class HybridController:
         parts = zip(now.known[:presses], here.force.tolist(), here.wanted.tolist(), strict=False)
         shared = min(1.0, dt / (2.0 * self._filter_time)) if self._filter_time else 1.0
         monitor = memory.monitor.after(task, tick, tuple((*one, setting.noise) for one in parts), shared)
-        if monitor.settling.unstable:
+        if monitor.settling.unstable(setting.late):
             now = now._replace(eased=max(LEAST_EASED, EASES * now.eased))
         said = verdict(monitor, tick.touch, task, here.contact)
 

@@ -213,6 +213,7 @@ class Stiffness(NamedTuple):
         stiff: bound of the stiffness by the touch; None where none was seen.
         reached: whether the force has been near the wanted one since then.
         lacked: for how long too little (or, negative, too much) has been felt [s].
+        lasted: for how long it has been felt without a break [s].
     """
 
     found: Annotated[Array, 3]
@@ -233,6 +234,7 @@ class Stiffness(NamedTuple):
     stiff: float | None = None
     reached: bool = False
     lacked: float = 0.0
+    lasted: float = 0.0
 
     @classmethod
     def of(cls, begins: float) -> Stiffness:
@@ -294,6 +296,7 @@ class Stiffness(NamedTuple):
             force=self.force,
             mean=self.mean,
             time=self.time,
+            lasted=self.lasted,
             quiet=self.quiet,
             stiff=min(STIFFER * stiff, Stiffness.of(STIFF).bound),
         )
@@ -312,9 +315,11 @@ class Stiffness(NamedTuple):
         dt = setting.dt
         x = self.way + setting.share * (way - self.way)
         v, time = (x - self.way) / dt, self.time + dt
-        if time <= 3.0 * setting.filter_time + 2.0 * dt or not felt:  # the filters still hold the air
+        lacked = self.lacked + short * dt if self.lacked * short > 0.0 else short * dt
+        lasted = self.lasted + dt if felt else 0.0
+        if lasted <= 3.0 * setting.filter_time + 2.0 * dt:  # the filters still hold the air
             mean = np.array((x, v, self.gone, force))
-            now = self._replace(way=x, force=force, mean=mean, means=np.zeros(4), time=time)
+            now = self._replace(way=x, force=force, mean=mean, means=np.zeros(4), time=time, lasted=lasted, lacked=lacked)
             return now.landed(setting) if self.time == 0.0 else now
         over = SLOWER * setting.late
         r = min(1.0, dt / over)
@@ -342,7 +347,6 @@ class Stiffness(NamedTuple):
         most = SURPRISE * SURPRISE * variance
         residual = self.residual + min(1.0, dt / SETTLES) * (min(square, most) - self.residual)
         begins, bound, seen, sums = self.begins, self.bound, self.seen, self.sums
-        lacked = self.lacked + short * dt if self.lacked * short > 0.0 else short * dt
         if surprised:
             begins = min(10.0 * begins, max(begins, STIFF))
             bound, seen, sums = max(2.0 * begins, bound), np.zeros((3, 3)), np.zeros(3)
@@ -375,6 +379,7 @@ class Stiffness(NamedTuple):
             self.stiff,
             self.reached or short == 0,
             lacked,
+            lasted,
         )
 
     def trouble(self, declared: float | None) -> str:

@@ -557,6 +557,7 @@ class Settling(NamedTuple):
         extreme: the last it reached that way [force].
         wanted: the press that these are about [force].
         swung: how long ago it swung too often [s].
+        since, often: how long ago it turned [s], and how often it does, in the mean of the last turns [1/s].
     """
 
     press: float | None = None
@@ -566,6 +567,8 @@ class Settling(NamedTuple):
     extreme: float = 0.0
     wanted: float = 0.0
     swung: float = SWUNG
+    since: float = 0.0
+    often: float = 0.0
 
     def after(self, press: tuple[float, float], dt: float, *, lost: bool, noise: float = 0.0) -> Settling:
         """What is remembered after one more tick.
@@ -586,13 +589,15 @@ class Settling(NamedTuple):
 
     def _turned(self, felt: float, wanted: float, noise: float, dt: float) -> Settling:
         """The same with a turn of the press, where it is one, from its extreme since the last."""
-        now = self._replace(swung=self.swung + dt, wanted=wanted, turns=0.0, rises=True, extreme=felt)
+        since = self.since + dt
+        now = self._replace(swung=self.swung + dt, since=since, wanted=wanted, turns=0.0, rises=True, extreme=felt)
         if wanted != self.wanted or wanted == 0.0:
             return now
         turns, rises = exp(-dt / SWUNG) * self.turns, self.rises
         back = self.extreme - felt if rises else felt - self.extreme
         if back <= max(SWING * wanted, 2.0 * SURPRISE * noise):
             return now._replace(turns=turns, rises=rises, extreme=felt if back < 0.0 else self.extreme)
+        now = now._replace(since=0.0, often=self.often + (1.0 / since - self.often) / TURNS)
         if (self.extreme > wanted) != rises:  # on the way to the wanted press, not about it
             return now._replace(rises=not rises)
         if turns + 1.0 <= TURNS:
@@ -604,10 +609,12 @@ class Settling(NamedTuple):
         error = missing if self.press is None else self.press + min(1.0, dt / AVERAGED) * (missing - self.press)
         return Settling(press=error, missed=self.missed + dt if error > SHORT else 0.0)
 
-    @property
-    def unstable(self) -> bool:
-        """Whether a swing too many has just happened."""
-        return self.swung == 0.0
+    def unstable(self, late: float) -> bool:
+        """Whether a swing too many has just happened, of turns that the law may make, what is late in it [s].
+
+        What turns more often than once in that time would without it, as a tool that chatters along a surface.
+        """
+        return self.swung == 0.0 and self.often * late <= 1.0
 
     def trouble(self, wanted: float | None, late: float) -> str:
         """What is wrong, in words, "" for nothing.
