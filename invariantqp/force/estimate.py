@@ -318,8 +318,8 @@ class Stiffness(NamedTuple):
         lacked = self.lacked + short * dt if self.lacked * short > 0.0 else short * dt
         lasted = self.lasted + dt if felt else 0.0
         if lasted <= 3.0 * setting.filter_time + 2.0 * dt:  # the filters still hold the air
-            mean = np.array((x, v, self.gone, force))
-            now = self._replace(way=x, force=force, mean=mean, means=np.zeros(4), time=time, lasted=lasted, lacked=lacked)
+            now = self._replace(way=x, force=force, mean=np.array((x, v, self.gone, force)), means=np.zeros(4))
+            now = now._replace(time=time, lasted=lasted, lacked=lacked)
             return now.landed(setting) if self.time == 0.0 else now
         over = SLOWER * setting.late
         r = min(1.0, dt / over)

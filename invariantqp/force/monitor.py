@@ -676,7 +676,7 @@ class Monitor(NamedTuple):
         if self.found is not None and self.found.status is not Status.LOST:
             return self
         overload, found = self.overload.update(task, tick)
-        if found is not None and (self.dead.reading is None or self.approach.waited):
+        if found is not None and (self.dead.reading is None or self.approach.waited > task.lost_after):
             found = found._replace(reason=found.reason + AT_ONCE)
         now = self._replace(overload=overload)
         if found is not None or self.found is not None:

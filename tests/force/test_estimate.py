@@ -52,6 +52,17 @@ def test_a_declared_stiffness_is_where_it_begins_and_is_believed_no_longer_than_
     assert after(2e4, 0.0, begins=2e4)[-1].trouble(2e4) == ""
 
 
+def test_a_contact_that_breaks_for_moments_stays_as_stiff_as_it_was():
+    """What chatters along a surface, 13 N for 8 ms, none for 4: it was another contact each time, or a softer one."""
+    estimate, setting = after(5e4, 0.0)[-1], setting_of()
+    for tick in range(500):
+        f = 13.0 * (tick % 6 < 4)
+        estimate = estimate.after(f, (f or 10.0) / 5e4, setting, short=-1 if f else 1, felt=f > 0.0)
+    assert estimate.known == pytest.approx(5e4, rel=0.05)
+    assert estimate.begins == STIFF
+    assert estimate.residual < 0.1
+
+
 @pytest.mark.parametrize("slope", [-2e-3, 2e-3])
 def test_a_surface_that_comes_or_goes_is_no_stiffness(slope):
     """Without c 2 mm/s of it pass for three times the stiffness, or for less than none."""

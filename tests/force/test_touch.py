@@ -192,8 +192,19 @@ def test_swings_are_told_of_a_wanted_press_that_stays(swing, steps, told):
         wanted = 10.0 + steps * (k % 150 < 75)
         press = 10.0 * (1.0 + 0.5 * swing * np.sin(0.06 * k))
         settling = settling.after((press, wanted), 0.004, lost=False, noise=0.1)
-        lowered += settling.unstable
+        lowered += settling.unstable(0.02)
     assert bool(settling.trouble(10.0, 0.01)) == (lowered > 1) == told
+
+
+def test_turns_sooner_than_the_law_can_make_them_are_told_and_lower_no_gain():
+    """What chatters at 50 Hz along a surface: its gain went down to a quarter, and its mean was held half as well."""
+    settling, told = Settling(), 0
+    for k in range(2000):
+        settling = settling.after((10.0 + 6.0 * (k % 10 < 5), 10.0), 0.002, lost=False, noise=0.1)
+        assert not settling.unstable(0.02)
+        told += settling.unstable(0.005)
+    assert told > 1
+    assert settling.trouble(10.0, 0.01)
 
 
 def test_a_press_that_comes_to_what_is_wanted_in_leaps_does_not_swing_about_it():
@@ -202,7 +213,7 @@ def test_a_press_that_comes_to_what_is_wanted_in_leaps_does_not_swing_about_it()
     for k in range(500):
         press = 10.0 if k > 100 else 0.05 * k + 4.0 * (k % 10 < 5)
         settling = settling.after((press, 10.0), 0.002, lost=False, noise=0.1)
-        assert not settling.unstable
+        assert not settling.unstable(0.02)
         assert settling.trouble(10.0, 0.01) == ""
 
 
@@ -223,7 +234,7 @@ def test_a_press_that_slowly_leaves_is_no_chatter():
     for k in range(600):
         press, touching = max(0.0, 5.0 - 0.05 * (k % 100)), k % 100 < 95
         settling = settling.after((press, 5.0), 0.01, lost=not touching)
-        assert not settling.unstable
+        assert not settling.unstable(0.02)
 
 
 def test_a_tool_that_only_taps_is_told_that_the_force_is_not_reached():
