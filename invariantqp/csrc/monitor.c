@@ -90,17 +90,24 @@ static void answers_begun(const Answers *before, Answers *check)
     const Answers *known = before == NULL ? &none : before;
     Answers begun = {.evidence = {.began = {NAN, NAN}},
                      .rest = {NAN, NAN, NAN, NAN},
-                     .release = {NAN, NAN, NAN, NAN, {NAN, NAN, NAN}, NAN, NAN},
+                     .release = {NAN, NAN, NAN, NAN, {NAN, NAN, NAN}, NAN, NAN, NAN},
+                     .shown = known->shown,
                      .moves = known->moves,
                      .read = -CERTAIN};
     memcpy(begun.grade, known->grade, sizeof begun.grade);
     *check = begun;
 }
 
+/* Answers.expected */
+static double expected(const Answers *check)
+{
+    return dot(3, check->grade, check->across) * fmin(1.0, sqrt(check->shown) / fmax(norm(3, check->across), TINY));
+}
+
 /* What may be pressed more or less than is read. */
 double unseen(const Press *press, const Answers *check, double felt)
 {
-    double way = check->depth - check->since[0] - dot(3, check->grade, check->across);
+    double way = check->depth - check->since[0] - expected(check);
     double slope = check->silent < EXCUSED ? press->slope * norm(3, check->across) : 0.0;
     double room = check->stiff * (press->yields + check->moves + slope);
     return fmax(0.0, fabs(check->stiff * way - (felt - check->since[1])) - room);
@@ -112,9 +119,10 @@ static void heard(const Press *press, const Stiffness *known, double felt, doubl
     double k = is_known(known) ? known->found[0] : 0.0;
     if (k > 0.0) {
         double sinks = (felt - check->since[1]) / k, least = STEP_SHARE * press->size + fabs(sinks) / press->slope;
-        double rise = check->depth - check->since[0] - sinks - dot(3, check->grade, check->across);
+        double rise = check->depth - check->since[0] - sinks - expected(check);
         rise = copysign(fmax(fabs(rise) - 2.0 * sqrt(2.0) * noise / k, 0.0), rise);
-        double share = rise / (dot(3, check->across, check->across) + least * least);
+        check->shown = (1.0 - 1.0 / GRADED_BY) * check->shown + dot(3, check->across, check->across);
+        double share = rise / (check->shown + least * least);
         for (int i = 0; i < 3; i++)
             check->grade[i] += share * check->across[i];
         share = fmin(1.0, press->slope / fmax(norm(3, check->grade), TINY));

@@ -71,11 +71,11 @@ typedef struct {
 } Evidence;
 
 typedef struct {
-    double depth, force, most, highest, across[3], led, fell;
+    double depth, force, most, highest, across[3], led, fell, beyond;
 } Release;
 
 typedef struct {
-    double stiff, quiet, depth, since[2], across[3], grade[3], silent;
+    double stiff, quiet, depth, since[2], across[3], grade[3], shown, silent;
     Evidence evidence;
     double touched, rested, rest[4], slid[3], off;
     Release release;
@@ -229,6 +229,7 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define SINGULAR 1e-2
 /* force/monitor.py */
 #define OVERLOAD 2.5
+#define GRADED_BY 10.0
 #define NO_FORCE 20.0
 #define ABOVE_NOISE 8.0
 #define DEAD_AFTER 0.1

@@ -78,6 +78,8 @@ CHI = 4.0
 SINCE = 2.0
 # An answer shows a contact no softer than this share of what was shown before: a sensor that sticks looks soft, too.
 SOFTER = 0.5
+# In the mean of how many answers a grade is.
+ANSWERS = 10.0
 # So long after readings have answered, or changed, a slope is an excuse [s].
 EXCUSED = 0.5
 
@@ -319,6 +321,7 @@ class Release(NamedTuple):
         across: (3,) since then [length]: no further than a slope of that is the surface from where it was.
         led: how far it was commanded out since then [length].
         fell: depth where the readings had fallen to nothing; None before.
+        beyond: whether it has been where nothing should be read: from there on it is asked whether anything is.
     """
 
     depth: float
@@ -328,6 +331,7 @@ class Release(NamedTuple):
     across: Annotated[Array, 3] = np.zeros(3)
     led: float = 0.0
     fell: float | None = None
+    beyond: bool = False
 
     def bound(self, slope: float, moves: float) -> float:
         """The way that is let go at most before the readings have fallen to nothing [length]."""
@@ -360,6 +364,7 @@ class Answers(NamedTuple):
         since: depth and force at the last answer, or at the touch.
         across: (3,) since then [length].
         grade: (3,) how much the surface rises towards the tool for a way across, as answers showed it.
+        shown: squared length of the way over which they did, older ones forgotten: over more it says nothing.
         silent: for how long readings have neither answered nor stirred [s].
         evidence: of an answer.
         touched: force at depth 0.
@@ -378,6 +383,7 @@ class Answers(NamedTuple):
     since: tuple[float, float] = (0.0, 0.0)
     across: Annotated[Array, 3] = np.zeros(3)
     grade: Annotated[Array, 3] = np.zeros(3)
+    shown: float = 0.0
     silent: float = 0.0
     evidence: Evidence = Evidence()
     touched: float = 0.0
@@ -426,9 +432,8 @@ class Answers(NamedTuple):
         if self.release is not None:
             across, led = self.release.across + tick.across, self.release.led - tick.commanded
             release = self.release._replace(across=across, led=led)
-            bound = release.bound(task.slope, self.moves)
-            if release.depth - self.depth <= bound < release.depth - now.depth:
-                now = now._replace(read=0.0)  # whether anything is read where nothing should be is asked from there on
+            if not release.beyond and release.depth - now.depth > release.bound(task.slope, self.moves):
+                now, release = now._replace(read=0.0), release._replace(beyond=True)
             return now.released(release, task, known, press, wanted, noise)
         now = now._replace(slid=self.slid + tick.across, silent=self.silent + tick.dt)
         now = now.at_rest(task, tick.dt, press, wanted, noise)
@@ -446,7 +451,7 @@ class Answers(NamedTuple):
 
     def begun(self) -> Answers:
         """Of a contact that is touched anew."""
-        return Answers(moves=self.moves, grade=self.grade)
+        return Answers(moves=self.moves, grade=self.grade, shown=self.shown)
 
     def heard(self, task: HybridTask, known: Stiffness, press: float, noise: float) -> Answers:
         """The same after readings that have answered or changed: how the surface rises where the tool slid.
@@ -457,26 +462,33 @@ class Answers(NamedTuple):
             press: measured [force].
             noise: of the smoothed press [force]: what it may hide is no rise.
         """
-        k, grade, shown = known.known, self.grade, self.evidence.stiffness
+        k, grade, shown, stiff = known.known, self.grade, self.shown, self.evidence.stiffness
         if k is not None:  # where the force changes, too, the way says less of the surface
             sinks = (press - self.since[1]) / k
-            rise = self.depth - self.since[0] - sinks - float(grade.dot(self.across))
+            rise = self.depth - self.since[0] - sinks - self.expected
             rise = copysign(max(abs(rise) - 2.0 * sqrt(2.0) * noise / k, 0.0), rise)
             least = STEP * task.size + abs(sinks) / task.slope
-            grade = grade + rise / (float(self.across.dot(self.across)) + least * least) * self.across
+            shown = (1.0 - 1.0 / ANSWERS) * shown + float(self.across.dot(self.across))
+            grade = grade + rise / (shown + least * least) * self.across
             grade = grade * min(1.0, task.slope / max(_length(grade), TINY))
         return self._replace(
-            stiff=max(min(2.0 * shown, self.stiff), 2.0 * (k or 0.0), SOFTER * self.stiff) if shown else self.stiff,
+            stiff=max(min(2.0 * stiff, self.stiff), 2.0 * (k or 0.0), SOFTER * self.stiff) if stiff else self.stiff,
             since=(self.depth, press),
             across=np.zeros(3),
             grade=grade,
+            shown=shown,
             silent=0.0,
             evidence=Evidence(),
         )
 
+    @property
+    def expected(self) -> float:
+        """How much the surface has risen since the last answer, by `grade`, over no more way than that was seen on."""
+        return float(self.grade.dot(self.across)) * min(1.0, sqrt(self.shown) / max(_length(self.across), TINY))
+
     def unseen(self, task: HybridTask, press: float) -> float:
         """What may be pressed more or less than is read, by way that was not answered [force]."""
-        way = self.depth - self.since[0] - float(self.grade.dot(self.across))
+        way = self.depth - self.since[0] - self.expected
         slope = task.slope * _length(self.across) if self.silent < EXCUSED else 0.0
         room = self.stiff * (task.yields + self.moves + slope)
         return max(0.0, abs(self.stiff * way - (press - self.since[1])) - room)
@@ -523,8 +535,8 @@ class Answers(NamedTuple):
             release = release._replace(highest=max(release.highest, press))
             if press < release.highest - FELL_NOISE * noise:
                 sank = gone if self.rest is None else max(gone, self.rest[0])
-                release = release._replace(highest=press, most=max(release.most, sank + STEP * size))
-            if gone > release.bound(task.slope, self.moves) and self.read == CERTAIN:
+                release = release._replace(highest=press, most=max(release.most, sank + STEP * size), beyond=False)
+            if release.beyond and self.read == CERTAIN:
                 said = f"let go by {written(gone, 2)}, {written(press, 3)} of {written(wanted, 3)} N are still read"
                 away = max(0.0, self.depth + 2.0 * STEP * size)
                 return self._replace(release=release), Finding(Status.FAULT, f"{said}: {NO_ANSWER}", away)

@@ -238,6 +238,15 @@ def test_a_reading_stuck_in_its_noise_while_the_tool_slides_is_no_slope_that_is_
     assert run.press.max() < 4.0 * PRESS
 
 
+@pytest.mark.parametrize(("seen", "accuses"), [(2e-3, False), (60e-3, True)])
+def test_a_slope_is_expected_over_no_more_way_than_it_was_seen_on(seen, accuses):
+    """Where a path began an arm gave way by 30 um: taken for a slope of 0.014 for the next 60 mm, a press was let go."""
+    task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], [0, 0, 1]), [5.0])
+    check = Answers(stiff=2e4, since=(2e-4, 5.0), depth=2e-4, grade=np.array([0.014, 0.0, 0.0]), shown=seen * seen)
+    check = check._replace(across=np.array([60e-3, 0.0, 0.0]), silent=1.0)
+    assert (check.unseen(task, 5.0) > 2.0 * 5.0) == accuses
+
+
 @pytest.mark.cases(2)
 @pytest.mark.parametrize(
     ("arm", "dt", "stiffness", "speed", "circle"),
@@ -286,7 +295,8 @@ def test_readings_that_have_fallen_are_let_go_as_far_as_the_press_had_sunk_in(fa
     for gone in np.arange(0.1e-3, 6e-3, 0.1e-3):
         press = max(5.0 - 2e3 * gone, 0.0) if falls else 11.5
         check = check._replace(depth=-1.8e-3 - gone, read=CERTAIN if press > 0.5 else -CERTAIN)
-        check, found = check.released(check.release, task, Stiffness.of(STIFF), press, 10.0, 0.5)
+        release = check.release._replace(beyond=gone > check.release.most)
+        check, found = check.released(release, task, Stiffness.of(STIFF), press, 10.0, 0.5)
         left.append(gone)
         if found is not None or check.release is None or check.release.fell is not None:
             break
@@ -302,7 +312,8 @@ def test_readings_that_rise_with_the_surface_and_then_fall_as_the_tool_lets_go_a
     presses = [7, 9, 11, 14, 17, 19, 21, 21.8, 21, 20, 18, 16, 14, 12, 10, 7, 4, 1, 0]
     for gone, press in zip(np.arange(1, 20) * 1e-4, presses, strict=True):
         check = check._replace(depth=0.1e-3 - gone, read=CERTAIN if press > 1.0 else -CERTAIN)
-        check, found = check.released(check.release, task, Stiffness.of(STIFF), press, 20.0, 0.54)
+        release = check.release._replace(beyond=gone > check.release.most)
+        check, found = check.released(release, task, Stiffness.of(STIFF), press, 20.0, 0.54)
         assert found is None
         if check.release is None:
             break
