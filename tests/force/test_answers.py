@@ -240,7 +240,7 @@ def test_a_reading_stuck_in_its_noise_while_the_tool_slides_is_no_slope_that_is_
 
 @pytest.mark.parametrize(("seen", "accuses"), [(2e-3, False), (60e-3, True)])
 def test_a_slope_is_expected_over_no_more_way_than_it_was_seen_on(seen, accuses):
-    """Where a path began an arm gave way by 30 um: taken for a slope of 0.014 for the next 60 mm, a press was let go."""
+    """An arm gave way by 30 um where a path began: for 60 mm that was a slope of 0.014, and a press was let go."""
     task = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], [0, 0, 1]), [5.0])
     check = Answers(stiff=2e4, since=(2e-4, 5.0), depth=2e-4, grade=np.array([0.014, 0.0, 0.0]), shown=seen * seen)
     check = check._replace(across=np.array([60e-3, 0.0, 0.0]), silent=1.0)
