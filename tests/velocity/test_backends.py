@@ -5,13 +5,8 @@ import pytest
 import qpsolvers
 from support.repeats import repeats
 from support.velocity_reference import (
-    LIMITED,
-    box_minimum,
-    least_squares_form,
     limited_minimum,
-    quadprog_minimum,
     regular_problem,
-    root_of,
     tight_box,
 )
 
@@ -73,57 +68,6 @@ def test_every_back_end_agrees_with_daqp(name, opened, rows):
             assert solution.status == "degraded"
             assert solution.reason.startswith(f"{name}: ")
     assert own >= (8 if name in {"daqp", "quadprog", "osqp", "clarabel"} else 4)
-
-
-@pytest.mark.parametrize("m", [1, 2, 3, 4])
-def test_the_optimum_by_exact_enumeration_of_active_sets(m):
-    rng = np.random.default_rng(m)
-    hit = 0
-    for damping in (None, None, 0.1, 0.5):
-        J, s, _ = regular_problem(rng, m)
-        p, length = rng.normal(size=3), 0.6
-        A, b = root_of(p, length) @ J, root_of(p, length) @ s
-        free = np.linalg.lstsq(A, b, rcond=None)[0]
-        bounds = tight_box(rng, m, free, share=0.9)
-        solution = iq.solve_velocity(J, s, damping=damping, bounds=bounds, point=p, length=length)
-        H, c = least_squares_form(A, b, damping=LIMITED if damping is None else damping)
-        exact = box_minimum(H, c, bounds.lower, bounds.upper)
-        np.testing.assert_allclose(solution.velocity, exact, rtol=0.0, atol=1e-11 * np.linalg.norm(free))
-        hit += solution.method == "qp"
-    assert hit >= 2
-
-
-@pytest.mark.cases(4)
-@pytest.mark.parametrize("metric", [False, True], ids=["identity", "joint metric"])
-@pytest.mark.parametrize("m", [3, 5, 6, 8])
-def test_the_optimum_by_another_solver_on_another_construction(m, metric):
-    pytest.importorskip("quadprog")
-    rng = np.random.default_rng(10 + m)
-    for k in range(20):
-        J, s, _ = regular_problem(rng, m)
-        p, length, posture = rng.normal(size=3), 0.6, rng.normal(size=m)
-        damping = (None, 0.02, 0.3)[k % 3]
-        M = rng.normal(size=(m, m))
-        M = M @ M.T + 0.5 * np.eye(m) if metric else np.eye(m)
-        T = np.linalg.inv(np.linalg.cholesky(M)).T
-        A, b = root_of(p, length) @ J @ T, root_of(p, length) @ s
-        free = T @ np.linalg.lstsq(A, b, rcond=None)[0]
-        bounds = tight_box(rng, m, free)
-        solution = iq.solve_velocity(
-            J,
-            s,
-            damping=damping,
-            bounds=bounds,
-            joint_metric=M if metric else None,
-            point=p,
-            length=length,
-            posture=posture,
-        )
-        H, c = least_squares_form(A, b, np.linalg.solve(T, posture), LIMITED if damping is None else damping)
-        back = np.linalg.inv(T)
-        other = quadprog_minimum(back.T @ H @ back, back.T @ c, bounds.lower, bounds.upper)
-        # quadprog works on H, which has the square of the condition that ours has.
-        np.testing.assert_allclose(solution.velocity, other, rtol=0.0, atol=1e-7 * np.linalg.norm(other))
 
 
 TROUBLES = {

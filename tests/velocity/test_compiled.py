@@ -275,25 +275,6 @@ def test_solve_velocity_is_the_core_s_with_its_checks(seed):
     assert (native.status, native.active) == (python.status, python.active)
 
 
-def test_arguments_that_the_core_refuses_are_named():
-    J, s = np.random.default_rng(0).normal(size=(6, 7)), np.ones(6)
-    for name, bad in {
-        "twist": {"twist": 1e13 * s},
-        "J": {"J": 1e31 * J},
-        "point": {"point": [1e31, 0.0, 0.0]},
-        "length": {"length": 1e-31},
-        "bounds": {"bounds": (np.ones(7), np.zeros(7))},
-        "posture": {"posture": np.full(7, np.nan)},
-        "rows": {"rows": iq.limits.LimitRows(np.ones((1, 6)), [-1.0], [1.0])},
-        "exact": {"exact": iq.ExactRows(np.ones((1, 6)), [-1.0])},
-        "guard": {"guard": None},
-        "backend": {"backend": None},
-        "engine": {"engine": None},
-    }.items():
-        with pytest.raises(iq.BadInput, match=name):
-            iq.solve_velocity(**{"J": J, "twist": s} | bad)
-
-
 @pytest.mark.parametrize(
     "law",
     [
@@ -426,16 +407,6 @@ def test_what_is_no_number_is_handed_back(tick, value):
         bad.flat[3] = value
         assert native_answer(law, demand._replace(**{name: bad})) is None
     assert native_answer(law, demand._replace(posture=np.full(7, value))) is None
-
-
-def test_exact_rows_hold_at_their_share(tick):
-    law, demand = tick
-    rows = iq.ExactRows.of(demand.J, np.eye(6)[3:], 100.0 * demand.s[3:])
-    for width in (1e3, 10.0, 0.5):
-        solution = native_answer(law, demand._replace(exact=rows, lower=np.full(7, -width), upper=np.full(7, width)))
-        np.testing.assert_allclose(rows.A @ solution.velocity, solution.scale * rows.b, rtol=1e-12, atol=1e-12)
-    assert solution.status == "scaled"
-    assert "of the exact rows' speed; at the limits of" in solution.reason
 
 
 def test_exact_rows_that_depend_on_each_other(tick):

@@ -33,7 +33,6 @@ def test_where_a_joint_has_no_limit_the_default_is_stronger():
 
 BAD = {
     "negative": lambda: iq.velocity.Fixed(-1e-3),
-    "nan": lambda: iq.velocity.Fixed(np.nan),
     "infinite": lambda: iq.velocity.Fixed(np.inf),
     "threshold": lambda: iq.velocity.Adaptive(threshold=0.0),
     "ceiling": lambda: iq.velocity.Adaptive(ceiling=-1.0),
@@ -41,7 +40,6 @@ BAD = {
     "adaptive": lambda: iq.velocity.Selective(adaptive=0.1),
     "word": lambda: iq.solve_velocity(np.ones((6, 1)), np.ones(6), damping="much"),
     "paper": lambda: iq.velocity.PaperLambda([[0.0, 1.0], [0.0, 0.0]]),
-    "paper nan": lambda: iq.velocity.PaperLambda(np.nan),
 }
 
 
