@@ -250,19 +250,6 @@ def test_no_point_of_a_shape_is_faster_than_its_levers_say(ur5, base):
     assert closest > 0.5
 
 
-@pytest.mark.filterwarnings("ignore:clearance. nothing is kept apart")
-def test_of_two_links_that_are_always_near_those_points_count_that_are():
-    """A rod begins 10 mm beside the axes of two hinges and ends half a metre from them; its end takes no part in it."""
-    wrist = iq.robots.Chain(
-        np.column_stack([iq.revolute((0, 0, 1)), iq.revolute((0, 1, 0))]), np.eye(4), velocity_limit=1.0
-    )
-    rod, pin = [Capsule([0.012, 0, 0], [0.5, 0, 0], 0.002)], [Sphere([0, 0, 0], 0.005)]
-    for distance, always in ((0.02, True), (0.0049, False)):
-        for bodies in ({"base": pin, "joint2": rod}, {"joint2": rod, "base": pin}):
-            limit = Clearance(wrist, bodies, distance=distance)
-            assert [d.reason.startswith("always") for d in limit.dropped] == [True] * always
-
-
 @pytest.mark.parametrize("compiled", [True, False])
 def test_what_no_joint_can_bring_to_the_distance_does_not_count_while_it_is_there(ur5, compiled):
     """An arm on a desk, its upper arm mounted 5 mm above it, goes as fast as without; so beside what stands there."""
@@ -286,6 +273,14 @@ def test_what_no_joint_can_bring_to_the_distance_does_not_count_while_it_is_ther
         post.move(ur5.pose(q))
         assert limit.at(q).distance < 0.0
         assert ("shoulder_link", "post") in limit.pairs
+
+
+def same_rows(fast, plain):
+    """Assert that rows are the same in any order, and tell how many they are."""
+    orders = [np.lexsort((of.lower.round(8), of.pair)) for of in (fast, plain)]
+    for a, b in zip(fast[:3], plain[:3], strict=True):
+        np.testing.assert_allclose(a[orders[0]], b[orders[1]], atol=1e-8)
+    return len(plain.C)
 
 
 @pytest.mark.skipif(engine.core is None, reason="one engine alone")
@@ -315,11 +310,7 @@ def test_the_core_gives_the_rows_of_its_definition(panda):
             seen = np.isfinite(fast[3])
             np.testing.assert_allclose(fast[3][seen], plain[3][seen], atol=1e-12)
             assert fast[3].min() == pytest.approx(plain[3].min(), abs=1e-12)
-            assert len(fast[0]) == len(plain[0])
-            orders = [np.lexsort((of[1].round(8), of[2])) for of in (fast, plain)]
-            for a, b in zip(fast[:3], plain[:3], strict=True):
-                np.testing.assert_allclose(a[orders[0]], b[orders[1]], atol=1e-8)
-            alike += len(plain[0]) > 0
+            alike += same_rows(fast, plain) > 0
     assert alike > 5
 
 
@@ -639,14 +630,19 @@ def test_pairs_that_are_not_kept_apart_are_listed_with_a_reason(panda, ur5):
 
 @pytest.mark.filterwarnings("ignore:clearance. nothing is kept apart")
 def test_two_links_that_are_always_near_are_dropped_for_a_proof_and_no_others():
-    """Two hinges through one point: a ball on the last link stays within reach of one at the base, or comes off it."""
+    """Two hinges through one point: a ball on the last link stays within reach of one at the base, or comes off it.
+
+    So does a rod that begins 10 mm beside the axes and ends half a metre from them; its end takes no part in it.
+    """
     wrist = iq.robots.Chain(
         np.column_stack([iq.revolute((0, 0, 1)), iq.revolute((0, 1, 0))]), np.eye(4), velocity_limit=1.0
     )
-    for far, always in ((0.03, True), (0.2, False)):
-        bodies = {"base": [Sphere([0, 0, 0], 0.05)], "joint2": [Sphere([far, 0, 0], 0.01)]}
-        limit = Clearance(wrist, bodies, distance=0.02)
-        assert [d.reason for d in limit.dropped] == (["always nearer than 20.0 mm"] if always else [])
+    rod, pin, ball = Capsule([0.012, 0, 0], [0.5, 0, 0], 0.002), Sphere([0, 0, 0], 0.005), Sphere([0, 0, 0], 0.05)
+    near, off = Sphere([0.03, 0, 0], 0.01), Sphere([0.2, 0, 0], 0.01)
+    for base, last, mm, always in ((ball, near, 20, 1), (ball, off, 20, 0), (pin, rod, 20, 1), (pin, rod, 4.9, 0)):
+        for bodies in ({"base": [base], "joint2": [last]}, {"joint2": [last], "base": [base]}):
+            dropped = Clearance(wrist, bodies, distance=1e-3 * mm).dropped
+            assert [d.reason for d in dropped] == ["always nearer than 20.0 mm"] * always
 
 
 def test_another_arm_is_an_obstacle_and_takes_half_the_room_unless_its_velocity_is_known(ur5):
@@ -756,9 +752,7 @@ def test_of_more_rows_than_are_kept_both_engines_keep_the_same(ur5):
             shape.move(iq.transform(translation=ur5.pose(q)[:3, 3] + 0.2 * rng.standard_normal(3)))
         fast = limit._asked(q, rate, still)
         plain = rows_of([ur5], q, still, limit._numbers, limit._twists, limit._pairs, *rate[:2])
-        orders = [np.lexsort((of.lower.round(8), of.pair)) for of in (fast, plain)]
-        np.testing.assert_allclose(fast.C[orders[0]], plain.C[orders[1]], atol=1e-8)
-        crowded += len(plain.C) == clearance_rows.MOST_ROWS
+        crowded += same_rows(fast, plain) == clearance_rows.MOST_ROWS
     assert crowded > 3
 
 
@@ -780,11 +774,7 @@ def test_the_core_looks_ahead_as_its_definition_does_until_another_arm_has_stopp
         )
         found = limit._found
         plain = rows_of(found.robots, *both, limit._numbers, limit._twists, limit._pairs, limits, rate.settings)
-        assert len(fast.C) == len(plain.C)
-        orders = [np.lexsort((of.lower.round(8), of.pair)) for of in (fast, plain)]
-        for a, b in zip(fast[:3], plain[:3], strict=True):
-            np.testing.assert_allclose(a[orders[0]], b[orders[1]], atol=1e-8)
-        alike += len(plain.C) > 0
+        alike += same_rows(fast, plain) > 0
     assert alike > 1
 
 
@@ -991,12 +981,10 @@ def test_what_decides_the_rate(panda):
     (lambda r: Clearance(r, HAND, 3), "obstacles: found 3"),
     (lambda r: Clearance(r, HAND, [np.eye(4)]), "obstacles"),
     (lambda r: Clearance(r, HAND, distance=-0.1), "distance"),
-    (lambda r: Clearance(r, HAND, distance=np.nan), "distance"),
     (lambda r: Clearance(r, {"panda_hand": [3]}), "bodies"),
     (lambda r: Clearance(r, 3), "bodies"),
     (lambda r: Clearance(r, HAND, exclude=["ab"]), "exclude"),
     (lambda r: Clearance(iq.load_robot("fr3")), "known without collision geometry"),
-    (lambda r: Sphere([0, 0, np.nan], 0.1), "centre"),
     (lambda r: Sphere([0, 0, 0], -0.1), "radius"),
     (lambda r: Capsule([0, 0, 0], [0, np.inf, 0], 0.1), "b"),
     (lambda r: Capsule([0, 0, -1e308], [0, 0, 1e308], 0.1), "b"),
@@ -1005,7 +993,6 @@ def test_what_decides_the_rate(panda):
     (lambda r: HalfSpace([0, 0, 0], [0, 0, 0]), "normal"),
     (lambda r: Sphere([0, 0, 0], 0.1, name=3), "name"),
     (lambda r: Sphere([0, 0, 0], 0.1).move(np.zeros((4, 4))), "pose"),
-    (lambda r: Sphere([0, 0, 0], 0.1).move(np.eye(4), [np.nan] * 6), "twist"),
     (lambda r: Clearance(r, HAND, [TABLE]).rows(READY, np.zeros(7)), "rate"),
     (lambda r: iq.Controller(iq.load_robot("ur5"), dt=DT, limits=[Clearance(r, HAND, [TABLE])]), "of another robot"),
     (lambda r: iq.Controller(r.with_tool(UP), dt=DT, limits=[Clearance(r, HAND, [TABLE])]), "offset="),

@@ -204,47 +204,10 @@ def test_acceleration_limits_to_a_target_at_rest_and_beside_a_limit(limit):
     assert "acceleration" in fast.reason
 
 
-def test_a_target_in_any_form(panda):
-    controller, q = panda
-    pose = controller.robot.pose(q + 0.01)
-    ways = (pose, controller.robot.target(pose), np.asfortranarray(pose), pose.tolist())
-    steps = [copy(controller).step(q, way) for way in ways]
-    for step in steps[1:]:
-        np.testing.assert_allclose(step.velocity, steps[0].velocity, rtol=1e-12, atol=1e-14)
-
-
 @pytest.fixture
 def panda():
     robot = iq.load_robot("panda")
     return iq.Controller(robot, dt=0.01), 0.5 * (robot.position_lower + robot.position_upper) + 0.1
-
-
-def test_python_says_what_is_wrong(panda):
-    controller, q = panda
-    pose = controller.robot.pose(q)
-    controller.step(q, pose)
-    before = controller.kept.copy()
-    bad = pose.copy()
-    bad[3, 0] = 1.0
-    for arguments in (
-        (np.full(7, np.nan), pose),
-        (q[:6], pose),
-        (q, bad),
-        (q, np.nan * pose),
-        (q, 2.0 * pose),
-        (q, pose, np.full(6, np.inf)),
-        (q, pose, None, q[:3]),
-    ):
-        with pytest.raises(iq.BadInput):
-            controller.step(*arguments)
-        np.testing.assert_array_equal(controller.kept, before)
-    for twist in (np.full(6, np.nan), np.zeros(5), np.full(6, 2e12), None):
-        with pytest.raises(iq.BadInput):
-            controller.follow(q, twist)
-        np.testing.assert_array_equal(controller.kept, before)
-    for target in (None, "home", np.eye(3)):
-        with pytest.raises(iq.BadInput):
-            controller.step(q, target)
 
 
 def test_exact_demands_of_which_ends_of_ranges_allow_nothing_are_the_cores():
@@ -262,24 +225,15 @@ def test_exact_demands_of_which_ends_of_ranges_allow_nothing_are_the_cores():
             q = q + 0.002 * controller.step(q, target).velocity
 
 
-@pytest.mark.parametrize("angle", [0.79 * np.pi, 0.81 * np.pi, np.pi - 1e-6])
-def test_turns_near_half_a_turn(panda, angle):
-    controller, q = panda
-    target = controller.robot.pose(q) @ iq.exp([0.0, 0.6 * angle, 0.8 * angle, 0.0, 0.0, 0.0])
-    for _ in range(3):
-        assert compiled_tick(controller.compiled, controller.kept.copy(), q, target, None, None) is not None
-        assert_same(controller, q, target)
-
-
 def test_a_turn_goes_on_beyond_half_a_turn(panda):
     controller, q = panda
-    turns = []
-    for angle in np.linspace(0.7, 1.18, 8) * np.pi:
+    angles, turns = np.sort([*np.linspace(0.7, 1.18, 8), 0.79, 0.81, 1.0 - 1e-7]), []
+    for angle in np.pi * angles:
         target = controller.robot.pose(q) @ iq.exp([0.0, 0.6 * angle, 0.8 * angle, 0.02, 0.0, 0.01])
         assert compiled_tick(controller.compiled, controller.kept.copy(), q, target, None, None) is not None
         assert_same(controller, q, target)
         turns.append(np.linalg.norm(controller.memory.turn) / np.pi)
-    np.testing.assert_allclose(turns, np.linspace(0.7, 1.18, 8))
+    np.testing.assert_allclose(turns, angles)
 
 
 def test_not_converging_is_told(panda):

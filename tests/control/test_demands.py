@@ -109,13 +109,9 @@ def test_demands_that_are_none(so101, exact, said):
 
 
 def test_values_are_checked_when_they_are_made():
-    for make in (
-        lambda: iq.control.ExactAxis([0, 0, 0]),
-        lambda: iq.control.ExactPlane([0, 0, 0]),
-        lambda: iq.control.ExactPoint([0, np.nan, 0]),
-    ):
+    for kind in (iq.control.ExactAxis, iq.control.ExactPlane):
         with pytest.raises(iq.BadInput):
-            make()
+            kind([0, 0, 0])
     assert demands_of(None) == ()
 
 

@@ -276,12 +276,10 @@ def test_what_is_no_limit_is_refused(robot, limits, said):
     ("make", "said"),
     [
         (lambda: JointLimits(velocity_limit=-1.0), "velocity_limit: found -1"),
-        (lambda: JointLimits(position_lower=np.nan), "position_lower: found NaN"),
         (lambda: JointLimits(2.0, 1.0), "position_lower: found"),
         (lambda: JointLimits([0.0, 1.0], [1.0, 2.0, 3.0]), "position_upper: found 3 limits"),
         (lambda: JointLimits(margin=-0.1), "margin: found"),
         (lambda: AccelerationLimit(0.0), "limit: found 0"),
-        (lambda: AccelerationLimit(np.nan), "limit: found NaN"),
         (lambda: LimitRows([[1.0]], [0.0], [1.0], ["one", "two"]), "names: found 2 names"),
         (lambda: LimitRows([[1.0]], [0.0], [1.0], [3]), "names: found 3"),
         (lambda: PinkLimit(3.0), "limit: found 3.0"),

@@ -157,7 +157,6 @@ def test_a_half_space_that_moves_is_kept_off_a_mesh():
     (lambda: Mesh((CORNERS, [[0, 1, 9]])), "triangles of corners that are not there"),
     (lambda: Mesh((CORNERS, [[0, 1, 0.5]])), "source"),
     (lambda: Mesh(CORNERS * [1, 1, 0], hull=True), "without a volume"),
-    (lambda: Mesh(CORNERS * np.nan, hull=True), "NaN"),
     (lambda: Mesh(CORNERS, scale=-1.0, hull=True), "scale"),
     (lambda: Clearance(iq.load_robot("ur5"), {"tool": [Mesh(CORNERS, hull=True)]}), "Meshes are for obstacles"),
 ])  # fmt: skip

@@ -25,6 +25,9 @@ def test_a_refused_call_leaves_the_controller_as_it_was(panda, backend):
         (READY, nowhere, None),
         (READY, np.full((4, 4), np.nan), None),
         (READY, np.eye(3), None),
+        (READY, panda.pose(READY) + np.eye(4)[3:], None),
+        (READY, 2.0 * panda.pose(READY), None),
+        (READY, None, None),
         (READY, target, np.full(6, -np.inf)),
         (READY, target, np.zeros(5)),
         (READY, target, None, np.full(7, np.nan)),
@@ -34,6 +37,9 @@ def test_a_refused_call_leaves_the_controller_as_it_was(panda, backend):
     for k in range(2 * len(bad)):
         with pytest.raises(iq.BadInput):
             disturbed.step(*bad[k % len(bad)])
+        for twist in (np.full(6, np.nan), np.zeros(5), np.full(6, 2e12), None):
+            with pytest.raises(iq.BadInput):
+                disturbed.follow(q, twist)
         a, b = plain.step(q, target), disturbed.step(q, target)
         assert a.velocity.tobytes() == b.velocity.tobytes()
         assert a[1:5] == b[1:5]
