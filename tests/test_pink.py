@@ -273,16 +273,6 @@ def test_the_loop_of_pinks_example_with_a_ur5_is_the_same():
     np.testing.assert_allclose(errors[InvariantFrameTask], errors[pink.FrameTask], rtol=1e-3, atol=1e-7)
 
 
-def test_daqp_solves_it_with_pinks_default_damping_where_joints_are_left_over(arms):
-    rng = np.random.default_rng(7)
-    robot = arms["panda"]
-    task = InvariantFrameTask(robot.tool, 1.0, 1.0)
-    for _ in range(30):
-        here = configuration(robot, drawn(rng, robot))
-        task.set_target(near(rng, here.get_transform_frame_to_world(robot.tool), 0.3))
-        assert np.isfinite(solved(here, task)).all()
-
-
 def test_daqp_solves_it_near_a_singularity_with_pinks_default_damping(arms):
     robot = arms["ur5"]
     task = InvariantFrameTask(robot.tool, 1.0, 1.0)
@@ -379,12 +369,6 @@ def test_it_arrives_inside_pinks_limits_with_a_posture_beside_it(arms):
 
 def test_bad_input_is_refused_by_name(arms):
     robot = arms["ur5"]
-    for options, said in (
-        ({"gain": 1.5}, "gain"),
-        ({"position_cost": -1.0}, "position_cost"),
-    ):
-        with pytest.raises(iq.BadInput, match=said):
-            InvariantFrameTask(robot.tool, **options)
     here = configuration(robot, np.zeros(6))
     task = InvariantFrameTask("nowhere")
     task.set_target(pin.SE3.Identity())
@@ -393,8 +377,6 @@ def test_bad_input_is_refused_by_name(arms):
     task = InvariantFrameTask(robot.tool)
     with pytest.raises(pink.exceptions.TargetNotSet):
         task.compute_qp_objective(here)
-    with pytest.raises(iq.BadInput, match="target: found NaN"):
-        task.set_target(pin.SE3(np.eye(3), np.array([np.nan, 0.0, 0.0])))
     task.set_target(robot.target(robot.pose(np.zeros(6))))
     task.transform_target_to_world.translation = np.array([np.nan, 0.0, 0.0])
     with pytest.raises(iq.BadInput, match="target: found NaN"):
@@ -402,10 +384,11 @@ def test_bad_input_is_refused_by_name(arms):
     assert "h = 0.37" in repr(InvariantFrameTask("tool0", form=0.37))
     assert "least squares" in repr(InvariantFrameTask("tool0"))
     for options, said in (
+        ({"gain": 1.5}, "gain"),
+        ({"position_cost": -1.0}, "position_cost"),
         ({"point": "tip"}, "point"),
         ({"length": 0.0}, "length"),
         ({"length": 0.5, "orientation_cost": 1.0}, "Both say what a radian costs"),
-        ({"position_cost": [1.0, 2.0]}, "position_cost"),
         ({"position_cost": [1.0, 2.0, 1.0]}, "Say orientation_cost too"),
         ({"orientation_cost": 1.0, "form": iq.CarriedMetric(np.ones(6), np.eye(4))}, "it says what a radian costs"),
         ({"damping": iq.velocity.PaperLambda(0.1), "form": 0.3}, "damping: found PaperLambda"),
@@ -554,9 +537,8 @@ def test_a_target_may_be_an_array_and_nothing_else_is_taken_for_one(arms):
         plain.compute_qp_objective(configuration), array.compute_qp_objective(configuration), strict=True
     ):
         np.testing.assert_array_equal(one, other)
-    for wrong in (np.eye(3), np.full((4, 4), np.nan), None):
-        with pytest.raises(iq.BadInput, match="target"):
-            array.set_target(wrong)
+    with pytest.raises(iq.BadInput, match="target"):
+        array.set_target(None)
     with pytest.raises(iq.BadInput, match="frame: found None"):
         InvariantFrameTask(None)
 

@@ -14,7 +14,7 @@ from support.random_systems import distance
 from sympy.polys.matrices import DomainMatrix
 
 import invariantqp as iq
-from invariantqp.systems.classification import normal_form
+from invariantqp.systems.classification import MODULUS_NAMES, normal_form
 
 h, p, q, a, b, c, length = sp.symbols("h p q a b c l", real=True)
 I3, Z3 = sp.eye(3), sp.zeros(3)
@@ -201,8 +201,10 @@ def test_tables_1_and_2(key):
     exact = np.array(J.subs(VALUES).tolist(), dtype=float)
     np.testing.assert_array_equal(normal_form(*key, values), exact)
     kind = iq.gibson_hunt(exact)
-    assert (str(kind), kind.dimension) == (key[1], key[0])
-    assert kind.moduli == pytest.approx(values)
+    assert (str(kind), kind.dimension, kind.reciprocal) == (key[1], key[0], False)
+    assert kind.moduli == pytest.approx(values, abs=1e-14)
+    assert kind.modulus_names == MODULUS_NAMES[key]
+    assert kind.margin > 1e5
     assert kind.admits_pseudoinverse == (expected != 0)
     polynomial = sp.Poly(sp.expand(sp.sympify(expected).subs(VALUES)), h).all_coeffs()[::-1]
     coefficients = [float(x) for x in polynomial] + [0.0] * (key[0] + 1 - len(polynomial))

@@ -18,18 +18,6 @@ def example_moduli(key):
     return tuple(EXAMPLE[n] for n in MODULUS_NAMES[key])
 
 
-@pytest.mark.parametrize("key", CLASSES, ids=IDS)
-def test_normal_forms_have_their_own_type(key):
-    values = example_moduli(key)
-    S = normal_form(*key, values)
-    kind = iq.gibson_hunt(S)
-    assert (str(kind), kind.dimension, kind.reciprocal) == (key[1], key[0], False)
-    assert kind.moduli == pytest.approx(values, abs=1e-14)
-    assert kind.modulus_names == MODULUS_NAMES[key]
-    assert kind.admits_pseudoinverse is admits(key[1])
-    assert kind.margin > 1e5
-
-
 @pytest.mark.parametrize("key", [c for c in CLASSES if c[0] < 3], ids=[i for i in IDS if i[0] != "3"])
 def test_four_and_five_systems_are_named_by_their_reciprocals(key):
     kind = iq.gibson_hunt(reciprocal_of(normal_form(*key, example_moduli(key))))
@@ -59,21 +47,15 @@ def test_noisy_moved_mixed_systems():
 @pytest.mark.parametrize("key", CLASSES, ids=IDS)
 def test_the_motion_takes_the_system_to_its_normal_form(key):
     rng = np.random.default_rng(7)
-    for _ in range(20):
-        J, values = sample(rng, key)
+    for k in range(20):
+        upper = key[0] < 3 and k % 4 == 0
+        J, values = sample(rng, key, upper=upper)
         kind = iq.gibson_hunt(J)
-        assert distance(kind.normal_form, iq.adjoint(kind.motion) @ J) < 1e-9
+        named = reciprocal_of(kind.normal_form) if upper else kind.normal_form
+        assert distance(named, iq.adjoint(kind.motion) @ J) < 1e-9
         np.testing.assert_allclose(kind.normal_form, normal_form(*key, values), atol=1e-9)
         np.testing.assert_allclose(kind.motion[:3, :3] @ kind.motion[:3, :3].T, np.eye(3), atol=1e-14)
         assert np.linalg.det(kind.motion) == pytest.approx(1.0)
-
-
-def test_the_motion_takes_a_reciprocal_there_too():
-    rng = np.random.default_rng(8)
-    for key in [c for c in CLASSES if c[0] < 3]:
-        J, _ = sample(rng, key, upper=True)
-        kind = iq.gibson_hunt(J)
-        assert distance(reciprocal_of(kind.normal_form), iq.adjoint(kind.motion) @ J) < 1e-9
 
 
 # One way out of each special class into the next more general one, (special, general, columns at a distance d).
@@ -119,17 +101,6 @@ def test_a_border_is_crossed_once_and_never_silently(special, general, columns):
     assert exact.margin > 1e5
     close = iq.gibson_hunt(np.array(columns(CLASS_TOLERANCE * 3.0), dtype=float).T)
     assert close.near_border
-
-
-def test_near_a_border_the_other_side_is_named():
-    S = np.array([(1, 0, 0, 0.5, 0, 0), (0, 1, 0, 0, 0.5 + 4e-7, 0)], dtype=float).T
-    kind = iq.gibson_hunt(S)
-    assert (str(kind), kind.next) == ("IA", "IIA")
-    assert 1.0 < kind.margin < NEAR_BORDER
-    assert kind.borders[0].quantity == "pitch difference"
-    other = iq.gibson_hunt(S, tolerance=1e-6)
-    assert (str(other), other.next) == ("IIA", "IA")
-    assert str(iq.gibson_hunt(S, tolerance=1e-12)) == "IA"
 
 
 def name_at(J, kind, tolerance):

@@ -1,7 +1,7 @@
 import mpmath
 import numpy as np
 import pytest
-from support.random_systems import CLASSES, admits, motion, reciprocal_of, sample
+from support.random_systems import CLASSES, admits, motion, sample
 
 import invariantqp as iq
 
@@ -111,12 +111,3 @@ def test_rank_six_and_zero_never_fail():
     assert iq.principal_pitches(J).shape == (0,)
     assert iq.systems.principal_screws(np.zeros((6, 2)))[1].shape == (6, 0)
     assert iq.systems.blind_directions(J).shape == (6, 0)
-
-
-def test_scara_is_blind_to_its_plane():
-    axes = [iq.revolute((0, 0, 1), p) for p in ((0, 0, 0), (0.4, 0, 0), (0.7, 0.2, 0))]
-    J = np.column_stack([*axes, iq.se3.prismatic((0, 0, 1))])
-    blind = iq.systems.blind_directions(J)
-    assert blind.shape == (6, 2)
-    np.testing.assert_allclose(blind[[0, 1, 2, 5]], 0.0, atol=1e-12)
-    assert iq.systems.blind_directions(reciprocal_of(J)).shape == (6, 2)

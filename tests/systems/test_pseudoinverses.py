@@ -182,20 +182,6 @@ def ill_conditioned(rng, m, condition):
     return U * np.geomspace(1.0, 1.0 / condition, m) @ V
 
 
-@pytest.mark.cases(10)
-@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
-@pytest.mark.parametrize("m", [1, 2, 3, 4, 5, 6, 7])
-def test_accurate_to_its_intrinsic_condition(m, unit):
-    """Fifty digits say: at most 100 eps times the condition of R and of U'Q_h U, whatever the unit of length."""
-    rng = np.random.default_rng(100 + m)
-    with mpmath.workdps(50):
-        for _ in range(6):
-            J = rng.normal(size=(6, m)) * np.array([1.0] * 3 + [unit] * 3)[:, None]
-            h = unit * rng.uniform(-1.0, 1.0)
-            error = relative_error(iq.pseudoinverse(J, h), exact_pseudoinverse(J, h), J)
-            assert error <= 100 * EPS * intrinsic_condition(J, h)
-
-
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("m", [2, 3, 4, 5])
 def test_accurate_where_the_gram_route_has_lost_half_its_digits(m, unit):
@@ -214,17 +200,6 @@ def test_accurate_where_the_gram_route_has_lost_half_its_digits(m, unit):
     assert np.median(grams) > 1e-5
     assert np.median(ours) < 1e-7
     assert np.median(ours) < 1e-3 * np.median(grams)
-
-
-def test_accurate_with_a_joint_metric():
-    rng = np.random.default_rng(3)
-    A = rng.normal(size=(8, 8))
-    M = A @ A.T + np.eye(8)
-    M = 0.5 * (M + M.T)
-    with mpmath.workdps(50):
-        J = rng.normal(size=(6, 8))
-        error = relative_error(iq.pseudoinverse(J, 0.3, joint_metric=M), exact_pseudoinverse(J, 0.3, M), J)
-    assert error <= 100 * EPS * np.linalg.cond(J) * np.linalg.cond(M)
 
 
 def test_neither_an_infinite_pitch_nor_an_indefinite_metric():

@@ -1,6 +1,4 @@
-import runpy
 from itertools import pairwise
-from pathlib import Path
 
 import mpmath
 import numpy as np
@@ -229,9 +227,6 @@ def test_what_has_no_polar_decomposition_for_its_arguments():
             hyperbolic_polar(np.eye(6), **options)
 
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "20_stewart_platform.py"
-
-
 def legs(rng, n):
     return rng.normal(size=(n, 3)), rng.normal(size=(n, 3)) + np.array([0.0, 0.0, 3.0])
 
@@ -337,13 +332,6 @@ def test_bad_input_is_told():
         iq.systems.leg_wrenches(np.empty((0, 3)), np.empty((0, 3)))
     with pytest.raises(iq.BadInput, match="above zero"):
         iq.systems.platform_stiffness(np.eye(6), [1, 1, 1, 1, 1, 0])
-
-
-def test_the_example_runs(capsys):
-    runpy.run_path(str(EXAMPLE), run_name="__main__")
-    printed = capsys.readouterr().out
-    assert "hyperbolic" in printed
-    assert "2-system of type IA" in printed
 
 
 def test_what_is_said_of_wrenches_is_true_of_wrenches():
