@@ -213,7 +213,6 @@ def test_a_fault_in_two_contacts_stops_both_pushes(panda, name, since):
     assert forces[-1] == 0.0
 
 
-@pytest.mark.cases(1)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_what_rubs_on_the_floor_is_no_pull_of_the_wall_but_both_of_them_are(panda, sign):
     """Friction of 0.5 on the way to the wall passes for its touch; where the tool lets go it turns round: a "fault"."""

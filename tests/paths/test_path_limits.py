@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from support.along_paths import drive, follower_on, straight
 from support.arms import ready
 
 import invariantqp as iq
@@ -24,30 +25,13 @@ def arm_of(m):
     return iq.robots.Chain(screws, home, position_lower=-2.5, position_upper=2.5, velocity_limit=2.0)
 
 
-def drive(follower, q, seconds=6.0, push=None):
-    """Solutions and joint positions until the path ends; `push` moves the joints in the tick that it is for."""
-    dt, solutions, positions = follower.controller.dt, [], [q]
-    while not solutions or (solutions[-1].status not in ("done", "blocked") and len(solutions) * dt < seconds):
-        at = positions[-1] + (push or {}).get(len(solutions), 0.0)
-        solutions.append(follower.step(at))
-        positions.append(at + dt * solutions[-1].velocity)
-    return solutions, np.array(positions)
-
-
-def follower_of(robot, pose, dt, rise, *, exact=None, tool_speed=None, **given):
-    speed = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 2.0)
-    loop = iq.Controller(robot, dt=dt, acceleration_limit=speed / rise, exact=exact, tool_speed=tool_speed)
-    return iq.PathFollower(loop, pose, **given)
-
-
 @pytest.mark.cases(1)
 @pytest.mark.parametrize(("dt", "jerk"), [(0.005, 25.0), (0.01, 289.0), (0.02, 4.3)])
 def test_an_s_curve_reaches_what_blocks_the_path(dt, jerk):
     arm = iq.load_robot("so101")
     q = np.array([1.03574562, -0.56392953, -0.17575351, 0.77736402, 2.44121])
     turn = np.array([0.0, 0.0, 0.0, 0.0, 0.56337917]) + 0.1 * np.cos(np.arange(5))
-    follower = follower_of(arm, lambda u: arm.pose(q + u * turn), dt, 0.1, jerk=jerk)
-    follower.prepare(q)
+    follower = follower_on(arm, lambda u: arm.pose(q + u * turn), q, dt, 0.1, jerk=jerk)
     last = drive(follower, q)[0][-1]
     assert last.status == "blocked"
     assert "upper position limit" in last.reason
@@ -62,7 +46,7 @@ def test_a_path_is_planned_inside_a_controller_s_own_limits():
         loop = iq.Controller(robot, dt=0.01, acceleration_limit=4.0, limits=limits)
         follower = iq.PathFollower(loop, lambda u: arm.pose(q + u * turn))
         follower.prepare(q)
-        solutions, positions = drive(follower, q)
+        solutions, positions, _ = drive(follower, q)
         assert solutions[-1].status == "done"
         assert np.abs(np.diff(positions, axis=0)).max() <= 0.003 * (1.0 + 1e-9)
         ends.append((len(solutions), max(s.across for s in solutions), positions[-1]))
@@ -75,10 +59,8 @@ def test_a_path_that_ends_beside_a_singularity_is_not_driven_back():
     arm = iq.load_robot("z1")
     q = np.array([0.4502256612, 0.8442602893, -2.2534555304, -0.7595615323, 0.3878826847, 1.4802279124])
     start = arm.pose(q)
-    way = start[:3, 3] / np.linalg.norm(start[:3, 3])
-    follower = follower_of(arm, lambda u: iq.transform(start[:3, :3], start[:3, 3] + 2.0 * u * way), 0.001, 0.2)
-    follower.prepare(q)
-    solutions, _ = drive(follower, q)
+    way = 2.0 * start[:3, 3] / np.linalg.norm(start[:3, 3])
+    solutions = drive(follower_on(arm, straight(start, *way), q, 0.001), q)[0]
     assert solutions[-1].status == "blocked"
     assert min(s.speed for s in solutions) > -1e-3
     assert max(s.across for s in solutions) < LEAST
@@ -89,11 +71,8 @@ def test_fast_joints_near_a_singularity_keep_the_path():
     q = np.array(
         [0.6872902729, 0.0219996264, -0.8000008865, 0.2084246761, -1.1588833118, -1.4956822359, -0.788459, -0.283915]
     )
-    home = robot.pose(q)
     way = 0.9464241439 * np.array([-0.3694043367, 0.7929028275, -0.4846086484])
-    follower = follower_of(robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + u * way), 0.005, 0.2)
-    follower.prepare(q)
-    solutions, _ = drive(follower, q)
+    solutions = drive(follower_on(robot, straight(robot.pose(q), *way), q, 0.005), q)[0]
     assert solutions[-1].status == "blocked"
     assert max(s.across for s in solutions) < LEAST
 
@@ -109,11 +88,9 @@ def test_a_tool_speed_that_rules_an_exact_point_does_not_hold_it_up():
             [-2.1543656243, 0.6497471547, -1.0053256698, -1.9562712465, -1.5492196944, 1.0460567772],
         ],
     )
-    follower = follower_of(
-        robot, lambda u: robot.pose(joints(u)), 0.005, 0.5, exact="position", tool_speed=0.2506303284
-    )
-    follower.prepare(joints(0.0))
-    solutions, _ = drive(follower, joints(0.0), 12.0)
+    options = {"exact": "position", "tool_speed": 0.2506303284}
+    follower = follower_on(robot, lambda u: robot.pose(joints(u)), joints(0.0), 0.005, 0.5, options=options)
+    solutions = drive(follower, joints(0.0), 2400)[0]
     assert solutions[-1].status == "done"
     assert max(s.across for s in solutions) < LEAST
 
@@ -126,9 +103,8 @@ def test_exact_rows_that_a_limit_holds_up_are_left_in_time():
     def pose(u):  # a joint goes beyond its limit and comes back
         return robot.pose(q + np.sin(np.pi * u) * over + 0.1 * u * np.cos(np.arange(3)))
 
-    follower = follower_of(robot, pose, 0.002, 0.1, exact="position", blocked="leave")
-    follower.prepare(q)
-    solutions, _ = drive(follower, q)
+    follower = follower_on(robot, pose, q, 0.002, 0.1, options={"exact": "position"}, blocked="leave")
+    solutions = drive(follower, q)[0]
     assert "left" in {s.status for s in solutions}
     assert solutions[-1].status == "done"
 
@@ -136,13 +112,10 @@ def test_exact_rows_that_a_limit_holds_up_are_left_in_time():
 def test_an_exact_point_that_was_pushed_comes_to_rest_on_its_path():
     robot = iq.load_robot("ur5")
     q = ready("ur5")
-    home = robot.pose(q)
     # At a tick of half a millisecond the gain is 200/s: it asks for more than joints can brake.
-    follower = follower_of(
-        robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + [0.0, 0.3 * u, 0.0]), 0.0005, 1.0, exact="position"
-    )
-    follower.prepare(q)
-    solutions, _ = drive(follower, q, 1.05, {200: np.array([0.01, -0.01, 0.01, 0.02, -0.01, 0.02])})
+    way, pushed = straight(robot.pose(q), 0.0, 0.3, 0.0), np.array([0.01, -0.01, 0.01, 0.02, -0.01, 0.02])
+    follower = follower_on(robot, way, q, 0.0005, 1.0, options={"exact": "position"})
+    solutions = drive(follower, q, 2100, push={200: pushed})[0]
     across = np.array([s.across for s in solutions[200:]])
     assert across[0] > 5e-3
     assert {s.status for s in solutions} <= {"moving", "slowed", "done"}
@@ -160,10 +133,9 @@ def test_how_far_an_exact_point_is_off_hangs_on_no_orientation(name, q, turn):
     def pose(u):  # along y, the tool turned about z from where it is
         return iq.transform(turned @ home[:3, :3], home[:3, 3] + [0.0, 0.12 * u, 0.0])
 
-    follower = follower_of(robot, pose, 0.005, 0.2, exact="position")
-    follower.prepare(q)
+    follower = follower_on(robot, pose, q, 0.005, options={"exact": "position"})
     J = iq.adjoint(iq.transform(translation=-home[:3, 3])) @ robot.jacobian(q)
-    solutions, positions = drive(follower, q, push={30: np.linalg.pinv(J[3:]) @ [3e-3, 0.0, 0.0]})
+    solutions, positions, _ = drive(follower, q, push={30: np.linalg.pinv(J[3:]) @ [3e-3, 0.0, 0.0]})
     pushed = solutions[31:60]
     off = [np.hypot(*(robot.pose(p)[:3, 3] - home[:3, 3])[[0, 2]]) for p in positions[31:60]]
     np.testing.assert_allclose([s.across for s in pushed], off, rtol=1e-6)
@@ -181,9 +153,7 @@ def test_an_exact_height_is_kept_by_a_tool_that_strays_far_from_the_rest():
     def pose(u):  # out of reach, but for the height over the plane
         return iq.transform(home[:3, :3], home[:3, 3] + 0.64 * np.sin(0.5 * np.pi * u) * way + 0.09 * u * side)
 
-    follower = follower_of(arm, pose, 0.01, 0.2, exact=plane)
-    follower.prepare(q)
-    solutions, _ = drive(follower, q, 10.0)
+    solutions = drive(follower_on(arm, pose, q, 0.01, options={"exact": plane}), q, 1000)[0]
     assert {s.status for s in solutions} <= {"moving", "slowed", "done"}
     assert solutions[-1].status == "done"
     assert max(s.across for s in solutions) < LEAST
@@ -220,9 +190,7 @@ def test_no_limit_makes_the_tool_faster_than_was_asked_for(override, turns):
 def test_a_tool_back_at_the_start_rests():
     robot = iq.load_robot("ur5")
     q = ready("ur5")
-    home = robot.pose(q)
-    follower = follower_of(robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + [0.0, 0.2 * u, 0.0]), 0.005, 0.2)
-    follower.prepare(q)
+    follower = follower_on(robot, straight(robot.pose(q), 0.0, 0.2, 0.0), q, 0.005)
     for tick in range(300):
         if tick == 60:
             follower.reverse()
@@ -236,10 +204,8 @@ def test_a_tool_back_at_the_start_rests():
 def test_a_push_at_the_very_start_leaves_numbers():
     robot = iq.load_robot("so101")
     q = ready("so101")
-    home = robot.pose(q)
-    follower = follower_of(robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + [0.0, 0.1 * u, 0.0]), 0.002, 0.2)
-    follower.prepare(q)
-    solutions, _ = drive(follower, q, push={0: np.array([0.3, 0.0, 0.0, 0.0, 0.0])})
+    follower = follower_on(robot, straight(robot.pose(q), 0.0, 0.1, 0.0), q, 0.002)
+    solutions = drive(follower, q, push={0: np.array([0.3, 0.0, 0.0, 0.0, 0.0])})[0]
     assert solutions[0].status == "waiting"
     assert solutions[-1].status in ("done", "blocked")
 
@@ -261,34 +227,27 @@ def test_a_path_shorter_than_the_tool_is_off_it_ends(seed):
 
     follower = iq.PathFollower(iq.Controller(robot, dt=0.002), pose, blocked="leave")
     follower.prepare(q)
-    assert drive(follower, q + 1e-3 * np.array([1.0, -1.0, 1.0]), 1.0)[0][-1].status in (
-        "done",
-        "blocked",
-    )  # three joints cannot be at every pose
+    last = drive(follower, q + 1e-3 * np.array([1.0, -1.0, 1.0]), 500)[0][-1]
+    assert last.status in ("done", "blocked")  # three joints cannot be at every pose
 
 
 def test_it_looks_as_far_in_a_long_tick_as_in_many_short_ones():
     robot = iq.load_robot("ur5")
     q = ready("ur5")
-    home = robot.pose(q)
-    follower = follower_of(robot, lambda u: iq.transform(home[:3, :3], home[:3, 3] + [0.0, 0.2 * u, 0.0]), 0.01, 0.2)
+    follower = follower_on(robot, straight(robot.pose(q), 0.0, 0.2, 0.0), dt=0.01)
     waits = [s for s in drive(follower, q)[0] if s.status == "waiting"]
     assert 1 < len(waits) * 0.01 * 1500.0 < 1000
 
 
 @pytest.mark.cases(1)
 @pytest.mark.filterwarnings("ignore:gain=1 is 1 1/s here")
-@pytest.mark.parametrize("gain", [None, 1.0])
+@pytest.mark.parametrize("gain", [1.0, None])
 def test_an_arm_that_cannot_get_to_the_start_is_blocked(gain):
     robot, q = iq.load_robot("panda"), ready("panda")
     home, ends = robot.pose(q), []
     for start in (np.array([-0.1, 0.05, -0.1]), 1.5 * home[:3, 3]):
-        loop = iq.Controller(robot, dt=0.004, gain=gain)
-        follower = iq.PathFollower(
-            loop, lambda u, p=start: iq.transform(home[:3, :3], home[:3, 3] + p + [0.0, 0.1 * u, 0.0])
-        )
-        solutions, _ = drive(follower, q, 15.0)
-        ends.append(solutions[-1])
+        way = straight(iq.transform(translation=start) @ home, 0.0, 0.1, 0.0)
+        ends.append(drive(follower_on(robot, way, rise=None, options={"gain": gain}), q, 3750)[0][-1])
     assert [s.status for s in ends] == ["done", "blocked"]
     assert ends[1].reason.startswith("the arm comes no closer than ")
     assert ends[1].across > 0.5

@@ -121,7 +121,7 @@ def chased(J, s, ahead, still, numbers, **options):
     return solve(replace(law, dt=dt), d._replace(chase=chase, fastest=fastest))
 
 
-@pytest.mark.cases(2)
+@pytest.mark.cases(3)
 @pytest.mark.parametrize("exact", [False, True], ids=["alone", "exact point"])
 @pytest.mark.parametrize("limited", [False, True], ids=["free", "limited"])
 def test_frames_and_millimetres_change_nothing_of_a_chase(limited, exact):

@@ -29,7 +29,6 @@ def definite(robot, q, target, gain, L):
     return daqp.solve(A.T @ A + mu * np.eye(len(q)), -A.T @ b, np.empty((0, len(q))), high, low)[0]
 
 
-@pytest.mark.cases(1)
 @pytest.mark.parametrize("name", ARMS)
 def test_quiet_at_the_definite_laws_error(name):
     gain = 1.0 / DT
