@@ -27,6 +27,14 @@ def hand(arm, rng, T, f=60.0, noise=1.0, lag=0.02):
     return events, truth
 
 
+def following(arm, seed, T=5.0, size=0.3, **options):
+    """A follower of points of a motion of the arm, 20 a second, and that motion."""
+    truth, stamps = arm.motion(np.random.default_rng(seed), size), np.arange(0.0, T, 0.05)
+    follower = arm.follower(**options)
+    follower.follow([truth(t) for t in stamps], stamps)
+    return follower, truth
+
+
 def rests(Q, arm, after):
     """When the joints stand for good, from the time `after` on."""
     still = (np.diff(Q, axis=0) == 0.0).all(axis=1)
@@ -179,12 +187,8 @@ def test_a_noisy_hand_is_followed_as_late_as_a_clean_one(name):
         late = answers[-1].late
         told.append(late)
         ticks = range(375, len(Q) - 1, 5)
-        off.append(
-            max(
-                np.linalg.norm(arm.robot.pose(Q[i])[:3, 3] - arm.robot.pose(truth(i * arm.dt - late))[:3, 3])
-                for i in ticks
-            )
-        )
+        places = [[arm.robot.pose(x)[:3, 3] for x in (Q[i], truth(i * arm.dt - late))] for i in ticks]
+        off.append(np.linalg.norm(np.diff(places, axis=1), axis=2).max())
     assert off[0] < 1e-3
     assert off[1] < 2e-3
     assert abs(told[0] - told[1]) < 0.02
@@ -193,10 +197,7 @@ def test_a_noisy_hand_is_followed_as_late_as_a_clean_one(name):
 
 def test_points_without_noise_are_met_when_their_stamps_say():
     arm = Arm("panda")
-    truth = arm.motion(np.random.default_rng(2))
-    stamps = np.arange(0.0, 3.0, 0.05)
-    follower = arm.follower(cutoff=np.inf)
-    follower.follow([truth(t) for t in stamps], stamps)
+    follower, truth = following(arm, 2, 3.0, cutoff=np.inf)
     Q, answers = driven(arm, follower, [], 2.9)
     arm.held(Q)
     for i in range(150, 700, 25):
@@ -249,10 +250,7 @@ def test_twists_are_done_and_end_at_rest(name):
 @pytest.mark.parametrize("name", ARMS)
 def test_a_pause_comes_to_rest_and_resume_goes_on_with_what_is_due(name):
     arm = Arm(name)
-    truth = arm.motion(np.random.default_rng(6), size=0.6)
-    stamps = np.arange(0.0, 5.0, 0.05)
-    follower = arm.follower()
-    follower.follow([truth(t) for t in stamps], stamps)
+    follower, truth = following(arm, 6, size=0.6)
     Q, answers = driven(arm, follower, [(1.5, lambda f: f.pause()), (3.0, lambda f: f.resume())], 4.8)
     arm.held(Q)
     paused = np.diff(Q[:750], axis=0)
@@ -263,10 +261,7 @@ def test_a_pause_comes_to_rest_and_resume_goes_on_with_what_is_due(name):
 
 def test_an_override_slows_down_and_time_is_caught_up_after_it():
     arm = Arm("ur5")
-    truth = arm.motion(np.random.default_rng(7))
-    stamps = np.arange(0.0, 5.0, 0.05)
-    follower = arm.follower()
-    follower.follow([truth(t) for t in stamps], stamps)
+    follower, truth = following(arm, 7)
     q, Q = arm.start, [arm.start]
     for i in range(1125):
         answer = follower.step(q, override=0.4 if 250 <= i < 500 else 1.0)
@@ -494,10 +489,7 @@ def test_points_far_ahead_are_waited_for(away, cutoff):
 @pytest.mark.parametrize("push", [0.01, 0.19, 0.4])
 def test_a_push_is_come_back_from(push):
     arm = Arm("ur5")
-    truth = arm.motion(np.random.default_rng(10))
-    stamps = np.arange(0.0, 5.0, 0.05)
-    follower = arm.follower()
-    follower.follow([truth(t) for t in stamps], stamps)
+    follower, truth = following(arm, 10)
     q, Q = arm.start, [arm.start]
     for i in range(1125):
         if i == 350:
@@ -515,32 +507,23 @@ def test_a_start_outside_its_range_comes_back_inside_all_limits():
     start[3] = arm.robot.position_lower[3] - 0.05
     events = [(t, lambda f: f.add(arm.start)) for t in np.arange(0.0, 2.0, 0.016)]
     Q, _ = driven(arm, arm.follower(), events, 2.0, q=start)
-    for n in (1, 2, 3):
-        most = [arm.robot.velocity_limit, arm.acceleration, arm.jerk][n - 1]
-        moved = np.vstack((np.tile(Q[0], (3, 1)), Q))
+    moved = np.vstack((np.tile(Q[0], (3, 1)), Q))
+    for n, most in ((1, arm.robot.velocity_limit), (2, arm.acceleration), (3, arm.jerk)):
         assert (np.abs(np.diff(moved, n, axis=0)) / arm.dt**n <= 1.001 * most).all()
     assert np.abs(Q[-1] - arm.start).max() < 1e-4
 
 
-def test_one_point_is_a_goal():
-    arm = Arm("ur5")
-    goal = iq.transform(translation=[0.0, 0.1, 0.1]) @ arm.robot.pose(arm.start)
-    Q, answers = driven(arm, arm.follower(), [(0.1, lambda f: f.follow([goal]))], 2.0)
-    arm.held(Q)
-    assert answers[-1].status == "done"
-    assert np.abs(arm.robot.pose(Q[-1]) - goal).max() < 1e-6
-
-
 @pytest.mark.cases(1)
 @pytest.mark.parametrize(
-    ("name", "turn"), [("panda", [0.0, 1.57, 0.0]), ("iiwa14", [0.0, 3.14, 0.0]), ("lite6", [3.14, 0.0, 0.0])]
+    ("name", "q", "turn"),
+    [
+        ("panda", [0, -0.4, 0, -2.2, 0, 1.8, 0.8], [0.0, 1.57, 0.0]),
+        ("iiwa14", [0, 0.4, 0, -1.5, 0, 1.2, 0], [0.0, 3.14, 0.0]),
+        ("lite6", [0, 0.3, 1.2, 0, 0.9, 0], [3.14, 0.0, 0.0]),
+    ],
 )
-def test_a_goal_in_reach_is_reached_where_the_way_straight_there_is_not_one(name, turn):
-    robot, dt = iq.load_robot(name), 0.004
-    q = {"panda": [0, -0.4, 0, -2.2, 0, 1.8, 0.8], "iiwa14": [0, 0.4, 0, -1.5, 0, 1.2, 0]}.get(
-        name, [0, 0.3, 1.2, 0, 0.9, 0]
-    )
-    q = np.array(q, float)
+def test_a_goal_in_reach_is_reached_where_the_way_straight_there_is_not_one(name, q, turn):
+    robot, dt, q = iq.load_robot(name), 0.004, np.array(q, float)
     goal = robot.pose(q) @ iq.exp([*turn, 0.0, 0.0, 0.0])
     follower, said = iq.Follower(iq.Controller(robot, dt=dt, acceleration_limit=10.0), jerk=500.0), []
     follower.follow([goal])
@@ -576,24 +559,21 @@ def test_a_solution_can_be_pickled():
         solution = follower.step(q)
         q = q + 0.002 * solution.velocity
     other = pickle.loads(pickle.dumps(solution))
-    assert (other.status, other.reason, other.across, other.late) == (
-        solution.status,
-        solution.reason,
-        solution.across,
-        solution.late,
-    )
+    for name in ("status", "reason", "across", "late"):
+        assert getattr(other, name) == getattr(solution, name)
     np.testing.assert_array_equal(other.velocity, solution.velocity)
 
 
 def test_a_goal_without_a_stamp_is_wanted_now_whatever_the_first_clock_says():
     arm = Arm("ur5")
-    follower, q = arm.follower(), arm.start
-    follower.follow([arm.start + 0.1])
+    follower, Q = arm.follower(), [arm.start]
+    follower.follow([arm.robot.pose(arm.start + 0.1)])
     for i in range(500):
-        answer = follower.step(q, now=7e4 + i * arm.dt)
-        q = q + arm.dt * answer.velocity
+        answer = follower.step(Q[-1], now=7e4 + i * arm.dt)
+        Q.append(Q[-1] + arm.dt * answer.velocity)
+    arm.held(Q)
     assert answer.status == "done"
-    assert np.abs(q - arm.start - 0.1).max() < 1e-6
+    assert np.abs(Q[-1] - arm.start - 0.1).max() < 1e-6
 
 
 @pytest.mark.parametrize("each", [False, True])
@@ -710,14 +690,8 @@ def test_it_makes_way_for_what_moves_and_says_so(way):
 
 def test_a_late_arm_gets_the_same_commands():
     plain, late = Arm("ur5"), Arm("ur5", delay=0.02)
-    truth = plain.motion(np.random.default_rng(11))
-    stamps = np.arange(0.0, 3.0, 0.05)
-    points = [truth(t) for t in stamps]
-    follower = plain.follower()
-    follower.follow(points, stamps)
+    (follower, _), (other, _) = (following(arm, 11, 3.0) for arm in (plain, late))
     Q, answers = driven(plain, follower, [], 2.0)
-    other = late.follower()
-    other.follow(points, stamps)
     for i, answer in enumerate(answers):
         assert np.abs(other.step(Q[max(i - 5, 0)]).velocity - answer.velocity).max() < 1e-9
 
@@ -774,19 +748,9 @@ def test_a_hand_held_still_makes_way_for_what_comes_and_goes_back(dt, delay, tol
 
 def test_a_tool_speed_holds():
     arm = Arm("ur5", tool_speed=0.1)
-    truth = arm.motion(np.random.default_rng(12), size=1.0)
-    stamps = np.arange(0.0, 4.0, 0.05)
-    follower = arm.follower()
-    follower.follow([truth(t) for t in stamps], stamps)
-    Q, _ = driven(arm, follower, [], 4.0)
-    speed = [
-        np.linalg.norm(
-            (arm.robot.jacobian(a) @ (b - a))[3:]
-            + np.cross((arm.robot.jacobian(a) @ (b - a))[:3], arm.robot.pose(a)[:3, 3])
-        )
-        / arm.dt
-        for a, b in pairwise(Q)
-    ]
+    Q, _ = driven(arm, following(arm, 12, 4.0, 1.0)[0], [], 4.0)
+    twists = [(arm.robot.jacobian(a) @ (b - a) / arm.dt, arm.robot.pose(a)[:3, 3]) for a, b in pairwise(Q)]
+    speed = [np.linalg.norm(x[3:] + np.cross(x[:3], p)) for x, p in twists]
     assert max(speed) <= 0.1 * (1 + 1e-9)
     assert max(speed) > 0.099
 
@@ -809,10 +773,7 @@ def test_two_arms_do_not_know_of_one_another():
 
 def test_a_copy_is_a_follower_of_its_own():
     arm = Arm("ur5")
-    truth = arm.motion(np.random.default_rng(14))
-    stamps = np.arange(0.0, 3.0, 0.05)
-    follower = arm.follower()
-    follower.follow([truth(t) for t in stamps], stamps)
+    follower, _ = following(arm, 14, 3.0)
     Q, _ = driven(arm, follower, [], 0.5)
     other = copy.copy(follower)
     a, b = (driven(arm, f, [], 0.5, q=Q[-1])[0] for f in (follower, other))
@@ -896,10 +857,7 @@ def test_what_is_wrong_is_refused_and_changes_nothing(call, argument):
 def interrupted(call):
     """Joint positions after a call in the middle of a motion."""
     arm = Arm("ur5")
-    truth = arm.motion(np.random.default_rng(16))
-    stamps = np.arange(0.0, 3.0, 0.05)
-    follower = arm.follower()
-    follower.follow([truth(t) for t in stamps], stamps)
+    follower, _ = following(arm, 16, 3.0)
     Q, _ = driven(arm, follower, [], 0.3)
     if call is not None:
         call(follower)

@@ -1,5 +1,7 @@
 """Calls of geometry, systems and velocity with the right arguments."""
 
+import inspect
+
 import numpy as np
 
 import invariantqp as iq
@@ -16,6 +18,12 @@ WITH_PITCH = ("existence", "gram_matrix", "has_pseudoinverse", "reciprocal_has_p
 
 def contact():
     return iq.point_contact(POINT, AXIS)
+
+
+def usual(function, names):
+    """Arguments that are what they are unless something else is said."""
+    parameters = inspect.signature(function).parameters
+    return {name: parameters[name].default for name in names.split()}
 
 
 def law_options(*left_out):
@@ -57,10 +65,7 @@ ALGEBRA = {
         iq.systems.hyperbolic_singular_values,
         {"J": S, "h": H, "joint_metric": None},
     ),
-    "form_adjoint": lambda: (
-        iq.systems.form_adjoint,
-        {"A": J, "domain": np.eye(6), "codomain": iq.pitch_form(H)},
-    ),
+    "form_adjoint": lambda: (iq.systems.form_adjoint, {"A": J, "domain": np.eye(6), "codomain": iq.pitch_form(H)}),
     "h_adjoint": lambda: (iq.systems.h_adjoint, {"J": S, "h": H, "joint_metric": None}),
     "psi": lambda: (iq.systems.psi, {"J": S, "h": H, "Lambda": 0.1}),
     "penrose_conditions": lambda: (
@@ -113,14 +118,8 @@ ALGEBRA = {
     ),
     "ContactKind": lambda: (
         iq.contacts.ContactKind,
-        {
-            "name": "a kind",
-            "freedoms": J[:, :5],
-            "constraints": None,
-            "presses": 0,
-            "out": None,
-            "origin": POINT,
-        },
+        {"name": "a kind", "freedoms": J[:, :5], "origin": POINT}
+        | usual(iq.contacts.ContactKind, "constraints presses out"),
     ),
     "ContactKind.relabelled": lambda: (contact().kind.relabelled, {"offset": T}),
     "Contact": lambda: (iq.contacts.Contact, {"kind": contact().kind, "pose": T, "edge": None}),
@@ -142,10 +141,7 @@ ALGEBRA = {
     "ExactRows.point": lambda: (iq.ExactRows.point, {"J": J, "point": POINT, "velocity": AXIS}),
     "ExactRows.of": lambda: (iq.ExactRows.of, {"J": J, "D": np.eye(6)[:2], "b": [0.1, 0.2], "check": True}),
     "ExactRows.demanding": lambda: (iq.ExactRows(J[:2], [0.1, 0.2]).demanding, {"b": [0.2, 0.1]}),
-    "ExactRows.with_rows": lambda: (
-        iq.ExactRows(J[:2], [0.1, 0.2]).with_rows,
-        {"others": iq.ExactRows(J[:1], [0.1])},
-    ),
+    "ExactRows.with_rows": lambda: (iq.ExactRows(J[:2], [0.1, 0.2]).with_rows, {"others": iq.ExactRows(J[:1], [0.1])}),
     "LimitRows": lambda: (iq.limits.LimitRows, {"C": J[:2], "lower": [-1, -1], "upper": [1, 1], "names": ["a", "b"]}),
     "JointLimits": lambda: (
         iq.limits.JointLimits,
@@ -178,16 +174,7 @@ ALGEBRA = {
     "adjoints": lambda: (iq.batches.adjoints, {"poses": T}),
     "velocities": lambda: (
         iq.batches.velocities,
-        {
-            "J": J,
-            "twist": TWIST,
-            "point": POINT,
-            "bounds": None,
-            "posture": None,
-            "length": None,
-            "damping": None,
-            "dt": 0.0,
-        },
+        {"J": J, "twist": TWIST, "point": POINT} | usual(iq.batches.velocities, "bounds posture length damping dt"),
     ),
     "solve_velocities": lambda: (
         iq.solve_velocities,

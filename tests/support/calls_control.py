@@ -7,7 +7,7 @@ import numpy as np
 
 import invariantqp as iq
 from invariantqp.pink import InvariantFrameTask
-from support.calls_algebra import AXIS, POINT, TWIST, H, J, Q, S, T, contact
+from support.calls_algebra import AXIS, POINT, TWIST, H, J, Q, S, T, contact, usual
 from support.recordings import record
 from support.wrist import wrist
 
@@ -103,40 +103,18 @@ STEP = {"q": Q, "velocity": Q, "now": 0.0, "override": 1.0}
 
 
 def loop_options():
-    return {
-        "dt": 0.01,
-        "gain": 5.0,
-        "form": H,
-        "damping": None,
-        "guard": True,
-        "posture": True,
-        "posture_gain": 1.0,
-        "joint_metric": None,
-        "backend": "daqp",
-        "exact": None,
-        "point": None,
-        "length": None,
-        "acceleration_limit": None,
-        "delay": 0.0,
-        "position_margin": 0.0,
-        "tool_speed": None,
-        "rows": None,
-        "limits": (),
-        "far_outside": "hold",
-        "engine": "compiled",
-    }
+    names = "damping guard posture posture_gain joint_metric backend exact point length acceleration_limit delay"
+    more = "position_margin tool_speed rows limits far_outside engine"
+    return {"dt": 0.01, "gain": 5.0, "form": H} | usual(iq.Controller, f"{names} {more}")
 
 
 def pose_options():
-    return {
-        "form": None,
-        "exact": None,
-        "tolerance": 1e-6,
-        "time_limit": 0.01,
-        "restarts": 0,
-        "seed": 0,
-        "clearance": None,
-    }
+    return {"time_limit": 0.01, "restarts": 0} | usual(iq.solve_pose, "form exact tolerance seed clearance")
+
+
+def frame_options(task):
+    names = "position_cost gain point length damping guard"
+    return {"orientation_cost": 0.5, "lm_damping": 0.2, "form": H} | usual(task, names)
 
 
 TILTS = [iq.exp([0.6 * np.cos(k), 0.6 * np.sin(k), 0.0, 0.0, 0.0, 0.0]) for k in range(5)]
@@ -181,39 +159,18 @@ CONTROL = {
     "relative": lambda: (iq.robots.relative, {"arm": chain(), "other": ur5()}),
     "Chain": lambda: (
         iq.robots.Chain,
-        {
-            "screws": J,
-            "home": T,
-            "names": (),
-            "position_lower": -1.0,
-            "position_upper": 1.0,
-            "velocity_limit": 1.0,
-            "tool": "tool",
-            "places": None,
-            "links": (),
-        },
+        {"screws": J, "home": T, "position_lower": -1.0, "position_upper": 1.0, "velocity_limit": 1.0}
+        | usual(iq.robots.Chain, "names tool places links"),
     ),
     **robot_calls("Chain", chain),
     # control
     "Controller": lambda: (iq.Controller, {"robot": ur5(), **loop_options()}),
     "Controller.by_engine": lambda: (controller().by_engine, {"engine": "python"}),
-    "Controller.step": lambda: (
-        controller().step,
-        {"q": Q, "target": T, "feedforward": TWIST, "velocity": Q, **NOW},
-    ),
+    "Controller.step": lambda: (controller().step, {"q": Q, "target": T, "feedforward": TWIST, "velocity": Q, **NOW}),
     "Controller.unbraked": lambda: (controller().unbraked, {"rise": 0.02}),
     "Controller.follow": lambda: (
         controller().follow,
-        {
-            "q": Q,
-            "twist": TWIST,
-            "velocity": Q,
-            "rows": None,
-            "sighting": None,
-            "at": POINT,
-            "posture": Q,
-            **NOW,
-        },
+        {"q": Q, "twist": TWIST, "velocity": Q, "rows": None, "sighting": None, "at": POINT, "posture": Q, **NOW},
     ),
     "PinkLimit": lambda: (
         iq.limits.PinkLimit,
@@ -223,19 +180,8 @@ CONTROL = {
     "Controller.believed": lambda: (controller().believed, {"q": Q, "argument": "q"}),
     "PathFollower": lambda: (
         iq.PathFollower,
-        {
-            "loop": controller(),
-            "path": [T, T @ iq.exp(TWIST)],
-            "end": 1.0,
-            "times": None,
-            "rate": None,
-            "acceleration": None,
-            "jerk": None,
-            "joint_jerk": None,
-            "blocked": "stop",
-            "tolerance": None,
-            "corners": False,
-        },
+        {"loop": controller(), "path": [T, T @ iq.exp(TWIST)]}
+        | usual(iq.PathFollower, "end times rate acceleration jerk joint_jerk blocked tolerance corners"),
     ),
     "Clearance": lambda: (
         iq.limits.Clearance,
@@ -275,25 +221,14 @@ CONTROL = {
     "PathFollower.pose": lambda: (follower().pose, {"place": 0.5}),
     "Follower": lambda: (
         iq.Follower,
-        {
-            "loop": iq.Controller(chain(), dt=0.01, acceleration_limit=8.0),
-            "keep": "time",
-            "rate": 1.0,
-            "jerk": 400.0,
-            "cutoff": 4.0,
-            "timeout": 0.1,
-            "blocked": "stop",
-            "tolerance": 1e-4,
-        },
+        {"loop": any_follower().controller, "jerk": 400.0, "cutoff": 4.0, "tolerance": 1e-4}
+        | usual(iq.Follower, "keep rate timeout blocked"),
     ),
     "Follower.follow": lambda: (any_follower().follow, {"points": [Q, Q], "stamps": [0.0, 1.0], "at": 0.0}),
     "Follower.add": lambda: (any_follower().add, {"point": T, "stamp": 0.0}),
     "Follower.twist": lambda: (any_follower().twist, {"v": TWIST}),
     "Follower.prepare": lambda: (shape_follower().prepare, {"q": Q}),
-    "Follower.step": lambda: (
-        any_follower().step,
-        STEP | {"wrench": None, "contact": None, "wanted": None},
-    ),
+    "Follower.step": lambda: (any_follower().step, STEP | {"wrench": None, "contact": None, "wanted": None}),
     "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),
     "ExactAxis": lambda: (iq.control.ExactAxis, {"axis": AXIS}),
     "ExactPlane": lambda: (iq.control.ExactPlane, {"normal": AXIS, "point": POINT}),
@@ -316,29 +251,16 @@ CONTROL = {
         {
             "contact": contact(),
             "wrench": [5.0],
-            "h": None,
-            "complement": None,
-            "metric": None,
             "compliance": 1e-3,
-            "stiffness": None,
-            "size": 0.05,
-            "normal_within": None,
-            "slide_speed": 0.1,
-            "lost_below": None,
-            "lost_after": 0.1,
-            "on_loss": "approach",
-            "yields": 0.0,
-            "edge_margin": 0.01,
-            "approach_speed": 0.02,
-            "approach_distance": 0.1,
             "approach_time": 20.0,
             "max_force": 60.0,
             "max_moment": 10.0,
             "on_overload": "hold",
             "grip": POINT,
-            "retreat_speed": 0.02,
-            "retreat_distance": 0.02,
-        },
+        }
+        | usual(iq.HybridTask, "h complement metric stiffness size normal_within slide_speed lost_below lost_after")
+        | usual(iq.HybridTask, "on_loss yields edge_margin approach_speed approach_distance retreat_speed")
+        | usual(iq.HybridTask, "retreat_distance"),
     ),
     "identify": lambda: (
         iq.contacts.identify,
@@ -412,41 +334,14 @@ CONTROL = {
     "WrenchSensor.deadband": lambda: (sensor().deadband, {"wrench": TWIST}),
     "WrenchSensor.relabelled": lambda: (sensor().relabelled, {"offset": T, "tool_offset": T}),
     # pose
-    "solve_pose": lambda: (
-        iq.solve_pose,
-        {"robot": ur5(), "target": ur5().pose(Q), "q0": Q + 0.01, **pose_options()},
-    ),
+    "solve_pose": lambda: (iq.solve_pose, {"robot": ur5(), "target": ur5().pose(Q), "q0": Q + 0.01, **pose_options()}),
     "solve_poses": lambda: (
         iq.solve_poses,
-        {
-            "robot": ur5(),
-            "targets": [ur5().pose(Q)],
-            "q0": Q + 0.01,
-            "along": False,
-            "jobs": 1,
-            **pose_options(),
-        },
+        {"robot": ur5(), "targets": [ur5().pose(Q)], "q0": Q + 0.01, "along": False, "jobs": 1, **pose_options()},
     ),
     # Pink
-    "InvariantFrameTask": lambda: (
-        InvariantFrameTask,
-        {
-            "frame": "tool0",
-            "position_cost": 1.0,
-            "orientation_cost": 0.5,
-            "lm_damping": 0.2,
-            "gain": 1.0,
-            "form": H,
-            "point": None,
-            "length": None,
-            "damping": None,
-            "guard": True,
-        },
-    ),
-    "InvariantFrameTask.set_target": lambda: (
-        InvariantFrameTask("tool0").set_target,
-        {"transform_target_to_world": T},
-    ),
+    "InvariantFrameTask": lambda: (InvariantFrameTask, {"frame": "tool0"} | frame_options(InvariantFrameTask)),
+    "InvariantFrameTask.set_target": lambda: (InvariantFrameTask("tool0").set_target, {"transform_target_to_world": T}),
     "InvariantFrameTask.set_position_cost": lambda: (
         InvariantFrameTask("tool0").set_position_cost,
         {"position_cost": 2.0},
@@ -457,19 +352,7 @@ CONTROL = {
     ),
     "InvariantFrameTask, mink": lambda: (
         iq.mink.InvariantFrameTask,
-        {
-            "frame_name": "tool",
-            "frame_type": "site",
-            "position_cost": 1.0,
-            "orientation_cost": 0.5,
-            "gain": 1.0,
-            "lm_damping": 0.2,
-            "form": H,
-            "point": None,
-            "length": None,
-            "damping": None,
-            "guard": True,
-        },
+        {"frame_name": "tool", "frame_type": "site"} | frame_options(iq.mink.InvariantFrameTask),
     ),
     "InvariantFrameTask.set_target, mink": lambda: (
         iq.mink.InvariantFrameTask("tool", "site").set_target,
@@ -479,15 +362,8 @@ CONTROL = {
     "kinematics": lambda: (iq.batches.kinematics, {"robot": chain(), "q": Q}),
     "DifferentialIK": lambda: (
         iq.batches.DifferentialIK,
-        {
-            "cfg": SimpleNamespace(command_type="pose"),
-            "num_envs": 2,
-            "device": "cpu",
-            "quaternion": "wxyz",
-            "position_limits": None,
-            "velocity_limit": None,
-            "dt": 1.0,
-        },
+        {"cfg": SimpleNamespace(command_type="pose"), "num_envs": 2, "device": "cpu", "quaternion": "wxyz"}
+        | usual(iq.batches.DifferentialIK, "position_limits velocity_limit dt"),
     ),
     "DifferentialIK.reset": lambda: (batch_ik().reset, {"env_ids": None}),
     "DifferentialIK.set_command": lambda: (
@@ -538,13 +414,7 @@ CONTROL = {
     "ActionFollower.step": lambda: (actions().step, {"now": 0.0}),
     # runs, analysis, pictures
     "load_task": lambda: (iq.load_task, {"path_or_name": "panda_path"}),
-    "new_task": lambda: (
-        iq.tasks.new_task,
-        {"name": "mine", "robot": "ur5", "path": "line", "contact": "point"},
-    ),
+    "new_task": lambda: (iq.tasks.new_task, {"name": "mine", "robot": "ur5", "path": "line", "contact": "point"}),
     "shipped_tasks": lambda: (iq.tasks.shipped_tasks, {"group": ""}),
-    "inspect": lambda: (
-        iq.analysis.inspect,
-        {"robot": ur5(), "name": "robot", "q": Q, "samples": 4},
-    ),
+    "inspect": lambda: (iq.analysis.inspect, {"robot": ur5(), "name": "robot", "q": Q, "samples": 4}),
 }
