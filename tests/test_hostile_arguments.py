@@ -47,7 +47,7 @@ INNER = {
     "Clearance.watch OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
     "ExactPoint.rows Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called LimitRows.with_box "
     "ToolSpeed.cone ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points "
-    "InvariantFrameTask.compute_qp_objective",
+    "InvariantFrameTask.compute_qp_objective"
 }
 # An argument that messages call by another name: the one that a controller's user knows.
 ALSO_CALLED = {

@@ -103,12 +103,7 @@ def test_without_limits_it_is_our_own_law_on_the_derivative_of_the_error(arms, n
         error = iq.log(target.homogeneous @ iq.inverse(pose.homogeneous))
         J = -pose.action[[3, 4, 5, 0, 1, 2]] @ task.compute_jacobian(here)
         wanted = iq.solve_velocity(
-            J,
-            0.5 / DT * error,
-            form=form,
-            damping=iq.velocity.Adaptive(),
-            point=pose.translation,
-            length=length,
+            J, 0.5 / DT * error, form=form, damping=iq.velocity.Adaptive(), point=pose.translation, length=length
         )
         x = solved(here, task, limits=[], damping=1e-14)
         fastest = np.abs(wanted.velocity).max()

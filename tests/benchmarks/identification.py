@@ -151,8 +151,7 @@ def bounds_table(seeds):
             C = inverted(truth.base) @ X @ truth.tool
             object.__setattr__(truth, "turned", np.unwrap(np.arctan2(C[:, 1, 0], C[:, 0, 0])))
             covariance = min(
-                (bound(kind, X, w, truth, e) for e in ([extra, -extra] if kind == "sphere" else [extra])),
-                key=np.trace,
+                (bound(kind, X, w, truth, e) for e in ([extra, -extra] if kind == "sphere" else [extra])), key=np.trace
             )
             unit = {"point": 1e3, "radius": 100.0 * truth.radius, "pitch": 100.0 / max(abs(truth.pitch), 1e-9)}[key]
             limit = unit * np.sqrt(np.diag(covariance)[which].sum())  # [mm], [%]; a radius is one over the curvature

@@ -150,8 +150,7 @@ def test_bad_input_though_nobody_can_be_told(started):
 
 @posix
 @pytest.mark.parametrize(
-    ("closed", "named", "expected"),
-    [(">&- 2>&-", True, Exit.DONE), ("2>&-", False, Exit.BAD_INPUT)],
+    ("closed", "named", "expected"), [(">&- 2>&-", True, Exit.DONE), ("2>&-", False, Exit.BAD_INPUT)]
 )
 def test_closed_streams(task, closed, named, expected):
     line = f"{sys.executable} -m invariantqp run {task if named else 'nowhere'} {closed}"

@@ -5,12 +5,7 @@ from support.arms import ready
 
 import invariantqp as iq
 from invariantqp import extras
-from invariantqp.compare.linear import (
-    LAMBDA,
-    NEARLY_SINGULAR,
-    chiaverini,
-    saturate,
-)
+from invariantqp.compare.linear import LAMBDA, NEARLY_SINGULAR, chiaverini, saturate
 from invariantqp.compare.method import CANNOT, FAMILIES, OURS, OURS_PYTHON, LoopSetting, TickInputs
 from invariantqp.compare.registry import METHODS, chosen, controller_named, not_installed
 from invariantqp.errors import BadInput, MissingExtra, UnknownName

@@ -45,10 +45,7 @@ def loaded(file):
 
 @pytest.fixture
 def toys(monkeypatch):
-    table = {
-        "counted": Kind(counted),
-        "own": Kind(counted, tasks=("arm_3r", "scara")),
-    }
+    table = {"counted": Kind(counted), "own": Kind(counted, tasks=("arm_3r", "scara"))}
     monkeypatch.setattr(module, "KINDS", table)
     MEASURED.clear()
     return table

@@ -16,12 +16,7 @@ import invariantqp as iq
 
 SHARED = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "shared" / "contact_scenes.py"))
 DT = 0.004
-ARMS = {
-    "panda": PANDA,
-    "ur5": ready("ur5"),
-    "xarm7": ready("xarm7"),
-    "so101": np.array([0.1, -0.4, 0.5, 0.6, 0.2]),
-}
+ARMS = {"panda": PANDA, "ur5": ready("ur5"), "xarm7": ready("xarm7"), "so101": np.array([0.1, -0.4, 0.5, 0.6, 0.2])}
 
 
 @pytest.fixture(scope="module")
@@ -54,11 +49,7 @@ def test_frames_of_tool_sensor_and_contact_change_nothing(arm):
             exact = {"here": iq.control.ExactPoint(), "there": iq.control.ExactPoint(iq.inverse(Y)[:3, 3])}
         here = iq.HybridController(robot, task, dt=DT, sensor=sensor, exact=exact.get("here"))
         there = iq.HybridController(
-            robot.with_tool(Y),
-            task.relabelled(X, Y),
-            dt=DT,
-            sensor=sensor.relabelled(Z, Y),
-            exact=exact.get("there"),
+            robot.with_tool(Y), task.relabelled(X, Y), dt=DT, sensor=sensor.relabelled(Z, Y), exact=exact.get("there")
         )
         q, twist, pressed, worst = lowered(robot, q0, 0.00199), np.zeros(6), 0, 0.0
         for k in range(25):

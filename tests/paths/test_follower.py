@@ -6,6 +6,7 @@ import re
 import warnings
 from functools import cache
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -276,12 +277,11 @@ def test_an_override_slows_down_and_time_is_caught_up_after_it():
 
 def test_newer_points_are_followed_while_an_override_stays():
     arm, stamps = Arm("ur5"), np.arange(20) / 20
-    follower, q = arm.follower(), arm.start
-    for i in range(850):
-        if i % 150 == 0 and i < 301:
-            follower.follow(np.tile(arm.start + 0.1 * (i // 150), (20, 1)), i * arm.dt + stamps)
-        q = q + arm.dt * follower.step(q, override=0.5).velocity
-    assert np.abs(q - arm.start - 0.2).max() < 1e-6
+    events = [
+        (0.6 * k, lambda f, k=k: f.follow(np.tile(arm.start + 0.1 * k, (20, 1)), 0.6 * k + stamps)) for k in range(3)
+    ]
+    Q, _ = driven(arm, arm.follower(), events, 3.4, override=0.5)
+    assert np.abs(Q[-1] - arm.start - 0.2).max() < 1e-6
 
 
 @pytest.mark.cases(1)
@@ -525,39 +525,27 @@ def test_a_start_outside_its_range_comes_back_inside_all_limits():
 def test_a_goal_in_reach_is_reached_where_the_way_straight_there_is_not_one(name, q, turn):
     robot, dt, q = iq.load_robot(name), 0.004, np.array(q, float)
     goal = robot.pose(q) @ iq.exp([*turn, 0.0, 0.0, 0.0])
-    follower, said = iq.Follower(iq.Controller(robot, dt=dt, acceleration_limit=10.0), jerk=500.0), []
-    follower.follow([goal])
-    for k in range(800):
-        solution = follower.step(q, now=dt * k)
-        q = q + dt * solution.velocity
-        said.append(solution.status)
-    np.testing.assert_allclose(robot.pose(q), goal, atol=1e-6)
-    assert set(said) <= {"moving", "late", "done"}
-    assert said[-1] == "done"
+    follower = iq.Follower(iq.Controller(robot, dt=dt, acceleration_limit=10.0), jerk=500.0)
+    Q, answers = driven(SimpleNamespace(dt=dt, start=q), follower, [(0.0, lambda f: f.follow([goal]))], 3.2)
+    np.testing.assert_allclose(robot.pose(Q[-1]), goal, atol=1e-6)
+    assert {a.status for a in answers} <= {"moving", "late", "done"}
+    assert answers[-1].status == "done"
 
 
 def test_a_goal_that_is_sent_again_is_no_stream_that_waits():
     robot = iq.load_robot("ur5e")
     q, dt = np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0]), 0.002
     goal = iq.transform(translation=[0.1, 0.2, -0.1]) @ robot.pose(q)
-    follower, said = iq.Follower(iq.Controller(robot, dt=dt, acceleration_limit=10.0)), set()
-    for k in range(600):
-        if k % 3 != 1:
-            follower.follow([goal])
-        solution = follower.step(q, now=dt * k)
-        q = q + dt * solution.velocity
-        said.add(solution.status)
-    assert said <= {"moving", "late", "done"}
-    assert np.linalg.norm((robot.pose(q) - goal)[:3, 3]) < 1e-4
+    follower = iq.Follower(iq.Controller(robot, dt=dt, acceleration_limit=10.0))
+    events = [(dt * k, lambda f: f.follow([goal])) for k in range(600) if k % 3 != 1]
+    Q, answers = driven(SimpleNamespace(dt=dt, start=q), follower, events, 1.2)
+    assert {a.status for a in answers} <= {"moving", "late", "done"}
+    assert np.linalg.norm((robot.pose(Q[-1]) - goal)[:3, 3]) < 1e-4
 
 
 def test_a_solution_can_be_pickled():
-    robot, q = iq.load_robot("ur5e"), np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
-    follower = iq.Follower(iq.Controller(robot, dt=0.002, acceleration_limit=10.0))
-    follower.add(robot.pose(q + 0.1))
-    for _ in range(20):
-        solution = follower.step(q)
-        q = q + 0.002 * solution.velocity
+    arm = Arm("ur5")
+    solution = driven(arm, following(arm, 17)[0], [], 0.1)[1][-1]
     other = pickle.loads(pickle.dumps(solution))
     for name in ("status", "reason", "across", "late"):
         assert getattr(other, name) == getattr(solution, name)

@@ -210,12 +210,7 @@ def test_an_exact_point_leaves_what_is_far_out_of_reach(name, where):
 
 @pytest.mark.cases(2)
 @pytest.mark.parametrize(
-    ("name", "exact", "where"),
-    [
-        ("ur5", None, "start"),
-        ("panda", "position", "end"),
-        ("so101", "position", "start"),
-    ],
+    ("name", "exact", "where"), [("ur5", None, "start"), ("panda", "position", "end"), ("so101", "position", "start")]
 )
 def test_it_leaves_the_path_by_the_least(name, exact, where):
     robot = iq.load_robot(name)
@@ -403,14 +398,9 @@ def test_an_s_curve_of_long_ticks_reaches_the_end():
     controller = iq.Controller(robot, dt=dt, acceleration_limit=robot.velocity_limit / RISE)
     for length in (0.02, 0.024, 0.03):
         poses = [T0, iq.transform(T0[:3, :3], T0[:3, 3] + [0.0, length, 0.0])]
-        follower, x = iq.PathFollower(controller, poses, jerk=200.0), q
-        follower.prepare(x)
-        for _ in range(300):
-            solution = follower.step(x)
-            x = x + dt * solution.velocity
-            if solution.status == "done":
-                break
-        assert solution.status == "done"
+        follower = iq.PathFollower(controller, poses, jerk=200.0)
+        follower.prepare(q)
+        assert drive(follower, q, 300)[0][-1].status == "done"
 
 
 def test_a_rate_is_kept_where_limits_allow_it_and_the_lag_is_told():
@@ -499,13 +489,7 @@ def test_done_means_at_the_end():
     q = ready("so101")
     home = arm.pose(q)
     end = home[:3, 3] + [0.0, 0.1, 0.0]
-    follower = follower_on(
-        arm,
-        straight(home, 0.0, 0.1, 0.0),
-        rise=None,
-        options={"exact": "position"},
-        tolerance=1e-6,
-    )
+    follower = follower_on(arm, straight(home, 0.0, 0.1, 0.0), rise=None, options={"exact": "position"}, tolerance=1e-6)
     follower.prepare(q)
     solutions, positions, _ = drive(follower, q)
     assert solutions[-1].status == "done"
@@ -563,13 +547,7 @@ def test_a_rail_at_its_limit_leaves_the_joints_on_their_motion():
 
     follower = iq.PathFollower(iq.Controller(arm, dt=0.01), wave)
     follower.prepare(q)
-    statuses = []
-    for _ in range(700):
-        solution = follower.step(q)
-        q = q + 0.01 * solution.velocity
-        statuses.append(solution.status)
-        if solution.status == "done":
-            break
+    statuses = [s.status for s in drive(follower, q, 700)[0]]
     assert statuses[-1] == "done"
     assert "waiting" not in statuses
 

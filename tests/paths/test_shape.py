@@ -7,6 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
+from support.along_paths import drive
 from support.streams import ARMS, Arm
 
 import invariantqp as iq
@@ -21,13 +22,7 @@ def test_joints_keep_jerk_limits_and_the_tool_its_path(name, rise):
     way = CubicSpline(np.linspace(0.0, 1.0, 4), arm.start + 0.25 * rng.uniform(-1.0, 1.0, (4, len(arm.start))))
     follower = iq.PathFollower(arm.controller(), lambda u: arm.robot.pose(way(u)), joint_jerk=arm.jerk)
     follower.prepare(way(0.0))
-    q, Q, told = way(0.0), [way(0.0)], []
-    for _ in range(4000):
-        told.append(follower.step(q))
-        q = q + arm.dt * told[-1].velocity
-        Q.append(q)
-        if told[-1].status == "done":
-            break
+    told, Q, _ = drive(follower, way(0.0), 4000)
     assert told[-1].status == "done"
     arm.held(Q, 1.005)  # to rounding of the last tick, whose command is no more than a millionth of a radian
     for answer, x in zip(told[::20], Q[1::20], strict=False):
@@ -67,16 +62,11 @@ def test_a_path_that_an_arm_leaves_and_rejoins_ends():
         return iq.transform(Rotation.from_rotvec(turn(t)).as_matrix() @ start[:3, :3], start[:3, 3] + place(t))
 
     loop = iq.Controller(robot, dt=dt, acceleration_limit=acceleration, exact="position")
-    follower, came = iq.PathFollower(loop, path, blocked="leave"), [0.0]
+    follower = iq.PathFollower(loop, path, blocked="leave")
     follower.prepare(q)
-    for _ in range(round(20.0 / dt)):
-        told = follower.step(q)
-        q = q + dt * told.velocity
-        came.append(told.place)
-        if told.status in ("done", "blocked"):
-            break
-    assert told.status in ("done", "blocked")
-    assert min(np.diff(came)) >= 0.0
+    told = drive(follower, q, round(20.0 / dt))[0]
+    assert told[-1].status in ("done", "blocked")
+    assert min(np.diff([s.place for s in told], prepend=0.0)) >= 0.0
 
 
 def quickest(way, V, A, J):

@@ -94,12 +94,7 @@ def test_it_is_what_the_law_does_with_the_papers_damping():
 
 
 @pytest.mark.parametrize(
-    ("value", "said"),
-    [
-        (np.eye(3), "shape"),
-        (np.ones(3), "shape"),
-        ([[1.0, 2.0], [0.0, 1.0]], "not symmetric"),
-    ],
+    ("value", "said"), [(np.eye(3), "shape"), (np.ones(3), "shape"), ([[1.0, 2.0], [0.0, 1.0]], "not symmetric")]
 )
 def test_bad_lambda(value, said):
     with pytest.raises(iq.BadInput, match=said) as caught:

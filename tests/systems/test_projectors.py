@@ -155,9 +155,7 @@ def test_the_metric_makes_z_the_compliance_of_the_wrenches():
     carried = iq.CarriedMetric(M, iq.transform(translation=[0.1, 0.2, 0.3]))
     B = iq.coadjoint(iq.transform(translation=[0.1, 0.2, 0.3]))
     np.testing.assert_allclose(
-        iq.dual_projectors(FACE, metric=carried).motion,
-        iq.dual_projectors(FACE, metric=B @ M @ B.T).motion,
-        atol=1e-12,
+        iq.dual_projectors(FACE, metric=carried).motion, iq.dual_projectors(FACE, metric=B @ M @ B.T).motion, atol=1e-12
     )
 
 

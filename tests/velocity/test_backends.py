@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 import qpsolvers
 from support.repeats import repeats
-from support.velocity_reference import (
-    limited_minimum,
-    regular_problem,
-    tight_box,
-)
+from support.velocity_reference import limited_minimum, regular_problem, tight_box
 
 import invariantqp as iq
 from invariantqp.velocity import backends

@@ -145,13 +145,7 @@ def test_the_share_by_another_solver_from_its_formula(dt, held):
             wide = np.full(n, 1e3 * size)
             return (
                 quadprog_minimum(
-                    H,
-                    size * first,
-                    np.where(first, 0.0, -wide),
-                    np.where(first, size, wide),
-                    basis,
-                    -reach,
-                    reach,
+                    H, size * first, np.where(first, 0.0, -wide), np.where(first, size, wide), basis, -reach, reach
                 )[0]
                 / size
             )

@@ -58,10 +58,7 @@ TABLE = {
         Reason(Code.TOOL_FASTER, numbers=(0.3, 0.25)),
         "the tool's speed is 0.3, not 0.25: other limits require it",
     ),
-    Code.SOLVER: (
-        Reason(Code.SOLVER, words="osqp: exit flag 3; solved by daqp"),
-        "osqp: exit flag 3; solved by daqp",
-    ),
+    Code.SOLVER: (Reason(Code.SOLVER, words="osqp: exit flag 3; solved by daqp"), "osqp: exit flag 3; solved by daqp"),
     Code.ROWS_UNKEPT: (
         Reason(Code.ROWS_UNKEPT, numbers=(0.0123,)),
         "the joints cannot keep the direction of the exact rows: 1.2e-02 of the demand is unmet",
@@ -76,10 +73,7 @@ TABLE = {
         Reason(Code.STUCK),
         "no velocity reduces the error: it is the least that these joints and limits allow",
     ),
-    Code.ROWS_SLOWED: (
-        Reason(Code.ROWS_SLOWED, numbers=(0.5,)),
-        "limits allow 0.5 of the exact rows' speed",
-    ),
+    Code.ROWS_SLOWED: (Reason(Code.ROWS_SLOWED, numbers=(0.5,)), "limits allow 0.5 of the exact rows' speed"),
     Code.ROWS_MOVED: (
         Reason(Code.ROWS_MOVED, rows=("exact row 0", "exact row 2"), numbers=(0.1, 0.02)),
         "limits require motion beside the exact rows: exact row 0 is off by 0.1, exact row 2 is off by 0.02",
@@ -90,10 +84,7 @@ TABLE = {
         Reason(Code.DAMPED, numbers=(0.00123,)),
         "near a singularity: the smallest singular value is 1.2e-03 of the largest; damped",
     ),
-    Code.CALMED: (
-        Reason(Code.CALMED),
-        "damped, so that joints do not swing for the little that more speed would win",
-    ),
+    Code.CALMED: (Reason(Code.CALMED), "damped, so that joints do not swing for the little that more speed would win"),
     Code.MISSED: (Reason(Code.MISSED, numbers=(0.0678,)), "7% of the twist is missed"),
     Code.MOVED: (Reason(Code.MOVED), "limits move the tool where nothing is to move"),
     Code.AT_LIMITS: (

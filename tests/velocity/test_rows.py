@@ -2,13 +2,7 @@
 
 import numpy as np
 import pytest
-from support.velocity_reference import (
-    LIMITED,
-    least_squares_form,
-    regular_problem,
-    root_of,
-    tight_box,
-)
+from support.velocity_reference import LIMITED, least_squares_form, regular_problem, root_of, tight_box
 
 import invariantqp as iq
 from invariantqp.velocity.qp import ACTIVE_TOLERANCE
