@@ -3,32 +3,24 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from support.drawing import DT, PERIOD, off_circle, prepared, slow_bench
+from support.drawing import DT, PERIOD, Drive, off_circle, slow_bench
 
 import invariantqp as iq
 
 
 def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
-    bench, path, follower = prepared(rate=1.0)
-    told, off, jumps = [], [], []
-    for _ in range(1000):
-        told.append(follower.step(bench.q, wrench=bench.wrench()))
-        bench.q = bench.q + DT * told[-1].velocity
-        off.append(off_circle(bench))
-        if told[-1].status in ("done", "blocked"):
-            break
+    drive = Drive(rate=1.0)
+    drive.until("done", "blocked", most=1000)
+    told, path = drive.told, drive.path
     first = [s.status for s in told].index("slowed")
     settled = first + 66
     assert {s.status for s in told[:first]} == {"waiting"}
     assert told[-1].status == "done"
     assert told[-1].late > PERIOD
-    assert max(off[settled:]) < 5e-5
+    assert max(drive.off[settled:]) < 5e-5
     assert max(abs(s.hybrid.intensities[0] / 5.0 - 1.0) for s in told[settled:]) < 0.01
-    assert np.linalg.norm(bench.robot.pose(bench.q)[:2, 3] - path(PERIOD / 2)[0][:2, 3]) < 1e-4
-    velocity = np.array([s.velocity for s in told])
-    assert (np.abs(velocity) <= bench.robot.velocity_limit + 1e-9).all()
-    jumps = np.abs(np.diff(velocity, axis=0, prepend=np.zeros((1, 7)))) / DT
-    assert jumps.max() <= 5.0 * (1.0 + 1e-9)
+    assert np.linalg.norm(drive.tip()[:2] - path(PERIOD / 2)[0][:2, 3]) < 1e-4
+    drive.check()
 
     alone = slow_bench()  # the hybrid controller by itself keeps the timing, and leaves the circle
     alone.run(50)
@@ -40,15 +32,11 @@ def test_a_circle_too_fast_for_the_joints_stays_one_under_its_force():
 
 
 def test_the_path_waits_while_contact_is_lost():
-    bench, _, follower = prepared(yields=0.02)
-    places, statuses = [], []
-    for k in range(300):
-        if k == 100:
-            bench.height -= 1e-2
-        told = follower.step(bench.q, wrench=bench.wrench())
-        bench.q = bench.q + DT * told.velocity
-        places.append(told.place)
-        statuses.append(told.status)
+    drive = Drive(yields=0.02)
+    drive.tick(100)
+    drive.bench.height -= 1e-2
+    drive.tick(200)
+    places, statuses = zip(*((s.place, s.status) for s in drive.told), strict=True)
     lost = [k for k in range(100, 300) if statuses[k] == "waiting"]
     assert len(lost) > 10
     assert places[lost[-1]] - places[lost[0] + 10] < 1e-3 * PERIOD
@@ -57,35 +45,28 @@ def test_the_path_waits_while_contact_is_lost():
 
 
 def test_a_pushed_tool_comes_back_under_its_force_and_goes_on():
-    bench, _, follower = prepared()
-    told, off = [], []
-    for k in range(1500):
-        if k == 100:  # 30 mm to the side, as deep in the paper as before
-            J = iq.adjoint(iq.transform(translation=-bench.robot.pose(bench.q)[:3, 3])) @ bench.robot.jacobian(bench.q)
-            bench.q = bench.q + np.linalg.pinv(J) @ [0.0, 0.0, 0.0, 0.0, -0.03, 0.0]
-            bench.height = bench.robot.pose(bench.q)[2, 3] + 5e-4
-        told.append(follower.step(bench.q, wrench=bench.wrench()))
-        bench.q = bench.q + DT * told[-1].velocity
-        off.append(off_circle(bench))
-        if told[-1].status in ("done", "blocked"):
-            break
+    drive = Drive()
+    drive.tick(100)
+    bench = drive.bench  # 30 mm to the side, as deep in the paper as before
+    J = iq.adjoint(iq.transform(translation=-drive.tip())) @ bench.robot.jacobian(bench.q)
+    bench.q = bench.q + np.linalg.pinv(J) @ [0.0, 0.0, 0.0, 0.0, -0.03, 0.0]
+    bench.height = drive.tip()[2] + 5e-4
+    drive.until("done", "blocked", most=1400)
+    told = drive.told
     back = [k for k, s in enumerate(told) if "off the path, pushed" in s.reason]
     assert back[0] == 100
     assert all(told[k].status == "waiting" and told[k].place == told[99].place for k in back)
     assert max(abs(told[k].hybrid.intensities[0] / 5.0 - 1.0) for k in back[50:]) < 0.05
     assert told[-1].status == "done"
-    assert max(off[back[-1] + 25 :]) < 5e-5
+    assert max(drive.off[back[-1] + 25 :]) < 5e-5
 
 
 def test_joints_off_their_plan_slow_the_path_down():
-    bench, _, follower = prepared()
-    for k in range(115):
-        if k == 100:
-            J = bench.robot.jacobian(bench.q)
-            bench.q = bench.q + 0.1 * np.linalg.svd(J)[2][-1]  # the tool stays where it is, but for 0.1 mm or so
-        told = follower.step(bench.q, wrench=bench.wrench())
-        bench.q = bench.q + DT * told.velocity
-    assert told.ruling == "the arm is off its path"
+    drive = Drive()
+    drive.tick(100)
+    bench = drive.bench  # the tool stays where it is, but for 0.1 mm or so
+    bench.q = bench.q + 0.1 * np.linalg.svd(bench.robot.jacobian(bench.q))[2][-1]
+    assert drive.tick(15).ruling == "the arm is off its path"
 
 
 def driven(bench, path, ticks, push=0.0):
@@ -147,9 +128,9 @@ def test_a_pressed_tool_that_comes_no_farther_than_its_joint_is_blocked():
 
 
 def test_a_refused_tick_leaves_the_follower_as_it_was():
-    bench, _, follower = prepared()
-    for _ in range(100):
-        bench.q = bench.q + DT * follower.step(bench.q, wrench=bench.wrench()).velocity
+    drive = Drive()
+    drive.tick(100)
+    bench, follower = drive.bench, drive.follower
     plan, place = follower.plan, follower.step(bench.q, wrench=bench.wrench()).place
     aside = bench.q + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # from there the path is to be looked at again
     for q in (bench.q, aside):
