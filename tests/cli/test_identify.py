@@ -24,7 +24,7 @@ def recordings(tmp_path_factory):
 
 
 @pytest.mark.cases(1)
-@pytest.mark.parametrize("kind", ["point", "hinge", "sphere"])
+@pytest.mark.parametrize("kind", ["hinge", "point", "sphere"])
 def test_a_contact_in_words_numbers_and_on_a_page(monkeypatch, capsys, recordings, tmp_path, kind):
     numbers, page = tmp_path / "a.json", tmp_path / "a.html"
     words = ["identify", recordings / f"{kind}.csv", "--reads", "reaction", "--json", numbers, "--view", page]

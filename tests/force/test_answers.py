@@ -15,15 +15,15 @@ PRESS = 10.0
 @pytest.mark.parametrize(
     ("arm", "stiffness", "damping", "told"),
     [
-        ("gantry", 2e4, 200.0, 0.01),
-        ("panda", 2e4, 800.0, 0.01),
         ("ur5", 5e4, 2000.0, 0.0),
+        ("panda", 2e4, 800.0, 0.01),
+        ("gantry", 2e4, 200.0, 0.01),
         ("panda", 5e4, 2000.0, 0.01),
         ("ur5", 1e3, 60.0, 0.0),
     ],
 )
 def test_a_contact_with_a_damper_is_held(arm, stiffness, damping, told):
-    """b/k from 10 to 60 ms: with the first of these the press "jumped", with the others it was an overload."""
+    """b/k from 10 to 60 ms: with the gantry the press "jumped", with the others it was an overload."""
     run = press_on_damper(arm, stiffness=stiffness, damping=damping, lag=0.01, told=told, seconds=6.0)
     assert run.stopped is None
     assert run.said[-1][0] == "ok"

@@ -97,7 +97,7 @@ def test_a_surface_that_is_gone_is_told_before_the_tool_sinks():
 
 
 @pytest.mark.cases(1)
-@pytest.mark.parametrize("stiffness", [500.0, 1e4, 1e5])
+@pytest.mark.parametrize("stiffness", [1e5, 500.0, 1e4])
 def test_the_gain_follows_the_stiffness(stiffness):
     run = press_on_plane(5.0, stiffness=stiffness, seconds=3.0)
     assert rms(run, 5.0, 2.2) < 0.025

@@ -1,20 +1,18 @@
 """A path whose shape is kept: joints keep jerk limits beside the others, and a clock never goes back by itself."""
 
-import itertools
-
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 from support.along_paths import drive
-from support.streams import ARMS, Arm
+from support.streams import Arm
 
 import invariantqp as iq
 
 
 @pytest.mark.cases(1)
-@pytest.mark.parametrize(("name", "rise"), list(zip(ARMS, itertools.cycle([0.1, 0.03]))))
+@pytest.mark.parametrize(("name", "rise"), [("so101", 0.1), ("ur5", 0.03), ("panda", 0.1)])
 def test_joints_keep_jerk_limits_and_the_tool_its_path(name, rise):
     arm = Arm(name)
     arm.jerk = arm.acceleration / rise
