@@ -495,7 +495,7 @@ def test_done_means_at_the_end():
     assert solutions[-1].status == "done"
     assert all(np.linalg.norm(arm.pose(p)[:3, 3] - end) < 1e-6 for p in positions[-2:])
     assert max(s.across for s in solutions) < MM
-    assert {(s.status, s.ruling) for s in solutions if s.place == 1.0} == {
+    assert {(s.status, s.ruling) for s in solutions if s.place > 1.0 - 1e-12} == {
         ("moving", "settling"),
         ("done", "the path's end"),
     }
