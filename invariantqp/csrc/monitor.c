@@ -98,17 +98,12 @@ static void answers_begun(const Answers *before, Answers *check)
     *check = begun;
 }
 
-/* Answers.expected */
-static double expected(const Answers *check)
-{
-    return dot(3, check->grade, check->across) * fmin(1.0, sqrt(check->shown) / fmax(norm(3, check->across), TINY));
-}
-
 /* What may be pressed more or less than is read. */
 double unseen(const Press *press, const Answers *check, double felt)
 {
-    double way = check->depth - check->since[0] - expected(check);
-    double slope = check->silent < EXCUSED ? press->slope * norm(3, check->across) : 0.0;
+    double across = norm(3, check->across), share = fmin(1.0, sqrt(check->shown) / fmax(across, TINY));
+    double way = check->depth - check->since[0] - share * dot(3, check->grade, check->across);
+    double slope = check->silent < EXCUSED ? press->slope * across : 0.0;
     double room = check->stiff * (press->yields + check->moves + slope);
     return fmax(0.0, fabs(check->stiff * way - (felt - check->since[1])) - room);
 }
@@ -119,7 +114,7 @@ static void heard(const Press *press, const Stiffness *known, double felt, doubl
     double k = is_known(known) ? known->found[0] : 0.0;
     if (k > 0.0) {
         double sinks = (felt - check->since[1]) / k, least = STEP_SHARE * press->size + fabs(sinks) / press->slope;
-        double rise = check->depth - check->since[0] - sinks - expected(check);
+        double rise = check->depth - check->since[0] - sinks - dot(3, check->grade, check->across);
         rise = copysign(fmax(fabs(rise) - 2.0 * sqrt(2.0) * noise / k, 0.0), rise);
         check->shown = (1.0 - 1.0 / GRADED_BY) * check->shown + dot(3, check->across, check->across);
         double share = rise / (check->shown + least * least);

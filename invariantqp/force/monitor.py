@@ -465,7 +465,7 @@ class Answers(NamedTuple):
         k, grade, shown, stiff = known.known, self.grade, self.shown, self.evidence.stiffness
         if k is not None:  # where the force changes, too, the way says less of the surface
             sinks = (press - self.since[1]) / k
-            rise = self.depth - self.since[0] - sinks - self.expected
+            rise = self.depth - self.since[0] - sinks - float(grade.dot(self.across))
             rise = copysign(max(abs(rise) - 2.0 * sqrt(2.0) * noise / k, 0.0), rise)
             least = STEP * task.size + abs(sinks) / task.slope
             shown = (1.0 - 1.0 / ANSWERS) * shown + float(self.across.dot(self.across))
@@ -481,15 +481,12 @@ class Answers(NamedTuple):
             evidence=Evidence(),
         )
 
-    @property
-    def expected(self) -> float:
-        """How much the surface has risen since the last answer, by `grade`, over no more way than that was seen on."""
-        return float(self.grade.dot(self.across)) * min(1.0, sqrt(self.shown) / max(_length(self.across), TINY))
-
     def unseen(self, task: HybridTask, press: float) -> float:
         """What may be pressed more or less than is read, by way that was not answered [force]."""
-        way = self.depth - self.since[0] - self.expected
-        slope = task.slope * _length(self.across) if self.silent < EXCUSED else 0.0
+        across = _length(self.across)
+        share = min(1.0, sqrt(self.shown) / max(across, TINY))  # of the way across, the grade was seen on no more
+        way = self.depth - self.since[0] - share * float(self.grade.dot(self.across))
+        slope = task.slope * across if self.silent < EXCUSED else 0.0
         room = self.stiff * (task.yields + self.moves + slope)
         return max(0.0, abs(self.stiff * way - (press - self.since[1])) - room)
 
