@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy as sp
-from support.random_systems import distance
+from support.random_systems import MODULUS_NAMES, distance
 from sympy.polys.matrices import DomainMatrix
 
 import invariantqp as iq
-from invariantqp.systems.classification import MODULUS_NAMES, normal_form
+from invariantqp.systems.classification import normal_form
 
 h, p, q, a, b, c, length = sp.symbols("h p q a b c l", real=True)
 I3, Z3 = sp.eye(3), sp.zeros(3)
