@@ -46,7 +46,8 @@ static Drive struck(const Drive *drive, double coming, double error, const Stiff
 {
     const Drive still = {0.0, drive->slope};
     Drive law = pressed(&still, error, 0.0, known, setting, 0.0, most, eased, false, NULL);
-    law.speed = fmax(fmin(law.speed, -coming / setting->dt), -most);
+    double wanted = fmax(error, 0.0) / fmax(known->bound, known->stiff);
+    law.speed = fmax(fmin(law.speed, (wanted - coming) / setting->dt), -most);
     return law;
 }
 

@@ -127,6 +127,8 @@ def struck(
 ) -> Drive:
     """The law in a touch, outwards alone: what was commanded inwards and a lagging arm has not done is taken back.
 
+    But for what is missing of the press: that way it is wanted, on a contact as stiff as the touch can have shown.
+
     Args:
         drive: of the last tick.
         coming: unit way that was commanded and does not show yet [length].
@@ -137,7 +139,8 @@ def struck(
         eased: share of the gain that noise and swings leave.
     """
     law = pressed(Drive(0.0, drive.slope), error, 0.0, known, setting, (0.0, most), eased, grows=False)
-    return law._replace(speed=max(min(law.speed, -coming / setting.dt), -most))
+    wanted = max(error, 0.0) / max(known.bound, known.stiff or 0.0)
+    return law._replace(speed=max(min(law.speed, (wanted - coming) / setting.dt), -most))
 
 
 def surface_speed(task: HybridTask, along: float, moves: float) -> float:
