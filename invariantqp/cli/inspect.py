@@ -51,7 +51,8 @@ def inspect(
 ) -> None:
     """Say what ROBOT can do and which form to give it: rank, type, pitches to stay away from, blind directions."""
     from invariantqp.analysis.inspection import inspect as inspect_arm
-    from invariantqp.runs.taskfile import believed, load_arm
+    from invariantqp.control.limits import no_degrees, not_believed, refuse
+    from invariantqp.runs.taskfile import load_arm
 
     if q is not None and samples is not None:
         raise BadInput("--q", "--samples too", "one of them: --q for one state, --samples for the joint range")
@@ -64,7 +65,7 @@ def inspect(
     many = {} if samples is None else {"samples": samples}
     found = inspect_arm(loaded, name=robot, q=state, **many)
     if state is not None:
-        believed(loaded, found.q, "--q")
+        refuse(not_believed(loaded, found.q, no_degrees(loaded, loaded.jacobian(found.q))), "--q")
     apart = None
     if clearance:
         from invariantqp.control.clearance import Clearance

@@ -21,7 +21,7 @@ from invariantqp.runs.contactspec import OperatorSpec
 from invariantqp.runs.plant import IdealPlant, Plant
 from invariantqp.runs.scene import ContactScene, scene_of
 from invariantqp.runs.section import message
-from invariantqp.runs.taskfile import LawSpec, Task, believed
+from invariantqp.runs.taskfile import LawSpec, Task, started
 
 
 class Goal(NamedTuple):
@@ -89,7 +89,7 @@ def _prepared(task: Task, physics: str) -> Setup:
     """A task with its law as overridden, ready to run."""
     law, n = task.law, task.ticks
     robot = task.load_robot()
-    start = believed(robot, task.start(), "robot.start")
+    start = started(robot, task.start())
     scene = scene_of(task, robot.pose(start), task.physics.force_noise if physics == "mujoco" else 0.0)
     time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
     pose = task.path.along(robot, start)

@@ -17,12 +17,10 @@ from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import Field, PlainValidator, PrivateAttr, StrictBool, ValidationError, model_validator
 
 from invariantqp.control.controller import Controller
 from invariantqp.control.demands import ExactPoint
-from invariantqp.control.limits import no_degrees, not_believed, refuse
 from invariantqp.control.measure import tool_metric
 from invariantqp.errors import BadInput, InvariantQPError, TaskFileError, UnknownName
 from invariantqp.geometry import arrays, screws, se3
@@ -294,18 +292,16 @@ class Task(Section):
             check("path", lambda: self.ticks)
             robot = check("robot", self.load_robot)
             if robot is not None:
-                check("robot", lambda: believed(robot, self.start(), "robot.start"))
+                check("robot", lambda: started(robot, self.start()))
                 check("path", lambda: self.path.along(robot, self.start()))
                 check("law", lambda: Controller(robot, **law_options(robot, self.law)))
                 check("clearance", lambda: self.around(robot))
         return found
 
 
-def believed(robot: Robot, q: ArrayLike, argument: str) -> Array:
-    """Joint positions (m,) that can be true; errors name the argument."""
-    positions = arrays.vector(q, len(robot.names), argument)
-    refuse(not_believed(robot, positions, no_degrees(robot, robot.jacobian(positions))), argument)
-    return positions
+def started(robot: Robot, start: Array) -> Array:
+    """Joint positions (m,) at the start of a run, for which a loop holds no tick."""
+    return Controller(robot, dt=LawSpec().dt).believed(start, "robot.start")
 
 
 def shipped_tasks(group: str = "") -> dict[str, FilePath]:

@@ -260,6 +260,15 @@ FILES = {
 ODD = [0.0, -0.0, 1.0, -1.0, 1e-300, 1e-12, 1e-3, 1e3, 1e12, -1e12, 1e300, float("inf"), -float("inf"), float("nan")]
 
 
+@pytest.mark.parametrize("position", [-1.0, 7.0])
+def test_a_start_that_a_loop_would_hold_is_refused(position):
+    """A radian outside its range a joint stood still for the whole run, and its forces were no numbers."""
+    file = copy.deepcopy(FILES["a pen"])
+    file["robot"]["start"][5] = position
+    with pytest.raises(iq.BadInput, match="outside its position range"):
+        iq.run_task(task_from(file, "odd"))
+
+
 @settings(max_examples=repeats(100, 50), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_odd_numbers_run_or_are_told(data):
