@@ -162,7 +162,7 @@ const Constant CONSTANTS[] = {
     ONE("force.monitor", PRESSES),
     ONE("force.monitor", FELL_NOISE),
     ONE("force.monitor", CHI),
-    {"force.monitor.ANSWERS", GRADED_BY},
+    {"force.estimate.MEMORY", GRADED_BY},
     ONE("force.monitor", SOFTER),
     ONE("force.monitor", SINCE),
     ONE("force.monitor", EXCUSED),

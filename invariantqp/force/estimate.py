@@ -89,7 +89,7 @@ HEADER = 9
 
 # A piece of way, as a share of the contact's size: a millimetre of 50. Of such pieces a normal is made.
 STEP = 0.02
-# For how many pieces they are remembered.
+# For how many pieces they are remembered, and for how many answers a slope that these showed.
 MEMORY = 10.0
 
 
@@ -318,8 +318,8 @@ class Stiffness(NamedTuple):
         lacked = self.lacked + short * dt if self.lacked * short > 0.0 else short * dt
         lasted = self.lasted + dt if felt else 0.0
         if lasted <= 3.0 * setting.filter_time + 2.0 * dt:  # the filters still hold the air
-            now = self._replace(way=x, force=force, mean=np.array((x, v, self.gone, force)), means=np.zeros(4))
-            now = now._replace(time=time, lasted=lasted, lacked=lacked)
+            mean, means = np.array((x, v, self.gone, force)), np.zeros(4)
+            now = self._replace(way=x, force=force, mean=mean, means=means, time=time, lasted=lasted, lacked=lacked)
             return now.landed(setting) if self.time == 0.0 else now
         over = SLOWER * setting.late
         r = min(1.0, dt / over)

@@ -24,6 +24,7 @@ from invariantqp.force.estimate import (
     CERTAIN,
     HALF,
     LEAST_WAY,
+    MEMORY,
     NOISIER,
     RESOLVED,
     SHORT,
@@ -78,8 +79,6 @@ CHI = 4.0
 SINCE = 2.0
 # An answer shows a contact no softer than this share of what was shown before: a sensor that sticks looks soft, too.
 SOFTER = 0.5
-# In the mean of how many answers a grade is.
-ANSWERS = 10.0
 # So long after readings have answered, or changed, a slope is an excuse [s].
 EXCUSED = 0.5
 
@@ -468,7 +467,7 @@ class Answers(NamedTuple):
             rise = self.depth - self.since[0] - sinks - float(grade.dot(self.across))
             rise = copysign(max(abs(rise) - 2.0 * sqrt(2.0) * noise / k, 0.0), rise)
             least = STEP * task.size + abs(sinks) / task.slope
-            shown = (1.0 - 1.0 / ANSWERS) * shown + float(self.across.dot(self.across))
+            shown = (1.0 - 1.0 / MEMORY) * shown + float(self.across.dot(self.across))
             grade = grade + rise / (shown + least * least) * self.across
             grade = grade * min(1.0, task.slope / max(_length(grade), TINY))
         return self._replace(
