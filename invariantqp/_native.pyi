@@ -81,6 +81,7 @@ class Loop:
     change: Array  # (joints,) by how much it may change joint velocities in a tick
     position_lower: Array  # (joints,) [rad, length]
     position_upper: Array  # (joints,) [rad, length]
+    turns: Array  # (joints,) a whole turn of continuous joints, 0 of others
     beyond: Array  # (joints,) how far outside it a joint's position is believed
     tip: Array  # (3,) where the tool is in the middle of the joint range [length]
     far: float  # how far away from there a target is believed [length]
@@ -118,6 +119,7 @@ class Loop:
         change: Array | None = None,
         position_lower: Array,
         position_upper: Array,
+        turns: Array | None = None,
         beyond: Array,
         tip: Array | None = None,
         far: float | None = None,
@@ -377,11 +379,15 @@ def follow(
     joints: Loop | tuple[Any, ...] | None,
     memory: Array,
     twist: Array | None,
+    override: float,
     late: bool,
     ease: float,
     time: float,
     q: Any,
     sent: Array,
+    seen: Array,
+    shown: Array,
+    response: Array | None,
     position: Array,
     velocity: Array,
     acceleration: Array,

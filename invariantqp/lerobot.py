@@ -215,6 +215,8 @@ class ActionFollower:
         period: float = 0.01,
         cutoff: float = 3.0,
         timeout: float = 0.1,
+        approach: float = 1.0 / 3.0,
+        drop_outliers: bool = True,
         limits: Sequence[AnyLimit] = (),
     ) -> None:
         """Nothing to follow yet; `reset` says where the robot is.
@@ -227,6 +229,8 @@ class ActionFollower:
             period: of `step` [s].
             cutoff: what is faster than this is smoothed away [Hz].
             timeout: after how long without a sample a stream that is not of chunks comes to rest [s].
+            approach: the share of the speed limits used at most on the way to a teleoperator's first sample.
+            drop_outliers: whether a single sample is dropped that the motors could not reach in time; see `Follower`.
             limits: more of them, as `Controller` takes them, in radians: a `ToolSpeed`, a `Clearance` of
                 `kinematics.robot`.
         """
@@ -243,7 +247,8 @@ class ActionFollower:
         self._kinematics = kinematics
         self._gap = 1.0 / arrays.number(fps, "fps", "a rate in 1/s", positive=True)
         rise = None if jerk is None else _radians(jerk, "jerk")
-        self.follower = Follower(loop, jerk=rise, cutoff=cutoff, timeout=timeout)
+        kept: dict[str, Any] = {"approach": approach, "drop_outliers": drop_outliers}
+        self.follower = Follower(loop, jerk=rise, cutoff=cutoff, timeout=timeout, **kept)
         self.solution: FollowerSolution | None = None
         self.action: Array | None = None
         self._chunk: tuple[Array, Array] | None = None  # stamps, and actions of what does not move the frame

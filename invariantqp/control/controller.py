@@ -36,6 +36,7 @@ from invariantqp.control.limits import (
 )
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.memory import HEADER, Memory, slowness, ticks_late
+from invariantqp.control.response import ROWS, units, unresponsive_joints
 from invariantqp.control.tracking import (
     Approach,
     approach,
@@ -50,7 +51,14 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
+from invariantqp.robots.kinematics import (
+    Robot,
+    Sighting,
+    continuous_turns,
+    joint_displacement,
+    middle,
+    require_robot,
+)
 from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.damping import Damping, Fixed, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
@@ -59,7 +67,7 @@ from invariantqp.velocity.law import SLACK, SLACK_GAIN, Chase, Demand, Guard, Ve
 from invariantqp.velocity.limits import LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.reasons import Code, Reason, read
-from invariantqp.velocity.solution import Status, VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution, with_trouble
 from invariantqp.velocity.solve import solve, standing
 
 if TYPE_CHECKING:
@@ -113,6 +121,7 @@ class Controller:
         braking: the same with acceleration limits, or None.
         tool_speed: the speed limit of a point of the tool, or None.
         joint_rows: limits on combinations of joint velocities, or None.
+        turns: (m,) whole turns of continuous joints, whose positions are compared modulo these; 0 of other joints.
     """
 
     _ticks = True  # not of a loop that is asked within ticks of another
@@ -243,12 +252,12 @@ class Controller:
         self._limits = LoopLimits.of(loop_of(robot, self.dt, self.delay), told, far_outside, seen.J, tip)
         refuse(self.wrong(self._posture), "posture")
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
-        self._rise, self._brakes = 0.0, self._limits.loop.acceleration
+        self._rise, self._brakes, self._late = 0.0, self._limits.loop.acceleration, ticks_late(self.delay, self.dt)
         fastest = self.box.velocity_limit
         self._fastest = np.where(np.isfinite(fastest) & (fastest > 0.0), fastest, 1.0)
         self._change = self.dt / POSTURE_TIME * self._fastest
+        self.turns: Array = continuous_turns(self.box.position_lower, self.box.position_upper, seen.J)
         self._slowness = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), fastest)
-        self._late = ticks_late(self.delay, self.dt)
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
         self._brought = self.law.compiled is not None and self.law.compiled.form == "brought"
         self.varies: bool = self._brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
@@ -278,6 +287,7 @@ class Controller:
             slack=self._slack,
             slowness=self._slowness,
             row_rank=-1 if self.row_rank is None else self.row_rank,
+            turns=self.turns,
             rise=self._rise,
             brakes=self._brakes,
         )
@@ -396,11 +406,11 @@ class Controller:
         if self.wrong(positions):
             return self._tick(state, s, share, ahead)
         self.near(self.robot.points(sighting, target, np.zeros(3))[1], "target")
-        A = root.dot(J)
-        memory = memory.followed(positions, A, self.dt, self._slowness / self.dt)._replace(turn=turn[:3])
+        A, moved = root.dot(J), memory.moved(positions, self.turns)
+        memory = memory.followed(moved, A, self.dt, self._slowness / self.dt)._replace(turn=turn[:3])
         self.kept[:HEADER] = memory.numbers[:HEADER]
         answer = self._tick(state, s, share, ahead, braked=braked, now=now)
-        return memory.judged(answer, positions, A, self.dt)
+        return memory.judged(answer, moved, A, self.dt)
 
     def follow(
         self,
@@ -509,8 +519,7 @@ class Controller:
             there = acts_at(core, self.kept, q)
             if there is None:
                 return None
-            last = self.kept[HEADER + self._count : HEADER + 2 * self._count]
-            before = last if velocity is None else arrays.vector(velocity, self._count, "velocity")
+            before = self._last if velocity is None else arrays.vector(velocity, self._count, "velocity")
             rows, trouble = self._limits.rows(there, before, now)
             if trouble is not None:
                 return None
@@ -558,6 +567,25 @@ class Controller:
         """What the loop keeps from tick to tick, as it is now."""
         return Memory.of(self.kept, self._count, self._late)
 
+    def unwrapped(self, q: ArrayLike) -> Array:
+        """(m,) measured joint positions, those of continuous joints by whole turns near those of the tick before.
+
+        Args:
+            q: (m,) [rad, length].
+        """
+        positions, last = arrays.vector(q, self._count, "q"), self.kept[HEADER : HEADER + self._count]
+        if not self.turns.any() or np.isnan(last).any():
+            return positions
+        return np.asarray(last + joint_displacement(last, positions, self.turns))
+
+    @property
+    def _last(self) -> Array:
+        """(m,) as `memory.now(None)`, which takes longer."""
+        m = self._count
+        last = self.kept[HEADER + m : HEADER + 2 * m].copy()
+        last[list(unresponsive_joints(self.kept[-ROWS * m :]))] = 0.0
+        return last
+
     def _at_rest(
         self, q: Array, sighting: Sighting | None, velocity: ArrayLike | None, at: Array | None = None
     ) -> Observed:
@@ -595,7 +623,7 @@ class Controller:
 
     def posture_pull(self, q: Array) -> Array | None:
         """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""
-        return (self._posture - q) * self._pull if self.posture_gain else None
+        return joint_displacement(q, self._posture, self.turns) * self._pull if self.posture_gain else None
 
     def _exact(
         self, state: Observed, share: float | None, ahead: Array, more: ExactRows | None, now: Changes | None
@@ -666,9 +694,18 @@ class Controller:
             if rows is None:
                 break
             solution = solve(law, demand._replace(rows=rows))
-        self.kept[:] = self.memory.after(positions, solution.velocity).numbers
+        unresponsive = unresponsive_joints(self.kept[-ROWS * self._count :])
+        self._remember(positions, solution.velocity)
         solution = self._limits.told(self._limits.with_broken(solution, now), positions, limits.strained)
+        if unresponsive:
+            solution = with_trouble(solution, (Reason(Code.NO_MOTION, unresponsive),))
         return solution._replace(joint_names=self.robot.names)
+
+    def _remember(self, positions: Array, command: Array) -> None:
+        """A tick at joint positions (m,), NaN where they are not known, gave a command (m,)."""
+        memory = self.memory
+        moved = memory.moved(positions, self.turns)
+        self.kept[:] = memory.after(positions, command, moved, self.dt, units(self.box.velocity_limit)).numbers
 
     def _held(self, before: Array) -> float:
         """How long a velocity is held beyond the law's dt [s], until accelerations let joints have another.
@@ -683,7 +720,7 @@ class Controller:
         x, nowhere = np.zeros(self._count), np.full(self._count, np.nan)
         if self.braking is not None:
             x = np.sign(state.before) * np.maximum(np.abs(state.before) - self.dt * self.braking.acceleration, 0.0)
-        self.kept[:] = self.memory.after(nowhere, x).numbers
+        self._remember(nowhere, x)
         residual = s - state.sighting.J.dot(x)
         return VelocitySolution(x, "hold", Status.HELD, (reason,), (), residual, 0.0, 0.0, 0.0, "")
 

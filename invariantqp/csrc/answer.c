@@ -155,7 +155,13 @@ static PyObject *written(const Reasons *reasons, PyObject *nothing)
 PyObject *joint_troubles(const Loop *loop, const Tick *tick, bool towards)
 {
     Reasons found = {.count = 0};
-    if (towards && !follows(&tick->memory)) {
+    for (int j = 0; j < loop->joints; j++)
+        if (tick->unresponsive[j] > 0.0) {
+            if (found.count == 0)
+                say(&found, WHY_NO_MOTION);
+            add(&found, JOINT, j);
+        }
+    if (found.count == 0 && towards && !follows(&tick->memory)) {
         say(&found, WHY_NOT_FOLLOWING);
         add(&found, JOINT, tick->least);
     }

@@ -10,6 +10,7 @@
 #define CODE(name) {"velocity.reasons.Code." #name, WHY_##name}
 
 const Constant CONSTANTS[] = {
+    CODE(NO_MOTION),
     CODE(NOT_FOLLOWING),
     CODE(OUTSIDE),
     CODE(ACCELERATION),
@@ -62,6 +63,13 @@ const Constant CONSTANTS[] = {
     ONE("control.memory", MOST_LATE),
     ONE("control.memory", MEMORY),
     ONE("control.memory", KEPT_SHARE),
+    ONE("control.response", RESPONSE_MEMORY),
+    ONE("control.response", RESPONSE_TIME),
+    ONE("control.response", RESPONSE_SHARE),
+    ONE("control.response", LEAST_COMMANDED),
+    ONE("control.response", FULL_SPEED),
+    ONE("control.response", SCATTER),
+    ONE("control.response", EXPLAINED),
     ONE("control.memory", FAST_SHARE),
     {"geometry.sizes.SMALLEST", SMALLEST_SIZE},
     {"geometry.sizes.LARGEST", LARGEST_SIZE},
@@ -98,6 +106,7 @@ const Constant CONSTANTS[] = {
     ONE("paths.time_law", HALVINGS),
     {"geometry.arrays.NEGLIGIBLE", EXCESS},
     ONE("paths.time_law", ROUNDING),
+    {"paths.time_law.AT_LIMIT", IN_PLACE},
     ONE("paths.reference", SHARE),
     ONE("paths.reference", PLACES),
     ONE("paths.reference", EASIER),

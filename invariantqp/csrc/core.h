@@ -169,14 +169,15 @@ typedef struct {
 
 /* reasons.py: the codes of what the core has to say, and indices of what is no row of LimitRows */
 typedef enum {
-    WHY_NOT_FOLLOWING = 14,
+    WHY_NO_MOTION = 14,
+    WHY_NOT_FOLLOWING,
     WHY_OUTSIDE,
     WHY_ACCELERATION,
     WHY_ROWS_CONTRADICT,
     WHY_TOOL_FASTER,
-    WHY_ROWS_UNKEPT = 20,
+    WHY_ROWS_UNKEPT = 21,
     WHY_ROWS_TOO_MANY,
-    WHY_STUCK = 24,
+    WHY_STUCK = 25,
     WHY_ROWS_SLOWED,
     WHY_ROWS_MOVED,
     WHY_CHASE_SLOWED,

@@ -90,6 +90,7 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     VECTOR(change, joints, DEFAULT(INFINITY), "by how much it may change joint velocities in a tick") \
     VECTOR(position_lower, joints, NEEDED, "[rad, length]") \
     VECTOR(position_upper, joints, NEEDED, "[rad, length]") \
+    VECTOR(turns, joints, DEFAULT(0.0), "a whole turn of continuous joints, 0 of others") \
     VECTOR(beyond, joints, NEEDED, "how far outside it a joint's position is believed") \
     VECTOR(tip, 3, DEFAULT(0.0), "where the tool is in the middle of the joint range [length]") \
     NUMBER(far, INFINITY, "how far away from there a target is believed [length]") \

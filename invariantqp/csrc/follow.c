@@ -3,7 +3,8 @@
        v = (r(t + dt) - q) / dt, or towards r where joints catch up, or towards what the law makes of a twist,
        inside the joints' limits,     command = v + the way back to q, or the nearest that the loop allows
 
-   A tick in which a path whose shape is kept has to wait, and joints that are not where they were sent, are handed back. */
+   A tick in which a path whose shape is kept has to wait, and joints that are not where they were sent, or that do not move
+   although they are commanded to, are handed back. */
 
 #include "paths.h"
 
@@ -18,8 +19,9 @@ typedef struct {
    joints go over by, if they do; the tick of whom says something. */
 typedef struct {
     bool by_twist, late, joins, held;
-    double twist[6], ease, time, off, from, to;
-    Row q, sent, position, velocity, acceleration, command, pace;
+    double twist[6], override, ease, time, off, from, to;
+    Row q, sent, seen, shown, position, velocity, acceleration, command, pace;
+    double response[RESPONSE_ROWS * MOST];
     const double *kept;
     const Bounds *says;
     Course course;
@@ -33,11 +35,12 @@ static Outcome towards_twist(Follow *f, Row v)
 {
     const JointLimits *limits = &f->course.limits;
     const Beside beside = {.apart = f->law.apart};
+    const Now now = {.speed = f->override, .tool_speed = INFINITY};
     int m = limits->m;
     double share = INFINITY;
     Row x = {0.0};
     if (norm(6, f->twist) > 0.0) {
-        if (step_beside(f->law.loop, NULL, &beside, f->position, NULL, f->twist, f->velocity, f->kept, &f->tick) == HAND_BACK)
+        if (step_beside(f->law.loop, f->override < 1.0 ? &now : NULL, &beside, f->position, NULL, f->twist, f->velocity, f->kept, &f->tick) == HAND_BACK)
             return HAND_BACK;
         memcpy(x, f->tick.solution.velocity, sizeof x);
         f->says = &f->law;
@@ -149,7 +152,7 @@ static Outcome moved(Follow *f)
         return HAND_BACK;
     for (int j = 0; j < m; j++) {
         double x = shape ? v[j] : nearest(limits, j, f->position[j], f->velocity[j], f->acceleration[j], v[j]), off = f->sent[j] - f->q[j];
-        f->late = f->late || (x != v[j] && !f->by_twist);
+        f->late = f->late || (dt * fabs(x - v[j]) > IN_PLACE && !f->by_twist);
         v[j] = x;
         here[j] = f->position[j] - off;
         if (!corrected(f, j, here[j], off, v[j], &wanted[j]))
@@ -201,41 +204,69 @@ static PyObject *said(const Follow *f)
     return named(&PyTuple_Type, 2, found);
 }
 
-/* follow(course, law, joints, memory, twist, late, ease, time, q, sent, position, velocity, acceleration, command, pace):
-   position, velocity, acceleration, command and pace after the tick, the command once more, q as an array, the source's last
+/* control/response.py: with what joints did since the tick before; false where one does not move although it is commanded to,
+   or did not in the tick before. */
+static bool responded(Follow *f, PyObject *response)
+{
+    const Loop *loop = f->law.loop;
+    int m = loop->joints;
+    Row commanded, moved;
+    if (response == Py_None)
+        return true;
+    if (!vector(response, RESPONSE_ROWS * m, f->response))
+        return false;
+    bool stood = false;
+    for (int j = 0; j < m; j++) {
+        commanded[j] = loop->dt * f->shown[j];
+        moved[j] = f->q[j] - f->seen[j];
+        stood = stood || f->response[UNRESPONSIVE_ROW * m + j] > 0.0;
+    }
+    respond(loop, commanded, moved, f->response);
+    for (int j = 0; j < m; j++)
+        stood = stood || f->response[UNRESPONSIVE_ROW * m + j] > 0.0;
+    return !stood;
+}
+
+/* follow(course, law, joints, memory, twist, override, late, ease, time, q, sent, seen, shown, response, position, velocity,
+   acceleration, command, pace): the response, position, velocity, acceleration, command and pace after the tick, the command once more, q as
+   near where it was seen before as whole turns of continuous joints bring it, the source's last
    column before and after, whether the joints are late, how they stop being it, a residual or None, what the loop says, or
    None, whether it does not allow what was wanted, and how far a joint is from where it was sent at most. None where Python has to
    answer, or to say what is wrong with q. `law` is the loop without acceleration limits and delay, `joints` that for joint
    velocities, or None where nothing but joint limits binds them; each a Loop, or a tuple of it and of what the core is given
-   of a clearance. Late joints look for a splice that takes `ease`, unless that is 0. */
+   of a clearance. Late joints look for a splice that takes `ease`, unless that is 0. `seen` is q in the tick before, `shown` the
+   command that q shows now, `response` the numbers of a Response, or None where they are those of this tick. */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    static const char *const USE = "follow(course, law, joints, memory, twist, late, ease, time, q, sent, position, velocity, "
-                                   "acceleration, command, pace)";
+    static const char *const USE = "follow(course, law, joints, memory, twist, override, late, ease, time, q, sent, seen, shown, response, "
+                                   "position, velocity, acceleration, command, pace)";
     Follow f;
     memset(&f, 0, offsetof(Follow, course));
-    if (count != 15 || !course_of(arguments[0], &f.course))
+    if (count != 19 || !course_of(arguments[0], &f.course))
         return refused(USE);
     int m = f.course.limits.m;
     if (!bounds_of(arguments[1], m, &f.law) || f.law.loop == NULL || !bounds_of(arguments[2], m, &f.joints) ||
         (f.kept = memory_of(arguments[3], f.law.loop)) == NULL)
         return refused(USE);
     f.by_twist = arguments[4] != Py_None;
-    f.late = PyObject_IsTrue(arguments[5]);
-    f.ease = PyFloat_AsDouble(arguments[6]);
-    f.time = PyFloat_AsDouble(arguments[7]);
-    bool good = !PyErr_Occurred() && vector(arguments[8], m, f.q) && vector(arguments[9], m, f.sent) &&
-                vector(arguments[10], m, f.position) && vector(arguments[11], m, f.velocity) &&
-                vector(arguments[12], m, f.acceleration) && vector(arguments[13], m, f.command) &&
-                vector(arguments[14], m, f.pace) && !(f.by_twist && !vector(arguments[4], 6, f.twist));
+    f.override = PyFloat_AsDouble(arguments[5]);
+    f.late = PyObject_IsTrue(arguments[6]);
+    f.ease = PyFloat_AsDouble(arguments[7]);
+    f.time = PyFloat_AsDouble(arguments[8]);
+    bool good = !PyErr_Occurred() && vector(arguments[9], m, f.q) && vector(arguments[10], m, f.sent) &&
+                vector(arguments[11], m, f.seen) && vector(arguments[12], m, f.shown) &&
+                vector(arguments[14], m, f.position) && vector(arguments[15], m, f.velocity) &&
+                vector(arguments[16], m, f.acceleration) && vector(arguments[17], m, f.command) &&
+                vector(arguments[18], m, f.pace) && !(f.by_twist && !vector(arguments[4], 6, f.twist));
     PyErr_Clear(); /* Python says what is wrong */
     for (int j = 0; j < m && good; j++) {
+        f.q[j] = f.seen[j] + displacement(f.law.loop, j, f.seen[j], f.q[j]);
         double off = fabs(f.sent[j] - f.q[j]);
         good = off <= f.course.head[STRAY];
         f.off = fmax(f.off, off);
     }
-    if (!good)
+    if (!good || !responded(&f, arguments[13]))
         Py_RETURN_NONE;
     bool begun = (f.law.apart == NULL || apart_begun(f.law.apart)) && (f.joints.apart == NULL || apart_begun(f.joints.apart));
     Outcome outcome = begun ? moved(&f) : HAND_BACK;
@@ -249,7 +280,8 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     if (outcome == HAND_BACK)
         Py_RETURN_NONE;
     PyObject *way = f.joins ? new_matrix(6, m, m, f.left) : Py_NewRef(Py_None);
-    return Py_BuildValue("(NNNNNNNddNNNNd)", new_vector(m, f.position), new_vector(m, f.velocity), new_vector(m, f.acceleration),
+    PyObject *response = arguments[13] == Py_None ? Py_NewRef(Py_None) : new_vector(RESPONSE_ROWS * m, f.response);
+    return Py_BuildValue("(NNNNNNNNddNNNNd)", response, new_vector(m, f.position), new_vector(m, f.velocity), new_vector(m, f.acceleration),
                          new_vector(m, f.command), new_vector(m, f.pace), new_vector(m, f.command), new_vector(m, f.q),
                          f.from, f.to, PyBool_FromLong(f.late), way, says, PyBool_FromLong(f.held), f.off);
 }

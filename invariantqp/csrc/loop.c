@@ -55,26 +55,94 @@ int commands_of(const Loop *loop)
     return ticks_late(loop, &part) + 2;
 }
 
+/* robots/kinematics.py, joint_displacement: of a continuous joint the shortest. */
+double displacement(const Loop *loop, int j, double start, double end)
+{
+    return loop->turns[j] > 0.0 ? remainder(end - start, loop->turns[j]) : end - start;
+}
+
+/* memory.py: the rows of the Response. */
+static double *response_of(const Loop *loop, double *kept) { return kept + KEPT + (1 + commands_of(loop)) * loop->joints; }
+
+/* memory.py: above 0 where joints are unresponsive. */
+const double *unresponsive(const Loop *loop, const double *kept)
+{
+    return kept + KEPT + (1 + commands_of(loop) + UNRESPONSIVE_ROW) * loop->joints;
+}
+
+/* response.py, after: a tick in which joints were commanded to move, and moved, by displacements (m,). */
+void respond(const Loop *loop, const double *commanded, const double *moved, double *response)
+{
+    int m = loop->joints;
+    double left = fmax(1.0 - loop->dt / RESPONSE_MEMORY, 0.0);
+    bool some = false, before[MOST], alone[MOST], beside[MOST];
+    for (int j = 0; j < m; j++) {
+        double *r = response + j, unit = loop->fastest[j] > 0.0 ? fmin(loop->fastest[j], FULL_SPEED) : FULL_SPEED;
+        double step = moved[j] / unit, order = commanded[j] / unit;
+        before[j] = r[UNRESPONSIVE_ROW * m] > 0.0;
+        double scatter = r[SCATTER_ROW * m] = left * r[SCATTER_ROW * m] + (1.0 - left) * step * step;
+        double rest = r[REST_ROW * m] = left * r[REST_ROW * m] + (1.0 - left) * (step - order) * (step - order);
+        double told = r[COMMANDED_ROW * m] = left * r[COMMANDED_ROW * m] + order;
+        double done = r[MOVED_ROW * m] = (before[j] ? 1.0 : left) * r[MOVED_ROW * m] + step;
+        bool enough = fabs(done) >= RESPONSE_SHARE * fabs(told), responds = enough && !before[j];
+        double silent = r[SILENT_ROW * m] = responds ? 0.0 : r[SILENT_ROW * m] + loop->dt;
+        double unanswered = r[UNANSWERED_ROW * m] = responds ? 0.0 : r[UNANSWERED_ROW * m] + order;
+        bool scatters = (!enough || done * done <= SCATTER * fmin(scatter, rest)) && rest >= EXPLAINED * scatter;
+        bool stays = scatters && fabs(told) > QP_ROUNDING;
+        alone[j] = silent > RESPONSE_TIME && fabs(unanswered) > LEAST_COMMANDED;
+        if (before[j])
+            alone[j] = stays && (alone[j] || r[UNRESPONSIVE_ROW * m] == 1.0);
+        beside[j] = before[j] ? stays : silent > 0.0;
+        some = some || alone[j];
+    }
+    for (int j = 0; j < m; j++) {
+        double *r = response + j, now = r[UNRESPONSIVE_ROW * m] = alone[j] ? 1.0 : beside[j] && some ? 0.5 : 0.0;
+        if (before[j] && now == 0.0)
+            r[SILENT_ROW * m] = r[UNANSWERED_ROW * m] = 0.0;
+        if (now > 0.0 && !before[j])
+            r[MOVED_ROW * m] = 0.0; /* since then */
+    }
+}
+
 /* memory.py, in_flight: where the joints are when the command of this tick acts. */
 void predicted(const Loop *loop, const double *kept, const double *q, Row there)
 {
     int m = loop->joints;
     double part;
     int whole = ticks_late(loop, &part);
-    const double *commands = kept + KEPT + m;
+    const double *commands = kept + KEPT + m, *still = unresponsive(loop, kept);
     for (int j = 0; j < m; j++) {
         double sum = 0.0;
         for (int i = 0; i < whole; i++)
             sum += commands[i * m + j];
-        there[j] = q[j] + loop->dt * (sum + part * commands[whole * m + j]);
+        there[j] = still[j] > 0.0 ? q[j] : q[j] + loop->dt * (sum + part * commands[whole * m + j]);
     }
+}
+
+/* memory.py, shown and moved: what joints were commanded to move since the tick before, and moved. */
+static bool shown(const Loop *loop, const double *q, const double *kept, Row commanded, Row moved)
+{
+    int m = loop->joints;
+    double part;
+    int whole = ticks_late(loop, &part);
+    const double *positions = kept + KEPT, *commands = positions + m;
+    for (int j = 0; j < m; j++) {
+        commanded[j] = loop->dt * ((1.0 - part) * commands[whole * m + j] + part * commands[(whole + 1) * m + j]);
+        moved[j] = displacement(loop, j, positions[j], q[j]);
+    }
+    return !isnan(positions[0]);
 }
 
 /* memory.py, after: a tick at q that gave a command. */
 void remembered(const Loop *loop, const double *q, const double *command, double *kept)
 {
     int m = loop->joints, count = commands_of(loop);
-    double *commands = kept + KEPT + m;
+    double *commands = kept + KEPT + m, *response = response_of(loop, kept);
+    Row commanded, moved;
+    if (shown(loop, q, kept, commanded, moved))
+        respond(loop, commanded, moved, response);
+    else
+        memset(response, 0, (size_t)(RESPONSE_ROWS * m) * sizeof(double));
     memcpy(kept + KEPT, q, (size_t)m * sizeof(double));
     memmove(commands + m, commands, (size_t)((count - 1) * m) * sizeof(double));
     memcpy(commands, command, (size_t)m * sizeof(double));
@@ -85,18 +153,17 @@ void remembered(const Loop *loop, const double *q, const double *command, double
 static int watched(const Loop *loop, const Row A[6], const double *q, const double *kept, Memory *memory)
 {
     int m = loop->joints, least = 0;
-    double part, told[6], done[6], share = 1.0 / MEMORY, size, along, farthest = 0.0;
-    const double *positions = kept + KEPT, *commands = positions + m;
-    int whole = ticks_late(loop, &part);
-    Row shown, moved;
-    if (isnan(positions[0]))
+    double told[6], done[6], share = 1.0 / MEMORY, size, along, farthest = 0.0;
+    Row commanded, moved;
+    if (!shown(loop, q, kept, commanded, moved))
         return least;
-    for (int j = 0; j < m; j++) {
-        shown[j] = loop->dt * ((1.0 - part) * commands[whole * m + j] + part * commands[(whole + 1) * m + j]);
-        moved[j] = q[j] - positions[j];
-    }
+    for (int j = 0; j < m; j++)
+        if (unresponsive(loop, kept)[j] > 0.0) { /* begins anew when all move */
+            memory->told = memory->done = memory->speed = memory->ticks = 0.0;
+            return least;
+        }
     for (int i = 0; i < 6; i++) {
-        told[i] = dot(m, A[i], shown);
+        told[i] = dot(m, A[i], commanded);
         done[i] = dot(m, A[i], moved);
     }
     size = norm(6, told);
@@ -109,7 +176,7 @@ static int watched(const Loop *loop, const Row A[6], const double *q, const doub
         double square = 0.0, off;
         for (int i = 0; i < 6; i++)
             square += A[i][j] * A[i][j];
-        off = sqrt(square) * fabs(shown[j] - moved[j]);
+        off = sqrt(square) * fabs(commanded[j] - moved[j]);
         least = off > farthest ? j : least;
         farthest = fmax(farthest, off);
     }
@@ -262,7 +329,7 @@ static void same_turn(const double before[3], double error[6])
 }
 
 /* The tick towards a target and, without one (NULL), `Controller.follow` for the twist `feedforward`. `before` is the
-   joint velocity now, which acceleration limits count from; `kept` is what the loop keeps, tick->memory its numbers after;
+   joint velocity now, which acceleration limits count from, or NULL for the last command, zero of a joint that stands; `kept` is what the loop keeps, tick->memory its numbers after;
    `now` is what is other in this tick, or NULL; `beside` what `Controller.follow` may be given beside a twist. */
 Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, const double *q, const Pose *target,
                     const double *feedforward, const double *before, const double *kept, Tick *tick)
@@ -271,11 +338,15 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
     Memory *memory = &tick->memory;
     Pose tool, home;
     double speed = now != NULL ? now->speed : 1.0, error[6] = {0.0}, measured[6], ahead[6] = {0.0}, along[6], led[6], most = 0.0, square = 0.0, gain = 0.0;
-    Row there, A[6], on[6];
+    Row there, A[6], on[6], last;
     Braking braking = {.share = 1.0};
     int m = demand.m = loop->joints;
     demand.chased = target != NULL;
     memcpy(memory, kept, sizeof *memory);
+    tick->unresponsive = unresponsive(loop, kept);
+    for (int j = 0; j < m && before == NULL; j++)
+        last[j] = tick->unresponsive[j] > 0.0 ? 0.0 : kept[KEPT + m + j];
+    before = before == NULL ? last : before;
     predicted(loop, kept, q, there);
     if (beside->J != NULL) {
         memcpy(demand.J, beside->J, sizeof demand.J);
@@ -324,7 +395,7 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
     demand.has_posture = loop->has_posture || beside->posture != NULL;
     demand.paced = demand.has_before = beside->posture == NULL;
     for (int j = 0; j < m; j++) {
-        demand.posture[j] = !demand.paced ? beside->posture[j] : loop->has_posture ? (loop->posture[j] - there[j]) * loop->pull[j] : 0.0;
+        demand.posture[j] = !demand.paced ? beside->posture[j] : loop->has_posture ? displacement(loop, j, there[j], loop->posture[j]) * loop->pull[j] : 0.0;
         demand.fastest[j] = loop->fastest[j] > 0.0 && isfinite(loop->fastest[j]) ? loop->fastest[j] : 1.0;
         demand.before[j] = kept[KEPT + m + j];
         demand.change[j] = loop->change[j];

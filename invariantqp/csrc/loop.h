@@ -12,6 +12,9 @@ typedef struct {
 } Memory;
 #define KEPT ((int)(sizeof(Memory) / sizeof(double)))
 
+/* control/response.py: the rows (m,) of a Response */
+enum { SILENT_ROW, UNANSWERED_ROW, UNRESPONSIVE_ROW, SCATTER_ROW, REST_ROW, COMMANDED_ROW, MOVED_ROW, RESPONSE_ROWS };
+
 /* What a tick leads to; how far each joint is outside its range, and its acceleration where it is above its limit, where
    these are to be told, or 0. */
 typedef struct {
@@ -19,6 +22,7 @@ typedef struct {
     Memory memory;
     Row outside, acceleration;
     int least; /* the joint that followed its command least */
+    const double *unresponsive; /* (m,) above 0 where joints are unresponsive */
 } Tick;
 
 /* clearance.c: a clearance in a tick of a loop, beside arms of others, and what of it is to be told: the pair of each row and
@@ -69,6 +73,9 @@ Outcome approach(const Loop *loop, double gain, const Demand *demand, const Row 
 void braked(const Braking *braking, Demand *demand);
 int commands_of(const Loop *loop);
 void predicted(const Loop *loop, const double *kept, const double *q, Row there);
+double displacement(const Loop *loop, int j, double start, double end);
+const double *unresponsive(const Loop *loop, const double *kept);
+void respond(const Loop *loop, const double *commanded, const double *moved, double *response);
 void remembered(const Loop *loop, const double *q, const double *command, double *kept);
 Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, const double *q, const Pose *target,
                     const double *feedforward, const double *before, const double *kept, Tick *tick);
@@ -80,6 +87,13 @@ bool is_far(const Loop *loop, const double *q, const Pose *target);
 #define WHOLE_TICKS 1e-9
 #define MOST_LATE 10000
 #define KEPT_SHARE 0.2
+#define RESPONSE_MEMORY 0.05
+#define RESPONSE_TIME 0.1
+#define RESPONSE_SHARE 0.2
+#define LEAST_COMMANDED 0.005
+#define FULL_SPEED 3.1
+#define SCATTER 30.0
+#define EXPLAINED 0.5
 #define FAST_SHARE 0.005
 #define OUTSIDE 1e-3
 #define BOUNDLESS 1e30

@@ -90,7 +90,7 @@ double *memory_of(PyObject *object, const Loop *loop)
 {
     PyArrayObject *array = (PyArrayObject *)object;
     bool good = PyArray_Check(object) && PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISCARRAY(array) &&
-                PyArray_SIZE(array) == KEPT + (1 + commands_of(loop)) * loop->joints;
+                PyArray_SIZE(array) == KEPT + (1 + commands_of(loop) + RESPONSE_ROWS) * loop->joints;
     return good ? PyArray_DATA(array) : NULL;
 }
 
@@ -137,17 +137,15 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
     Row q, before;
     Pose target;
     double feedforward[6];
-    bool ahead = arguments[4] != Py_None, towards = arguments[3] != Py_None;
+    bool ahead = arguments[4] != Py_None, towards = arguments[3] != Py_None, given = arguments[5] != Py_None;
     Tick tick;
-    if (arguments[5] == Py_None)
-        memcpy(before, kept + KEPT + m, (size_t)m * sizeof(double));
-    if ((arguments[5] != Py_None && (!vector(arguments[5], m, before) || !all_finite(m, before))) ||
+    if ((given && (!vector(arguments[5], m, before) || !all_finite(m, before))) ||
         !vector(arguments[2], m, q) || !all_finite(m, q) || (towards && !target_pose(arguments[3], &target)) ||
         (ahead && (!vector(arguments[4], 6, feedforward) || !all_finite(6, feedforward))) || (!towards && !ahead))
         Py_RETURN_NONE;
     if (apart && !apart_begun(&clearance))
         return PyErr_NoMemory();
-    Outcome outcome = step_beside(fixed, now, &beside, q, towards ? &target : NULL, ahead ? feedforward : NULL, before, kept, &tick);
+    Outcome outcome = step_beside(fixed, now, &beside, q, towards ? &target : NULL, ahead ? feedforward : NULL, given ? before : NULL, kept, &tick);
     PyObject *rows = NULL; /* what they are called, where that is not as the loop says */
     if (outcome == DONE && apart)
         rows = apart_told(&clearance);

@@ -15,10 +15,11 @@ static bool overloaded(const PressTick *tick, double most[2])
 
 static bool is_dead(const PressTick *tick, Dead *dead)
 {
+    bool moves = tick->came != 0.0 || norm(3, tick->across) > 0.0; /* readings at rest may be the same */
     bool first = isnan(dead->reading[0]), same = !first && tick->noise > 0.0;
     for (int i = 0; i < 6; i++)
         same = same && tick->reading[i] == dead->reading[i];
-    dead->unchanged = same ? dead->unchanged + tick->dt : 0.0;
+    dead->unchanged = !same ? 0.0 : moves ? dead->unchanged + tick->dt : dead->unchanged;
     dead->alive = dead->alive != 0.0 || tick->noise == 0.0 || isnan(tick->felt) || !(first || same);
     memcpy(dead->reading, tick->reading, sizeof dead->reading);
     return dead->unchanged > DEAD_AFTER;

@@ -14,6 +14,7 @@
 #define HALVINGS 24
 #define EXCESS 1e-9
 #define ROUNDING 1e-6
+#define IN_PLACE 1e-6
 #define SHARE 0.97
 #define PLACES 21
 #define EASIER 1.3

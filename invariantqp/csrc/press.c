@@ -387,7 +387,7 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
                            .posture = now->has_posture ? now->posture : NULL,
                            .rows = press->force_first ? n : 0,
                            .D = (const double(*)[6])constraints};
-    if (step_beside(loop, NULL, &beside, q, NULL, all, now->has_velocity ? now->velocity : kept + KEPT + m, kept, &answer->tick) == HAND_BACK)
+    if (step_beside(loop, NULL, &beside, q, NULL, all, now->has_velocity ? now->velocity : NULL, kept, &answer->tick) == HAND_BACK)
         return HAND_BACK;
 
     /* What is remembered. */

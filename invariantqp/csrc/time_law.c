@@ -9,7 +9,7 @@ double needed_share(const JointLimits *limits, int j, double x, double v, double
 {
     double needs = fmax(fmax(fabs(v) / limits->fastest[j], fabs(a) / limits->acceleration[j]), fabs(jerk) / limits->jerk[j]);
     double out = fmax(x - limits->upper[j], limits->lower[j] - x);
-    return out > 0.0 ? fmax(needs, 2.0 + out) : needs;
+    return out > IN_PLACE ? fmax(needs, 2.0 + out) : needs;
 }
 
 /* The acceleration that brings a velocity to the wanted one soonest, jerk taking it back in time. */
@@ -77,8 +77,8 @@ static double within_limits(const JointLimits *limits, int j, double q, double v
     double A = limits->acceleration[j], step = limits->jerk[j] * limits->dt;
     double low = fmin(fmax(-A, before - step), A), high = fmax(fmin(A, before + step), -A);
     double chosen = fmin(fmax(wanted, low), high);
-    double up = most_upward(limits, j, limits->upper[j] - q, velocity, low, chosen);
-    double down = -most_upward(limits, j, q - limits->lower[j], -velocity, -high, -chosen);
+    double up = most_upward(limits, j, fmax(limits->upper[j] - q, 0.0), velocity, low, chosen);
+    double down = -most_upward(limits, j, fmax(q - limits->lower[j], 0.0), -velocity, -high, -chosen);
     return up < chosen ? up : down > chosen ? down : chosen;
 }
 

@@ -109,7 +109,7 @@ from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.measure import length_at
-from invariantqp.velocity.solution import Status, VelocitySolution
+from invariantqp.velocity.solution import Status, VelocitySolution, no_motion
 
 if TYPE_CHECKING:
     from invariantqp.engine import Press
@@ -439,18 +439,28 @@ class HybridController:
             BadInput: NaN or wrong shapes; the controller's state is as it was. In place of a reading with NaN give the
                 one before again; too often is a dead sensor's "fault".
         """
+        if self.loop.turns.any():
+            q = self.loop.unwrapped(q)
         contact = contact_now(self.task, self._tool(q) if contact is None else ANYWHERE, contact)
         given = q, target, wrench, feedforward, contact, velocity, wanted, posture
+        kept, normal, beyond = self._kept, self._normal, self._beyond
         found = None if self._core is None else self._by_core(self._core, given)
-        return self._by_python(given) if found is None else found
+        solution = self._by_python(given) if found is None else found
+        if no_motion(solution.velocity_solution) and solution.status not in (Status.OVERLOAD, Status.FAULT):
+            # While joints do not move although they are commanded to, a reading can show an overload, nothing else.
+            overload = self.memory.monitor.overload
+            self._kept, self._normal, self._beyond = kept, normal, beyond
+            memory = self.memory
+            self._kept = memory._replace(coming=(), monitor=memory.monitor._replace(overload=overload))
+            self._ways = Ways(self._timing[1], self.loop.dt)
+        return solution
 
     def _by_python(self, given: Given) -> HybridSolution:
         """A tick in Python, the definition."""
         q, target, wrench, feedforward, contact, velocity, wanted, posture = given
         task, loop, memory, dt, delay = self.task, self.loop, self.memory, self.loop.dt, self._delay
         robot, joints = loop.robot, len(loop.robot.names)
-        positions = arrays.vector(q, joints, "q")
-        reading = wrench_of(wrench, self._order, "wrench")
+        positions, reading = arrays.vector(q, joints, "q"), wrench_of(wrench, self._order, "wrench")
         velocity = None if velocity is None else arrays.vector(velocity, joints, "velocity")
         sighting = robot.sight(positions, target)
         if loop.wrong(positions):

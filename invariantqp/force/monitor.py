@@ -180,7 +180,7 @@ def overload_of(task: HybridTask, force: float, moment: float, noise: float) -> 
 
 
 class Dead(NamedTuple):
-    """For how long the reading has been the same, although the sensor has noise."""
+    """For how long the reading has been the same while the tool moves, although the sensor has noise."""
 
     reading: Annotated[Array, 6] | None = None
     unchanged: float = 0.0
@@ -194,7 +194,8 @@ class Dead(NamedTuple):
     def update(self, task: HybridTask, tick: Tick) -> tuple[Dead, Finding | None]:  # noqa: ARG002
         """The check after a tick."""
         same = self.reading is not None and tick.noise > 0.0 and bool((tick.reading == self.reading).all())
-        unchanged = self.unchanged + tick.dt if same else 0.0
+        moves = tick.came != 0.0 or bool(tick.across.any())  # readings at rest may be the same
+        unchanged = self.unchanged + (tick.dt if moves else 0.0) if same else 0.0
         first = self.reading is None
         alive = self.alive or tick.noise == 0.0 or tick.press is None or not (first or same)
         now = Dead(tick.reading, unchanged, alive)

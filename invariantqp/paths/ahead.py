@@ -33,7 +33,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.paths.curve import Curve
 from invariantqp.paths.fit import REACHED
 from invariantqp.paths.task_error import TaskError, task_error
-from invariantqp.paths.time_law import usual
+from invariantqp.paths.time_law import AT_LIMIT, usual
 from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.law import Demand
@@ -59,8 +59,6 @@ CORRECTIONS = 8
 # A place that the arm comes no closer to than this, relative, cannot be reached: ten micrometres for a metre. Within as
 # much the tool is at the path's start, or its end.
 OFF_PATH = 1e-5
-# A joint this close to a position limit [rad, length] is at it.
-AT_LIMIT = 1e-6
 # Steps of a path at least, and the shortest one as a share of it (or of another scale).
 LEAST_STEPS = 200
 SHORTEST = 1e-6

@@ -32,6 +32,7 @@ from invariantqp.paths.shape import (
 )
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.task_error import task_error
+from invariantqp.robots.kinematics import joint_displacement
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.solution import Status
 
@@ -172,7 +173,7 @@ class Pressed:
         squares = float(ahead.dot(ahead)) + shape.given.slow**2 + float(error.dot(error)) / curve.end**2
         place = min(max(self._place - float(ahead.dot(error)) / squares, 0.0), plan.end)
         off = float(np.linalg.norm(error - (self._place - place) * ahead))
-        astray = plan.joints(place) - q
+        astray = joint_displacement(q, plan.joints(place), loop.turns)
         if float(astray.dot(astray)) <= 0.25 * STRAYED * STRAYED:  # nor is any part of it more
             return Beside(place, off, away, 0.0, astray)
         _, sigma, Vt = np.linalg.svd(way.root.dot(way.sighting.J), full_matrices=False)

@@ -5,12 +5,16 @@
 A change of mind is a splice from the motion that the arm has now: to a new chunk, to the last point of one, after a
 leap of a hand or a push of the arm. What it cannot do inside the limits is caught up, and an arm that is to stop
 follows the twist zero. No tick is taken from which the joints cannot stop.
+
+An override below 1 slows all of it down. Points and functions are followed by a clock that runs slower from where they
+are due when it is set; of streams and twists the speed is scaled. On the way back to what is due no joint exceeds the
+override's share of the speed that was requested of it since the arm fell behind.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from functools import partial
 from math import inf, nan
@@ -21,15 +25,16 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from invariantqp.control.controller import Controller
+from invariantqp.control.response import Response, units, unresponsive_joints
+from invariantqp.control.tracking import TRACKING_SHARE
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.control import HybridController
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry import arrays, se3, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.ahead import AT_LIMIT
 from invariantqp.paths.contact import Pressed
-from invariantqp.paths.fit import REACHED, Given, Solver, sampled
+from invariantqp.paths.fit import PATIENCE, REACHED, Given, Solver, sampled
 from invariantqp.paths.plan import PathPlan
 from invariantqp.paths.reference import (
     DISPLACED,
@@ -45,19 +50,20 @@ from invariantqp.paths.reference import (
     Motion,
     Reference,
     Source,
-    Stream,
     planned,
     resting,
 )
+from invariantqp.paths.samples import Samples
 from invariantqp.paths.shape import ASTRAY, PAUSE, Shape
 from invariantqp.paths.solution import FollowerSolution, Why
-from invariantqp.paths.stamps import ANOTHER_CLOCK, LONG, SampleClock, increasing, question
-from invariantqp.paths.task_error import STILL
-from invariantqp.paths.time_law import AT_REST, JointLimits, usual
+from invariantqp.paths.stamps import ANOTHER_CLOCK, LONG, increasing, question
+from invariantqp.paths.task_error import STILL, task_error
+from invariantqp.paths.time_law import AT_LIMIT, AT_REST, JointLimits, usual
+from invariantqp.robots.kinematics import joint_displacement
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.limits import BrakingBox
-from invariantqp.velocity.reasons import row_name
+from invariantqp.velocity.reasons import Code, Reason, row_name
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
@@ -72,12 +78,17 @@ SKEW = 0.02
 FASTEST = 1e3
 # A function of time is looked ahead so far [s], at places so far apart [s], and again when half of that is driven.
 AHEAD, SAMPLING = 1.0, 0.02
-# Samples that are taken in a tick at most, the newest: under a millisecond each.
-MOST_WAITING = 8
 # The largest override of a path whose shape is kept.
 MOST_OVERRIDE = 1.5
+# The largest speed of a splice over its mean one; speeds of what is followed are looked at in so many places.
+PEAK, SPEEDS = 1.875, 65
+# On the way to a stream that is far joints may be so many times as fast as the stream, or they would not reach it.
+OVERTAKES = 1.2
+# Points farther than this [rad, length] from the joints are approached by the law where there are exact demands; so
+# often [s] it is looked whether the joints are there.
+LEAP, TRIED = 0.1, 0.02
 # Why joints catch up, or are elsewhere.
-LATE = "the joints' limits"
+LATE, SLOWER = "the joints' limits", "the override"
 ELSEWHERE = "joints are not where they were sent: they do not follow, or later than told (delay=)"
 # Why an arm stands that is not done.
 NOT_DUE = "the next points are not due yet"
@@ -111,6 +122,8 @@ class Follower:
         jerk: ArrayLike | None = None,
         cutoff: float = 3.0,
         timeout: float = 0.1,
+        approach: float = 1.0 / 3.0,
+        drop_outliers: bool = True,
         blocked: Literal["stop", "leave"] = "stop",
         tolerance: float | None = None,
     ) -> None:
@@ -125,6 +138,10 @@ class Follower:
                 20 ms, and at once where the shape is kept.
             cutoff: what is faster than this is smoothed away where time is kept [Hz]; inf follows chunks as they are.
             timeout: after how long without a sample or a twist the arm comes to rest [s].
+            approach: the share of the joints' speed limits that is used at most on the way to a stream of samples from
+                where the arm is: to its first sample, after a gap or a stop; 1 uses all of them.
+            drop_outliers: whether one sample is dropped that joints at their speed limits could not reach in the time
+                since the sample before; of two in a row the second is believed.
             blocked: where the shape is kept and the arm cannot reach it: "stop" before it, or "leave" it by the least.
             tolerance: how far off a pose is out of reach [length]; None is 1e-4 of the arm's length. Where the shape is
                 kept, as in `PathFollower`.
@@ -156,6 +173,10 @@ class Follower:
         self._rate = arrays.number(rate, "rate", "a share of the stamps' speed", positive=True)
         self.cutoff: float = arrays.number(cutoff, "cutoff", "a frequency in Hz", positive=True, infinite=True)
         self.timeout: float = arrays.number(timeout, "timeout", "seconds", positive=True)
+        self._share = arrays.number(approach, "approach", "a share of the speed limits, up to 1", positive=True)
+        if self._share > 1.0:
+            raise BadInput("approach", f"{self._share:g}", "a share of the speed limits, up to 1")
+        self._drops = arrays.flag(drop_outliers, "drop_outliers")
         least = REACHED * loop.measure.length
         self._tolerance = (
             least if tolerance is None else arrays.number(tolerance, "tolerance", "a distance", positive=True)
@@ -180,11 +201,15 @@ class Follower:
         self._command = self._pace = np.zeros(m)  # in the last tick, and what it had changed by, over the tick
         self._course: Course | None = None
         self._time = 0.0  # when the next tick begins, by the stamps' clock
-        self._sent: deque[Array] = deque(maxlen=round(loop.delay / loop.dt) + 1)
+        ticks = round(loop.delay / loop.dt) + 1
+        self._sent: deque[Array] = deque(maxlen=ticks)
+        self._issued: deque[Array] = deque(maxlen=ticks)  # the last commands
+        self._seen: Array | None = None  # (m,) joint positions in the last tick, continuous joints without their turns
+        self._response = Response.at_first(m).numbers  # of the joints to their commands
+        self._unresponsive: tuple[int, ...] = ()  # joints that do not move although they are commanded to
         self._reference: Reference | None = None
         self._q = self._v = self._a = np.zeros(m)  # of the commanded motion, when the next tick begins
         self._source: Source | None = None  # what is wanted
-        self._stream: Stream | None = None  # the samples that it is a plan along
         self._given: tuple[Given, Array] | None = None  # the points of the source
         self._missed: Array | None = None  # by how much points are out of reach, where one is
         self._last: tuple[Array, float, float] | None = None  # (m,) the last of them, its stamp, when to go back to it
@@ -192,13 +217,19 @@ class Follower:
         self._next: tuple[Given, Array | None, float, bool, float | None] | None = None
         self._function: Callable[[float], Any] | None = None
         self._looked = 0.0
-        self._samples: deque[tuple[Any, float | None]] = deque(maxlen=MOST_WAITING)
-        self._newest: tuple[Array, Array, float] | None = None  # a sample's point, joints and stamp
-        self._clock = SampleClock()
-        self._heard = 0.0
-        self._twist: Array | None = None
-        self._turns = False  # whether the twist is one to move at; otherwise the arm comes to rest
+        self._samples = Samples(loop, self._solver, cutoff=self.cutoff, timeout=self.timeout, drops=self._drops)
+        self._by_law: tuple[Given, Array, float] | None = None  # points approached by the law, with stamps; since when
+        self._heard = 0.0  # when the last twist came
+        self._asked: Array = STILL  # the twist
+        self._twist: Array | None = None  # the same, or zero where the arm comes to rest
+        self._turns = False  # whether there is a twist to move at
         self._override = 1.0
+        self._changed = -inf  # when the override changed
+        self._clock: Clock | None = None  # of points and functions where the override is below 1; None is the stamps'
+        self._bounds = self._limits  # as far as override and approach leave them
+        self._was: Source | None = None  # what was wanted before
+        self._speeds: Array = np.zeros(m)  # of joints, which points ask for
+        self._requested: Array = np.zeros(m)  # the largest joint speeds requested since the arm fell behind
         self._closed = False
         self._why = "nothing to follow yet"
         self._answer: VelocitySolution | None = None  # what the law made of a twist, or the loop of a command
@@ -260,8 +291,9 @@ class Follower:
         times = None if stamps is None else increasing(stamps, len(given))
         if times is not None:
             question(times, given, self._limits.velocity, self.controller.measure.length)
+        law = self._by_law
         self._forget()
-        self._next = given, times, when, at is not None, None
+        self._by_law, self._next = law, (given, times, when, at is not None, None)
 
     def add(self, point: Any, stamp: float | None = None) -> None:
         """One more point of a stream, as a hand's tracker sends them; one alone is a stream that ended (`timeout`).
@@ -279,9 +311,9 @@ class Follower:
             raise BadInput("point", "a stream where the shape is kept", 'keep="time", or a whole path by follow()')
         given = self._believed(Given([arrays.matrix_of(point)], self._m, "point"), "point")
         when = None if stamp is None else arrays.number(stamp, "stamp", "a time in seconds")
-        if self._next is not None or self._function is not None or self._turns:
+        if self._next is not None or self._function is not None or self._turns or self._by_law is not None:
             self._forget()
-        self._samples.append((given, when))
+        self._samples.add(given, when)
 
     def twist(self, v: ArrayLike) -> None:
         """Move the tool at a twist, until the next one or for `timeout`.
@@ -302,7 +334,8 @@ class Follower:
             self._halt()
         elif course is not None:  # the same course, for longer
             self._course = course._replace(until=self._time + self.timeout)
-        self._twist, self._turns, self._heard = wanted, bool(wanted.any()), self._time
+        self._asked, self._turns, self._heard = wanted, bool(wanted.any()), self._time
+        self._twist = wanted if self._override > 0.0 else STILL
 
     def prepare(self, q: ArrayLike) -> None:
         """Find the joint motion along a path whose shape is kept now, from joint positions near its start.
@@ -364,7 +397,8 @@ class Follower:
             velocity: (m,) joint velocity now, where it is not the one commanded last, which None is: of an arm that
                 moves when it is first stepped, after a push or an emergency stop.
             now: the time [s], by the clock of the stamps; None counts ticks.
-            override: share of the wanted speed, 0 to 1; along a path up to 1.5, where limits allow it.
+            override: share of the requested speed, 0 to 1, of all that is followed, which may change in every tick; 0
+                stops; along a path up to 1.5, where limits allow it.
             wrench: in contact, as in `HybridController.step`, and so are the next two.
             contact: the contact now; None takes the task's.
             wanted: what to exert in this tick; None takes the task's.
@@ -377,40 +411,80 @@ class Follower:
         """
         loop = self.controller
         clock = None if now is None else arrays.number(now, "now", "a time in seconds")
-        course = self._course if velocity is None and override == self._override else None
-        soon = (
-            course is not None and self._time < course.until and (clock is None or -SKEW <= clock - self._time <= SKEW)
-        )
-        if course is not None:
-            if soon and loop.varies:
-                loop.begin()
-            found = self._by_core(course, q) if soon else None  # None where Python has to answer, too
-            if found is not None:
-                return found
-            self._course = None
-        measured = arrays.vector(q, self._m, "q").copy()
-        before = self._command if velocity is None else arrays.vector(velocity, self._m, "velocity")
+        course = self._course if velocity is None and override == self._override and self._runs(clock) else None
+        if course is not None and loop.varies:
+            loop.begin()
+        found = None if course is None else self._by_core(course, q)
+        if found is not None:
+            return found
+        self._course = None
         share = self._override_of(override)
+        if self._pressed is None:
+            _none(wrench=wrench, contact=contact, wanted=wanted)
+        measured, before, wrong = self._observed(q, velocity)
         if self._pressed is not None:
             return self._in_contact(self._pressed, measured, before, clock, share, (wrench, contact, wanted))
-        _none(wrench=wrench, contact=contact, wanted=wanted)
         shape, another = self._shape, np.abs(before - self._command) > self._limits.dt * self._limits.acceleration
         self._command = before
-        wrong = loop.wrong(measured)
         if wrong:
-            return self._held(str(wrong), clock)
-        if another.any() and shape is None:  # joints cannot have it by what was commanded
-            self._reference, self._pace = None, np.zeros(self._m)
+            return self._held(wrong, clock)
+        anew, leaves = self._unresponsive != (), shape is None and bool(another.any())
+        if leaves or anew:  # joints cannot have it by what was commanded
+            self._reference, self._pace = None if leaves else self._reference, np.zeros(self._m)
         if shape is not None and shape.motion is None and (self._reference is None or not self._v.any()):
             if shape.plan is None:
-                return self._setting_out(shape, measured, clock)
-            self._source = shape.begin(self._time if clock is None else clock)
-            self._reference = self._twist = None
-        if not soon:
+                return self._setting_out(shape, measured, clock, share)
+            measured = self._on_path(shape, measured, clock)
+        if course is None:
             loop.begin()
-        reference = self._begin(measured, clock)
+        reference = self._begin(measured, clock, anew=anew)
         self._take_in(reference, share)
         return self._driven(reference, measured)
+
+    def _runs(self, clock: float | None) -> bool:
+        """Whether the course goes on at the time of a tick, by its clock [s] or the sum of the ticks."""
+        course, now = self._course, self._time
+        return course is not None and now < course.until and (clock is None or abs(clock - now) <= SKEW)
+
+    def _on_path(self, shape: Shape, q: Array, clock: float | None) -> Array:
+        """Follow the path whose start is reached; (m,) joint positions, of continuous joints near that start."""
+        self._source = shape.begin(self._time if clock is None else clock)
+        self._reference = self._twist = None
+        there = shape.driven.joints(0.0)
+        self._seen = there + joint_displacement(there, q, self.controller.turns)
+        return self._seen
+
+    def _observed(self, given: ArrayLike, velocity: ArrayLike | None) -> tuple[Array, Array, str]:
+        """(m,) joint positions and velocity when a tick begins, and why positions cannot be true, "" if they can.
+
+        Positions of continuous joints are by whole turns near those of the tick before; unresponsive ones are at rest.
+        """
+        q, before = arrays.vector(given, self._m, "q").copy(), self._command
+        if velocity is not None:
+            before = arrays.vector(velocity, self._m, "velocity")
+        loop, wrong, before_this = self.controller, self.controller.wrong(q), self._unresponsive
+        seen = None if wrong else self._seen
+        if seen is not None:
+            moved = joint_displacement(seen, q, loop.turns)
+            q = seen + moved if loop.turns.any() else q
+        if seen is None or velocity is not None:
+            response = Response.at_first(self._m)
+        else:
+            unit = units(self._limits.velocity)
+            response = Response.of(self._response).after(loop.dt * self._shown / unit, moved / unit, loop.dt)
+        self._response = response.numbers
+        self._unresponsive = unresponsive_joints(self._response)
+        responds = [j for j in before_this if j not in self._unresponsive]
+        # A joint that begins to respond does so at the same command as in the ticks before.
+        self._a, self._pace = _at_rest(self._a, responds), _at_rest(self._pace, responds)
+        self._seen = None if wrong else q
+        return q, _at_rest(before, self._unresponsive), str(wrong) if wrong else ""
+
+    @property
+    def _shown(self) -> Array:
+        """(m,) the command that joint positions show now."""
+        full = len(self._issued) == self._issued.maxlen
+        return self._issued[0] if full else np.zeros(self._m)
 
     def _driven(self, reference: Reference, measured: Array) -> FollowerSolution:
         """A tick along a reference."""
@@ -418,7 +492,7 @@ class Follower:
         found = None if course is None else self._by_core(course, measured, begun=True)
         if found is not None:
             return found
-        if self._late and self._twist is None:
+        if self._late and self._twist is None and not self._changing:
             self._late = not reference.splice(reference.source, self._time, self._state, EASE_SAMPLE)
         command = self._moved(reference, measured)
         self._time += self.controller.dt
@@ -430,27 +504,49 @@ class Follower:
         loop, shape = self.controller, self._shape
         if core is None or loop.for_core is None:
             return None
-        if self._samples or (shape is None and self._source is None and self._twist is None):
+        if self._samples or self._chases or (shape is None and self._source is None and self._twist is None):
             return None
         if shape is not None and (
             self._late or reference.source is not shape.motion or self._time <= reference.joined or self._astray
         ):
             return None
-        until, told = self._looked + 0.5 * AHEAD if self._function else inf, -inf
+        until, told = self._when(self._looked + 0.5 * AHEAD) if self._function else inf, -inf
         if shape is not None:
             until, told = min(until, shape.until), shape.usual
         elif self._twist is None:
-            until = min(until, inf if self._late else reference.end) if self._last is None else min(until, self._due)
-        until = min(until, inf if self._next is None else self._next[2])
-        if self._turns or (self._twist is None and self._newest is not None):
+            ends = reference.end if self._last is None else self._when(self._due)
+            until = min(until, inf if self._late and self._last is None else ends)
+        if self._next is not None:
+            until = min(until, self._next[2] if self._next[4] is None else self._when(self._next[2]))
+        if self._turns:
             until = min(until, self._heard + self.timeout)
-        numbers = reference.course(gain=None if shape is None else loop.gain)
+        elif self._twist is None and self._samples.newest is not None:
+            until = min(until, self._samples.heard + self.timeout)
+        gain = self._gain if shape is None else loop.gain
+        numbers = reference.course(gain=gain, shape=shape is not None)
         return None if numbers is None or until <= self._time else Course(reference, numbers, until, told)
 
     @property
+    def _gain(self) -> float:
+        """[1/s] at which joints are led back to where they were sent, where time is kept."""
+        return JOINT_GAIN * (0.0 if self.paused else self._override)
+
+    @property
     def _due(self) -> float:
-        """When to go back to the last point if no newer ones come."""
+        """When to go back to the last point if no newer ones come, by the stamps."""
         return inf if self._last is None else self._last[1] if self._closed else self._last[2]
+
+    @property
+    def _place(self) -> float:
+        """What is due now, by the stamps of points."""
+        return self._time if self._clock is None else self._clock.now(self._time)[0]
+
+    def _when(self, place: float) -> float:
+        """When a place is due, or at least not before."""
+        clock = self._clock
+        if clock is None:
+            return place
+        return clock.start + (place - clock.first) / clock.final if clock.final > 0.0 else inf
 
     def _by_core(self, course: Course, q: ArrayLike, *, begun: bool = False) -> FollowerSolution | None:
         """A tick in which nothing new comes, or all of it is taken in, by the core; None where Python has to answer.
@@ -460,8 +556,9 @@ class Follower:
         reference, numbers, _, told = course
         time, sent, shape, loop, ease = self._time, self._sent, self._shape, self.controller, 0.0
         full = not begun and len(sent) == sent.maxlen  # the first goes as this tick's positions come
-        shown = sent[full] if full < len(sent) else self._q
-        if self._late and self._twist is None:
+        position = self._q
+        shown = sent[full] if full < len(sent) else position
+        if self._late and self._twist is None and not self._changing:
             ease = max(EASE_SAMPLE, SHORTEST_STOP * loop.dt)
         found = core.follow(  # type: ignore[union-attr]
             numbers,
@@ -469,12 +566,16 @@ class Follower:
             None if self._beside is None else self._beside.for_core,
             self._unbraked.kept,
             self._twist,
+            self._override,
             self._late,
             ease,
             time,
             q,
             shown,
-            self._q,
+            q if self._seen is None else self._seen,
+            self._shown,
+            None if begun else self._response,
+            position,
             self._v,
             self._a,
             self._command,
@@ -482,9 +583,12 @@ class Follower:
         )
         if found is None:
             return None
+        response, self._q, self._v, self._a, self._command, self._pace, command, measured, before, after, *more = found
         if not begun:
-            sent.append(self._q)
-        self._q, self._v, self._a, self._command, self._pace, command, measured, before, after, *more = found
+            sent.append(position)
+            self._response, self._unresponsive = response, ()
+        self._seen = measured
+        self._issued.append(self._command)
         self._late, way, answer, self._bound, self._off = more
         self._time += loop.dt
         self._answer = None
@@ -504,8 +608,8 @@ class Follower:
         self._answer = None
         v = wanted = self._wanted(reference)
         if not along:  # inside the limits of the joints
-            v = self._limits.nearest(self._q, self._v, self._a, wanted)
-            self._late = self._late or (self._twist is None and bool((v != wanted).any()))
+            v = self._bounds.nearest(self._q, self._v, self._a, wanted)
+            self._late = self._late or (self._twist is None and bool((dt * np.abs(v - wanted) > AT_LIMIT).any()))
         wanted = self._corrected(measured, v)
         command = self._nearest(measured, wanted)
         if self._bound and along and shape is not None and (loop := self._beside) is not None:  # the path waits
@@ -519,6 +623,7 @@ class Follower:
             v = v + command - wanted
             self._late = self._twist is None
         self._pace, self._command = (command - self._command) / dt, command
+        self._issued.append(command)
         self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
         if self._bound:  # how hard the loop braked is nothing to go on with
             self._pace = self._a = np.zeros(self._m)
@@ -557,21 +662,25 @@ class Follower:
         step = np.full(self._m, inf) if limit is None else dt * limit.acceleration
         self._pace = np.zeros(self._m)
         self._v = self._command = np.sign(v) * np.maximum(np.abs(v) - step, 0.0)
+        self._issued.append(self._command)
         return FollowerSolution(self._v.copy(), Status.HELD, reason, (place, 0.0, 0.0), lambda: inf, "joint positions")
 
-    def _setting_out(self, shape: Shape, measured: Array, clock: float | None) -> FollowerSolution:
+    def _setting_out(self, shape: Shape, measured: Array, clock: float | None, override: float) -> FollowerSolution:
         """A tick on the way to a path whose shape is kept."""
         before = self._command
-        found = self._approaching(shape, measured, before) if np.isfinite(self._options["joint_jerk"]).all() else None
-        told = shape.set_out(measured, before) if found is None else found
+        share, limited = 0.0 if self.paused else min(override, 1.0), np.isfinite(self._options["joint_jerk"]).all()
+        found = self._approaching(shape, measured, before, share) if limited else None
+        told = shape.set_out(measured, before, share) if found is None else found
         self._time = (self._time if clock is None else clock) + self.controller.dt
         self._command, self._pace = told.velocity.copy(), np.zeros(self._m)
+        if found is None:
+            self._issued.append(self._command)
         self._reference = None
         return told
 
-    def _approaching(self, shape: Shape, measured: Array, before: Array) -> FollowerSolution | None:
+    def _approaching(self, shape: Shape, measured: Array, before: Array, share: float) -> FollowerSolution | None:
         """As `Shape.set_out`, inside limits of jerk, by the joints; None at the path's start, or where that fails."""
-        if self._start is None or np.abs(self._sent[0] - measured).max() > DISPLACED:
+        if self._start is None or self._unresponsive or np.abs(self._sent[0] - measured).max() > DISPLACED:
             there, missed = self._solver.pose(shape.given.curve.pose(0.0), measured, self._time, inf)
             if missed > REACHED * self.controller.measure.length:
                 return None
@@ -583,6 +692,9 @@ class Follower:
         self._twist, self._late = None, bool(np.abs(self._start - self._q).max() > AT_LIMIT) or not self._still
         if not self._late:
             return None
+        self._bounds = self._limits.slowed(np.full(self._m, share))
+        if share == 0.0:
+            self._twist = STILL
         command = self._moved(Reference(self._limits, self._start, self._time), measured)
         return shape.on_the_way(measured, command.copy())
 
@@ -605,6 +717,7 @@ class Follower:
             shape.motion, shape.plan = kept
             raise
         self._time, self._command = time + self.controller.dt, told.velocity
+        self._issued.append(self._command)
         return told
 
     def _corrected(self, measured: Array, v: Array) -> Array:
@@ -612,13 +725,13 @@ class Follower:
 
         Where time is kept, `w` is the part that leads back, and the sum keeps all limits as what is wanted does.
         """
-        loop, limits, off, before = self.controller, self._limits, self._sent[0] - measured, self._command
+        loop, limits, off, before = self.controller, self._bounds, self._sent[0] - measured, self._command
         if self._shape is not None:
             v = v + np.copysign(limits.homing(off, loop.gain), off)
             bounds = self._box.at(measured) if self._braking is None else self._braking.at(measured, before)
             return np.clip(v, *bounds[:2])
         here = np.clip(self._q - off, limits.lower, limits.upper)
-        w, back = before - self._v, np.copysign(limits.homing(off, JOINT_GAIN), off)
+        w, back = before - self._v, np.copysign(limits.homing(off, self._gain), off)
         x = limits.nearest(here, before, self._pace, v + w + limits.dt * limits.towards(w, back))
         return x if self._braking is None else np.clip(x, *self._braking.at(here, before)[:2])
 
@@ -652,7 +765,7 @@ class Follower:
 
     def _forget(self) -> None:
         """What was to come is replaced."""
-        self._next = self._function = None
+        self._next = self._function = self._by_law = None
         self._samples.clear()
         if self._turns or self._shape is not None:
             self._halt()
@@ -660,21 +773,22 @@ class Follower:
     def _halt(self) -> None:
         """Come to rest from the motion that the arm has now."""
         self._twist, self._turns, self._shape, self._late = STILL, False, None, False
-        self._source = self._stream = self._given = self._newest = self._last = None
+        self._source = self._given = self._last = self._was = None
+        self._bounds = self._limits
 
-    def _begin(self, measured: Array, clock: float | None) -> Reference:
-        """The reference at the beginning of a tick, made anew where the arm is not where it was sent."""
+    def _begin(self, measured: Array, clock: float | None, *, anew: bool) -> Reference:
+        """The reference at the beginning of a tick, made anew where told, or where the arm is not where it was sent."""
         reference = self._reference
         if reference is not None:
             if clock is not None and abs(clock - self._time) > SKEW:
                 self._leap_to(clock, reference)
             self._sent.append(self._q)
-            if not self._displaced(measured):
+            if not (self._displaced(measured) or anew):
                 return reference
-            self._why = "pushed off, on the way back"
         else:
             if clock is not None:
                 self._heard += clock - self._time
+                self._samples.heard += clock - self._time
                 self._time = clock
             begun = None if self._shape is None or self._source is None else self._begun(measured, self._source)
             if begun is not None:
@@ -688,8 +802,12 @@ class Follower:
         self._sent.append(measured)
         self._off = 0.0
         self._reference = new = Reference(self._limits, self._q, self._time)
-        if self._source is not None:  # a path that was left is gone back to
+        if self._shape is not None and self._source is not None:  # a path that was left is gone back to
             self._late = not new.splice(self._source, self._time, self._state, EASE)
+        elif not self._turns:  # and so is what is wanted, from rest or the motion that the arm has
+            self._twist, self._samples.far, self._was = STILL, self._samples.newest is not None, None
+            if self._source is not None:
+                self._leaps(self._source.at(np.array((self._place,)))[0, 0])
         return new
 
     def _displaced(self, measured: Array) -> bool:
@@ -716,6 +834,7 @@ class Follower:
         state = self._state
         before = self._time
         self._heard += clock - before
+        self._samples.heard += clock - before
         self._time = clock
         if self._shape is not None and self._shape.motion is not None:
             reference.source = self._source = self._shape.delayed(clock - before)
@@ -732,51 +851,125 @@ class Follower:
             self._override = override
             reference.source = self._source = shape.order(now, share)
             return
-        if self._next is not None and now >= self._next[2]:
+        if override == 1.0 and not self.paused:
+            self._clock = None
+        place = self._place
+        if self._next is not None and (now if self._next[4] is None else place) >= self._next[2]:
             given, stamps, _, alone, wait = self._next
             self._next = None
-            self._take_points(reference, given, np.array((now,)) if stamps is None else stamps, alone, wait)
-        elif self._function is not None and now >= self._looked + 0.5 * AHEAD:
-            stamps = np.arange(now - 8.0 * SAMPLING, now + AHEAD, SAMPLING)
-            self._looked = now
-            self._take_points(reference, sampled(self._function, stamps, self._m), stamps)
-        elif self._last is not None and now >= self._due:
-            self._source, self._last = resting(self._last[0], now), None
-        if self._samples:
+            if wait is None:  # what came is due now
+                self._clock, place = None, now
+            self._take_points(reference, given, np.array((now,)) if stamps is None else stamps, place, alone, wait)
+        elif self._function is not None and place >= self._looked + 0.5 * AHEAD:
+            stamps = np.arange(place - 8.0 * SAMPLING, place + AHEAD, SAMPLING)
+            self._looked = place
+            self._take_points(reference, sampled(self._function, stamps, self._m), stamps, place)
+        elif self._last is not None and place >= self._due:
+            self._leaps(self._last[0])
+            self._source, self._last = resting(self._last[0], place), None
+        samples = self._samples
+        if samples:
             self._take_samples(reference)
+        quiet = now - samples.heard
+        if samples.newest is not None and quiet > self.timeout and (self._source is not None or samples.by_law):
+            self._source, samples.far, self._why = None, False, f"no sample for {quiet:.2g} s"
         quiet = now - self._heard
-        if quiet > self.timeout and self._newest is not None and self._source is not None:
-            self._source, self._why = None, f"no sample for {quiet:.2g} s"
         if self._turns and (self.paused or quiet > self.timeout):
             self._why = "paused" if self.paused else f"no twist for {quiet:.2g} s"
             self._turns = False
         self._choose(reference, 0.0 if self.paused else override)
 
     def _choose(self, reference: Reference, override: float) -> None:
-        """Go over to what is to be followed now: the source, a slower one, or rest."""
-        now, source, followed = self._time, self._source, reference.source
-        slower = followed if isinstance(followed, Clocked) else None
-        same = source is (slower.source if slower else followed)
-        if (source is None or override == 0.0) and not self._turns:
-            self._twist, self._late = STILL, False
-        elif source is not None and (self._twist is not None or not same or override != self._override):
-            place = slower.place(now) if slower and same and self._twist is None else now
-            slower = Clocked(source, Clock(now, place, override, 0.0, override))
-            ease = EASE if self._stream is None else EASE_SAMPLE
-            self._late = not reference.splice(source if override == 1.0 else slower, now, self._motion(reference), ease)
-            self._twist = None
+        """Go over to what is to be followed now, at the override, or come to rest."""
+        now, source, samples, changed = self._time, self._source, self._samples, override != self._override
+        stream, place = samples.newest is not None, self._place
+        if changed and self._clock is not None:
+            self._clock = Clock(now, place, override, 0.0, override)
+        elif override < 1.0 and self._clock is None and not stream:
+            self._clock = Clock(now, now, override, 0.0, override)
+        changing, self._changed = changed and self._changing, now if changed else self._changed
         self._override = override
+        if self._turns:
+            self._twist = self._asked if override > 0.0 else STILL
+            return
+        if source is None or override == 0.0 or self._chases:
+            self._twist, self._late, self._bounds = STILL, False, self._limits
+            return
+        followed = reference.source
+        same = self._twist is None and source is (followed.source if isinstance(followed, Clocked) else followed)
+        if samples.far and same and not self._late and now >= reference.joined:
+            samples.far, changed = False, True
+        if not same or changed or override < 1.0:
+            self._bounds = reference.limits = self._bounded(source, place)
+        if same and not changed:
+            return
+        self._was = source
+        slower = source if self._clock is None else Clocked(source, self._clock)
+        state, ease = self._motion(reference), EASE_SAMPLE if stream else EASE
+        self._late = True
+        if changing and same:  # a splice that begins anew in each tick leads nowhere
+            reference.follow(slower, now)
+        else:
+            self._late = not reference.splice(slower, now, state, ease)
+        self._twist = None
+
+    def _bounded(self, source: Source, place: float) -> JointLimits:
+        """The limits on the way to a source at a place: of its joint speeds the share that override and approach leave.
+
+        At an override below 1 that is a share of the speed that was requested since the arm fell behind: that of the
+        source, of a splice to it where it leaps, and of an approach.
+        """
+        limits, override, samples = self._limits, self._override, self._samples
+        if override == 1.0 and not samples.far:
+            return limits
+        full, asked = usual(limits.velocity), self._speeds
+        if samples.stream is not None:
+            there = source.at(np.linspace(place, max(source.end, place), SPEEDS))
+            asked = np.abs(there[:, 1]).max(axis=0)
+        share = np.clip(OVERTAKES * asked / full, self._share, 1.0) if samples.far else np.ones(self._m)
+        if override < 1.0:
+            self._request(np.maximum(asked, share * full) if samples.far else asked)
+            share = override * np.minimum(share, self._requested / full)
+        return limits.slowed(share)
+
+    def _leaps(self, there: Array) -> None:
+        """What is wanted leaps to joint positions (m,), from where it was or the arm is."""
+        here = self._q if self._was is None else self._was.at(np.array((self._time,)))[0, 0]
+        way = there - here
+        speeds = np.minimum(PEAK / EASE * np.abs(way), self._limits.peak(way))
+        self._speeds = np.maximum(self._speeds, speeds)
+
+    def _request(self, speeds: Array) -> None:
+        """Joint speeds (m,) are requested, while the arm is behind beside those before."""
+        joins = self._reference is not None and self._time < self._reference.joined
+        behind = self._late or joins or self._twist is not None
+        self._requested = np.maximum(speeds, self._requested) if behind else speeds
+
+    @property
+    def _changing(self) -> bool:
+        """Whether the override has changed just now."""
+        return self._time - self._changed < EASE_SAMPLE
+
+    @property
+    def _chases(self) -> bool:
+        """Whether the arm approaches what it follows by the law, which keeps exact demands on the way."""
+        return self._samples.by_law or self._by_law is not None
 
     def _take_points(
-        self, reference: Reference, given: Given, stamps: Array, alone: bool | None = None, wait: float | None = None
+        self,
+        reference: Reference,
+        given: Given,
+        stamps: Array,
+        now: float,
+        alone: bool | None = None,
+        wait: float | None = None,
     ) -> None:
-        """Points with stamps, from now on: one more sight of the motion followed, or `alone`; None is a function."""
-        now, smooth, followed = self._time, alone is not None, self._source
-        if now - stamps[-1] > ANOTHER_CLOCK:
-            self._why = "the points were over when they came"
-            return
-        if stamps[0] - now > LONG:
-            self._why = f"the points begin in {stamps[0] - now:.3g} s: stamps and now= are seconds of one clock"
+        """Points with stamps, from `now` on: one more sight of the motion followed, or `alone`; None is a function."""
+        smooth, followed = alone is not None, self._source
+        over = now - stamps[-1] > ANOTHER_CLOCK and wait is None
+        if over or stamps[0] - now > LONG:
+            other = f"the points begin in {stamps[0] - now:.3g} s: stamps and now= are seconds of one clock"
+            self._why = "the points were over when they came" if over else other
             return
         older = self._given[1] if alone is False and self._last and self._given else None
         if older is not None and stamps[0] < older[0] and stamps[-1] <= older[-1]:
@@ -797,77 +990,110 @@ class Follower:
         if end == 0:
             self._why = f"the points begin in {stamps[0] - now:.3g} s"
             return
-        given, stamps = given.chosen(slice(first, end)), stamps[first:end]
+        whole, given, stamps = (given, stamps), given.chosen(slice(first, end)), stamps[first:end]
         near, before, there = self._q, None, None
         if isinstance(followed, Motion) and len(stamps) > 1 and not alone:  # out of reach, too, they go on from there
             before = float(2.0 * stamps[0] - stamps[1])
             near, *there = followed.at(np.append(before, stamps), 1)[:, 0]
         joints, missed = self._solver.points(given, near, stamps, before)
+        self._speeds = np.abs(np.diff(joints, axis=0) / np.diff(stamps)[:, None]).max(axis=0, initial=0.0)
+        self._leaps(joints[min(int(stamps.searchsorted(now)), len(stamps) - 1)])
         both = 0 if older is None or min(older[-1], last) <= now else int(stamps.searchsorted(older[-1], side="right"))
         if there and both:  # beyond the end of those before they differ as at it
             differ = np.array(there) - joints
             differ[both:] = differ[both - 1]
             joints += ((last - np.maximum(stamps, now)) / (last - now))[:, None] * differ
-        self._given, self._newest, self._last = (
-            (given, stamps),
-            None,
-            (joints[-1], last, last + wait) if smooth else None,
-        )
+        self._given, self._last = (given, stamps), (joints[-1], last, last + wait) if smooth else None
         self._missed = missed if (missed > self._tolerance).any() else None
-        self._stream = None
-        if smooth:
-            rate = self._override or 1.0
-            state = self._motion(reference) / np.array((1.0, rate, rate * rate))[:, None]
-            self._source = planned(state, now, stamps, joints, self._limits, calm)
-        else:
-            self._source = Motion(stamps, np.moveaxis(CubicSpline(stamps, joints).c[::-1], 0, 1))
+        if smooth and self._leaves_exact(given, joints, int(stamps.searchsorted(now))):
+            since = self._time if self._by_law is None else self._by_law[2]
+            self._request(self._speeds)
+            self._by_law, self._last, self._source = (given, stamps, since), None, None
+            self._next = *whole, now + TRIED, bool(alone), wait
+            return
+        begins = _along(stamps, joints, now) if self._by_law is not None else None
+        if begins is None and isinstance(followed, Motion) and (there is not None or self._override < 1.0):
+            begins = followed.at(np.array((now,)))[0, :3]
+        self._by_law = None
+        self._source = (
+            self._through(reference, stamps, joints, now, calm, begins) if smooth else _spline(stamps, joints)
+        )
+
+    def _through(
+        self, reference: Reference, stamps: Array, joints: Array, now: float, calm: float, begins: Array | None
+    ) -> Motion:
+        """The motion through joint positions (n, m) from a state (3, m), None for the arm's.
+
+        Though the arm may be behind it, what is requested goes on as it was, or begins on the points.
+        """
+        free = np.full(self._m, inf)  # what little a plan is outside a range, joints are not
+        limits = self._limits._replace(lower=-free, upper=free)
+        return planned(self._motion(reference) if begins is None else begins, now, stamps, joints, limits, calm)
+
+    def _leaves_exact(self, given: Given, joints: Array, due: int) -> bool:
+        """Whether the way of the joints to the point that is due leaves exact demands, and the law's does not.
+
+        The law leads there, until the joints are near or, exact demands being met, at rest.
+        """
+        if not self.controller.exact or given.poses is None:
+            return False
+        due = min(due, len(joints) - 1)
+        if np.abs(joints[due] - self._q).max() <= (LEAP if self._by_law is None else STRAYED):
+            return False
+        target = self.controller.robot.target(given.poses[due])
+        trapped = self._by_law is not None and self._still and self._time - self._by_law[2] > PATIENCE
+        return not trapped or task_error(self.controller, self._q, target).off <= self._tolerance
 
     def _take_samples(self, reference: Reference) -> None:
         """Samples of a stream."""
-        now, stream, anew = self._time, self._stream, False
-        while self._samples:
-            given, stamp = self._samples.popleft()
-            when, another = self._clock.time(stamp, now)
-            if another:
-                self._newest = None
-            before = self._newest
-            if before is not None and when <= before[2]:
-                continue
-            gap = before is None or when - before[2] > self.timeout
-            near, last = (self._q, None) if before is None or gap else before[1:]
-            joints, missed = self._solver.points(given, near, np.array((when,)), last)
-            self._missed, self._heard = missed if float(missed[0]) > self._tolerance else None, now
-            self._given = given, np.array((when,))
-            self._newest = given, joints[0], when
-            late, anew = max(now - when, 0.0), anew or gap or stream is None
-            if stream is None:
-                stream = self._stream = Stream(self.cutoff, when, joints[0], late)
-            else:
-                stream.add(when, joints[0], late, anew=gap)
-            self._last = None
-        if stream is None:
+        samples = self._samples
+        goes_on = samples.take(self._time, self._q)
+        if samples.newest is None:
             return
-        followed = reference.source
-        plan, clock = (followed.source, followed.clock) if isinstance(followed, Clocked) else (followed, None)
-        goes_on = not anew and isinstance(plan, Motion) and plan is self._source
-        place = now if clock is None or not goes_on else clock.now(now)[0]
-        self._source = source = stream.planned(plan if goes_on and isinstance(plan, Motion) else None, place)
-        if goes_on:
-            reference.source = source if clock is None else Clocked(source, clock)
+        given, _, stamp = samples.newest
+        self._given, self._last, self._by_law = (given, np.array((stamp,))), None, None
+        self._missed = np.array((samples.missed,)) if samples.missed > self._tolerance else None
+        goes_on = goes_on and self._source is not None and reference.source is self._source
+        self._source = samples.source
+        if goes_on and samples.source is not None:
+            reference.source = self._was = samples.source
 
     def _wanted(self, reference: Reference) -> Array:
         """(m,) the joint velocity that is wanted in this tick."""
         dt = self.controller.dt
+        if self._chases and self._override > 0.0 and not self.paused:
+            return _going_over(self._v, self._by_the_law(), self._limits)
         if self._twist is not None:
             x = np.zeros(self._m)
             if self._twist.any():
-                self._answer = self._unbraked.follow(self._q, self._twist, self._v)
+                self._answer = self._unbraked.follow(self._q, self._twist, self._v, speed=self._override)
                 x = self._answer.velocity
             return _going_over(self._v, x, self._limits)
         there = reference.at(np.array((self._time + dt,)))[0]
         if self._late:
-            return self._v + dt * self._limits.catching_up(self._q + dt * self._v, self._v, there)
+            return self._v + dt * self._bounds.catching_up(self._q + dt * self._v, self._v, there)
         return np.asarray(there[0] - self._q) / dt
+
+    def _by_the_law(self) -> Array:
+        """(m,) joint velocity towards a sample that is far: along the law's way to it, and stopping at its end."""
+        samples, limits, solver, q = self._samples, self._limits, self._solver, self._q
+        share, twist = self._share, samples.twist
+        if self._by_law is not None:
+            given, stamps, _ = self._by_law
+            target, soon = (given.pose_at(self._place + t, stamps, self.controller.robot) for t in (0.0, limits.dt))
+            share, twist = 1.0, se3.displacement(target, soon) / limits.dt
+        elif samples.newest is not None:
+            target = np.asarray(samples.newest[0].poses)[0]
+        way = solver.way(target, q)
+        x = solver.way(target, q, twist) if twist.any() else np.zeros(self._m)
+        most = self._override * np.maximum(share * limits.velocity, OVERTAKES * np.abs(x))
+        if self._by_law is not None and self._override < 1.0:
+            full = usual(limits.velocity)
+            most = self._override * np.clip((self._requested / full).max(), AT_REST, 1.0) * full
+        if (moves := way != 0.0).any():
+            speed = np.minimum(limits.homing(way, TRACKING_SHARE / limits.dt), most)
+            x = x + float((speed[moves] / np.abs(way[moves])).min()) * way
+        return x / max(float((np.abs(x) / most).max()), 1.0)
 
     def _here(self, measured: Array) -> Array:
         """(m,) where the joints are, by those sent and how far off the measured ones are."""
@@ -881,16 +1107,17 @@ class Follower:
         if shape is not None and shape.motion is not None:
             why = ASTRAY if self._astray else PAUSE if self.paused else ""
             told = shape.told(measured, command.copy(), self._time, self._override, why=why)
-            if self._late and (found := self._by_loop(streams=False)) is not None:
+            found = self._by_loop(streams=False) if self._late else None
+            if (found := self._no_motion() or found) is not None:
                 told.status, told.reason = found
             return told
         place, late = self._time, 0.0
-        if isinstance(reference.source, Clocked) and self._twist is None:
-            place = reference.source.place(self._time)
-            late = self._time - place
-        elif self._newest is not None and self._stream is not None:
-            late = self._stream.late
+        if self._samples.stream is not None:
+            late = self._samples.stream.late
             place -= late
+        elif self._twist is None:
+            place = self._place
+            late = self._time - place
         where = place, late, 1.0
         across = partial(self._across, self._q, self._sent[0], measured, place, self._given)
         return FollowerSolution(command.copy(), *self._status(reference, place), where, across)
@@ -902,18 +1129,37 @@ class Follower:
 
     def _status(self, reference: Reference, place: float) -> tuple[Status, Why]:
         """The status of a tick at a place, and its reason."""
-        if (found := self._by_loop(self._source is not None and not self.paused)) is not None:
+        streams = self._source is not None and not self.paused
+        found = self._no_motion() or self._by_loop(streams) or self._interrupted()
+        if found is not None:
             return found
-        if self.paused:
-            return (Status.PAUSED if self._still else Status.MOVING), "paused"
-        if self._off > STRAYED and (self._turns or self._source is not None):
-            return Status.LATE, ELSEWHERE
+        samples = self._samples
         if self._turns:
             return Status.MOVING, ""
+        if samples.far or self._by_law is not None:
+            share = "" if self._by_law is not None else f", at most {self._share:.2g} of the speed limits"
+            return Status.LATE, f"on the way to what is followed{share}"
         if self._source is not None:
-            return self._on_the_way(inf if self._newest else max(self._source.end, reference.joined), place)
-        over = self._closed and not self._samples and self._next is None and self._still
+            end = inf if samples.newest else max(self._when(self._source.end), reference.joined)
+            return self._on_the_way(end, place)
+        over = self._closed and not samples and self._next is None and self._still
         return (Status.DONE, "") if over else (Status.WAITING, self._why)
+
+    def _interrupted(self) -> tuple[Status, Why] | None:
+        """What is said of an arm that does not follow what is there to follow, None where it does."""
+        wanted = self._turns or self._source is not None or self._chases
+        if self.paused or (self._override == 0.0 and wanted):
+            return (Status.PAUSED if self._still else Status.MOVING), "paused" if self.paused else "override is 0"
+        if self._off > STRAYED and wanted:
+            return Status.LATE, ELSEWHERE
+        return (Status.DEGRADED, self._samples.dropped) if self._samples.dropped and wanted else None
+
+    def _no_motion(self) -> tuple[Status, Why] | None:
+        """What is said of joints that do not move although they are commanded to, None where all do."""
+        if not self._unresponsive:
+            return None
+        names = tuple(self.controller.robot.names[j] for j in self._unresponsive)
+        return Status.DEGRADED, str(Reason(Code.NO_MOTION, self._unresponsive, names=names))
 
     def _by_loop(self, streams: bool) -> tuple[Status, Why] | None:
         """What the loop says of the tick, None where nothing; a stream that its limits hold back is late instead."""
@@ -929,10 +1175,10 @@ class Follower:
     def _on_the_way(self, end: float, place: float) -> tuple[Status, Why]:
         """The same while points or samples are followed, which end at a time."""
         several = self._given is not None and len(self._given[1]) > 1
-        if several and self._last is not None and self._last[1] <= self._time < self._due:
+        if several and self._last is not None and self._last[1] <= self._place < self._due:
             return Status.WAITING, "for newer points"
         missed = self._missed_at(place)
-        stands = self._time >= end and self._still
+        stands = self._time >= end and self._still and not self._late
         if stands and self._next is None:
             far = f"the end is out of reach, by {missed:.3g} [length]"
             return (Status.BLOCKED, far) if missed > self._tolerance else (Status.DONE, "")
@@ -940,9 +1186,10 @@ class Follower:
             return Status.LEFT, f"out of reach, by {missed:.3g} [length]"
         if stands:
             return Status.WAITING, NOT_DUE
-        if self._late or (several and isinstance(self._source, Motion) and place < self._source.eased):
-            return Status.LATE, LATE if self._answer is None or not self._bound else partial(_held_by, self._answer)
-        return Status.MOVING, ""
+        if not (self._late or (several and isinstance(self._source, Motion) and place < self._source.eased)):
+            return Status.MOVING, ""
+        held = None if self._answer is None or not self._bound else partial(_held_by, self._answer)
+        return Status.LATE, held or (LATE if self._override == 1.0 else SLOWER)
 
     def _missed_at(self, place: float) -> float:
         """By how much the points at a place are out of reach."""
@@ -1034,6 +1281,24 @@ def _held_by(answer: VelocitySolution) -> str:
     if price is not None and price.any():
         name = row_name(int(np.abs(price).argmax()), tuple(answer.row_names))
     return f"held by {name}"
+
+
+def _spline(stamps: Array, joints: Array) -> Motion:
+    """The motion through joint positions (n, m), as smooth as they are."""
+    return Motion(stamps, np.moveaxis(CubicSpline(stamps, joints).c[::-1], 0, 1))
+
+
+def _at_rest(x: Array, joints: Sequence[int]) -> Array:
+    """(m,) velocities or accelerations, zero of these joints."""
+    x = x.copy()
+    x[list(joints)] = 0.0
+    return x
+
+
+def _along(stamps: Array, joints: Array, now: float) -> Array:
+    """(3, m) the motion at a time straight from point to point (n, m), at rest before the first and after the last."""
+    there = np.array([[np.interp(t, stamps, q) for q in joints.T] for t in (now - SAMPLING, now, now + SAMPLING)])
+    return np.vstack((there[1], (there[2] - there[0]) / (2.0 * SAMPLING), np.zeros(joints.shape[1])))
 
 
 def _going_over(v: Array, x: Array, limits: JointLimits) -> Array:

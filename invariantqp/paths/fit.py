@@ -22,7 +22,7 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.task_error import task_error
 from invariantqp.pose.ik import PoseSearch
-from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.kinematics import Robot, unwrapped
 from invariantqp.velocity.solve import solve
 
 # A pose missed by more than this, relative to the arm's length and in radians, is not reached.
@@ -139,7 +139,7 @@ class Solver:
         The joints are near (m,) at the time `before`; None is any time before.
         """
         if given.poses is None:
-            joints = np.asarray(given.joints)
+            joints = unwrapped(near, np.asarray(given.joints), self._loop.turns)
             inside = np.clip(joints, self._lower, self._upper)
             return inside, np.abs(joints - inside).max(axis=1)
         T, n, fastest = given.poses, len(given), self._loop.box.velocity_limit
@@ -164,6 +164,15 @@ class Solver:
             if self._missed(other) <= self._tolerance:
                 return np.asarray(other.q)
         return None
+
+    def way(self, target: Array, q: Array, twist: Array | None = None) -> Array:
+        """(m,) the joint displacement by which the law leads from q (m,) to a pose (4, 4), to first order.
+
+        With a twist (6,), the joint velocity for that instead; both keep exact demands.
+        """
+        loop = self._loop
+        seen = task_error(loop, q, loop.robot.target(target))
+        return solve(loop.law, seen.demand(loop, q, seen.error if twist is None else twist, 1.0)).velocity
 
     def _nearer(self, target: Array, q: Array, step: float) -> Array:
         """(m,) joint positions as near a pose as the joints get in a step [s] by the loop's law."""

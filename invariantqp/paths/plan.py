@@ -27,11 +27,11 @@ from invariantqp.control.controller import Controller
 from invariantqp.geometry import sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.paths.ahead import AT_LIMIT, SHORTEST, Knot
+from invariantqp.paths.ahead import SHORTEST, Knot
 from invariantqp.paths.curve import Curve
 from invariantqp.paths.jerk import least_time
 from invariantqp.paths.reference import Motion
-from invariantqp.paths.time_law import AT_REST, HALVINGS, JointLimits
+from invariantqp.paths.time_law import AT_LIMIT, AT_REST, HALVINGS, JointLimits
 from invariantqp.velocity.limits import braking_speed
 
 # Shares of the velocity and acceleration limits that a path is driven at; feedback needs the rest.

@@ -182,14 +182,21 @@ def _eased(
 
 
 class Stream:
-    """Samples of a hand, as joint positions: followed so late that a plan has some ahead of it."""
+    """Samples of a hand, as joint positions: followed so late that a plan has some ahead of it.
+
+    Attributes:
+        period: of the samples, in the mean [s], 0 before there are two.
+        transport: how late samples come, in the mean [s].
+        stamps: (n,) of the last ones [s].
+        positions: (n, m) likewise.
+    """
 
     def __init__(self, cutoff: float, stamp: float, position: Array, transport: float) -> None:
         """From one sample on."""
         self._least = DELAY / cutoff
-        self._period = 0.0  # of the samples, in the mean [s]
+        self.period = 0.0
         self._rough = np.zeros(2)  # sums of squared third differences, near ones and far ones
-        self.transport = transport  # in the mean [s]
+        self.transport = transport
         self.stamps: Array = np.array((stamp,))
         self.positions: Array = position[None]
         most = np.full(len(position), inf)
@@ -198,7 +205,7 @@ class Stream:
     @property
     def delay(self) -> float:
         """How long a sample waits when it has come [s]: two are ahead, or noise is carried on beyond the last one."""
-        return max(self._least, 2.0 * self._period)
+        return max(self._least, 2.0 * self.period)
 
     @property
     def late(self) -> float:
@@ -211,7 +218,7 @@ class Stream:
         self.transport += TRANSPORT_SHARE * (transport - self.transport)
         if not anew:
             gap = stamp - float(self.stamps[-1])
-            self._period += (TRANSPORT_SHARE if self._period > 0.0 else 1.0) * (gap - self._period)
+            self.period += (TRANSPORT_SHARE if self.period > 0.0 else 1.0) * (gap - self.period)
         self.stamps = np.append(self.stamps[kept], stamp)
         self.positions = np.vstack((self.positions[kept], position))
         apart = APART * self.delay
@@ -347,11 +354,16 @@ class Clocked(NamedTuple):
 
 
 class Reference:
-    """What is followed: a source and the residual of the last splice."""
+    """What is followed: a source and the residual of the last splice.
+
+    Attributes:
+        limits: inside which splices are made.
+        source: what is followed.
+    """
 
     def __init__(self, limits: JointLimits, position: Array, time: float) -> None:
         """At rest."""
-        self._limits = limits
+        self.limits = limits
         self.source: Source = resting(position, time)
         self._residual = np.zeros((6, len(position)))
         self._start, self._duration = time, 0.0
@@ -376,13 +388,13 @@ class Reference:
             answer = answer + left
         return answer
 
-    def course(self, source: Source | None = None, gain: float | None = None) -> Array | None:
+    def course(self, source: Source | None = None, gain: float = JOINT_GAIN, *, shape: bool = False) -> Array | None:
         """What is followed, or would be with a source, as the compiled core takes it; None for what it does not have.
 
-        `gain` is that towards a path whose shape is kept; None keeps time.
+        `gain` [1/s] leads joints back to where they were sent; `shape` says whether a path's shape is kept.
         """
         source = self.source if source is None else source
-        limits = self._limits
+        limits = self.limits
         m = len(limits.lower)
         clock = Clock(0.0, 0.0, 1.0, 0.0, 1.0)
         if isinstance(source, Clocked):
@@ -392,13 +404,18 @@ class Reference:
         if not isinstance(source, Motion):
             return None
         n, k, columns = source.coefficients.shape
-        kept = (JOINT_GAIN, False, DISPLACED) if gain is None else (gain, True, 0.5 * STRAYED)
+        kept = gain, shape, 0.5 * STRAYED if shape else DISPLACED
         head = m, columns, n, k, limits.dt, *kept, *clock, self._start, self._duration
         return np.concatenate((head, self._residual.ravel(), *limits[:5], source.knots, source.coefficients.ravel()))
 
     def joins(self, time: float, residual: Array, duration: float) -> None:
         """The splice from a time on: a residual (6, m), zero after a duration."""
         self._start, self._residual, self._duration = time, residual, duration
+
+    def follow(self, source: Source, time: float) -> None:
+        """Follow a source from a time on without a splice."""
+        self.source = source
+        self.joins(time, self._residual, 0.0)
 
     def splice(self, source: Source, time: float, state: Array, duration: float) -> bool:
         """Go over to a source from position, velocity and acceleration (3, m) at a time, in a duration [s].
@@ -408,7 +425,7 @@ class Reference:
             which the joints cannot do.
         """
         numbers = self.course(source)
-        D = max(duration, SHORTEST_STOP * self._limits.dt)
+        D = max(duration, SHORTEST_STOP * self.limits.dt)
         self.source = source
         if core is not None and numbers is not None:
             found = core.splice(numbers, time, state, D)
@@ -416,7 +433,7 @@ class Reference:
             here = source.at(np.array((time,)))[0]
             residual = _residual(state - here[:3], D)
             u = np.linspace(0.0, D, PLACES)
-            worst = self._limits.ratio(*np.moveaxis(source.at(time + u) + _powers(u, 6) @ residual, 1, 0)).max()
+            worst = self.limits.ratio(*np.moveaxis(source.at(time + u) + _powers(u, 6) @ residual, 1, 0)).max()
             found = residual if worst <= SHARE else None
         self.joins(time, *((self._residual, 0.0) if found is None else (found, D)))
         return found is not None

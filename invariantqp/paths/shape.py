@@ -116,15 +116,15 @@ class Shape:
         while self.plan is None:
             self.look_on(q)
 
-    def set_out(self, q: Array, before: Array) -> FollowerSolution:
-        """A tick of the way to the path's start, and of looking along it."""
+    def set_out(self, q: Array, before: Array, share: float) -> FollowerSolution:
+        """A tick of the way to the path's start at a share of the speed, and of looking along it."""
         loop, dt = self._loop, self._loop.dt
         off = task_error(loop, q, self._goal).off
         if self._search is None and off > OFF_PATH * self._length:
-            answer = loop.step(q, self._goal, velocity=before)
+            answer = loop.step(q, self._goal, velocity=before, speed=share)
             still = self._stands(answer.velocity)
             if self._stops or not still:  # a path that may be left may start out of reach
-                stuck = still and off > (1.0 - STUCK * loop.gain * dt) * self._off
+                stuck = still and share > 0.0 and off > (1.0 - STUCK * loop.gain * dt) * self._off
                 self._off, self._stood = off, self._stood + dt if stuck else 0.0
                 lasts = self._stood >= PATIENCE
                 why = f"the arm comes no closer than {off:.3g} to the path" if lasts else ON_THE_WAY

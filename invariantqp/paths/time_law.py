@@ -16,6 +16,8 @@ from invariantqp.geometry.arrays import Array
 
 # An acceleration that differs from the wanted one by less than this share of what jerk changes in a tick is the same.
 ROUNDING = 1e-6
+# A joint this close to a position limit [rad, length] is at it, and one that is off by as little is where it is wanted.
+AT_LIMIT = 1e-6
 # A speed below this share of its limit, or of the largest on the way, is rest.
 AT_REST = 1e-6
 # Halvings of the interval of accelerations in which the largest is looked for that leaves room to stop.
@@ -50,12 +52,16 @@ class JointLimits(NamedTuple):
         lower, upper, velocity, acceleration, jerk = self.rows[:, joint, None]
         return JointLimits(lower, upper, velocity, acceleration, jerk, self.dt)
 
+    def slowed(self, share: Array) -> JointLimits:
+        """With speeds that are shares (m,) of these, or of a unit where there is no limit."""
+        return self._replace(velocity=np.maximum(share, AT_REST) * usual(self.velocity))
+
     def ratio(self, position: Array, velocity: Array, acceleration: Array, jerk: Array) -> Array:
         """(...) the largest share of a limit that motions (..., m) need; 2 and more where they leave the ranges."""
         needs = np.maximum(np.abs(velocity) / self.velocity, np.abs(acceleration) / self.acceleration)
         needs = np.maximum(needs, np.abs(jerk) / self.jerk)
         out = np.maximum(position - self.upper, self.lower - position)
-        return np.asarray(np.where(out > 0.0, np.maximum(needs, 2.0 + out), needs).max(axis=-1))
+        return np.asarray(np.where(out > AT_LIMIT, np.maximum(needs, 2.0 + out), needs).max(axis=-1))
 
     def towards(self, velocity: Array, wanted: Array) -> Array:
         """(m,) accelerations that bring a velocity to the wanted one soonest, jerk taking them back in time."""
@@ -80,6 +86,17 @@ class JointLimits(NamedTuple):
         lag = 2.0 * A * A / self.jerk
         return np.asarray(np.minimum(np.sqrt(lag * lag + 2.0 * A * np.abs(way)) - lag, gain * np.abs(way)))
 
+    def peak(self, way: Array) -> Array:
+        """(m,) the largest speeds of joints that catch up a way (m,) from rest to rest, nearly."""
+        A, J, d, gain = self.acceleration, self.jerk, np.abs(way), TRACKING_SHARE / self.dt
+        # The way from rest to v and back: v^2 / 2 A and v A / 2 J, then as in `homing`, at first v / gain.
+        a, b = 0.5 * (1.0 + 1.0 / CATCH_UP_SHARE) / A, (0.5 + 2.0 * CATCH_UP_SHARE) * A / J
+        speeds = [
+            2.0 * d / (b + np.sqrt(b * b + 4.0 * a * d)),
+            2.0 * d / (1.0 / gain + np.sqrt(1.0 / gain**2 + 2.0 * d / A)),
+        ]
+        return np.minimum(np.minimum(*speeds), self.velocity)
+
     def nearest(self, q: Array, velocity: Array, acceleration: Array, wanted: Array) -> Array:
         """(m,) the joint velocity of a tick nearest the wanted one (m,), as `within`; to rounding that itself."""
         a = (wanted - velocity) / self.dt
@@ -96,8 +113,8 @@ class JointLimits(NamedTuple):
         low, high = np.maximum(-A, acceleration - J * dt), np.minimum(A, acceleration + J * dt)
         low, high = np.minimum(low, A), np.maximum(high, -A)
         chosen = np.minimum(np.maximum(wanted, low), high)
-        up = self._most(self.upper - q, velocity, low, chosen)
-        down = -self._most(q - self.lower, -velocity, -high, -chosen)
+        up = self._most(np.maximum(self.upper - q, 0.0), velocity, low, chosen)
+        down = -self._most(np.maximum(q - self.lower, 0.0), -velocity, -high, -chosen)
         return np.asarray(np.where(up < chosen, up, np.where(down > chosen, down, chosen)))
 
     def _most(self, room: Array, velocity: Array, low: Array, wanted: Array) -> Array:

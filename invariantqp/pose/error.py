@@ -14,16 +14,16 @@ from math import inf, sqrt, tan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from invariantqp.control.compiled import compiled_demands
 from invariantqp.control.demands import Exact, ExactJoints, ExactPoint, View, rows_of
 from invariantqp.engine import core, core_for
 from invariantqp.errors import BadInput
 from invariantqp.geometry import se3
-from invariantqp.geometry.arrays import NEGLIGIBLE, ROUNDING, Array
-from invariantqp.geometry.screws import turning
+from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.kinematics import Robot, middle, remembered
+from invariantqp.robots.kinematics import Robot, middle, remembered, whole_turns
 from invariantqp.systems.points import centre
 from invariantqp.velocity.backends import UNBOUNDED
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
@@ -42,11 +42,9 @@ class JointSpace:
         # no hinge; and which hinges have a range that holds one.
         self.lower: Array = np.maximum(robot.position_lower, -UNBOUNDED)
         self.upper: Array = np.minimum(robot.position_upper, UNBOUNDED)
-        J = robot.jacobian(self.middle)
-        speed, drift = turning(J), np.linalg.norm(J[3:], axis=0)
-        hinge = (speed > 0.0) & (np.abs((J[:3] * J[3:]).sum(axis=0)) <= NEGLIGIBLE * speed * drift)
-        self.turn: Array = np.where(hinge, 2.0 * np.pi / np.where(hinge, speed, 1.0), 1.0)
-        self.whole: Array = hinge & (self.upper - self.lower >= self.turn)
+        turn = whole_turns(robot.jacobian(self.middle))
+        self.turn: Array = np.where(turn > 0.0, turn, 1.0)
+        self.whole: NDArray[np.bool_] = (turn > 0.0) & (self.upper - self.lower >= self.turn)
 
     def steps(self, q: Array, *, turning: bool) -> tuple[Array, Array]:
         """The least and the largest step (m,) from q; with `turning`, half a turn for a hinge that can turn over."""

@@ -115,6 +115,46 @@ def middle(robot: Robot) -> Array:
     return np.minimum(np.maximum(centre, lower), upper)
 
 
+def whole_turns(J: Array) -> Array:
+    """(m,) the joint displacement of a whole turn of each hinge of joint twists J (6, m); 0 of other joints."""
+    speed, drift = turning(J), np.linalg.norm(J[3:], axis=0)
+    hinge = (speed > 0.0) & (np.abs((J[:3] * J[3:]).sum(axis=0)) <= arrays.NEGLIGIBLE * speed * drift)
+    return np.where(hinge, 2.0 * pi / np.where(hinge, speed, 1.0), 0.0)
+
+
+def continuous_turns(lower: Array, upper: Array, J: Array) -> Array:
+    """(m,) whole turns of continuous joints, hinges without position limits (m,); 0 of other joints."""
+    return np.where(np.isinf(lower) & np.isinf(upper), whole_turns(J), 0.0)
+
+
+def joint_displacement(start: Array, end: Array, turns: Array) -> Array:
+    """(..., m) the displacement from joint positions to others, of continuous joints the shortest.
+
+    An encoder of a continuous joint may read any of the positions that differ by whole turns.
+
+    Args:
+        start: (..., m) [rad, length].
+        end: (..., m) [rad, length].
+        turns: (m,) as `continuous_turns` returns them.
+    """
+    d = end - start
+    return d - turns * np.round(d / np.where(turns > 0.0, turns, 1.0)) if turns.any() else d
+
+
+def unwrapped(start: Array, positions: Array, turns: Array) -> Array:
+    """(n, m) joint positions, of continuous joints shifted by whole turns to be near the ones before them.
+
+    Args:
+        start: (m,) joint positions before the first.
+        positions: (n, m).
+        turns: (m,) as `continuous_turns` returns them.
+    """
+    if not turns.any():
+        return positions
+    steps = np.diff(positions, axis=0, prepend=start[None])
+    return positions - turns * np.cumsum(np.round(steps / np.where(turns > 0.0, turns, 1.0)), axis=0)
+
+
 def joint_limits(m: int, lower: ArrayLike, upper: ArrayLike, speed: ArrayLike) -> tuple[Array, Array, Array]:
     """Position and velocity limits of m joints as arrays (m,)."""
     limits = []

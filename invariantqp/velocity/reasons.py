@@ -36,6 +36,7 @@ class Code(IntEnum):
     PAPER_POLE = auto()
     MOVING_BACK = auto()
     # Something declared does not hold: "degraded".
+    NO_MOTION = auto()
     NOT_FOLLOWING = auto()
     OUTSIDE = auto()
     ACCELERATION = auto()
@@ -59,7 +60,7 @@ class Code(IntEnum):
     AT_LIMITS = auto()
 
 
-# {0}, {1} are the numbers of a reason, {joint} its joints, {limits} these and rows, {bounds} its joints, {each} its
+# {0}, {1} are the numbers of a reason, {joint} and {bounds} its first joints, {limits} all of them and rows, {each} its
 # rows, each with its number, {words} what is not ours to word; {because} words, or none.
 SENTENCES = {
     Code.NOT_BELIEVED: "{joint}: {0:.4g} rad is {1:.4g} outside its position range; are these degrees? "
@@ -76,6 +77,8 @@ SENTENCES = {
     Code.PAPER_FORM: "PaperLambda needs a pitch form: give form=h",
     Code.PAPER_POLE: "G + Lambda is singular: this is the pole of [DS]'s formula",
     Code.MOVING_BACK: "moving back inside the limits",
+    Code.NO_MOTION: "no motion measured of {joint} although it is commanded: the robot is stopped, paused or blocked, "
+    "or its joint states are old; the motion starts from rest when the robot moves again",
     Code.NOT_FOLLOWING: "not converging: the joints do not follow their commands, {joint} least; "
     "the cause may be a delay (give it as "
     "delay=), a gain too high for the robot, or a robot that does not do what it is told",
@@ -123,7 +126,9 @@ class Reason(NamedTuple):
     names: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        joints = named(self.joints, names=self.names)
+        joints, more = named(self.joints[:MOST_NAMED], names=self.names), len(self.joints) - MOST_NAMED
+        if more > 0:
+            joints += f" and {more} more"
         return SENTENCES[self.code].format(
             *self.numbers,
             joint=joints,

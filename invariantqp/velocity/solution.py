@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.law import Demand
 from invariantqp.velocity.qp import ACTIVE_TOLERANCE, SLOWEST
-from invariantqp.velocity.reasons import Explained, Why, parts
+from invariantqp.velocity.reasons import Code, Explained, Why, parts
 
 
 class Status(str, Enum):
@@ -137,6 +137,11 @@ def with_trouble(solution: VelocitySolution, trouble: Why) -> VelocitySolution:
     """The solution with more reasons: status "degraded", unless it is "held"."""
     status = Status.HELD if solution.status is Status.HELD else Status.DEGRADED
     return solution._replace(status=status, reasons=both(trouble, solution))
+
+
+def no_motion(solution: VelocitySolution) -> bool:
+    """Whether joints of the arm that a solution is for do not move although they are commanded to."""
+    return solution.status is Status.DEGRADED and any(one.code is Code.NO_MOTION for one in solution.reasons)
 
 
 def both(first: Why, solution: VelocitySolution) -> Why:

@@ -12,6 +12,7 @@ A policy knows the truth, joint moves with little jerk that overlap, to 5-20 mm 
 each chunk, and less well from point to point. Chunks have 10-50 points at 10-30 Hz and come 50-700 ms late; 7 % are
 lost, 6 % come 2.5 times as late. A hand is noise up to 4 Hz, as fast as 0.6 of the arm's limits allow, with
 tremor, sensor noise, jitter of stamps and ways, two gaps, a clutch that closes elsewhere and a phase out of reach.
+After these a follower may be as fast as the limits allow (`approach=1`), as the others are.
 
 "point by point" is what the newest chunk says now, interpolated, put straight into the joints; of a hand, what it was 40 ms
 before. Pink is asked for the same poses inside the speed limits, Ruckig for the same joints inside all limits; each takes part
@@ -87,7 +88,7 @@ class Arm:
         return iq.Controller(self.robot, dt=DT, exact=self.exact, **more)
 
     def follower(self):
-        return iq.Follower(self.loop(acceleration_limit=self.acceleration), jerk=self.jerk)
+        return iq.Follower(self.loop(acceleration_limit=self.acceleration), jerk=self.jerk, approach=1.0)
 
 
 # Streams

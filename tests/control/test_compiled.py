@@ -16,6 +16,7 @@ from invariantqp.control.compiled import compiled_tick
 from invariantqp.control.frame_cost import FrameCost
 from invariantqp.engine import core
 from invariantqp.velocity.objective import least_squares, spectrum_of
+from invariantqp.velocity.reasons import Code
 
 pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
 # Rounding of a tool pose and of its logarithm, in units of rounding of the pose.
@@ -236,11 +237,25 @@ def test_a_turn_goes_on_beyond_half_a_turn(panda):
     np.testing.assert_allclose(turns, angles)
 
 
+def test_an_arm_that_does_not_move_is_told(panda):
+    controller, q = panda
+    target = controller.robot.pose(q + 0.3)
+    for _ in range(60):
+        solution = assert_same(controller, q, target)
+    assert solution.status == "degraded"
+    assert solution.reason.startswith("no motion measured of joints 0 (panda_joint1), 1 (panda_joint2), ")
+    for _ in range(15):  # it moves again
+        q = q + 0.01 * solution.velocity
+        solution = assert_same(controller, q, target)
+    assert "no motion measured" not in solution.reason
+
+
 def test_not_converging_is_told(panda):
     controller, q = panda
     target = controller.robot.pose(q + 0.3)
-    for _ in range(60):  # an arm that does not move
+    for _ in range(60):  # an arm that goes the other way
         solution = assert_same(controller, q, target)
+        q = q - 0.01 * solution.velocity
     assert "not converging" in solution.reason
 
 
@@ -254,8 +269,8 @@ def test_a_jammed_joint_is_named(panda, jammed):
     for k in range(400):
         solution = assert_same(controller, q, target) if k % 50 == 49 else controller.step(q, target)
         q = q + 0.01 * np.where(np.arange(7) == jammed, 0.0, solution.velocity)
-        if "not converging" in solution.reason:
-            named.append(f"joint {jammed} (panda_joint{jammed + 1}) least" in solution.reason)
+        named += [one.joints == (jammed,) for one in solution.reasons if one.code == Code.NO_MOTION]
+        named += [one.joints == (jammed,) for one in solution.reasons if one.code == Code.NOT_FOLLOWING]
     assert len(named) > 100
     assert all(named)
 

@@ -280,7 +280,7 @@ def test_newer_points_are_followed_while_an_override_stays():
     events = [
         (0.6 * k, lambda f, k=k: f.follow(np.tile(arm.start + 0.1 * k, (20, 1)), 0.6 * k + stamps)) for k in range(3)
     ]
-    Q, _ = driven(arm, arm.follower(), events, 3.4, override=0.5)
+    Q, _ = driven(arm, arm.follower(), events, 6.0, override=0.5)
     assert np.abs(Q[-1] - arm.start - 0.2).max() < 1e-6
 
 
@@ -394,8 +394,8 @@ def test_an_arm_that_stands_although_it_is_sent_on_is_no_arm_that_moves(kind):
         stands = 250 <= i < 350
         q = q if stands else q + arm.dt * told.velocity
         if i in (245, 349, 699):
-            assert told.status == ("late" if stands else "moving")
-            assert ("not where they were sent" in told.reason) == stands
+            assert told.status == ("degraded" if stands else "moving")
+            assert ("no motion measured" in told.reason) == stands
             if kind == "points":
                 off = np.linalg.norm((arm.robot.pose(q) - arm.robot.pose(truth(told.place)))[:3, 3])
                 assert 0.5 * off <= told.across < 1e-3 + 5.0 * off
@@ -505,8 +505,8 @@ def test_a_start_outside_its_range_comes_back_inside_all_limits():
     arm = Arm("panda")
     start = arm.start.copy()
     start[3] = arm.robot.position_lower[3] - 0.05
-    events = [(t, lambda f: f.add(arm.start)) for t in np.arange(0.0, 2.0, 0.016)]
-    Q, _ = driven(arm, arm.follower(), events, 2.0, q=start)
+    events = [(t, lambda f: f.add(arm.start)) for t in np.arange(0.0, 3.0, 0.016)]
+    Q, _ = driven(arm, arm.follower(), events, 3.0, q=start)
     moved = np.vstack((np.tile(Q[0], (3, 1)), Q))
     for n, most in ((1, arm.robot.velocity_limit), (2, arm.acceleration), (3, arm.jerk)):
         assert (np.abs(np.diff(moved, n, axis=0)) / arm.dt**n <= 1.001 * most).all()

@@ -222,7 +222,7 @@ CONTROL = {
     "Follower": lambda: (
         iq.Follower,
         {"loop": any_follower().controller, "jerk": 400.0, "cutoff": 4.0, "tolerance": 1e-4}
-        | usual(iq.Follower, "keep rate timeout blocked"),
+        | usual(iq.Follower, "keep rate timeout approach drop_outliers blocked"),
     ),
     "Follower.follow": lambda: (any_follower().follow, {"points": [Q, Q], "stamps": [0.0, 1.0], "at": 0.0}),
     "Follower.add": lambda: (any_follower().add, {"point": T, "stamp": 0.0}),
@@ -405,6 +405,8 @@ CONTROL = {
             "period": 0.01,
             "cutoff": 4.0,
             "timeout": 0.1,
+            "approach": 0.5,
+            "drop_outliers": True,
             "limits": [iq.limits.ToolSpeed(0.25)],
         },
     ),

@@ -15,6 +15,10 @@ DEGREES = (
     'joint 2 (elbow): 57.3 rad is 54.16 outside its position range; are these degrees? Give far_outside="return" to '
     "move back from there"
 )
+NO_MOTION = (
+    "no motion measured of joints 0 (base), 1 (shoulder), 2 (elbow) and 1 more although it is commanded: the robot is "
+    "stopped, paused or blocked, or its joint states are old; the motion starts from rest when the robot moves again"
+)
 DELAY = (
     "not converging: the joints do not follow their commands, joint 2 (elbow) least; the cause may be a delay (give it "
     "as delay=), a gain too high for the robot, or a robot that does not do what it is told"
@@ -41,6 +45,7 @@ TABLE = {
     Code.PAPER_FORM: (Reason(Code.PAPER_FORM), "PaperLambda needs a pitch form: give form=h"),
     Code.PAPER_POLE: (Reason(Code.PAPER_POLE), "G + Lambda is singular: this is the pole of [DS]'s formula"),
     Code.MOVING_BACK: (Reason(Code.MOVING_BACK), "moving back inside the limits"),
+    Code.NO_MOTION: (Reason(Code.NO_MOTION, (0, 1, 2, 4), names=("base", "shoulder", "elbow", "wrist")), NO_MOTION),
     Code.NOT_FOLLOWING: (Reason(Code.NOT_FOLLOWING, (2,), names=("elbow",)), DELAY),
     Code.OUTSIDE: (
         Reason(Code.OUTSIDE, (2,), (), (0.1,), names=("elbow",)),

@@ -1,0 +1,173 @@
+"""Samples of a stream: a wrong one is dropped, a far one approached slowly, exact demands are kept on the way."""
+
+import numpy as np
+import pytest
+from support.inputs import ARMS, TICKS, Bed
+
+import invariantqp as iq
+
+NAMES = ("panda", "ur5", "xarm7", "so101")
+# One case of each arm and kind of sample, with ticks and signs among them.
+CASES = [
+    (kind, name, TICKS[(i + k) % 3], (60, 30, 15)[(i + k) % 3], 1 - 2 * ((i + k) % 2))
+    for k, kind in enumerate(("joints", "poses"))
+    for i, name in enumerate(NAMES)
+]
+STREAMS = pytest.mark.parametrize(("kind", "name", "dt", "rate", "sign"), CASES)
+
+
+def fed(bed, sample, rate, seconds, *, q=None, **options):
+    """Joint positions (n + 1, m), velocities (n, m), solutions; `sample` gives joint positions at a time, or None.
+
+    A bed of poses is fed the poses of these joint positions; `sample` may give a pose (4, 4) itself.
+    """
+    follower = iq.Follower(bed.loop, jerk=bed.jerk, **options)
+    q, n = bed.start if q is None else q, 0
+    Q, V, answers = [q], [], []
+    for k in range(round(seconds / bed.dt)):
+        now = k * bed.dt
+        while n / rate <= now + 1e-9:
+            x = sample(n / rate)
+            if x is not None:
+                follower.add(bed.robot.pose(x) if bed.kind == "poses" and np.ndim(x) == 1 else x, n / rate)
+            n += 1
+        answers.append(follower.step(q, now=now))
+        q = q + bed.dt * answers[-1].velocity
+        Q.append(q)
+        V.append(answers[-1].velocity)
+    return np.array(Q), np.array(V), answers
+
+
+def moving(bed, t):
+    return bed.start + bed.size * 0.5 * (1.0 - np.cos(2.0 * t)) * bed.axis
+
+
+def wrong_at(bed, rate, which, by=1.0):
+    """A stream some of whose samples, by their number from one second on, are off by so much [rad]."""
+    bad = [rate + n for n in which]
+    return lambda t: moving(bed, t) + (by * bed.axis if round(t * rate) in bad else 0.0)
+
+
+@STREAMS
+def test_one_wrong_sample_is_as_if_it_had_not_come(kind, name, dt, rate, sign):
+    bed = Bed(kind, name, dt, sign)
+    good = fed(bed, lambda t: None if round(t * rate) == rate else moving(bed, t), rate, 2.0)
+    for by in (1.0, -1.0):
+        Q, _, answers = fed(Bed(kind, name, dt, sign), wrong_at(bed, rate, [0], by), rate, 2.0)
+        np.testing.assert_allclose(Q, good[0], atol=1e-12)
+        said = {a.reason for a in answers if a.status == "degraded"}
+        assert len(said) == 1
+        assert said.pop().startswith("a sample was dropped: joint ")
+        # Until the next one comes.
+        assert sum(a.status == "degraded" for a in answers) <= np.ceil(1.0 / rate / dt) + 1
+
+
+@STREAMS
+def test_of_two_wrong_samples_in_a_row_the_second_is_believed(kind, name, dt, rate, sign):
+    bed = Bed(kind, name, dt, sign)
+    Q, _, answers = fed(bed, lambda t: moving(bed, min(t, 1.0)) + (0.6 * bed.axis if t >= 1.0 else 0.0), rate, 4.0)
+    assert 0 < sum("dropped" in a.reason for a in answers) <= np.ceil(1.0 / rate / dt) + 1
+    there = bed.robot.pose(moving(bed, 1.0) + 0.6 * bed.axis)
+    assert np.linalg.norm((bed.robot.pose(Q[-1]) - there)[:3, 3]) < 2e-3
+
+
+@STREAMS
+def test_samples_inside_the_speed_limits_are_never_dropped(kind, name, dt, rate, sign):
+    """As fast as 0.8 of the limit, with noise; nor are wrong ones without the option."""
+    bed, random = Bed(kind, name, dt, sign), np.random.default_rng(5)
+    speed = 0.8 * bed.robot.velocity_limit[0]
+
+    def fast(t):
+        return bed.start + 0.4 * np.sin(sign * speed / 0.4 * t) * bed.axis + 1e-3 * random.normal(size=len(bed.start))
+
+    assert not any("dropped" in a.reason for a in fed(bed, fast, rate, 1.5)[2])
+    runs = [
+        fed(bed, wrong_at(bed, rate, bad), rate, 1.5, drop_outliers=False)
+        for bad, bed in (([0], Bed(kind, name, dt, sign)), ([], Bed(kind, name, dt, sign)))
+    ]
+    assert not any("dropped" in a.reason for a in runs[0][2])
+    assert np.abs((runs[0][0] - runs[1][0]) @ bed.axis).max() > 0.01
+
+
+@pytest.mark.parametrize("approach", [1 / 3, 0.1, 1.0])
+@STREAMS
+def test_the_way_to_the_first_sample_takes_a_third_of_the_speed_limits(kind, name, dt, rate, sign, approach):
+    bed = Bed(kind, name, dt, sign)
+    Q, V, answers = fed(bed, lambda t: bed.start + sign * 1.2 * bed.axis, rate, 2.5, approach=approach)
+    share = np.abs(V) / bed.robot.velocity_limit
+    assert share.max() < approach * 1.02
+    assert share.max() > 0.08 * (approach < 0.2) + 0.25 * (approach > 0.2)
+    said = answers[round(0.3 / dt)]
+    assert (said.status, said.reason) == (
+        "late",
+        f"on the way to what is followed, at most {approach:.2g} of the speed limits",
+    )
+    if approach > 0.2:
+        assert answers[-1].status == "moving"
+        there = bed.robot.pose(bed.start + sign * 1.2 * bed.axis)
+        assert np.linalg.norm((bed.robot.pose(Q[-1]) - there)[:3, 3]) < 2e-3
+
+
+@STREAMS
+def test_a_stream_that_goes_on_elsewhere_after_a_gap_is_approached_as_slowly(kind, name, dt, rate, sign):
+    """A clutch that closes far away."""
+    bed = Bed(kind, name, dt, sign)
+
+    def hand(t):
+        return bed.start if t < 0.5 else None if t < 1.0 else bed.start + sign * 1.2 * bed.axis
+
+    Q, V, _ = fed(bed, hand, rate, 3.5)
+    assert (np.abs(V) < 1.001 / 3.0 * np.array(bed.robot.velocity_limit)).all()
+    there = bed.robot.pose(bed.start + sign * 1.2 * bed.axis)
+    assert np.linalg.norm((bed.robot.pose(Q[-1]) - there)[:3, 3]) < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("angle", "dt", "rate"),
+    [(-2.1, 0.01, 30), (-1.57, 0.033, 15), (0.7, 0.01, 30), (1.4, 0.033, 15), (1.57, 0.002, 60), (2.6, 0.01, 30)],
+)
+def test_five_joints_keep_the_point_while_they_turn_the_tool_as_far_as_they_can(angle, dt, rate):
+    """And rest when the hand rests, though they cannot do all of its turn."""
+    bed = Bed("poses", "so101", dt, 1)
+    home = bed.pose(0.0)
+    hand = iq.transform(iq.exp([0.0, 0.0, angle, 0.0, 0.0, 0.0])[:3, :3] @ home[:3, :3], home[:3, 3])
+    Q, V, answers = fed(bed, lambda t: hand, rate, 5.0)
+    off = [np.linalg.norm(bed.robot.pose(q)[:3, 3] - home[:3, 3]) for q in Q]
+    assert max(off) < 2e-3
+    assert off[-1] < 2e-4
+    last = round(1.0 / dt)
+    assert np.abs(V[-last:]).max() < 1e-5
+    assert len({(a.status, a.reason.split("(")[0]) for a in answers[-last:]}) == 1
+
+
+@pytest.mark.parametrize("over", [0.1, 0.0, -0.001])
+@pytest.mark.parametrize("side", ["lower", "upper"])
+@pytest.mark.parametrize(
+    ("name", "dt", "joint"), [("panda", 0.01, 3), ("ur5", 0.002, 2), ("so101", 0.033, 2), ("xarm7", 0.033, 3)]
+)
+def test_a_leader_beyond_a_joint_limit_is_followed_to_the_limit_where_the_arm_rests(name, dt, joint, side, over):
+    bed, s = Bed("joints", name, dt, 1), 1.0 if side == "upper" else -1.0
+    limit = getattr(bed.robot, f"position_{side}")[joint]
+    goal, q = bed.start.copy(), bed.start.copy()
+    goal[joint], q[joint] = limit + s * over, limit - s * 0.3
+    Q, V, answers = fed(bed, lambda t: goal, 30, 4.0, q=q)
+    last = round(1.0 / dt)
+    assert np.abs(V[-last:]).max() < 1e-6
+    assert np.abs(Q[-1, joint] - (limit + s * min(over, 0.0))) < 1e-4
+    assert (s * (Q[:, joint] - limit) <= 1e-9).all()
+    assert len({str(a.status) for a in answers[-last:]}) == 1
+
+
+def test_a_rate_that_is_slower_than_the_ticks_is_no_reason_to_drop():
+    """Samples of 10 Hz that move at half the limit, in ticks of 2 ms, without stamps and with jitter."""
+    bed, random, q = Bed("joints", "ur5", 0.002, 1), np.random.default_rng(1), np.array(ARMS["ur5"][0])
+    follower, due, said = iq.Follower(bed.loop, jerk=bed.jerk, timeout=0.5), 0.0, []
+    for k in range(1500):
+        now = k * bed.dt
+        if now >= due:
+            follower.add(bed.start + 0.5 * np.sin(3.0 * now) * bed.axis)
+            due = now + 0.1 + 0.05 * random.uniform(-1.0, 1.0)
+        answer = follower.step(q, now=now)
+        q = q + bed.dt * answer.velocity
+        said.append(answer.reason)
+    assert not any("dropped" in reason for reason in said)

@@ -1,0 +1,133 @@
+"""An arm that stands while its loop is stepped on: nothing accumulates, and it goes on from rest to its input."""
+
+from copy import copy
+
+import numpy as np
+import pytest
+from support.inputs import KINDS, SIZE, TIME, Bed, cases
+
+from invariantqp.control.response import RESPONSE_TIME, Response
+
+CASES = pytest.mark.parametrize(("kind", "name", "dt", "sign"), cases(KINDS, 3))
+STOP = 0.4, 1.0
+
+
+def moved(trace, dt, stands):
+    """(n, m) the velocities at which the arm moved."""
+    t = dt * np.arange(len(trace.V))
+    return np.where(((stands[0] <= t) & (t < stands[1]))[:, None], 0.0, trace.V)
+
+
+@CASES
+def test_the_arm_starts_from_rest_and_goes_to_where_its_input_is(kind, name, dt, sign):
+    bed, stop = Bed(kind, name, dt, sign), (0.15, 0.75) if kind.startswith("goal") else STOP
+    trace = bed.run(4.0, stands=stop)
+    V, release = moved(trace, dt, stop), round(np.ceil(stop[1] / dt - 1e-9))
+    assert np.abs(V[: round(stop[0] / dt)]).max() > 0.03
+    assert np.abs(np.diff(V[release - 1 :], axis=0)).max() < 1.001 * bed.acceleration * dt
+    assert np.abs(V[-1]).max() < 1e-3
+    last = trace.answers[release - 1]
+    assert (last.status, "no motion measured" in last.reason) == ("degraded", True)
+    assert "no motion measured" not in trace.answers[-1].reason
+    if kind != "twist":
+        assert bed.off(trace.Q[-1], TIME) < 2e-3
+    assert np.abs((trace.Q - bed.start) @ bed.axis).max() < 1.02 * SIZE
+
+
+@pytest.mark.parametrize("kind", ["joints", "goal of a pose", "step"])
+@pytest.mark.parametrize("noise", [1e-5, 3e-4])
+def test_readings_that_scatter_do_not_look_like_motion(kind, noise):
+    bed, random = Bed(kind, "ur5", 0.002, 1), np.random.default_rng(2)
+    trace = bed.run(2.5, stands=STOP, reads=lambda q, k: q + noise * random.normal(size=6))
+    V = moved(trace, bed.dt, STOP)[round(STOP[1] / bed.dt) - 1 :]
+    assert np.abs(np.diff(V, axis=0)).max() < 1.001 * bed.acceleration * bed.dt
+    assert {"degraded"} == {str(a.status) for a in trace.answers[350:500]}
+
+
+@pytest.mark.parametrize("kind", ["chunks of joints", "poses", "path", "step"])
+def test_an_arm_that_lags_behind_its_commands_is_no_arm_that_stands(kind):
+    """First-order lag of 50 ms, joints of a fifth of the usual speed, and a command of nothing."""
+    bed = Bed(kind, "ur5", 0.01, 1)
+    speed, q, answers = np.zeros(6), bed.start.copy(), []
+    follower, feed = (None, None) if kind == "step" else bed.follower(q)
+    for k in range(250):
+        now = k * bed.dt
+        if follower is None:
+            answer = bed.loop.step(q, bed.pose(now))
+        else:
+            feed(now)
+            answer = follower.step(q, now=now)
+        speed = speed + bed.dt / 0.05 * (answer.velocity - speed)
+        q = q + bed.dt * speed
+        answers.append(answer)
+    assert not any("no motion measured" in a.reason for a in answers)
+
+
+def test_an_arm_that_is_asked_to_rest_does_not_stand():
+    bed = Bed("step", "panda", 0.01, 1)
+    for _ in range(100):
+        answer = bed.loop.step(bed.start, bed.pose(0.0))
+    assert (answer.status, answer.reason) == ("ok", "")
+
+
+def test_one_joint_that_is_blocked_is_named_and_the_others_move():
+    bed = Bed("joints", "ur5", 0.002, 1, joint=1)
+    follower, feed = bed.follower(bed.start)
+    q, free = bed.start.copy(), np.ones(6)
+    free[1] = 0.0
+    for k in range(500):
+        feed(k * bed.dt)
+        answer = follower.step(q, now=k * bed.dt)
+        q = q + bed.dt * free * answer.velocity
+    assert answer.status == "degraded"
+    assert answer.reason.startswith("no motion measured of joint 1 (")
+
+
+def test_a_stop_is_seen_within_a_fifth_of_a_second_and_its_end_at_once():
+    for dt in (0.002, 0.01, 0.033):
+        bed = Bed("step", "ur5", dt, 1)
+        trace = bed.run(1.3, stands=(0.5, 1.0))
+        stood = ["no motion measured" in a.reason for a in trace.answers]
+        first, last = stood.index(True), len(stood) - 1 - stood[::-1].index(True)
+        assert 0.5 + RESPONSE_TIME - dt <= first * dt <= 0.5 + RESPONSE_TIME + 0.08 + 2.0 * dt
+        assert last * dt <= 1.0 + max(0.05, 4.0 * dt)
+
+
+def test_displacements_in_either_direction_are_a_response():
+    told, none = np.array([0.01, -0.01, 0.01, 0.0]), np.zeros(4)
+    response = Response.of(np.zeros(28))
+    for _ in range(20):
+        response = response.after(told, np.array([0.003, 0.003, 0.0, 0.0]), 0.01)
+    assert response.unresponsive.tolist() == [0.0, 0.0, 1.0, 0.0]
+    for _ in range(20):
+        response = response.after(told, none, 0.01)
+    assert response.unresponsive.tolist() == [1.0, 1.0, 1.0, 0.0]
+    for _ in range(100):  # commanded to rest
+        response = response.after(none, none, 0.01)
+    assert not response.unresponsive.any()
+
+
+def test_a_copy_of_a_loop_that_stands_goes_on_as_the_loop_does():
+    bed = Bed("step", "panda", 0.01, 1)
+    bed.run(0.9, stands=(0.4, 2.0))
+    other = copy(bed.loop)
+    for k in range(10):
+        a, b = (loop.step(bed.start, bed.pose(0.9 + 0.01 * k)) for loop in (bed.loop, other))
+        np.testing.assert_array_equal(a.velocity, b.velocity)
+        assert a.reason == b.reason
+
+
+@pytest.mark.parametrize("way", ["no velocity given", "velocity given"])
+def test_a_velocity_that_is_given_is_believed(way):
+    """Who measures the velocity says that the arm stands; nothing is concluded from positions."""
+    bed = Bed("twist", "ur5", 0.002, 1)
+    follower, feed = bed.follower(bed.start)
+    given = {"velocity": np.zeros(6)} if way == "velocity given" else {}
+    said = []
+    for k in range(300):
+        feed(k * bed.dt)
+        answer = follower.step(bed.start, now=k * bed.dt, **given)
+        said.append("no motion measured" in answer.reason)
+        if given:
+            assert np.abs(answer.velocity).max() < 1.001 * bed.acceleration * bed.dt
+    assert any(said) == (not given)

@@ -1,0 +1,123 @@
+"""Every kind of input to a loop, each of the same motion, and an arm that moves as commanded or stands."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+import invariantqp as iq
+from support.arms import READY
+
+# The inputs of a `Follower`, and the other loops: a path, and the ticks of a Controller.
+INPUTS = (
+    "chunks of joints",
+    "chunks of poses",
+    "goal of joints",
+    "goal of a pose",
+    "function of joints",
+    "function of poses",
+    "joints",
+    "poses",
+    "twist",
+)
+KINDS = (*INPUTS, "path", "step")
+# Where an arm starts, its acceleration and its jerk limit.
+ARMS = {
+    "panda": (READY["panda"], 10.0, 500.0),
+    "ur5": (READY["ur5"], 10.0, 500.0),
+    "xarm7": (READY["xarm7"], 10.0, 500.0),
+    "so101": (READY["so101"], 26.0, 1000.0),
+    "gen3": ((0.3, 0.3, 0.1, -1.6, 0.2, -1.0, 3.0), 10.0, 500.0),
+}
+TICKS = (0.002, 0.01, 0.033)
+# A joint goes so far [rad], from rest to rest, in this time [s].
+SIZE, TIME = 0.5, 1.5
+
+
+class Trace(NamedTuple):
+    """What came of it, tick by tick."""
+
+    Q: np.ndarray  # (n + 1, m)
+    V: np.ndarray  # (n, m) as commanded
+    answers: list
+
+
+class Bed:
+    """One arm, whose joint is asked to move in one direction by one kind of input."""
+
+    def __init__(self, kind, name, dt, sign, *, joint=0, robot=None, start=None, size=SIZE):
+        start_of, self.acceleration, self.jerk = ARMS[name]
+        self.kind, self.dt, self.size = kind, dt, sign * size
+        self.robot = iq.load_robot(name) if robot is None else robot
+        self.start = np.array(start_of if start is None else start)
+        self.axis = np.eye(len(self.start))[joint]
+        exact = "position" if len(self.start) < 6 else None
+        self.loop = iq.Controller(self.robot, dt=dt, acceleration_limit=self.acceleration, exact=exact)
+
+    def joints(self, t):
+        """(m,) where the joints are asked to be."""
+        s = np.clip(t / TIME, 0.0, 1.0)
+        return self.start + self.size * (s - np.sin(2.0 * np.pi * s) / (2.0 * np.pi)) * self.axis
+
+    def pose(self, t):
+        return self.robot.pose(self.joints(t))
+
+    def off(self, q, t):
+        """How far the point of the tool is from where it is asked to be [m]."""
+        return np.linalg.norm(self.robot.pose(q)[:3, 3] - self.pose(t)[:3, 3])
+
+    def follower(self, q):
+        """A follower of one kind of input from joint positions as read (m,), and what is done before each tick."""
+        if self.kind == "path":
+            follower = iq.PathFollower(self.loop, self.pose, end=TIME, rate=1.0, joint_jerk=self.jerk)
+            follower.prepare(q)
+            return follower, lambda now: None
+        follower, poses = iq.Follower(self.loop, jerk=self.jerk), "pose" in self.kind
+        where = self.pose if poses else self.joints
+        if self.kind.startswith("goal"):
+            follower.follow([where(TIME)])
+        if self.kind.startswith("function"):
+            follower.follow(where)
+        last = [-1.0]
+
+        def feed(now):
+            gap = 0.1 if self.kind.startswith("chunks") else max(0.02, self.dt)
+            if now < last[0] + gap - 1e-9:
+                return
+            last[0] = now
+            if self.kind.startswith("chunks"):
+                stamps = now + 0.05 * np.arange(20)
+                follower.follow(np.array([where(t) for t in stamps]), stamps)
+            if self.kind in ("joints", "poses"):
+                follower.add(where(now), now)
+            if self.kind == "twist":
+                speed = self.size / TIME * (1.0 - np.cos(2.0 * np.pi * now / TIME)) * (now < TIME)
+                follower.twist(self.robot.jacobian(self.joints(now)) @ self.axis * speed)
+
+        return follower, feed
+
+    def run(self, seconds, *, override=lambda t: 1.0, stands=(np.inf, np.inf), reads=lambda q, k: q):
+        """Ticks of an arm that does not move from stands[0] to stands[1] [s]; `reads` (q, tick) gives its positions."""
+        q, Q, V, answers = self.start.copy(), [self.start], [], []
+        follower, feed = (None, None) if self.kind == "step" else self.follower(reads(q, 0))
+        for k in range(round(seconds / self.dt)):
+            now = k * self.dt
+            if follower is None:
+                answer = self.loop.step(reads(q, k), self.pose(now))
+            else:
+                feed(now)
+                answer = follower.step(reads(q, k), now=now, override=override(now))
+            if not stands[0] <= now < stands[1]:
+                q = q + self.dt * answer.velocity
+            Q.append(q)
+            V.append(answer.velocity)
+            answers.append(answer)
+        return Trace(np.array(Q), np.array(V), answers)
+
+
+def cases(kinds, each):
+    """So many (kind, arm, tick, sign) of each kind, which have all arms, ticks and signs among them."""
+    names = tuple(ARMS)
+    every = range(each * len(kinds))
+    return [(kinds[i // each], names[i % len(names)], TICKS[(i + i // 5) % 3], 1 - 2 * (i // 2 % 2)) for i in every]
