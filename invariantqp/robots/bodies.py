@@ -1,8 +1,8 @@
 """The shapes of an arm's links, from the collision geometry of its description: what must not touch anything.
 
-Balls and a link's only box stay as they are. A cylinder becomes a capsule, a link's meshes one or more, several boxes
-too: they contain all that they stand for, so that what keeps clear of the capsules keeps clear of the link. They are
-larger than the link; two capsules are taken where they are so much smaller than one together.
+Spheres, capsules and a link's only box stay as they are. A link's meshes, cylinders and several boxes become one to
+three capsules or boxes that contain all of them, so that what keeps clear of these keeps clear of the link. A box is
+taken where it has much less volume than a capsule, as about a plate, and two shapes where they have much less than one.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from functools import lru_cache
 from itertools import product
 from math import cos, pi, sin
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,11 @@ from invariantqp.geometry.shapes import Box, Capsule, HalfSpace, Shape, Sphere
 from invariantqp.robots.chain import Chain, Geometry, Link
 from invariantqp.robots.kinematics import Robot
 
-# Two capsules replace one where they have less than this share of its volume.
-WORTHWHILE = 0.7
+# Two shapes replace one where they have less than the first share of its volume, and a box, whose distances take more
+# time, a capsule where it has less than the second.
+WORTHWHILE, BOX_SHARE = 0.7, 0.5
+# Faces of a box are along so many of the convex hull's largest triangles; the sine of the angle between two of them.
+FACES, SQUARE = 12, 0.1
 # Corners of the prism about a cylinder.
 SIDES = 24
 # Axes and cuts are chosen by corners of which a grid has one in each cell, so many along the longer two extents, in the
@@ -79,7 +82,7 @@ def _shapes(parts: tuple[Geometry, ...], _written: tuple[int, ...]) -> tuple[Sha
             triangles.append(_surface(part).dot(part.pose[:3, :3].T) + part.pose[:3, 3])
         else:
             made.append(_plain(part))
-    return (*made, *(capsules(np.concatenate(triangles)) if triangles else ()))
+    return (*made, *(shapes_about(np.concatenate(triangles)) if triangles else ()))
 
 
 def _plain(part: Geometry) -> Shape:
@@ -131,11 +134,11 @@ def _hull(points: Array) -> Array:
     return np.asarray(points[hull.simplices])
 
 
-def capsules(triangles: Array, most: int = 3) -> list[Shape]:
-    """Capsules that contain all triangles (f, 3, 3), few and small: each is a pair more with all around."""
+def shapes_about(triangles: Array, most: int = 3) -> list[Shape]:
+    """Capsules or boxes that contain all triangles (f, 3, 3), few and small: each is a pair more with all around."""
     few = _thinned(triangles)
-    made = [(triangles, few, capsule(few.reshape(-1, 3)))]
-    tried: list[tuple[Array, list[Array], list[Capsule]] | None] = []
+    made = [(triangles, few, _smallest(few.reshape(-1, 3)))]
+    tried: list[tuple[Array, list[Array], list[Capsule | Box]] | None] = []
     while len(made) < most:
         tried += [_halves(part, one) for _, part, one in made[len(tried) :]]
         gains = [
@@ -144,7 +147,7 @@ def capsules(triangles: Array, most: int = 3) -> list[Shape]:
         ]
         i = int(np.argmax(gains))
         best = tried.pop(i)
-        if best is None or gains[i] < (1.0 - WORTHWHILE) * _volume(made[i][2]):
+        if best is None or gains[i] <= (1.0 - WORTHWHILE) * _volume(made[i][2]):
             break
         plane, (whole, _, _) = best[0], made.pop(i)
         made += zip(_sides(whole, plane), *best[1:], strict=True)
@@ -166,12 +169,44 @@ def _thinned(part: Array) -> Array:
     return points[of] if len(of) else part
 
 
-def capsule(points: Array, *, searched: bool = True) -> Capsule:
-    """A small capsule that contains all points (n, 3): along a principal axis, or the best of a search about each."""
+def _smallest(points: Array, *, searched: bool = True) -> Capsule | Box:
+    """A small capsule that contains points (n, 3), or a box where that is worthwhile."""
     points = np.unique(points, axis=0)  # corners of triangles, once each
+    normals = np.zeros((0, 3))
     with suppress(QhullError):  # all on one plane or line
         hull: Any = ConvexHull(points)
+        x = points[hull.simplices]
+        area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+        normals = hull.equations[np.argsort(-area)[:FACES], :3]
         points = points[hull.vertices]
+    of_capsule, of_box = capsule(points, searched=searched), box(points, normals)
+    return of_box if _volume(of_box) < BOX_SHARE * _volume(of_capsule) else of_capsule
+
+
+def box(points: Array, normals: Array) -> Box:
+    """A small box that contains points (n, 3), with faces across two of the normals (k, 3) or their principal axes."""
+    V = points - points.mean(axis=0)
+    ways, made = np.vstack((np.linalg.eigh(V.T.dot(V))[1].T, normals)), []
+    for n in ways:
+        u = np.cross(n, ways)
+        size = np.linalg.norm(u, axis=1)
+        u = u[size > SQUARE] / size[size > SQUARE, None]
+        sides = np.stack((u, np.cross(n, u), np.tile(n, (len(u), 1))), axis=1)
+        volumes = np.ptp(sides.dot(points.T), axis=2).prod(axis=1)
+        made.append((float(volumes.min()), sides[int(volumes.argmin())]))
+    return _box(min(made, key=lambda one: one[0])[1], points)
+
+
+def _box(axes: Array, points: Array) -> Box:
+    """The box along axes (3, 3), a row each, that contains points (n, 3)."""
+    along = points.dot(axes.T)
+    place = np.eye(4)
+    place[:3, :3], place[:3, 3] = axes.T, 0.5 * (along.max(axis=0) + along.min(axis=0)).dot(axes)
+    return Box(place, np.ptp(along, axis=0))
+
+
+def capsule(points: Array, *, searched: bool = True) -> Capsule:
+    """A small capsule that contains all points (n, 3): along a principal axis, or the best of a search about each."""
     centre = points.mean(axis=0)
     size = float(np.abs(points - centre).max())
     if size == 0.0:
@@ -195,8 +230,18 @@ def capsule(points: Array, *, searched: bool = True) -> Capsule:
     return _grown(Capsule(centre + size * a, centre + size * b, 0.0), points)
 
 
-def _grown(one: Capsule, points: Array) -> Capsule:
-    """A capsule with another radius, that contains points (n, 3)."""
+@overload
+def _grown(one: Capsule, points: Array) -> Capsule: ...
+
+
+@overload
+def _grown(one: Capsule | Box, points: Array) -> Capsule | Box: ...
+
+
+def _grown(one: Capsule | Box, points: Array) -> Capsule | Box:
+    """A capsule with another radius, or a box with other edges, that contains points (n, 3)."""
+    if isinstance(one, Box):
+        return _box(one.place[:3, :3].T, points)
     centre, u, half = one.place[:3, 3], one.place[:3, 2], float(one.half[2])
     W = points - centre
     t = W.dot(u)
@@ -218,28 +263,30 @@ def _around(V: Array, x: Array) -> tuple[float, Array, Array]:
     return r2 * (high - low) + 4.0 / 3.0 * r2**1.5, x[3:] + low * u, x[3:] + high * u
 
 
-def _volume(one: Capsule) -> float:
+def _volume(one: Capsule | Box) -> float:
+    if isinstance(one, Box):
+        return 8.0 * float(one.half.prod())
     return pi * one.radius**2 * (2.0 * float(one.half[2]) + 4.0 / 3.0 * one.radius)
 
 
-def _halves(part: Array, one: Capsule) -> tuple[Array, list[Array], list[Capsule]] | None:
-    """Triangles (f, 3, 3) cut in two across their capsule's axis or the longest extent, and a capsule about each.
+def _halves(part: Array, one: Capsule | Box) -> tuple[Array, list[Array], list[Capsule | Box]] | None:
+    """Triangles (f, 3, 3) cut in two across the longest axis of their shape, and a shape about each.
 
     First the plane (4,) between them, as `_sides` takes it.
     """
     points = part.reshape(-1, 3)
-    n = one.place[:3, 2] if one.half[2] > 0.0 else np.linalg.eigh(np.cov(points.T))[1][:, -1]
+    n = one.place[:3, int(one.half.argmax())] if one.half.any() else np.linalg.eigh(np.cov(points.T))[1][:, -1]
     heights, rated = points.dot(n), []
     for share in (0.35, 0.5, 0.65):
         plane = np.append(n, heights.min() + share * np.ptp(heights))
         sides = _sides(part[::SOME], plane)
         if all(len(side) for side in sides):
-            rated.append((sum(_volume(capsule(side.reshape(-1, 3), searched=False)) for side in sides), plane))
+            rated.append((sum(_volume(_smallest(side.reshape(-1, 3), searched=False)) for side in sides), plane))
     if not rated:
         return None
     plane = min(rated, key=lambda one: one[0])[1]
     halves = _sides(part, plane)
-    return plane, halves, [capsule(half.reshape(-1, 3)) for half in halves]
+    return plane, halves, [_smallest(half.reshape(-1, 3)) for half in halves]
 
 
 def _sides(part: Array, plane: Array) -> list[Array]:

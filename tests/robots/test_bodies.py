@@ -8,7 +8,7 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.geometry.shapes import Box, Capsule, HalfSpace
-from invariantqp.robots.bodies import _read, _thinned, bodies_of, capsule, capsules
+from invariantqp.robots.bodies import _read, _thinned, bodies_of, box, capsule, shapes_about
 from invariantqp.robots.urdf import disabled
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody><geom name="floor" type="plane" size="1 1 .1"/>
@@ -21,10 +21,15 @@ ARM = """<mujoco><compiler angle="radian"/><worldbody><geom name="floor" type="p
 
 
 def off(shape, points):
-    """How far points (n, 3) stick out of a capsule."""
+    """How far points (n, 3) stick out of a capsule or a box."""
     local = (points - shape.place[:3, 3]) @ shape.place[:3, :3]
-    local[:, 2] -= np.clip(local[:, 2], -shape.half[2], shape.half[2])
-    return np.linalg.norm(local, axis=1) - shape.radius
+    return np.linalg.norm(local - np.clip(local, -shape.half, shape.half), axis=1) - shape.radius
+
+
+def volume(shape):
+    if isinstance(shape, Box):
+        return 8.0 * shape.half.prod()
+    return np.pi * shape.radius**2 * (2.0 * shape.half[2] + 4.0 / 3.0 * shape.radius)
 
 
 def test_a_capsule_contains_its_points_and_is_not_large():
@@ -43,7 +48,7 @@ def test_a_capsule_contains_its_points_and_is_not_large():
         assert found.radius <= 0.51 * np.linalg.norm(size) + 1e-12
 
 
-def test_several_capsules_contain_every_triangle():
+def test_several_shapes_contain_every_triangle():
     rng = np.random.default_rng(1)
     bars = [np.array([[x, y, z] for x in (0, 0.5) for y in (0, 0.05) for z in (0, 0.05)]),
             np.array([[x, y, z] for x in (0, 0.05) for y in (0, 0.5) for z in (0, 0.05)])]  # fmt: skip
@@ -51,7 +56,7 @@ def test_several_capsules_contain_every_triangle():
 
     corners = np.vstack(bars)
     faces = np.vstack([ConvexHull(bar).simplices + 8 * i for i, bar in enumerate(bars)])
-    made = capsules(corners[faces])
+    made = shapes_about(corners[faces])
     assert len(made) > 1
     weights = rng.dirichlet(np.ones(3), size=(len(faces), 50))
     points = np.einsum("fkc,fcx->fkx", weights, corners[faces]).reshape(-1, 3)
@@ -91,9 +96,53 @@ def test_axes_are_chosen_by_few_corners_but_all_are_contained():
     points *= np.array([0.3, 0.05, 0.05]) / np.linalg.norm(points, axis=1)[:, None]
     triangles = np.concatenate((points[ConvexHull(points).simplices], [[[0, 0, 0], [1e-4, 0, 0.06], [0, 1e-4, 0.06]]]))
     assert len(_thinned(triangles)) < 0.5 * len(triangles)
-    made = capsules(triangles)
+    made = shapes_about(triangles)
     assert np.min([off(one, triangles.reshape(-1, 3)) for one in made], axis=0).max() < 1e-12
-    assert sum(np.pi * c.radius**2 * (2 * c.half[2] + 4 / 3 * c.radius) for c in made) < 0.008
+    assert sum(map(volume, made)) < 0.008
+
+
+@pytest.mark.parametrize("size", [(1.2, 0.75, 0.03), (0.3, 0.3, 0.002), (0.2, 0.1, 0.08), (0.5, 0.2, 0.0)])
+def test_a_plate_becomes_a_box_however_it_is_turned(size):
+    from scipy.spatial import ConvexHull
+
+    corners = np.array(np.meshgrid(*([-0.5, 0.5],) * 3)).reshape(3, -1).T
+    faces = ConvexHull(corners).simplices
+    rng = np.random.default_rng(0)
+    for turn in [np.eye(3), *np.linalg.qr(rng.normal(size=(4, 3, 3)))[0]]:
+        points = (corners * size) @ turn.T + [0.1, -0.2, 0.3]
+        made = shapes_about(points[faces])
+        assert {type(one) for one in made} == {Box}
+        assert np.min([off(one, points) for one in made], axis=0).max() < 1e-12
+        assert sum(map(volume, made)) == pytest.approx(np.prod(size), rel=1e-9, abs=1e-12)
+
+
+def test_a_box_lies_along_a_face_of_what_it_contains():
+    """About a wedge, whose principal axes are along none of its faces."""
+    wedge = np.array([(x, y, z) for y in (0.0, 0.1) for x, z in ((0.0, 0.0), (0.4, 0.0), (0.0, 0.1))])
+    turn = iq.exp([0.3, -0.7, 0.4, 0.0, 0.0, 0.0])[:3, :3]
+    made = box(wedge @ turn.T, turn.T[:2])
+    assert off(made, wedge @ turn.T).max() < 1e-12
+    assert volume(made) == pytest.approx(0.4 * 0.1 * 0.1)
+
+
+def test_shapes_of_robots_are_no_many_times_their_links():
+    """By the volume of each link's convex hull, or of those of its parts."""
+    pytest.importorskip("coal")
+    from scipy.spatial import ConvexHull
+
+    from invariantqp.robots.bodies import _surface
+
+    ratios = []
+    for name in ("panda", "ur5", "xarm7", "so101", "gen3"):
+        robot = iq.load_robot(name)
+        made = bodies_of(robot) if any(link.parts for link in robot.links) else {}
+        for link in robot.links:
+            meshes = [part for part in link.parts if part.kind == "mesh"]
+            if len(meshes) == len(link.parts) > 0:
+                hulls = [ConvexHull(_surface(p).reshape(-1, 3) @ p.pose[:3, :3].T + p.pose[:3, 3]) for p in meshes]
+                ratios.append(sum(map(volume, made[link.name])) / sum(hull.volume for hull in hulls))
+    assert len(ratios) > 20
+    assert max(ratios) < 3.0
 
 
 def test_an_mjcf_gives_bodies_and_excludes():
@@ -155,7 +204,7 @@ def test_meshes_and_balls_of_an_mjcf():
             velocity_limit=1.0,
         )
     )
-    (bar,), (ball,) = found["a"], found["b"]
-    assert off(bar, corners).max() < 1e-6
-    assert bar.radius < 0.06
+    bar, (ball,) = found["a"], found["b"]
+    assert np.min([off(one, corners) for one in bar], axis=0).max() < 1e-6
+    assert sum(map(volume, bar)) < 1.01 * 0.3 * 0.08 * 0.08
     assert (ball.radius, ball.place[:3, 3].tolist()) == (0.05, [0.1, 0.0, 0.0])
