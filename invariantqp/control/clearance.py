@@ -35,9 +35,13 @@ Joints that stop at once may be anywhere in a tick, and rows linear about x = 0 
     d(q + dt x) + dt C (x' - x) >= d_min,    C at q + dt x
 
 A row that no velocity can reach is left out, so there is no distance of influence; of the others the 16 most urgent are
-kept, each pair's nearest place before all others. Inside d_min all places of a pair ask for the way out of the nearest
-one, slowly; with brakes, for no more than the last velocity and a tick of 0.3 a are certain to reach. Rows give way
-where they contradict joint limits, never the other way round.
+kept, each pair's nearest place before all others. Rows give way where they contradict joint limits, never the other way
+round.
+
+A pair that is nearer than d_min in the first tick of a loop keeps the distance that it has, and each larger one that it
+comes to have, to 5 % of d_min, until that is d_min: an arm that is told to stay stays, with noise in its positions too.
+What gets nearer than that, because an obstacle came, is led out: all places of a pair ask for the way out of the
+nearest one, slowly; with brakes, for no more than the last velocity and a tick of 0.3 a are certain to reach.
 
 What it does not do: find a way around. An arm that is led straight into an obstacle stops before it.
 """
@@ -46,6 +50,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from math import e, inf
 from os import PathLike
 from types import MappingProxyType
@@ -65,7 +70,7 @@ from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.distance import Placed, places
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.kinematics import MILLIMETRES, Robot, far_away, middle
+from invariantqp.robots.kinematics import MILLIMETRES, Robot, far_away, joint_displacement, middle
 from invariantqp.velocity.backends import UNBOUNDED
 from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.qp import ACTIVE_TOLERANCE
@@ -73,8 +78,8 @@ from invariantqp.velocity.qp import ACTIVE_TOLERANCE
 # Of the accelerations, rows take this share to brake by; the rest is for how their directions turn within a tick, and
 # between the states that are looked at.
 BRAKING = 0.7
-# Inside the distance, bodies are led apart at the first share of the joints' velocity limits, and no joint is faster
-# than the second: an arm that begins inside comes out in a second or three, without a kick.
+# What came nearer than the distance is led out at the first share of the joints' velocity limits, and no joint is
+# faster than the second: an arm into which an obstacle is put comes out in a second or three, without a kick.
 ESCAPE, CALM = 0.06, 0.09
 # Where a joint moves nothing in this very state, a state is looked at that is so many seconds at full speed away [s]:
 # what is moved there is, by 1e-14 of its size, as far as it is here.
@@ -143,6 +148,9 @@ class Moved(NamedTuple):
 class Clearance(Limit):
     """A limit: no two of an arm's links, and no link and obstacle, come nearer than a distance.
 
+    Bodies that are nearer when a loop begins come no nearer than they are, and move no arm. The first tick warns, and
+    says which pairs to `exclude=` if they may be near each other.
+
     Attributes:
         robot: the arm.
         bodies: the shapes of its links, by link, each in its link's frame.
@@ -200,7 +208,9 @@ class Clearance(Limit):
         self._parts, self._numbers, self._of_pair = self._found.parts, self._found.numbers, self._found.of_shapes
         self._bodies = [(self._parts[i].name, self._parts[j].name) for i, j in self._of_pair]
         self._twists = np.zeros((len(self._parts), 6))
-        self._pairs = np.array([(i, j, 1.0) for i, j in self._of_pair], dtype=np.float64).reshape(-1, 3)
+        self._pairs = np.array([(i, j, 1.0, self.distance) for i, j in self._of_pair], np.float64).reshape(-1, 4)
+        self._kept: Array = self._pairs[:, 3]  # the distance that each pair keeps
+        self._began: Array | None = None  # (m,) joint positions, where the last tick was the first of a loop
         self._around = np.array([self._parts[j].around for _, j in self._of_pair], dtype=int)
         self._seen: dict[int, Any] = {}
         self._shapes = [(i, self._parts[i].shape) for i in self._found.moving]
@@ -316,13 +326,19 @@ class Clearance(Limit):
                 argument, f"{self!r} of another robot", "one made with this robot, of the same base= and offset="
             )
 
-    def watch(self, last: float | None, dt: float, alpha: float) -> float:
-        """A tick of a loop begins, at a rate alpha: what does not say how fast it is moves as its last two places say.
+    def watch(self, last: float | None, dt: float, alpha: float, q: Array) -> float:
+        """A tick of a loop begins at joint positions q (m,) and a rate alpha.
 
-        The `last` began at some time, None for the first, and took dt; the time of this one is returned, which is that
-        of other loops whose turn it is, too.
+        What does not say how fast it is moves as its last two places say. The `last` tick began at some time, None for
+        the first, and took dt; the time of this one is returned, which is that of other loops whose turn it is, too.
         """
         now = self._now.time
+        begins = last is None and not self._goes_on(q, dt)
+        if begins:
+            self._report(q)
+        if begins or self._near_at_first:
+            self._keep(self._distances(q), -inf if begins else self._kept)
+        self._began = q.copy() if last is None else None
         if last is not None and last + dt > now:
             now = self._now.time = last + dt
         for i, shape in self._shapes:
@@ -332,9 +348,36 @@ class Clearance(Limit):
             elif known.moves or known.place is not pose:
                 self._moved[i] = known.now(pose, se3.displacement, now, alpha)
         for a, arm in enumerate(self.arms, 1):
-            told, known = arm.knows_velocity, self._moved[-a]
-            self._moved[-a] = Moved(arm.q, now, 0.0, arm.velocity) if told else known.now(arm.q, _turned, now, alpha)
+            told, known, way = arm.knows_velocity, self._moved[-a], partial(joint_displacement, turns=arm.turns)
+            self._moved[-a] = Moved(arm.q, now, 0.0, arm.velocity) if told else known.now(arm.q, way, now, alpha)
         return now
+
+    @property
+    def _near_at_first(self) -> bool:
+        """Whether some pair keeps less than the distance, having been nearer in the first tick."""
+        return bool((self._kept < self.distance).any())
+
+    def _goes_on(self, q: Array, dt: float) -> bool:
+        """Whether the arm at q (m,) goes on from a tick whose limit this was alone: each is the first of a loop."""
+        fastest = np.where(np.isfinite(self.robot.velocity_limit), self.robot.velocity_limit, USUAL_SPEED)
+        return self._began is not None and bool((np.abs(q - self._began) <= 2.0 * dt * fastest).all())
+
+    def _keep(self, distances: Array, least: Array | float) -> None:
+        """Pairs (k,) keep the distance, or where they are nearer what they have, less what noise may take of it."""
+        own = np.maximum(distances - DEEP * self.distance, least)
+        self._kept[:] = np.where(distances < self._enough, own, self.distance)
+
+    def _report(self, q: Array) -> None:
+        """Warn of what is too near at joint positions q (m,), where a loop begins."""
+        if near := {pair: d for pair, d in self.distances(q).items() if d < self._enough}:
+            told = "; ".join(str(Near(*pair, d)) for pair, d in near.items())
+            warnings.warn(
+                f"clearance: nearer than {1e3 * self.distance:.1f} mm when the loop begins: {told}. They are kept from "
+                "coming nearer, and the arm does not move to part them. If they may be near each other, leave them "
+                f"out: exclude={list(near)}",
+                UserWarning,
+                stacklevel=2,
+            )
 
     def in_loop(self, loop: Loop) -> Rate:
         """The rate in a loop, and what its joints brake by."""
@@ -348,13 +391,14 @@ class Clearance(Limit):
         """The rows at joint positions q (m,) after a velocity `before` (m,), None where nothing is near enough."""
         C, lower, of_pair, distances = self._asked(arrays.vector(q, len(self.robot.names), "q"), rate, before)
         self._now.nearest, self._now.distances = self._least(distances), distances
-        inside = self._now.nearest[1] < self._enough
+        lacks = float((self._kept - distances).max(initial=0.0))
+        inside = lacks > self.distance - self._enough
         if not (len(lower) or inside):
             return None
         upper, pairs = np.full(len(lower), inf), of_pair.astype(int)
         names = [*_Called(self._bodies, pairs.tolist(), distances[pairs].tolist())]
         if inside and not (self._moves(pairs) or (self.arms and self._others(0.0)[1].any())):
-            speed = self._calm(rate, before)
+            speed = self._calm(rate, before, lacks)
             limited = np.isfinite(speed)
             C = np.vstack((C, np.eye(len(speed))[limited]))
             lower, upper = np.append(lower, -speed[limited]), np.append(upper, speed[limited])
@@ -368,7 +412,7 @@ class Clearance(Limit):
     def rows_after(self, q: Array, x: Array, rate: Rate) -> LimitRows | None:
         """Rows about the velocity x (m,) of a tick from q (m,) on that ends too near; None where it does not."""
         dt, d, shares = float(rate.settings[3]), self._now.distances, self._pairs[:, 2]
-        kept, others = np.minimum(d, self.distance) - self.distance, np.zeros(len(d))
+        kept, others = np.minimum(d, self._kept) - self._kept, np.zeros(len(d))
         if self.arms:  # another one may take its share of the room
             others = (1.0 - shares) * np.where(np.isinf(d), 0.0, np.maximum(d - self.distance, 0.0))
         may = (d - self._levers.dot(dt * np.abs(x)) < self.distance + others) & (shares > 0.0)
@@ -389,8 +433,11 @@ class Clearance(Limit):
         return LimitRows.trusted(C[lost], lower, np.full(len(lower), inf), names)
 
     def given(self, rate: Rate, limits: Array) -> tuple[Any, ...] | None:
-        """What a tick of the core is given, with limits of all joints; None for meshes, which Python asks for."""
-        scene = None if self._found.solids else self._scene or self.scene()
+        """What a tick of the core is given, with limits of all joints; None where Python asks for the rows.
+
+        That is for meshes, and as long as some pair is nearer than the distance since the first tick.
+        """
+        scene = None if self._found.solids or self._near_at_first else self._scene or self.scene()
         if scene is None:
             return None
         self._refresh(rate.delay)
@@ -405,10 +452,10 @@ class Clearance(Limit):
         """Whether a shape of some pairs moves by itself."""
         return bool(self._twists[self._pairs[pairs, :2].astype(int)].any())
 
-    def _calm(self, rate: Rate, before: Array | None) -> Array:
-        """(m,) how fast joints may be, the nearest bodies being nearer than the distance, and no brakes too weak."""
+    def _calm(self, rate: Rate, before: Array | None, lacks: float) -> Array:
+        """(m,) how fast joints may be, a pair lacking so much of the distance that it keeps, and no brakes too weak."""
         shallow = DEEP * self.distance
-        deep = min(1.0, (self.distance - self._now.nearest[1]) / shallow) if shallow > 0.0 else 1.0
+        deep = min(1.0, lacks / shallow) if shallow > 0.0 else 1.0
         speed: Array = max(CALM, 1.0 - deep) * self.robot.velocity_limit
         return speed if before is None else np.maximum(speed, rate.braked(before, deep))
 
@@ -441,8 +488,9 @@ class Clearance(Limit):
         Raises:
             BadInput: NaN or a wrong length.
         """
+        apart = self._distances(q).tolist()  # which judges pairs, too
         found = dict.fromkeys(self.pairs, inf)
-        for k, d in enumerate(self._distances(q).tolist()):
+        for k, d in enumerate(apart):
             if d < inf:
                 found[self._bodies[k]] = min(found[self._bodies[k]], d)
         return found
@@ -516,7 +564,7 @@ class Clearance(Limit):
             told = self._places if pairs.solids else None
             found = core.clearance(scene, at, velocity, limits, rate.settings, shares, told)
         if found is None:
-            table = self._pairs if shares is None else np.column_stack((self._pairs[:, :2], shares))
+            table = self._pairs if shares is None else np.column_stack((self._pairs[:, :2], shares, self._kept))
             given = at, velocity, self._numbers, self._twists, table
             made = rows_of(pairs.robots, *given, limits, rate.settings, pairs.solids)
         else:
@@ -580,10 +628,6 @@ class Clearance(Limit):
             self._reasons = ["" if new else old for new, old in zip(pairs.tolist(), self._reasons, strict=True)]
 
 
-def _turned(q: Array, then: Array) -> Array:
-    return np.asarray(then - q)
-
-
 class _InLoop(Limit):
     """A clearance at the rate of a loop."""
 
@@ -609,8 +653,8 @@ class _InLoop(Limit):
     def blocked(self, q: Array) -> str:
         return self._clearance.blocked(q)
 
-    def begin(self) -> None:
-        self._last = self._clearance.watch(self._last, self._dt, self._alpha)
+    def begin(self, q: Array) -> None:
+        self._last = self._clearance.watch(self._last, self._dt, self._alpha, q)
 
     def for_core(self) -> tuple[Any, ...] | None:
         """What a tick of the core is given of it; None where the core has it row by row alone."""

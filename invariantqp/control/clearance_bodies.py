@@ -24,7 +24,7 @@ from invariantqp.geometry.distance import Place, Solid, places
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.kinematics import Robot, continuous_turns
 from invariantqp.robots.tree import Exclusions
 from invariantqp.robots.urdf import excluded
 from invariantqp.velocity.limits import accelerations
@@ -52,6 +52,7 @@ class OtherArm:
         name: what its links' names begin with.
         q: (m,) where its joints are.
         velocity: (m,) how fast, as it was told; zero where it was not.
+        turns: (m,) whole turns of its continuous joints; 0 of other joints.
     """
 
     def __init__(
@@ -84,6 +85,7 @@ class OtherArm:
         ranges = self.robot.position_lower, self.robot.position_upper
         self.limits = np.array((self.robot.velocity_limit, a, *ranges))
         self.q, self.velocity, self.knows_velocity = np.zeros(m), np.zeros(m), False
+        self.turns = continuous_turns(*ranges, self.robot.screws)
         self._no_degrees = no_degrees(self.robot, self.robot.screws)
 
     @property

@@ -170,7 +170,8 @@ def rows_of(
         before: (M,) joint velocity.
         shapes: (n, 18) body, core, radius, half sizes (3), rotation (9) and place (3) at q = 0, in the base frame.
         twists: (n, 6) of shapes by themselves.
-        pairs: (k, 3) two shapes, and the share of the room that this arm may take; 0 where they are not kept apart now.
+        pairs: (k, 4) two shapes, the share of the room that this arm may take, 0 where they are not kept apart now, and
+            the distance that is kept [length].
         limits: as in `Rate`, of all joints.
         settings: as in `Rate`.
         solids: (n,) what tells distances of meshes, None of other shapes.
@@ -190,13 +191,13 @@ def rows_of(
         J, motions = moved_by(robots, at)
         placed = placed_at(shapes, motions, [se3.exp(time * twist, check=False) for twist in twists], solids)
         for k, (one, other) in enumerate(pairs[:, :2].astype(int).tolist()):
-            share = float(pairs[k, 2])
+            share, kept_distance = pairs[k, 2:].tolist()
             if not share > 0.0 or recedes[k]:
                 continue
             signs = between(starts, int(shapes[one, 0]), int(shapes[other, 0]))
             found = places(placed[one], placed[other])
             ways = _ways(found, signs * J, twists[other] - twists[one], limits[:2, :m])
-            wanted = min(settings[0], distances[k] if s > 0 else inf)
+            wanted = min(kept_distance, distances[k] if s > 0 else inf)
             if s == 0:
                 distances[k] = min((way.place.distance for way in ways), default=inf)
                 goes = len(ways) > 0 and float(ways[0].row[:m].dot(before[:m])) >= 0.0

@@ -311,9 +311,9 @@ class Controller:
         limits = self._limits.at_once
         return self._undelayed(limits._replace(braking=None), _rise=late, _change=np.full(self._count, np.inf))
 
-    def begin(self) -> None:
-        """A tick begins, of which loops made by the two methods beside this one are asked."""
-        self._begin(None)
+    def begin(self, q: ArrayLike) -> None:
+        """A tick begins at joint positions q (m,), of which loops made by the two methods beside this one are asked."""
+        self._begin(q, None)
 
     def of_joints(self) -> Controller:
         """The loop without delay, for joint velocities c: `follow(q, J c, posture=c)` is the nearest that limits allow.
@@ -376,7 +376,7 @@ class Controller:
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
         core = None if target is None else self.compiled
         if core is None or now is not None or self.varies:
-            self._begin(now)
+            self._begin(q, now)
             found = None if core is None else self._by_core(core, q, target, feedforward, velocity, now)
         else:
             found = compiled_tick(core, self.kept, q, target, feedforward, velocity)
@@ -450,7 +450,7 @@ class Controller:
         """
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
         if self.varies or now is not None:
-            self._begin(now)
+            self._begin(q, now)
         own = rows is None and sighting is None and at is None
         core = self.compiled if own else None
         other = {} if posture is None else {"posture": posture}
@@ -483,16 +483,16 @@ class Controller:
         positions = arrays.vector(q, self._count, "q")
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
-        self._begin(None)
+        self._begin(positions, None)
         state = self._at_rest(positions, sighting, velocity)
         return self._tick(state, np.zeros(6), None, np.zeros(6), stand=Reason(Code.TOLD, words=reason))
 
-    def _begin(self, now: Changes | None) -> None:
-        """A tick of this loop begins, for its limits and those of this tick."""
+    def _begin(self, q: ArrayLike, now: Changes | None) -> None:
+        """A tick of this loop begins at measured joint positions (m,), for its limits and those of this tick."""
         if self._ticks and self.joint_rows is not None:
-            self.joint_rows.begin()
+            self.joint_rows.begin(q)
         if now is not None:
-            now.joint_rows.begin()
+            now.joint_rows.begin(q)
 
     def _by_core(
         self,
@@ -527,16 +527,15 @@ class Controller:
                 root = self._at_rest(arrays.vector(q, self._count, "q"), None, velocity).root
                 other["brought"] = np.asarray(self.law.form.matrix(np.asarray(np.linalg.inv(root))), np.float64)
         tick = partial(compiled_tick, core, self.kept, q, target, feedforward, velocity, **other)
-        if there is None or rows is None:
-            return tick()
-        return self._by_rows(tick, there, rows, now)
+        return tick() if there is None else self._by_rows(tick, there, rows, now)
 
     def _by_rows(
-        self, tick: Callable[..., tuple[Any, ...] | None], there: Array, rows: LimitRows, now: Changes | None
+        self, tick: Callable[..., tuple[Any, ...] | None], there: Array, rows: LimitRows | None, now: Changes | None
     ) -> tuple[Any, ...] | None:
         """A tick by the core with rows at joint positions (m,), and more where these do not keep to its end."""
-        kept = self.kept.copy() if self._looks or now is not None else None
-        found = tick(G=rows.C, least=rows.lower, most=rows.upper, row_names=rows.names)
+        looks = rows is not None and (self._looks or now is not None)
+        kept = self.kept.copy() if looks else None
+        found = tick() if rows is None else tick(G=rows.C, least=rows.lower, most=rows.upper, row_names=rows.names)
         for _ in range(0 if kept is None else AGAIN):
             more = None if found is None else self._limits.after(there, found[0].velocity, rows, now)
             if more is None:

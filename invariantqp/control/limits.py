@@ -92,8 +92,13 @@ class Limit:
         """
         return loop
 
-    def begin(self) -> None:
-        """A tick of the loop that it is in begins: once in each, before rows are asked for."""
+    def begin(self, q: Array) -> None:
+        """A tick of the loop that it is in begins: once in each, before rows are asked for.
+
+        Args:
+            q: (m,) measured joint positions [rad, length].
+        """
+        del q
 
     def for_loop(self, loop: Loop) -> Limit | LimitRows:
         """The limit as it is in a loop, made once; rows that never change cost least where they are given here.
@@ -493,10 +498,10 @@ class RowLimits:
     def __bool__(self) -> bool:
         return bool(self._limits)
 
-    def begin(self) -> None:
-        """A tick begins."""
+    def begin(self, q: ArrayLike) -> None:
+        """A tick begins at measured joint positions q (m,)."""
         for limit in self.does["begin"]:
-            limit.begin()
+            limit.begin(arrays.vector(q, self._m, "q"))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> RowLimits:
         """Those of another loop, which shares what it was given, obstacles that move for instance."""

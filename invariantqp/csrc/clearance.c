@@ -403,8 +403,9 @@ static bool told_places(PyObject *tell, const Pair *pair, const Shape *a, const 
 }
 
 /* What of a clearance does not change from tick to tick, and the arrays in which Python says where obstacles are, how they
-   move, what share of each room may be taken, and which pairs are not judged yet. */
+   move, what share of each room may be taken, which distance each pair keeps, and which pairs are not judged yet. */
 enum { SHAPES, TWISTS, PAIRS, LEVERS, UNJUDGED, HELD };
+enum { SHARE = 2, KEEPS, OF_PAIR }; /* numbers of a pair, after its two shapes */
 struct Scene {
     int all, m, shapes, pairs;
     bool meshes, others;
@@ -416,7 +417,8 @@ struct Scene {
     Pair pair[];
 };
 
-static double share_of_pair(const Scene *scene, int k) { return scene->table[PAIRS][3 * k + 2]; }
+static double share_of_pair(const Scene *scene, int k) { return scene->table[PAIRS][OF_PAIR * k + SHARE]; }
+static double kept_by_pair(const Scene *scene, int k) { return scene->table[PAIRS][OF_PAIR * k + KEEPS]; }
 
 /* rows_of in control/clearance_rows.py. A pair that is so far that no row of it matters in some state is not looked at there:
    its distance has changed by at most what joints have turned times their levers. Distances of pairs that are neither the
@@ -515,7 +517,7 @@ static bool rows_at(const Scene *scene, PyObject *tell, const double *q, const d
                 near_places(a, b, &found);
             else if (!told_places(tell, pair, a, b, &found))
                 return false;
-            double kept = fmin(wanted, s > 0 ? least[i] : INFINITY);
+            double kept = fmin(kept_by_pair(scene, i), s > 0 ? least[i] : INFINITY);
             double nearest = rows_of_pair(pair, &states, s, (const Wide *)J, kept, fastest, &found, rows);
             if (s == 0) {
                 least[i] = nearest;
@@ -623,7 +625,7 @@ bool apart_after(Apart *apart, const double *there, const double *x, Demand *dem
     any = false;
     for (int i = 0; i < rows.count && !all && demand->limits < MOST_LIMITS; i++) {
         int k = rows.pair[i];
-        double kept = fmin(apart->least[k], wanted) - wanted + for_others(apart, k);
+        double own = kept_by_pair(scene, k), kept = fmin(apart->least[k], own) - own + for_others(apart, k);
         double asked = rows.lower[i] + kept / dt;
         if (!(asked > 0.0))
             continue;
@@ -648,10 +650,10 @@ static const Scene *scene_of(PyObject *object) { return PyCapsule_IsValid(object
 PyObject *scene(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    static const char *const USE = "scene(screws, starts of arms by body, (n, 18) shapes, (n, 6) twists, (k, 3) pairs and share, "
+    static const char *const USE = "scene(screws, starts of arms by body, (n, 18) shapes, (n, 6) twists, (k, 4) pairs, share and distance kept, "
                                    "(n, M) levers, (k,) which are not judged)";
     PyArrayObject *unjudged = count == 7 ? (PyArrayObject *)arguments[6] : NULL;
-    if (count != 7 || !is_table(arguments[2], OF_SHAPE) || !is_table(arguments[3], 6) || !is_table(arguments[4], 3) ||
+    if (count != 7 || !is_table(arguments[2], OF_SHAPE) || !is_table(arguments[3], 6) || !is_table(arguments[4], OF_PAIR) ||
         !PyArray_Check(arguments[0]) || PyArray_NDIM((PyArrayObject *)arguments[0]) != 2 || !PyArray_CheckExact(arguments[6]) ||
         PyArray_TYPE(unjudged) != NPY_BOOL || !PyArray_ISCARRAY_RO(unjudged) || PyArray_NDIM(unjudged) != 1)
         return refused(USE);
@@ -692,7 +694,7 @@ PyObject *scene(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
         made->meshes = made->meshes || s->kind == MESH;
     }
     for (int i = 0; good && i < k; i++) {
-        const double *numbers = made->table[PAIRS] + 3 * i;
+        const double *numbers = made->table[PAIRS] + OF_PAIR * i;
         good = within(numbers[0], 0, (int)n - 1) && within(numbers[1], 0, (int)n - 1);
         Pair *pair = &made->pair[i];
         *pair = (Pair){.index = i};

@@ -413,7 +413,7 @@ class Follower:
         clock = None if now is None else arrays.number(now, "now", "a time in seconds")
         course = self._course if velocity is None and override == self._override and self._runs(clock) else None
         if course is not None and loop.varies:
-            loop.begin()
+            loop.begin(q)
         found = None if course is None else self._by_core(course, q)
         if found is not None:
             return found
@@ -436,7 +436,7 @@ class Follower:
                 return self._setting_out(shape, measured, clock, share)
             measured = self._on_path(shape, measured, clock)
         if course is None:
-            loop.begin()
+            loop.begin(measured)
         reference = self._begin(measured, clock, anew=anew)
         self._take_in(reference, share)
         return self._driven(reference, measured)

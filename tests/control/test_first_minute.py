@@ -243,15 +243,19 @@ def test_at_a_target_that_is_reached_it_is_ok(goal):
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("limit", ["range", "clearance"])
 def test_a_tool_that_limits_move_off_a_still_target_is_not_ok(limit, engine):
-    """A start outside the range or inside a margin is left, and the first tick says so, too."""
+    """A start inside a margin is left, and the first tick says so, too; so is the place of a box that is put there."""
     robot, q = iq.load_robot("ur5"), np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
     options = {"position_margin": 2.0}
     if limit == "clearance":
         at = iq.transform(np.eye(3), robot.pose(q)[:3, 3] + [0.0, 0.0, -0.06])
-        box = iq.limits.Box(at, [0.1, 0.1, 0.1])
+        box = iq.limits.Box(np.eye(4), [0.1, 0.1, 0.1])
+        box.move(iq.transform(translation=[0.0, 0.0, 9.0]))
         options = {"limits": [iq.limits.Clearance(robot, obstacles=[box])]}
     loop = iq.Controller(robot, dt=0.004, engine=engine, **options)
     target = robot.pose(q)
+    if limit == "clearance":
+        assert loop.step(q, target).status == "ok"
+        box.move(at, np.zeros(6))
     for _ in range(3):
         solution = loop.step(q, target)
         assert np.linalg.norm(solution.velocity) > 0.1

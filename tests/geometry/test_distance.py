@@ -80,7 +80,7 @@ def by_core(a: Shape, b: Shape) -> float:
     table = np.array([np.concatenate(((body, s.core, s.radius), s.half, T[:3, :3].ravel(), T[:3, 3]))
                       for body, s in ((3, a), (0, b)) for T in [s.pose.dot(s.place)]])  # fmt: skip
     free = np.full(3, np.inf)
-    pairs, limits = np.array([[0.0, 1.0, 1.0]]), np.array((free, free, -free, free))
+    pairs, limits = np.array([[0.0, 1.0, 1.0, 1.0]]), np.array((free, free, -free, free))
     settings = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 1.0])
     shapes, still = (table, np.zeros((2, 6)), pairs), np.zeros(3)
     if core is None:

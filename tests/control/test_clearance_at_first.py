@@ -1,0 +1,139 @@
+"""Bodies that are too near when a loop begins: they are reported, get no nearer, and move no arm."""
+
+import warnings
+
+import numpy as np
+import pytest
+from support.arms import ready
+
+import invariantqp as iq
+from invariantqp.limits import Clearance, OtherArm, Sphere
+
+pytest.importorskip("coal")
+SLACK = 1e-3  # of the distance that they have, for noise [m]
+CASES = [
+    ("panda", 0.002, None),
+    ("panda", 0.033, 10.0),
+    ("ur5", 0.01, 10.0),
+    ("ur5", 0.033, None),
+    ("xarm7", 0.01, None),
+    ("so101", 0.002, 26.0),
+]
+
+
+def beside_the_tool(robot, q, side):
+    """A ball that overlaps the tool's links, on one side of it."""
+    return Sphere(robot.pose(q)[:3, 3] + side * np.array([0.06, 0.0, 0.0]), 0.05, name="ball")
+
+
+def begun(limit, name, dt, acceleration, **options):
+    exact = "position" if name == "so101" else None
+    return iq.Controller(limit.robot, dt=dt, acceleration_limit=acceleration, exact=exact, limits=[limit], **options)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("name", "dt", "acceleration"), CASES)
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_an_arm_that_is_told_to_stay_stays(name, dt, acceleration, side, noise):
+    robot, q, rng = iq.load_robot(name), ready(name), np.random.default_rng(0)
+    limit = Clearance(robot, None, [beside_the_tool(robot, q, side)])
+    pose, start = robot.pose(q), q
+    loop = begun(limit, name, dt, acceleration)
+    with pytest.warns(UserWarning, match="nearer than 20.0 mm when the loop begins"):
+        loop.step(q, pose)
+    for _ in range(round(4.0 / dt)):
+        answer = loop.step(q + noise * rng.normal(size=len(q)), pose)
+        q = q + dt * answer.velocity
+    assert answer.status != "ok"
+    assert "nearer than 20.0 mm" in answer.reason
+    assert np.abs(q - start).max() < 20.0 * noise + 1e-9
+    assert np.abs(robot.pose(q) - pose).max() < noise + 1e-9
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("name", "dt", "acceleration"), CASES)
+def test_they_get_no_nearer_and_keep_what_the_arm_has_parted_them_by(name, dt, acceleration, side):
+    """It is led into the ball, then away from it, and into it again."""
+    robot, q = iq.load_robot(name), ready(name)
+    limit = Clearance(robot, None, [beside_the_tool(robot, q, side)])
+    apart, pose = limit.at(q).distance, robot.pose(q)
+    loop, reached = begun(limit, name, dt, acceleration), [apart]
+    with pytest.warns(UserWarning, match="exclude="):
+        loop.step(q, pose)
+    for seconds, along in ((1.0, 0.1), (1.5, -0.05), (1.0, 0.1)):
+        target = pose.copy()
+        target[0, 3] += side * along
+        for _ in range(round(seconds / dt)):
+            q = q + dt * loop.step(q, target).velocity
+            reached.append(limit.at(q).distance)
+    turns = round(1.0 / dt), round(2.5 / dt)
+    assert min(reached) > apart - SLACK - 1e-4
+    assert reached[turns[1]] > apart + 0.01
+    assert min(reached[turns[1] :]) > min(reached[turns[1]], 0.02) - SLACK - 1e-4
+
+
+def test_the_warning_names_what_to_leave_out_and_then_the_arm_is_free():
+    robot, q = iq.load_robot("ur5"), ready("ur5")
+    limit = Clearance(robot, None, [beside_the_tool(robot, q, 1.0)])
+    with pytest.warns(UserWarning, match="exclude=") as found:
+        iq.Controller(robot, dt=0.01, limits=[limit]).step(q, robot.pose(q))
+    pairs = eval(str(found[0].message).split("exclude=")[1])
+    assert all("ball" in pair for pair in pairs)
+    free = Clearance(robot, None, [beside_the_tool(robot, q, 1.0)], exclude=pairs)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert iq.Controller(robot, dt=0.01, limits=[free]).step(q, robot.pose(q)).status == "ok"
+
+
+@pytest.mark.parametrize("kind", ["twist", "poses", "goal"])
+def test_followers_begin_so_too(kind):
+    robot, q = iq.load_robot("panda"), ready("panda")
+    limit = Clearance(robot, None, [beside_the_tool(robot, q, 1.0)])
+    loop, pose, start = iq.Controller(robot, dt=0.01, acceleration_limit=10.0, limits=[limit]), robot.pose(q), q
+    follower = iq.Follower(loop, jerk=500.0)
+    if kind == "goal":
+        follower.follow([pose])
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        for k in range(300):
+            if kind == "twist":
+                follower.twist(np.zeros(6))
+            if kind == "poses":
+                follower.add(pose, 0.01 * k)
+            q = q + 0.01 * follower.step(q, now=0.01 * k).velocity
+    assert ["exclude=" in str(one.message) for one in found] == [True]
+    assert np.abs(q - start).max() < 1e-6
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_limit_of_single_ticks_begins_once(side):
+    """As of what the hand holds: the ball is in each tick's own limits."""
+    robot, q = iq.load_robot("panda"), ready("panda")
+    limit = Clearance(robot, None, [beside_the_tool(robot, q, side)])
+    apart, loop, target = limit.at(q).distance, iq.Controller(robot, dt=0.01), robot.pose(q)
+    target[0, 3] += 0.1 * side
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        for _ in range(300):
+            q = q + 0.01 * loop.step(q, target, limits=[limit]).velocity
+    assert ["exclude=" in str(one.message) for one in found] == [True]
+    assert limit.at(q).distance > apart - SLACK - 1e-4
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_another_arm_whose_encoder_passes_its_seam_does_not_come(turn):
+    robot, q, other = (
+        iq.load_robot("ur5"),
+        ready("ur5"),
+        iq.load_robot("gen3", base=iq.transform(translation=[0.0, 0.9, 0.0])),
+    )
+    at = np.array([0.0, 0.3, 3.1 * turn, -1.6, 0.2, -1.0, 3.0])
+    moved = next(name for name in other.names if "3" in name)
+    arm = OtherArm(other, {moved: [Sphere(other.pose(at)[:3, 3] + [0.0, 0.1, 0.0], 0.05)]})
+    arm.move(at)
+    limit = Clearance(robot, {"tool": [Sphere([0, 0, 0], 0.05)]}, [arm])
+    loop, start = iq.Controller(robot, dt=0.01, limits=[limit]), q
+    for k in range(40):
+        arm.move(at - 2.0 * np.pi * turn * (k % 8 > 3) * np.eye(7)[2])
+        q = q + 0.01 * loop.step(q, robot.pose(start)).velocity
+    assert np.abs(q - start).max() < 1e-6
