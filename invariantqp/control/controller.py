@@ -449,6 +449,8 @@ class Controller:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
+        if not self._ticks:  # whoever asks within a tick knows whether the joints respond
+            self.kept[-ROWS * self._count :] = 0.0
         if self.varies or now is not None:
             self._begin(q, now)
         own = rows is None and sighting is None and at is None

@@ -3,10 +3,10 @@
     commanded = sum of dt x,   moved = sum of (q - q_before)       over the last 0.05 s, fading
 
 A joint responds if it has moved by at least a fifth of what was commanded, in either direction. It is unresponsive
-after 0.1 s without a response, if more was commanded in that time than friction and the play of gears may hide; joints
-beside it that do not respond either are unresponsive, too. It responds again when it has moved by a fifth of what is
-commanded and by more than its readings scatter, when the commands explain what it moved better than rest does, or when
-it is commanded to rest.
+after an eighth of a second without a response, if more was commanded in that time than friction and the play of gears
+may hide; joints beside it that do not respond either are unresponsive, too. It responds again when it has moved by a
+fifth of what is commanded and by more than its readings scatter, when the commands explain what it moved better than
+rest does, or when it is commanded to rest. When one that was unresponsive by itself responds, all are judged anew.
 
 An unresponsive joint is at rest: its acceleration limit counts from there, and no command to it is in flight.
 """
@@ -17,16 +17,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from invariantqp.geometry.arrays import NEGLIGIBLE, Array
+from invariantqp.geometry.arrays import Array
 
 # The time over which displacements are compared [s], and after which a joint without a response is unresponsive: longer
 # than arms lag behind their commands.
-RESPONSE_MEMORY, RESPONSE_TIME = 0.05, 0.1
+RESPONSE_MEMORY, RESPONSE_TIME = 0.05, 0.125
 # The share of the commanded displacement that is a response.
 RESPONSE_SHARE = 0.2
-# A smaller commanded displacement, in seconds of full speed, may be lost in friction or the play of gears; a joint's
-# speed counts up to half a turn, or three lengths, in a second.
-LEAST_COMMANDED, FULL_SPEED = 0.005, 3.1
+# A smaller commanded displacement, in seconds of full speed, may be lost in friction or the play of gears, and one
+# smaller than the second is rest; a joint's speed counts up to half a turn, or three lengths, in a second.
+LEAST_COMMANDED, COMMANDED_REST, FULL_SPEED = 0.005, 1e-6, 3.1
 # A displacement is more than scatter where its square is so many times the mean square of the displacement in a tick
 # (independent readings give twice the square of their noise); commands explain displacements where they leave less than
 # the second share of that mean square.
@@ -83,7 +83,9 @@ class Response(NamedTuple):
         silent = np.where(responds, 0.0, self.silent + dt)
         unanswered = np.where(responds, 0.0, self.unanswered + commanded)
         scatters = (~enough | (done * done <= SCATTER * np.minimum(scatter, rest))) & (rest >= EXPLAINED * scatter)
-        stays = scatters & (np.abs(told) > NEGLIGIBLE)
+        resumes = bool(((self.unresponsive == 1.0) & ~scatters).any())
+        wanted = np.maximum(np.abs(told), np.abs(commanded) * (RESPONSE_MEMORY / dt)) > COMMANDED_REST
+        stays = scatters & wanted & (not resumes)
         alone = (silent > RESPONSE_TIME) & (np.abs(unanswered) > LEAST_COMMANDED)
         alone = np.where(before, stays & (alone | (self.unresponsive == 1.0)), alone)
         beside = np.where(before, stays, silent > 0.0) & alone.any()

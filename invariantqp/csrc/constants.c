@@ -68,6 +68,7 @@ const Constant CONSTANTS[] = {
     ONE("control.response", RESPONSE_SHARE),
     ONE("control.response", LEAST_COMMANDED),
     ONE("control.response", FULL_SPEED),
+    ONE("control.response", COMMANDED_REST),
     ONE("control.response", SCATTER),
     ONE("control.response", EXPLAINED),
     ONE("control.memory", FAST_SHARE),

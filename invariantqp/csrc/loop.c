@@ -75,7 +75,7 @@ void respond(const Loop *loop, const double *commanded, const double *moved, dou
 {
     int m = loop->joints;
     double left = fmax(1.0 - loop->dt / RESPONSE_MEMORY, 0.0);
-    bool some = false, before[MOST], alone[MOST], beside[MOST];
+    bool some = false, resumes = false, before[MOST], alone[MOST], beside[MOST], stays[MOST];
     for (int j = 0; j < m; j++) {
         double *r = response + j, unit = loop->fastest[j] > 0.0 ? fmin(loop->fastest[j], FULL_SPEED) : FULL_SPEED;
         double step = moved[j] / unit, order = commanded[j] / unit;
@@ -88,11 +88,16 @@ void respond(const Loop *loop, const double *commanded, const double *moved, dou
         double silent = r[SILENT_ROW * m] = responds ? 0.0 : r[SILENT_ROW * m] + loop->dt;
         double unanswered = r[UNANSWERED_ROW * m] = responds ? 0.0 : r[UNANSWERED_ROW * m] + order;
         bool scatters = (!enough || done * done <= SCATTER * fmin(scatter, rest)) && rest >= EXPLAINED * scatter;
-        bool stays = scatters && fabs(told) > QP_ROUNDING;
+        stays[j] = scatters && fmax(fabs(told), fabs(order) * (RESPONSE_MEMORY / loop->dt)) > COMMANDED_REST;
+        resumes = resumes || (r[UNRESPONSIVE_ROW * m] == 1.0 && !scatters);
         alone[j] = silent > RESPONSE_TIME && fabs(unanswered) > LEAST_COMMANDED;
-        if (before[j])
-            alone[j] = stays && (alone[j] || r[UNRESPONSIVE_ROW * m] == 1.0);
-        beside[j] = before[j] ? stays : silent > 0.0;
+        beside[j] = silent > 0.0;
+    }
+    for (int j = 0; j < m; j++) {
+        if (before[j]) {
+            beside[j] = stays[j] && !resumes;
+            alone[j] = beside[j] && (alone[j] || response[UNRESPONSIVE_ROW * m + j] == 1.0);
+        }
         some = some || alone[j];
     }
     for (int j = 0; j < m; j++) {

@@ -88,10 +88,11 @@ bool is_far(const Loop *loop, const double *q, const Pose *target);
 #define MOST_LATE 10000
 #define KEPT_SHARE 0.2
 #define RESPONSE_MEMORY 0.05
-#define RESPONSE_TIME 0.1
+#define RESPONSE_TIME 0.125
 #define RESPONSE_SHARE 0.2
 #define LEAST_COMMANDED 0.005
 #define FULL_SPEED 3.1
+#define COMMANDED_REST 1e-6
 #define SCATTER 30.0
 #define EXPLAINED 0.5
 #define FAST_SHARE 0.005

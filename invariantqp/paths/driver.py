@@ -85,8 +85,9 @@ PEAK, SPEEDS = 1.875, 65
 # On the way to a stream that is far joints may be so many times as fast as the stream, or they would not reach it.
 OVERTAKES = 1.2
 # Points farther than this [rad, length] from the joints are approached by the law where there are exact demands; so
-# often [s] it is looked whether the joints are there.
-LEAP, TRIED = 0.1, 0.02
+# often [s] it is looked whether the joints are there. The law's way is to first order: it may be shorter than that by
+# as much as braking at this share of the accelerations leaves.
+LEAP, TRIED, FIRST_ORDER = 0.1, 0.02, 0.5
 # Why joints catch up, or are elsewhere.
 LATE, SLOWER = "the joints' limits", "the override"
 ELSEWHERE = "joints are not where they were sent: they do not follow, or later than told (delay=)"
@@ -489,7 +490,7 @@ class Follower:
     def _driven(self, reference: Reference, measured: Array) -> FollowerSolution:
         """A tick along a reference."""
         self._course = course = self._made_course(reference)
-        found = None if course is None else self._by_core(course, measured, begun=True)
+        found = None if course is None or self._unresponsive else self._by_core(course, measured, begun=True)
         if found is not None:
             return found
         if self._late and self._twist is None and not self._changing:
@@ -622,6 +623,8 @@ class Follower:
         if self._bound and not along:
             v = v + command - wanted
             self._late = self._twist is None
+        probing = self._probing(command, measured)
+        v, command = v if along else v + probing - command, probing
         self._pace, self._command = (command - self._command) / dt, command
         self._issued.append(command)
         self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
@@ -641,6 +644,20 @@ class Follower:
             return wanted
         self._answer, self._bound = answer, True
         return np.array(answer.velocity)
+
+    def _probing(self, command: Array, q: Array) -> Array:
+        """The command (m,) at q (m,); of unresponsive joints fast enough to show that they move again.
+
+        The first one from rest is nearly zero where jerk is limited. This is half of what accelerations allow.
+        """
+        joints, limits = list(self._unresponsive), self._limits
+        share = float((np.abs(command) / (0.5 * limits.dt * limits.acceleration))[joints].max(initial=0.0))
+        if not 0.0 < share < 1.0:
+            return command
+        faster = command.copy()
+        faster[joints] /= share
+        low, high = ((end - q) / limits.dt for end in (limits.lower, limits.upper))
+        return np.clip(faster, np.minimum(low, command), np.maximum(high, command))
 
     def _override_of(self, value: float) -> float:
         most = 1.0 if self._shape is None else MOST_OVERRIDE
@@ -780,10 +797,7 @@ class Follower:
         """The reference at the beginning of a tick, made anew where told, or where the arm is not where it was sent."""
         reference = self._reference
         if reference is not None:
-            if clock is not None and abs(clock - self._time) > SKEW:
-                self._leap_to(clock, reference)
-            self._sent.append(self._q)
-            if not (self._displaced(measured) or anew):
+            if self._goes_on(reference, measured, clock, anew=anew):
                 return reference
         else:
             if clock is not None:
@@ -809,6 +823,19 @@ class Follower:
             if self._source is not None:
                 self._leaps(self._source.at(np.array((self._place,)))[0, 0])
         return new
+
+    def _goes_on(self, reference: Reference, measured: Array, clock: float | None, *, anew: bool) -> bool:
+        """Whether a reference is followed on from where the arm is; if it begins `anew`, along a path from rest."""
+        if clock is not None and abs(clock - self._time) > SKEW:
+            self._leap_to(clock, reference)
+        self._sent.append(self._q)
+        shape = self._shape
+        if self._displaced(measured):
+            return False
+        if anew and shape is not None and shape.motion is not None and not self._late:
+            reference.source = self._source = shape.still(self._time)
+            return True
+        return not anew
 
     def _displaced(self, measured: Array) -> bool:
         """Whether joints are so far from where they were sent that they have been pushed."""
@@ -1091,7 +1118,8 @@ class Follower:
             full = usual(limits.velocity)
             most = self._override * np.clip((self._requested / full).max(), AT_REST, 1.0) * full
         if (moves := way != 0.0).any():
-            speed = np.minimum(limits.homing(way, TRACKING_SHARE / limits.dt), most)
+            brakes = limits._replace(acceleration=FIRST_ORDER * limits.acceleration)
+            speed = np.minimum(brakes.homing(way, TRACKING_SHARE / limits.dt), most)
             x = x + float((speed[moves] / np.abs(way[moves])).min()) * way
         return x / max(float((np.abs(x) / most).max()), 1.0)
 
@@ -1105,7 +1133,7 @@ class Follower:
         """The solution of a tick."""
         shape = self._shape
         if shape is not None and shape.motion is not None:
-            why = ASTRAY if self._astray else PAUSE if self.paused else ""
+            why = ASTRAY if self._astray else PAUSE if self.paused or self._override == 0.0 else ""
             told = shape.told(measured, command.copy(), self._time, self._override, why=why)
             found = self._by_loop(streams=False) if self._late else None
             if (found := self._no_motion() or found) is not None:

@@ -168,11 +168,14 @@ class Solver:
     def way(self, target: Array, q: Array, twist: Array | None = None) -> Array:
         """(m,) the joint displacement by which the law leads from q (m,) to a pose (4, 4), to first order.
 
-        With a twist (6,), the joint velocity for that instead; both keep exact demands.
+        It is damped as in a tick of the loop. With a twist (6,), the joint velocity for that instead; both keep exact
+        demands.
         """
         loop = self._loop
         seen = task_error(loop, q, loop.robot.target(target))
-        return solve(loop.law, seen.demand(loop, q, seen.error if twist is None else twist, 1.0)).velocity
+        if twist is not None:
+            return solve(loop.law, seen.demand(loop, q, twist, 1.0)).velocity
+        return solve(loop.law, seen.demand(loop, q, loop.gain * seen.error, 1.0 / loop.gain)).velocity / loop.gain
 
     def _nearer(self, target: Array, q: Array, step: float) -> Array:
         """(m,) joint positions as near a pose as the joints get in a step [s] by the loop's law."""

@@ -131,13 +131,33 @@ def test_five_joints_keep_the_point_while_they_turn_the_tool_as_far_as_they_can(
     bed = Bed("poses", "so101", dt, 1)
     home = bed.pose(0.0)
     hand = iq.transform(iq.exp([0.0, 0.0, angle, 0.0, 0.0, 0.0])[:3, :3] @ home[:3, :3], home[:3, 3])
-    Q, V, answers = fed(bed, lambda t: hand, rate, 5.0)
+    Q, V, answers = fed(bed, lambda t: hand, rate, 6.0)
     off = [np.linalg.norm(bed.robot.pose(q)[:3, 3] - home[:3, 3]) for q in Q]
     assert max(off) < 2e-3
     assert off[-1] < 2e-4
     last = round(1.0 / dt)
     assert np.abs(V[-last:]).max() < 1e-5
     assert len({(a.status, a.reason.split("(")[0]) for a in answers[-last:]}) == 1
+
+
+@pytest.mark.parametrize("how", ["add", "follow"])
+@pytest.mark.parametrize("seed", range(5))
+def test_five_joints_come_to_rest_before_any_pose(seed, how):
+    """Turned at random, at a point that the arm reaches: the law's way there turns near singularities."""
+    bed, random = Bed("poses", "so101", 0.01, 1), np.random.default_rng(seed)
+    low, high = bed.robot.position_lower, bed.robot.position_upper
+    turn = iq.exp(np.append(random.uniform(-2.5, 2.5, 3), np.zeros(3)))
+    hand = bed.robot.pose(low + (high - low) * random.uniform(0.2, 0.8, 5))
+    hand = iq.transform(turn[:3, :3] @ hand[:3, :3], hand[:3, 3])
+    follower, q = iq.Follower(bed.loop, jerk=bed.jerk), bed.start
+    if how == "follow":
+        follower.follow([hand])
+    for k in range(800):
+        if how == "add" and k % 3 == 0:
+            follower.add(hand, 0.01 * k)
+        answer = follower.step(q, now=0.01 * k)
+        q = q + 0.01 * answer.velocity
+    assert np.abs(answer.velocity).max() < 0.03  # a damped turn takes long
 
 
 @pytest.mark.parametrize("over", [0.1, 0.0, -0.001])

@@ -44,6 +44,17 @@ def test_readings_that_scatter_do_not_look_like_motion(kind, noise):
     assert {"degraded"} == {str(a.status) for a in trace.answers[350:500]}
 
 
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("dt", [0.001, 0.002, 0.01])
+def test_the_end_of_a_stop_is_seen_through_noise(kind, dt):
+    """Although the first commands from rest are nearly nothing where jerk is limited."""
+    bed, random, stop = Bed(kind, "panda", dt, -1), np.random.default_rng(4), (0.2, 0.8)
+    trace = bed.run(1.2, stands=stop, reads=lambda q, k: q + 1e-4 * random.normal(size=7))
+    stood = ["no motion measured" in a.reason for a in trace.answers]
+    assert stood[round(stop[1] / dt) - 1]
+    assert not any(stood[round(1.1 / dt) :])
+
+
 @pytest.mark.parametrize("kind", ["chunks of joints", "poses", "path", "step"])
 def test_an_arm_that_lags_behind_its_commands_is_no_arm_that_stands(kind):
     """First-order lag of 50 ms, joints of a fifth of the usual speed, and a command of nothing."""
