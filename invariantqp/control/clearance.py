@@ -209,7 +209,7 @@ class Clearance(Limit):
         self._bodies = [(self._parts[i].name, self._parts[j].name) for i, j in self._of_pair]
         self._twists = np.zeros((len(self._parts), 6))
         self._pairs = np.array([(i, j, 1.0, self.distance) for i, j in self._of_pair], np.float64).reshape(-1, 4)
-        self._kept: Array = self._pairs[:, 3]  # the distance that each pair keeps
+        self._begun_near = False  # whether some pair keeps less than the distance: it was nearer in the first tick
         self._began: Array | None = None  # (m,) joint positions, where the last tick was the first of a loop
         self._around = np.array([self._parts[j].around for _, j in self._of_pair], dtype=int)
         self._seen: dict[int, Any] = {}
@@ -336,7 +336,7 @@ class Clearance(Limit):
         begins = last is None and not self._goes_on(q, dt)
         if begins:
             self._report(q)
-        if begins or self._near_at_first:
+        if begins or self._begun_near:
             self._keep(self._distances(q), -inf if begins else self._kept)
         self._began = q.copy() if last is None else None
         if last is not None and last + dt > now:
@@ -353,9 +353,9 @@ class Clearance(Limit):
         return now
 
     @property
-    def _near_at_first(self) -> bool:
-        """Whether some pair keeps less than the distance, having been nearer in the first tick."""
-        return bool((self._kept < self.distance).any())
+    def _kept(self) -> Array:
+        """(k,) the distance that each pair keeps, where it can be written."""
+        return self._pairs[:, 3]
 
     def _goes_on(self, q: Array, dt: float) -> bool:
         """Whether the arm at q (m,) goes on from a tick whose limit this was alone: each is the first of a loop."""
@@ -366,6 +366,7 @@ class Clearance(Limit):
         """Pairs (k,) keep the distance, or where they are nearer what they have, less what noise may take of it."""
         own = np.maximum(distances - DEEP * self.distance, least)
         self._kept[:] = np.where(distances < self._enough, own, self.distance)
+        self._begun_near = bool((self._kept < self.distance).any())
 
     def _report(self, q: Array) -> None:
         """Warn of what is too near at joint positions q (m,), where a loop begins."""
@@ -437,7 +438,7 @@ class Clearance(Limit):
 
         That is for meshes, and as long as some pair is nearer than the distance since the first tick.
         """
-        scene = None if self._found.solids or self._near_at_first else self._scene or self.scene()
+        scene = None if self._found.solids or self._begun_near else self._scene or self.scene()
         if scene is None:
             return None
         self._refresh(rate.delay)

@@ -1,6 +1,8 @@
 """Bodies that are too near when a loop begins: they are reported, get no nearer, and move no arm."""
 
+import pickle
 import warnings
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -70,6 +72,22 @@ def test_they_get_no_nearer_and_keep_what_the_arm_has_parted_them_by(name, dt, a
     assert min(reached) > apart - SLACK - 1e-4
     assert reached[turns[1]] > apart + 0.01
     assert min(reached[turns[1] :]) > min(reached[turns[1]], 0.02) - SLACK - 1e-4
+
+
+def test_a_copy_keeps_what_the_loop_keeps():
+    robot, q = iq.load_robot("panda"), ready("panda")
+    limit = Clearance(robot, None, [beside_the_tool(robot, q, 1.0)])
+    loop, pose = iq.Controller(robot, dt=0.01, limits=[limit]), robot.pose(q)
+    with pytest.warns(UserWarning, match="exclude="):
+        loop.step(q, pose)
+    for one in (pickle.loads(pickle.dumps(loop)), deepcopy(loop)):
+        now = q
+        for along in (-0.05, 0.1):  # away from the ball, and to it
+            target = pose.copy()
+            target[0, 3] += along
+            for _ in range(150):
+                now = now + 0.01 * one.step(now, target).velocity
+        assert limit.at(now).distance > 0.0199
 
 
 def test_the_warning_names_what_to_leave_out_and_then_the_arm_is_free():
