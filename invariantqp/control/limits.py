@@ -501,7 +501,7 @@ class RowLimits:
     def begin(self, q: ArrayLike) -> None:
         """A tick begins at measured joint positions q (m,)."""
         for limit in self.does["begin"]:
-            limit.begin(q if isinstance(q, np.ndarray) else arrays.vector(q, self._m, "q"))
+            limit.begin(arrays.vector(q, self._m, "q"))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> RowLimits:
         """Those of another loop, which shares what it was given, obstacles that move for instance."""

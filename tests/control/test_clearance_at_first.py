@@ -138,6 +138,17 @@ def test_a_limit_of_single_ticks_begins_once(side):
     assert limit.at(q).distance > apart - SLACK - 1e-4
 
 
+@pytest.mark.parametrize("wrong", [np.zeros(5), np.zeros((7, 1)), np.full(7, np.nan), np.array([None] * 7)])
+def test_positions_of_the_wrong_kind_are_refused_before_it_begins(wrong):
+    robot, q = iq.load_robot("panda"), ready("panda")
+    limit = Clearance(robot, None, [Sphere([3.0, 0.0, 0.0], 0.1, name="far")])
+    loop = iq.Controller(robot, dt=0.01)
+    for _ in range(2):
+        loop.step(q, robot.pose(q), limits=[limit])
+        with pytest.raises(iq.errors.BadInput, match="^q: "):
+            loop.step(wrong, robot.pose(q), limits=[limit])
+
+
 @pytest.mark.parametrize("turn", [1, -1])
 def test_another_arm_whose_encoder_passes_its_seam_does_not_come(turn):
     robot, q, other = (
