@@ -58,6 +58,7 @@ from invariantqp.robots.kinematics import (
     joint_displacement,
     middle,
     require_robot,
+    unwrapped,
 )
 from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.damping import Damping, Fixed, PaperLambda, damping_of
@@ -575,9 +576,9 @@ class Controller:
             q: (m,) [rad, length].
         """
         positions, last = arrays.vector(q, self._count, "q"), self.kept[HEADER : HEADER + self._count]
-        if not self.turns.any() or np.isnan(last).any():
+        if np.isnan(last).any():
             return positions
-        return np.asarray(last + joint_displacement(last, positions, self.turns))
+        return np.asarray(unwrapped(last, positions[None], self.turns)[0])
 
     @property
     def _last(self) -> Array:

@@ -228,11 +228,11 @@ static bool responded(Follow *f, PyObject *response)
 }
 
 /* follow(course, law, joints, memory, twist, override, late, ease, time, q, sent, seen, shown, response, position, velocity,
-   acceleration, command, pace): the response, position, velocity, acceleration, command and pace after the tick, the command once more, q as
-   near where it was seen before as whole turns of continuous joints bring it, the source's last
-   column before and after, whether the joints are late, how they stop being it, a residual or None, what the loop says, or
-   None, whether it does not allow what was wanted, and how far a joint is from where it was sent at most. None where Python has to
-   answer, or to say what is wrong with q. `law` is the loop without acceleration limits and delay, `joints` that for joint
+   acceleration, command, pace): the response, position, velocity, acceleration, command and pace after the tick, the command
+   once more, q by whole turns of continuous joints near where it was seen before, the source's last column before and after,
+   whether the joints are late, how they stop being it, a residual or None, what the loop says, or None, whether it does not
+   allow what was wanted, and how far a joint is from where it was sent at most. None where Python has to answer, or to say
+   what is wrong with q. `law` is the loop without acceleration limits and delay, `joints` that for joint
    velocities, or None where nothing but joint limits binds them; each a Loop, or a tuple of it and of what the core is given
    of a clearance. Late joints look for a splice that takes `ease`, unless that is 0. `seen` is q in the tick before, `shown` the
    command that q shows now, `response` the numbers of a Response, or None where they are those of this tick. */

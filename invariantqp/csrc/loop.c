@@ -61,13 +61,13 @@ double displacement(const Loop *loop, int j, double start, double end)
     return loop->turns[j] > 0.0 ? remainder(end - start, loop->turns[j]) : end - start;
 }
 
-/* memory.py: the rows of the Response. */
-static double *response_of(const Loop *loop, double *kept) { return kept + KEPT + (1 + commands_of(loop)) * loop->joints; }
+/* memory.py: where the numbers of the Response begin. */
+static int response_at(const Loop *loop) { return KEPT + (1 + commands_of(loop)) * loop->joints; }
 
 /* memory.py: above 0 where joints are unresponsive. */
 const double *unresponsive(const Loop *loop, const double *kept)
 {
-    return kept + KEPT + (1 + commands_of(loop) + UNRESPONSIVE_ROW) * loop->joints;
+    return kept + response_at(loop) + UNRESPONSIVE_ROW * loop->joints;
 }
 
 /* response.py, after: a tick in which joints were commanded to move, and moved, by displacements (m,). */
@@ -142,7 +142,7 @@ static bool shown(const Loop *loop, const double *q, const double *kept, Row com
 void remembered(const Loop *loop, const double *q, const double *command, double *kept)
 {
     int m = loop->joints, count = commands_of(loop);
-    double *commands = kept + KEPT + m, *response = response_of(loop, kept);
+    double *commands = kept + KEPT + m, *response = kept + response_at(loop);
     Row commanded, moved;
     if (shown(loop, q, kept, commanded, moved))
         respond(loop, commanded, moved, response);
@@ -159,11 +159,12 @@ static int watched(const Loop *loop, const Row A[6], const double *q, const doub
 {
     int m = loop->joints, least = 0;
     double told[6], done[6], share = 1.0 / MEMORY, size, along, farthest = 0.0;
+    const double *still = unresponsive(loop, kept);
     Row commanded, moved;
     if (!shown(loop, q, kept, commanded, moved))
         return least;
     for (int j = 0; j < m; j++)
-        if (unresponsive(loop, kept)[j] > 0.0) { /* begins anew when all move */
+        if (still[j] > 0.0) { /* begins anew when all move */
             memory->told = memory->done = memory->speed = memory->ticks = 0.0;
             return least;
         }

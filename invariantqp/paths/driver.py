@@ -59,7 +59,7 @@ from invariantqp.paths.solution import FollowerSolution, Why
 from invariantqp.paths.stamps import ANOTHER_CLOCK, LONG, increasing, question
 from invariantqp.paths.task_error import STILL, task_error
 from invariantqp.paths.time_law import AT_LIMIT, AT_REST, JointLimits, usual
-from invariantqp.robots.kinematics import joint_displacement
+from invariantqp.robots.kinematics import unwrapped
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.limits import BrakingBox
@@ -452,7 +452,7 @@ class Follower:
         self._source = shape.begin(self._time if clock is None else clock)
         self._reference = self._twist = None
         there = shape.driven.joints(0.0)
-        self._seen = there + joint_displacement(there, q, self.controller.turns)
+        self._seen = unwrapped(there, q[None], self.controller.turns)[0]
         return self._seen
 
     def _observed(self, given: ArrayLike, velocity: ArrayLike | None) -> tuple[Array, Array, str]:
@@ -466,13 +466,12 @@ class Follower:
         loop, wrong, before_this = self.controller, self.controller.wrong(q), self._unresponsive
         seen = None if wrong else self._seen
         if seen is not None:
-            moved = joint_displacement(seen, q, loop.turns)
-            q = seen + moved if loop.turns.any() else q
+            q = unwrapped(seen, q[None], loop.turns)[0]
         if seen is None or velocity is not None:
             response = Response.at_first(self._m)
         else:
             unit = units(self._limits.velocity)
-            response = Response.of(self._response).after(loop.dt * self._shown / unit, moved / unit, loop.dt)
+            response = Response.of(self._response).after(loop.dt * self._shown / unit, (q - seen) / unit, loop.dt)
         self._response = response.numbers
         self._unresponsive = unresponsive_joints(self._response)
         responds = [j for j in before_this if j not in self._unresponsive]
@@ -801,9 +800,7 @@ class Follower:
                 return reference
         else:
             if clock is not None:
-                self._heard += clock - self._time
-                self._samples.heard += clock - self._time
-                self._time = clock
+                self._set_clock(clock)
             begun = None if self._shape is None or self._source is None else self._begun(measured, self._source)
             if begun is not None:
                 return begun
@@ -856,13 +853,17 @@ class Follower:
         self._reference.source = source
         return self._reference
 
+    def _set_clock(self, clock: float) -> None:
+        """Count from another time on; what came last came as long ago as by the time before."""
+        self._heard += clock - self._time
+        self._samples.heard += clock - self._time
+        self._time = clock
+
     def _leap_to(self, clock: float, reference: Reference) -> None:
         """The clock says another time than the ticks."""
         state = self._state
         before = self._time
-        self._heard += clock - before
-        self._samples.heard += clock - before
-        self._time = clock
+        self._set_clock(clock)
         if self._shape is not None and self._shape.motion is not None:
             reference.source = self._source = self._shape.delayed(clock - before)
         elif self._twist is None:
