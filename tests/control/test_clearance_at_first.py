@@ -142,11 +142,11 @@ def test_a_limit_of_single_ticks_begins_once(side):
 def test_positions_of_the_wrong_kind_are_refused_before_it_begins(wrong):
     robot, q = iq.load_robot("panda"), ready("panda")
     limit = Clearance(robot, None, [Sphere([3.0, 0.0, 0.0], 0.1, name="far")])
-    loop = iq.Controller(robot, dt=0.01)
+    loop, pose = iq.Controller(robot, dt=0.01), robot.pose(q)
     for _ in range(2):
-        loop.step(q, robot.pose(q), limits=[limit])
-        with pytest.raises(iq.errors.BadInput, match="^q: "):
-            loop.step(wrong, robot.pose(q), limits=[limit])
+        loop.step(q, pose, limits=[limit])
+        with pytest.raises(iq.errors.BadInput, match=r"^q: "):
+            loop.step(wrong, pose, limits=[limit])
 
 
 @pytest.mark.parametrize("turn", [1, -1])
