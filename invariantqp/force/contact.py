@@ -14,6 +14,7 @@ Reference: [DS] Sect. 6.3; Lipkin & Duffy 1988; Selig & McAree 1996.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from math import acos, degrees, hypot, inf, pi, sqrt, tan
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -120,7 +121,8 @@ class HybridTask(Value):
         Args:
             contact: the contact, or a function that gives it for the tool's (4, 4) pose in the base frame.
             wrench: what the tool is to exert: (6-k,) parts in the contact's constraints, in their order (the first is
-                the press [N]), or a `Wrench` in the contact's own frame, of which the part in S* counts.
+                the press [N]; with six constraints moment, then force), or a `Wrench` in the contact's own
+                frame, of which the part in S* counts.
             h: pitch whose reciprocal system is the complement Z; see `dual_projectors` for what it cannot do.
             complement: Z itself, (6, 6-k) in the contact's own frame.
             metric: (6, 6) or (6,) positive definite, in the contact's own frame, a contact stiffness for instance. With
@@ -181,7 +183,7 @@ class HybridTask(Value):
         length = arrays.number(size, "size", "a length", positive=True)
         self.__attrs_init__(
             contact=contact,
-            wrench=wanted_of(wrench),
+            wrench=wanted_of(wrench, partial(_constraints, contact)),
             h=None if h is None else finite_pitch(h),
             complement=None if complement is None else arrays.system(complement, "complement"),
             metric=None if metric is None else arrays.positive_definite(metric, 6, "metric"),
@@ -293,13 +295,23 @@ def _angle(value: float) -> float:
     return angle
 
 
+def _constraints(contact: Contact | Callable[[Array], Contact]) -> int:
+    """How many constraints a contact has, a function's with the tool at the origin; 0 where that cannot be said."""
+    if isinstance(contact, Contact):
+        return int(contact.kind.constraints.shape[1])
+    try:
+        return int(contact(np.eye(4)).kind.constraints.shape[1])
+    except Exception:  # noqa: BLE001 - a user's function may not be made for that pose
+        return 0
+
+
 def _above(most: float, wrench: ArrayLike | Wrench, contact: Contact | Callable[[Array], Contact]) -> float:
     """A largest force that leaves room for the wanted one.
 
     Raises:
         BadInput: the wanted force alone reaches it.
     """
-    wanted = wanted_of(wrench)
+    wanted = wanted_of(wrench, partial(_constraints, contact))
     if len(wanted) == 6:
         force = se3.norm(wanted[3:])
     elif isinstance(contact, Contact) and len(wanted) == contact.kind.constraints.shape[1]:
@@ -339,6 +351,10 @@ class Split(NamedTuple):
     gain: float
     exert: Array = np.zeros(6)
     load: tuple[float, float] = (0.0, 0.0)
+
+    def wanted_now(self, wrench: Any) -> Array:
+        """(6,) W_d of one tick, from what its `wanted` is given, as `HybridTask` takes it."""
+        return self.wanted(wanted_of(wrench, lambda: int(self.kind.constraints.shape[1]), "wanted"), "wanted")
 
     def wanted(self, wrench: Array, argument: str = "wrench") -> Array:
         """(6,) W_d in S*, from parts in the constraints or from a wrench.

@@ -99,7 +99,6 @@ from invariantqp.force.sensor import (
     cleaned,
     order_of,
     ordered,
-    wanted_of,
     wrench_of,
 )
 from invariantqp.geometry import arrays
@@ -587,7 +586,7 @@ class HybridController:
             shows=self._ways.place[0],
             then=self._ways.coming(np.asarray(q)) if self._ways.joints and not presses else None,
             feedforward=feedforward,
-            exert=None if wanted is None else split.wanted(wanted_of(wanted, "wanted"), "wanted"),
+            exert=None if wanted is None else split.wanted_now(wanted),
             velocity=velocity,
             posture=posture,
         )
@@ -655,7 +654,7 @@ class HybridController:
             wanted: of this tick; None is the task's own.
         """
         split, (contact, declared) = self.splits.at(given, tool), self._turned(given)
-        W_d = split.exert if wanted is None else split.wanted(wanted_of(wanted, "wanted"), "wanted")
+        W_d = split.exert if wanted is None else split.wanted_now(wanted)
         smoothing = self._smoothing._replace(value=self.memory.smooth)
         raw, measured, smoothing = cleaned(self.sensor, reading, tool, smoothing)
         A = contact.adjoint

@@ -20,7 +20,7 @@ the wrench of a steady press does not change while the tool travels.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import exp, inf, pi
 from numbers import Real
 from typing import Any, Literal, NamedTuple, get_args
@@ -112,17 +112,23 @@ def by_name(wrench: Array) -> Wrench:
     return Wrench(moment=wrench[:3], force=wrench[3:])
 
 
-def wanted_of(wrench: Any, argument: str = "wrench") -> Array:
+def wanted_of(wrench: Any, constraints: Callable[[], int], argument: str = "wrench") -> Array:
     """(6,) (m; f) of a `Wrench` or what `wrench_of` takes by name, or (n,) parts in a contact's constraints.
 
+    Args:
+        wrench: as above; six numbers are the parts of a contact with six constraints.
+        constraints: how many the contact has; asked where six numbers are given.
+        argument: how the caller calls it.
+
     Raises:
-        BadInput: NaN, shapes; whether six numbers are parts or a wrench, and in which order, is not said.
+        BadInput: NaN, shapes; six numbers for a contact with fewer constraints, unless all are zero: whether these are
+            a wrench, and in which order, is not said.
     """
     if isinstance(wrench, Real):
         raise BadInput(argument, excerpt(wrench), "a list, one number a constraint of the contact, such as [5.0]")
     if _are_numbers(wrench):
         parts = arrays.vector(wrench, None, argument)
-        if len(parts) == 6:
+        if len(parts) == 6 and parts.any() and constraints() != 6:
             wrench_of(parts, None, argument)
         return parts
     return wrench_of(wrench, None, argument)

@@ -12,6 +12,7 @@ from support.spring_plane import DT, PANDA, pen
 from support.wrist import wrist
 
 import invariantqp as iq
+from invariantqp.contacts import Contact, ContactKind
 from invariantqp.force.sensor import wrench_of
 
 M, F = [0.1, -0.2, 0.3], [4.0, 5.0, -6.0]
@@ -138,3 +139,34 @@ def test_free_air_that_tells_nothing_is_said_to():
             wrist().check(readings, poses)
     with pytest.raises(iq.BadInput, match=r"^poses: found"):
         wrist().check(np.ones((6, 6)), poses[:5])
+
+
+def free_hand(where):
+    """Led in all directions: six constraints, no freedom."""
+    return Contact(ContactKind("hand", np.zeros((6, 0))), iq.transform(translation=where))
+
+
+@pytest.mark.parametrize(
+    "contact", [lambda tool: free_hand(tool[:3, 3]), free_hand([0.4, 0.0, 0.3])], ids=["of q", "fixed"]
+)
+def test_six_parts_of_six_constraints_are_six_plain_numbers(contact):
+    panda, push = iq.load_robot("panda"), iq.Wrench(moment=[0, 0, 0.1], force=[1, 0, 0])
+    home, reading = panda.pose(PANDA), iq.Wrench(moment=[0, 0, 0], force=[0, 0, 0])
+    x = []
+    for wanted in ([0, 0, 0.1, 1, 0, 0], push):
+        task = iq.HybridTask(contact, wanted, compliance=0.01, max_force=30.0)
+        loop = iq.HybridController(panda, task, dt=DT)
+        x.append([loop.step(PANDA, home, reading).velocity, loop.step(PANDA, home, reading, wanted=wanted).velocity])
+    np.testing.assert_array_equal(x[0], x[1])
+    assert np.abs(x[0]).max() > 1e-3
+    iq.HybridTask(contact, [0] * 6, compliance=0.01)
+
+
+def test_six_zeros_have_no_order():
+    panda = iq.load_robot("panda")
+    task = iq.HybridTask(pen().contact, np.zeros(6))
+    loop = iq.HybridController(panda, task, dt=DT)
+    home, reading = panda.pose(PANDA), iq.Wrench(moment=[0, 0, 0], force=[0, 0, 0])
+    assert not loop.step(PANDA, home, reading, wanted=(0.0,) * 6).wanted.any()
+    with pytest.raises(iq.BadInput, match="order is not said"):
+        loop.step(PANDA, home, reading, wanted=[0, 0, 0, 0, 0, 1.0])
