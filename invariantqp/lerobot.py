@@ -228,7 +228,8 @@ class ActionFollower:
             fps: of the actions of a chunk [1/s].
             period: of `step` [s].
             cutoff: what is faster than this is smoothed away [Hz].
-            timeout: after how long without a sample a stream that is not of chunks comes to rest [s].
+            timeout: how long after the last sample of a stream that is not of chunks the arm begins to stop [s]; more
+                for a slow stream, as in `Follower`.
             approach: the share of the speed limits used at most on the way to a teleoperator's first sample.
             drop_outliers: whether a single sample is dropped that the motors could not reach in time; see `Follower`.
             limits: more of them, as `Controller` takes them, in radians: a `ToolSpeed`, a `Clearance` of

@@ -56,7 +56,7 @@ from invariantqp.paths.reference import (
 from invariantqp.paths.samples import Samples
 from invariantqp.paths.shape import ASTRAY, PAUSE, Shape
 from invariantqp.paths.solution import FollowerSolution, Why
-from invariantqp.paths.stamps import ANOTHER_CLOCK, LONG, increasing, question
+from invariantqp.paths.stamps import ANOTHER_CLOCK, LONG, Arrivals, increasing, question
 from invariantqp.paths.task_error import STILL, task_error
 from invariantqp.paths.time_law import AT_LIMIT, AT_REST, JointLimits, usual
 from invariantqp.robots.kinematics import unwrapped
@@ -110,7 +110,7 @@ class Follower:
     Attributes:
         controller: whose arm, limits, exact demands and measure hold; nobody else may step it.
         jerk: (m,) of the joints [rad/s^3, length/s^3].
-        timeout: after how long without a sample or a twist the arm comes to rest [s].
+        timeout: as given [s].
         paused: whether the arm is to stand still.
     """
 
@@ -138,7 +138,8 @@ class Follower:
             jerk: (m,) or one for all joints [rad/s^3, length/s^3]; None lets the acceleration rise to its limit in
                 20 ms, and at once where the shape is kept.
             cutoff: what is faster than this is smoothed away where time is kept [Hz]; inf follows chunks as they are.
-            timeout: after how long without a sample or a twist the arm comes to rest [s].
+            timeout: how long after the last sample or twist the arm begins to stop [s]. For a stream that is slow this
+                becomes five of its intervals, once these are observed, but at most 0.5 s.
             approach: the share of the joints' speed limits that is used at most on the way to a stream of samples from
                 where the arm is: to its first sample, after a gap or a stop; 1 uses all of them.
             drop_outliers: whether one sample is dropped that joints at their speed limits could not reach in the time
@@ -220,7 +221,7 @@ class Follower:
         self._looked = 0.0
         self._samples = Samples(loop, self._solver, cutoff=self.cutoff, timeout=self.timeout, drops=self._drops)
         self._by_law: tuple[Given, Array, float] | None = None  # points approached by the law, with stamps; since when
-        self._heard = 0.0  # when the last twist came
+        self._twists = Arrivals(self.timeout, self.timeout)
         self._asked: Array = STILL  # the twist
         self._twist: Array | None = None  # the same, or zero where the arm comes to rest
         self._turns = False  # whether there is a twist to move at
@@ -316,8 +317,8 @@ class Follower:
             self._forget()
         self._samples.add(given, when)
 
-    def twist(self, v: ArrayLike) -> None:
-        """Move the tool at a twist, until the next one or for `timeout`.
+    def twist(self, v: ArrayLike, *, at: Literal["tool", "base"] = "tool") -> None:
+        """Move the tool at a twist, until the next one or the end of the stream of twists (`timeout`).
 
         Args:
             v: (6,) in the base frame, angular part first [rad/s; length/s].
@@ -333,9 +334,10 @@ class Follower:
         if not self._turns:
             self._forget()
             self._halt()
-        elif course is not None:  # the same course, for longer
-            self._course = course._replace(until=self._time + self.timeout)
-        self._asked, self._turns, self._heard = wanted, bool(wanted.any()), self._time
+        self._twists.add(self._time)
+        if self._turns and course is not None:  # the same course, for longer
+            self._course = course._replace(until=self._time + self._twists.timeout)
+        self._twist_at, self._asked, self._turns = point, wanted, bool(wanted.any())
         self._twist = wanted if self._override > 0.0 else STILL
 
     def prepare(self, q: ArrayLike) -> None:
@@ -519,9 +521,10 @@ class Follower:
         if self._next is not None:
             until = min(until, self._next[2] if self._next[4] is None else self._when(self._next[2]))
         if self._turns:
-            until = min(until, self._heard + self.timeout)
+            until = min(until, self._twists.last + self._twists.timeout)
         elif self._twist is None and self._samples.newest is not None:
-            until = min(until, self._samples.heard + self.timeout)
+            arrivals = self._samples.arrivals
+            until = min(until, arrivals.last + arrivals.timeout)
         gain = self._gain if shape is None else loop.gain
         numbers = reference.course(gain=gain, shape=shape is not None)
         return None if numbers is None or until <= self._time else Course(reference, numbers, until, told)
@@ -855,8 +858,8 @@ class Follower:
 
     def _set_clock(self, clock: float) -> None:
         """Count from another time on; what came last came as long ago as by the time before."""
-        self._heard += clock - self._time
-        self._samples.heard += clock - self._time
+        self._twists.last += clock - self._time
+        self._samples.arrivals.last += clock - self._time
         self._time = clock
 
     def _leap_to(self, clock: float, reference: Reference) -> None:
@@ -898,11 +901,12 @@ class Follower:
         samples = self._samples
         if samples:
             self._take_samples(reference)
-        quiet = now - samples.heard
-        if samples.newest is not None and quiet > self.timeout and (self._source is not None or samples.by_law):
+        arrivals, twists = samples.arrivals, self._twists
+        quiet = now - arrivals.last
+        if samples.newest is not None and quiet > arrivals.timeout and (self._source is not None or samples.by_law):
             self._source, samples.far, self._why = None, False, f"no sample for {quiet:.2g} s"
-        quiet = now - self._heard
-        if self._turns and (self.paused or quiet > self.timeout):
+        quiet = now - twists.last
+        if self._turns and (self.paused or quiet > twists.timeout):
             self._why = "paused" if self.paused else f"no twist for {quiet:.2g} s"
             self._turns = False
         self._choose(reference, 0.0 if self.paused else override)

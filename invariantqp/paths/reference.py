@@ -237,7 +237,8 @@ class Stream:
         noise alone, those three times as far apart of both: from 1 where all is noise their ratio falls to 3^-6.
         """
         near, far = self._rough + TINY
-        return float(CALM_OF_DELAY * self.delay * (near / far) ** (1.0 / 6.0))
+        # Stamps on the ticks of a loop scatter in a pattern, in which either of them may cancel.
+        return float(CALM_OF_DELAY * self.delay * np.clip(near / far, 3.0**-6, 1.0) ** (1.0 / 6.0))
 
     def planned(self, before: Motion | None, now: float) -> Motion:
         """The motion along the samples that goes on from one before it; without one, from rest at the first.

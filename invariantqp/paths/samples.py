@@ -16,7 +16,7 @@ from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.fit import Given, Solver
 from invariantqp.paths.reference import STRAYED, Motion, Stream
-from invariantqp.paths.stamps import SampleClock
+from invariantqp.paths.stamps import FIRST_TIMEOUT, Arrivals, SampleClock
 from invariantqp.paths.time_law import usual
 from invariantqp.robots.kinematics import joint_displacement
 
@@ -34,18 +34,18 @@ class Samples:
         far: whether the arm is far from the newest sample.
         twist: (6,) at which the poses of the samples move [rad/s; length/s].
         missed: by how much the newest is out of reach [length].
-        heard: when the newest came [s].
+        arrivals: when they arrived, and how long to wait for the next one.
         dropped: why the last sample was dropped, "" where it was believed.
     """
 
     def __init__(self, loop: Controller, solver: Solver, *, cutoff: float, timeout: float, drops: bool) -> None:
         """No samples yet; `drops` says whether outliers are dropped, the rest is as in `Follower`."""
-        self._loop, self._solver, self._cutoff, self._timeout, self._drops = loop, solver, cutoff, timeout, drops
+        self._loop, self._solver, self._cutoff, self._drops = loop, solver, cutoff, drops
         self._fastest = usual(loop.box.velocity_limit)
         self._waiting: deque[tuple[Given, float | None]] = deque(maxlen=MOST_WAITING)
         self._clock = SampleClock()
         self._doubted = False  # whether the last sample was an outlier
-        self.heard = 0.0
+        self.arrivals = Arrivals(timeout, max(timeout, FIRST_TIMEOUT))
         self.clear()
 
     def __bool__(self) -> bool:
@@ -74,11 +74,12 @@ class Samples:
             before = None if another else self.newest
             if before is not None and when <= before[2]:
                 continue
-            if before is not None and when - before[2] > self._timeout:
+            if before is not None and when - before[2] > self.arrivals.timeout:
                 before = None
             if before is not None and self._is_outlier(given, when, before):
                 continue
-            self.heard, self.dropped, believed = now, "", True
+            self.arrivals.add(now)
+            self.dropped, believed = "", True
             goes_on = self._take(given, when, before, now, q) and goes_on
         if believed and self.stream is not None and not self.by_law:
             self.source = self.stream.planned(self.source if goes_on else None, now)

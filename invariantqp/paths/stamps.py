@@ -1,9 +1,12 @@
-"""What stamps may be: seconds by one clock, near the follower's. What is asked of others, and done with them."""
+"""What stamps may be: seconds by one clock, near the follower's. What is asked of others, and done with them.
+
+Also when the items of a stream arrive, and how long the follower waits for the next one.
+"""
 
 from __future__ import annotations
 
 import warnings
-from math import sqrt
+from math import inf, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +21,12 @@ from invariantqp.paths.time_law import usual
 ANOTHER_CLOCK = 1.0
 # Nobody waits so long for a point [s]: this is halfway from a second to a second's nanoseconds.
 LONG = sqrt(1e9)
+# A stream has ended after so many of its intervals without an item, but not later than the second [s]: four items in a
+# row may be lost. Items farther apart are of several streams. The second sample is waited for for the third time [s]; a
+# twist, which goes on moving the arm, is not followed for longer until the interval is known.
+INTERVALS, LONGEST_TIMEOUT, FIRST_TIMEOUT = 5.0, 0.5, 0.4
+# The share of a new interval in their mean.
+INTERVAL_SHARE = 0.1
 
 
 def increasing(stamps: ArrayLike, count: int) -> Array:
@@ -70,6 +79,35 @@ class SampleClock:
             return when, False
         self._shift = now - stamp
         return now, True
+
+
+class Arrivals:
+    """When the items of a stream arrive, and how long to wait for the next one.
+
+    Attributes:
+        last: when the newest arrived [s].
+    """
+
+    def __init__(self, shortest: float, first: float) -> None:
+        """No item yet; `shortest` is the shortest timeout [s], `first` that before the interval is known."""
+        self._shortest, self._first = shortest, first
+        self._interval = 0.0  # mean [s], 0 before two have arrived
+        self.last = -inf
+
+    @property
+    def timeout(self) -> float:
+        """After how long without an item the stream has ended [s]."""
+        known = self._interval > 0.0
+        return max(self._shortest, min(INTERVALS * self._interval, LONGEST_TIMEOUT) if known else self._first)
+
+    def add(self, now: float) -> None:
+        """An item arrives."""
+        gap, mean = now - self.last, self._interval
+        if gap > max(self.timeout, LONGEST_TIMEOUT):
+            self._interval = 0.0
+        elif gap > 0.0:
+            self._interval = gap if mean == 0.0 else mean + INTERVAL_SHARE * (gap - mean)
+        self.last = now
 
 
 def _warn(why: str, depth: int) -> None:

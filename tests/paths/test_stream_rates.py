@@ -1,0 +1,108 @@
+"""Streams from 10 Hz, jittered and with samples lost: the arm goes on while they last, and rests when they end."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from support.arms import READY
+from support.repeats import repeats
+
+import invariantqp as iq
+from invariantqp.paths.stamps import Arrivals
+
+ARMS = ("ur5", "panda", "xarm7", "so101")
+END = 3.5  # of the stream [s]
+
+
+def driven(name, rate, kind, *, seed=0, jitter=0.0, lost=0.0, stamped=True, dt=0.008, timeout=0.1):
+    """Times, statuses and speeds; when the last sample came, and when the next one was expected."""
+    random, robot, q = np.random.default_rng(seed), iq.load_robot(name), np.array(READY[name])
+    loop = iq.Controller(robot, dt=dt, acceleration_limit=8.0, exact="position" if len(q) < 6 else None)
+    follower, start = iq.Follower(loop, jerk=200.0, timeout=timeout), q
+    stamps = np.arange(0.1, END, 1.0 / rate)
+    came = [(t + 0.02 + jitter * random.random(), t) for t in stamps if random.random() >= lost or t == stamps[0]]
+    came.sort()
+    last, told = came[-1], []
+    for k in range(round((END + 1.5) / dt)):
+        now = k * dt
+        while came and came[0][0] <= now:
+            t = came.pop(0)[1]
+            where, stamp = start + 0.1 * t, t if stamped else None
+            if kind == "twist":
+                follower.twist([0.0, 0.0, 0.1, 0.0, 0.03, 0.0])
+            else:
+                follower.add(robot.pose(where) if kind == "poses" else where, stamp)
+        solution = follower.step(q, now=now)
+        q = q + dt * solution.velocity
+        told.append((now, str(solution.status), np.abs(solution.velocity).max()))
+    return told, last[0], last[1] + 1.0 / rate + 0.02 + 0.5 * jitter
+
+
+@pytest.mark.parametrize("kind", ["poses", "joints", "twist"])
+@pytest.mark.parametrize("rate", [10.0, 15.0, 30.0, 100.0])
+@pytest.mark.parametrize(("jitter", "lost"), [(0.0, 0.0), (0.05, 0.2)])
+def test_the_arm_goes_on_and_rests_at_the_end(kind, rate, jitter, lost):
+    for seed in range(repeats(20, 2)):
+        name = ARMS[(seed + round(rate)) % 4]
+        told, last, expected = driven(name, rate, kind, seed=seed, jitter=jitter, lost=lost, stamped=seed % 2 == 0)
+        begins = 0.8 if kind == "twist" else next(now for now, status, _ in told if status != "waiting")
+        during = [status for now, status, _ in told if begins < now < last]
+        assert "waiting" not in during
+        assert min(speed for now, _, speed in told if 1.0 < now < min(last, 2.0)) > 0.01
+        assert max(speed for now, _, speed in told if now > expected + 0.7) < 1e-3
+        assert told[-1][1] == "waiting"
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_a_stream_of_10_hz_is_followed_as_calmly_as_one_of_30(name):
+    """It stopped and went at each sample: 45 changes of status in 6 s, jerk 250 times as high."""
+    jerks = []
+    for rate in (10.0, 30.0):
+        told, last, _ = driven(name, rate, "poses", dt=0.004)
+        assert {status for now, status, _ in told if 0.8 < now < last} == {"moving"}
+        speeds = np.array([speed for now, _, speed in told if 0.8 < now < last])
+        jerks.append(np.abs(np.diff(speeds, 2)).max() / 0.004**2)
+    assert jerks[0] < 1.5 * jerks[1] + 5.0
+
+
+@pytest.mark.parametrize(
+    ("rate", "dt", "begins", "scatter"),
+    [(rate, dt, 0.0, 0.015) for rate in (12.0, 15.0, 30.0, 60.0, 100.0) for dt in (0.002, 0.004, 0.008)]
+    + [(30.0, 0.033, 0.032, 0.06), (14.53, 0.033, 0.021, 0.04), (28.0, 0.033, 0.023, 0.06), (12.5, 0.025, 0.079, 0.02)],
+)
+def test_samples_without_stamps_at_a_steady_speed_are_followed_at_that_speed(rate, dt, begins, scatter):
+    """Samples count from the tick they came in, which scatters in a pattern: the arm stopped, or ran at 3 rad/s."""
+    robot, q = iq.load_robot("ur5"), np.array(READY["ur5"])
+    follower, start, count, speeds = iq.Follower(iq.Controller(robot, dt=dt, acceleration_limit=8.0)), q, 0, []
+    for k in range(round(4.0 / dt)):
+        while k * dt >= begins + count / rate:
+            follower.add(start + 0.1 * count / rate)
+            count += 1
+        solution = follower.step(q)
+        q = q + dt * solution.velocity
+        speeds.append(solution.velocity)
+    assert np.array(speeds[round(1.0 / dt) :]) == pytest.approx(0.1, abs=scatter)
+
+
+def test_how_long_the_next_item_is_waited_for():
+    for first in (0.1, 0.4):
+        arrivals = Arrivals(0.1, first)
+        arrivals.add(7.0)
+        assert arrivals.timeout == first
+    rates = (1000.0, 0.1, 0.1), (20.0, 0.1, 0.25), (10.0, 0.1, 0.5), (10.0, 2.0, 2.0), (5.0, 0.1, 0.5)
+    for rate, least, expected in rates:
+        arrivals = Arrivals(least, least)
+        for k in range(20):
+            arrivals.add(k / rate)
+            arrivals.add(k / rate)  # two in one tick are no interval
+        assert arrivals.timeout == pytest.approx(expected)
+    arrivals.add(100.0)  # another stream
+    assert arrivals.timeout == 0.1
+
+
+def test_a_fast_stream_that_becomes_slow_is_learnt():
+    times, late, arrivals = [*np.arange(0.0, 1.0, 0.01), *np.arange(1.05, 3.0, 0.1)], 0, Arrivals(0.1, 0.1)
+    for before, now in pairwise(times):
+        arrivals.add(before)
+        late += now - before > arrivals.timeout
+    assert late <= 2
