@@ -76,7 +76,7 @@ def test_it_does_not_change(fields):
         ({"dt": 0.0}, "do not go together"),
         ({"delay": 1e300}, "do not go together"),
         ({"fastest": np.ones(3)}, "an array of another shape"),
-        ({"fastest": [1.0, 1.0]}, "an array of another shape"),
+        ({"fastest": ["1.0", "1.0"]}, "an array of another shape"),
         ({"screws": np.ones((6, 17))}, "an array of another shape"),
         ({"G": np.ones((33, 2))}, "an array of another shape"),
         ({"law": "metric of three"}, "do not go together"),

@@ -36,21 +36,80 @@ static void strided(const char *from, npy_intp down, npy_intp step, int rows, in
                 into[j] = *(const double *)(from + j * step);
 }
 
-/* Copy a float64 vector of n numbers; false for anything else. */
+/* A number of Python or NumPy, real and no truth value. */
+static bool number_in(PyObject *object, double *into)
+{
+    bool whole = PyLong_Check(object) && !PyBool_Check(object);
+    if (!whole && !PyFloat_Check(object) && !PyArray_IsScalar(object, Floating) && !PyArray_IsScalar(object, Integer))
+        return false;
+    *into = PyFloat_AsDouble(object);
+    bool good = !PyErr_Occurred();
+    PyErr_Clear(); /* Python says what is wrong */
+    return good;
+}
+
+/* The items of a list or a tuple of so many, borrowed; false for anything else. */
+static bool item_of(PyObject *object, int n, int i, PyObject **item)
+{
+    if (PyList_Check(object) && PyList_Size(object) == n)
+        *item = PyList_GetItem(object, i);
+    else if (PyTuple_Check(object) && PyTuple_Size(object) == n)
+        *item = PyTuple_GetItem(object, i);
+    else
+        return false;
+    return *item != NULL;
+}
+
+/* An array of other numbers, float32 or whole, as float64, new; NULL for anything else. */
+static PyObject *as_doubles(PyObject *object)
+{
+    if (!PyArray_CheckExact(object))
+        return NULL;
+    int type = PyArray_TYPE((PyArrayObject *)object);
+    if (!PyTypeNum_ISFLOAT(type) && !PyTypeNum_ISINTEGER(type))
+        return NULL;
+    PyObject *array = PyArray_FROM_OTF(object, NPY_DOUBLE, NPY_ARRAY_CARRAY_RO | NPY_ARRAY_NOTSWAPPED);
+    PyErr_Clear(); /* Python says what is wrong */
+    return array;
+}
+
+/* Copy a vector of n numbers, an array, a list or a tuple; false for anything else. */
 bool vector(PyObject *object, int n, double *into)
 {
     PyArrayObject *array = (PyArrayObject *)object;
-    if (!is_array(object, 1) || PyArray_DIM(array, 0) != n)
-        return false;
-    strided(PyArray_BYTES(array), 0, PyArray_STRIDE(array, 0), 1, n, n, into);
-    return true;
+    if (is_array(object, 1)) {
+        if (PyArray_DIM(array, 0) != n)
+            return false;
+        strided(PyArray_BYTES(array), 0, PyArray_STRIDE(array, 0), 1, n, n, into);
+        return true;
+    }
+    PyObject *other = as_doubles(object), *item;
+    bool good = other != NULL && is_array(other, 1) && vector(other, n, into);
+    Py_XDECREF(other);
+    if (PyArray_Check(object))
+        return good;
+    for (int i = 0; i < n; i++)
+        if (!item_of(object, n, i, &item) || !number_in(item, into + i))
+            return false;
+    return n > 0;
 }
 
-/* Copy a (rows, n) float64 matrix into rows of `width`; false for anything else. */
+/* Copy a (rows, n) matrix into rows of `width`, an array, or a list or tuple of rows; false for anything else. */
 bool matrix(PyObject *object, int rows, int n, int width, double *into)
 {
     PyArrayObject *array = (PyArrayObject *)object;
-    if (!is_array(object, 2) || PyArray_DIM(array, 0) != rows || PyArray_DIM(array, 1) != n)
+    if (!is_array(object, 2)) {
+        PyObject *other = as_doubles(object), *item;
+        bool good = other != NULL && is_array(other, 2) && matrix(other, rows, n, width, into);
+        Py_XDECREF(other);
+        if (PyArray_Check(object))
+            return good;
+        for (int i = 0; i < rows; i++)
+            if (!item_of(object, rows, i, &item) || !vector(item, n, into + i * width))
+                return false;
+        return rows > 0;
+    }
+    if (PyArray_DIM(array, 0) != rows || PyArray_DIM(array, 1) != n)
         return false;
     strided(PyArray_BYTES(array), PyArray_STRIDE(array, 0), PyArray_STRIDE(array, 1), rows, n, width, into);
     return true;

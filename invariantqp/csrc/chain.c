@@ -6,8 +6,6 @@
 
 /* Below this angle [rad] series are exact to rounding, and closed coefficients are not. */
 #define SMALL_ANGLE 1e-2
-/* How far the target's rotation may be from R'R = I: others are told apart by how a logarithm projects them. */
-static const double ROTATION = 1e-12;
 /* From here on [rad], rounding of a pose may turn the axis round. */
 static const double UNDECIDED_TURN = PI - 1e-9;
 
@@ -139,15 +137,42 @@ void turn_to(const Pose *target, const Pose *tool, double w[3])
     rotation_vector((const double(*)[3])R, w);
 }
 
+/* How far R R' is from the identity at most, R R' - 1; and whether R is no mirror image, whose R R' is the identity, too. */
+static double off_rotation(const Pose *T, double off[3][3], bool *turns)
+{
+    double worst = 0.0, third[3];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            off[i][j] = dot(3, T->R[i], T->R[j]) - (i == j);
+            worst = fmax(worst, fabs(off[i][j]));
+        }
+    cross(T->R[0], T->R[1], third);
+    *turns = dot(3, third, T->R[2]) > 0.0;
+    return worst;
+}
+
+/* geometry/arrays.py, with_rotation: the nearest rotation in place of one to few digits, in steps of Newton. */
+void with_rotation(Pose *T)
+{
+    double off[3][3], R[3][3];
+    bool turns;
+    for (int step = 0; step < 2; step++) {
+        double worst = off_rotation(T, off, &turns);
+        if (worst <= ROTATION || worst > ROTATION_TOLERANCE)
+            return;
+        memcpy(R, T->R, sizeof R);
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                T->R[i][j] -= 0.5 * (off[i][0] * R[0][j] + off[i][1] * R[1][j] + off[i][2] * R[2][j]);
+    }
+}
+
 /* The twist that takes the tool to its target in unit time; of half a turn rounding would choose the direction. */
 Outcome error_twist(const Pose *target, const Pose *tool, double error[6])
 {
-    double worst = 0.0, R[3][3], p[3], third[3];
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            worst = fmax(worst, fabs(dot(3, target->R[i], target->R[j]) - (i == j)));
-    cross(target->R[0], target->R[1], third); /* a mirror image has R'R = I, too */
-    if (!(worst <= ROTATION && dot(3, third, target->R[2]) > 0.0))
+    double R[3][3], p[3];
+    bool turns;
+    if (!(off_rotation(target, R, &turns) <= ROTATION && turns))
         return HAND_BACK;
     turned_by(target, tool, R);
     rotation_vector((const double(*)[3])R, error);

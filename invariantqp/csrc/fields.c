@@ -131,17 +131,29 @@ static bool agrees(char *values, int rule, npy_intp found, int most)
     return *length == found;
 }
 
+/* How long an array, a list or a tuple, of rows where there are columns, is along an axis; -1 for anything else. */
+static npy_intp size_along(PyObject *object, int axis)
+{
+    if (PyArray_Check(object))
+        return PyArray_NDIM((PyArrayObject *)object) > axis ? PyArray_DIM((PyArrayObject *)object, axis) : -1;
+    bool list = PyList_Check(object);
+    if (!list && !PyTuple_Check(object))
+        return -1;
+    Py_ssize_t size = list ? PyList_Size(object) : PyTuple_Size(object);
+    if (axis == 0)
+        return size;
+    return size == 0 ? -1 : size_along(list ? PyList_GetItem(object, 0) : PyTuple_GetItem(object, 0), axis - 1);
+}
+
 static bool array_taken(const Field *field, PyObject *object, char *values)
 {
-    PyArrayObject *array = (PyArrayObject *)object;
     bool flat = field->kind == A_VECTOR;
-    if (!PyArray_Check(object) || PyArray_NDIM(array) != (flat ? 1 : 2) ||
-        !agrees(values, field->rows, PyArray_DIM(array, 0), field->most_rows) ||
-        (!flat && !agrees(values, field->columns, PyArray_DIM(array, 1), field->width)))
+    npy_intp rows = size_along(object, 0), columns = flat ? 0 : size_along(object, 1);
+    if (rows < 0 || columns < 0 || !agrees(values, field->rows, rows, field->most_rows) ||
+        (!flat && !agrees(values, field->columns, columns, field->width)))
         return false;
-    int rows = (int)PyArray_DIM(array, 0);
     double *into = (double *)(values + field->offset);
-    return flat ? vector(object, rows, into) : matrix(object, rows, (int)PyArray_DIM(array, 1), field->width, into);
+    return flat ? vector(object, (int)rows, into) : matrix(object, (int)rows, (int)columns, field->width, into);
 }
 
 static bool objects_taken(const Field *field, PyObject *object, char *values)

@@ -94,17 +94,23 @@ double *memory_of(PyObject *object, const Loop *loop)
     return good ? PyArray_DATA(array) : NULL;
 }
 
-/* The pose of a target: a (4, 4) array, or what has one as `homogeneous`, or gives one by `as_matrix()`. */
+/* The pose of a target, its rotation to all digits: (4, 4) numbers, or what has one as `homogeneous`, or gives one by `as_matrix()`. */
 bool target_pose(PyObject *object, Pose *T)
 {
-    if (PyArray_Check(object))
-        return pose(object, T);
+    if (PyArray_Check(object) || PyList_CheckExact(object) || PyTuple_CheckExact(object)) {
+        if (!pose(object, T))
+            return false;
+        with_rotation(T);
+        return true;
+    }
     PyObject *array = PyObject_GetAttr(object, HOMOGENEOUS);
     if (array == NULL) {
         PyErr_Clear();
         array = PyObject_CallMethodObjArgs(object, AS_MATRIX, NULL);
     }
     bool good = array != NULL && pose(array, T);
+    if (good)
+        with_rotation(T);
     Py_XDECREF(array);
     PyErr_Clear(); /* Python says what is wrong */
     return good;

@@ -563,7 +563,7 @@ class HybridController:
         kept = self._kept if isinstance(self._kept, bytes) else PACKING.packed(self._kept)
         if kept is None or (contact.edge is not None and contact.edge < task.edge_margin):
             return None
-        if self._order is None or type(wrench) is not np.ndarray:
+        if self._order is None or type(wrench) not in {np.ndarray, list, tuple}:
             wrench = ordered(wrench_of(wrench, self._order, "wrench"), self._order)
         presses = contact.kind.presses
         split = self.splits.at(contact, ANYWHERE if presses else loop.robot.pose(q))

@@ -31,6 +31,8 @@ SYMMETRIC_PART = "Its symmetric part is (A + A.T) / 2."
 LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 # How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
 ROTATION_TOLERANCE = 1e-5
+# Up to which R'R is I but for rounding.
+ROTATION = 1e-12
 # More states, tries or ticks than anyone waits for: a slip of the keyboard.
 MANY = 10_000_000
 # What is below this share of what it is compared with, or this many units of a robot cell, is nothing: descriptions and
@@ -189,6 +191,18 @@ def pose(value: ArrayLike, argument: str = "pose") -> Array:
     if is_rigid(np.vstack((a[:3], LAST_ROW))):
         raise BadInput(argument, f"last row {a[3].tolist()}", "last row [0, 0, 0, 1]")
     raise BadInput(argument, "an upper-left block that is not a rotation", expected, "Orthonormalise it first.")
+
+
+def with_rotation(T: Array) -> Array:
+    """A (4, 4) rigid motion with the nearest rotation in place of one to few digits, as of float32 or from a text."""
+    for _ in range(2):  # steps of Newton
+        R = T[:3, :3]
+        off = R.dot(R.T) - np.eye(3)
+        if np.abs(off).max() <= ROTATION:
+            break
+        T = T.copy()
+        T[:3, :3] = R - 0.5 * off.dot(R)
+    return T
 
 
 def poses(value: Array, argument: str) -> Array:

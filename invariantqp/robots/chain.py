@@ -125,8 +125,8 @@ class Chain(Value):
         return np.array([T[:3, :3].dot(p) + T[:3, 3] for T, p in zip(before, self.places, strict=True)])
 
     def target(self, pose: ArrayLike) -> Target:
-        """A (4, 4) target pose, checked."""
-        return pose if isinstance(pose, Target) else Target(own(arrays.pose(pose, "target")))
+        """A (4, 4) target pose, checked, its rotation to all digits."""
+        return pose if isinstance(pose, Target) else Target(own(arrays.with_rotation(arrays.pose(pose, "target"))))
 
     def sight(self, q: Array, target: ArrayLike | Target) -> Sighting:
         """Joint twists and tool error, in the base frame."""

@@ -60,5 +60,5 @@ def test_the_watch_sees_an_import(imports, monkeypatch):
     monkeypatch.setattr(Memory, "now", lambda memory, velocity: __import__("this") and memory.commands[0])
     robot = iq.load_robot("ur5")
     q = [0.1, -1.0, 1.2, 0.3, 0.5, 0.0]
-    iq.Controller(robot, dt=0.01).step(q, robot.pose(q))
+    iq.Controller(robot, dt=0.01, engine="python").step(q, robot.pose(q))
     assert {name for name, _ in imports} == {"this"}

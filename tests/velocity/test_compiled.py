@@ -463,9 +463,19 @@ def test_arrays_of_any_layout_and_no_others(tick):
     one = native_answer(law, demand)
     whole = np.zeros((12, 14))
     whole[::2, ::2] = demand.J
-    for J in (np.asfortranarray(demand.J), whole[::2, ::2], demand.J[::-1][::-1]):
+    rows = [demand.J.tolist(), tuple(map(tuple, demand.J)), list(demand.J)]
+    for J in (np.asfortranarray(demand.J), whole[::2, ::2], demand.J[::-1][::-1], demand.J.astype(">f8"), *rows):
         assert native_answer(law, demand._replace(J=J)) == one
-    for J in (demand.J.astype(">f8"), demand.J.astype(np.float32), demand.J[:5], demand.J.tolist(), np.eye(6)[0]):
+    single = demand.J.astype(np.float32)
+    assert native_answer(law, demand._replace(J=single)) == native_answer(law, demand._replace(J=single.astype(float)))
+    for J in (
+        demand.J[:5],
+        demand.J[:5].tolist(),
+        np.eye(6)[0],
+        demand.J.astype(complex),
+        demand.J.astype(str),
+        [1.0] * 6,
+    ):
         assert native_answer(law, demand._replace(J=J)) is None
     assert native_answer(law, demand._replace(lower=demand.lower[:6])) is None
 
