@@ -142,7 +142,7 @@ def _answer(xp: Namespace, q: Inputs, policy: Adaptive | Fixed | None, dt: float
 def _is_limited(xp: Namespace, A: Rows, b: Rows, least: Least) -> Rows:
     """(...) whether too much of the twist is missed, no velocity reduces the error, or no optimum was found."""
     b, size = over_largest(xp, b)
-    x, possible = detached(least.x) / size, least.possible / size
+    x = detached(least.x) / size
     moved = (A @ x[..., None])[..., 0]
     rounding = PRODUCT_ROUNDING**2 * xp.sum(A * A, axis=(-2, -1)) * xp.sum(x * x, axis=-1)
 
@@ -151,7 +151,7 @@ def _is_limited(xp: Namespace, A: Rows, b: Rows, least: Least) -> Rows:
         return (left > share * share * whole) & (left > rounding)
 
     little = xp.sum(b * moved, axis=-1) < PROGRESS_SHARE * xp.sum(b * b, axis=-1)
-    return ~least.converged | misses(possible, MISSED) | (little & misses(b, NEGLIGIBLE))
+    return ~least.converged | misses(b, MISSED) | (little & misses(b, NEGLIGIBLE))
 
 
 def _metric(xp: Namespace, J: Rows, L: Rows) -> Rows:

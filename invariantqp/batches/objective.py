@@ -53,7 +53,6 @@ class Least(NamedTuple):
     x: Rows  # (..., m) inside the box
     side: Rows  # (..., m) -1 at the lower bound, 1 at the upper, 0 between
     converged: Rows  # (...) whether it is the optimum
-    possible: Rows  # (..., k) what of b the joints can do, all of it for six and more
 
 
 class Damped(NamedTuple):
@@ -105,7 +104,6 @@ def damped_least_squares(
     weights = sigma * sigma + damped.values
     wanted = _times(xp.matrix_transpose(U), b0)
     optimum = (sigma * wanted + damped.values * _times(Vt, towards)) / weights
-    possible = detached(b) if m >= 6 else _times(U, xp.where(null, xp.zeros_like(sigma), wanted))
     spectrum = (Vt, sigma, damped)
     x, side, converged, K, free = _boxed(xp, Vt, weights, optimum, low, high)
     if dt > 0.0:
@@ -119,7 +117,7 @@ def damped_least_squares(
         change = _rows_last(xp, change - detached(change), 1)
         newton = inverse_hessian_times(xp, K, free, change)
         x = bound - xp.reshape(xp.matrix_transpose(newton), side.shape)
-    return Least(x, side, converged, possible)
+    return Least(x, side, converged)
 
 
 def _boxed(

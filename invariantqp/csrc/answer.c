@@ -230,7 +230,10 @@ static PyObject *reasons(int m, const Solution *solution)
         say(&found, WHY_DAMPED);
         add(&found, NUMBER, solution->ratio);
     }
-    if (status(solution) == LIMITED && !solution->stuck && solution->rows == 0 && solution->pace >= WHOLE_SPEED) {
+    bool few = status(solution) == LIMITED && solution->achievable < 1.0;
+    bool more = false;
+    double explained = few ? sqrt(1.0 - solution->achievable) + MISSED_SHARE : 0.0;
+    if (status(solution) == LIMITED && !solution->stuck && solution->rows == 0 && solution->pace >= WHOLE_SPEED && solution->missed >= explained) {
         if (isfinite(solution->missed) && solution->method == CLOSED_FORM)
             say(&found, WHY_CALMED);
         say(&found, isfinite(solution->missed) ? WHY_MISSED : WHY_MOVED);
@@ -252,6 +255,16 @@ static PyObject *joints(int m, const bool *active)
 {
     int count = 0;
     for (int j = 0; j < m; j++)
+        more = true;
+    }
+    if (few) {
+        say(&found, WHY_FEW_JOINTS);
+        add(&found, NUMBER, solution->m);
+        add(&found, NUMBER, solution->achievable);
+    }
+    if (few && solution->position_alone)
+        say(&found, WHY_POSITION_ALONE);
+    if (more) {
         count += active[j];
     if (count == 0)
         return Py_NewRef(NONE_ACTIVE);

@@ -186,6 +186,8 @@ typedef enum {
     WHY_CALMED,
     WHY_MISSED,
     WHY_MOVED,
+    WHY_FEW_JOINTS,
+    WHY_POSITION_ALONE,
     WHY_AT_LIMITS
 } Code;
 #define TOOL_SPEED_ROW (-1)
@@ -207,9 +209,9 @@ typedef struct {
     double residual[6];
     Method method;
     bool active[MOST];
-    bool stuck, limited, slow, met, at_speed;
+    bool stuck, limited, slow, met, at_speed, position_alone;
     unsigned char at_limit[LIMITS]; /* limits that are met: 0 for none, rows by rank */
-    double scale, pace, damping, blended, ratio, missed; /* for the reason */
+    double scale, pace, damping, blended, ratio, missed, achievable; /* for the reason */
     int rows, row_rank;
     double unmet, beyond; /* of exact rows, 0 where they are met but for rounding */
     double multipliers[LIMITS]; /* of joints, then of rows; what follows is of rows alone */
@@ -452,6 +454,8 @@ extern const Constant CONSTANTS[];
 #define FALLING 0.5
 #define GROWING 0.01
 #define POSTURE_PACE 0.01
+#define ENOUGH_ACHIEVED 0.95
+#define SPREAD 1e-6
 #define PACE_ROUNDING 1e-14
 #define PROGRESS_SHARE 2e-4
 #define LEAST_WORTH 2e-5

@@ -230,6 +230,19 @@ void at_limits(const Demand *demand, Solution *solution)
     solution->at_speed = limit > 0.0 && tool_speed(&demand->cone, demand->m, x) >= limit * (1.0 - ACTIVE_TOLERANCE);
 }
 
+/* report.py, _position_alone: whether joints move the point in all directions. */
+static bool moves_anywhere(int m, const Row A[6])
+{
+    double square[3][3], c[3], trace = 0.0;
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++)
+            square[i][j] = dot(m, A[3 + i], A[3 + j]);
+        trace += square[i][i];
+    }
+    cross(square[0], square[1], c);
+    return dot(3, c, square[2]) > SPREAD * trace * trace * trace;
+}
+
 Outcome reported(const Demand *demand, const Row A[6], const double wanted[6], const double *possible,
                  const Objective *objective, const Row y, const Share *share, double pace, const Optimum *found,
                  double blended, Solution *solution)
@@ -242,7 +255,14 @@ Outcome reported(const Demand *demand, const Row A[6], const double wanted[6], c
     solution->slow = share->value < WHOLE_SPEED;
     solution->m = demand->m;
     bool little = is_little(demand, wanted, done, rounding, share->value);
-    solution->missed = missed_share(demand, wanted, possible, done, rounding);
+    solution->missed = missed_share(demand, wanted, demand->rows > 0 ? possible : wanted, done, rounding);
+    double size = norm(6, wanted);
+    solution->achievable = 1.0;
+    if (demand->rows == 0 && possible != wanted && size > nothing(demand)) { /* report.py, _achievable */
+        double share = dot(6, wanted, possible) / (size * size);
+        solution->achievable = share < ENOUGH_ACHIEVED ? share : 1.0;
+    }
+    solution->position_alone = solution->achievable < 1.0 && demand->m >= 3 && moves_anywhere(demand->m, A);
     solution->beyond = norm(6, wanted) > nothing(demand) ? solution->beyond : 0.0;
     solution->limited = little || solution->rows > 0 || (solution->missed > MISSED_SHARE && !falls(demand, solution->velocity));
     solution->stuck = (little && !demand->chased) ||

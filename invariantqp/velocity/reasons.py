@@ -57,6 +57,8 @@ class Code(IntEnum):
     CALMED = auto()
     MISSED = auto()
     MOVED = auto()
+    FEW_JOINTS = auto()
+    POSITION_ALONE = auto()
     AT_LIMITS = auto()
 
 
@@ -105,6 +107,8 @@ SENTENCES = {
 }
 
 
+    Code.FEW_JOINTS: "fewer than six joints ({0:.0f}) can achieve {1:.0%} of this twist",
+    Code.POSITION_ALONE: 'exact="position" (in solve_velocity, ExactRows) keeps the velocity of the tool point',
 class Reason(NamedTuple):
     """One reason of a tick; `str` gives its sentence.
 

@@ -3,10 +3,9 @@
 "degraded"   demands contradict limits or the arm
 "scaled"     limits slow the exact rows down
 "guarded"    the descent guard blended in least squares
-"limited"    limits or a singularity keep more of the twist away than "ok" allows; the best inside the limits
-"ok"         none of these: at most MISSED of the twist is missed, or the errors of position and of angle each fall at
-             FALLING of the wanted rate. Of fewer than six joints, and beside exact rows, the twist is what is left
-             of it for the joints to do.
+"limited"    limits, a singularity or fewer than six joints keep more of the twist away than "ok" allows
+"ok"         none of these: at most MISSED of the twist is missed, or the errors of position and of orientation each
+             shrink at FALLING of the requested rate at least. Beside exact rows, the twist is what these leave of it.
 """
 
 from __future__ import annotations
@@ -31,6 +30,11 @@ from invariantqp.velocity.tick import Answer, Problem, Room
 # What "ok" promises.
 MISSED = 0.05
 FALLING = 0.5
+# Fewer than six joints that can achieve this share of a twist are not to blame.
+ENOUGH = 0.95
+# The joints move a point in all directions where the product of their squared speeds is above this share of the cube of
+# their sum: one direction with a thousandth of the speed of another is none.
+SPREAD = 1e-6
 # An error within slack may grow at this share of the slack: less is rounding, or a loop that comes to rest.
 GROWING = 0.01
 # Exact rows at this share of their speed count as not slowed down: regularising the share takes 1e-7 of it.
@@ -49,8 +53,12 @@ def reported(demand: Demand, problem: Problem, answer: Answer, to_joint: Array |
     row_pulls = None if pulls is None or demand.rows is None else pulls[m:]
     status = status_of(troubles, share, answer.blended, limited=limited)
     reasons = [*troubles, *([Reason(Code.STUCK)] if stuck else []), *slowed, *_reductions(answer, damping)]
+    achievable = _achievable(demand, problem) if status is Status.LIMITED else 1.0
+    if achievable < 1.0:
+        reasons += [Reason(Code.FEW_JOINTS, numbers=(float(m), achievable)), *_position_alone(demand, problem)]
+    explained = 0.0 if achievable == 1.0 else sqrt(1.0 - achievable) + MISSED
     if status is Status.LIMITED and not stuck and not _has(slowed, Code.ROWS_MOVED) and answer.pace >= WHOLE_SPEED:
-        reasons += _short(missed, by_calm=not bound and damping == 0.0)
+        reasons += _short(missed, by_calm=not bound and damping == 0.0) if missed >= explained else []
     reasons += at_limits(demand, x, active, row_pulls)
     return VelocitySolution(
         velocity=x,
@@ -102,6 +110,24 @@ def _short(missed: float, *, by_calm: bool) -> list[Reason]:
     return [*([Reason(Code.CALMED)] if by_calm else []), Reason(Code.MISSED, numbers=(missed,))]
 
 
+def _achievable(demand: Demand, problem: Problem) -> float:
+    """Which share of the twist, along it, fewer than six joints can achieve; 1 where that is `ENOUGH` or all."""
+    wanted = problem.wanted
+    size = norm(wanted)
+    if demand.exact is not None or problem.A.shape[1] >= 6 or size <= _nothing(demand):
+        return 1.0
+    share = float(wanted.dot(problem.possible())) / size**2
+    return share if share < ENOUGH else 1.0
+
+
+def _position_alone(demand: Demand, problem: Problem) -> list[Reason]:
+    """The advice to keep the velocity of the tool point, where the joints can have any."""
+    A = (demand.root.dot(demand.J))[3:]
+    square = A.dot(A.T)
+    free = np.linalg.det(square) > SPREAD * np.trace(square) ** 3
+    return [Reason(Code.POSITION_ALONE)] if free and problem.A.shape[1] >= 3 else []
+
+
 def damped(objective: Objective) -> Reason:
     """Why lambda is not zero."""
     return Reason(Code.DAMPED, numbers=(objective.ratio,))
@@ -150,14 +176,15 @@ def is_met(A: Array, b: Array, x: Array) -> bool:
 def _missed(demand: Demand, problem: Problem, x: Array) -> float:
     """The share of the measured twist that x misses, 0 where it is met but for rounding.
 
-    Of fewer than six joints, and beside exact rows, the share of what is left for them to do.
+    Beside exact rows, the share of what is left for the joints to do.
     """
     wanted, A = problem.wanted, demand.root.dot(demand.J)
     if is_met(A, wanted, x):
         return 0.0
-    wanted = problem.possible()
-    if is_met(A, wanted, x):
-        return 0.0
+    if demand.exact is not None:
+        wanted = problem.possible()
+        if is_met(A, wanted, x):
+            return 0.0
     size = norm(wanted)
     return norm(wanted - A.dot(x)) / size if size > _nothing(demand) else inf
 

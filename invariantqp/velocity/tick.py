@@ -96,7 +96,10 @@ class Problem(NamedTuple):
         return self._replace(reduction=reduction, spectrum=spectrum)
 
     def possible(self) -> Array:
-        """(6,) the part of the measured twist that the joints can do at all, beside the exact rows."""
+        """(6,) the part of the measured twist that the joints can do at all, beside the exact rows.
+
+        Of six joints and more it is all of it.
+        """
         rows = self.demand.exact is not None
         if self.spectrum is None or not (rows or self.A.shape[1] < 6):
             return self.wanted

@@ -100,6 +100,14 @@ TABLE = {
 
 
 @pytest.mark.parametrize("code", Code)
+    Code.FEW_JOINTS: (
+        Reason(Code.FEW_JOINTS, numbers=(4.0, 0.2)),
+        "fewer than six joints (4) can achieve 20% of this twist",
+    ),
+    Code.POSITION_ALONE: (
+        Reason(Code.POSITION_ALONE),
+        'exact="position" (in solve_velocity, ExactRows) keeps the velocity of the tool point',
+    ),
 def test_every_code_has_its_sentence(code):
     reason, sentence = TABLE[code]
     assert reason.code is code

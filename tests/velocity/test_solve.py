@@ -18,6 +18,42 @@ from support.velocity_reference import (
 
 import invariantqp as iq
 
+FEW = iq.robots.Chain(
+    np.column_stack(
+        [iq.revolute([0, 0, 1], point=[0.012, 0, 0])]
+        + [iq.revolute([0, 1, 0], point=p) for p in ([0.012, 0, 0.0765], [0.036, 0, 0.2045], [0.16, 0, 0.2045])]
+    ),
+    iq.transform(translation=[0.286, 0, 0.2045]),
+    velocity_limit=4.8,
+)
+
+
+@pytest.mark.parametrize(
+    ("robot", "q", "share"),
+    [(FEW, [0.0, -0.6, 0.5, 0.4], 20), (iq.load_robot("so101"), [0.0, -0.3, 0.5, 0.4, 0.1], 38)],
+)
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_arm_that_does_a_part_of_a_twist_says_how_much(robot, q, share, engine, sign):
+    """30 mm/s along y for a second, as in OpenMANIPULATOR-X and SO-101; the advice is followed, too."""
+    twist = [0.0, 0.0, 0.0, 0.0, sign * 0.03, 0.0]
+    for exact, done in ((None, share / 100.0), ("position", 1.0)):
+        loop, at = iq.Controller(robot, dt=0.02, exact=exact, engine=engine), np.array(q)
+        said = set()
+        for _ in range(50):
+            solution = loop.follow(at, twist)
+            said.add(str(solution.status))
+            at = at + 0.02 * solution.velocity
+        moved = sign * (robot.pose(at) - robot.pose(np.array(q)))[1, 3] / 0.03
+        assert moved == pytest.approx(done, abs=0.02)
+        assert said == {"limited" if exact is None else "ok"}
+        if exact is None:
+            assert (
+                f"six joints ({len(q)}) can achieve {share}% of this twist; exact="
+                in loop.follow(np.array(q), twist).reason
+            )
+            assert solution.reasons[0].code is iq.velocity.Code.FEW_JOINTS
+
 
 @pytest.mark.cases(4)
 @pytest.mark.parametrize("m", range(1, 9))
@@ -31,7 +67,17 @@ def test_what_the_joints_cannot_do_is_missed_by_least_squares_at_the_point(m):
         root = root_of(p, length)
         options = {"joint_metric": M if k % 2 else None, "damping": 0.0, "point": p, "length": length}
         solution = iq.solve_velocity(J, s, **options)
-        assert (solution.method, solution.status, solution.reason) == ("closed-form", "ok", "")
+        short = np.linalg.norm(root @ (s - J @ solution.velocity)) > 0.05 * np.linalg.norm(root @ s)
+        assert (solution.method, solution.status) == ("closed-form", "limited" if short else "ok")
+        share = (root @ s) @ (root @ J @ solution.velocity) / ((root @ s) @ (root @ s))
+        told = f"fewer than six joints ({m}) can achieve {share:.0%} of this twist"
+        assert (
+            solution.reason.startswith(told)
+            == (share < 0.95)
+            == any(r.code.name == "FEW_JOINTS" for r in solution.reasons)
+        )
+        assert ("exact=" in solution.reason) == (share < 0.95 and m >= 3)
+        assert short == (m < 6) or m == 3
         assert (solution.active, solution.scale, solution.damping, solution.guard) == ((), 1.0, 0.0, 0.0)
         T = np.linalg.inv(np.linalg.cholesky(M)).T
         expected = T @ np.linalg.lstsq(root @ J @ T, root @ s, rcond=None)[0]
@@ -95,7 +141,9 @@ def test_where_no_axis_is_away_from_the_point_the_twist_says_the_length():
     for J, s, x in ((gantry, [1, 2, 3, 1, 2, 3], [1, 2, 3]), (wrist, [1, 2, 3, 4, 5, 6], [1, 2, 3])):
         solution = iq.solve_velocity(J, s, point=(0, 0, 0))
         np.testing.assert_allclose(solution.velocity, x, atol=1e-12)
-        assert solution.status == "ok"
+        assert solution.status == "limited"  # three joints do half of six
+        assert "fewer than six joints (3) can achieve " in solution.reason
+        assert ("exact=" in solution.reason) == (J is gantry)  # a wrist moves no point
 
 
 def test_a_slide_beside_hinges_counts_as_a_radian_for_each_length_of_the_arm():
@@ -150,7 +198,7 @@ def test_bounds_are_never_left():
         assert (bounds.lower <= solution.velocity).all()
         assert (solution.velocity <= bounds.upper).all()
         assert solution.status in {"ok", "guarded", "limited"}
-        told = "no velocity reduces" in solution.reason or "of the twist is missed" in solution.reason
+        told = any(why in solution.reason for why in ("no velocity reduces", "of the twist is missed", "six joints"))
         assert told or solution.status != "limited"
         at = np.flatnonzero((solution.velocity == bounds.lower) | (solution.velocity == bounds.upper))
         assert set(at) <= set(solution.active)
