@@ -74,7 +74,6 @@ class Loop:
     length: float  # what a radian counts as there [length]
     carried: Literal["nothing", "base", "tool"]  # a metric instead of a point, fixed to the base or the tool
     root: Array  # (6, 6) of that metric
-    slowness: float  # one over the measured twist at full speed
     slack: float  # of a chase: a measured twist that counts as nothing
     posture: Array | None  # (joints,) joint positions to be near where joints are free
     pull: Array  # (joints,) gains of the posture [1/s]
@@ -112,7 +111,6 @@ class Loop:
         length: float | None = None,
         carried: Literal["nothing", "base", "tool"] | None = None,
         root: Array | None = None,
-        slowness: float | None = None,
         slack: float | None = None,
         posture: Array | None = None,
         pull: Array | None = None,

@@ -147,6 +147,21 @@ def test_a_servo_node_follows_twists_and_stops_without_joint_states(monkeypatch)
     assert node.published[-1].data == [0.0] * 6
 
 
+def test_a_twist_that_only_turns_leaves_the_tool_where_it_is(monkeypatch):
+    node = spun("18_servo_ros", monkeypatch)
+    q, (_, tick) = START.copy(), node.timers[0]
+    turn = SimpleNamespace(linear=SimpleNamespace(x=0.0, y=0.0, z=0.0), angular=SimpleNamespace(x=0.2, y=0.0, z=0.0))
+    for k in range(500):
+        if k % 10 == 0:
+            node.subscribed["servo/twist"](ros.message("TwistStamped", twist=turn))
+        node.subscribed["joint_states"](state_of(q))
+        tick()
+        q = q + 0.002 * np.array(node.published[-1].data)
+    moved = UR5.pose(q) @ iq.inverse(UR5.pose(START))
+    assert np.linalg.norm(UR5.pose(q)[:3, 3] - UR5.pose(START)[:3, 3]) < 1e-3
+    assert iq.log(moved)[0] == pytest.approx(0.2, abs=0.03)
+
+
 def test_a_servo_node_goes_to_a_pose(monkeypatch):
     node = spun("18_servo_ros", monkeypatch)
     q, (_, tick) = START.copy(), node.timers[0]

@@ -35,8 +35,8 @@ from invariantqp.control.limits import (
     tool_speed_of,
 )
 from invariantqp.control.measure import ToolMeasure
-from invariantqp.control.memory import HEADER, Memory, slowness, ticks_late
-from invariantqp.control.response import ROWS, units, unresponsive_joints
+from invariantqp.control.memory import HEADER, Memory, ticks_late
+from invariantqp.control.response import units
 from invariantqp.control.tracking import (
     Approach,
     approach,
@@ -104,6 +104,7 @@ class Observed(NamedTuple):
     target: Any  # as the robot returned it
     root: Array  # (6, 6) of the measure
     before: Array  # (m,) the joint velocity before
+    memory: Memory  # with what the joints did since the tick before
 
 
 class Controller:
@@ -258,7 +259,6 @@ class Controller:
         self._fastest = np.where(np.isfinite(fastest) & (fastest > 0.0), fastest, 1.0)
         self._change = self.dt / POSTURE_TIME * self._fastest
         self.turns: Array = continuous_turns(self.box.position_lower, self.box.position_upper, seen.J)
-        self._slowness = slowness(self.measure.root_for(seen.J, seen.pose).dot(seen.J), fastest)
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
         self._brought = self.law.compiled is not None and self.law.compiled.form == "brought"
         self.varies: bool = self._brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
@@ -286,7 +286,6 @@ class Controller:
             change=self._change,
             delay=self.delay,
             slack=self._slack,
-            slowness=self._slowness,
             row_rank=-1 if self.row_rank is None else self.row_rank,
             turns=self.turns,
             rise=self._rise,
@@ -309,8 +308,9 @@ class Controller:
             BadInput: not a time.
         """
         late = arrays.not_negative(rise, "rise", "a time in seconds")
-        limits = self._limits.at_once
-        return self._undelayed(limits._replace(braking=None), _rise=late, _change=np.full(self._count, np.inf))
+        limits, free = self._limits.at_once, np.full(self._count, np.inf)
+        limits = limits._replace(braking=None, loop=limits.loop._replace(acceleration=free))
+        return self._undelayed(limits, _rise=late, _change=free)
 
     def begin(self, q: ArrayLike) -> None:
         """A tick begins at joint positions q (m,), of which loops made by the two methods beside this one are asked."""
@@ -355,7 +355,9 @@ class Controller:
         Args:
             q: (m,) measured joint positions [rad, length].
             target: tool pose to be at, (4, 4) in the base frame, a `pinocchio.SE3`, or what `robot.target` returned.
-            feedforward: (6,) twist of the target in the base frame [rad/s; length/s]; None is a target at rest.
+            feedforward: (6,) the target's motion, a screw in base coordinates [rad/s; length/s]; None is a target at
+                rest. Of a target whose origin p moves at v and which turns at omega, both along the axes of the base
+                frame, it is (omega; v + p x omega) = iq.adjoint(iq.transform(translation=p)) @ [*omega, *v].
             velocity: (m,) joint velocity now [rad/s, length/s], for the acceleration limits; None is the one commanded
                 last, zero before the first tick.
             speed: an operator's slider, from 0 to 1: the joints go the same way, `speed` times as fast as they would,
@@ -384,9 +386,9 @@ class Controller:
         if found is not None:
             solution, troubles = found
             return solution if troubles is None else self.said(solution, troubles)
-        memory = self.memory
-        before = memory.now(velocity)
         positions, target = arrays.vector(q, self._count, "q"), self.robot.target(target)
+        memory = self._observed(positions)
+        before = memory.now(velocity)
         there = positions + self.dt * memory.in_flight
         sighting = self.robot.sight(there, target)
         turn = same_turn(sighting.error, memory.turn)
@@ -403,26 +405,24 @@ class Controller:
         if braked is not None:
             share = braked.share
             s -= (1.0 - share) * self.gain * error
-        state = Observed(positions, there, sighting, target, root, before)
+        state = Observed(positions, there, sighting, target, root, before, memory)
         if self.wrong(positions):
             return self._tick(state, s, share, ahead)
         self.near(self.robot.points(sighting, target, np.zeros(3))[1], "target")
-        A, moved = root.dot(J), memory.moved(positions, self.turns)
-        memory = memory.followed(moved, A, self.dt, self._slowness / self.dt)._replace(turn=turn[:3])
-        self.kept[:HEADER] = memory.numbers[:HEADER]
-        answer = self._tick(state, s, share, ahead, braked=braked, now=now)
-        return memory.judged(answer, moved, A, self.dt)
+        state = state._replace(memory=memory._replace(turn=turn[:3]))
+        return self._tick(state, s, share, ahead, braked=braked, now=now)
 
     def follow(
         self,
         q: ArrayLike,
         twist: ArrayLike,
         velocity: ArrayLike | None = None,
+        *,
+        at: Literal["tool", "base"] = "tool",
         rows: ExactRows | None = None,
         sighting: Sighting | None = None,
-        at: ArrayLike | None = None,
+        measured_at: ArrayLike | None = None,
         posture: ArrayLike | None = None,
-        *,
         speed: float = 1.0,
         velocity_limit: ArrayLike | None = None,
         tool_speed: float | None = None,
@@ -432,11 +432,14 @@ class Controller:
 
         Args:
             q: (m,) measured joint positions [rad, length].
-            twist: (6,) wanted, base frame [rad/s; length/s].
+            twist: (6,) angular velocity, then the velocity of the tool frame's origin, both along the axes of the base
+                frame [rad/s; length/s], as MoveIt Servo and UR's `speedL` have it.
             velocity: as in `step`.
-            rows: more exact rows, for this tick alone: parts of the twist, A = K'J and b = K'twist for some K.
+            at: "tool" as above; "base": a screw in base coordinates, whose linear part is the velocity of the point of
+                the tool's body at the origin of the base frame, as in [DS], `robot.jacobian` and `feedforward`.
+            rows: more exact rows, for this tick alone: parts of the screw, A = K'J and b = K'screw for some K.
             sighting: what `robot.sight` returned at q, if it was called in this tick already.
-            at: (3,) in the base frame, the point to measure at in this tick; None is the controller's own.
+            measured_at: (3,) in the base frame, the point to measure at in this tick; None is the controller's own.
             posture: (m,) joint velocity wanted where the twist leaves joints free; None is the controller's own.
             speed: as in `step`; exact `rows` are `speed` times as fast too.
             velocity_limit: as in `step`.
@@ -444,19 +447,23 @@ class Controller:
             limits: as in `step`.
 
         Returns:
-            VelocitySolution, as from `step`.
+            VelocitySolution, as from `step`; its residual is a screw in base coordinates.
 
         Raises:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
         """
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
-        if not self._ticks:  # whoever asks within a tick knows whether the joints respond
-            self.kept[-ROWS * self._count :] = 0.0
         if self.varies or now is not None:
             self._begin(q, now)
-        own = rows is None and sighting is None and at is None
+        if not self._ticks:  # whoever asks within a tick knows what the joints do
+            self.kept[HEADER : HEADER + self._count] = np.nan
+        own = rows is None and sighting is None and measured_at is None
         core = self.compiled if own else None
-        other = {} if posture is None else {"posture": posture}
+        other: dict[str, Any] = {} if posture is None else {"posture": posture}
+        if not isinstance(at, str):
+            raise BadInput("at", excerpt(at), "'tool' or 'base'", "A point to measure at is measured_at.")
+        if arrays.choice(at, "at", ("tool", "base")) == "base":
+            other["at_base"] = True
         found = None if core is None else self._by_core(core, q, None, twist, velocity, now, **other)
         if found is not None:
             return self.said(*found)
@@ -464,9 +471,12 @@ class Controller:
         s = sizes.not_too_fast(arrays.twist(twist))
         if rows is not None:
             require_rows(rows, self._count)
-        where = None if at is None else arrays.vector(at, 3, "at")
+        where = None if measured_at is None else arrays.vector(measured_at, 3, "measured_at")
         free = None if posture is None else arrays.vector(posture, self._count, "posture")
         state = self._at_rest(positions, sighting, velocity, where)
+        if at == "tool":
+            tool = self.robot.points(state.sighting, state.target, np.zeros(3))[0]
+            s = np.concatenate((s[:3], s[3:] + np.cross(tool, s[:3])))
         return self._tick(state, s, None, s, rows, posture=free, now=now)
 
     def rest(
@@ -519,10 +529,11 @@ class Controller:
                 return found
         there = rows = None
         if self.varies or (now is not None and now.joint_rows):
-            there = acts_at(core, self.kept, q)
-            if there is None:
+            state = acts_at(core, self.kept, q)
+            if state is None:
                 return None
-            before = self._last if velocity is None else arrays.vector(velocity, self._count, "velocity")
+            there, before = state
+            before = before if velocity is None else arrays.vector(velocity, self._count, "velocity")
             rows, trouble = self._limits.rows(there, before, now)
             if trouble is not None:
                 return None
@@ -565,9 +576,18 @@ class Controller:
         return solution if troubles is None else self._limits.with_troubles(solution, read(troubles))
 
     @property
+    def fastest_gain(self) -> float:
+        """The larger of the gains at which targets and position limits are approached [1/s]."""
+        return max(self.gain, self.box.rate)
+
+    @property
     def memory(self) -> Memory:
         """What the loop keeps from tick to tick, as it is now."""
         return Memory.of(self.kept, self._count, self._late)
+
+    def _observed(self, q: Array) -> Memory:
+        """The memory at measured joint positions q (m,), with what the joints did since the tick before."""
+        return self.memory.observed(q, self.turns, self.dt, units(self.box.velocity_limit))
 
     def unwrapped(self, q: ArrayLike) -> Array:
         """(m,) measured joint positions, those of continuous joints by whole turns near those of the tick before.
@@ -580,26 +600,18 @@ class Controller:
             return positions
         return np.asarray(unwrapped(last, positions[None], self.turns)[0])
 
-    @property
-    def _last(self) -> Array:
-        """(m,) as `memory.now(None)`, which takes longer."""
-        m = self._count
-        last = self.kept[HEADER + m : HEADER + 2 * m].copy()
-        last[list(unresponsive_joints(self.kept[-ROWS * m :]))] = 0.0
-        return last
-
     def _at_rest(
         self, q: Array, sighting: Sighting | None, velocity: ArrayLike | None, at: Array | None = None
     ) -> Observed:
-        """The tick of an arm whose target is where its tool is now; `sighting` and `at` are as in `follow`."""
-        memory, robot = self.memory, self.robot
+        """The tick of an arm whose target is where its tool is now, measured at a point; `sighting` as in `follow`."""
+        memory, robot = self._observed(q), self.robot
         there = q + self.dt * memory.in_flight
         if sighting is None:
             sighting = robot.sight(there, robot.target(robot.pose(there)))
         elif not isinstance(sighting, Sighting):
             raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
         root = self.measure.root_for(sighting.J, sighting.pose, at)
-        return Observed(q, there, sighting, sighting.pose, root, memory.now(velocity))
+        return Observed(q, there, sighting, sighting.pose, root, memory.now(velocity), memory)
 
     def wrong(self, q: Array) -> Reason | None:
         """Why joint positions (m,) cannot be true, None where they may be or `far_outside` is "return"."""
@@ -654,7 +666,7 @@ class Controller:
 
         What of s is not `ahead` chases the target, at a share of the gain and `braked`; None is a twist by itself.
         """
-        positions, there, sighting, target, root, before = state
+        positions, there, sighting, target, root, before, memory = state
         wrong = self.wrong(positions)
         if wrong:
             return self._halted(state, s, wrong)
@@ -681,7 +693,7 @@ class Controller:
             self.row_rank if more is None else None,
             chase,
             fastest,
-            self.memory.commands[0] if fastest is not None else None,
+            memory.commands[0] if fastest is not None else None,
             self._change,
             self._held(before) if share is None or limits.rows is not None else 0.0,
         )
@@ -696,18 +708,16 @@ class Controller:
             if rows is None:
                 break
             solution = solve(law, demand._replace(rows=rows))
-        unresponsive = unresponsive_joints(self.kept[-ROWS * self._count :])
-        self._remember(positions, solution.velocity)
+        self._remember(memory, positions, solution.velocity)
         solution = self._limits.told(self._limits.with_broken(solution, now), positions, limits.strained)
-        if unresponsive:
-            solution = with_trouble(solution, (Reason(Code.NO_MOTION, unresponsive),))
+        trouble = memory.states.trouble(self.dt, self.fastest_gain, chases=share is not None)
+        if trouble is not None:
+            solution = with_trouble(solution, (trouble,))
         return solution._replace(joint_names=self.robot.names)
 
-    def _remember(self, positions: Array, command: Array) -> None:
+    def _remember(self, memory: Memory, positions: Array, command: Array) -> None:
         """A tick at joint positions (m,), NaN where they are not known, gave a command (m,)."""
-        memory = self.memory
-        moved = memory.moved(positions, self.turns)
-        self.kept[:] = memory.after(positions, command, moved, self.dt, units(self.box.velocity_limit)).numbers
+        self.kept[:] = memory.after(positions, command).numbers
 
     def _held(self, before: Array) -> float:
         """How long a velocity is held beyond the law's dt [s], until accelerations let joints have another.
@@ -722,7 +732,7 @@ class Controller:
         x, nowhere = np.zeros(self._count), np.full(self._count, np.nan)
         if self.braking is not None:
             x = np.sign(state.before) * np.maximum(np.abs(state.before) - self.dt * self.braking.acceleration, 0.0)
-        self._remember(nowhere, x)
+        self._remember(state.memory, nowhere, x)
         residual = s - state.sighting.J.dot(x)
         return VelocitySolution(x, "hold", Status.HELD, (reason,), (), residual, 0.0, 0.0, 0.0, "")
 

@@ -23,7 +23,7 @@ from invariantqp.geometry.arrays import Array
 # than arms lag behind their commands.
 RESPONSE_MEMORY, RESPONSE_TIME = 0.05, 0.125
 # The share of the commanded displacement that is a response.
-RESPONSE_SHARE = 0.2
+RESPONSE_SHARE = 0.19
 # A smaller commanded displacement, in seconds of full speed, may be lost in friction or the play of gears, and one
 # smaller than the second is rest; a joint's speed counts up to half a turn, or three lengths, in a second.
 LEAST_COMMANDED, COMMANDED_REST, FULL_SPEED = 0.005, 1e-6, 3.1
@@ -38,12 +38,6 @@ ROWS = 7
 def units(velocity_limit: Array) -> Array:
     """(m,) the speeds in whose units displacements are compared, for velocity limits (m,)."""
     return np.where(velocity_limit > 0.0, np.minimum(velocity_limit, FULL_SPEED), FULL_SPEED)
-
-
-def unresponsive_joints(numbers: Array) -> tuple[int, ...]:
-    """The indices of unresponsive joints, by `Response.numbers`."""
-    row = numbers.reshape(ROWS, -1)[2]
-    return tuple(np.flatnonzero(row).tolist()) if row.any() else ()
 
 
 class Response(NamedTuple):
@@ -71,6 +65,16 @@ class Response(NamedTuple):
     def numbers(self) -> Array:
         """(ROWS m,) all of it as the compiled core takes it."""
         return np.concatenate(self)
+
+    @property
+    def unresponsive_joints(self) -> tuple[int, ...]:
+        """The indices of unresponsive joints."""
+        return tuple(np.flatnonzero(self.unresponsive).tolist())
+
+    @property
+    def farthest(self) -> int:
+        """The joint that is farthest from where it was commanded to be."""
+        return int(np.abs(self.commanded - self.moved).argmax())
 
     def after(self, commanded: Array, moved: Array, dt: float) -> Response:
         """After a tick of dt [s] in which joints were commanded to move, and moved, by displacements (m,)."""

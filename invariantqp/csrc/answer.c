@@ -151,20 +151,39 @@ static PyObject *written(const Reasons *reasons, PyObject *nothing)
                                : PyBytes_FromStringAndSize((const char *)reasons->at, reasons->count * (Py_ssize_t)sizeof(double));
 }
 
-/* What of a loop's joints is to be said beside the reasons of a solution; None for nothing. */
-PyObject *joint_troubles(const Loop *loop, const Tick *tick, bool towards)
+/* What is said of the states of joints: those that stand or, of joints that move, how they do. */
+static void add_joint_trouble(Reasons *found, int joints, double dt, double gain, bool chases, const double *states)
+{
+    if (any_unresponsive(states, joints)) {
+        say(found, WHY_NO_MOTION);
+        for (int j = 0; j < joints; j++)
+            if (states[UNRESPONSIVE_ROW * joints + j] > 0.0)
+                add(found, JOINT, j);
+        return;
+    }
+    JointTrouble trouble = joint_trouble(joints, dt, gain, chases, states);
+    if (trouble.code == 0)
+        return;
+    say(found, trouble.code);
+    if (trouble.code == WHY_NOT_FOLLOWING)
+        add(found, JOINT, trouble.joint);
+    for (int i = 0; i < 3 && trouble.code != WHY_NOT_FOLLOWING; i++)
+        add(found, NUMBER, trouble.numbers[i]);
+}
+
+/* The same alone; None for nothing. */
+PyObject *state_troubles(int joints, double dt, double gain, const double *states)
 {
     Reasons found = {.count = 0};
-    for (int j = 0; j < loop->joints; j++)
-        if (tick->unresponsive[j] > 0.0) {
-            if (found.count == 0)
-                say(&found, WHY_NO_MOTION);
-            add(&found, JOINT, j);
-        }
-    if (found.count == 0 && towards && !follows(&tick->memory)) {
-        say(&found, WHY_NOT_FOLLOWING);
-        add(&found, JOINT, tick->least);
-    }
+    add_joint_trouble(&found, joints, dt, gain, false, states);
+    return written(&found, Py_None);
+}
+
+/* What of a loop's joints is to be said beside the reasons of a solution; None for nothing. */
+PyObject *joint_troubles(const Loop *loop, const Tick *tick)
+{
+    Reasons found = {.count = 0};
+    add_joint_trouble(&found, loop->joints, loop->dt, fmax(loop->gain, loop->rate), tick->chased, tick->states);
     for (int j = 0; j < loop->joints; j++)
         if (tick->outside[j] > 0.0) {
             say(&found, WHY_OUTSIDE);
@@ -236,6 +255,16 @@ static PyObject *reasons(int m, const Solution *solution)
     if (status(solution) == LIMITED && !solution->stuck && solution->rows == 0 && solution->pace >= WHOLE_SPEED && solution->missed >= explained) {
         if (isfinite(solution->missed) && solution->method == CLOSED_FORM)
             say(&found, WHY_CALMED);
+        more = true;
+    }
+    if (few) {
+        say(&found, WHY_FEW_JOINTS);
+        add(&found, NUMBER, solution->m);
+        add(&found, NUMBER, solution->achievable);
+    }
+    if (few && solution->position_alone)
+        say(&found, WHY_POSITION_ALONE);
+    if (more) {
         say(&found, isfinite(solution->missed) ? WHY_MISSED : WHY_MOVED);
         if (isfinite(solution->missed))
             add(&found, NUMBER, solution->missed);
@@ -255,16 +284,6 @@ static PyObject *joints(int m, const bool *active)
 {
     int count = 0;
     for (int j = 0; j < m; j++)
-        more = true;
-    }
-    if (few) {
-        say(&found, WHY_FEW_JOINTS);
-        add(&found, NUMBER, solution->m);
-        add(&found, NUMBER, solution->achievable);
-    }
-    if (few && solution->position_alone)
-        say(&found, WHY_POSITION_ALONE);
-    if (more) {
         count += active[j];
     if (count == 0)
         return Py_NewRef(NONE_ACTIVE);

@@ -52,7 +52,8 @@ Status status(const Solution *solution);
 PyObject *answer_as(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *named(PyTypeObject *type, int n, PyObject *const *values);
 PyObject *fields(int m, const Solution *solution, const Loop *loop, PyObject *row_names);
-PyObject *joint_troubles(const Loop *loop, const Tick *tick, bool towards);
+PyObject *joint_troubles(const Loop *loop, const Tick *tick);
+PyObject *state_troubles(int joints, double dt, double gain, const double *states);
 bool is_plain(const Solution *solution);
 
 /* search.c */

@@ -170,24 +170,26 @@ typedef struct {
 /* reasons.py: the codes of what the core has to say, and indices of what is no row of LimitRows */
 typedef enum {
     WHY_NO_MOTION = 14,
+    WHY_STATES_ARE_OLD,
+    WHY_DT_IS_WRONG,
     WHY_NOT_FOLLOWING,
     WHY_OUTSIDE,
     WHY_ACCELERATION,
     WHY_ROWS_CONTRADICT,
     WHY_TOOL_FASTER,
-    WHY_ROWS_UNKEPT = 21,
+    WHY_ROWS_UNKEPT = 23,
     WHY_ROWS_TOO_MANY,
-    WHY_STUCK = 25,
+    WHY_STUCK = 27,
     WHY_ROWS_SLOWED,
     WHY_ROWS_MOVED,
     WHY_CHASE_SLOWED,
     WHY_GUARDED,
     WHY_DAMPED,
     WHY_CALMED,
-    WHY_MISSED,
-    WHY_MOVED,
     WHY_FEW_JOINTS,
     WHY_POSITION_ALONE,
+    WHY_MISSED,
+    WHY_MOVED,
     WHY_AT_LIMITS
 } Code;
 #define TOOL_SPEED_ROW (-1)
@@ -418,13 +420,13 @@ Outcome solve_measured(const Demand *demand, const Row A[6], Solution *solution)
 Outcome frame_cost(const Law *law, const FrameError *error, Row *H, Row c);
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool);
 Outcome error_twist(const Pose *target, const Pose *tool, double error[6]);
+void with_rotation(Pose *T);
+#define ROTATION 1e-12
+#define ROTATION_TOLERANCE 1e-5
 void turn_to(const Pose *target, const Pose *tool, double w[3]);
 Outcome minimise_from(const Quadratic *problem, const Polytope *limits, const Row inside, Row z);
 Outcome minimise_in_box(const Quadratic *problem, const double *lower, const double *upper, Row z);
 
-void with_rotation(Pose *T);
-#define ROTATION 1e-12
-#define ROTATION_TOLERANCE 1e-5
 /* The constants of the twins, by the names of their Python files; a test compares the two. */
 typedef struct {
     const char *name;
@@ -452,10 +454,10 @@ extern const Constant CONSTANTS[];
 #define PRODUCT_ROUNDING 1e-13
 #define MISSED_SHARE 0.05
 #define FALLING 0.5
-#define GROWING 0.01
-#define POSTURE_PACE 0.01
 #define ENOUGH_ACHIEVED 0.95
 #define SPREAD 1e-6
+#define GROWING 0.01
+#define POSTURE_PACE 0.01
 #define PACE_ROUNDING 1e-14
 #define PROGRESS_SHARE 2e-4
 #define LEAST_WORTH 2e-5

@@ -83,7 +83,6 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     NUMBER(length, 1.0, "what a radian counts as there [length]") \
     WORD(carried, CARRIER_WORDS, AT_A_POINT, "a metric instead of a point, fixed to the base or the tool") \
     MATRIX(root, 6, 6, NOTHING, "of that metric") \
-    NUMBER(slowness, 0.0, "one over the measured twist at full speed") \
     NUMBER(slack, 0.0, "of a chase: a measured twist that counts as nothing") \
     MAYBE_VECTOR(posture, joints, has_posture, "joint positions to be near where joints are free") \
     VECTOR(pull, joints, DEFAULT(0.0), "gains of the posture [1/s]") \
@@ -117,6 +116,7 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     VECTOR(most, limits, NOTHING, "inf where there is none") \
     TUPLE(row_names, NOTHING, "of these") \
     NUMBER(speed, 1.0, "share of the motion's speed, above 0") \
+    FLAG(at_base, false, "whether a twist is a screw in base coordinates, and not the tool point's") \
     MAYBE_VECTOR(velocity_limit, joints, has_velocity_limit, "joint speeds, where they are lower than the loop's") \
     NUMBER(tool_speed, INFINITY, "of the limited point [length/s], likewise") \
     MAYBE_MATRIX(brought, 6, 6, has_brought, "the matrix of a form that is brought, on measured twists") \

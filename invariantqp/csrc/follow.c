@@ -18,10 +18,10 @@ typedef struct {
    NULL. From the course on, what is long, and written before it is read: what is followed; the loops; the residual that late
    joints go over by, if they do; the tick of whom says something. */
 typedef struct {
-    bool by_twist, late, joins, held;
+    bool by_twist, at_base, late, joins, held;
     double twist[6], override, ease, time, off, from, to;
     Row q, sent, seen, shown, position, velocity, acceleration, command, pace;
-    double response[RESPONSE_ROWS * MOST];
+    double states[MOST_JOINT_STATES];
     const double *kept;
     const Bounds *says;
     Course course;
@@ -34,7 +34,7 @@ typedef struct {
 static Outcome towards_twist(Follow *f, Row v)
 {
     const JointLimits *limits = &f->course.limits;
-    const Beside beside = {.apart = f->law.apart};
+    const Beside beside = {.apart = f->law.apart, .at_base = f->at_base};
     const Now now = {.speed = f->override, .tool_speed = INFINITY};
     int m = limits->m;
     double share = INFINITY;
@@ -118,7 +118,7 @@ static Outcome nearest_allowed(Follow *f, const double *here, Row command)
     Row J[6];
     Pose tool, home;
     Tick tick;
-    const Beside beside = {.J = (const Row *)J, .tool = &tool, .posture = command, .apart = f->joints.apart};
+    const Beside beside = {.J = (const Row *)J, .tool = &tool, .posture = command, .apart = f->joints.apart, .at_base = true};
     pose_from(loop->home[0], &home);
     kinematics(m, loop->screws, &home, here, J, &tool);
     for (int i = 0; i < 6; i++)
@@ -195,7 +195,7 @@ static PyObject *said(const Follow *f)
     if (f->says == NULL)
         Py_RETURN_NONE;
     const Loop *loop = f->says->loop;
-    PyObject *found[2] = {NULL, joint_troubles(loop, &f->tick, false)};
+    PyObject *found[2] = {NULL, joint_troubles(loop, &f->tick)};
     if (!f->held && found[1] == Py_None && status(&f->tick.solution) == OK)
         return found[1];
     PyObject *rows = f->says->apart != NULL ? apart_told(f->says->apart) : NULL;
@@ -204,61 +204,61 @@ static PyObject *said(const Follow *f)
     return named(&PyTuple_Type, 2, found);
 }
 
-/* control/response.py: with what joints did since the tick before; false where one does not move although it is commanded to,
+/* control/memory.py: with what joints did since the tick before; false where one does not move although it is commanded to,
    or did not in the tick before. */
-static bool responded(Follow *f, PyObject *response)
+static bool moves(Follow *f, PyObject *states)
 {
     const Loop *loop = f->law.loop;
     int m = loop->joints;
     Row commanded, moved;
-    if (response == Py_None)
+    if (states == Py_None)
         return true;
-    if (!vector(response, RESPONSE_ROWS * m, f->response))
+    if (!vector(states, states_of(m), f->states))
         return false;
-    bool stood = false;
+    bool stood = any_unresponsive(f->states, m);
     for (int j = 0; j < m; j++) {
         commanded[j] = loop->dt * f->shown[j];
         moved[j] = f->q[j] - f->seen[j];
-        stood = stood || f->response[UNRESPONSIVE_ROW * m + j] > 0.0;
     }
-    respond(loop, commanded, moved, f->response);
-    for (int j = 0; j < m; j++)
-        stood = stood || f->response[UNRESPONSIVE_ROW * m + j] > 0.0;
-    return !stood;
+    update_states(loop, commanded, moved, f->states);
+    return !stood && !any_unresponsive(f->states, m);
 }
 
-/* follow(course, law, joints, memory, twist, override, late, ease, time, q, sent, seen, shown, response, position, velocity,
-   acceleration, command, pace): the response, position, velocity, acceleration, command and pace after the tick, the command
-   once more, q by whole turns of continuous joints near where it was seen before, the source's last column before and after,
-   whether the joints are late, how they stop being it, a residual or None, what the loop says, or None, whether it does not
-   allow what was wanted, and how far a joint is from where it was sent at most. None where Python has to answer, or to say
-   what is wrong with q. `law` is the loop without acceleration limits and delay, `joints` that for joint
-   velocities, or None where nothing but joint limits binds them; each a Loop, or a tuple of it and of what the core is given
-   of a clearance. Late joints look for a splice that takes `ease`, unless that is 0. `seen` is q in the tick before, `shown` the
-   command that q shows now, `response` the numbers of a Response, or None where they are those of this tick. */
+/* follow(course, law, joints, memory, twist, at_base, override, late, ease, time, gain, q, sent, seen, shown, states, position,
+   velocity, acceleration, command, pace): the states of the joints, position, velocity, acceleration, command and pace after the
+   tick, the command once more, q by whole turns of continuous joints near where it was seen before, the source's last column
+   before and after, whether the joints are late, how they stop being it, a residual or None, what the loop says, or None, whether
+   it does not allow what was wanted, how far a joint is from where it was sent at most, and what is wrong with the joints, or
+   None. None where Python has to answer, or to say what is wrong with q. `law` is the loop without acceleration limits and delay,
+   `joints` that for joint velocities, or None where nothing but joint limits binds them; each a Loop, or a tuple of it and of what
+   the core is given of a clearance. `at_base` is whether the twist is a screw in base coordinates, and not the tool point's. Late
+   joints look for a splice that takes `ease`, unless that is 0. `gain` is the largest of the loop [1/s]. `seen` is q in the tick
+   before, `shown` the command that q shows now, `states` are None where they are those of this tick. */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    static const char *const USE = "follow(course, law, joints, memory, twist, override, late, ease, time, q, sent, seen, shown, response, "
-                                   "position, velocity, acceleration, command, pace)";
+    static const char *const USE = "follow(course, law, joints, memory, twist, at_base, override, late, ease, time, gain, q, sent, seen, shown, "
+                                   "states, position, velocity, acceleration, command, pace)";
     Follow f;
     memset(&f, 0, offsetof(Follow, course));
-    if (count != 19 || !course_of(arguments[0], &f.course))
+    if (count != 21 || !course_of(arguments[0], &f.course))
         return refused(USE);
     int m = f.course.limits.m;
     if (!bounds_of(arguments[1], m, &f.law) || f.law.loop == NULL || !bounds_of(arguments[2], m, &f.joints) ||
         (f.kept = memory_of(arguments[3], f.law.loop)) == NULL)
         return refused(USE);
     f.by_twist = arguments[4] != Py_None;
-    f.override = PyFloat_AsDouble(arguments[5]);
-    f.late = PyObject_IsTrue(arguments[6]);
-    f.ease = PyFloat_AsDouble(arguments[7]);
-    f.time = PyFloat_AsDouble(arguments[8]);
-    bool good = !PyErr_Occurred() && vector(arguments[9], m, f.q) && vector(arguments[10], m, f.sent) &&
-                vector(arguments[11], m, f.seen) && vector(arguments[12], m, f.shown) &&
-                vector(arguments[14], m, f.position) && vector(arguments[15], m, f.velocity) &&
-                vector(arguments[16], m, f.acceleration) && vector(arguments[17], m, f.command) &&
-                vector(arguments[18], m, f.pace) && !(f.by_twist && !vector(arguments[4], 6, f.twist));
+    f.at_base = PyObject_IsTrue(arguments[5]);
+    f.override = PyFloat_AsDouble(arguments[6]);
+    f.late = PyObject_IsTrue(arguments[7]);
+    f.ease = PyFloat_AsDouble(arguments[8]);
+    f.time = PyFloat_AsDouble(arguments[9]);
+    double gain = PyFloat_AsDouble(arguments[10]);
+    bool good = !PyErr_Occurred() && vector(arguments[11], m, f.q) && vector(arguments[12], m, f.sent) &&
+                vector(arguments[13], m, f.seen) && vector(arguments[14], m, f.shown) &&
+                vector(arguments[16], m, f.position) && vector(arguments[17], m, f.velocity) &&
+                vector(arguments[18], m, f.acceleration) && vector(arguments[19], m, f.command) &&
+                vector(arguments[20], m, f.pace) && !(f.by_twist && !vector(arguments[4], 6, f.twist));
     PyErr_Clear(); /* Python says what is wrong */
     for (int j = 0; j < m && good; j++) {
         f.q[j] = f.seen[j] + displacement(f.law.loop, j, f.seen[j], f.q[j]);
@@ -266,7 +266,8 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
         good = off <= f.course.head[STRAY];
         f.off = fmax(f.off, off);
     }
-    if (!good || !responded(&f, arguments[13]))
+    bool anew = arguments[15] != Py_None;
+    if (!good || !moves(&f, arguments[15]))
         Py_RETURN_NONE;
     bool begun = (f.law.apart == NULL || apart_begun(f.law.apart)) && (f.joints.apart == NULL || apart_begun(f.joints.apart));
     Outcome outcome = begun ? moved(&f) : HAND_BACK;
@@ -280,8 +281,9 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     if (outcome == HAND_BACK)
         Py_RETURN_NONE;
     PyObject *way = f.joins ? new_matrix(6, m, m, f.left) : Py_NewRef(Py_None);
-    PyObject *response = arguments[13] == Py_None ? Py_NewRef(Py_None) : new_vector(RESPONSE_ROWS * m, f.response);
-    return Py_BuildValue("(NNNNNNNNddNNNNd)", response, new_vector(m, f.position), new_vector(m, f.velocity), new_vector(m, f.acceleration),
+    PyObject *states = anew ? new_vector(states_of(m), f.states) : Py_NewRef(Py_None);
+    PyObject *trouble = anew ? state_troubles(m, f.law.loop->dt, gain, f.states) : Py_NewRef(Py_None);
+    return Py_BuildValue("(NNNNNNNNddNNNNdN)", states, new_vector(m, f.position), new_vector(m, f.velocity), new_vector(m, f.acceleration),
                          new_vector(m, f.command), new_vector(m, f.pace), new_vector(m, f.command), new_vector(m, f.q),
-                         f.from, f.to, PyBool_FromLong(f.late), way, says, PyBool_FromLong(f.held), f.off);
+                         f.from, f.to, PyBool_FromLong(f.late), way, says, PyBool_FromLong(f.held), f.off, trouble);
 }

@@ -61,17 +61,22 @@ double displacement(const Loop *loop, int j, double start, double end)
     return loop->turns[j] > 0.0 ? remainder(end - start, loop->turns[j]) : end - start;
 }
 
-/* memory.py: where the numbers of the Response begin. */
-static int response_at(const Loop *loop) { return KEPT + (1 + commands_of(loop)) * loop->joints; }
+/* memory.py: where the states of the joints begin, and how many numbers they are. */
+static int states_at(const Loop *loop) { return KEPT + (1 + commands_of(loop)) * loop->joints; }
 
-/* memory.py: above 0 where joints are unresponsive. */
-const double *unresponsive(const Loop *loop, const double *kept)
+int states_of(int joints) { return STATE_ROWS * joints + RATIO_NUMBERS; }
+
+/* Whether a joint is unresponsive. */
+bool any_unresponsive(const double *states, int joints)
 {
-    return kept + response_at(loop) + UNRESPONSIVE_ROW * loop->joints;
+    for (int j = 0; j < joints; j++)
+        if (states[UNRESPONSIVE_ROW * joints + j] > 0.0)
+            return true;
+    return false;
 }
 
 /* response.py, after: a tick in which joints were commanded to move, and moved, by displacements (m,). */
-void respond(const Loop *loop, const double *commanded, const double *moved, double *response)
+static void respond(const Loop *loop, const double *commanded, const double *moved, double *response)
 {
     int m = loop->joints;
     double left = fmax(1.0 - loop->dt / RESPONSE_MEMORY, 0.0);
@@ -109,90 +114,143 @@ void respond(const Loop *loop, const double *commanded, const double *moved, dou
     }
 }
 
-/* memory.py, in_flight: where the joints are when the command of this tick acts. */
-void predicted(const Loop *loop, const double *kept, const double *q, Row there)
+/* motion_ratio.py, at_first */
+static void reset_ratio(int m, double *pending)
 {
-    int m = loop->joints;
-    double part;
-    int whole = ticks_late(loop, &part);
-    const double *commands = kept + KEPT + m, *still = unresponsive(loop, kept);
-    for (int j = 0; j < m; j++) {
-        double sum = 0.0;
-        for (int i = 0; i < whole; i++)
-            sum += commands[i * m + j];
-        there[j] = still[j] > 0.0 ? q[j] : q[j] + loop->dt * (sum + part * commands[whole * m + j]);
-    }
+    memset(pending, 0, (size_t)(m + RATIO_NUMBERS) * sizeof(double));
+    pending[m + FINEST] = INFINITY;
 }
 
-/* memory.py, shown and moved: what joints were commanded to move since the tick before, and moved. */
-static bool shown(const Loop *loop, const double *q, const double *kept, Row commanded, Row moved)
+/* motion_ratio.py, after */
+static void update_ratio(const Loop *loop, const double *commanded, const double *moved, bool responds, double *pending, double *ratio)
 {
     int m = loop->joints;
+    bool known = responds && !isnan(pending[0]);
+    double moved2 = 0.0, pending2 = 0.0, product = 0.0, commanded2 = 0.0, finest = INFINITY;
+    for (int j = 0; j < m; j++) {
+        double step = moved[j];
+        pending[j] = known ? pending[j] + commanded[j] : NAN;
+        commanded2 += commanded[j] * commanded[j];
+        pending2 += known ? pending[j] * pending[j] : 0.0;
+        product += known ? pending[j] * step : 0.0;
+        moved2 += step * step;
+        finest = step != 0.0 ? fmin(finest, fabs(step)) : finest;
+    }
+    double interval = ratio[WAITING] + 1.0;
+    if (fmax(moved2, commanded2) <= COMMANDED_REST * COMMANDED_REST || interval * loop->dt > LONGEST_INTERVAL) {
+        reset_ratio(m, pending);
+        return;
+    }
+    if (moved2 == 0.0) {
+        ratio[WAITING]++;
+        return;
+    }
+    double kept = fmax(1.0 - interval * loop->dt / RESPONSE_TIME, 1.0 - 1.0 / FEWEST_UPDATES);
+    double expected = ratio[RATIO_COMMANDED] > 0.0 ? ratio[RATIO_PRODUCT] / ratio[RATIO_COMMANDED] : 0.0;
+    if (moved2 > 4.0 * fmax(ratio[LARGEST], expected * expected * pending2)) /* another motion */
+        kept = ratio[INTERVAL] = ratio[RATIO_TIME] = 0.0;
+    double largest = fmax(fmax(moved2, pending2), kept * ratio[LARGEST]);
+    memset(pending, 0, (size_t)m * sizeof(double));
+    ratio[RATIO_COMMANDED] = kept * ratio[RATIO_COMMANDED] + pending2;
+    ratio[RATIO_PRODUCT] = kept * ratio[RATIO_PRODUCT] + product;
+    ratio[RATIO_MOVED] = kept * ratio[RATIO_MOVED] + moved2;
+    ratio[UPDATES] = kept * ratio[UPDATES] + 1.0;
+    ratio[RATIO_TIME] = ratio[RATIO_TIME] * fmin(ratio[LARGEST] / largest, 1.0) + interval * loop->dt;
+    ratio[LARGEST] = largest;
+    ratio[WAITING] = 0.0;
+    ratio[INTERVAL_BEFORE] = ratio[INTERVAL];
+    ratio[INTERVAL] = interval;
+    ratio[FINEST] = fmin(ratio[FINEST], finest);
+}
+
+/* memory.py, JointStates.after: a tick in which joints were commanded to move, and moved, by displacements (m,). */
+void update_states(const Loop *loop, const double *commanded, const double *moved, double *states)
+{
+    int m = loop->joints;
+    double *pending = states + PENDING_ROW * m;
+    respond(loop, commanded, moved, states);
+    update_ratio(loop, commanded, moved, !any_unresponsive(states, m), pending, states + STATE_ROWS * m);
+}
+
+/* motion_ratio.py, trouble; unresponsive joints are told before. */
+JointTrouble joint_trouble(int m, double dt, double gain, bool chases, const double *states)
+{
+    const double *numbers = states + STATE_ROWS * m;
+    double commanded = numbers[RATIO_COMMANDED], moved = numbers[RATIO_MOVED], product = numbers[RATIO_PRODUCT];
+    double ratio = commanded > 0.0 ? product / commanded : 0.0, updates = numbers[UPDATES];
+    double ticks = fmin(numbers[INTERVAL], numbers[INTERVAL_BEFORE]), farthest = -1.0;
+    double counts = MOST_COUNTS * numbers[FINEST];
+    bool large = fmax(commanded, moved) >= LEAST_MOVED * LEAST_MOVED * updates;
+    bool fine = ratio < 1.0 || moved >= counts * counts * updates, many = fine && m * updates >= MANY_MOVED;
+    bool oscillates = ratio > MOST_RATIO && moved >= LARGE_OSCILLATION * LARGE_OSCILLATION * updates;
+    double share = oscillates ? OSCILLATES : PROPORTIONAL;
+    bool proportional = ratio > 0.0 && product * product >= share * commanded * moved;
+    bool measured = ticks > 0.0 && (large || many) && proportional, lasts = numbers[RATIO_TIME] > RESPONSE_TIME;
+    if (ticks > 1.0 && ticks * gain * dt > OVERSHOOT && (large || measured))
+        return (JointTrouble){WHY_STATES_ARE_OLD, 0, {ticks, 1e3 * ticks * dt, 1e3 * dt}};
+    bool too_far = ratio > MOST_RATIO || ratio * ticks * gain * dt > OVERSHOOT;
+    if (measured && (too_far || (ratio < LEAST_RATIO && lasts)))
+        return (JointTrouble){WHY_DT_IS_WRONG, 0, {ratio, 1e3 * ratio * dt, 1e3 * dt}};
+    JointTrouble found = {0};
+    if (!(chases && commanded > LEAST_SPEED * dt * (LEAST_SPEED * dt) * updates && ratio < KEPT_SHARE && lasts))
+        return found;
+    found.code = WHY_NOT_FOLLOWING;
+    for (int j = 0; j < m; j++) { /* response.py, farthest */
+        double off = fabs(states[COMMANDED_ROW * m + j] - states[MOVED_ROW * m + j]);
+        found.joint = off > farthest ? j : found.joint;
+        farthest = fmax(farthest, off);
+    }
+    return found;
+}
+
+/* memory.py, observed: the states of the joints at measured positions q (m,). */
+void joint_states(const Loop *loop, const double *q, const double *kept, double *states)
+{
+    int m = loop->joints, whole;
     double part;
-    int whole = ticks_late(loop, &part);
+    Row commanded, moved;
     const double *positions = kept + KEPT, *commands = positions + m;
+    whole = ticks_late(loop, &part);
+    if (isnan(positions[0])) {
+        memset(states, 0, (size_t)states_of(m) * sizeof(double));
+        reset_ratio(m, states + PENDING_ROW * m);
+        return;
+    }
+    memcpy(states, kept + states_at(loop), (size_t)states_of(m) * sizeof(double));
     for (int j = 0; j < m; j++) {
         commanded[j] = loop->dt * ((1.0 - part) * commands[whole * m + j] + part * commands[(whole + 1) * m + j]);
         moved[j] = displacement(loop, j, positions[j], q[j]);
     }
-    return !isnan(positions[0]);
+    update_states(loop, commanded, moved, states);
+}
+
+/* memory.py, in_flight and now: where the joints are when the command of this tick acts, and how fast before it. */
+void predicted(const Loop *loop, const double *kept, const double *states, const double *q, Row there, Row before)
+{
+    int m = loop->joints;
+    double part;
+    int whole = ticks_late(loop, &part);
+    const double *commands = kept + KEPT + m;
+    for (int j = 0; j < m; j++) {
+        double sum = 0.0;
+        bool rests = states[UNRESPONSIVE_ROW * m + j] > 0.0;
+        for (int i = 0; i < whole; i++)
+            sum += commands[i * m + j];
+        there[j] = rests ? q[j] : q[j] + loop->dt * (sum + part * commands[whole * m + j]);
+        before[j] = rests ? 0.0 : commands[j];
+    }
 }
 
 /* memory.py, after: a tick at q that gave a command. */
-void remembered(const Loop *loop, const double *q, const double *command, double *kept)
+void remembered(const Loop *loop, const double *q, const Tick *tick, double *kept)
 {
     int m = loop->joints, count = commands_of(loop);
-    double *commands = kept + KEPT + m, *response = kept + response_at(loop);
-    Row commanded, moved;
-    if (shown(loop, q, kept, commanded, moved))
-        respond(loop, commanded, moved, response);
-    else
-        memset(response, 0, (size_t)(RESPONSE_ROWS * m) * sizeof(double));
+    double *commands = kept + KEPT + m;
+    memcpy(kept, tick->turn, sizeof tick->turn);
     memcpy(kept + KEPT, q, (size_t)m * sizeof(double));
     memmove(commands + m, commands, (size_t)((count - 1) * m) * sizeof(double));
-    memcpy(commands, command, (size_t)m * sizeof(double));
-}
-
-/* memory.py, followed: what the tool was told to move since the tick before, and what it moved; of joints that do not follow,
-   the one that is farthest from where its command led. */
-static int watched(const Loop *loop, const Row A[6], const double *q, const double *kept, Memory *memory)
-{
-    int m = loop->joints, least = 0;
-    double told[6], done[6], share = 1.0 / MEMORY, size, along, farthest = 0.0;
-    const double *still = unresponsive(loop, kept);
-    Row commanded, moved;
-    if (!shown(loop, q, kept, commanded, moved))
-        return least;
-    for (int j = 0; j < m; j++)
-        if (still[j] > 0.0) { /* begins anew when all move */
-            memory->told = memory->done = memory->speed = memory->ticks = 0.0;
-            return least;
-        }
-    for (int i = 0; i < 6; i++) {
-        told[i] = dot(m, A[i], commanded);
-        done[i] = dot(m, A[i], moved);
-    }
-    size = norm(6, told);
-    along = size > 0.0 ? dot(6, told, done) / size : 0.0;
-    memory->told = (1.0 - share) * memory->told + share * size;
-    memory->done = (1.0 - share) * memory->done + share * along;
-    memory->speed = (1.0 - share) * memory->speed + share * loop->slowness / loop->dt * size;
-    memory->ticks++;
-    for (int j = 0; j < m && !follows(memory); j++) {
-        double square = 0.0, off;
-        for (int i = 0; i < 6; i++)
-            square += A[i][j] * A[i][j];
-        off = sqrt(square) * fabs(commanded[j] - moved[j]);
-        least = off > farthest ? j : least;
-        farthest = fmax(farthest, off);
-    }
-    return least;
-}
-
-/* memory.py: whether the joints do what they are told, as far as it can be said. */
-bool follows(const Memory *memory)
-{
-    return memory->ticks < MEMORY || memory->speed < FAST_SHARE || memory->done >= KEPT_SHARE * memory->told;
+    memcpy(commands, tick->solution.velocity, (size_t)m * sizeof(double));
+    memcpy(kept + states_at(loop), tick->states, (size_t)states_of(m) * sizeof(double));
 }
 
 /* velocity/limits.py: how far a joint is outside its range, negative inside. */
@@ -335,25 +393,22 @@ static void same_turn(const double before[3], double error[6])
 }
 
 /* The tick towards a target and, without one (NULL), `Controller.follow` for the twist `feedforward`. `before` is the
-   joint velocity now, which acceleration limits count from, or NULL for the last command, zero of a joint that stands; `kept` is what the loop keeps, tick->memory its numbers after;
+   joint velocity now, which acceleration limits count from, or NULL for the last command, zero of a joint that stands; `kept` is what the loop keeps;
    `now` is what is other in this tick, or NULL; `beside` what `Controller.follow` may be given beside a twist. */
 Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, const double *q, const Pose *target,
                     const double *feedforward, const double *before, const double *kept, Tick *tick)
 {
     Demand demand;
-    Memory *memory = &tick->memory;
     Pose tool, home;
     double speed = now != NULL ? now->speed : 1.0, error[6] = {0.0}, measured[6], ahead[6] = {0.0}, along[6], led[6], most = 0.0, square = 0.0, gain = 0.0;
     Row there, A[6], on[6], last;
     Braking braking = {.share = 1.0};
     int m = demand.m = loop->joints;
     demand.chased = target != NULL;
-    memcpy(memory, kept, sizeof *memory);
-    tick->unresponsive = unresponsive(loop, kept);
-    for (int j = 0; j < m && before == NULL; j++)
-        last[j] = tick->unresponsive[j] > 0.0 ? 0.0 : kept[KEPT + m + j];
+    memcpy(tick->turn, kept, sizeof tick->turn);
+    joint_states(loop, q, kept, tick->states);
+    predicted(loop, kept, tick->states, q, there, last);
     before = before == NULL ? last : before;
-    predicted(loop, kept, q, there);
     if (beside->J != NULL) {
         memcpy(demand.J, beside->J, sizeof demand.J);
         tool = *beside->tool;
@@ -367,11 +422,14 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
     if (beside->at != NULL && loop->carried == AT_A_POINT)
         root_at(beside->at, loop->length, demand.root);
     if (demand.chased) {
-        same_turn(memory->turn, error);
-        memcpy(memory->turn, error, sizeof memory->turn);
+        same_turn(tick->turn, error);
+        memcpy(tick->turn, error, sizeof tick->turn);
     }
+    bool at_tool = !demand.chased && !beside->at_base && !(now != NULL && now->at_base);
+    for (int i = 0; i < 3 && at_tool; i++) /* v - omega x p, the velocity at the base's origin */
+        ahead[3 + i] = tool.p[(i + 1) % 3] * feedforward[(i + 2) % 3] - tool.p[(i + 2) % 3] * feedforward[(i + 1) % 3];
     for (int i = 0; i < 6 && feedforward != NULL; i++) {
-        ahead[i] = feedforward[i];
+        ahead[i] += feedforward[i];
         error[i] += demand.chased ? loop->delay * speed * feedforward[i] : 0.0; /* the target, too, is on by then */
     }
     for (int i = 0; i < 6; i++)
@@ -441,6 +499,6 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
         tick->outside[j] = outside > OUTSIDE ? outside : 0.0;
         tick->acceleration[j] = 0.0;
     }
-    tick->least = demand.chased ? watched(loop, (const Row *)A, q, kept, memory) : 0;
+    tick->chased = demand.chased;
     return DONE;
 }

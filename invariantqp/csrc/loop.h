@@ -5,25 +5,29 @@
 
 #include "core.h"
 
-/* control/memory.py: what a loop keeps from tick to tick; `turn` and positions are NaN before the first.
-   In Python these numbers, then the positions (m,) and the last commands (k, m), the latest first. */
-typedef struct {
-    double told, done, speed, ticks, turn[3];
-} Memory;
-#define KEPT ((int)(sizeof(Memory) / sizeof(double)))
+/* control/memory.py: what a loop keeps from tick to tick: the turn of the error (3,) and positions (m,), NaN before the first,
+   the last commands (k, m), the latest first, and the states of the joints. */
+#define KEPT 3 /* before the positions */
 
-/* control/response.py: the rows (m,) of a Response */
-enum { SILENT_ROW, UNANSWERED_ROW, UNRESPONSIVE_ROW, SCATTER_ROW, REST_ROW, COMMANDED_ROW, MOVED_ROW, RESPONSE_ROWS };
+/* control/memory.py, JointStates: the rows (m,) of a Response and of a MotionRatio, and the other numbers of that */
+enum { SILENT_ROW, UNANSWERED_ROW, UNRESPONSIVE_ROW, SCATTER_ROW, REST_ROW, COMMANDED_ROW, MOVED_ROW, PENDING_ROW, STATE_ROWS };
+enum { RATIO_COMMANDED, RATIO_PRODUCT, RATIO_MOVED, UPDATES, RATIO_TIME, LARGEST, WAITING, INTERVAL, INTERVAL_BEFORE, FINEST, RATIO_NUMBERS };
+#define MOST_JOINT_STATES (STATE_ROWS * MOST + RATIO_NUMBERS)
 
 /* What a tick leads to; how far each joint is outside its range, and its acceleration where it is above its limit, where
    these are to be told, or 0. */
 typedef struct {
     Solution solution;
-    Memory memory;
     Row outside, acceleration;
-    int least; /* the joint that followed its command least */
-    const double *unresponsive; /* (m,) above 0 where joints are unresponsive */
+    double turn[KEPT], states[MOST_JOINT_STATES]; /* for the next tick */
+    bool chased;
 } Tick;
+
+/* control/motion_ratio.py: what is wrong with the joints, if anything: the code of a reason, its joint, or its numbers */
+typedef struct {
+    int code, joint;
+    double numbers[3];
+} JointTrouble;
 
 /* clearance.c: a clearance in a tick of a loop, beside arms of others, and what of it is to be told: the pair of each row and
    its distance, and which pair is the nearest. */
@@ -45,13 +49,14 @@ Outcome apart_now(Apart *apart, const double *there, const double *before, Deman
 bool apart_after(Apart *apart, const double *there, const double *x, Demand *demand);
 
 /* control/controller.py, follow: joint twists and tool pose as the arm was seen, the point to measure at, a posture, each of
-   which may be NULL, and more exact rows, parts D of the twist. */
+   which may be NULL, more exact rows, parts D of the twist, and whether that is a screw in base coordinates. */
 typedef struct {
     const Row *J;
     const Pose *tool;
     const double *at, *posture;
     int rows;
     const double (*D)[6];
+    bool at_base;
     Apart *apart;
 } Beside;
 
@@ -72,30 +77,42 @@ Outcome approach(const Loop *loop, double gain, const Demand *demand, const Row 
                  const double feedforward[6], const double *before, Braking *found);
 void braked(const Braking *braking, Demand *demand);
 int commands_of(const Loop *loop);
-void predicted(const Loop *loop, const double *kept, const double *q, Row there);
+int states_of(int joints);
+void joint_states(const Loop *loop, const double *q, const double *kept, double *states);
+void predicted(const Loop *loop, const double *kept, const double *states, const double *q, Row there, Row before);
 double displacement(const Loop *loop, int j, double start, double end);
-const double *unresponsive(const Loop *loop, const double *kept);
-void respond(const Loop *loop, const double *commanded, const double *moved, double *response);
-void remembered(const Loop *loop, const double *q, const double *command, double *kept);
+bool any_unresponsive(const double *states, int joints);
+void update_states(const Loop *loop, const double *commanded, const double *moved, double *states);
+JointTrouble joint_trouble(int joints, double dt, double gain, bool chases, const double *states);
+void remembered(const Loop *loop, const double *q, const Tick *tick, double *kept);
 Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, const double *q, const Pose *target,
                     const double *feedforward, const double *before, const double *kept, Tick *tick);
-bool follows(const Memory *memory);
 double outside_by(const Loop *loop, const double *q, int j);
 bool is_far(const Loop *loop, const double *q, const Pose *target);
 
-#define MEMORY 50
 #define WHOLE_TICKS 1e-9
 #define MOST_LATE 10000
 #define KEPT_SHARE 0.2
+#define FEWEST_UPDATES 8
+#define PROPORTIONAL 0.95
+#define OSCILLATES 0.15
+#define LARGE_OSCILLATION 0.03
+#define LONGEST_INTERVAL 0.5
+#define LEAST_MOVED 8e-3
+#define MOST_COUNTS 4.0
+#define MANY_MOVED 12
+#define MOST_RATIO 2.0
+#define LEAST_RATIO 0.5
+#define OVERSHOOT 1.2
 #define RESPONSE_MEMORY 0.05
 #define RESPONSE_TIME 0.125
-#define RESPONSE_SHARE 0.2
+#define RESPONSE_SHARE 0.19
 #define LEAST_COMMANDED 0.005
 #define FULL_SPEED 3.1
 #define COMMANDED_REST 1e-6
 #define SCATTER 30.0
 #define EXPLAINED 0.5
-#define FAST_SHARE 0.005
+#define LEAST_SPEED 0.015
 #define OUTSIDE 1e-3
 #define BOUNDLESS 1e30
 #define BRAKING_SHARE 0.5

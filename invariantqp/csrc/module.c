@@ -90,7 +90,7 @@ double *memory_of(PyObject *object, const Loop *loop)
 {
     PyArrayObject *array = (PyArrayObject *)object;
     bool good = PyArray_Check(object) && PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISCARRAY(array) &&
-                PyArray_SIZE(array) == KEPT + (1 + commands_of(loop) + RESPONSE_ROWS) * loop->joints;
+                PyArray_SIZE(array) == KEPT + (1 + commands_of(loop)) * loop->joints + states_of(loop->joints);
     return good ? PyArray_DATA(array) : NULL;
 }
 
@@ -163,28 +163,28 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
         Py_RETURN_NONE;
     if (apart && rows == NULL)
         return NULL;
-    PyObject *found[] = {fields(m, &tick.solution, fixed, rows), joint_troubles(fixed, &tick, towards)};
-    if (found[0] != NULL) {
-        memcpy(kept, &tick.memory, sizeof tick.memory);
-        remembered(fixed, q, tick.solution.velocity, kept);
-    }
+    PyObject *found[] = {fields(m, &tick.solution, fixed, rows), joint_troubles(fixed, &tick)};
+    if (found[0] != NULL)
+        remembered(fixed, q, &tick, kept);
     return named(&PyTuple_Type, 2, found);
 }
 
-/* acts_at(loop, memory, q): joint positions when the command of this tick acts; None where q cannot be true, or Python has to
+/* acts_at(loop, memory, q): joint positions when the command of this tick acts, and joint velocities before; None where q cannot be true, or Python has to
    say what is wrong with it. */
 static PyObject *acts_at(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     const Loop *loop = count == 3 ? loop_of(arguments[0]) : NULL;
     const double *kept = loop == NULL ? NULL : memory_of(arguments[1], loop);
-    Row q, there;
+    Row q, there, before;
+    double states[MOST_JOINT_STATES];
     if (kept == NULL)
         return refused("acts_at(loop, memory, q)");
     if (!vector(arguments[2], loop->joints, q) || !all_finite(loop->joints, q) || is_far(loop, q, NULL))
         Py_RETURN_NONE;
-    predicted(loop, kept, q, there);
-    return new_vector(loop->joints, there);
+    joint_states(loop, q, kept, states);
+    predicted(loop, kept, states, q, there, before);
+    return Py_BuildValue("(NN)", new_vector(loop->joints, there), new_vector(loop->joints, before));
 }
 
 #define CALLED(name, function, does) {name, (PyCFunction)(void (*)(void))function, METH_FASTCALL, does}
@@ -196,7 +196,7 @@ static PyMethodDef methods[] = {
     CALLED("solution", batch_solution, "A VelocitySolution from its record."),
     CALLED_BY_NAME("step", controller_step,
            "A controller's tick: a VelocitySolution, and what is to be said of joints beside it; None where Python has to answer."),
-    CALLED("acts_at", acts_at, "Joint positions when the command of a tick acts, or None where Python has to find them."),
+    CALLED("acts_at", acts_at, "Joint positions when the command of a tick acts and joint velocities before it, or None where Python has to find them."),
     CALLED_BY_NAME("press", press, "A hybrid controller's tick, or None where Python has to answer."),
     CALLED("contact_frame", contact_frame, "The (4, 4) frame of a contact, or None where Python has to find it."),
     CALLED("follow", follow, "A tick of a follower in which nothing new comes, or None where Python has to answer."),

@@ -386,7 +386,8 @@ static Outcome pressing_tick(const Press *press, const Split *split, const Loop 
                            .at = press->at_contact ? placed.point : NULL,
                            .posture = now->has_posture ? now->posture : NULL,
                            .rows = press->force_first ? n : 0,
-                           .D = (const double(*)[6])constraints};
+                           .D = (const double(*)[6])constraints,
+                           .at_base = true};
     if (step_beside(loop, NULL, &beside, q, NULL, all, now->has_velocity ? now->velocity : NULL, kept, &answer->tick) == HAND_BACK)
         return HAND_BACK;
 
@@ -474,7 +475,7 @@ PyObject *press(PyObject *module, PyObject *const *arguments, Py_ssize_t count, 
     if (pressing_tick(fixed, split, loop, &now, q, &target, reading, kept, &delay, &state, &answer) == HAND_BACK)
         Py_RETURN_NONE;
     PyObject *found[] = {fields(m, &answer.tick.solution, loop, NULL),
-                         joint_troubles(loop, &answer.tick, false),
+                         joint_troubles(loop, &answer.tick),
                          new_vector(6, answer.motion),
                          new_vector(6, answer.force),
                          new_vector(6, answer.wrench),
@@ -492,6 +493,6 @@ PyObject *press(PyObject *module, PyObject *const *arguments, Py_ssize_t count, 
                          PyFloat_FromDouble(answer.kept),
                          PyFloat_FromDouble(answer.room)};
     if (found[0] != NULL)
-        remembered(loop, q, answer.tick.solution.velocity, kept);
+        remembered(loop, q, &answer.tick, kept);
     return named(&PyTuple_Type, sizeof found / sizeof *found, found);
 }

@@ -497,7 +497,16 @@ class HybridController:
         else:
             where = here.contact.point if self._at_contact else None
             rows = force_rows(here.contact, then.J, motion + force) if self.force_first else None
-            inner = loop.follow(positions, motion + force, velocity, rows, then, where, posture)
+            inner = loop.follow(
+                positions,
+                motion + force,
+                velocity,
+                at="base",
+                rows=rows,
+                sighting=then,
+                measured_at=where,
+                posture=posture,
+            )
 
         # What is remembered.
         twist, step, touching = then.J.dot(inner.velocity), dt * inner.velocity, tick.touch.touching

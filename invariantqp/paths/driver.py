@@ -25,7 +25,8 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.response import Response, units, unresponsive_joints
+from invariantqp.control.memory import JointStates
+from invariantqp.control.response import units
 from invariantqp.control.tracking import TRACKING_SHARE
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
@@ -63,7 +64,7 @@ from invariantqp.robots.kinematics import unwrapped
 from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.limits import BrakingBox
-from invariantqp.velocity.reasons import Code, Reason, row_name
+from invariantqp.velocity.reasons import Code, Reason, read, row_name
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
@@ -207,8 +208,8 @@ class Follower:
         self._sent: deque[Array] = deque(maxlen=ticks)
         self._issued: deque[Array] = deque(maxlen=ticks)  # the last commands
         self._seen: Array | None = None  # (m,) joint positions in the last tick, continuous joints without their turns
-        self._response = Response.at_first(m).numbers  # of the joints to their commands
-        self._unresponsive: tuple[int, ...] = ()  # joints that do not move although they are commanded to
+        self._states = JointStates.at_first(m).numbers
+        self._trouble: Reason | None = None  # what is wrong with the joints
         self._reference: Reference | None = None
         self._q = self._v = self._a = np.zeros(m)  # of the commanded motion, when the next tick begins
         self._source: Source | None = None  # what is wanted
@@ -223,6 +224,7 @@ class Follower:
         self._by_law: tuple[Given, Array, float] | None = None  # points approached by the law, with stamps; since when
         self._twists = Arrivals(self.timeout, self.timeout)
         self._asked: Array = STILL  # the twist
+        self._twist_at: Literal["tool", "base"] = "tool"
         self._twist: Array | None = None  # the same, or zero where the arm comes to rest
         self._turns = False  # whether there is a twist to move at
         self._override = 1.0
@@ -321,12 +323,14 @@ class Follower:
         """Move the tool at a twist, until the next one or the end of the stream of twists (`timeout`).
 
         Args:
-            v: (6,) in the base frame, angular part first [rad/s; length/s].
+            v: (6,) angular velocity, then the velocity of the tool frame's origin, both along the axes of the base
+                frame [rad/s; length/s], as MoveIt Servo and UR's `speedL` have it.
+            at: "tool" as above; "base": a screw in base coordinates, as in `Controller.follow`.
 
         Raises:
             BadInput: NaN, a wrong shape, or a twist beyond any scale.
         """
-        course = self._course
+        course, point = self._course, arrays.choice(at, "at", ("tool", "base"))
         self._open("v")
         wanted = sizes.not_too_fast(arrays.twist(v, "v")).copy()
         if self._pressed is not None:
@@ -466,21 +470,26 @@ class Follower:
         if velocity is not None:
             before = arrays.vector(velocity, self._m, "velocity")
         loop, wrong, before_this = self.controller, self.controller.wrong(q), self._unresponsive
+        states = JointStates.at_first(self._m)
         seen = None if wrong else self._seen
         if seen is not None:
             q = unwrapped(seen, q[None], loop.turns)[0]
-        if seen is None or velocity is not None:
-            response = Response.at_first(self._m)
-        else:
-            unit = units(self._limits.velocity)
-            response = Response.of(self._response).after(loop.dt * self._shown / unit, (q - seen) / unit, loop.dt)
-        self._response = response.numbers
-        self._unresponsive = unresponsive_joints(self._response)
+        if seen is not None and velocity is None:
+            states = JointStates.of(self._states, self._m)
+            states = states.after(loop.dt * self._shown, q - seen, loop.dt, units(self._limits.velocity))
+        self._states = states.numbers
+        self._trouble = states.trouble(loop.dt, loop.fastest_gain, chases=False)
         responds = [j for j in before_this if j not in self._unresponsive]
         # A joint that begins to respond does so at the same command as in the ticks before.
         self._a, self._pace = _at_rest(self._a, responds), _at_rest(self._pace, responds)
         self._seen = None if wrong else q
         return q, _at_rest(before, self._unresponsive), str(wrong) if wrong else ""
+
+    @property
+    def _unresponsive(self) -> tuple[int, ...]:
+        """The joints that do not move although they are commanded to."""
+        trouble = self._trouble
+        return () if trouble is None or trouble.code is not Code.NO_MOTION else trouble.joints
 
     @property
     def _shown(self) -> Array:
@@ -569,15 +578,17 @@ class Follower:
             None if self._beside is None else self._beside.for_core,
             self._unbraked.kept,
             self._twist,
+            self._twist_at == "base",
             self._override,
             self._late,
             ease,
             time,
+            loop.fastest_gain,
             q,
             shown,
             q if self._seen is None else self._seen,
             self._shown,
-            None if begun else self._response,
+            None if begun else self._states,
             position,
             self._v,
             self._a,
@@ -586,13 +597,13 @@ class Follower:
         )
         if found is None:
             return None
-        response, self._q, self._v, self._a, self._command, self._pace, command, measured, before, after, *more = found
-        if not begun:
-            sent.append(position)
-            self._response, self._unresponsive = response, ()
+        states, self._q, self._v, self._a, self._command, self._pace, command, measured, before, after, *more = found
         self._seen = measured
         self._issued.append(self._command)
-        self._late, way, answer, self._bound, self._off = more
+        self._late, way, answer, self._bound, self._off, troubles = more
+        if not begun:
+            sent.append(position)
+            self._states, self._trouble = states, None if troubles is None else read(troubles)[0]
         self._time += loop.dt
         self._answer = None
         if answer is not None:
@@ -600,7 +611,7 @@ class Follower:
         if way is not None or (ease and time < reference.joined):
             reference.joins(time, *((np.zeros((6, self._m)), 0.0) if way is None else (way, ease)))
             self._course = self._made_course(reference)
-        if shape is not None and after < told:
+        if shape is not None and after < told and self._trouble is None:
             return shape.told_by_core(command, measured, before, after, self._override)
         return self._reported(reference, measured, command)
 
@@ -617,7 +628,7 @@ class Follower:
         command = self._nearest(measured, wanted)
         if self._bound and along and shape is not None and (loop := self._beside) is not None:  # the path waits
             q, rows = self._here(measured), ExactRows(np.eye(self._m), wanted)
-            share = loop.follow(q, loop.robot.jacobian(q).dot(wanted), self._command, rows=rows).scale
+            share = loop.follow(q, loop.robot.jacobian(q).dot(wanted), self._command, at="base", rows=rows).scale
             reference.source = self._source = shape.delayed((1.0 - share) * dt)
             v = self._wanted(reference)
             wanted = self._corrected(measured, v)
@@ -640,7 +651,7 @@ class Follower:
         if loop is None:
             return wanted
         q = self._here(measured)
-        answer = loop.follow(q, loop.robot.jacobian(q).dot(wanted), self._command, posture=wanted)
+        answer = loop.follow(q, loop.robot.jacobian(q).dot(wanted), self._command, at="base", posture=wanted)
         other = np.abs(answer.velocity - wanted).max() > arrays.NEGLIGIBLE * np.abs(wanted).max()
         if not other and answer.status not in (Status.DEGRADED, Status.HELD):
             return wanted
@@ -1098,7 +1109,9 @@ class Follower:
         if self._twist is not None:
             x = np.zeros(self._m)
             if self._twist.any():
-                self._answer = self._unbraked.follow(self._q, self._twist, self._v, speed=self._override)
+                self._answer = self._unbraked.follow(
+                    self._q, self._twist, self._v, at=self._twist_at, speed=self._override
+                )
                 x = self._answer.velocity
             return _going_over(self._v, x, self._limits)
         there = reference.at(np.array((self._time + dt,)))[0]
@@ -1141,7 +1154,7 @@ class Follower:
             why = ASTRAY if self._astray else PAUSE if self.paused or self._override == 0.0 else ""
             told = shape.told(measured, command.copy(), self._time, self._override, why=why)
             found = self._by_loop(streams=False) if self._late else None
-            if (found := self._no_motion() or found) is not None:
+            if (found := self._joint_trouble() or found) is not None:
                 told.status, told.reason = found
             return told
         place, late = self._time, 0.0
@@ -1163,7 +1176,7 @@ class Follower:
     def _status(self, reference: Reference, place: float) -> tuple[Status, Why]:
         """The status of a tick at a place, and its reason."""
         streams = self._source is not None and not self.paused
-        found = self._no_motion() or self._by_loop(streams) or self._interrupted()
+        found = self._joint_trouble() or self._by_loop(streams) or self._interrupted()
         if found is not None:
             return found
         samples = self._samples
@@ -1187,12 +1200,13 @@ class Follower:
             return Status.LATE, ELSEWHERE
         return (Status.DEGRADED, self._samples.dropped) if self._samples.dropped and wanted else None
 
-    def _no_motion(self) -> tuple[Status, Why] | None:
-        """What is said of joints that do not move although they are commanded to, None where all do."""
-        if not self._unresponsive:
+    def _joint_trouble(self) -> tuple[Status, Why] | None:
+        """What is said of joints that do not do what they are commanded to, None where all do."""
+        trouble = self._trouble
+        if trouble is None:
             return None
-        names = tuple(self.controller.robot.names[j] for j in self._unresponsive)
-        return Status.DEGRADED, str(Reason(Code.NO_MOTION, self._unresponsive, names=names))
+        names = tuple(self.controller.robot.names[j] for j in trouble.joints)
+        return Status.DEGRADED, str(trouble._replace(names=names))
 
     def _by_loop(self, streams: bool) -> tuple[Status, Why] | None:
         """What the loop says of the tick, None where nothing; a stream that its limits hold back is late instead."""

@@ -124,7 +124,7 @@ class OperatorController(TaskController):
         here = se3.transform(None, robot.pose(measured.q).dot(self._point)[:3])
         astray = se3.adjoint(here).dot(self._strays) * np.sin(2.0 * pi * self._beats * goal.time)
         s = self._shared.moved(here).twist(tracking_twist(sighting.error, self._loop.gain), goal.feedforward + astray)
-        return self._loop.follow(measured.q, s)
+        return self._loop.follow(measured.q, s, at="base")
 
 
 def controller_for(problem: ControlProblem, controller: MakeController | None = None) -> TaskController:

@@ -37,6 +37,8 @@ class Code(IntEnum):
     MOVING_BACK = auto()
     # Something declared does not hold: "degraded".
     NO_MOTION = auto()
+    STATES_ARE_OLD = auto()
+    DT_IS_WRONG = auto()
     NOT_FOLLOWING = auto()
     OUTSIDE = auto()
     ACCELERATION = auto()
@@ -55,10 +57,10 @@ class Code(IntEnum):
     GUARDED = auto()
     DAMPED = auto()
     CALMED = auto()
-    MISSED = auto()
-    MOVED = auto()
     FEW_JOINTS = auto()
     POSITION_ALONE = auto()
+    MISSED = auto()
+    MOVED = auto()
     AT_LIMITS = auto()
 
 
@@ -81,6 +83,10 @@ SENTENCES = {
     Code.MOVING_BACK: "moving back inside the limits",
     Code.NO_MOTION: "no motion measured of {joint} although it is commanded: the robot is stopped, paused or blocked, "
     "or its joint states are old; the motion starts from rest when the robot moves again",
+    Code.STATES_ARE_OLD: "the measured joint positions change once in {0:.0f} ticks ({1:.3g} ms; dt is {2:.3g} ms), "
+    "too rarely for this gain: read them more often, or run the loop with dt= their period",
+    Code.DT_IS_WRONG: "the joints moved {0:.3g} times as far as commanded, as in ticks of {1:.3g} ms; dt is {2:.3g} "
+    "ms: check that dt= is the period of the loop, and that the driver does not scale velocities",
     Code.NOT_FOLLOWING: "not converging: the joints do not follow their commands, {joint} least; "
     "the cause may be a delay (give it as "
     "delay=), a gain too high for the robot, or a robot that does not do what it is told",
@@ -101,14 +107,14 @@ SENTENCES = {
     Code.GUARDED: "descent guard: {0:.3g} of least squares blended in",
     Code.DAMPED: "near a singularity: the smallest singular value is {0:.1e} of the largest; damped",
     Code.CALMED: "damped, so that joints do not swing for the little that more speed would win",
+    Code.FEW_JOINTS: "fewer than six joints ({0:.0f}) can achieve {1:.0%} of this twist",
+    Code.POSITION_ALONE: 'exact="position" (in solve_velocity, ExactRows) keeps the velocity of the tool point',
     Code.MISSED: "{0:.0%} of the twist is missed",
     Code.MOVED: "limits move the tool where nothing is to move",
     Code.AT_LIMITS: "at the limits of {limits}",
 }
 
 
-    Code.FEW_JOINTS: "fewer than six joints ({0:.0f}) can achieve {1:.0%} of this twist",
-    Code.POSITION_ALONE: 'exact="position" (in solve_velocity, ExactRows) keeps the velocity of the tool point',
 class Reason(NamedTuple):
     """One reason of a tick; `str` gives its sentence.
 

@@ -21,11 +21,12 @@ class Status(str, Enum):
     The velocity law, and every loop for what becomes of its velocity:
 
     ==========  ====================================================================================================
-    OK          at most 5 % of the twist is missed, or the errors of position and angle each fall at half their rate
-    LIMITED     limits or a singularity keep more of the twist away: the best inside the limits
+    OK          at most 5 % of the twist is missed, or the errors of position and orientation each shrink at least
+                half as fast as requested
+    LIMITED     limits, a singularity or fewer than six joints keep more of the twist away: the best inside the limits
     GUARDED     the descent guard blended in least squares
     SCALED      limits slow exact rows down; their direction is kept
-    DEGRADED    something declared does not hold: see the reason
+    DEGRADED    something declared does not hold, or the joints do not move as commanded: see the reason
     HELD        no usable answer, or input that is certainly wrong: at rest, or on the way back inside limits
     ==========  ====================================================================================================
 

@@ -222,7 +222,7 @@ class OneLine:
         press = (self.task.wrench if wanted is None else wanted)[0]
         down = velocity_at(twist, at)[2] + self.c * (press + felt[5])
         twist[5] -= down
-        solution = self.loop.follow(q, twist, at=at)
+        solution = self.loop.follow(q, twist, at="base", measured_at=at)
         return SimpleNamespace(velocity=solution.velocity, J=self.robot.jacobian(q), status="ok", reason="")
 
 

@@ -79,10 +79,7 @@ def assert_same(controller, q, target, feedforward=None):
     np.testing.assert_array_equal(ours.commands[0], native.velocity)
     np.testing.assert_array_equal(ours.positions, q)
     np.testing.assert_allclose(ours.turn, theirs.turn, rtol=1e-12, atol=1e-14)
-    assert ours.ticks == theirs.ticks
-    for name in ("told", "done", "speed"):
-        one, other = getattr(ours, name), getattr(theirs, name)
-        assert one == pytest.approx(other, rel=1e-6, abs=1e-6 * theirs.told)
+    np.testing.assert_allclose(ours.states.numbers, theirs.states.numbers, rtol=1e-6, atol=1e-12)
     return native
 
 

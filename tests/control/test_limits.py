@@ -214,7 +214,7 @@ def test_a_limit_of_ones_own_may_look_at_where_a_tick_ends(robot, goal, by):
     loop = iq.Controller(robot, dt=DT, engine=by)  # for a tick alone
     assert loop.step(PANDA, goal, limits=[other]).velocity[6] == pytest.approx(0.02)
     assert loop.step(PANDA, goal).velocity[6] > 0.05
-    assert np.isfinite(loop.kept[-14:]).all()
+    assert np.isfinite(loop.memory.commands).all()
 
 
 class Misspelled(Limit):

@@ -170,7 +170,17 @@ CONTROL = {
     "Controller.unbraked": lambda: (controller().unbraked, {"rise": 0.02}),
     "Controller.follow": lambda: (
         controller().follow,
-        {"q": Q, "twist": TWIST, "velocity": Q, "rows": None, "sighting": None, "at": POINT, "posture": Q, **NOW},
+        {
+            "q": Q,
+            "twist": TWIST,
+            "velocity": Q,
+            "at": "base",
+            "rows": None,
+            "sighting": None,
+            "measured_at": POINT,
+            "posture": Q,
+            **NOW,
+        },
     ),
     "PinkLimit": lambda: (
         iq.limits.PinkLimit,
@@ -217,7 +227,7 @@ CONTROL = {
         {"points": [T, T @ iq.exp(TWIST)], "stamps": None, "at": None},
     ),
     "PathFollower.add": lambda: (any_follower().add, {"point": T, "stamp": 0.0}),
-    "PathFollower.twist": lambda: (shape_follower().twist, {"v": TWIST}),
+    "PathFollower.twist": lambda: (shape_follower().twist, {"v": TWIST, "at": "base"}),
     "PathFollower.pose": lambda: (follower().pose, {"place": 0.5}),
     "Follower": lambda: (
         iq.Follower,
@@ -226,7 +236,7 @@ CONTROL = {
     ),
     "Follower.follow": lambda: (any_follower().follow, {"points": [Q, Q], "stamps": [0.0, 1.0], "at": 0.0}),
     "Follower.add": lambda: (any_follower().add, {"point": T, "stamp": 0.0}),
-    "Follower.twist": lambda: (any_follower().twist, {"v": TWIST}),
+    "Follower.twist": lambda: (any_follower().twist, {"v": TWIST, "at": "tool"}),
     "Follower.prepare": lambda: (shape_follower().prepare, {"q": Q}),
     "Follower.step": lambda: (any_follower().step, STEP | {"wrench": None, "contact": None, "wanted": None}),
     "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),

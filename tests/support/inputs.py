@@ -93,7 +93,7 @@ class Bed:
                 follower.add(where(now), now)
             if self.kind == "twist":
                 speed = self.size / TIME * (1.0 - np.cos(2.0 * np.pi * now / TIME)) * (now < TIME)
-                follower.twist(self.robot.jacobian(self.joints(now)) @ self.axis * speed)
+                follower.twist(self.robot.jacobian(self.joints(now)) @ self.axis * speed, at="base")
 
         return follower, feed
 

@@ -24,6 +24,14 @@ DELAY = (
     "as delay=), a gain too high for the robot, or a robot that does not do what it is told"
 )
 GAINS = "[DS]'s Lambda gives closed-loop gains outside [0, 1]: -0.2, 1.3; negative ones drive the tool away"
+STATES_ARE_OLD = (
+    "the measured joint positions change once in 33 ticks (33 ms; dt is 1 ms), too rarely for this gain: read them "
+    "more often, or run the loop with dt= their period"
+)
+DT_IS_WRONG = (
+    "the joints moved 33.3 times as far as commanded, as in ticks of 33.3 ms; dt is 1 ms: check that dt= is the "
+    "period of the loop, and that the driver does not scale velocities"
+)
 # Every code, with joints, rows, numbers and words as they come, and its sentence.
 TABLE = {
     Code.NOT_BELIEVED: (Reason(Code.NOT_BELIEVED, (2,), (), (57.296, 54.16), names=("elbow",)), DEGREES),
@@ -46,6 +54,8 @@ TABLE = {
     Code.PAPER_POLE: (Reason(Code.PAPER_POLE), "G + Lambda is singular: this is the pole of [DS]'s formula"),
     Code.MOVING_BACK: (Reason(Code.MOVING_BACK), "moving back inside the limits"),
     Code.NO_MOTION: (Reason(Code.NO_MOTION, (0, 1, 2, 4), names=("base", "shoulder", "elbow", "wrist")), NO_MOTION),
+    Code.STATES_ARE_OLD: (Reason(Code.STATES_ARE_OLD, numbers=(33.0, 33.0, 1.0)), STATES_ARE_OLD),
+    Code.DT_IS_WRONG: (Reason(Code.DT_IS_WRONG, numbers=(33.333, 33.333, 1.0)), DT_IS_WRONG),
     Code.NOT_FOLLOWING: (Reason(Code.NOT_FOLLOWING, (2,), names=("elbow",)), DELAY),
     Code.OUTSIDE: (
         Reason(Code.OUTSIDE, (2,), (), (0.1,), names=("elbow",)),
@@ -90,6 +100,14 @@ TABLE = {
         "near a singularity: the smallest singular value is 1.2e-03 of the largest; damped",
     ),
     Code.CALMED: (Reason(Code.CALMED), "damped, so that joints do not swing for the little that more speed would win"),
+    Code.FEW_JOINTS: (
+        Reason(Code.FEW_JOINTS, numbers=(4.0, 0.2)),
+        "fewer than six joints (4) can achieve 20% of this twist",
+    ),
+    Code.POSITION_ALONE: (
+        Reason(Code.POSITION_ALONE),
+        'exact="position" (in solve_velocity, ExactRows) keeps the velocity of the tool point',
+    ),
     Code.MISSED: (Reason(Code.MISSED, numbers=(0.0678,)), "7% of the twist is missed"),
     Code.MOVED: (Reason(Code.MOVED), "limits move the tool where nothing is to move"),
     Code.AT_LIMITS: (
@@ -100,14 +118,6 @@ TABLE = {
 
 
 @pytest.mark.parametrize("code", Code)
-    Code.FEW_JOINTS: (
-        Reason(Code.FEW_JOINTS, numbers=(4.0, 0.2)),
-        "fewer than six joints (4) can achieve 20% of this twist",
-    ),
-    Code.POSITION_ALONE: (
-        Reason(Code.POSITION_ALONE),
-        'exact="position" (in solve_velocity, ExactRows) keeps the velocity of the tool point',
-    ),
 def test_every_code_has_its_sentence(code):
     reason, sentence = TABLE[code]
     assert reason.code is code
