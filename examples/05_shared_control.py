@@ -20,15 +20,15 @@ kept = np.column_stack(
 )  # the robot's: the rest
 rng = np.random.default_rng(0)
 hand, heights, slid = np.zeros(6), [], []
+task = iq.control.SharedTask(kept, slides)  # at the tool point; two systems that fill six dimensions need no form
 
 for _ in range(1000):
     tool = robot.pose(q)
-    at_tool = iq.transform(translation=tool[:3, 3])
-    task = iq.control.SharedTask(kept, slides).moved(at_tool)  # two systems that fill six dimensions: no form is needed
+    to_tool = iq.adjoint(iq.transform(translation=-tool[:3, 3]))  # from the base's origin to the tool point
     hand += 0.02 * (0.2 * rng.standard_normal(6) - hand)  # a restless hand on all six axes of a joystick
     wanted = upright.copy()
     wanted[:3, 3] = [tool[0, 3], tool[1, 3], surface + DISTANCE]
-    twist = task.twist(GAIN * iq.log(wanted @ iq.inverse(tool)), iq.adjoint(at_tool) @ hand)
+    twist = task.twist(to_tool @ (GAIN * iq.log(wanted @ iq.inverse(tool))), hand)
     solution = loop.follow(q, twist)
     q = q + DT * solution.velocity
     heights.append(robot.pose(q)[2, 3] - surface)

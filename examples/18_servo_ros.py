@@ -1,8 +1,8 @@
 """A ROS 2 node that drives an arm by twists or poses from a joystick, a headset or a policy; without ROS, a rehearsal.
 
-In: joint states, geometry_msgs/TwistStamped, geometry_msgs/PoseStamped, both in the robot's base frame. Out: joint
-velocities for a velocity controller. Commands that stop coming stop the arm, inside
-the joints' limits, and so do joint states.
+In: joint states, geometry_msgs/TwistStamped (the tool point's velocity, along the axes of the robot's base frame, as
+MoveIt Servo has it), geometry_msgs/PoseStamped (in the base frame). Out: joint velocities for a velocity controller.
+Commands that stop coming stop the arm, inside the joints' limits, and so do joint states.
 
 Run: python examples/18_servo_ros.py [robot, panda]
 """
@@ -16,7 +16,7 @@ import invariantqp as iq
 DT = 0.002  # [s]
 NAME = sys.argv[1] if len(sys.argv) > 1 else "panda"
 robot = iq.load_robot(NAME)
-follower = iq.Follower(iq.Controller(robot, dt=DT, acceleration_limit=8.0), jerk=200.0, timeout=0.1)
+follower = iq.Follower(iq.Controller(robot, dt=DT, acceleration_limit=8.0), jerk=200.0)
 
 
 def twist_of(linear, angular):

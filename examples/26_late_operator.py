@@ -34,7 +34,7 @@ def run(robot, *, told, fade, linked=True):
     coming = deque([np.zeros(7)] * ARM)
     for k in range(round(6.0 / DT)):
         t, tool = k * DT, robot.pose(q)
-        at_tool = iq.transform(translation=tool[:3, 3])
+        to_tool = iq.adjoint(iq.transform(translation=-tool[:3, 3]))  # twists, from the base's origin to the tool point
         wanted = np.array([0.02 * (1.0 - np.cos(np.pi * min(t, 1.0))), 0.02 * np.sin(2.0 * t)])  # the arm's will
 
         (felt, told_by_robot), (asked, told_by_hand) = back[0], there[0]
@@ -48,7 +48,6 @@ def run(robot, *, told, fade, linked=True):
         mine = (1.0 - share) * BEFORE.robot_projector + share * AFTER.robot_projector
         yours = (1.0 - share) * BEFORE.operator_projector + share * AFTER.operator_projector
         push = np.array([0.0, 0.0, 0.0, WALL * max(0.0, tool[0, 3] - start[0, 3] - 0.01), 0.0, 0.0])  # at the tool
-        to_tool = iq.adjoint(iq.inverse(at_tool))
         done = to_tool @ robot.jacobian(q) @ (q - before) / DT
         asked = yours @ asked
         if linked:
@@ -61,7 +60,7 @@ def run(robot, *, told, fade, linked=True):
         kept = start.copy()
         kept[:2, 3] = tool[:2, 3]
         own = to_tool @ (GAIN * iq.log(kept @ iq.inverse(tool)))
-        coming.append(loop.follow(q, iq.adjoint(at_tool) @ (mine @ own + asked)).velocity)
+        coming.append(loop.follow(q, mine @ own + asked).velocity)
         before, q = q, q + DT * coming.popleft()
         velocity = (robot.pose(q)[:3, 3] - tool[:3, 3]) / DT
         if HANDED - 0.1 < t < HANDED + 1.0:

@@ -32,7 +32,7 @@ def moved_until_touch(cell, controller, move):
 
 
 def straight_down(_cell, controller):
-    """What is asked for in a tick: a speed of the tool, (omega; v)."""
+    """What is asked for in a tick: (omega; v), the velocity of the tool point along the base's axes."""
     return lambda q: controller.follow(q, [0.0, 0.0, 0.0, 0.0, 0.0, -SPEED])
 
 
