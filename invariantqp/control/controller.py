@@ -710,7 +710,7 @@ class Controller:
             solution = solve(law, demand._replace(rows=rows))
         self._remember(memory, positions, solution.velocity)
         solution = self._limits.told(self._limits.with_broken(solution, now), positions, limits.strained)
-        trouble = memory.states.trouble(self.dt, self.fastest_gain, chases=share is not None)
+        trouble = memory.states.trouble(self.dt, self.gain, self.fastest_gain, chases=share is not None)
         if trouble is not None:
             solution = with_trouble(solution, (trouble,))
         return solution._replace(joint_names=self.robot.names)

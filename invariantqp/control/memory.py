@@ -71,11 +71,11 @@ class JointStates(NamedTuple):
         responds = not response.unresponsive.any()
         return JointStates(response, self.ratio.after(commanded, moved, dt, responds=responds))
 
-    def trouble(self, dt: float, gain: float, *, chases: bool) -> Reason | None:
+    def trouble(self, dt: float, gain: float, fastest_gain: float, *, chases: bool) -> Reason | None:
         """What is wrong with the joints of a loop, as in `MotionRatio.trouble`."""
         if unresponsive := self.response.unresponsive_joints:
             return Reason(Code.NO_MOTION, unresponsive)
-        return self.ratio.trouble(dt, gain, self.response.farthest, chases=chases)
+        return self.ratio.trouble(dt, gain, fastest_gain, self.response.farthest, chases=chases)
 
 
 class Memory(NamedTuple):

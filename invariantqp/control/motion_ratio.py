@@ -19,8 +19,9 @@ from invariantqp.control.response import COMMANDED_REST, RESPONSE_TIME
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.reasons import Code, Reason
 
-# So many updates count at least, however long they are apart.
-FEWEST_UPDATES = 8
+# Displacements are compared over the time of a response, or so many updates: an arm that swings because of a delay has
+# a period of many. Positions that do not change for this time [s] are not updated, or rest.
+FEWEST_UPDATES, LONGEST_INTERVAL = 50, 0.5
 # The motion is in proportion to the commands where these explain so much of its square. With a first-order lag it is
 # not while the ratio is below one half, whatever the lag; with ticks whose lengths scatter by 20 % it is. Where drives
 # lag by 50 ms while an arm oscillates, the second share is left, in displacements too large for noise [rad].
@@ -29,12 +30,13 @@ PROPORTIONAL, OSCILLATES, LARGE_OSCILLATION = 0.95, 0.15, 0.03
 # Smaller ones count after so many displacements of single joints; a ratio above one also needs them to be so many times
 # the smallest that was measured, which may be a count.
 LEAST_MOVED, MANY_MOVED, MOST_COUNTS = 8e-3, 12, 4.0
-# Positions that do not change for longer than this [s] are not updated at all, or rest.
-LONGEST_INTERVAL = 0.5
 # Ratios that are reported, and overshoots of the feedback, as gain times interval.
 MOST_RATIO, LEAST_RATIO, OVERSHOOT = 2.0, 0.5, 1.2
 # The joints do not follow their commands below this ratio, if these are on average above this speed [rad/s, length/s].
-KEPT_SHARE, LEAST_SPEED = 0.2, 0.015
+# They do not either, but oscillate, where so little is left of the ratio without what comes from going to and fro: of
+# joints that end where they began, commanded by -gain dt q, commanded . moved is gain dt |moved|^2 / 2. Their mean
+# distance from the middle is then at least this [rad, length]; less may be noise.
+KEPT_SHARE, LEAST_SPEED, LEAST_OSCILLATION = 0.2, 0.015, 0.02
 # Number of scalar fields.
 NUMBERS = 10
 
@@ -108,26 +110,33 @@ class MotionRatio(NamedTuple):
             finest=min(self.finest, float(np.abs(moved[moved != 0.0]).min())),
         )
 
-    def trouble(self, dt: float, gain: float, farthest: int, *, chases: bool) -> Reason | None:
-        """What is wrong with a loop of ticks of dt [s] and a gain [1/s], None where nothing is known to be.
+    def trouble(self, dt: float, gain: float, fastest_gain: float, farthest: int, *, chases: bool) -> Reason | None:
+        """What is wrong with a loop of ticks of dt [s], None where nothing is known to be.
 
-        Of joints that do not follow, the one `farthest` from where it was commanded to is named; that they do not is
-        said of a loop that `chases` a target.
+        Args:
+            dt: of the loop [s].
+            gain: at which targets are approached [1/s].
+            fastest_gain: the larger of that and the gain at which position limits are approached [1/s].
+            farthest: the joint that is farthest from where it was commanded to be, which is named.
+            chases: whether the loop follows a target; only of such a loop it is said that joints do not follow.
         """
         ratio, updates, ticks = self.ratio, self.updates, min(self.interval, self.interval_before)
         large = max(self.commanded, self.moved) >= LEAST_MOVED**2 * updates
         fine = ratio < 1.0 or self.moved >= (MOST_COUNTS * self.finest) ** 2 * updates
         many = fine and len(self.pending) * updates >= MANY_MOVED
-        oscillates = ratio > MOST_RATIO and self.moved >= LARGE_OSCILLATION**2 * updates
-        share = OSCILLATES if oscillates else PROPORTIONAL
+        lagging = ratio > MOST_RATIO and self.moved >= LARGE_OSCILLATION**2 * updates
+        share = OSCILLATES if lagging else PROPORTIONAL
         proportional = ratio > 0.0 and self.product**2 >= share * self.commanded * self.moved
         measured = ticks > 0.0 and (large or many) and proportional
-        if ticks > 1.0 and ticks * gain * dt > OVERSHOOT and (large or measured):
+        if ticks > 1.0 and ticks * fastest_gain * dt > OVERSHOOT and (large or measured):
             return Reason(Code.STATES_ARE_OLD, numbers=(ticks, 1e3 * ticks * dt, 1e3 * dt))
-        too_far = ratio > MOST_RATIO or ratio * ticks * gain * dt > OVERSHOOT
+        too_far = ratio > MOST_RATIO or ratio * ticks * fastest_gain * dt > OVERSHOOT
         if measured and (too_far or (ratio < LEAST_RATIO and self.time > RESPONSE_TIME)):
             return Reason(Code.DT_IS_WRONG, numbers=(ratio, 1e3 * ratio * dt, 1e3 * dt))
-        fast = self.commanded > (LEAST_SPEED * dt) ** 2 * updates
-        if chases and fast and ratio < KEPT_SHARE and self.time > RESPONSE_TIME:
+        follows = ratio >= KEPT_SHARE or self.commanded <= (LEAST_SPEED * dt) ** 2 * updates
+        progress = self.product - 0.5 * gain * dt * self.moved
+        far = self.commanded >= (LEAST_OSCILLATION * gain * dt) ** 2 * updates
+        oscillates = far and progress < KEPT_SHARE * self.commanded
+        if chases and (oscillates or not follows) and self.time > RESPONSE_TIME:
             return Reason(Code.NOT_FOLLOWING, (farthest,))
         return None

@@ -152,7 +152,7 @@ static PyObject *written(const Reasons *reasons, PyObject *nothing)
 }
 
 /* What is said of the states of joints: those that stand or, of joints that move, how they do. */
-static void add_joint_trouble(Reasons *found, int joints, double dt, double gain, bool chases, const double *states)
+static void add_joint_trouble(Reasons *found, int joints, double dt, double gain, double fastest_gain, bool chases, const double *states)
 {
     if (any_unresponsive(states, joints)) {
         say(found, WHY_NO_MOTION);
@@ -161,7 +161,7 @@ static void add_joint_trouble(Reasons *found, int joints, double dt, double gain
                 add(found, JOINT, j);
         return;
     }
-    JointTrouble trouble = joint_trouble(joints, dt, gain, chases, states);
+    JointTrouble trouble = joint_trouble(joints, dt, gain, fastest_gain, chases, states);
     if (trouble.code == 0)
         return;
     say(found, trouble.code);
@@ -175,7 +175,7 @@ static void add_joint_trouble(Reasons *found, int joints, double dt, double gain
 PyObject *state_troubles(int joints, double dt, double gain, const double *states)
 {
     Reasons found = {.count = 0};
-    add_joint_trouble(&found, joints, dt, gain, false, states);
+    add_joint_trouble(&found, joints, dt, gain, gain, false, states);
     return written(&found, Py_None);
 }
 
@@ -183,7 +183,7 @@ PyObject *state_troubles(int joints, double dt, double gain, const double *state
 PyObject *joint_troubles(const Loop *loop, const Tick *tick)
 {
     Reasons found = {.count = 0};
-    add_joint_trouble(&found, loop->joints, loop->dt, fmax(loop->gain, loop->rate), tick->chased, tick->states);
+    add_joint_trouble(&found, loop->joints, loop->dt, loop->gain, fmax(loop->gain, loop->rate), tick->chased, tick->states);
     for (int j = 0; j < loop->joints; j++)
         if (tick->outside[j] > 0.0) {
             say(&found, WHY_OUTSIDE);
@@ -249,14 +249,11 @@ static PyObject *reasons(int m, const Solution *solution)
         say(&found, WHY_DAMPED);
         add(&found, NUMBER, solution->ratio);
     }
-    bool few = status(solution) == LIMITED && solution->achievable < 1.0;
-    bool more = false;
+    bool limited = status(solution) == LIMITED, few = limited && solution->achievable < 1.0;
     double explained = few ? sqrt(1.0 - solution->achievable) + MISSED_SHARE : 0.0;
-    if (status(solution) == LIMITED && !solution->stuck && solution->rows == 0 && solution->pace >= WHOLE_SPEED && solution->missed >= explained) {
-        if (isfinite(solution->missed) && solution->method == CLOSED_FORM)
-            say(&found, WHY_CALMED);
-        more = true;
-    }
+    bool more = limited && !solution->stuck && solution->rows == 0 && solution->pace >= WHOLE_SPEED && solution->missed >= explained;
+    if (more && isfinite(solution->missed) && solution->method == CLOSED_FORM)
+        say(&found, WHY_CALMED);
     if (few) {
         say(&found, WHY_FEW_JOINTS);
         add(&found, NUMBER, solution->m);

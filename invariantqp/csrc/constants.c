@@ -89,6 +89,7 @@ const Constant CONSTANTS[] = {
     ONE("control.response", SCATTER),
     ONE("control.response", EXPLAINED),
     ONE("control.motion_ratio", LEAST_SPEED),
+    ONE("control.motion_ratio", LEAST_OSCILLATION),
     {"geometry.arrays.ROTATION_TOLERANCE", ROTATION_TOLERANCE},
     {"geometry.arrays.ROTATION", ROTATION},
     {"geometry.sizes.SMALLEST", SMALLEST_SIZE},

@@ -173,7 +173,7 @@ void update_states(const Loop *loop, const double *commanded, const double *move
 }
 
 /* motion_ratio.py, trouble; unresponsive joints are told before. */
-JointTrouble joint_trouble(int m, double dt, double gain, bool chases, const double *states)
+JointTrouble joint_trouble(int m, double dt, double gain, double fastest_gain, bool chases, const double *states)
 {
     const double *numbers = states + STATE_ROWS * m;
     double commanded = numbers[RATIO_COMMANDED], moved = numbers[RATIO_MOVED], product = numbers[RATIO_PRODUCT];
@@ -182,17 +182,20 @@ JointTrouble joint_trouble(int m, double dt, double gain, bool chases, const dou
     double counts = MOST_COUNTS * numbers[FINEST];
     bool large = fmax(commanded, moved) >= LEAST_MOVED * LEAST_MOVED * updates;
     bool fine = ratio < 1.0 || moved >= counts * counts * updates, many = fine && m * updates >= MANY_MOVED;
-    bool oscillates = ratio > MOST_RATIO && moved >= LARGE_OSCILLATION * LARGE_OSCILLATION * updates;
-    double share = oscillates ? OSCILLATES : PROPORTIONAL;
+    bool lagging = ratio > MOST_RATIO && moved >= LARGE_OSCILLATION * LARGE_OSCILLATION * updates;
+    double share = lagging ? OSCILLATES : PROPORTIONAL;
     bool proportional = ratio > 0.0 && product * product >= share * commanded * moved;
     bool measured = ticks > 0.0 && (large || many) && proportional, lasts = numbers[RATIO_TIME] > RESPONSE_TIME;
-    if (ticks > 1.0 && ticks * gain * dt > OVERSHOOT && (large || measured))
+    if (ticks > 1.0 && ticks * fastest_gain * dt > OVERSHOOT && (large || measured))
         return (JointTrouble){WHY_STATES_ARE_OLD, 0, {ticks, 1e3 * ticks * dt, 1e3 * dt}};
-    bool too_far = ratio > MOST_RATIO || ratio * ticks * gain * dt > OVERSHOOT;
+    bool too_far = ratio > MOST_RATIO || ratio * ticks * fastest_gain * dt > OVERSHOOT;
     if (measured && (too_far || (ratio < LEAST_RATIO && lasts)))
         return (JointTrouble){WHY_DT_IS_WRONG, 0, {ratio, 1e3 * ratio * dt, 1e3 * dt}};
     JointTrouble found = {0};
-    if (!(chases && commanded > LEAST_SPEED * dt * (LEAST_SPEED * dt) * updates && ratio < KEPT_SHARE && lasts))
+    double slow = LEAST_SPEED * dt, near = LEAST_OSCILLATION * gain * dt, progress = product - 0.5 * gain * dt * moved;
+    bool follows = ratio >= KEPT_SHARE || commanded <= slow * slow * updates;
+    bool oscillates = commanded >= near * near * updates && progress < KEPT_SHARE * commanded;
+    if (!(chases && (oscillates || !follows) && lasts))
         return found;
     found.code = WHY_NOT_FOLLOWING;
     for (int j = 0; j < m; j++) { /* response.py, farthest */

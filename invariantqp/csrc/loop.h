@@ -83,7 +83,7 @@ void predicted(const Loop *loop, const double *kept, const double *states, const
 double displacement(const Loop *loop, int j, double start, double end);
 bool any_unresponsive(const double *states, int joints);
 void update_states(const Loop *loop, const double *commanded, const double *moved, double *states);
-JointTrouble joint_trouble(int joints, double dt, double gain, bool chases, const double *states);
+JointTrouble joint_trouble(int joints, double dt, double gain, double fastest_gain, bool chases, const double *states);
 void remembered(const Loop *loop, const double *q, const Tick *tick, double *kept);
 Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, const double *q, const Pose *target,
                     const double *feedforward, const double *before, const double *kept, Tick *tick);
@@ -93,7 +93,7 @@ bool is_far(const Loop *loop, const double *q, const Pose *target);
 #define WHOLE_TICKS 1e-9
 #define MOST_LATE 10000
 #define KEPT_SHARE 0.2
-#define FEWEST_UPDATES 8
+#define FEWEST_UPDATES 50
 #define PROPORTIONAL 0.95
 #define OSCILLATES 0.15
 #define LARGE_OSCILLATION 0.03
@@ -113,6 +113,7 @@ bool is_far(const Loop *loop, const double *q, const Pose *target);
 #define SCATTER 30.0
 #define EXPLAINED 0.5
 #define LEAST_SPEED 0.015
+#define LEAST_OSCILLATION 0.02
 #define OUTSIDE 1e-3
 #define BOUNDLESS 1e30
 #define BRAKING_SHARE 0.5

@@ -478,7 +478,7 @@ class Follower:
             states = JointStates.of(self._states, self._m)
             states = states.after(loop.dt * self._shown, q - seen, loop.dt, units(self._limits.velocity))
         self._states = states.numbers
-        self._trouble = states.trouble(loop.dt, loop.fastest_gain, chases=False)
+        self._trouble = states.trouble(loop.dt, loop.gain, loop.fastest_gain, chases=False)
         responds = [j for j in before_this if j not in self._unresponsive]
         # A joint that begins to respond does so at the same command as in the ticks before.
         self._a, self._pace = _at_rest(self._a, responds), _at_rest(self._pace, responds)
