@@ -131,16 +131,27 @@ def test_trouble_is_logged_and_a_reset_begins_anew(press):
     assert "lost: " in press.logged[-1]
 
 
-def test_a_servo_node_follows_twists_and_stops_without_joint_states(monkeypatch):
-    node = spun("18_servo_ros", monkeypatch)
+def driven(node, topic, message, ticks, every=1):
+    """The joints after ticks of a servo node that hears a message on its first tick and on every so many after."""
     q, (_, tick) = START.copy(), node.timers[0]
-    along = SimpleNamespace(linear=SimpleNamespace(x=0.0, y=0.05, z=0.0), angular=SimpleNamespace(x=0.0, y=0.0, z=0.0))
-    for k in range(250):
-        if k % 10 == 0:
-            node.subscribed["servo/twist"](ros.message("TwistStamped", twist=along))
+    for k in range(ticks):
+        if k % every == 0:
+            node.subscribed[topic](message)
         node.subscribed["joint_states"](state_of(q))
         tick()
         q = q + 0.002 * np.array(node.published[-1].data)
+    return q
+
+
+def twist_message(linear=(0.0, 0.0, 0.0), angular=(0.0, 0.0, 0.0)):
+    v, w = (SimpleNamespace(**dict(zip("xyz", part, strict=True))) for part in (linear, angular))
+    return ros.message("TwistStamped", twist=SimpleNamespace(linear=v, angular=w))
+
+
+def test_a_servo_node_follows_twists_and_stops_without_joint_states(monkeypatch):
+    node = spun("18_servo_ros", monkeypatch)
+    q = driven(node, "servo/twist", twist_message(linear=(0.0, 0.05, 0.0)), 250, every=10)
+    _, tick = node.timers[0]
     assert 0.015 < UR5.pose(q)[1, 3] - UR5.pose(START)[1, 3] < 0.03
     for _ in range(12):
         tick()
@@ -149,14 +160,7 @@ def test_a_servo_node_follows_twists_and_stops_without_joint_states(monkeypatch)
 
 def test_a_twist_that_only_turns_leaves_the_tool_where_it_is(monkeypatch):
     node = spun("18_servo_ros", monkeypatch)
-    q, (_, tick) = START.copy(), node.timers[0]
-    turn = SimpleNamespace(linear=SimpleNamespace(x=0.0, y=0.0, z=0.0), angular=SimpleNamespace(x=0.2, y=0.0, z=0.0))
-    for k in range(500):
-        if k % 10 == 0:
-            node.subscribed["servo/twist"](ros.message("TwistStamped", twist=turn))
-        node.subscribed["joint_states"](state_of(q))
-        tick()
-        q = q + 0.002 * np.array(node.published[-1].data)
+    q = driven(node, "servo/twist", twist_message(angular=(0.2, 0.0, 0.0)), 500, every=10)
     moved = UR5.pose(q) @ iq.inverse(UR5.pose(START))
     assert np.linalg.norm(UR5.pose(q)[:3, 3] - UR5.pose(START)[:3, 3]) < 1e-3
     assert iq.log(moved)[0] == pytest.approx(0.2, abs=0.03)
@@ -164,11 +168,6 @@ def test_a_twist_that_only_turns_leaves_the_tool_where_it_is(monkeypatch):
 
 def test_a_servo_node_goes_to_a_pose(monkeypatch):
     node = spun("18_servo_ros", monkeypatch)
-    q, (_, tick) = START.copy(), node.timers[0]
-    target = iq.transform(translation=[0.0, 0.0, 0.05]) @ UR5.pose(q)
-    for _ in range(1000):
-        node.subscribed["servo/pose"](pose_message(target))
-        node.subscribed["joint_states"](state_of(q))
-        tick()
-        q = q + 0.002 * np.array(node.published[-1].data)
+    target = iq.transform(translation=[0.0, 0.0, 0.05]) @ UR5.pose(START)
+    q = driven(node, "servo/pose", pose_message(target), 1000)
     assert np.abs(UR5.pose(q) - target).max() < 1e-3
