@@ -98,21 +98,21 @@ bool vector(PyObject *object, int n, double *into)
 bool matrix(PyObject *object, int rows, int n, int width, double *into)
 {
     PyArrayObject *array = (PyArrayObject *)object;
-    if (!is_array(object, 2)) {
-        PyObject *other = as_doubles(object), *item;
-        bool good = other != NULL && is_array(other, 2) && matrix(other, rows, n, width, into);
-        Py_XDECREF(other);
-        if (PyArray_Check(object))
-            return good;
-        for (int i = 0; i < rows; i++)
-            if (!item_of(object, rows, i, &item) || !vector(item, n, into + i * width))
-                return false;
-        return rows > 0;
+    if (is_array(object, 2)) {
+        if (PyArray_DIM(array, 0) != rows || PyArray_DIM(array, 1) != n)
+            return false;
+        strided(PyArray_BYTES(array), PyArray_STRIDE(array, 0), PyArray_STRIDE(array, 1), rows, n, width, into);
+        return true;
     }
-    if (PyArray_DIM(array, 0) != rows || PyArray_DIM(array, 1) != n)
-        return false;
-    strided(PyArray_BYTES(array), PyArray_STRIDE(array, 0), PyArray_STRIDE(array, 1), rows, n, width, into);
-    return true;
+    PyObject *other = as_doubles(object), *item;
+    bool good = other != NULL && is_array(other, 2) && matrix(other, rows, n, width, into);
+    Py_XDECREF(other);
+    if (PyArray_Check(object))
+        return good;
+    for (int i = 0; i < rows; i++)
+        if (!item_of(object, rows, i, &item) || !vector(item, n, into + i * width))
+            return false;
+    return rows > 0;
 }
 
 bool pose(PyObject *object, Pose *T)

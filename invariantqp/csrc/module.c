@@ -94,16 +94,12 @@ double *memory_of(PyObject *object, const Loop *loop)
     return good ? PyArray_DATA(array) : NULL;
 }
 
-/* The pose of a target, its rotation to all digits: (4, 4) numbers, or what has one as `homogeneous`, or gives one by `as_matrix()`. */
+/* The pose of a target, its rotation to all digits: (4, 4) numbers, or what has one as `homogeneous`, or gives one by
+   `as_matrix()`. */
 bool target_pose(PyObject *object, Pose *T)
 {
-    if (PyArray_Check(object) || PyList_CheckExact(object) || PyTuple_CheckExact(object)) {
-        if (!pose(object, T))
-            return false;
-        with_rotation(T);
-        return true;
-    }
-    PyObject *array = PyObject_GetAttr(object, HOMOGENEOUS);
+    bool numbers = PyArray_Check(object) || PyList_CheckExact(object) || PyTuple_CheckExact(object);
+    PyObject *array = numbers ? Py_NewRef(object) : PyObject_GetAttr(object, HOMOGENEOUS);
     if (array == NULL) {
         PyErr_Clear();
         array = PyObject_CallMethodObjArgs(object, AS_MATRIX, NULL);

@@ -259,11 +259,11 @@ Outcome reported(const Demand *demand, const Row A[6], const double wanted[6], c
     double size = norm(6, wanted);
     solution->achievable = 1.0;
     if (demand->rows == 0 && possible != wanted && size > nothing(demand)) { /* report.py, _achievable */
-        double share = dot(6, wanted, possible) / (size * size);
-        solution->achievable = share < ENOUGH_ACHIEVED ? share : 1.0;
+        double achieved = dot(6, wanted, possible) / (size * size);
+        solution->achievable = achieved < ENOUGH_ACHIEVED ? achieved : 1.0;
     }
     solution->position_alone = solution->achievable < 1.0 && demand->m >= 3 && moves_anywhere(demand->m, A);
-    solution->beyond = norm(6, wanted) > nothing(demand) ? solution->beyond : 0.0;
+    solution->beyond = size > nothing(demand) ? solution->beyond : 0.0;
     solution->limited = little || solution->rows > 0 || (solution->missed > MISSED_SHARE && !falls(demand, solution->velocity));
     solution->stuck = (little && !demand->chased) ||
                       ((little || (solution->limited && isinf(solution->missed))) && rests(demand, A, solution->velocity));
