@@ -1,59 +1,49 @@
-"""Speed against accuracy at equal information: table, verdict and chart, from results kept beside this script.
+"""Speed against accuracy at equal information: tables and chart, from results kept beside this script.
 
-Every figure is in examples/comparison/results.json: machine, versions, seeds. To measure all of it again in about ten
-minutes on an idle machine (extras robots, peers, placo, drake), draw charts, and write README's part and the report:
+Every figure is in examples/comparison/results.json: machine, versions, seed. To measure all of it again, in about
+twenty minutes on an idle machine (extra peers; invariantqp compare --setup), and write charts, page and README's part:
 
     python examples/07_speed_and_accuracy.py --measure
 
-Run: python examples/07_speed_and_accuracy.py [picture.svg]      prints table and verdict, and draws the chart
+Run: python examples/07_speed_and_accuracy.py [picture.svg]      prints who is better and where, and draws the chart
      python examples/07_speed_and_accuracy.py --readme           draws the charts, writes README's part and the page
-     python examples/07_speed_and_accuracy.py --everyday         measures the everyday tasks, a minute; writes the page
 """
 
 import json
 import sys
 from pathlib import Path
 
-from shared.pages import guide, listed, markdown, write_section
+from shared.pages import guide, markdown, write_section
 
 from invariantqp.cli.console import progress
-from invariantqp.compare.measurements import KINDS
-from invariantqp.compare.report import DARK, draw, losses, verdict, write_report
+from invariantqp.compare.report import DARK, draw
 from invariantqp.compare.results import write_results
-from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
-from invariantqp.compare.tables import summary
+from invariantqp.compare.sweep import methods_named, sweep, tasks_of
+from invariantqp.compare.tables import lost_kinds, summary
 
 HERE = Path(__file__).parent
-FOLDER, PICTURES = HERE / "comparison", HERE / "pictures"
+RESULTS, PICTURES = HERE / "comparison" / "results.json", HERE / "pictures"
 
 
 def main(word):
     if word == "--measure":
+        tasks = tasks_of([], None, None, 0, quick=False)
         with progress("measuring", quiet=False) as report:
-            rest = [name for name, kind in KINDS.items() if name != "everyday" and not kind.on_request]
-            results = sweep(DEFAULT_TASKS, None, jobs=-1, only=rest, progress=report)
-        write_results(FOLDER / "results.json", results)
-        write_report(results, FOLDER)
-    if word in {"--measure", "--everyday"}:
-        with progress("measuring", quiet=False) as report:
-            first = sweep([], None, jobs=-1, only=["everyday"], progress=report)
-        write_results(FOLDER / "everyday.json", first)
-    results, first = (json.loads((FOLDER / file).read_text("utf-8")) for file in ("results.json", "everyday.json"))
-    print(markdown(summary(results)), "\n")
-    for sentence in verdict(results):
-        print("-", sentence)
-    if word in {"--measure", "--readme", "--everyday"}:
-        write_section(HERE / "guide" / "comparison.md", guide(results, first))
+            write_results(RESULTS, sweep(tasks, methods_named(None), progress=report))
+    results = json.loads(RESULTS.read_text("utf-8"))
+    for table in (summary(results), lost_kinds(results)):
+        print(markdown(table), "\n")
     if word in {"--measure", "--readme"}:
+        write_section(HERE / "guide" / "comparison.md", guide(results))
         for columns, width in ((2, ""), (1, "_phone")):
             draw(results, PICTURES / f"speed_and_accuracy{width}.png", columns=columns)
             draw(results, PICTURES / f"speed_and_accuracy{width}_dark.png", DARK, columns)
-        write_section(HERE.parent / "README.md", listed(losses(results)))
-        print("\nREADME.md has where ours loses, examples/guide/comparison.md the tables, examples/pictures the charts")
-    elif word != "--everyday":
+        write_section(HERE.parent / "README.md", markdown(lost_kinds(results)))
+        print("README.md has where ours loses, examples/guide/comparison.md the tables, examples/pictures the charts")
+    else:
         if word:
             draw(results, Path(word))
-        print(f"\nmeasured on {results['machine']['processor']}; to do so again: invariantqp compare --out DIR")
+        print(f"measured on {results['machine']['processor']}; to do so again: invariantqp compare --out DIR")
 
 
 if __name__ == "__main__":

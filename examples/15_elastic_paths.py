@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -32,7 +33,8 @@ from scipy.interpolate import CubicSpline
 from shared.ten_arms import ARMS, arm, limits
 
 import invariantqp as iq
-from invariantqp.compare.registry import controller_named
+from invariantqp.compare.by_hand import ByHand, qp
+from invariantqp.compare.tasks import spec_of
 from invariantqp.runs.taskfile import LawSpec
 
 DT = 0.001
@@ -46,7 +48,7 @@ PLACES = 400
 # A past-limit path is drawn so often at most until no other posture reaches its end.
 DRAWS = 20
 # A run that takes longer than this has stalled [s].
-LONGEST = 60.0
+REQUEST_TIMEOUT = 60.0
 
 
 class Task(NamedTuple):
@@ -140,7 +142,7 @@ def follow(task: Task, pose: Callable[[float], np.ndarray]) -> Run:
     follower.prepare(q)
     steps, velocities, places = [q], [], [0.0]
     status = ""
-    while status not in ("done", "blocked") and len(steps) * DT < LONGEST:
+    while status not in ("done", "blocked") and len(steps) * DT < REQUEST_TIMEOUT:
         answer = follower.step(q)
         q = q + DT * answer.velocity
         steps.append(q)
@@ -150,18 +152,21 @@ def follow(task: Task, pose: Callable[[float], np.ndarray]) -> Run:
     return Run(np.array(steps), np.array(velocities), np.array(places), status)
 
 
-def keep_time(task: Task, loop: Any) -> Run:
-    """A law without the follower: it is told where to be, and how fast, in every tick."""
+def keep_time(task: Task, step: Callable[..., np.ndarray]) -> Run:
+    """A law without the follower: in every tick it is given the target pose and its twist.
+
+    `step` returns joint velocities, of joint positions, the target, its twist, and the velocities of the tick before.
+    """
     n = max(round(task.duration / DT), 10)
     places = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, n + 1))
     poses = [task.pose(u) for u in places]
     q = task.joints(0.0).copy()
-    steps, velocities = [q], []
+    steps, velocities = [q], [np.zeros(len(q))]
     for now, then in pairwise(poses):
-        velocities.append(loop.step(q, now, iq.log(then @ np.linalg.inv(now)) / DT).velocity)
+        velocities.append(step(q, now, iq.log(then @ np.linalg.inv(now)) / DT, velocities[-1]))
         q = q + DT * velocities[-1]
         steps.append(q)
-    return Run(np.array(steps), np.array(velocities), places, "")
+    return Run(np.array(steps), np.array(velocities[1:]), places, "")
 
 
 def off_path(task: Task, run: Run, pose: Callable[[float], np.ndarray], each: int = 1) -> np.ndarray:
@@ -220,8 +225,10 @@ def measured(number: int) -> np.ndarray:
     """(9,) one task: mm and deg of the follower, the law and the QP; their times over TOPP-RA's; 1 where it arrived."""
     task = random_task(number)
     ours = follow(task, task.pose)
-    law = keep_time(task, iq.Controller(task.robot, dt=DT))
-    other = keep_time(task, controller_named("QP with length and LM")(task.robot, LawSpec(dt=DT)))
+    loop = iq.Controller(task.robot, dt=DT)
+    law = keep_time(task, lambda q, target, twist, _: loop.step(q, target, twist).velocity)
+    rival = ByHand(spec_of(task.robot, LawSpec(dt=DT)), partial(qp, length=True, by_error=True))
+    other = keep_time(task, lambda q, target, *more: rival.step(q, rival.target(target, None), *more))
     errors = [off_path(task, ours, task.pose), *(off_path(task, r, task.pose, 5) for r in (law, other))]
     times = np.array([len(ours.velocity), len(law.velocity)]) * DT / optimal_time(ours, task)
     return np.array([*np.ravel(errors), *times, ours.status == "done"])

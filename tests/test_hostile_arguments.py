@@ -24,7 +24,7 @@ PROTOCOLS = "Backend Controls Damping Exact Form Limit Robot"
 # Public names that are not called here, and why.
 NOT_CALLED = {
     "a result: the library makes it": "Border Candidate Centre Identification "
-    "ContactFrameCheck ContactTrace DualProjectors Existence FollowerSolution "
+    "ContactTrace DualProjectors Existence FollowerSolution "
     "FrameCheck GibsonHunt LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
     "Involution MethodChoice NullPlane PenroseConditions PointMotion PoseSolution Recommendation "
     "Code Loop Reason "
@@ -36,7 +36,7 @@ NOT_CALLED = {
     "what a back end is given, and protocols": f"BoxQP {PROTOCOLS}",
     "decoded from a file by pydantic, which has errors of its own": "LawSpec Task",
     "takes what load_task, run_task and inspect return; runs, draws or serves for seconds": "run_task frame_check "
-    "contact_frame_check picture pitch_picture animation Viewer",
+    "picture pitch_picture animation Viewer",
 }
 # Public methods that are not called here, and why.
 INNER = {

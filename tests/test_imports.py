@@ -184,10 +184,7 @@ EXTRAS = {
     "pictures": ("iq.pictures.picture", ["matplotlib"]),
     "pink": ("from invariantqp.pink import InvariantFrameTask", ["pink"]),
     "mink": ("from invariantqp.mink import InvariantFrameTask", ["mink"]),
-    "peers": ("from invariantqp.compare.registry import controller_named as c; c('Pink')", ["pink"]),
     "sim": ("iq.run_task(iq.load_task('pen_on_paper'), physics='mujoco')", ["mujoco"]),
-    "placo": ("from invariantqp.compare.registry import controller_named as c; c('placo')", ["placo"]),
-    "drake": ("from invariantqp.compare.registry import controller_named as c; c('Drake')", ["pydrake"]),
 }
 ABSENT = """
 import sys

@@ -1,14 +1,16 @@
 """Inside mink: our frame task under mink's solver and limits."""
 
 import mink
+import mujoco
 import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.compare.libraries import POINT, mujoco_model
+from invariantqp.compare.arms import urdf
 from invariantqp.mink import InvariantFrameTask, chain_to
 
 DT = 0.01
+POINT = "point"  # the second site, and where it is on the tool
 OFFSET = iq.exp([0.9, -1.4, 0.6, 0.2, -0.1, 0.15])
 
 
@@ -19,7 +21,12 @@ def arms():
 
 
 def with_second_site(robot):
-    return mujoco_model(robot, OFFSET)
+    spec = mujoco.MjSpec.from_string(urdf(robot))
+    for name, frame in (("tool", np.eye(4)), (POINT, OFFSET)):
+        quat = np.empty(4)
+        mujoco.mju_mat2Quat(quat, frame[:3, :3].ravel())
+        spec.body("tool").add_site(name=name, pos=frame[:3, 3], quat=quat)
+    return spec.compile()
 
 
 def drawn(rng, robot):
@@ -99,8 +106,6 @@ def test_it_arrives_inside_minks_limits_as_minks_task_does(arms):
 
 
 def test_the_joints_are_the_models_wherever_their_zero_is():
-    import mujoco
-
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><worldbody><body pos="0 0 .3"><joint axis="0 0 1" ref="40" range="-90 90"/><geom size=".1"/>
         <body pos=".4 0 0"><joint axis="0 1 0" ref="-70" pos=".1 0 0"/><geom size=".1"/>
@@ -117,8 +122,6 @@ def test_the_joints_are_the_models_wherever_their_zero_is():
 
 
 def test_joints_that_do_not_move_the_frame_are_left_alone_and_a_free_base_moves():
-    import mujoco
-
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><worldbody><body><freejoint/><geom size=".1"/>
         <body pos="0 .3 0"><joint axis="0 0 1" ref="10"/><geom size=".1"/><site name="a" pos=".2 0 0"/></body>

@@ -13,10 +13,12 @@ from support.readme import Block, blocks, in_python
 
 import invariantqp as iq
 from invariantqp import cli
+from invariantqp.compare.tables import frame_change
 from invariantqp.runs.taskfile import tomllib
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+KEPT = json.loads((ROOT / "examples" / "comparison" / "results.json").read_text(encoding="utf-8"))
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 PROSE = re.sub(r"^```.*?^```", "", README, flags=re.DOTALL | re.MULTILINE)
 # Names that the text has introduced where a block of code uses them.
@@ -162,34 +164,29 @@ def test_every_file_it_names_is_there():
     assert [f for f in files if not (ROOT / f).exists()] == []
 
 
-def measured(file, task, figure, method="invariantqp", kind=None):
+def measured(task, figure, method="invariantqp"):
     """A figure of the stored comparison, with the two digits that the README prints."""
-    cells = json.loads((ROOT / "examples" / "comparison" / file).read_text(encoding="utf-8"))["cells"]
-    found = [
-        c["result"][figure] for c in cells if (c["method"], c["task"]) == (method, task) and kind in (None, c["kind"])
-    ]
-    return f"{found[0]:.2g}"
+    (found,) = [r["figures"][figure] for r in KEPT["runs"] if (r["method"], r["task"]) == (method, task)]
+    return f"{found:.2g}"
 
 
 def test_its_promises_are_what_was_measured():
     said = " ".join(re.search("<!-- promises -->(.*)<!-- end of promises -->", README, re.DOTALL)[1].split())
-    hand = "hand-written loop"
-    stay, turn, wrist = "compare/stay", "compare/turn", "stability/ur5_wrist"
-    ours, theirs = (measured("everyday.json", stay, "joints_deg", who) for who in ("invariantqp", hand))
-    assert f"Joints move by {ours} deg; with a hand-written QP loop and the same posture by {theirs}." in said
-    ours, theirs = (measured("everyday.json", wrist, "acceleration", who) for who in ("invariantqp", hand))
-    assert f"joints accelerate by {ours} rad/s^2, not {float(theirs):.0f};" in said
-    ours, theirs = (float(measured("everyday.json", turn, "position_mm", who)) for who in ("invariantqp", hand))
+    ours, theirs = (measured("panda/stay", "joints_deg", who) for who in ("invariantqp", "QP"))
+    assert (
+        f"Joints of a Panda move by {ours} deg; with a hand-written QP loop and the same posture by {theirs}." in said
+    )
+    ours, theirs = (measured("ur5e/singular wrist", "acceleration", who) for who in ("invariantqp", "QP"))
+    assert f"joints accelerate by {float(ours):.0f} rad/s^2, not {float(theirs):.0f};" in said
+    ours, theirs = (float(measured("panda/turn 45", "mm", who)) for who in ("invariantqp", "QP"))
     assert f"swings by {ours:.0f} mm, not {theirs:.0f};" in said
-    tasks = json.loads((ROOT / "examples" / "comparison" / "results.json").read_text(encoding="utf-8"))["tasks"]
-    times = [
-        [float(measured("results.json", task, "median_us", who, "tick")) for task in tasks]
-        for who in ("invariantqp", hand)
-    ]
-    (fast, slow), (least, most) = ((min(t), max(t)) for t in times)
+    (fast, slow), (least, most) = (
+        (min(times), max(times))
+        for who in ("invariantqp", "QP")
+        for times in [[r["figures"]["us"] for r in KEPT["runs"] if r["method"] == who]]
+    )
     assert f"A tick takes {fast:.0f} to {slow:.0f} us**, the hand-written loop's {least:.0f} to {most:.0f}" in said
-    frame = max(float(measured("results.json", task, "frame", kind="loop")) for task in tasks)
-    assert f"the joints move the same, to {frame:.0e} rad" in said
+    assert f"the joints move the same, to {frame_change(KEPT, 'invariantqp'):.0e} rad" in said
 
 
 def test_the_film_s_figure_is_what_was_recorded():

@@ -22,11 +22,13 @@ from typing import Any
 import numpy as np
 
 from invariantqp.analysis.survey import joint_ranges, spread
-from invariantqp.compare.libraries import PinkLaw, joints_of
-from invariantqp.errors import BadInput
+from invariantqp.compare.arms import as_chain
+from invariantqp.compare.libraries import Pink
+from invariantqp.compare.tasks import spec_of
+from invariantqp.errors import BadInput, RobotModelError
 from invariantqp.extras import is_installed
-from invariantqp.geometry import se3
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry import screws, se3
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.pose.error import pose_arm, pose_error
 from invariantqp.pose.ik import RESTARTS, solve_pose
 from invariantqp.robots.kinematics import Robot
@@ -175,15 +177,17 @@ def ets_of(robot: Robot) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # importing it gives SyntaxWarnings about its own source
         import roboticstoolbox as rtb
+    chain, before = as_chain(robot), np.eye(4)
     pieces: list[Any] = []
-    before = np.eye(4)
-    for joint, low, high in zip(joints_of(robot), *joint_ranges(robot), strict=True):
-        frame = se3.facing(joint.axis, joint.point)
+    for screw, point, low, high in zip(chain.screws.T, chain.places, *joint_ranges(robot), strict=True):
+        slides = not screw[:3].any()
+        if not slides and abs(screws.pitch(screw)) > NEGLIGIBLE:
+            raise RobotModelError("the Robotics Toolbox has no helical joints")
+        frame = se3.facing(screw[3:] if slides else screw[:3], point)
         pieces.append(rtb.ET.SE3(se3.inverse(before).dot(frame)))
-        pieces.append((rtb.ET.tz if joint.slides else rtb.ET.Rz)(qlim=np.array([low, high])))
+        pieces.append((rtb.ET.tz if slides else rtb.ET.Rz)(qlim=np.array([low, high])))
         before = frame
-    home = robot.pose(np.zeros(len(robot.names)))
-    return rtb.ETS([*pieces, rtb.ET.SE3(se3.inverse(before).dot(home))])
+    return rtb.ETS([*pieces, rtb.ET.SE3(se3.inverse(before).dot(chain.home))])
 
 
 def _toolbox(robot: Robot, _time_limit: float) -> Solver:
@@ -206,11 +210,15 @@ def _pinv(robot: Robot, time_limit: float) -> Solver:
 
 def _pink(robot: Robot, time_limit: float) -> Solver:
     # A step is its velocity for one second.
-    law = PinkLaw(robot, LawSpec.model_validate({"dt": 1.0, "gain": 1.0, "posture": False}))
+    loop = Pink(spec_of(robot, LawSpec.model_validate({"dt": 1.0, "gain": 1.0, "posture": False})))
+    # Pink's defaults. The control loop's damping and limits would double the number of steps here.
+    model = loop.configuration.model
+    loop.task.lm_damping, loop.options["limits"] = 0.0, [model.configuration_limit, model.velocity_limit]
+    still = np.zeros(len(robot.names))
 
     def solve(target: Array, start: Array) -> Array:
-        wanted: Any = robot.target(target)
-        return _tried(robot, wanted, start, lambda q: law.step(q, wanted).velocity, time_limit)
+        wanted = loop.target(target, None)
+        return _tried(robot, robot.target(target), start, lambda q: loop.step(q, wanted, None, still), time_limit)
 
     return solve
 

@@ -1,4 +1,4 @@
-"""`invariantqp compare`: our law and other methods on the same tasks, in charts and tables."""
+"""`invariantqp compare`: our law and other methods on the same tasks, in tables, a chart and a page."""
 
 from __future__ import annotations
 
@@ -14,88 +14,122 @@ from invariantqp.cli.console import WIDEST, NotAccepted, Quiet, folder, progress
 from invariantqp.errors import BadInput, install_command
 from invariantqp.extras import require
 
+MORE = "give it again for each further one"
+
 
 def compare(
     tasks: Annotated[
-        list[str] | None, typer.Argument(metavar="TASK", help="Names or files of tasks; six shipped ones by default.")
-    ] = None,
-    methods: Annotated[
         list[str] | None,
+        typer.Argument(metavar="TASK", help="Names or files of tasks; by default the bed: every kind on five arms."),
+    ] = None,
+    arms: Annotated[list[str] | None, typer.Option(metavar="NAME", help=f"An arm of the bed; {MORE}.")] = None,
+    kinds: Annotated[list[str] | None, typer.Option(metavar="NAME", help=f"A kind of task; {MORE}.")] = None,
+    methods: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help=f"A method, a family, or part of a name; {MORE}.")
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report, its chart and results.json.")] = Path(
+        "comparison"
+    ),
+    jobs: Annotated[
+        int, typer.Option(metavar="N", help="Tasks at a time; -1 is one a core. For times to quote: 1.")
+    ] = -1,
+    quick: Annotated[bool, typer.Option("--quick", help="Two arms, without slow methods: two minutes.")] = False,
+    seed: Annotated[int, typer.Option(help="Seed of the bed's tasks.", min=0)] = 0,
+    setup: Annotated[
+        bool,
         typer.Option(
-            metavar="NAME",
-            help="A method, a family, or part of a name; give it again for each further one. Default: all.",
+            "--setup",
+            help="Only install placo, RoboPlan, EmbodiK and Drake, each into an environment of its own: 2 GB.",
         ),
-    ] = None,
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for the report, its pictures and results.json.")
-    ] = Path("comparison"),
-    jobs: Annotated[int, typer.Option(metavar="N", help="Processes for what is not timed; -1 uses all cores.")] = -1,
-    quick: Annotated[bool, typer.Option("--quick", help="Measure few states and long ticks: about a minute.")] = False,
-    only: Annotated[
-        str | None, typer.Option(metavar="KINDS", help="Measurements, separated by commas: loop, tick, beyond, ...")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of states, twists and displacements.", min=0)] = 0,
-    stability: Annotated[
-        bool, typer.Option("--stability", help="Instead, tasks at which methods fail, and inputs with NaN.")
     ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Compare time and accuracy of our law and other methods on each TASK, in a chart, tables and a page.
+    """Compare speed and accuracy of our law and other methods, all given the same.
 
-    With --stability the exit status is 0 if our answers are always finite and inside the limits, 1 if not.
+    Without TASK, on the bed: each kind of task on a Panda, a UR5e, an SO-101, an xArm7 and a random arm of four joints.
+    The exit status is 0 if our answers are always finite and inside the limits, 1 if not.
     """
-    for option, value in {"TASK": tasks, "--only": only}.items():
-        if stability and value:
-            raise BadInput(option, "--stability too", "one of them: --stability has its own tasks and measurements")
-    require("pictures", "matplotlib", "jinja2")
-    from invariantqp.compare.measurements import STABILITY
-    from invariantqp.compare.registry import chosen, not_installed
-    from invariantqp.compare.report import write_report
-    from invariantqp.compare.results import write_results
-    from invariantqp.compare.sweep import DEFAULT_TASKS, sweep
-    from invariantqp.compare.tables import failed_stability
+    from invariantqp.compare.sweep import methods_named, tasks_of
 
     if jobs < -1 or jobs == 0:
-        raise BadInput("--jobs", f"{jobs}", "a number of processes, or -1 for all cores")
-    kinds = list(STABILITY) if stability else None if only is None else [word.strip() for word in only.split(",")]
-    for extra, names in {} if quiet else not_installed(chosen(methods)).items():
-        say(f"not installed, so left out: {'; '.join(names)}. Run: {install_command(extra)}")
+        raise BadInput("--jobs", f"{jobs}", "a number of tasks at a time, or -1 for one a core")
+    rows = methods_named(methods)
+    if setup:
+        make_environments(rows)
+        return
+    require("pictures", "matplotlib", "jinja2")
+    from invariantqp.compare.report import write_report
+    from invariantqp.compare.results import write_results
+    from invariantqp.compare.sweep import sweep
+    from invariantqp.compare.tables import broken_promises
+
     folder("--out", out)
-    with progress("measuring", quiet) as report:
-        results = sweep(tasks or DEFAULT_TASKS, methods, seed=seed, quick=quick, jobs=jobs, only=kinds, progress=report)
-    with writing(out):
+    todo = tasks_of(tasks or (), arms, kinds, seed, quick=quick)
+    with writing(out):  # before hours of work, not after them
         out.mkdir(parents=True, exist_ok=True)
+    with progress("measuring", quiet) as report:
+        results = sweep(todo, rows, seed=seed, quick=quick, jobs=jobs, progress=report)
+    if not quiet:
+        print_comparison(results)
+        say_what_is_left_out([row for row in rows if row.name not in {m["name"] for m in results["methods"]}], quick)
+    with writing(out):
         write_results(out / "results.json", results)
         files = write_report(results, out)
     if not quiet:
-        print_comparison(results, files)
-    failed = failed_stability(results) if stability else []
+        print(f"written: {', '.join(str(file) for file in files)}")
+    failed = broken_promises(results)
     if failed:
-        raise NotAccepted([f"{task}: an answer of ours was not finite, or outside limits" for task in failed])
+        raise NotAccepted(failed)
 
 
-def print_comparison(results: dict[str, Any], files: list[Path]) -> None:
-    """The tables of a comparison, its verdict, and the files that were written."""
-    from invariantqp.compare.report import verdict
-    from invariantqp.compare.tables import EVERYDAY_CELLS, STABILITY_CELLS, everyday, stability, summary
+def make_environments(rows: list[Any]) -> None:
+    """Make the environment of each method that needs its own; NotAccepted with those that could not be made."""
+    from invariantqp.compare.environments import folder as place
+    from invariantqp.compare.environments import make
+
+    failed = []
+    for environment, distribution in {row.environment: row.distribution for row in rows if row.environment}.items():
+        say(f"installing {distribution} in {place() / environment}")
+        why = make(environment, distribution)
+        failed += [f"{distribution}: {why}"] if why else []
+    if failed:
+        raise NotAccepted(failed)
+
+
+def say_what_is_left_out(rows: list[Any], quick: bool) -> None:
+    """Name the methods that were not measured, and what would bring them."""
+    slow = [row.name for row in rows if quick and row.slow]
+    here = [row.name for row in rows if not row.environment and row.name not in slow]
+    apart = [row.name for row in rows if row.environment]
+    parts = (
+        (slow, "left out by --quick: {}"),
+        (here, f"not installed: {{}}. Run: {install_command('peers')}"),
+        (apart, "not installed: {}. Run: invariantqp compare --setup"),
+    )
+    for names, sentence in parts:
+        if names:
+            say(sentence.format(", ".join(names)))
+
+
+def print_comparison(results: dict[str, Any]) -> None:
+    """The tables of a comparison, and what failed."""
+    from invariantqp.compare.results import failures
+    from invariantqp.compare.tables import RULE, losses, summary
 
     console = Console(highlight=False, width=None if Console().is_terminal else WIDEST)
-    parts = ((summary(results), ""), (everyday(results), EVERYDAY_CELLS), (stability(results), STABILITY_CELLS))
-    for found, cells in parts:
-        if not found.rows:
-            continue
-        table = Table(*found.columns, box=None)
-        for row in found.rows:
-            table.add_row(*(escape(cell) for cell in row))
-        console.print(table)
-        if cells:
-            console.print(cells, markup=False)
-    for sentence in verdict(results):
-        console.print(f"- {sentence}", markup=False)
-    failed = [cell["result"]["failed"] for cell in results["cells"] if "failed" in cell["result"]]
+    for found, about in (
+        (summary(results), RULE),
+        (losses(results), "mm · deg · rad/s^2 · rms rad/s^2 · s until settled"),
+    ):
+        if found.rows:
+            table = Table(*found.columns, box=None)
+            for row in found.rows:
+                table.add_row(*map(escape, row))
+            console.print(table)
+            console.print(about, markup=False)
+    failed = failures(results)
     if failed:
-        sentence = (
-            f"{len(failed)} of {len(results['cells'])} measurements failed, as the report says; the first: {failed[0]}"
+        method, task, why = failed[0]
+        console.print(
+            f"{len(failed)} runs failed, as the report says; the first: {method} on {task}: {why}", markup=False
         )
-        console.print(sentence, markup=False)
-    console.print(f"written: {', '.join(str(file) for file in files)}", markup=False)

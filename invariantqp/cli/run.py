@@ -233,22 +233,17 @@ def _path_lines(along: PathTrace, figures: dict[str, Any]) -> Iterator[str]:
 
 
 def print_frame_check(trace: Trace, seed: int) -> None:
-    """How much other frames, of the tool, and in contact of sensor and contact too, change a run under each law."""
-    from invariantqp.compare.frames import contact_frame_check, frame_check
+    """How much other frames, of the tool, and in contact of sensor and contact too, change a run."""
+    from invariantqp.runs.frames import frame_check
 
-    if trace.contact is None:
-        title = "The same motion of the tool, of a tool frame displaced at random:"
-        table = Table("law", "change of joint positions, rad", "start moved by 1e-12", "largest error, mm", box=None)
-        for check in frame_check(trace.task, seed):
-            table.add_row(check.law, f"{check.change:.1e}", f"{check.control:.1e}", f"{check.worst_error_mm:.2g}")
-    else:
-        title = "The same task, with the frames of tool, sensor and contact displaced at random:"
-        errors_and_forces = ("path error, mm", "in displaced frames", "force error", "in displaced frames")
-        table = Table("law", "change of joint velocities, rad/s", *errors_and_forces, box=None)
-        for c in contact_frame_check(trace.task, seed, trace.physics):
-            errors = (f"{c.error_mm:.2g}", f"{c.displaced_error_mm:.2g}")
-            forces = (percent(f or 0.0) for f in (c.force_error, c.displaced_force_error))
-            table.add_row(c.law, f"{c.change:.1e}", *errors, *forces)
+    contact = trace.contact is not None
+    columns = ["law", "change of joint positions, rad", "path error, mm", "in displaced frames"]
+    table = Table(*columns, *(["force error", "in displaced frames"] if contact else []), box=None)
+    for c in frame_check(trace.task, seed, trace.physics):
+        forces = [percent(f or 0.0) for f in (c.force_error, c.displaced_force_error)] if contact else []
+        table.add_row(c.law, f"{c.change:.1e}", f"{c.error_mm:.2g}", f"{c.displaced_error_mm:.2g}", *forces)
+    frames = "frames of tool, sensor and contact" if contact else "tool frame"
+    title = f"The same motion, with the {frames} displaced at random:"
     console = Console(highlight=False)
     console.print(f"\n{title}")
     console.print(table)

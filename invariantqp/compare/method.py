@@ -1,232 +1,94 @@
-"""What a row of the comparison is, and the loop around those that are a function of one tick.
-
-Every row is given the same of the arm and of each tick. What a method cannot take is part of its row (`Takes`), and
-reports print it. A method is a whole control loop, or a function of one tick that `in_loop` puts in one: the same for
-all of these, and as lean as one writes it by hand:
-
-    s = gain log(T^-1 T_target) + feedforward,    x = clip(solve(J, s, limits, posture, exact rows))
-
-J and s are in the tool frame, whose origin and axes are those of the robot's model, as in most scripts: by Pinocchio
-where it is installed, so that nothing goes through the base frame of this library.
-"""
+"""What a method of the comparison is, and what every method is given. Rivals' environments have it: NumPy alone."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from functools import partial
-from typing import Any, Literal, NamedTuple
+from dataclasses import asdict, dataclass, fields
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
-from invariantqp.control import controller
-from invariantqp.control.measure import ToolMeasure
-from invariantqp.control.tracking import tracking_gain
-from invariantqp.extras import is_installed
-from invariantqp.geometry import arrays, se3
-from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Robot
-from invariantqp.runs.controllers import MakeController
-from invariantqp.runs.taskfile import LawSpec
-from invariantqp.velocity.limits import JointBox, accelerations
-from invariantqp.velocity.measure import root_at
-from invariantqp.velocity.solution import Status, VelocitySolution
-
-Family = Literal["invariant", "QP", "Moore-Penrose", "damped", "library"]
-FAMILIES: tuple[Family, ...] = ("invariant", "QP", "Moore-Penrose", "damped", "library")
-# Which extra of this package installs a module.
-EXTRAS = {"pinocchio": "pin", "pink": "peers", "mink": "peers", "placo": "placo", "pydrake": "drake"}
-# Names of the rows that charts, tables and sentences refer to.
-OURS, OURS_PYTHON, HAND_WRITTEN = "invariantqp", "invariantqp (Python)", "hand-written loop"
-SCALED_LEAST_SQUARES = "QP with length and LM"
-PENROSE, DLS = "Moore-Penrose", "DLS"
-# lambda as scripts choose it, in mixed units of J, and in Lambda = lambda I of [DS] [m].
-LAMBDA = 0.05
-# The cost of a posture task in Pink's own examples, beside frame tasks of unit costs; a QP's weight is its square.
-POSTURE_COST = 1e-3
-# What a row says where its method has no place for something that it is given.
-CANNOT = "cannot take it"
-
-
-@dataclass(frozen=True)
-class Takes:
-    """What a method makes of what every row is given; CANNOT where it has no place for it."""
-
-    posture: str  # the joint velocity towards the middle of the joint ranges, for arms with more than six joints
-    exact: str  # a point that is to be met exactly
-    limits: str  # the limits on joint positions and velocities
-    damping: str  # what it does near singularities
-    feedforward: str = "added to the twist"  # the target's own twist
-
-
-class LoopSetting(NamedTuple):
-    """What every method is given of the arm and the loop before the first tick."""
-
-    m: int  # number of joints
-    dt: float  # duration of a tick [s]
-    point: Array  # (3,) the point of the tool where accuracy counts, in the tool frame [m]
-    length: float  # L, how many metres at that point a radian counts for
-
-
-class TickInputs(NamedTuple):
-    """What every method is given in one tick, in the tool frame, angular part first."""
-
-    J: Array  # (6, m) joint twists
-    s: Array  # (6,) wanted twist
-    lower: Array  # (m,) least joint velocities
-    upper: Array  # (m,) largest joint velocities
-    posture: Array  # (m,) joint velocity wanted where the twist leaves joints free
-    C: Array  # (k, m) rows to be met exactly, k = 0 or 3
-    e: Array  # (k,) what they have to be
-    q: Array  # (m,) joint positions
-
-
-Solve = Callable[[TickInputs], Array]
+Array = NDArray[np.float64]
+# The rows of our own law, by its two engines.
+OURS, IN_PYTHON = "invariantqp", "invariantqp in Python"
+# The modules of methods: each has its METHODS. Other environments have methods of the last one.
+MODULES = tuple(f"invariantqp.compare.{name}" for name in ("ours", "by_hand", "libraries"))
+# Rows of the last family have settings that were tried and are not the best; only those who name them get them.
+OTHER_SETTINGS = "other settings"
+FAMILIES = ("ours", "by hand", "library", OTHER_SETTINGS)
 
 
 @dataclass(frozen=True, eq=False)
-class Method:
-    """A row."""
+class LoopSpec:
+    """An arm and a control loop, as every method is given them; m joints, SI units, base frame, angular part first."""
 
-    name: str  # in tables and charts
-    family: Family
-    why: str  # what it is and where it comes from, in one line
-    takes: Takes
-    loop: MakeController  # its control loop, of robot and law
-    needs: tuple[str, ...] = ()  # Python modules that have to be installed; imported where the loop is made
-    shown: bool = True  # whether the first table and the chart have it
-
-    @property
-    def extra(self) -> str:
-        """The extra of this package that installs what it needs."""
-        return EXTRAS[self.needs[0]] if self.needs else ""
-
-    @property
-    def installed(self) -> bool:
-        """Whether every module that it needs is installed."""
-        return all(map(is_installed, self.needs))
+    names: tuple[str, ...]  # of the joints, base first
+    screws: Array  # (6, m) joint twists at q = 0
+    home: Array  # (4, 4) tool pose at q = 0
+    lower: Array  # (m,) position limits [rad, m], infinite where there are none
+    upper: Array  # (m,)
+    velocity_limit: Array  # (m,)
+    posture: Array  # (m,) joint positions to stay near
+    posture_gain: Array  # (m,) towards these [1/s], zero where there is no posture; libraries use the largest
+    dt: float  # duration of a tick [s]
+    gain: float  # of the tracking error [1/s]
+    acceleration_limit: Array | None  # (m,) [rad/s^2, m/s^2]
+    point: Array  # (3,) the point of the tool where accuracy counts, in the tool frame [m]
+    length: float  # the arm's reach to it [m]: what a radian may count for
+    urdf: str  # the arm as text, its tool frame as the link "tool"; "" where it has helical joints
+    law: dict[str, Any]  # the [law] table of a task file: what else our own law is given
 
     def as_json(self) -> dict[str, Any]:
-        """Its description in results.json."""
-        row = {key: getattr(self, key) for key in ("name", "family", "why", "shown")}
-        return {**row, "takes": asdict(self.takes)}
+        """As numbers, lists and strings."""
+        return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in asdict(self).items()}
+
+    @staticmethod
+    def from_json(found: dict[str, Any]) -> LoopSpec:
+        """The value that `as_json` wrote."""
+        arrays = {field.name for field in fields(LoopSpec) if "Array" in str(field.type)}
+        values: dict[str, Any] = {
+            key: np.array(value, np.float64) if key in arrays and value is not None else value
+            for key, value in found.items()
+        }
+        return LoopSpec(**values)
 
 
-def answer(x: Array, status: Status = Status.OK, reason: str = "") -> VelocitySolution:
-    """A velocity (m,) as the answer of a tick; what else an answer says is not known of the method."""
-    return VelocitySolution(np.asarray(x), "", status, reason, (), np.full(6, np.nan), 1.0, 0.0, 0.0, "")
+class MethodLoop(Protocol):
+    """A method's control loop, made from a `LoopSpec`."""
+
+    def target(self, pose: Array, feedforward: Array | None) -> Any:
+        """A tool pose (4, 4) and its twist (6,) as `step` takes the pose; called before the clock runs."""
+
+    def step(self, q: Array, target: Any, feedforward: Array | None, previous: Array) -> Array:
+        """One tick: joint velocities (m,), of joint positions, the target and the velocities of the tick before."""
 
 
-def posture_of(robot: Robot, law: LawSpec) -> tuple[Array, Array]:
-    """The posture (m,) that every method is given, and the gain of each joint towards it (m,) [1/s]."""
-    return controller.posture_of(law.posture, law.posture_gain, robot)
+class MethodSetting(NamedTuple):
+    """What a method makes of what it is given: a row of the table of settings."""
+
+    posture: str
+    limits: str
+    damping: str
+    feedforward: str = "added"
+    point: str = "tool frame's origin"
 
 
-def in_loop(make: Callable[[LoopSetting], Solve]) -> MakeController:
-    """A control loop around the function of a tick that `make` makes."""
-    return partial(MethodLaw, make=make)
+@dataclass(frozen=True)
+class Method:
+    """A row of the comparison."""
 
+    name: str
+    family: str  # one of FAMILIES
+    loop: Callable[[LoopSpec], MethodLoop]  # its docstring's first line says what it is and where it comes from
+    setting: MethodSetting
+    needs: tuple[str, ...] = ()  # Python modules
+    distribution: str = ""  # what installs it, whose version is reported
+    environment: str = ""  # the name of an environment of its own, for libraries that exclude others
+    accelerations: bool = True  # whether it takes acceleration limits; if not, tasks that have them leave it out
+    slow: bool = False  # whether the quick form leaves it out
 
-class MethodLaw:
-    """The loop around a function of a tick."""
-
-    def __init__(self, robot: Robot, law: LawSpec, make: Callable[[LoopSetting], Solve]) -> None:
-        """Of `law`, dt, gain, delay, acceleration_limit, point, length, posture, exact and position_margin count."""
-        by_pinocchio = kinematics() != OURS and getattr(robot, "model", None) is not None
-        self._robot = robot
-        self._read = _read_by_pinocchio(robot) if by_pinocchio else _read_by_twists(robot)
-        self._gain = tracking_gain(law.gain, law.dt, law.delay)
-        point = np.asarray(law.point, np.float64)
-        setting = LoopSetting(len(robot.names), law.dt, point, ToolMeasure(robot, point, law.length).length)
-        self._solve = make(setting)
-        self._middle, self._pull = posture_of(robot, law)
-        limits = robot.position_lower, robot.position_upper, robot.velocity_limit
-        self._box = JointBox(*limits, 1.0 / law.dt, law.position_margin)
-        self._reach = AccelerationReach(law, setting.m)
-        self._exact, self._point = law.exact is not None, point
-        self._at_point = root_at(point, 1.0)[3:]
-        self._none = np.zeros((0, setting.m)), np.zeros(0)
-
-    def step(self, q: ArrayLike, target: Any, feedforward: ArrayLike | None = None) -> VelocitySolution:
-        """One tick; raises whatever the method raises."""
-        positions = arrays.vector(q, len(self._middle), "q")
-        J, error, ahead, wanted = self._read(positions, self._robot.target(target), feedforward)
-        C, e = self._none
-        if self._exact:
-            there = wanted[:3, :3].dot(self._point) + wanted[:3, 3]
-            C = self._at_point.dot(J)
-            e = self._gain * (there - self._point) + ahead[3:] + se3.cross(ahead[:3], there)
-        lower, upper = self._reach.within(*self._box.at(positions))
-        pull = self._pull * (self._middle - positions)
-        tick = TickInputs(J, self._gain * error + ahead, lower, upper, pull, C, e, positions)
-        x = np.minimum(np.maximum(self._solve(tick), lower), upper)
-        return answer(self._reach.cut(x))
-
-
-class AccelerationReach:
-    """The velocities (m,) that acceleration limits leave after the `last` one commanded, zero at first."""
-
-    def __init__(self, law: LawSpec, m: int) -> None:
-        limit = law.acceleration_limit
-        self._most = None if limit is None else law.dt * accelerations(limit, m)
-        self.last: Array = np.zeros(m)
-
-    def within(self, lower: Array, upper: Array) -> tuple[Array, Array]:
-        """Bounds (m,) cut to what is within reach: never empty, since an arm cannot do more."""
-        if self._most is None:
-            return lower, upper
-        low, high = self.last - self._most, self.last + self._most
-        return np.minimum(np.maximum(lower, low), high), np.minimum(np.maximum(upper, low), high)
-
-    def cut(self, x: Array) -> Array:
-        """A velocity cut to what is within reach, joint by joint; it is the last one from now on."""
-        self.last, _ = self.within(x, x)
-        return self.last
-
-
-# What is read of an arm at q, with its target and feedforward, in the tool frame: joint twists (6, m), the twist to the
-# target in unit time (6,), the target's own (6,), and its pose (4, 4).
-ReadState = Callable[[Array, Any, Any], tuple[Array, Array, Array, Array]]
-
-
-def kinematics() -> str:
-    """The library whose functions they are; a time is to be read with it."""
-    return "Pinocchio" if is_installed("pinocchio") else OURS
-
-
-def _read_by_pinocchio(robot: Any) -> ReadState:
-    from invariantqp.robots.pinocchio import pin
-
-    model, data = robot.model, robot.model.createData()
-    frame = model.getFrameId(robot.tool)
-
-    def read(q: Array, target: Any, feedforward: Any) -> tuple[Array, Array, Array, Array]:
-        pin.forwardKinematics(model, data, q)
-        tool = pin.updateFramePlacement(model, data, frame)
-        J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL).take(se3.SWAPPED, axis=0)
-        gap = tool.actInv(target if isinstance(target, pin.SE3) else pin.SE3(pose_of(target)))
-        ahead = np.zeros(6)
-        if feedforward is not None:
-            ahead = tool.actInv(pin.Motion(feedforward[3:], feedforward[:3])).vector.take(se3.SWAPPED)
-        return J, pin.log6(gap).vector.take(se3.SWAPPED), ahead, gap.homogeneous
-
-    return read
-
-
-def _read_by_twists(robot: Robot) -> ReadState:
-    def read(q: Array, target: Any, feedforward: Any) -> tuple[Array, Array, Array, Array]:
-        sighting = robot.sight(q, target)
-        back = se3.inverse(pose_of(sighting.pose), check=False)
-        to_tool = se3.adjoint(back, check=False)
-        ahead = np.zeros(6) if feedforward is None else to_tool.dot(feedforward)
-        wanted = back.dot(pose_of(target))
-        return to_tool.dot(sighting.J), to_tool.dot(sighting.error), ahead, wanted
-
-    return read
-
-
-def pose_of(target: Any) -> Array:
-    """The (4, 4) pose of a target, which may be an array or the target object of a robot of this library."""
-    pose = getattr(target, "homogeneous", getattr(target, "pose", target))
-    return np.asarray(pose, dtype=np.float64)
+    @property
+    def about(self) -> str:
+        """What it is and where it comes from, in one line."""
+        return (self.loop.__doc__ or "").splitlines()[0].rstrip(".")

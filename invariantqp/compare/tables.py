@@ -1,55 +1,29 @@
-"""The comparison as tables: a row a method, a column a task, so that no figure mixes two arms."""
+"""The comparison as tables: a row a method or a task."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from math import isfinite
+from math import exp, isfinite, log
 from typing import Any, NamedTuple
 
-from invariantqp.compare.method import CANNOT, OURS, SCALED_LEAST_SQUARES
-from invariantqp.compare.results import Results, kinds_in, results_of
-from invariantqp.geometry.arrays import NEGLIGIBLE
+from invariantqp.compare.figures import BETTER, FLOORS, WORSE, Figures, dominates
+from invariantqp.compare.method import OURS
+from invariantqp.compare.results import Measured, Results, failures, measured, tick_us
+from invariantqp.compare.tasks import KINDS
 
-NOTHING = "-"
-# A change of a joint position above this many times the control, and above rounding, is a dependence.
-ABOVE_CONTROL = 100.0
-# How reports call the tasks of a full run.
-TASKS = {
-    "compare/panda": "Panda",
-    "compare/panda_limits": "Panda, limits met",
-    "compare/ur5": "UR5",
-    "compare/ur5_limits": "UR5, limits met",
-    "so101_line": "SO-101",
-    "compare/so101_limits": "SO-101, limits met",
-    "stability/out_of_reach": "Panda, out of reach",
-    "stability/five_joints_out_of_reach": "SO-101, out of reach",
-    "stability/reach_and_back": "UR5, out of reach and back",
-    "stability/ur5_elbow": "UR5, led beyond its reach",
-}
-# How the table of everyday tasks calls them.
-EVERYDAY = {
-    "compare/stay": "told to stay",
-    "compare/jump": "a jump of 150 mm",
-    "compare/turn": "turned in place by 45 deg",
-    "stability/ur5_wrist": "through a singularity",
-    "compare/too_fast": "a third too fast",
-    "stability/reach_and_back": "out of reach and back",
-    "compare/late": "12 ms late, 10 rad/s^2",
-}
-# What its cells are, and those of a run's motion.
-EVERYDAY_CELLS = (
-    "In each cell: largest position error [mm] · orientation error [deg], both beyond those that the target's own "
-    "jump makes · joint acceleration after the first tick [rad/s^2] · settling time, to 1 mm and 1 deg, from when the "
-    "target is at rest on [s]. joints: how far they move where they are to stay."
+NOTHING, ROUNDING = "-", 1e-12
+RULE = (
+    "Method A dominates B on a task if A raised no exception, violated no limit and did not stay motionless; none of "
+    "five figures (largest position and orientation error, largest and rms joint acceleration, settling time) is more "
+    f"than {100 * (WORSE - 1):.0f} % worse, and at least one is {100 * (BETTER - 1):.0f} % better. Values below "
+    f"{FLOORS['mm']:g} mm, {FLOORS['deg']:g} deg, {FLOORS['acceleration']:g} and {FLOORS['acceleration_rms']:g} "
+    f"rad/s^2 and {FLOORS['settling']:g} s count as these. frame: the largest change of a joint position when the same "
+    "motion is asked of a tool frame elsewhere on the tool."
 )
-MOTION_CELLS = (
-    "In each cell: largest joint acceleration after the first tick [rad/s^2] · settling time after the path, to 1 mm "
-    "and 1 deg [s]."
-)
-STABILITY_CELLS = (
-    "Where methods fail. not finite, raised: ticks; excess: the largest over a limit; largest, last: errors of the run "
-    "[mm], [deg]; tail: largest joint speed in its last tenth [rad/s]; chatter: total variation of the velocity over "
-    f"that of the {SCALED_LEAST_SQUARES}, which is given the same."
+CELLS = (
+    "In each cell: largest position error [mm] · largest orientation error [deg] · largest joint acceleration "
+    "[rad/s^2], geometric means over arms · longest settling time, to 1 mm and 1 deg [s]."
 )
 
 
@@ -68,131 +42,131 @@ def figure(value: float | None, style: str = "{:.2g}") -> str:
     return f"{float(text):g}" if "e" in text and 1e-4 <= abs(value) < 1e5 else text
 
 
-def title(task: str) -> str:
-    """How reports call a task."""
-    return TASKS.get(task, task)
+def names_of(results: Results) -> list[str]:
+    """The names of the methods."""
+    return [method["name"] for method in results["methods"]]
 
 
-def shown(results: Results) -> list[str]:
-    """The methods of the first table, or all if it would have none."""
-    return [m["name"] for m in results["methods"] if m["shown"]] or [m["name"] for m in results["methods"]]
-
-
-def not_taken(method: dict[str, Any]) -> str:
-    """What a method does not take of what every row is given."""
-    takes = method["takes"]
-    cannot = [f"no {key}" for key in ("posture", "exact") if takes[key] == CANNOT]
-    return ", ".join([*cannot, *(["clips"] if takes["limits"] == "clipped" else [])]) or "all"
-
-
-def depends(loop: dict[str, Any]) -> bool:
-    """Whether another tool frame changes a run by more than rounding in its start does."""
-    frame, control = loop.get("frame"), loop.get("control")
-    return frame is None or frame > max(NEGLIGIBLE, ABOVE_CONTROL * (control or 0.0))
-
-
-def summary(results: Results, names: Sequence[str] | None = None) -> Table:
-    """Time [us], largest errors [mm] and [deg] of every task; and the largest change by another tool frame [rad].
-
-    No rows where neither was measured.
-    """
-    loops, ticks = results_of(results, "loop"), results_of(results, "tick")
-    if not loops and not ticks:
-        return Table((), ())
-    table = {m["name"]: m for m in results["methods"]}
+def summary(results: Results) -> Table:
+    """Every method: time of a tick; tasks in which it dominates, raised, left a limit; change by another tool frame."""
+    tasks = measured(results)
+    failed = failures(results)
     rows = []
-    for name in shown(results) if names is None else names:
-        cells = []
-        for task in results["tasks"]:
-            loop, tick = loops.get((task, name), {}), ticks.get((task, name), {})
-            parts = [
-                figure(tick.get("median_us")),
-                figure(loop.get("position_mm")),
-                figure(loop.get("orientation_deg")),
-            ]
-            cells.append(" · ".join(parts) if loop or tick else NOTHING)
-        worst = worst_frame(results, name)
-        rows.append([name, not_taken(table[name]), *cells, figure(worst, "{:.0e}")])
-    return Table(["method", "takes", *map(title, results["tasks"]), "frame, rad"], rows)
+    for name in names_of(results):
+        runs = [(task, task.runs[name]) for task in tasks if name in task.runs]
+        judged = [(task, run) for task, run in runs if task.judged]
+        both = [(run, task.runs[OURS]) for task, run in judged if OURS in task.runs and name != OURS]
+        over, under = sum(dominates(a, b) for a, b in both), sum(dominates(b, a) for a, b in both)
+        by_any = sum(bool(task.dominating(name)) for task, _ in judged)
+        times = (figure(value, "{:.3g}") for value in tick_us(results, name))
+        raised = sum(run["exceptions"] > 0 for _, run in runs) + sum(method == name for method, _, _ in failed)
+        left = sum(run["violations"] > 0 for _, run in runs)
+        against = [NOTHING, NOTHING] if name == OURS else [str(over), str(under)]
+        change = figure(frame_change(results, name), "{:.0e}")
+        rows.append([name, *times, *against, f"{by_any} of {len(judged)}", str(raised), str(left), change])
+    heads = ("dominates ours", "ours dominates", "dominated by any", "exceptions", "limit violations")
+    return Table(("method", "tick us", "p99", *heads, "frame, rad"), rows)
 
 
-def motion(results: Results) -> Table:
-    """Largest joint acceleration [rad/s^2] and settling time [s] of every task; no rows where none was measured."""
-    loops = results_of(results, "loop")
-    if not loops:
-        return Table((), ())
-    rows = [[name, *(_moved(loops.get((task, name), {})) for task in results["tasks"])] for name in shown(results)]
-    return Table(["method", *map(title, results["tasks"])], rows)
-
-
-def everyday(results: Results) -> Table:
-    """Errors [mm], [deg], largest joint acceleration [rad/s^2] and settling time [s] of what users meet first."""
-    found = results_of(results, "everyday")
-    tasks = [task for task in EVERYDAY if any(task == place for place, _ in found)]
+def by_kind(results: Results, kinds: Sequence[str] | None = None) -> Table:
+    """Errors, accelerations and settling times of every method: a column a kind of task."""
+    tasks = measured(results)
+    present = list(dict.fromkeys(task.kind for task in tasks))
+    columns = [kind for kind in present if kinds is None or kind in kinds]
     rows = []
-    for name in shown(results):
-        runs = [found.get((task, name), {}) for task in tasks]
-        if any(runs):
-            cells = [
-                " · ".join((figure(run.get("grown_mm")), figure(run.get("grown_deg")), _moved(run))) for run in runs
-            ]
-            rows.append([name, *cells, figure(found.get(("compare/stay", name), {}).get("joints_deg"))])
-    return Table(["method", *(EVERYDAY[task] for task in tasks), "joints, deg"], rows)
+    for name in names_of(results):
+        cells = [[t.runs[name] for t in tasks if t.kind == kind and name in t.runs] for kind in columns]
+        rows.append([name, *map(cell, cells)])
+    return Table(("method", *columns), rows if columns else ())
 
 
-def stability(results: Results) -> Table:
-    """How each method does where methods fail; no rows where that was not measured."""
+def cell(runs: Sequence[Figures]) -> str:
+    """The cell of some runs, as CELLS says."""
+    if not runs:
+        return NOTHING
+    means = [geometric_mean([run[key] for run in runs], 0.0) for key in ("mm", "deg", "acceleration")]
+    return " · ".join([*map(figure, means), settling([run["settling"] for run in runs])])
+
+
+def geometric_mean(values: Sequence[float], least: float) -> float:
+    """Of values that are not below the least, nor below rounding."""
+    return exp(sum(log(max(value, least, ROUNDING)) for value in values) / len(values))
+
+
+def settling(times: Sequence[float | None]) -> str:
+    """The longest of some settling times [s], None being one that was not reached."""
+    return "never" if None in times else figure(max(time for time in times if time is not None))
+
+
+def losses(results: Results) -> Table:
+    """The tasks in which a method dominates ours, those first where most do."""
+    found = [(task, task.dominating(OURS)) for task in measured(results) if OURS in task.runs]
+    found = sorted((pair for pair in found if pair[1]), key=lambda pair: -len(pair[1]))
+    rows = [[task.name, one(task, OURS), ", ".join(by), one(task, _nearest(task, by))] for task, by in found]
+    return Table(("task", OURS, "dominated by", "the nearest of these"), rows)
+
+
+def lost_kinds(results: Results) -> Table:
+    """The kinds of tasks in which methods dominate ours: in how many, and which methods most often."""
     rows = []
-    for kind in (kind for kind in kinds_in(results) if kind == "stability" or kind.startswith("NaN in ")):
-        found = results_of(results, kind)
-        for (task, name), run in found.items():
-            case = task.removeprefix("stability/") + ("" if kind == "stability" else f", {kind}")
-            ticks = (f"{round(run[key] * run['ticks']) or ''}" for key in ("not_finite", "raised"))
-            excess = "" if kept_limits(run) else figure(run["excess"])
-            errors = (figure(run[key]) for key in ("position_mm", "orientation_deg", "final_mm", "final_deg", "tail"))
-            least = found.get((task, SCALED_LEAST_SQUARES), {}).get("variation")
-            chatter = figure(run["variation"] / least if least and run["variation"] is not None else None)
-            rows.append([case, name, *ticks, excess, figure(run["peak"], "{:.3f}"), *errors, chatter])
-    heads = ("not finite", "raised", "excess", "peak/limit", "largest mm", "deg", "last mm", "deg", "tail", "chatter")
-    return Table(("case", "method", *heads), rows)
+    tasks = [task for task in measured(results) if OURS in task.runs and task.judged]
+    for kind in dict.fromkeys(task.kind for task in tasks):
+        found = [task.dominating(OURS) for task in tasks if task.kind == kind]
+        names = Counter(name for by in found for name in by)
+        if names:
+            most = ", ".join(f"{name} ({count})" for name, count in names.most_common(3))
+            rows.append([kind, f"{sum(map(bool, found))} of {len(found)}", most])
+    return Table(("kind of task", "tasks", "by, most often"), rows)
 
 
-def kept_limits(run: dict[str, Any]) -> bool:
-    """Whether a run was always inside its limits."""
-    return run["excess"] is not None and run["excess"] <= NEGLIGIBLE
+def _nearest(task: Measured, names: Sequence[str]) -> str:
+    return min(names, key=lambda name: task.runs[name]["mm"])
 
 
-def failed_stability(results: Results) -> list[str]:
-    """The tasks in which ours was not always finite and inside its limits, or could not be run."""
-    mine = [(cell["task"], cell["result"]) for cell in results["cells"] if cell["method"] == OURS]
-    return [task for task, run in mine if "failed" in run or run["not_finite"] or not kept_limits(run)]
+def one(task: Measured, name: str) -> str:
+    """What is compared of a run."""
+    run = task.runs[name]
+    values = [figure(run[key]) for key in ("mm", "deg", "acceleration", "acceleration_rms")]
+    return " · ".join([*values, settling([run["settling"]])])
 
 
-def _moved(run: dict[str, Any]) -> str:
-    """Joint acceleration and settling time."""
-    settled = "never" if "settling_s" in run and run["settling_s"] is None else figure(run.get("settling_s"))
-    return f"{figure(run.get('acceleration'))} · {settled}"
+def kinds(results: Results) -> Table:
+    """What each kind of task is, and on how many arms."""
+    present = [task["kind"] for task in results["tasks"]]
+    return Table(
+        ("kind", "what it is", "tasks"),
+        [(kind, about, str(present.count(kind))) for kind, (about, _) in KINDS.items() if kind in present],
+    )
 
 
-def worst_frame(results: Results, name: str, kind: str = "loop") -> float | None:
-    """The largest change of a joint position by another tool frame, over the tasks of a measurement [rad]."""
-    found = [r["frame"] for (_, n), r in results_of(results, kind).items() if n == name and r["frame"] is not None]
-    return max(found, default=None)
-
-
-def information(results: Results) -> Table:
-    """What each method makes of what every row is given."""
-    keys = ("posture", "exact", "limits", "damping", "feedforward")
-    rows = [(m["name"], m["why"], *(m["takes"][key] for key in keys)) for m in results["methods"]]
+def settings(results: Results) -> Table:
+    """What each method is, and what it makes of what all are given."""
+    keys = ("posture", "limits", "damping", "feedforward", "point")
+    rows = [(m["name"], m["about"], *(m["setting"][key] for key in keys)) for m in results["methods"]]
     return Table(("method", "what it is", *keys), rows)
 
 
-def listed(results: Results, kind: str) -> Table:
-    """Every number that a measurement found, one row for each task and method."""
-    found = results_of(results, kind)
-    keys = list(dict.fromkeys(key for result in found.values() for key in result))
-    rows = [
-        [method, title(task), *(figure(result.get(key), "{:.3g}") for key in keys)]
-        for (task, method), result in found.items()
-    ]
-    return Table(("method", "task", *keys), rows)
+def listed(results: Results) -> Table:
+    """Every figure of every run."""
+    runs = [run for run in results["runs"] if "failed" not in run["figures"]]
+    keys = list(dict.fromkeys(key for run in runs for key in run["figures"] if key != "why"))
+    rows = [(run["task"], run["method"], *(figure(run["figures"].get(key), "{:.3g}") for key in keys)) for run in runs]
+    return Table(("task", "method", *keys), rows)
+
+
+def frame_change(results: Results, name: str) -> float | None:
+    """The largest change of a joint position by another tool frame [rad]."""
+    found: list[Any] = [task.runs[name].get("frame_rad") for task in measured(results) if name in task.runs]
+    return max((value for value in found if value is not None), default=None)
+
+
+def broken_promises(results: Results) -> list[str]:
+    """What is wrong with our answers, task by task: an exception, a limit violated, no measurement."""
+    found = []
+    for run in results["runs"]:
+        figures = run["figures"]
+        if run["method"] == OURS and "failed" in figures:
+            found.append(f"{run['task']}: {OURS} could not be measured: {figures['failed']}")
+        elif run["method"] == OURS and (figures["violations"] or figures["exceptions"]):
+            found.append(f"{run['task']}: {OURS} violated a limit, raised or returned a velocity that is not finite")
+    return found

@@ -6,9 +6,9 @@ Medians and 99th percentiles in microseconds, and the ratio of each median to th
 one, to that of the compiled core. All take turns at every tick, so that a busy machine slows them down alike. A tick is
 pose, Jacobian, law and limits, of a controller that remembers what it did before. The hand-written loop is damped least
 squares in metres and radians inside the same joint limits, with rows for an exact position, and nothing is allocated
-twice; it has no posture, no status and no tool speed. Pink and mink are called as `invariantqp compare` calls
-them, with DAQP; of placo's tick there, which leads the target, only its own calls are made. placo brings a Pinocchio of
-its own: its column is filled where the environment has it (pip install placo '.[robots,pink,mink]'). A tick of a
+twice; it has no posture, no status and no tool speed. Pink, mink and placo are called as `invariantqp compare` calls
+them, Pink and mink with DAQP; targets in their own form are made before. placo brings a Pinocchio of its own: its
+column is filled where the environment has it (pip install placo '.[robots,pink,mink]'). A tick of a
 `PathFollower` or of a `HybridController` drives the arm, and is compared with an ordinary tick of the same engine in
 the same states, where limits may be met that the follower keeps away from.
 
@@ -29,7 +29,8 @@ from scipy.interpolate import CubicSpline
 from support.arms import ready
 
 import invariantqp as iq
-from invariantqp.compare.libraries import MinkLaw, PinkLaw, PlacoLaw
+from invariantqp.compare.libraries import Mink, Pink, Placo
+from invariantqp.compare.tasks import spec_of
 from invariantqp.velocity import compiled
 
 OURS, PYTHON, HAND = "compiled", "Python", "hand-written"
@@ -94,29 +95,6 @@ class HandWritten:
         return self.solver.solve()[0]
 
 
-class Placo(PlacoLaw):
-    """placo's tick, as fast as a user can call it: it steps the whole way to the target, whatever lies ahead."""
-
-    def __init__(self, robot, law):
-        super().__init__(robot, law)
-        self.arm, self.task, self.solver = self._robot, self._task, self._solver
-        self.q, self.poses = self.arm.state.q.copy(), {}
-        self.joints = self.q[-len(robot.names) :]
-
-    def step(self, q, target, ahead):
-        self.joints[:] = q
-        self.arm.state.q = self.q
-        self.arm.update_kinematics()
-        self.task.T_world_frame = self.pose(target)
-        return self.solver.solve(False)  # noqa: FBT003 (placo's signature)
-
-    def pose(self, target):
-        """A target's matrix, made once."""
-        if id(target) not in self.poses:
-            self.poses[id(target)] = target.homogeneous
-        return self.poses[id(target)]
-
-
 def ticks_of(task, wanted, **options):
     """A controller, up to TICKS ticks of the task's path that are as wanted, and its memory before each."""
     robot = task.load_robot()
@@ -175,17 +153,28 @@ def line_along(title, took):
 def peers(task, robot, ticks):
     """Pink's, mink's and placo's ticks, where they are installed and find an answer to each."""
     found = {}
-    for name, law in (("Pink", PinkLaw), ("mink", MinkLaw), ("placo", Placo)):
+    for name, library in (("Pink", Pink), ("mink", Mink), ("placo", Placo)):
         try:
-            step = law(robot, task.law).step
+            step = tick_of(library(spec_of(robot, task.law)), ticks)
             for tick in ticks:
                 step(*tick)
             found[name] = step
-        except (iq.errors.MissingExtra, ModuleNotFoundError):
+        except ModuleNotFoundError:
             print(f"{name} is not installed")
         except Exception as failure:  # noqa: BLE001 (whatever a library raises)
             print(f"{name}: {failure}")
     return found
+
+
+def tick_of(loop, ticks):
+    """A library's tick, called as ours is."""
+    targets = {id(target): loop.target(target.homogeneous, ahead) for _, target, ahead in ticks}
+    still = np.zeros(len(loop.spec.names))
+
+    def step(q, target, ahead):
+        return loop.step(q, targets[id(target)], ahead, still)
+
+    return step
 
 
 def in_turn(took, calls, k):

@@ -5,20 +5,20 @@ from support.command_line import call
 
 REFUSED = [
     ([""], "unknown task ''"),
+    (["--arms", "zzz"], "unknown arm 'zzz'; known: panda, ur5e, so101, xarm7, random4"),
+    (["arm_3r", "--arms", "panda"], "TASK: found --arms or --kinds too; expected TASK alone"),
     (["nobody"], "unknown task 'nobody'"),
     (["arm_3r", "--methods", "zzz"], "unknown method 'zzz'"),
-    (["arm_3r", "--only", "zzz"], "unknown measurement 'zzz'; known: loop, beyond,"),
+    (["--kinds", "zzz"], "unknown kind 'zzz'; known: free, no feedforward,"),
     (
         ["pen_on_paper"],
-        "TASK: found pen_on_paper, in contact; expected a task without contact whose path keeps its timing",
+        "TASK: found pen_on_paper, in contact; expected a task without this, which other methods do not have",
     ),
-    (["ur5_elastic", "--only", "tick"], "TASK: found ur5_elastic, with elastic timing; expected"),
+    (["ur5_elastic"], "TASK: found ur5_elastic, with elastic timing; expected"),
     (["--jobs", "-3"], "--jobs: found -3"),
-    (["--jobs", "0"], "--jobs: found 0; expected a number of processes, or -1 for all cores"),
+    (["--jobs", "0"], "--jobs: found 0; expected a number of tasks at a time, or -1 for one a core"),
     (["--out", "{file}"], "--out: found {file}, a file; expected a folder"),
     (["--out", "{file}/below"], "--out: found {file}, a file; expected a folder"),
-    (["--stability", "arm_3r"], "TASK: found --stability too; expected one of them"),
-    (["--stability", "--only", "time"], "--only: found --stability too"),
     (["--seed", "-1"], "--seed"),
 ]
 

@@ -1,4 +1,5 @@
 import json
+import re
 import subprocess
 import sys
 from functools import partial
@@ -102,8 +103,7 @@ def test_a_picture_shows_accelerations_by_their_limit(run, task, tmp_path, law, 
 def test_another_back_end_and_the_frame_check(run, task):
     status, out, _ = run("run", task, "--backend", "osqp", "--check-frame", "--seed", "3")
     assert status == 0
-    for law in ("invariantqp", "Moore-Penrose", "DLS"):
-        assert law in out
+    assert re.search(r"invariantqp +\d\.\de-1\d ", out)
 
 
 PEN = """

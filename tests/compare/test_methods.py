@@ -1,35 +1,38 @@
+"""Methods are what they say: by hand against their definitions, libraries against what all are given."""
+
+from dataclasses import replace
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
-from scipy.optimize import linprog
-from support.arms import ready
+from scipy.optimize import linprog, lsq_linear
 
 import invariantqp as iq
-from invariantqp import extras
-from invariantqp.compare.linear import LAMBDA, NEARLY_SINGULAR, chiaverini, saturate
-from invariantqp.compare.method import CANNOT, FAMILIES, OURS, OURS_PYTHON, LoopSetting, TickInputs
-from invariantqp.compare.registry import METHODS, chosen, controller_named, not_installed
-from invariantqp.errors import BadInput, MissingExtra, UnknownName
+from invariantqp.compare import by_hand
+from invariantqp.compare.arms import STARTS, arm
+from invariantqp.compare.by_hand import (
+    DAMPING_THRESHOLD,
+    EPS,
+    LAMBDA,
+    MAX_DAMPING,
+    ByHand,
+    TickProblem,
+    chiaverini,
+    saturate,
+)
+from invariantqp.compare.drive import as_json
+from invariantqp.compare.figures import figures
+from invariantqp.compare.method import FAMILIES, OURS
+from invariantqp.compare.sweep import METHODS, chosen, methods_named
+from invariantqp.compare.tasks import bed, spec_of
+from invariantqp.compare.worker import Run
+from invariantqp.errors import UnknownName
 from invariantqp.runs.taskfile import LawSpec
 
-ROWS = {name: row for name, row in METHODS.items() if row.installed}
-RESTING = {OURS, OURS_PYTHON}
-READY = ready("panda")
-
-
-def setting(m):
-    return LoopSetting(m, 0.001, np.zeros(3), 1.0)
-
-
-def plain(J, s, lower, upper):
-    """A tick without posture and exact rows."""
-    m = J.shape[1]
-    return TickInputs(J, s, lower, upper, np.zeros(m), np.zeros((0, m)), np.zeros(0), np.zeros(m))
-
-
-def solved(name, J, s, reach=1e3, **told):
-    m = J.shape[1]
-    reach = np.array(np.broadcast_to(reach, m))
-    return ROWS[name].loop.keywords["make"](setting(m))(plain(J, s, -reach, reach)._replace(**told))
+HERE = [row for row in methods_named(None) if not row.environment and all(map(find_spec, row.needs))]
+BY_HAND = [row.name for row in METHODS.values() if row.family == "by hand"]
+SLACK = 1e-7  # DAQP's
+GIVEN = spec_of(arm("panda"), LawSpec(dt=0.002))
 
 
 def problem(seed, m):
@@ -37,96 +40,36 @@ def problem(seed, m):
     return rng.normal(size=(6, m)), rng.normal(size=6)
 
 
-def first_tick(name, robot, q, dx=0.0, ticks=1, **law):
-    """The joint velocity of the first tick, or a later one at the same q, towards a target dx [m] away along x."""
-    target, loop = robot.pose(q), controller_named(name)(robot, LawSpec(dt=0.001, **law))
-    target[0, 3] += dx
-    return [loop.step(q, robot.target(target)).velocity for _ in range(ticks)][-1]
+def tick(J, s, reach=1e3, **more):
+    m = J.shape[1]
+    reach = np.array(np.broadcast_to(reach, m))
+    return TickProblem(J, s, s, -reach, reach, np.zeros(m))._replace(**more)
 
 
-def test_every_row_says_what_it_is_and_what_it_takes():
+def solved(name, J, s, reach=1e3, **more):
+    given = replace(GIVEN, names=tuple(f"joint{i}" for i in range(J.shape[1])), point=np.array([0.1, -0.2, 0.3]))
+    return METHODS[name].loop(given).velocity(tick(J, s, reach, **more))
+
+
+def measured(row, task):
+    """The figures of a method on a task."""
+    run = Run(row, as_json(task))
+    run.run(len(task.targets))
+    return figures(task, run.end())
+
+
+def test_every_row_says_what_it_is_and_what_it_makes_of_what_it_is_given():
+    assert next(iter(METHODS)) == OURS
     for name, row in METHODS.items():
         assert row.name == name
         assert row.family in FAMILIES
-        assert row.why
-        assert all(row.as_json()["takes"].values())
-    assert next(iter(METHODS)) == OURS
-    assert sum(row.shown for row in METHODS.values()) <= 10
+        assert row.about
+        assert all(row.setting)
+        assert bool(row.distribution) == (row.family != "by hand" and bool(row.needs))
 
 
-@pytest.mark.parametrize("name", list(ROWS))
-def test_what_a_row_says_of_the_posture_is_so(name, panda):
-    """At rest on its target, every row that takes the posture moves the null space towards it, at one rate.
-
-    Ours rests there, and moves the null space as fast 0.2 s after the tool moves.
-    """
-    x = first_tick(name, panda, READY)
-    assert ROWS[name].takes.posture != CANNOT
-    J, middle = panda.jacobian(READY), 0.5 * (panda.position_lower + panda.position_upper)
-    wanted = (np.eye(7) - np.linalg.pinv(J) @ J) @ (middle - READY)
-    if name in RESTING:
-        assert np.abs(x).max() < 1e-9
-        moving = {"dx": 0.05, "gain": 10.0, "ticks": 200}
-        x = first_tick(name, panda, READY, **moving) - first_tick(name, panda, READY, **moving, posture=False)
-    if name in {"DLS", "[DS] Lambda"}:
-        assert x @ wanted > 0.9 * wanted @ wanted
-    else:
-        np.testing.assert_allclose(x, wanted, atol=0.01 * np.abs(wanted).max())
-    assert np.abs(first_tick(name, panda, READY, posture=False)).max() < 1e-9
-
-
-@pytest.mark.parametrize("name", list(ROWS))
-def test_every_row_is_told_how_late_the_arm_is(name, panda):
-    late, slow = (first_tick(name, panda, READY, 0.01, **told) for told in ({"delay": 0.1}, {"gain": 2.5}))
-    np.testing.assert_array_equal(late, slow)
-    assert np.abs(first_tick(name, panda, READY, 0.01)).max() > 2.0 * np.abs(late).max()
-
-
-@pytest.mark.parametrize("name", list(ROWS))
-def test_no_row_exceeds_the_acceleration_limits_that_it_is_told(name, panda):
-    loop = controller_named(name)(panda, LawSpec(dt=0.001, acceleration_limit=5.0, posture=False))
-    q, x, target = READY, np.zeros(7), panda.pose(READY)
-    target[:3, 3] += (0.1, 0.05, 0.02)
-    for _ in range(5):
-        before, x = x, loop.step(q, panda.target(target)).velocity
-        assert np.abs(x - before).max() <= 0.005 * (1.0 + 1e-6)
-        q = q + 0.001 * x
-    assert np.abs(x).max() > 0.01
-
-
-@pytest.mark.parametrize("name", list(ROWS))
-def test_what_a_row_says_of_exact_rows_is_so(name, so101):
-    """Five joints cannot do the twist, but can meet the point: who says so meets it, who cannot does not."""
-    robot, q = so101, np.array([0.1, -0.4, 0.5, 0.6, 0.2])
-    target = iq.exp([0.02, 0.01, 0.0, 0.0, 0.0, 0.0]) @ robot.pose(q)
-    point = np.array([0.02, -0.01, 0.03])
-    law = LawSpec(dt=0.001, gain=10.0, exact="position", point=tuple(point.tolist()))
-    x = controller_named(name)(robot, law).step(q, robot.target(target)).velocity
-    places = robot.pose(q), target, robot.pose(q + 1e-6 * x)
-    here, there, after = (T[:3, :3] @ point + T[:3, 3] for T in places)
-    missed = np.linalg.norm((after - here) / 1e-6 - 10.0 * (there - here)) / np.linalg.norm(10.0 * (there - here))
-    if name in {"scaling", "Drake"}:  # they stand still: no share of this twist can be done
-        assert np.abs(x).max() < 1e-6
-    else:
-        assert (missed < 0.01) == (ROWS[name].takes.exact != CANNOT)
-
-
-@pytest.mark.parametrize("name", list(ROWS))
-def test_every_row_stays_inside_the_limits(name, panda):
-    q = READY.copy()
-    q[1] = panda.position_lower[1] + 1e-4
-    x = first_tick(name, panda, q, dx=-0.05)
-    assert np.isfinite(x).all()
-    assert (np.abs(x) <= panda.velocity_limit * (1.0 + 1e-9)).all()
-    assert q[1] + 0.001 * x[1] >= panda.position_lower[1] - 1e-9
-
-
-@pytest.mark.parametrize("name", [n for n, row in ROWS.items() if row.takes.feedforward != "added to the twist"])
-def test_a_target_ahead_is_as_good_as_a_feedforward(name, panda):
-    ahead = np.array([0.02, 0.0, 0.01, 0.05, -0.03, 0.02])
-    loop = controller_named(name)(panda, LawSpec(dt=0.001, posture=False))
-    x = loop.step(READY, panda.target(panda.pose(READY)), ahead).velocity
-    np.testing.assert_allclose(panda.jacobian(READY) @ x, ahead, atol=2e-5)
+def test_rivals_by_hand_need_nothing_that_this_library_does_not():
+    assert all(not METHODS[name].needs for name in BY_HAND)
 
 
 @pytest.mark.parametrize("m", [3, 5, 6, 8])
@@ -139,13 +82,25 @@ def test_moore_penrose_is_the_shortest_least_squares_velocity(name, m):
     np.testing.assert_allclose(null_space @ x, 0.0, atol=1e-10)
 
 
+@pytest.mark.parametrize("m", [4, 6, 7])
+def test_damped_methods_are_the_minima_of_their_costs(m):
+    J, s = problem(2, m)
+    for name, mu in (("DLS", LAMBDA**2), ("LM", 0.5 * s @ s + EPS)):
+        x = solved(name, J, s)
+        np.testing.assert_allclose(J.T @ (s - J @ x), mu * x, atol=1e-10)
+
+
 def test_priorities_come_one_after_the_other():
     J, s = problem(2, 8)
-    posture, C = np.linspace(-1.0, 1.0, 8), J[3:]
-    x = solved("task priority", J, s, C=C, e=s[3:], posture=posture)
-    null_space = np.linalg.svd(J)[2][6:]
-    np.testing.assert_allclose(J @ x, s, atol=1e-5)
-    np.testing.assert_allclose(null_space @ (x - posture), 0.0, atol=1e-5)
+    posture = np.linspace(-1.0, 1.0, 8)
+    x = solved("task priority", J, s, posture_velocity=posture)
+    np.testing.assert_allclose(J @ x, s, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.svd(J)[2][6:] @ (x - posture), 0.0, atol=1e-9)
+    J, s = problem(3, 4)  # four joints: position is met, orientation as well as the fourth joint can
+    x = solved("task priority", J, s)
+    np.testing.assert_allclose(J[:3] @ x, s[:3], atol=1e-9)
+    null = np.linalg.svd(J[:3])[2][3]
+    assert abs(null @ J[3:].T @ (s[3:] - J[3:] @ x)) < 1e-9
 
 
 @pytest.mark.parametrize("last", [0.0, 1e-9, 1e-3, 0.5])
@@ -154,15 +109,8 @@ def test_chiaverini_damps_small_singular_values_alone(last):
     U, _, Vt = np.linalg.svd(J, full_matrices=False)
     sigma = np.r_[np.linspace(2.0, 1.0, 5), last]
     gains = np.linalg.svd(chiaverini(U * sigma @ Vt), compute_uv=False)
-    assert gains.max() <= (1.0 if last > NEARLY_SINGULAR else 0.0) / max(last, 1e-9) + 1.0 / LAMBDA
+    assert gains.max() <= (1.0 if last > DAMPING_THRESHOLD else 0.0) / max(last, 1e-9) + 1.0 / MAX_DAMPING
     assert np.isclose(gains, 0.5).any()
-
-
-@pytest.mark.parametrize("m", [4, 6, 7])
-def test_damped_least_squares_is_the_minimum_of_its_cost(m):
-    J, s = problem(2, m)
-    x = solved("DLS", J, s)
-    np.testing.assert_allclose(J.T @ (s - J @ x), LAMBDA**2 * x, atol=1e-12)
 
 
 def largest_share(J, s, reach):
@@ -178,7 +126,7 @@ def test_saturation_and_scaling_keep_the_direction_inside_the_limits(m):
         J, s = problem(seed, m)
         x0 = np.linalg.pinv(J) @ s
         reach = np.random.default_rng(seed).uniform(0.5, 1.2, m) * np.abs(x0).max()
-        (velocity, scale), best = saturate(plain(J, s, -reach, reach)), largest_share(J, s, reach)
+        (velocity, scale), best = saturate(tick(J, s, reach)), largest_share(J, s, reach)
         assert (np.abs(velocity) <= reach).all()
         np.testing.assert_allclose(J @ velocity, scale * s, atol=1e-9 * np.linalg.norm(s))
         assert min(1.0, (reach / np.abs(x0)).min()) - 1e-9 <= scale <= best + 1e-9
@@ -186,46 +134,130 @@ def test_saturation_and_scaling_keep_the_direction_inside_the_limits(m):
         np.testing.assert_allclose(J @ x, best * s, atol=3e-3 * np.linalg.norm(s))
 
 
-def test_saturation_outside_its_limits_goes_the_way_back():
-    J, s = problem(3, 7)
-    lower, upper = np.full(7, -1.0), np.full(7, 1.0)
-    lower[2] = 0.4
-    x = saturate(plain(J, 5.0 * s, lower, upper))[0]
-    assert (x >= lower).all()
-    assert (x <= upper).all()
+@pytest.mark.parametrize("m", [3, 5])
+def test_with_few_joints_scaling_is_of_what_they_can_do(m):
+    for seed in range(20):
+        J, s = problem(seed, m)
+        x0 = np.linalg.pinv(J) @ s
+        x = solved("scaling", J, s, 0.5 * np.abs(x0).max())
+        np.testing.assert_allclose(x, 0.5 * x0, atol=1e-5 * np.abs(x0).max())
 
 
-def names(*words):
-    return [method.name for method in chosen(words)]
+@pytest.mark.parametrize("name", ["QP", "QP with length", "QP with |e|^2", "QP with both"])
+@pytest.mark.parametrize("m", [5, 7])
+def test_a_qp_is_the_least_squares_that_it_says(name, m):
+    J, s = problem(6, m)
+    towards = np.linspace(-1.0, 1.0, m)
+    point, L = np.array([0.1, -0.2, 0.3]), GIVEN.length
+    root = np.eye(6)
+    if "QP with length" in name or "both" in name:
+        root[:3, 3:] = [np.cross(w, point) for w in np.eye(3)]
+        root[:3, 3:] = root[:3, 3:].T
+        root[3:, 3:] *= L
+    mu = 0.5 * np.sum((root @ s) ** 2) if "|e|^2" in name or "both" in name else 0.0
+    A = np.vstack((root @ J, np.sqrt(EPS + mu) * np.eye(m)))
+    b = np.concatenate((root @ s, EPS / np.sqrt(EPS + mu) * towards))
+    reach = 0.4 * np.abs(np.linalg.lstsq(A, b, rcond=None)[0]).max()
+    best = lsq_linear(A, b, (-reach, reach), tol=1e-14).x
+    np.testing.assert_allclose(solved(name, J, s, reach, posture_velocity=towards), best, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_pinocchio_and_this_library_read_the_same(name, monkeypatch):
+    pytest.importorskip("pinocchio")
+    robot, q = arm(name), np.array(STARTS[name])
+    given, pose, ahead = spec_of(robot, LawSpec(dt=0.002)), robot.pose(q + 0.1), np.arange(6) / 10.0
+    theirs = ByHand(given, by_hand.moore_penrose)
+    monkeypatch.setattr(by_hand, "is_installed", lambda _: False)
+    ours = ByHand(given, by_hand.moore_penrose)
+    for a, b in zip(*(loop.read(q, loop.target(pose, ahead), ahead) for loop in (theirs, ours)), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", BY_HAND)
+def test_methods_by_hand_keep_limits_of_position_speed_and_acceleration(name):
+    """Targets far beyond all of them: each has a distance from which it brakes."""
+    rng = np.random.default_rng(7)
+    robot = arm("panda")
+    loop = METHODS[name].loop(spec_of(robot, LawSpec(dt=0.01, acceleration_limit=5.0)))
+    q, previous, stopped, nearest = np.array(STARTS["panda"]), np.zeros(7), 0, np.inf
+    for k in range(400):
+        if k % 100 == 0:
+            target = loop.target(robot.pose(rng.uniform(robot.position_lower, robot.position_upper)), None)
+        try:
+            x = loop.step(q, target, None, previous)
+        except RuntimeError:
+            assert name == "scaling"  # with no share of the twist within reach it has no answer
+            stopped, x = stopped + 1, np.clip(0.0, previous - 0.05, previous + 0.05)
+        else:
+            assert (np.abs(x - previous) <= 0.05 + SLACK).all()
+            assert (np.abs(x) <= robot.velocity_limit + SLACK).all()
+        q, previous = q + 0.01 * x, x
+        room = np.minimum(robot.position_upper - q, q - robot.position_lower)
+        assert (room >= -SLACK).all() or stopped
+        nearest = min(nearest, room.min())
+    assert nearest < 0.1
+    assert stopped < 200
+
+
+@pytest.mark.parametrize("row", HERE, ids=lambda row: row.name)
+def test_all_follow_a_slow_path_alike(row):
+    """The same gain and feedforward: without limits no method is further off than another, but for damping."""
+    (task,) = bed(["ur5e"], ["free"])
+    n = 700
+    task = replace(task, **{key: getattr(task, key)[:n] for key in ("targets", "feedforward", "noise", "desired")})
+    found = measured(row, task)
+    assert found["exceptions"] == found["violations"] == 0
+    assert found["mm"] < (2.0 if row.name == "DLS" else 0.02)
+    without = measured(row, replace(task, feedforward=None))
+    assert without["mm"] > 2.0
+
+
+@pytest.mark.parametrize(
+    "row", [row for row in HERE if row.name not in {"SNS", "scaling"} and not row.slow], ids=lambda row: row.name
+)
+def test_the_point_that_a_row_takes_makes_it_free_of_the_tool_frame(row):
+    (task,) = bed(["so101"], ["other tool frame"])
+    """But for those that stand still on this path, and slow ones."""
+    n = 150
+    short = {key: getattr(task, key)[:n] for key in ("targets", "feedforward", "noise", "desired")}
+    other, mine = replace(task, **short), replace(task.original, **{**short, "targets": task.original.targets[:n]})
+    runs = []
+    for t in (mine, other):
+        run = Run(row, as_json(t))
+        run.run(n)
+        runs.append(np.array(run.end()["positions"]))
+    change = np.abs(runs[0] - runs[1]).max()
+    assert change < 1e-9 if row.setting.point.startswith("given") else change > 1e-5
+
+
+def test_all_are_told_what_the_library_is_told():
+    robot = arm("panda")
+    given = spec_of(robot, LawSpec(dt=0.01, delay=0.05, posture_gain=2.0, point=(0.0, 0.0, 0.1)))
+    assert given.gain == iq.Controller(robot, dt=0.01, delay=0.05).gain < iq.Controller(robot, dt=0.01).gain
+    assert (given.posture_gain == 2.0).all()
+    np.testing.assert_allclose(given.posture, 0.5 * (robot.position_lower + robot.position_upper))
+    assert given.length == iq.Controller(robot, dt=0.01, point=[0.0, 0.0, 0.1]).measure.length
+    limits = np.arange(1.0, 8.0)
+    np.testing.assert_array_equal(
+        spec_of(robot, LawSpec(acceleration_limit=limits.tolist())).acceleration_limit, limits
+    )
 
 
 def test_methods_are_chosen_by_name_family_or_part():
-    assert chosen()[0].name == "invariantqp"
+    def names(*words):
+        return [method.name for method in methods_named(words)]
+
+    assert methods_named(None)[0].name == OURS
     assert names("dls") == ["DLS"]
     assert names("dls ", "invariantqp") == ["invariantqp", "DLS"]
-    assert {method.family for method in chosen(["damped"])} == {"damped"}
+    assert set(names("by hand")) == set(BY_HAND)
     assert names("pin") == ["Pink"]
-    for words in (["moore penrose"], ["DLS", "moore penrose"]):
-        with pytest.raises(UnknownName, match="unknown method 'moore penrose'; did you mean"):
-            chosen(words)
-    with pytest.raises(BadInput, match="--methods: found no method"):
-        chosen([""])
-
-
-def test_a_method_that_is_not_installed_says_what_it_needs(monkeypatch):
-    monkeypatch.setattr(extras, "find_spec", lambda name: None if name == "mink" else object())
-    assert not_installed(chosen()) == {"peers": ["mink"]}
-    assert not_installed(chosen(["damped"])) == {}
-    with pytest.raises(MissingExtra, match=r"mink is not installed\. Run: pip install 'mink>="):
-        chosen(["mink"])
-
-
-def test_exact_rows_that_limits_forbid_are_slowed_down_by_halves():
-    J, s = problem(5, 6)
-    row = np.zeros((1, 6))
-    row[0, 0] = 1.0
-    make = ROWS["QP with length and LM"].loop.keywords["make"](LoopSetting(6, 0.01, np.zeros(3), 0.5))
-    for wanted, share in ((0.9, 1.0), (1.5, 0.5), (3.9, 0.25), (7.9, 0.125), (9.0, 0.0)):
-        x = make(TickInputs(J, s, -np.ones(6), np.ones(6), np.zeros(6), row, np.array([wanted]), np.zeros(6)))
-        assert x[0] == pytest.approx(share * wanted, abs=1e-9)
-        assert (np.abs(x) <= 1.0 + 1e-9).all()
+    assert names("qp") == ["QP"]  # a full name before parts of others
+    assert names("pink, lm_damping 100.0") == ["Pink, lm_damping 100.0"]
+    assert len(names("other settings")) > 20
+    assert not set(names("other settings")) & {row.name for row in methods_named(None)}
+    with pytest.raises(UnknownName, match="unknown method 'moore penrose'; did you mean"):
+        names("DLS", "moore penrose")
+    with pytest.raises(UnknownName, match="unknown kind ''"):
+        chosen([""], ["free"], "kind")

@@ -38,7 +38,6 @@ for file in package.rglob("*.py"):
 imported = look()
 from invariantqp.compare.report import draw
 results, out = json.loads(Path(sys.argv[2]).read_text("utf-8")), Path(sys.argv[1])
-results = {**results, "tasks": results["tasks"][:1]}
 motion = iq.load_task("scara")
 iq.pictures.picture(iq.run_task(motion, dt=0.02), out / "motion.png")
 robot = motion.load_robot()

@@ -193,8 +193,8 @@ def test_contacts_that_are_none(changes, said):
 
 
 def test_displaced_frames_change_nothing_of_ours_and_much_of_the_textbooks():
-    """Tool, sensor and contact frames, on an arm that feels contact through a wrist sensor: joint velocities."""
-    ours, textbook = iq.compare.contact_frame_check(short("wipe_table", duration=0.3, settle=0.3), seed=1)
+    """Tool, sensor and contact frames, on an arm that feels contact through a wrist sensor."""
+    ours, textbook = iq.compare.frame_check(short("wipe_table", duration=0.3, settle=0.3), seed=1)
     assert 0.0 < ours.change < 1e-9
     assert ours.displaced_force_error == pytest.approx(ours.force_error, rel=1e-6)
     assert 0.5 < textbook.force_error / ours.force_error < 2.0  # as told it is as good, but for the integral

@@ -1,7 +1,7 @@
 """Decoded task files that tests change key by key, and a run in another tool frame."""
 
-from invariantqp.compare.frames import displaced
 from invariantqp.runs.controllers import controller_for
+from invariantqp.runs.frames import displaced
 from invariantqp.runs.prepare import prepare
 from invariantqp.runs.run import run
 from support.arms import READY

@@ -1,13 +1,12 @@
-"""How much a run changes when frames are chosen differently for the same motion of the same tool.
+"""How much a run of our controller changes when frames are chosen differently for the same motion of the same tool.
 
     T_tool' = T_tool X,  T_target' = T_target X,  T_sensor' = T_sensor Y,  T_contact' = T_contact Z
 
-    change    max |q(t) - q'(t)|, in contact max |x(t) - x'(t)|
-    control   max |q(t) - q''(t)|,  q'' from a start moved by 1e-12: a change that is not above it is no dependence
+    change    max |q(t) - q'(t)|
 
-Nothing physical moves, the description alone does; it is made here, outside the run, which knows nothing of it. In
-contact our controller is compared with the hybrid controller of textbooks, whose task frame keeps its axes along the
-surface, as a user would see to.
+Nothing physical moves, the description alone does; it is made here, outside the run, which knows nothing of it. What
+other methods make of another tool frame, `invariantqp compare` measures. In contact our controller is compared with the
+hybrid controller of textbooks, whose task frame keeps its axes along the surface, as a user would see to.
 
 Reference: Raibert & Craig 1981; Lipkin & Duffy 1988 and Duffy 1990 for what is wrong with it.
 """
@@ -21,8 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from invariantqp.compare.method import DLS, OURS, PENROSE
-from invariantqp.compare.registry import controller_named
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
@@ -92,82 +89,30 @@ class DisplacedSensor:
         return self._plant.state()
 
 
-@dataclass(frozen=True)
-class FrameCheck:
-    """What another tool frame changed for one law.
-
-    Attributes:
-        law: its name.
-        change: largest change of a joint position during the run [rad, m].
-        control: the same for a start moved by 1e-12, in the tool frame of the task [rad, m].
-        worst_error_mm: largest position error of the tool with the tool frame of the task [mm].
-    """
-
-    law: str
-    change: float
-    control: float
-    worst_error_mm: float
-
-
 def random_displacement(seed: int) -> Array:
     """A random (4, 4) rigid motion: any rotation, and a translation with this standard deviation along each axis."""
     rng = np.random.default_rng(seed)
     return se3.transform(Rotation.from_quat(rng.standard_normal(4)).as_matrix(), DISPLACEMENT * rng.standard_normal(3))
 
 
-def moved_start(task: Task, setup: Setup) -> Setup:
-    """The same motion of the tool from a start that is moved by rounding."""
-    start = [x + arrays.ROUNDING for x in task.robot.start]
-    other = prepare(task.model_copy(update={"robot": task.robot.model_copy(update={"start": start})}))
-    same = {name: getattr(setup.problem, name) for name in ("time", "poses", "feedforward")}
-    problem = replace(other.problem, **same)
-    return replace(other, problem=problem, wanted=setup.wanted, noise=setup.noise)
-
-
-def frame_check(task: Task, seed: int = 0) -> list[FrameCheck]:
-    """Run a task under each law with its own tool frame, with one that is displaced at random, and with a start moved.
-
-    The laws are ours, Moore-Penrose and damped; for an elastic path, which the others do not have, ours. Runs of such
-    a path may differ in length: the shorter one rests at its end. `seed` is that of the displacement.
-    """
-    tool = random_displacement(seed)
-    checks = []
-    for name in (OURS, PENROSE, DLS) if task.path.timing == "fixed" else (OURS,):
-        make = controller_named(name)
-        plain_setup, moved = prepare(task), displaced(prepare(task), tool)
-        plain, other, nudged = (
-            run(setup, controller_for(setup.problem, make))
-            for setup in (plain_setup, moved, moved_start(task, plain_setup))
-        )
-        change, control = (largest_change(plain.q, trace.q) for trace in (other, nudged))
-        checks.append(FrameCheck(name, change, control, 1e3 * float(plain.position_error.max())))
-    return checks
-
-
-def largest_change(a: Array, b: Array) -> float:
-    """The largest difference of two joint trajectories (n, m) and (k, m)."""
-    n = max(len(a), len(b))
-    return float(max(np.abs(a[min(i, len(a) - 1)] - b[min(i, len(b) - 1)]).max() for i in range(n)))
-
-
 @dataclass(frozen=True)
-class ContactFrameCheck:
+class FrameCheck:
     """What other frames changed for one controller.
 
     Attributes:
         law: its name.
-        change: largest change of a joint velocity during the run [rad/s, m/s].
-        error_mm: largest path error after the contact has settled, with the frames of the task file [mm].
-        force_error: rms error of the true force divided by the wanted force, with the frames of the task file.
-        displaced_error_mm: the same path error with displaced frames [mm].
-        displaced_force_error: the same force error with displaced frames.
+        change: largest change of a joint position during the run [rad, m].
+        error_mm, displaced_error_mm: largest path error with the frames of the task file, and with displaced ones; in
+            contact after it has settled [mm].
+        force_error, displaced_force_error: rms error of the true force divided by the wanted force, likewise; None
+            without contact.
     """
 
     law: str
     change: float
     error_mm: float
-    force_error: float | None
     displaced_error_mm: float
+    force_error: float | None
     displaced_force_error: float | None
 
 
@@ -218,21 +163,25 @@ class RaibertCraig(TaskController):
         return VelocitySolution(clipped, "raibert-craig", Status.OK, "", active, residual, 1.0, 0.0, 0.0, "")
 
 
-def contact_frame_check(task: Task, seed: int = 0, physics: str = "ideal") -> list[ContactFrameCheck]:
-    """Run a task with contact in its own frames and in frames displaced at random, under our controller and another.
+def frame_check(task: Task, seed: int = 0, physics: str = "ideal") -> list[FrameCheck]:
+    """Run a task in its own frames and in frames displaced at random, under our controller and, in contact, another.
 
-    `seed` is that of the three displacements, `physics` the plant, "ideal" or "mujoco". Ours is the first.
+    `seed` is that of the displacements, `physics` the plant, "ideal" or "mujoco". Ours is the first. Runs of a path
+    with elastic timing may differ in length: the shorter one rests at its end.
     """
     laws: dict[str, Callable[[Setup, Array | None], TaskController]] = {
-        OURS: lambda setup, _: controller_for(setup.problem),  # it needs no displacement
-        "Raibert-Craig": RaibertCraig,
+        "invariantqp": lambda setup, _: controller_for(setup.problem)  # it needs no displacement
     }
-    tool, sensor, contact = (random_displacement(seed + i) for i in range(3))
+    if task.contact is not None:
+        laws["Raibert-Craig"] = RaibertCraig
+    tool, *others = (random_displacement(seed + i) for i in range(3 if task.contact is not None else 1))
     checks = []
     for name, make in laws.items():
-        plain_setup, moved = prepare(task, physics), displaced(prepare(task, physics), tool, sensor, contact)
-        plain, other = run(plain_setup, make(plain_setup, None)), run(moved, make(moved, tool))
-        change = float(np.abs(plain.velocity - other.velocity).max())
-        errors = [1e3 * float(trace.position_error[trace.counted_from :].max()) for trace in (plain, other)]
-        checks.append(ContactFrameCheck(name, change, errors[0], plain.force_error, errors[1], other.force_error))
+        setup, moved = prepare(task, physics), displaced(prepare(task, physics), tool, *others)
+        plain, other = run(setup, make(setup, None)), run(moved, make(moved, tool))
+        n = max(len(plain.q), len(other.q))
+        a, b = (trace.q[np.minimum(np.arange(n), len(trace.q) - 1)] for trace in (plain, other))
+        error, displaced_error = (1e3 * float(t.position_error[t.counted_from :].max()) for t in (plain, other))
+        forces = plain.force_error, other.force_error
+        checks.append(FrameCheck(name, float(np.abs(a - b).max()), error, displaced_error, *forces))
     return checks
