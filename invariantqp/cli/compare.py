@@ -22,8 +22,14 @@ def compare(
         list[str] | None,
         typer.Argument(metavar="TASK", help="Names or files of tasks; by default the bed: every kind on five arms."),
     ] = None,
-    arms: Annotated[list[str] | None, typer.Option(metavar="NAME", help=f"An arm of the bed; {MORE}.")] = None,
-    kinds: Annotated[list[str] | None, typer.Option(metavar="NAME", help=f"A kind of task; {MORE}.")] = None,
+    arms: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help=f"An arm of the bed (panda, ur5e, so101, xarm7, random4); {MORE}."),
+    ] = None,
+    kinds: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help=f"A kind of task, such as limits, singular or turn; {MORE}."),
+    ] = None,
     methods: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help=f"A method, a family, or part of a name; {MORE}.")
     ] = None,

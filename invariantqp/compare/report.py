@@ -156,7 +156,7 @@ def folded(results: Results) -> list[tuple[str, Table]]:
     found = [
         (f"Where a method dominates {OURS}", tables.losses(results)),
         ("What each kind of task is", tables.kinds(results)),
-        (tables.CELLS, tables.by_kind(results)),
+        (f"Kind by kind. {tables.CELLS}", tables.by_kind(results)),
         ("What each method makes of what all are given", tables.settings(results)),
         ("Every run", tables.listed(results)),
         ("What could not be measured", Table(("method", "task", "why"), failures(results))),
