@@ -92,7 +92,7 @@ def draw(results: Results, file: Path, colours: Colours = LIGHT, columns: int = 
         for axes in grid[len(panels) - columns : len(panels)]:
             axes.set_xlabel("time of a tick, us")
         shapes = [(colours.text, marker_of(name, names), name) for name in names]
-        shapes += [(colours.same, "o", "no change in another tool frame"), (colours.other, "o", "a change")]
+        shapes += [(colours.same, "o", "same in any frame"), (colours.other, "o", "not the same")]
         handles = [
             Line2D([], [], color=c, marker=marker, linestyle="", markersize=DIAMETER, label=label)
             for c, marker, label in shapes
