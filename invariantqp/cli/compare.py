@@ -71,7 +71,7 @@ def compare(
 
     folder("--out", out)
     todo = tasks_of(tasks or (), arms, kinds, seed, quick=quick)
-    with writing(out):  # before hours of work, not after them
+    with writing(out):  # before the measuring, not after it
         out.mkdir(parents=True, exist_ok=True)
     with progress("measuring", quiet) as report:
         results = sweep(todo, rows, seed=seed, quick=quick, jobs=jobs, progress=report)

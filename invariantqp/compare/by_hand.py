@@ -170,7 +170,7 @@ def chiaverini(J: Array) -> Array:
 
 
 def priority(spec: LoopSpec) -> Velocity:
-    """Position previous orientation (Nakamura 1987; Chiaverini 1997)."""
+    """Position before orientation (Nakamura 1987; Chiaverini 1997)."""
     eye = np.eye(len(spec.names))
 
     def velocity(tick: TickProblem) -> Array:
