@@ -39,11 +39,10 @@ from scipy.optimize import minimize
 from shared.ten_arms import ARMS, arm, limits
 
 import invariantqp as iq
-from invariantqp.compare.arms import STARTS
+from invariantqp.compare.arms import STARTS, chain_of
 from invariantqp.compare.figures import NOT_SETTLED, figures
 from invariantqp.compare.tasks import COUNTS, BedTask, bed, from_file, minimum_jerk, spec_of, twists_of
 from invariantqp.control import controller, tracking
-from invariantqp.robots.chain import Chain
 from invariantqp.runs.taskfile import LawSpec, law_options, load_task, shipped_tasks
 from invariantqp.velocity import damping, exact, law, tick
 
@@ -245,7 +244,7 @@ def other_tasks() -> Iterator[BedTask]:
 def measured(task: BedTask, choice: Choice) -> np.ndarray:
     """(5,) mm, deg, rad/s^2, s, and how far joints moved [deg]; NaN where the controller refuses a choice."""
     spec = task.spec
-    robot = Chain(spec.screws, spec.home, spec.names, spec.lower, spec.upper, spec.velocity_limit)
+    robot = chain_of(spec)
     options = law_options(robot, LawSpec.model_validate(spec.law))
     try:
         with mock.patch.object(*choice.constant) if choice.constant else nullcontext():

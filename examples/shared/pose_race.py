@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 
 from invariantqp.analysis.survey import joint_ranges, spread
-from invariantqp.compare.arms import as_chain
+from invariantqp.compare.arms import as_chain, joint_frames
 from invariantqp.compare.libraries import Pink
 from invariantqp.compare.tasks import spec_of
-from invariantqp.errors import BadInput, RobotModelError
+from invariantqp.errors import BadInput
 from invariantqp.extras import is_installed
-from invariantqp.geometry import screws, se3
-from invariantqp.geometry.arrays import NEGLIGIBLE, Array
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
 from invariantqp.pose.error import pose_arm, pose_error
 from invariantqp.pose.ik import RESTARTS, solve_pose
 from invariantqp.robots.kinematics import Robot
@@ -179,11 +179,7 @@ def ets_of(robot: Robot) -> Any:
         import roboticstoolbox as rtb
     chain, before = as_chain(robot), np.eye(4)
     pieces: list[Any] = []
-    for screw, point, low, high in zip(chain.screws.T, chain.places, *joint_ranges(robot), strict=True):
-        slides = not screw[:3].any()
-        if not slides and abs(screws.pitch(screw)) > NEGLIGIBLE:
-            raise RobotModelError("the Robotics Toolbox has no helical joints")
-        frame = se3.facing(screw[3:] if slides else screw[:3], point)
+    for (slides, frame), low, high in zip(joint_frames(chain), *joint_ranges(robot), strict=True):
         pieces.append(rtb.ET.SE3(se3.inverse(before).dot(frame)))
         pieces.append((rtb.ET.tz if slides else rtb.ET.Rz)(qlim=np.array([low, high])))
         before = frame

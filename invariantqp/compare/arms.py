@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 
+from invariantqp.compare.method import LoopSpec
 from invariantqp.errors import RobotModelError
 from invariantqp.geometry import arrays, screws, se3
 from invariantqp.geometry.arrays import Array
@@ -57,10 +58,29 @@ def random_arm(m: int, seed: int) -> Chain:
     return Chain(np.column_stack(hinges), se3.transform(None, point), (), -2.5, 2.5, 2.0)
 
 
+def chain_of(spec: LoopSpec) -> Chain:
+    """The arm of a spec, with its limits."""
+    return Chain(spec.screws, spec.home, spec.names, spec.lower, spec.upper, spec.velocity_limit)
+
+
+def joint_frames(robot: Chain) -> list[tuple[bool, Array]]:
+    """Whether each joint is a slide, and a frame (4, 4) at q = 0 with the joint along its z axis, base first.
+
+    Helical joints are refused: the models of other libraries have none.
+    """
+    found = []
+    for name, screw, point in zip(robot.names, robot.screws.T, robot.places, strict=True):
+        slides = not screw[:3].any()
+        if not slides and abs(screws.pitch(screw)) > arrays.NEGLIGIBLE:
+            raise RobotModelError(f"joint {name} is helical; other libraries model hinges and slides only")
+        found.append((slides, se3.facing(screw[3:] if slides else screw[:3], point)))
+    return found
+
+
 def urdf(robot: Chain) -> str:
     """The joints as a URDF, base first, each along z of its link, and the tool frame as the link "tool".
 
-    Some libraries read axes along x, y and z alone. Helical joints are refused: the models of libraries have none.
+    Some libraries read axes along x, y and z alone. Helical joints are refused.
     """
     from scipy.spatial.transform import Rotation
 
@@ -72,13 +92,9 @@ def urdf(robot: Chain) -> str:
 
     parts, parent, before = [LINK.format("base")], "base", np.eye(4)
     bounds = zip(robot.position_lower, robot.position_upper, robot.velocity_limit, strict=True)
-    for name, screw, point, limits in zip(robot.names, robot.screws.T, robot.places, bounds, strict=True):
-        slides = not screw[:3].any()
-        if not slides and abs(screws.pitch(screw)) > arrays.NEGLIGIBLE:
-            raise RobotModelError(f"joint {name} is helical; other libraries model hinges and slides only")
+    for name, (slides, frame), limits in zip(robot.names, joint_frames(robot), bounds, strict=True):
         ends = dict(zip(("lower", "upper", "speed"), np.clip(limits, -UNLIMITED, UNLIMITED).tolist(), strict=True))
         kind, link = "prismatic" if slides else "revolute", f"{name}_link"
-        frame = se3.facing(screw[3:] if slides else screw[:3], point)
         where = place(se3.inverse(before).dot(frame))
         parts += [LINK.format(link), JOINT.format(name=name, kind=kind, parent=parent, child=link, **where, **ends)]
         parent, before = link, frame

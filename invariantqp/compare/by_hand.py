@@ -24,8 +24,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from invariantqp.compare.method import OTHER_SETTINGS, Array, LoopSpec, Method, MethodSetting
+from invariantqp.compare.method import IN_QP, OTHER_SETTINGS, SCALES, LoopSpec, Method, MethodSetting
 from invariantqp.extras import is_installed
+from invariantqp.geometry.arrays import Array
 
 EPS = 1e-6
 # lambda of the DLS: of 0.01, 0.03, 0.1, 0.2 and 0.3 the one that dominates our law in the most tasks.
@@ -293,29 +294,19 @@ def row(name: str, velocity: Callable[..., Velocity], *setting: str, family: str
     return Method(name, family, loop, MethodSetting(*setting))
 
 
-CLIPPED, IN_QP, SCALES, ERROR_DAMPING = "clipped to them", "in the QP", "inside; the twist is scaled", "|e|^2/2 + 1e-6"
+CLIPPED, BY_ERROR = "clipped to them", "|e|^2/2 + 1e-6"
 GIVEN = "added", "given, with length"
 METHODS = [
     row("Moore-Penrose", moore_penrose, "in the null space", CLIPPED, "none"),
     row("DLS", damped, "in the damped null space", CLIPPED, f"lambda = {LAMBDA:g}"),
-    row("LM", levenberg_marquardt, "weight 1e-6", CLIPPED, ERROR_DAMPING),
+    row("LM", levenberg_marquardt, "weight 1e-6", CLIPPED, BY_ERROR),
     row("SNS", saturation, "in the null space", SCALES, "none"),
     row("task priority", priority, "last priority", CLIPPED, "along small singular values, to 0.05"),
     row("scaling", scaling, "in what is left", SCALES, "none"),
     row("QP", qp, "weight 1e-6", IN_QP, "1e-6"),
     row("QP with length", qp, "weight 1e-6", IN_QP, "1e-6", *GIVEN, length=True),
-    row("QP with |e|^2", qp, "weight 1e-6", IN_QP, ERROR_DAMPING, by_error=True),
-    row(
-        "QP with both",
-        qp,
-        "weight 1e-6",
-        IN_QP,
-        ERROR_DAMPING,
-        "added",
-        "given, with length",
-        length=True,
-        by_error=True,
-    ),
+    row("QP with |e|^2", qp, "weight 1e-6", IN_QP, BY_ERROR, by_error=True),
+    row("QP with both", qp, "weight 1e-6", IN_QP, BY_ERROR, *GIVEN, length=True, by_error=True),
     *(
         row(f"DLS, lambda {x}", damped, "in the damped null space", CLIPPED, f"{x}", family=OTHER_SETTINGS, factor=x)
         for x in (0.01, 0.03, 0.1, 0.3)

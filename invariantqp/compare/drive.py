@@ -111,10 +111,8 @@ class Workers:
     """The processes of every environment that some methods need and that has been made."""
 
     def __init__(self, methods: Sequence[Method]) -> None:
-        pythons = {environment: python_of(environment) for environment in {method.environment for method in methods}}
-        self.processes = {
-            environment: Process(environment, python) for environment, python in pythons.items() if python
-        }
+        pythons = {method.environment: python_of(method.environment) for method in methods}
+        self.processes = {name: Process(name, python) for name, python in pythons.items() if python}
 
     def installed(self) -> dict[str, str]:
         """The names of all methods that can be run, and the versions of what they need."""
@@ -142,7 +140,6 @@ class Workers:
         """What `worker.Run.end` returns of each method, or {"failed": why}."""
         found: dict[str, dict[str, Any]] = {}
         lost: dict[str, Method] = {}  # with the process of another method
-        words = as_json(task)
 
         def ask(method: Method, request: str, **more: Any) -> Any:
             if method.name in found or method.name in lost:
@@ -156,8 +153,11 @@ class Workers:
                     lost.update({other.name: other for other in others})
                 return None
 
+        first = {method.environment: method for method in reversed(methods)}
+        for method in first.values():
+            ask(method, "task", task=as_json(task))
         for method in methods:
-            ask(method, "make", task=words)
+            ask(method, "make")
         for _ in range(0, len(task.targets), BLOCK):
             for method in methods:
                 ask(method, "run", ticks=BLOCK)
@@ -181,12 +181,14 @@ def as_json(task: BedTask) -> dict[str, Any]:
 
 
 def run_all(
-    tasks: Sequence[BedTask], methods: Sequence[Method], jobs: int = 1
+    tasks: Sequence[BedTask], methods: Sequence[Method], teams: Sequence[Workers]
 ) -> Iterator[tuple[BedTask, dict[str, Figures]]]:
-    """Every task with the figures of every method, in the order in which they are finished, `jobs` at a time."""
+    """Every task with the figures of every method, in the order in which they are finished; a task a team at a time.
+
+    The teams are closed at the end, also where it is interrupted.
+    """
     free: SimpleQueue[Workers] = SimpleQueue()
-    every = [Workers(methods) for _ in range(jobs)]
-    for workers in every:
+    for workers in teams:
         free.put(workers)
 
     def one(task: BedTask) -> tuple[BedTask, dict[str, Figures]]:
@@ -196,11 +198,11 @@ def run_all(
         finally:
             free.put(workers)
 
-    pool = ThreadPoolExecutor(jobs)
+    pool = ThreadPoolExecutor(len(teams))
     try:
         for done in as_completed([pool.submit(one, task) for task in tasks]):
             yield done.result()
     finally:
-        for workers in every:
+        for workers in teams:
             workers.close()
         pool.shutdown(cancel_futures=True)

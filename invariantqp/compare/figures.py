@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.compare.method import Array
 from invariantqp.compare.tasks import BedTask
 from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
 
 Figures = dict[str, Any]
 # The figures that are compared, and what is as good as nothing: mm, degrees, rad/s^2, rad/s^2, s.

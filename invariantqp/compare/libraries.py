@@ -25,8 +25,9 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.compare.method import OTHER_SETTINGS, Array, LoopSpec, Method, MethodSetting
+from invariantqp.compare.method import IN_QP, OTHER_SETTINGS, SCALES, LoopSpec, Method, MethodSetting
 from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
 
 POSTURE_COST = 1e-3
 # Damping of a QP that has a posture task: Pink's default.
@@ -384,7 +385,7 @@ def varied(method: Method, **settings: Any) -> Method:
     return replace(method, name=name, family=OTHER_SETTINGS, loop=loop)
 
 
-AHEAD, IN_QP, SCALES = "a target ahead", "in the QP", "inside; the twist is scaled"
+AHEAD = "a target ahead"
 TASK, NEO = ("cost 1e-3", IN_QP, "lm_damping 300", AHEAD), ("weight 0.01", IN_QP, "0.01 times the distance")
 SECOND, SOFT = ("second priority", IN_QP, "lm_damping 300", AHEAD), ("weight 1e-6", IN_QP, "1e-6", AHEAD)
 SCALED = ("second priority", SCALES, "tolerance 0.03", AHEAD)

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from invariantqp.geometry.arrays import Array
+
 # The rows of our own law, by its two engines.
 OURS, IN_PYTHON = "invariantqp", "invariantqp in Python"
 # The modules of methods: each has its METHODS. Other environments have methods of the last one.
@@ -62,6 +62,10 @@ class MethodLoop(Protocol):
 
     def step(self, q: Array, target: Any, feedforward: Array | None, previous: Array) -> Array:
         """One tick: joint velocities (m,), of joint positions, the target and the velocities of the tick before."""
+
+
+# What some methods make of limits, as the table of settings says it.
+IN_QP, SCALES = "in the QP", "inside; the twist is scaled"
 
 
 class MethodSetting(NamedTuple):

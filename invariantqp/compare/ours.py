@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.compare.method import IN_PYTHON, OURS, Array, LoopSpec, Method, MethodSetting
+from invariantqp.compare.arms import chain_of
+from invariantqp.compare.method import IN_PYTHON, OURS, LoopSpec, Method, MethodSetting
 from invariantqp.engine import Engine
-from invariantqp.robots.chain import Chain
+from invariantqp.geometry.arrays import Array
 from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.taskfile import LawSpec
 
@@ -17,8 +18,7 @@ class Ours:
     """The law of this library as shipped: a `Controller` with its defaults."""
 
     def __init__(self, spec: LoopSpec, engine: Engine = "compiled") -> None:
-        limits = spec.lower, spec.upper, spec.velocity_limit
-        self.robot = Chain(spec.screws, spec.home, spec.names, *limits)
+        self.robot = chain_of(spec)
         self.controller = our_controller(self.robot, LawSpec.model_validate(spec.law), engine=engine)
 
     def target(self, pose: Array, feedforward: Array | None) -> Any:

@@ -16,7 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from invariantqp.compare import tables
 from invariantqp.compare.method import IN_PYTHON, OURS
-from invariantqp.compare.results import Results, failures, measured, tick_us
+from invariantqp.compare.results import Measured, Results, failures, measured, tick_us
 from invariantqp.compare.tables import Table, frame_change
 from invariantqp.pictures.figure import figure_file
 from invariantqp.template import fill_template
@@ -59,6 +59,8 @@ def draw(results: Results, file: Path, colours: Colours = LIGHT, columns: int = 
     kinds = {task["kind"] for task in results["tasks"]}
     panels = {kind: panel for kind, panel in PANELS.items() if kind in kinds} or {min(kinds): ERROR}
     names = [name for name in tables.names_of(results) if name != IN_PYTHON]
+    tasks = measured(results)
+    looks = {name: (marker_of(name, names), colour_of(frame_change(tasks, name), colours)) for name in names}
     columns = min(columns, len(panels))
     rows, across = -(-len(panels) // columns), 4 if columns > 1 else 2
     height = 3.2 * rows + 0.3 * -(-(len(names) + 2) // across)
@@ -85,13 +87,15 @@ def draw(results: Results, file: Path, colours: Colours = LIGHT, columns: int = 
                 axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
                 axis.set_minor_formatter(NullFormatter())
             axes.margins(x=0.08, y=0.15)
-            for name in names:
-                _mark(axes, name, point(results, name, kind, key, least), marker_of(name, names), results, colours)
+            for name, (marker, colour) in looks.items():
+                at = point([task for task in tasks if task.kind == kind], name, key, least)
+                if at is not None:
+                    _mark(axes, name, at, marker, colour, colours)
         for axes in grid[len(panels) :]:
             axes.set_visible(False)
         for axes in grid[len(panels) - columns : len(panels)]:
             axes.set_xlabel("time of a tick, us")
-        shapes = [(colours.text, marker_of(name, names), name) for name in names]
+        shapes = [(colours.text, marker, name) for name, (marker, _) in looks.items()]
         shapes += [(colours.same, "o", "same in any frame"), (colours.other, "o", "not the same")]
         handles = [
             Line2D([], [], color=c, marker=marker, linestyle="", markersize=DIAMETER, label=label)
@@ -101,22 +105,16 @@ def draw(results: Results, file: Path, colours: Colours = LIGHT, columns: int = 
         page.legend(handles=handles, loc="outside lower center", ncols=across, **look)
 
 
-def point(results: Results, name: str, kind: str, key: str, least: float) -> tuple[float, float] | None:
-    """The median of a method's ticks [us], and the geometric mean of a figure over the tasks of a kind."""
-    values = [t.runs[name][key] for t in measured(results) if t.kind == kind and name in t.runs]
-    return (tick_us(results, name, kind)[0], tables.geometric_mean(values, least)) if values else None
+def point(tasks: Sequence[Measured], name: str, key: str, least: float) -> tuple[float, float] | None:
+    """The median of a method's ticks [us], and the geometric mean of a figure over tasks; None without a run."""
+    values = [task.runs[name][key] for task in tasks if name in task.runs]
+    return (tick_us(tasks, name)[0], tables.geometric_mean(values, least)) if values else None
 
 
-def _mark(
-    axes: Axes, name: str, at: tuple[float, float] | None, marker: str, results: Results, colours: Colours
-) -> None:
+def _mark(axes: Axes, name: str, at: tuple[float, float], marker: str, colour: str, colours: Colours) -> None:
     """The marker of a method in a panel; ours is larger, and has its name."""
-    if at is None:
-        return
-    change = frame_change(results, name)
-    c = colours.text if change is None else colours.same if change < ROUNDING else colours.other
-    size, edge = (1.3 * DIAMETER, colours.text) if name == OURS else (DIAMETER, c)
-    axes.plot(*at, marker, color=c, markersize=size, markeredgecolor=edge, zorder=3)
+    size, edge = (1.3 * DIAMETER, colours.text) if name == OURS else (DIAMETER, colour)
+    axes.plot(*at, marker, color=colour, markersize=size, markeredgecolor=edge, zorder=3)
     if name == OURS:
         axes.annotate(name, at, (-size, size), textcoords="offset points", fontweight="bold", color=colours.text)
 
@@ -124,6 +122,11 @@ def _mark(
 def marker_of(name: str, names: Sequence[str]) -> str:
     """The marker of one of the methods that are shown."""
     return MARKERS[list(names).index(name) % len(MARKERS)]
+
+
+def colour_of(change: float | None, colours: Colours) -> str:
+    """The colour of what another tool frame changes [rad]; None was not measured."""
+    return colours.text if change is None else colours.same if change < ROUNDING else colours.other
 
 
 def write_report(results: Results, out: Path) -> list[Path]:

@@ -97,9 +97,9 @@ def failures(results: Results) -> list[tuple[str, str, str]]:
     return [(run["method"], run["task"], run["figures"]["failed"]) for run in failed]
 
 
-def tick_us(results: Results, name: str, kind: str | None = None) -> tuple[float, float]:
-    """Median and 99th percentile of a method's ticks [us]: medians over its tasks, of one kind or of all."""
-    runs = [task.runs[name] for task in measured(results) if name in task.runs and kind in (None, task.kind)]
+def tick_us(tasks: Sequence[Measured], name: str) -> tuple[float, float]:
+    """Median and 99th percentile of a method's ticks [us]: medians over tasks."""
+    runs = [task.runs[name] for task in tasks if name in task.runs]
     times = [[run["us"], run["us_p99"]] for run in runs] or [[math.nan, math.nan]]
     median, p99 = np.median(times, axis=0).tolist()
     return median, p99

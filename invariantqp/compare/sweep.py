@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
 from importlib import import_module
 
 from invariantqp.compare.arms import STARTS
@@ -73,16 +74,6 @@ def tasks_of(
     return bed(arms, chosen(kinds, KINDS, "kind"), seed)
 
 
-def installed(methods: Sequence[Method]) -> tuple[list[Method], dict[str, str]]:
-    """The methods that can be run here, and the version of what each needs, by its name."""
-    workers = Workers(methods)
-    try:
-        versions = workers.installed()
-    finally:
-        workers.close()
-    return [method for method in methods if method.name in versions], versions
-
-
 def sweep(
     tasks: Sequence[BedTask],
     methods: Sequence[Method],
@@ -102,13 +93,21 @@ def sweep(
         jobs: how many tasks are measured at a time; -1 is one a core. For times to quote, 1.
         progress: called with (tasks done, tasks in all).
     """
-    able, versions = installed([method for method in methods if not (quick and method.slow)])
-    if not able:
-        asked = ", ".join(method.name for method in methods)
-        raise BadInput("--methods", f"{asked}: none of these can be run", "a method that is installed and not left out")
-    found = {}
-    for task, runs in run_all(tasks, able, (os.cpu_count() or 1) if jobs < 0 else jobs):
-        found[task.name] = (task, runs)
-        if progress is not None:
-            progress(len(found), len(tasks))
+    asked = [method for method in methods if not (quick and method.slow)]
+    teams = [Workers(asked) for _ in range((os.cpu_count() or 1) if jobs < 0 else jobs)]
+    with ExitStack() as at_end:
+        for team in teams:
+            at_end.callback(team.close)
+        versions = teams[0].installed()
+        able = [method for method in asked if method.name in versions]
+        if not able:
+            names = ", ".join(method.name for method in methods)
+            raise BadInput(
+                "--methods", f"{names}: none of these can be run", "a method that is installed and not left out"
+            )
+        found = {}
+        for task, runs in run_all(tasks, able, teams):
+            found[task.name] = (task, runs)
+            if progress is not None:
+                progress(len(found), len(tasks))
     return collect(able, versions, [found[task.name] for task in tasks], seed=seed, quick=quick)

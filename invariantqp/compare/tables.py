@@ -58,11 +58,11 @@ def summary(results: Results) -> Table:
         both = [(run, task.runs[OURS]) for task, run in judged if OURS in task.runs and name != OURS]
         over, under = sum(dominates(a, b) for a, b in both), sum(dominates(b, a) for a, b in both)
         by_any = sum(bool(task.dominating(name)) for task, _ in judged)
-        times = (figure(value, "{:.3g}") for value in tick_us(results, name))
+        times = (figure(value, "{:.3g}") for value in tick_us(tasks, name))
         raised = sum(run["exceptions"] > 0 for _, run in runs) + sum(method == name for method, _, _ in failed)
         left = sum(run["violations"] > 0 for _, run in runs)
         against = [NOTHING, NOTHING] if name == OURS else [str(over), str(under)]
-        change = figure(frame_change(results, name), "{:.0e}")
+        change = figure(frame_change(tasks, name), "{:.0e}")
         rows.append([name, *times, *against, f"{by_any} of {len(judged)}", str(raised), str(left), change])
     heads = ("dominates ours", "ours dominates", "dominated by any", "exceptions", "limit violations")
     return Table(("method", "tick us", "p99", *heads, "frame, rad"), rows)
@@ -154,9 +154,9 @@ def listed(results: Results) -> Table:
     return Table(("task", "method", *keys), rows)
 
 
-def frame_change(results: Results, name: str) -> float | None:
+def frame_change(tasks: Sequence[Measured], name: str) -> float | None:
     """The largest change of a joint position by another tool frame [rad]."""
-    found: list[Any] = [task.runs[name].get("frame_rad") for task in measured(results) if name in task.runs]
+    found: list[Any] = [task.runs[name].get("frame_rad") for task in tasks if name in task.runs]
     return max((value for value in found if value is not None), default=None)
 
 

@@ -9,23 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from invariantqp.compare.arms import STARTS, arm, as_chain, urdf
-from invariantqp.compare.method import Array, LoopSpec
+from invariantqp.compare.arms import STARTS, arm, as_chain, chain_of, urdf
+from invariantqp.compare.method import LoopSpec
 from invariantqp.control.controller import posture_of
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput, RobotModelError
 from invariantqp.geometry import se3
-from invariantqp.robots.chain import Chain
+from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Robot
 from invariantqp.runs.frames import random_displacement
-from invariantqp.runs.prepare import prepare
+from invariantqp.runs.prepare import prepare, twists_between
 from invariantqp.runs.taskfile import LawSpec, Task
 from invariantqp.velocity.limits import accelerations
 
@@ -89,8 +88,7 @@ def joint_path(points: Sequence[ArrayLike], duration: float, dt: float, rest: fl
 
 def twists_of(poses: Array, dt: float) -> Array:
     """(n, 6) the twists that lead from each pose to the next, the last at rest."""
-    moves = [se3.displacement(a, b) / dt for a, b in pairwise(poses)]
-    return np.array([*moves, np.zeros(6)])
+    return np.vstack((twists_between(poses, dt), np.zeros(6)))
 
 
 class Maker:
@@ -167,7 +165,7 @@ class Maker:
         for kind, ends in self.ends().items():
             targets = self.poses(joint_path(ends, 3.0, 0.005, rest=1.0))
             k = np.arange(len(targets))
-            weight = minimum_jerk(np.minimum(1.0, k / 200)) * (1.0 - minimum_jerk((k - 400) / 200))
+            weight = minimum_jerk(k / 200) * (1.0 - minimum_jerk((k - 400) / 200))
             dv, dw = self.rng.standard_normal((2, 3))
             dv, dw = 0.005 * dv / np.linalg.norm(dv), 0.01 * dw / np.linalg.norm(dw)
             targets[:, :3, 3] += weight[:, None] * dv
@@ -311,7 +309,7 @@ def spec_of(robot: Robot, law: LawSpec) -> LoopSpec:
 def displaced(task: BedTask, X: Array) -> BedTask:
     """The same motion of a tool frame displaced by X (4, 4) in itself; point and length stay where they are."""
     spec = task.spec
-    robot = Chain(spec.screws, spec.home.dot(X), spec.names, spec.lower, spec.upper, spec.velocity_limit)
+    robot = chain_of(spec).with_tool(X)
     point = se3.inverse(X).dot([*spec.point, 1.0])[:3]
     law = {**spec.law, "point": tuple(point.tolist()), "length": spec.length}
     text = urdf(robot) if spec.urdf else ""

@@ -1,7 +1,8 @@
 """A process that runs methods of one environment: requests in, answers out, a line of JSON each.
 
     {"request": "methods"}                              names of the methods that are installed, and their versions
-    {"request": "make", "method": ..., "task": ...}     its loop, for a task
+    {"request": "task", "task": ...}                    what the next loops are made for
+    {"request": "make", "method": ...}                  its loop
     {"request": "run", "method": ..., "ticks": n}       n more ticks
     {"request": "end", "method": ...}                   joint positions, velocities, times, exceptions
 
@@ -25,7 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.compare.method import MODULES, Array, LoopSpec, Method
+from invariantqp.compare.method import MODULES, LoopSpec, Method
+from invariantqp.geometry.arrays import Array
 
 RESULTS = ("positions", "velocities", "times_us", "exceptions", "stopped")
 
@@ -86,15 +88,24 @@ def methods_of(environment: str) -> dict[str, Method]:
     return {row.name: row for row in rows if all(find_spec(name) is not None for name in row.needs)}
 
 
-def reply(methods: dict[str, Method], runs: dict[str, Run], request: str, method: str = "", **more: Any) -> Any:
-    """The answer to a request; `runs` are those that have not ended."""
-    if request == "methods":
-        return {name: _version(row.distribution) for name, row in methods.items()}
-    if request == "make":
-        runs[method] = Run(methods[method], more["task"])
-    if request == "run":
-        runs[method].run(more["ticks"])
-    return runs.pop(method).end() if request == "end" else None
+class Worker:
+    """What answers requests: the task, and the runs that have not ended."""
+
+    def __init__(self, environment: str) -> None:
+        self.methods, self.runs = methods_of(environment), dict[str, Run]()
+        self.task: dict[str, Any] = {}
+
+    def reply(self, request: str, method: str = "", **more: Any) -> Any:
+        """The answer to a request."""
+        if request == "methods":
+            return {name: _version(row.distribution) for name, row in self.methods.items()}
+        if request == "task":
+            self.task = more["task"]
+        if request == "make":
+            self.runs[method] = Run(self.methods[method], self.task)
+        if request == "run":
+            self.runs[method].run(more["ticks"])
+        return self.runs.pop(method).end() if request == "end" else None
 
 
 def _version(distribution: str) -> str:
@@ -111,16 +122,16 @@ def main(environment: str = "") -> None:
     logging.disable(logging.CRITICAL)
     warnings.simplefilter("ignore")
     np.seterr(all="ignore")
-    methods, runs = methods_of(environment), dict[str, Run]()
+    worker = Worker(environment)
     gc.disable()
     for line in sys.stdin:
         try:
-            found = {"reply": reply(methods, runs, **json.loads(line))}
+            found = {"reply": worker.reply(**json.loads(line))}
         except (Exception, SystemExit) as error:  # noqa: BLE001 (a method that fails is a row of the report)
             found = {"failed": f"{type(error).__name__}: {error}"[:300]}
         answers.write(json.dumps(found) + "\n")
         answers.flush()
-        if not runs:
+        if not worker.runs:
             gc.collect()  # between tasks, not within ticks
 
 

@@ -95,7 +95,6 @@ def _prepared(task: Task, physics: str) -> Setup:
     pose = task.path.along(robot, start)
     path = [pose(t) for t in np.maximum(time - task.settle, 0.0).tolist()]  # it waits until contact has settled
     wanted = np.array(path if scene is None else [scene.on_surface(T) for T in path])
-    moves = np.array([se3.displacement(a, b) / law.dt for a, b in pairwise(wanted)])
     return Setup(
         task=task,
         robot=robot,
@@ -110,7 +109,7 @@ def _prepared(task: Task, physics: str) -> Setup:
             law=law,
             time=time,
             poses=wanted,
-            feedforward=np.zeros((n, 6)) if task.path.jumps else moves,
+            feedforward=np.zeros((n, 6)) if task.path.jumps else twists_between(wanted, law.dt),
             contact_task=None if scene is None else scene.task,
             sensor=None if scene is None else scene.sensor,
             operator=task.operator,
@@ -118,6 +117,11 @@ def _prepared(task: Task, physics: str) -> Setup:
             elastic=task.start() if task.path.timing == "elastic" else None,
         ),
     )
+
+
+def twists_between(poses: Array, dt: float) -> Array:
+    """(n - 1, 6) twists that lead from each of (n, 4, 4) poses to the next in dt, base frame [rad/s, m/s]."""
+    return np.array([se3.displacement(a, b) / dt for a, b in pairwise(poses)])
 
 
 def overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:

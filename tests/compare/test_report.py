@@ -98,19 +98,20 @@ def test_few_results_are_a_page_all_the_same(runs, tmp_path):
 
 
 def test_one_task_file_is_a_panel():
-    assert point(made({OURS: {}}, kind="task file"), OURS, "task file", "mm", 1e-3) == (10.0, pytest.approx(1.0))
+    assert point(measured(made({OURS: {}}, kind="task file")), OURS, "mm", 1e-3) == (10.0, pytest.approx(1.0))
 
 
 def test_points_stand_at_their_values_by_the_marker_of_their_method():
     names = [name for name in tables.names_of(KEPT) if name != "invariantqp in Python"]
     assert len({marker_of(name, names) for name in names}) == len(names)
+    singular = [task for task in measured(KEPT) if task.kind == "singular"]
     for name in names:
-        runs = [t.runs[name] for t in measured(KEPT) if t.kind == "singular" and name in t.runs]
+        runs = [t.runs[name] for t in singular if name in t.runs]
         mean = math.prod(max(run["acceleration"], 1.0) for run in runs) ** (1.0 / len(runs))
-        time, value = point(KEPT, name, "singular", "acceleration", 1.0)
+        time, value = point(singular, name, "acceleration", 1.0)
         assert value == pytest.approx(mean)
-        assert time == tick_us(KEPT, name, "singular")[0]
-    assert point(KEPT, OURS, "no such kind", "mm", 1e-3) is None
+        assert time == tick_us(singular, name)[0]
+    assert point([], OURS, "mm", 1e-3) is None
 
 
 class Tags(HTMLParser):
@@ -213,7 +214,7 @@ def test_a_task_of_one_s_own_is_compared_in_two_tool_frames(monkeypatch, capsys,
     assert call(monkeypatch, capsys, "compare", *words)[:2] == (0, "")
     found = json.loads((tmp_path / "results.json").read_text("utf-8"))
     assert [task["kind"] for task in found["tasks"]] == ["task file", "other tool frame"]
-    assert tables.frame_change(found, OURS) < 1e-11
+    assert tables.frame_change(measured(found), OURS) < 1e-11
 
 
 def test_a_place_that_cannot_be_written_is_told_before_the_work(monkeypatch, capsys):
