@@ -39,6 +39,7 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.errors import NoProjectors as NoProjectors
     from invariantqp.errors import NoPseudoinverse as NoPseudoinverse
     from invariantqp.force.contact import HybridTask as HybridTask
+    from invariantqp.force.contact_kinds import point_contact as point_contact
     from invariantqp.force.control import HybridController as HybridController
     from invariantqp.force.sensor import Wrench as Wrench
     from invariantqp.force.sensor import WrenchSensor as WrenchSensor
@@ -59,7 +60,6 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.runs.run import run_task as run_task
     from invariantqp.runs.taskfile import load_task as load_task
     from invariantqp.systems.classification import gibson_hunt as gibson_hunt
-    from invariantqp.systems.contacts import point_contact as point_contact
     from invariantqp.systems.gram import principal_pitches as principal_pitches
     from invariantqp.systems.lines import involution as involution
     from invariantqp.systems.projectors import dual_projectors as dual_projectors

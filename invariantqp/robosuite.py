@@ -25,10 +25,10 @@ from invariantqp.control.controller import Controller
 from invariantqp.errors import BadInput
 from invariantqp.extras import optional
 from invariantqp.force import HybridController, HybridSolution, HybridTask, WrenchSensor
+from invariantqp.force.contact_kinds import point_contact
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.load import load_robot
-from invariantqp.systems.contacts import point_contact
 from invariantqp.velocity.solution import VelocitySolution
 
 with optional("robosuite", "robosuite"):

@@ -10,6 +10,8 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.geometry.screws import pitch as pitch
     from invariantqp.geometry.screws import prismatic as prismatic
     from invariantqp.geometry.screws import revolute as revolute
+    from invariantqp.geometry.screws import screw_of as screw_of
+    from invariantqp.geometry.screws import screw_of_wrench as screw_of_wrench
     from invariantqp.geometry.se3 import adjoint as adjoint
     from invariantqp.geometry.se3 import bracket as bracket
     from invariantqp.geometry.se3 import coadjoint as coadjoint

@@ -49,6 +49,10 @@ SAYS = {
     "37_force_profile": "['ok']",
     "38_force_ros": "no contact yet: approaching",
     "39_look_at": "at five times the gain",
+    "40_origin_and_unit": "Moore-Penrose 2.382 rad/s",
+    "41_gram_over_pitch": "type IA1: principal pitches",
+    "42_cylindroid": "type IA: principal pitches",
+    "43_pitch_field": "lies on the quadric of its pitch",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")

@@ -24,6 +24,7 @@ PROTOCOLS = "Backend Controls Damping Exact Form Limit Robot"
 # Public names that are not called here, and why.
 NOT_CALLED = {
     "a result: the library makes it": "Border Candidate Centre Identification "
+    "Eigenscrews Mobility NamedScrew PrincipalPitches "
     "ContactTrace DualProjectors Existence FollowerSolution "
     "FrameCheck GibsonHunt LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
     "Involution MethodChoice NullPlane PenroseConditions PointMotion PoseSolution Recommendation "
@@ -47,7 +48,9 @@ INNER = {
     "Clearance.watch OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
     "ExactPoint.rows Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called LimitRows.with_box "
     "ToolSpeed.cone ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points "
-    "InvariantFrameTask.compute_qp_objective"
+    "InvariantFrameTask.compute_qp_objective",
+    "of this package's own files, with arguments of their making": "ScrewSystem.at ScrewSystem.derived "
+    "ScrewSystem.form ScrewSystem.velocities",
 }
 # An argument that messages call by another name: the one that a controller's user knows.
 ALSO_CALLED = {
@@ -76,6 +79,7 @@ TAKES_LESS = words(
     {
         "one for each joint of any arm": "PaperLambda.matrix JointLimits.position_upper AccelerationLimit.limit "
         "JointTask.velocity",
+        "any number of angles": "Cylindroid.at.angles",
         "any number of rows": "ExactJoints.A DifferentialIK.compute.jacobian solve_poses.targets",
         "changes nothing there": NOT_USED,
     }

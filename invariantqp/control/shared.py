@@ -23,7 +23,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch
 from invariantqp.systems.projectors import dual_projectors
-from invariantqp.systems.subspaces import screw_system, span
+from invariantqp.systems.subspaces import Subspace, screw_system
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -91,7 +91,7 @@ class SharedTask(Value):
 def _project(first: Array, second: Array, rule: dict[str, Any]) -> tuple[Array, Array]:
     """P1 and P2 where S1, S2 and what is left over fill six dimensions together."""
     joined = np.hstack((first, second))
-    if span(joined).rank < joined.shape[1]:
+    if Subspace(joined).dimension < joined.shape[1]:
         found = f"systems of {first.shape[1]} and {second.shape[1]} dimensions that share a twist"
         raise BadInput("S2", found, "a system with no twist of S1 in it", "Give each shared twist to one of the two.")
     rest = np.empty((6, 0))

@@ -95,7 +95,7 @@ const Constant CONSTANTS[] = {
     {"geometry.sizes.SMALLEST", SMALLEST_SIZE},
     {"geometry.sizes.LARGEST", LARGEST_SIZE},
     ONE("geometry.sizes", LENGTH_LIMIT),
-    ONE("systems.contacts", SIX_DIGITS),
+    ONE("force.contact_kinds", SIX_DIGITS),
     {"systems.points.ROUNDING", CENTRE_ROUNDING},
     ONE("control.tracking", HALF_TURN),
     ONE("velocity.limits", OUTSIDE),

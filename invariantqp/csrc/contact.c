@@ -1,4 +1,4 @@
-/* Twin of a tick of force/contact.py and of a Contact in systems/contacts.py: wrenches and twists in the frame of a contact,
+/* Twin of a tick of force/contact.py and of a Contact in force/contact_kinds.py: wrenches and twists in the frame of a contact,
    and what of them presses. */
 
 #include "boundary.h"
@@ -138,7 +138,7 @@ static bool three(PyObject *object, double into[3])
     return false;
 }
 
-/* contact_frame(point, normal, tangent), as in systems/contacts.py, or None where Python has to find it, or what is wrong. */
+/* contact_frame(point, normal, tangent), as in force/contact_kinds.py, or None where Python has to find it, or what is wrong. */
 PyObject *contact_frame(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     double p[3], z[3], x[3] = {0.0}, y[3];

@@ -247,7 +247,7 @@ void after_motion(const Touch *touch, double out, Monitor *monitor);
 #define SWING 0.3
 #define PATIENT_FOR 1.0
 #define AVERAGED_FOR 0.2
-/* systems/contacts.py */
+/* force/contact_kinds.py */
 #define SIX_DIGITS 1e-6
 /* force/control.py */
 #define QUICKER 2.0

@@ -24,13 +24,13 @@ from attrs.converters import optional
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, excerpt, written
+from invariantqp.force.contact_kinds import Contact, ContactKind
 from invariantqp.force.sensor import Wrench, by_name, wanted_of
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, Value, own
 from invariantqp.geometry.forms import finite_pitch
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.systems.contacts import Contact, ContactKind
 from invariantqp.systems.projectors import DualProjectors, dual_projectors
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.measure import root_at

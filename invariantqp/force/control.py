@@ -42,6 +42,7 @@ from invariantqp.force.contact import (
     way_out,
     weakest,
 )
+from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.estimate import (
     LEAST_NOISE,
     LOST_SHARE,
@@ -106,7 +107,6 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
-from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.measure import length_at
 from invariantqp.velocity.solution import Status, VelocitySolution, no_motion
 

@@ -21,9 +21,9 @@ from invariantqp.control.delay import PASSED, DelayEstimate
 from invariantqp.control.tracking import DELAY_SHARE
 from invariantqp.errors import written
 from invariantqp.force.contact import TINY, HybridTask
+from invariantqp.force.contact_kinds import Contact
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.measure import root_at
 
 # Contact. Evidence at which it is decided: at most one wrong decision in a million ticks.

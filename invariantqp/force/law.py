@@ -27,9 +27,9 @@ from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import DELAY_SHARE
 from invariantqp.errors import written
 from invariantqp.force.contact import HybridTask, speed_at
+from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.estimate import DAMPED, STIFF, Setting, Stiffness, Touch
 from invariantqp.geometry.arrays import Array
-from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.measure import root_at
 
 # The integral's time constant, in those of the law: four is critical damping.

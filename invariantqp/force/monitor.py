@@ -20,6 +20,7 @@ import numpy as np
 
 from invariantqp.errors import written
 from invariantqp.force.contact import ROUNDING, TINY, HybridTask
+from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.estimate import (
     CERTAIN,
     HALF,
@@ -38,7 +39,6 @@ from invariantqp.force.estimate import (
     weighed,
 )
 from invariantqp.geometry.arrays import Array
-from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.solution import Status
 
 # What the controller is to do in a tick.

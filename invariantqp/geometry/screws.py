@@ -9,13 +9,16 @@ Reference: [DS] Sect. 2.2.
 from __future__ import annotations
 
 from math import hypot, inf, isinf
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import ROUNDING, Array
+from invariantqp.geometry.se3 import SWAPPED
+from invariantqp.geometry.sizes import LENGTH_LIMIT
 
 
 def helical(axis: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: float = 0.0) -> Array:
@@ -67,3 +70,62 @@ def axis(twist: ArrayLike) -> tuple[Array, Array]:
         raise BadInput("twist", "a twist with omega = 0", "a twist with a finite axis", "Its direction is twist[3:].")
     u = s[:3] / length
     return u, np.cross(u, s[3:] / length)
+
+
+class Screw(NamedTuple):
+    """A twist or a wrench as a screw: magnitude, pitch, unit direction (3,) and the axis' point (3,) nearest to 0.
+
+    Of a twist the magnitude is |omega| [rad/s] and the pitch a length a radian; of a wrench |f| [force] and a length.
+    A translation or a couple has infinite pitch, the magnitude |v| or |m|, and no point.
+    """
+
+    magnitude: float
+    pitch: float
+    direction: Array
+    point: Array | None
+
+
+def screw_of(twist: ArrayLike) -> Screw:
+    """Magnitude, pitch and axis of a (6,) twist (omega; v).
+
+    Reference: [DS] Sect. 2.2.
+    """
+    s = arrays.twist(twist)
+    h = pitch(s)
+    if isinf(h):
+        size = hypot(*s[3:].tolist())
+        return Screw(size, h, s[3:] / size, None)
+    return Screw(hypot(*s[:3].tolist()), h, *axis(s))
+
+
+def screw_of_wrench(wrench: ArrayLike) -> Screw:
+    """Magnitude, pitch and axis of a (6,) wrench (m; f): a force f along the axis with the moment pitch times f.
+
+    Reference: Ball 1900, Poinsot's theorem.
+    """
+    return screw_of(arrays.twist(wrench, "wrench")[SWAPPED])
+
+
+class Resting(NamedTuple):
+    """Point (3,) that the twists move least, the nearest to the origin of those; free (3, f) directions it may move."""
+
+    point: Array
+    free: Array
+
+
+def resting_point(twists: Array, tolerance: float = ROUNDING, longest: float = LENGTH_LIMIT) -> Resting:
+    """The least-norm minimiser of |v + omega x p|_F over p, for checked (6, m) twists.
+
+    A direction is free where the stiffness of |J_v(p)|^2 against p is below the share `tolerance` of the largest. With
+    |J_v| / |J_omega| above `longest` no joint turns: the point is the origin, and free.
+    """
+    w, v = twists[:3], twists[3:]
+    spread, axes = np.linalg.eigh(w.dot(w.T))
+    stiffness = spread.sum() - spread  # eigenvalues of A = |w|^2 I - w w', descending
+    if np.vdot(v, v) > spread.sum() * longest * longest:
+        return Resting(np.zeros(3), np.eye(3))
+    fixed = stiffness > tolerance * stiffness[0]
+    along = axes[:, fixed]
+    M = w.dot(v.T)
+    moment = np.array((M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]))  # the sum of w x v, which is A p
+    return Resting(along.dot(along.T.dot(moment) / stiffness[fixed]), axes[:, ~fixed])

@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.force.contact import HybridTask
+from invariantqp.force.contact_kinds import BALL, FACE, LINE, PEG, POINT, Contact, ContactKind, screw_kind
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.identification.fit import OPEN, Fit, covariance
 from invariantqp.identification.models import MODELS
 from invariantqp.systems.classification import gibson_hunt
-from invariantqp.systems.contacts import BALL, FACE, LINE, PEG, POINT, Contact, ContactKind, screw_kind
 
 _KINDS = {"point": POINT, "sphere": POINT, "line": LINE, "face": FACE, "ball": BALL, "peg": PEG}
 

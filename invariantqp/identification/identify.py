@@ -20,18 +20,18 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, NoContactFound
 from invariantqp.force.contact import HybridTask
+from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.sensor import WrenchSensor
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
+from invariantqp.geometry.linear import orthogonal
 from invariantqp.identification.candidate import Candidate, candidate
 from invariantqp.identification.fit import Samples, fit
 from invariantqp.identification.judge import MISFIT, Verdict, explains, judged
 from invariantqp.identification.models import MODELS
 from invariantqp.identification.motions import adjoint, applied, coadjoint, inverse, propagated, twists
 from invariantqp.identification.recording import FEWEST, Recording, recording
-from invariantqp.systems.contacts import Contact
-from invariantqp.systems.subspaces import orthogonal
 
 KINDS: tuple[str, ...] = tuple(MODELS)
 # Second moment of a push or a motion, in its noise, above which there was one: a noise given or estimated a fifth too

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.force.contact import contact_now
+from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.control import HybridController, HybridSolution
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry.arrays import Array
@@ -33,7 +34,6 @@ from invariantqp.paths.shape import (
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.paths.task_error import task_error
 from invariantqp.robots.kinematics import joint_displacement
-from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.solution import Status
 
 # The tool touches from this share of the wanted press on.

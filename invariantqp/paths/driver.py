@@ -30,6 +30,7 @@ from invariantqp.control.response import units
 from invariantqp.control.tracking import TRACKING_SHARE
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
+from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.control import HybridController
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry import arrays, se3, sizes
@@ -61,7 +62,6 @@ from invariantqp.paths.stamps import ANOTHER_CLOCK, LONG, Arrivals, increasing, 
 from invariantqp.paths.task_error import STILL, task_error
 from invariantqp.paths.time_law import AT_LIMIT, AT_REST, JointLimits, usual
 from invariantqp.robots.kinematics import unwrapped
-from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.limits import BrakingBox
 from invariantqp.velocity.reasons import Code, Reason, read, row_name

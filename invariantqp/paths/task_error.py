@@ -16,8 +16,8 @@ import numpy as np
 from invariantqp.control.controller import Controller
 from invariantqp.control.demands import View, rows_of
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.linear import TINY
 from invariantqp.robots.kinematics import Sighting
-from invariantqp.systems.subspaces import TINY
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.law import Demand
 

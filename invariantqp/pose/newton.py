@@ -24,8 +24,8 @@ from scipy.linalg import lapack
 
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import NEGLIGIBLE, ROUNDING, Array
+from invariantqp.geometry.linear import rank_of
 from invariantqp.pose.error import JointSpace, Linearization, PoseError
-from invariantqp.systems.subspaces import rank_of
 from invariantqp.velocity.backends import BoxQP, Daqp, SolverFailure
 from invariantqp.velocity.exact import ROW_TOLERANCE
 

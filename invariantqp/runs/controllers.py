@@ -18,6 +18,7 @@ from invariantqp.control.shared import SharedTask
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.engine import Engine
 from invariantqp.errors import BadInput
+from invariantqp.force.contact_kinds import face_contact
 from invariantqp.force.control import HybridController
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -28,7 +29,6 @@ from invariantqp.runs.contactspec import OperatorSpec
 from invariantqp.runs.plant import Measurement
 from invariantqp.runs.prepare import ControlProblem, Goal
 from invariantqp.runs.taskfile import LawSpec, law_options
-from invariantqp.systems.contacts import face_contact
 from invariantqp.velocity.forms import Form
 from invariantqp.velocity.solution import Status, VelocitySolution, with_trouble
 

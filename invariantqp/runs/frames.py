@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from invariantqp.control.tracking import tracking_gain
 from invariantqp.errors import BadInput
+from invariantqp.force.contact_kinds import SIX_DIGITS
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.runs.controllers import TaskController, controller_for
@@ -29,7 +30,6 @@ from invariantqp.runs.plant import Measurement, Plant, PlantState
 from invariantqp.runs.prepare import ControlProblem, Goal, Setup, prepare
 from invariantqp.runs.run import run
 from invariantqp.runs.taskfile import Task
-from invariantqp.systems.contacts import SIX_DIGITS
 from invariantqp.velocity.limits import JointBox
 from invariantqp.velocity.solution import Status, VelocitySolution
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from invariantqp.errors import BadInput, RobotModelError
 from invariantqp.extras import optional
+from invariantqp.force.contact_kinds import SIX_DIGITS
 from invariantqp.force.sensor import GRAVITY
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
@@ -33,7 +34,6 @@ from invariantqp.runs.plant import (
     Springs,
     SurfaceSprings,
 )
-from invariantqp.systems.contacts import SIX_DIGITS
 
 with optional("sim", "mujoco"):
     import mujoco

@@ -20,13 +20,7 @@ from scipy.linalg import orth
 
 from invariantqp.errors import BadInput
 from invariantqp.force.contact import HybridTask
-from invariantqp.force.sensor import Wrench, WrenchSensor
-from invariantqp.geometry import screws, se3
-from invariantqp.geometry.arrays import Array
-from invariantqp.runs.contactspec import SIDES, ContactSpec, ForceSpec
-from invariantqp.runs.plant import HingeSprings, Plane, SimulatedSensor, Springs, SurfaceSprings
-from invariantqp.runs.taskfile import Task
-from invariantqp.systems.contacts import (
+from invariantqp.force.contact_kinds import (
     SIX_DIGITS,
     Contact,
     ContactKind,
@@ -35,6 +29,12 @@ from invariantqp.systems.contacts import (
     line_contact,
     point_contact,
 )
+from invariantqp.force.sensor import Wrench, WrenchSensor
+from invariantqp.geometry import screws, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.runs.contactspec import SIDES, ContactSpec, ForceSpec
+from invariantqp.runs.plant import HingeSprings, Plane, SimulatedSensor, Springs, SurfaceSprings
+from invariantqp.runs.taskfile import Task
 from invariantqp.systems.projectors import dual_projectors
 
 # The length over which a point contact is taken to extend, where moments are weighed against forces [m].

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from invariantqp.force.contact_kinds import Contact
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.driver import PathFollower
@@ -22,7 +23,6 @@ from invariantqp.paths.solution import FollowerSolution
 from invariantqp.runs.plant import PlantState
 from invariantqp.runs.scene import ContactScene
 from invariantqp.runs.taskfile import Task
-from invariantqp.systems.contacts import Contact
 from invariantqp.velocity.solution import VelocitySolution
 
 

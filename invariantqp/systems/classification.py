@@ -8,7 +8,7 @@ A type is defined by equations, which data with rounding never satisfy exactly. 
 sine, a difference of pitches) compared with what an error of `tolerance` in the twists could make of zero. The result
 lists these numbers; `margin` is the factor by which the tolerance would have to change for another name.
 
-They are computed about the point that the twists move least and in a length that the twists define (`_unit`).
+They are computed about the system's own point and over its own length, so no frame and no unit enters.
 
     span(Ad(motion) J) = span(normal form of (class, moduli)),   motion = (R, -R p): axes R (rows), origin p
 
@@ -22,7 +22,7 @@ Reference: [DS] Sect. 3, Tables 1 and 2, Table 3 with its missing IID (no three 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf, log2
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -33,9 +33,9 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.se3 import SWAPPED, across, cross, velocity_at
-from invariantqp.systems.points import resting_point
-from invariantqp.systems.subspaces import TINY, orthogonal, span
+from invariantqp.geometry.se3 import across, cross
+from invariantqp.systems.gram import Border, at_most_three, decided, split
+from invariantqp.systems.subspaces import TOLERANCE, Subspace
 
 # [DS] Tables 1 and 2: the columns of each class from its moduli. h, a, b, c are pitches [length/rad], p a ratio.
 _TWISTS: dict[tuple[int, str], Callable[..., list[tuple[float, ...]]]] = {
@@ -59,20 +59,12 @@ _TWISTS: dict[tuple[int, str], Callable[..., list[tuple[float, ...]]]] = {
 
 # What the pitches of a class with none to three of them are called, ascending (IA2: the single one first).
 _PITCH_NAMES: tuple[tuple[str, ...], ...] = ((), ("h",), ("h_a", "h_b"), ("h_a", "h_b", "h_c"))
-# Relative error of the twists that must not change the type: a hundred times that of a model file with nine digits.
-CLASS_TOLERANCE = 1e-7
 # A margin below this is small enough to tell the user about.
 NEAR_BORDER = 10.0
 # `next` is the type this far past the nearest border. Borders closer together than that count as one: the same small
 # number is often seen twice (a small angular part is also a small difference of pitches), and no system nearby is of
 # the type between the two.
 BEYOND = 1e-2
-# Axes that meet within this fraction of their distance from the origin define no length of their own: the error of
-# their moments is relative to that distance.
-MEETING = 0.3
-# A length outside these many of the caller's units is not that of a machine: it is rounding in moments, or in angular
-# parts, that should be zero.
-SHORTEST, LONGEST = 0.1, 1e5
 # No h exists for these ([DS] Table 3 and its missing IID); 4- and 5-systems follow their reciprocal (Corollary 3.2).
 _NO_PSEUDOINVERSE = {(1, "h=inf"), (2, "IIB"), (2, "IIC")} | {(3, n) for n in ("IB3", "IC", "IIB", "IIC", "IID")}
 
@@ -86,17 +78,13 @@ class Frame(NamedTuple):
     origin: Array
 
 
-class Parts(NamedTuple):
-    """A k-system, k <= 3, split into screws of finite pitch and translations.
-
-    W (3, e) orthonormal directions and V (3, e) their moments; N (3, d) orthonormal translations. Where d = 0, or the
-    translations are across the directions, W are principal directions and `pitches` (e,) ascend.
-    """
+class Typed(NamedTuple):
+    """The parts of a system, of dimension n <= 3; W and V along principal directions where it has `pitches`."""
 
     W: Array
     V: Array
     N: Array
-    pitches: Array = np.empty(0)
+    pitches: Array
 
 
 def normal_form(dimension: int, name: str, moduli: tuple[float, ...]) -> Array:
@@ -104,7 +92,7 @@ def normal_form(dimension: int, name: str, moduli: tuple[float, ...]) -> Array:
     return np.array(_TWISTS[dimension, name](*moduli), dtype=np.float64).T
 
 
-def _pitch(s: Parts) -> float:
+def _pitch(s: Typed) -> float:
     return float(s.W[:, 0].dot(s.V[:, 0]))
 
 
@@ -114,13 +102,13 @@ def _axes(x: Array, y: Array | None = None) -> Array:
     return np.array((x, y, cross(x, y)))
 
 
-def _two_screws(s: Parts) -> Frame:
+def _two_screws(s: Typed) -> Frame:
     R = _axes(s.W[:, 0], s.W[:, 1])
     m = R.dot(s.V)  # the axes of the principal screws meet at right angles in the origin
     return Frame(tuple(s.pitches.tolist()), (), R, R.T.dot((m[2, 1], -m[2, 0], 0.5 * (m[1, 0] - m[0, 1]))))
 
 
-def _screw_and_translation(s: Parts) -> Frame:
+def _screw_and_translation(s: Typed) -> Frame:
     """IB: the translation cancels the pitch."""
     w, v, n = s.W[:, 0], s.V[:, 0], s.N[:, 0]
     along = float(w.dot(n))
@@ -131,21 +119,21 @@ def _screw_and_translation(s: Parts) -> Frame:
     return Frame((), (size / abs(along),), R, cross(w, v - n * (w.dot(v) / abs(along))))
 
 
-def _screw_across_translation(s: Parts) -> Frame:
+def _screw_across_translation(s: Typed) -> Frame:
     """IIB: the translation is across the axis, and the pitch stays."""
     w, v = s.W[:, 0], s.V[:, 0]
     y = s.N[:, 0] - w * w.dot(s.N[:, 0])
     return Frame((_pitch(s),), (), _axes(w, y / np.linalg.norm(y)), cross(w, v))
 
 
-def _three_screws(s: Parts) -> Frame:
+def _three_screws(s: Typed) -> Frame:
     R = s.W.T * np.array([[1.0], [1.0], [np.sign(np.linalg.det(s.W))]])
     M = s.V.dot(s.W.T)  # v = M omega: symmetric about the origin, so the skew part is where it lies
     a = 0.5 * np.array((M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]))
     return Frame(tuple(s.pitches.tolist()), (), R, a)
 
 
-def _plane_and_translation(s: Parts) -> Frame:
+def _plane_and_translation(s: Typed) -> Frame:
     """IB0: the translation leaves the plane of directions at an angle; both pitches can be made the same."""
     W, n = s.W, s.N[:, 0]
     c = W.T.dot(n)
@@ -160,13 +148,13 @@ def _plane_and_translation(s: Parts) -> Frame:
     return Frame((h,), (n3 / n1,), R, R.T.dot((my[2] + b * n3, -mx[2] - a * n3, mx[1])))
 
 
-def _plane_across_translation(s: Parts) -> Frame:
+def _plane_across_translation(s: Typed) -> Frame:
     R = _axes(s.W[:, 0], s.W[:, 1])
     m = R.dot(s.V)
     return Frame(tuple(s.pitches.tolist()), (), R, R[2] * (0.5 * (m[1, 0] - m[0, 1])))
 
 
-def _screw_and_plane(s: Parts) -> Frame:
+def _screw_and_plane(s: Typed) -> Frame:
     """IC: the axis meets the plane of translations at an angle."""
     w, v = s.W[:, 0], s.V[:, 0]
     normal = cross(s.N[:, 0], s.N[:, 1])
@@ -181,7 +169,7 @@ def _screw_and_plane(s: Parts) -> Frame:
     return Frame((), (float(R[2].dot(n)) / along,), R, cross(w, v - n * (w.dot(v) / along)))
 
 
-_FRAMES: dict[tuple[int, str], Callable[[Parts], Frame]] = {
+_FRAMES: dict[tuple[int, str], Callable[[Typed], Frame]] = {
     (1, "h"): lambda s: Frame((_pitch(s),), (), _axes(s.W[:, 0]), cross(s.W[:, 0], s.V[:, 0])),
     (1, "h=inf"): lambda s: Frame((), (), _axes(s.N[:, 0]), np.zeros(3)),
     **dict.fromkeys([(2, "IA"), (2, "IIA")], _two_screws),
@@ -195,27 +183,6 @@ _FRAMES: dict[tuple[int, str], Callable[[Parts], Frame]] = {
     (3, "IIC"): lambda s: Frame((_pitch(s),), (), _axes(s.W[:, 0]), np.zeros(3)),
     (3, "IID"): lambda _: Frame((), (), np.eye(3), np.zeros(3)),
 }
-
-
-@frozen
-class Border:
-    """One decision: `quantity` is zero up to a relative error `value` of the twists, compared with the tolerance."""
-
-    quantity: str
-    value: float
-    tolerance: float
-
-    @property
-    def vanishes(self) -> bool:
-        """Whether the quantity counted as zero."""
-        return self.value <= self.tolerance
-
-    @property
-    def margin(self) -> float:
-        """The factor, above 1, between the value and the tolerance."""
-        if self.value == 0.0:
-            return inf
-        return max(self.value / self.tolerance, self.tolerance / self.value)
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -232,7 +199,8 @@ class GibsonHunt(Value):
         normal_form: (6, n) columns of [DS]'s normal form of the named system, n = k or 6 - k.
         motion: (4, 4) rigid motion with span(Ad(motion) S) = span(normal_form), for the named system S.
         borders: all decisions, the one nearest to its border first.
-        next: the name one hundredth past the nearest border, as that tolerance gives it; "" where there is no border.
+        next: the name one hundredth past the nearest border, as that tolerance gives it; "" where no border is outside
+            rounding.
     """
 
     name: str
@@ -263,49 +231,54 @@ class GibsonHunt(Value):
 class _Decision(NamedTuple):
     name: str
     dimension: int
-    parts: Parts
-    borders: list[Border]
+    parts: Typed
+    borders: tuple[Border, ...]
 
 
-def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
+def gibson_hunt(J: ArrayLike, tolerance: float = TOLERANCE, *, length: float | None = None) -> GibsonHunt:
     """Classify the system that (6, m) twists span.
 
     Args:
         J: (6, m) twists as columns, dependent or not.
-        tolerance: relative error of the twists, which also decides the rank: a system that such an error could have
-            made of one of a more special type gets the special name.
+        tolerance: relative error of the twists: a system that such an error could have made of one of a more special
+            type, or of fewer dimensions, gets the special name.
+        length: the length beside which pitches and distances count as zero, instead of the system's own.
 
     Returns:
         GibsonHunt; near a border `.margin` is near 1 and `.next` names the type on the other side.
 
+    Raises:
+        BadInput: only zero twists, or twists so far from the origin that rounding decides.
+
     Reference: [DS] Sect. 3, Tables 1 and 2; 4- and 5-systems by their reciprocals.
     """
-    twists = arrays.columns(J)
-    limit = arrays.tolerance(tolerance)
-    if not twists.any():
+    return classify(Subspace(arrays.columns(J), tolerance=tolerance, length=length))
+
+
+def classify(system: Subspace) -> GibsonHunt:
+    """The type of a system; the zero system has none."""
+    if not system.dimension:
         raise BadInput("J", "only zero twists", "at least one non-zero twist", "The zero system has no type.")
-    point = own_point(twists)
-    moved = velocity_at(twists, point)
-    system = span(np.vstack((twists[:3], moved)), unit=_unit(twists, moved, point))
-    chosen = _decide(system.basis, system.singular, limit)
+    chosen = _decide(system)
+    decided(system, chosen.borders)
     k, name = chosen.dimension, chosen.name
     borders = tuple(sorted(chosen.borders, key=lambda b: b.margin))
     following = ""
     if borders and borders[0].margin < inf:
-        # Just past the nearest border.
-        beyond = borders[0].value * (1.0 - BEYOND if borders[0].vanishes else 1.0 + BEYOND)
-        other = _decide(system.basis, system.singular, beyond)
-        following = other.name if other.dimension == k else f"{other.name} ({other.dimension}-system)"
+        past = borders[0].value * (1.0 - BEYOND if borders[0].vanishes else 1.0 + BEYOND)
+        if past > system.rounding:
+            other = _decide(system.at(past))
+            following = other.name if other.dimension == k else f"{other.name} ({other.dimension}-system)"
     n = min(k, 6 - k)
     moduli: tuple[float, ...] = ()
     names: tuple[str, ...] = ()
     form, motion = np.empty((6, 0)), np.eye(4)
     if n:
         frame = _FRAMES[n, name](chosen.parts)
-        moduli = (*(h * system.unit for h in frame.pitches), *frame.ratios)
+        moduli = (*(h * system.length for h in frame.pitches), *frame.ratios)
         names = (*_PITCH_NAMES[len(frame.pitches)], *("p" for _ in frame.ratios))
         motion[:3, :3] = frame.axes
-        motion[:3, 3] = -frame.axes.dot(point + frame.origin * system.unit)
+        motion[:3, 3] = -frame.axes.dot(system.point + frame.origin * system.length)
         form = normal_form(n, name, moduli)
     return GibsonHunt(
         name=name,
@@ -321,61 +294,41 @@ def gibson_hunt(J: ArrayLike, tolerance: float = CLASS_TOLERANCE) -> GibsonHunt:
     )
 
 
-def own_point(twists: Array) -> Array:
-    """The point that the twists move least, to the accuracy of `CLASS_TOLERANCE`."""
-    return resting_point(twists, CLASS_TOLERANCE, LONGEST).point
-
-
-def _unit(twists: Array, moved: Array, point: Array) -> float:
-    """The length that counts as 1: |v| / |omega| about the own point, within the limits of rounding."""
-    w, v, raw = (float(np.sqrt(np.vdot(a, a))) for a in (twists[:3], moved, twists[3:]))
-    if v > LONGEST * w:
-        return 1.0
-    away = max(raw / w, float(np.sqrt(point.dot(point))))
-    return float(2.0 ** round(log2(max(v / w, MEETING * away, SHORTEST))))
-
-
-def _decide(basis: Array, singular: Array, tolerance: float) -> _Decision:
-    """The type at a tolerance, the numbers that decide it, and the parts of the system."""
-    size = singular / singular[0]
-    k = max(1, int(np.count_nonzero(size > tolerance)))  # some twist is not zero, at whatever tolerance
-    borders = [Border("dimension", float(s), tolerance) for s in size[max(k - 1, 1) : k + 1]]
+def _decide(system: Subspace) -> _Decision:
+    """The type, the numbers that decide it, and the parts of the system."""
+    span, tolerance, k = system.span, system.tolerance, system.dimension
+    size = np.concatenate((span.singular, span.cut)) / span.singular[0]
+    borders = tuple(Border("dimension", float(s), tolerance) for s in size[max(k - 1, 1) : k + 1])
+    borders += (Border("angular part beside 1", system.turning, tolerance),)
     if k == 6:
-        return _Decision("SE3", 6, Parts(np.eye(3), np.eye(3), np.eye(3)), borders)
-    # An error eps of the twists turns the basis by eps * cond, so the numbers below are divided by cond.
-    trust = float(size[k - 1])
-    B = basis[:, :k] if k <= 3 else orthogonal(basis[:, :k][SWAPPED])
-    n = B.shape[1]
-    W, sigma, Vt = np.linalg.svd(B[:3], full_matrices=False)
-    e = int(np.count_nonzero(sigma * trust > tolerance))
-    borders += [Border("smallest angular part", float(s) * trust, tolerance) for s in sigma[max(e - 1, 0) : e + 1]]
-    moments = B[3:].dot(Vt.T)
-    N = moments[:, e:] / np.maximum(np.linalg.norm(moments[:, e:], axis=0), TINY)
-    parts = Parts(W[:, :e], moments[:, :e] / sigma[:e], N)
+        return _Decision("SE3", 6, Typed(np.eye(3), np.eye(3), np.eye(3), np.empty(0)), borders)
+    # An error eps of the twists turns the basis by eps over `independence`.
+    independence = system.independence
+    W, V, N, firmness, coupled, found = split(at_most_three(span.basis), independence, tolerance)
+    borders += found
+    e, n = W.shape[1], W.shape[1] + N.shape[1]
+    parts = Typed(W, V, N, np.empty(0))
     if n == 1:
         return _Decision("h" if e else "h=inf", k, parts, borders)
     letter = "ABCD"[n - e]
-    if 0 < e < n:
-        coupling = float(np.linalg.norm(parts.W.T.dot(N))) * trust * float(sigma[e - 1])
-        borders.append(Border("translation along the axes", coupling, tolerance))
-        if coupling > tolerance:
-            return _Decision("IB0" if (n, e) == (3, 2) else f"I{letter}", k, parts, borders)
+    if coupled:
+        return _Decision("IB0" if (n, e) == (3, 2) else f"I{letter}", k, parts, borders)
     if e < 2:
         return _Decision(f"II{letter}", k, parts, borders)
-    parts, gaps = _principal(parts, sigma[:e], tolerance / trust)
-    borders += [Border("pitch difference", g * trust, tolerance) for g in gaps]
+    parts, gaps = _principal(parts, firmness, tolerance / independence)
+    borders += tuple(Border("pitch difference", g * independence, tolerance) for g in gaps)
     if len(parts.pitches) == 1:
         return _Decision(f"II{letter}", k, parts, borders)
     name = "IA" if n == 2 else "IB3" if e == 2 else "IA2" if len(parts.pitches) == 2 else "IA1"
     return _Decision(name, k, parts, borders)
 
 
-def _principal(s: Parts, sigma: Array, tolerance: float) -> tuple[Parts, list[float]]:
+def _principal(s: Typed, firmness: Array, tolerance: float) -> tuple[Typed, list[float]]:
     """The parts with principal directions, their moments and the distinct pitches; the gaps between the pitches."""
     A = s.W.T.dot(s.V)
     pitches, X = np.linalg.eigh(0.5 * (A + A.T))
-    # h_i = x'A x with A = Sigma^-1 (..) Sigma^-1: an error in the basis is magnified by |Sigma^-1 x|^2 in the pitch.
-    firm = 1.0 / ((X / sigma[:, None]) ** 2).sum(axis=0)
+    # An error in the basis is magnified in the pitch h_i = x'A x by |x / firmness|^2.
+    firm = 1.0 / ((X / firmness[:, None]) ** 2).sum(axis=0)
     gaps = ((pitches[1:] - pitches[:-1]) * np.minimum(firm[1:], firm[:-1])).tolist()
     equal = [g <= tolerance for g in gaps]
     if all(equal):
@@ -384,4 +337,4 @@ def _principal(s: Parts, sigma: Array, tolerance: float) -> tuple[Parts, list[fl
         if equal[0]:
             X, pitches = X[:, [2, 0, 1]], pitches[[2, 0, 1]]
         pitches = np.array((pitches[0], 0.5 * (pitches[1] + pitches[2])))
-    return Parts(s.W.dot(X), s.V.dot(X), s.N, pitches), gaps
+    return Typed(s.W.dot(X), s.V.dot(X), s.N, pitches), gaps

@@ -1,29 +1,37 @@
-"""The Gram matrix G_h = J'Q_h J of a set of twists, and the pitches at which it loses rank.
+"""The Gram matrix G_h = J'Q_h J of twists, and the pitches at which it loses rank.
 
     G_h = G_0 - 2h K,   K = J_omega'J_omega;   principal pitches: the finite h with rank(G_h) < rank(J)
 
-G_h is the same in every frame. Split the span into pure translations N (d columns) and the rest F (e columns); then
-G_0 = [[A + A', C], [C', 0]], C = F_omega'N_v, and with E a basis of null(C')
+G_h is the same in every frame. A k-system with k <= 3 is split into e screws (W; V), W orthonormal, and d translations
+(0; N). With A = (W'V + V'W) / 2, C = W'N and E an orthonormal basis of null(C'),
 
-    det G_h = (-1)^d det(C'C) det(E'(A + A' - 2h F_omega'F_omega)E)
+    det G_h = (-1)^d 2^(e-d) det(C'C) det(E'A E - h I)    up to the square of the change of basis
 
-so there are e - d finite principal pitches, as eigenvalues, and no h works iff the rank of C is below d.
+so the principal pitches are the e - d eigenvalues of E'A E, and no h works iff the rank of C is below d. A 4- or
+5-system has the pitches of its reciprocal with the opposite sign: z = (omega; v) of pitch -h in S^{perp 0} gives
+(omega; v + 2h omega) in S.
 
-Reference: [DS] Sect. 3, Theorem 3.1, Sect. 5.
+Reference: [DS] Sect. 3, Theorem 3.1, Sect. 5. The split, the determinant by it and the reciprocal's pitches are ours,
+proved by the formulas above and checked in exact arithmetic by tests/systems/test_gram.py.
 """
 
 from __future__ import annotations
 
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
+from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BlindSystem
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import NEGLIGIBLE, Array
-from invariantqp.geometry.forms import pitch_form
-from invariantqp.systems.subspaces import Span, span
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
+from invariantqp.geometry.forms import finite_pitch, pitch_form
+from invariantqp.geometry.linear import TINY, orthogonal
+from invariantqp.geometry.se3 import SWAPPED
+from invariantqp.systems.subspaces import Subspace, undecided
 
 
 def gram_matrix(J: ArrayLike, h: float) -> Array:
@@ -31,58 +39,135 @@ def gram_matrix(J: ArrayLike, h: float) -> Array:
 
     Reference: [DS] Sect. 3.
     """
-    twists = arrays.columns(J)
-    G: Array = twists.T.dot(pitch_form(h)).dot(twists)
-    return 0.5 * (G + G.T)
+    return gram(Subspace(arrays.columns(J)), arrays.number(h, "h", "a pitch, finite or inf", infinite=True))
 
 
-class _Reduction(NamedTuple):
-    """The span split into F (6, e) and translations N (6, d), orthonormal, lengths in the unit of the span's basis.
+def gram(system: Subspace, h: float) -> Array:
+    """J'Q_h J of the twists of a system, computed about its own point, where few digits cancel."""
+    T = system.coordinates
+    G: Array = T.T.dot(pitch_form(h / system.length)).dot(T)
+    return (1.0 if abs(h) == inf else system.length) * 0.5 * (G + G.T)
 
-    C = left diag(coupling) right_t; c is the rank of C.
+
+@frozen
+class Border:
+    """One decision: `quantity` is zero up to a relative error `value` of the twists, compared with the tolerance."""
+
+    quantity: str
+    value: float
+    tolerance: float
+
+    @property
+    def vanishes(self) -> bool:
+        """Whether the quantity counted as zero."""
+        return self.value <= self.tolerance
+
+    @property
+    def margin(self) -> float:
+        """The factor, above 1, between the value and the tolerance."""
+        if self.value == 0.0:
+            return inf
+        return max(self.value / self.tolerance, self.tolerance / self.value)
+
+
+class Parts(NamedTuple):
+    """A system of at most three dimensions, split into screws of finite pitch and translations, in own coordinates.
+
+    W (3, e) orthonormal directions, V (3, e) their moments, N (3, d) orthonormal translations; `firmness` (e,) is the
+    angular part of a unit twist along each column of W, `coupled` whether a translation has a part along the axes.
     """
 
-    F: Array
+    W: Array
+    V: Array
     N: Array
-    left: Array
-    coupling: Array
-    right_t: Array
-    c: int
+    firmness: Array
+    coupled: bool
+    borders: tuple[Border, ...]
 
 
-class _Pencil(NamedTuple):
-    """The eigenproblem on null(C'): pitches (e-d,) ascending, basis X (e, e-d) of F-coordinates, X'K X = I."""
-
-    pitches: Array
-    vectors: Array
-    volume: float
+def at_most_three(basis: Array) -> Array:
+    """An orthonormal basis of a system or, of one with more than three dimensions, of its reciprocal."""
+    return basis if basis.shape[1] <= 3 else orthogonal(basis[SWAPPED])
 
 
-def _reduction(system: Span) -> _Reduction:
-    # A direction whose angular part is negligible is a pure translation: a pitch of 1e9 units of length is infinite.
-    B = system.basis
-    _, sigma, Vt = np.linalg.svd(B[:3])
-    e = int(np.count_nonzero(sigma > NEGLIGIBLE))
-    F, N = B.dot(Vt[:e].T), B.dot(Vt[e:].T)
-    left, coupling, right_t = np.linalg.svd(F[:3].T.dot(N[3:]))
-    return _Reduction(F, N, left, coupling, right_t, int(np.count_nonzero(coupling > NEGLIGIBLE)))
+def split(basis: Array, independence: float, tolerance: float) -> Parts:
+    """Split an orthonormal basis (6, n), n <= 3, whose errors are those of the twists over `independence`."""
+    W, sigma, Vt = np.linalg.svd(basis[:3], full_matrices=False)
+    e, n = int(np.count_nonzero(sigma * independence > tolerance)), basis.shape[1]
+    borders = [
+        Border("smallest angular part", float(s) * independence, tolerance) for s in sigma[max(e - 1, 0) : e + 1]
+    ]
+    moments = basis[3:].dot(Vt.T)
+    N = moments[:, e:] / np.maximum(np.linalg.norm(moments[:, e:], axis=0), TINY)
+    coupled = False
+    if 0 < e < n:
+        coupling = float(np.linalg.norm(W[:, :e].T.dot(N))) * independence * float(sigma[e - 1])
+        borders.append(Border("translation along the axes", coupling, tolerance))
+        coupled = coupling > tolerance
+    return Parts(W[:, :e], moments[:, :e] / sigma[:e], N, sigma[:e], coupled, tuple(borders))
 
 
-def _blind(part: _Reduction) -> Array:
-    """The pure translations of the system that are reciprocal to all of it, unit columns (6, d - c)."""
-    blind = part.N.dot(part.right_t[part.c :].T)
-    blind[:3] = 0.0
-    return np.asarray(blind / np.linalg.norm(blind, axis=0))
+def parts_of(system: Subspace) -> Parts:
+    """The split of a system of 1 to 5 dimensions, or of its reciprocal.
+
+    Raises:
+        BadInput: rounding leaves it open.
+    """
+    parts = split(at_most_three(system.span.basis), system.independence, system.tolerance)
+    decided(system, parts.borders)
+    return parts
 
 
-def _pencil(part: _Reduction) -> _Pencil:
-    E = part.left[:, part.c :]
-    FE = part.F.dot(E)
-    lower = np.linalg.cholesky(FE[:3].T.dot(FE[:3]))
-    whiten = np.linalg.inv(lower).T
-    A = whiten.T.dot(FE[:3].T.dot(FE[3:])).dot(whiten)
-    pitches, vectors = np.linalg.eigh(0.5 * (A + A.T))
-    return _Pencil(pitches, E.dot(whiten).dot(vectors), float(np.diag(lower).prod()) ** 2)
+def decided(system: Subspace, borders: tuple[Border, ...]) -> None:
+    """Raise where what counts as zero, or nearly so, may be the rounding of twists far from their own point."""
+    if system.rounding > system.tolerance and any(b.value <= system.rounding for b in borders):
+        raise undecided("a type and principal pitches", system)
+
+
+@frozen(eq=False, repr=False, slots=False)
+class PrincipalPitches(Value):
+    """The pitches at which a system has no h-pseudoinverse, with their proofs.
+
+    Attributes:
+        values: (k',) ascending, with multiplicity [length/rad]; none where every h works, or none does.
+        screws: (6, k') z_i of pitch h_i and unit angular part, with mutually orthogonal axes: J'Q_{h_i} z_i = 0.
+        conditions: (k',) change of each pitch, over the own length, for a relative error of one in the twists.
+        blind: (6, b) unit translations (0; v) that are reciprocal to the whole system for every h; b = 0 iff some h
+            works.
+    """
+
+    values: Array = field(converter=own)
+    screws: Array = field(converter=own)
+    conditions: Array = field(converter=own)
+    blind: Array = field(converter=own)
+
+
+def pencil(system: Subspace, parts: Parts | None = None) -> PrincipalPitches:
+    """The principal pitches and screws of a system, and the translations that no pitch form sees."""
+    none = np.empty((6, 0))
+    if system.dimension in (0, 6):
+        return PrincipalPitches(np.empty(0), none, np.empty(0), none)
+    W, V, N, _, coupled, _ = parts_of(system) if parts is None else parts
+    e, d = W.shape[1], N.shape[1]
+    left, coupling, right = np.linalg.svd(W.T.dot(N))
+    c = 1 if coupled else 0  # the rank of C, with at most one screw or one translation beside the other
+    if c < d:
+        blind = np.vstack((np.zeros((3, d - c)), N.dot(right[c:].T)))
+        return PrincipalPitches(np.empty(0), none, np.empty(0), blind)
+    E = left[:, c:]
+    A = W.T.dot(V)
+    pitches, X = np.linalg.eigh(0.5 * E.T.dot(A + A.T).dot(E))
+    z = np.vstack((W, V)).dot(E.dot(X))
+    if d and e > d:  # the rows of G_h z = 0 across null(C') are met by adding translations
+        force = W.T.dot(z[3:]) + V.T.dot(z[:3]) - 2.0 * W.T.dot(z[:3]) * pitches
+        z[3:] -= N.dot(right[:c].T.dot(left[:, :c].T.dot(force) / coupling[:c, None]))
+    if system.dimension > 3:
+        pitches, z = -pitches[::-1], z[:, ::-1]
+        z[3:] += 2.0 * pitches * z[:3]
+    images = np.sqrt(((z[3:] - 2.0 * pitches * z[:3]) ** 2).sum(axis=0) + (z[:3] ** 2).sum(axis=0))
+    rates = system.span.right.dot(system.span.basis.T.dot(z) / system.span.singular[:, None])
+    conditions = images * system.errors.dot(np.abs(rates))
+    return PrincipalPitches(pitches * system.length, system.outward.dot(z), conditions, none)
 
 
 def principal_pitches(J: ArrayLike) -> Array:
@@ -92,18 +177,11 @@ def principal_pitches(J: ArrayLike) -> Array:
 
     Raises:
         BlindSystem: no h works; carries the translations that are reciprocal to the whole system.
+        BadInput: the twists are so far from the origin that rounding decides.
 
     Reference: [DS] Sect. 3 and 5; the reduction for systems with screws of infinite pitch is ours.
     """
     return principal_screws(J)[0]
-
-
-def pitches_or_none(J: Array) -> Array:
-    """`principal_pitches`, and none of a system for which no h works."""
-    try:
-        return principal_pitches(J)
-    except BlindSystem:
-        return np.empty(0)
 
 
 def principal_screws(J: ArrayLike) -> tuple[Array, Array]:
@@ -112,24 +190,14 @@ def principal_screws(J: ArrayLike) -> tuple[Array, Array]:
     The screws are mutually orthogonal axes (omega_i.omega_j = 0) of unit angular part, and of pitch h_i each.
 
     Raises:
-        BlindSystem: as `principal_pitches`.
+        BlindSystem, BadInput: as `principal_pitches`.
 
     Reference: [DS] Sect. 5.2, 5.3; proof of Theorem 3.1.
     """
-    system = span(J)
-    if system.rank in (0, 6):
-        return np.empty(0), np.empty((6, 0))
-    part = _reduction(system)
-    if part.c < part.N.shape[1]:
-        raise BlindSystem(_blind(part))
-    pencil = _pencil(part)
-    z = part.F.dot(pencil.vectors)
-    # The rows of G_h z = 0 outside null(C') are satisfied by adding translations y: C y = -F'Q_h z.
-    force = part.F[:3].T.dot(z[3:]) + part.F[3:].T.dot(z[:3]) - 2.0 * part.F[:3].T.dot(z[:3]) * pencil.pitches
-    y = part.right_t.T.dot(part.left[:, : part.c].T.dot(force) / part.coupling[: part.c, None])
-    z = z - part.N.dot(y)
-    z[3:] *= system.unit
-    return pencil.pitches * system.unit, z
+    found = pencil(Subspace(J))
+    if found.blind.shape[1]:
+        raise BlindSystem(found.blind)
+    return found.values, found.screws
 
 
 def blind_directions(J: ArrayLike) -> Array:
@@ -139,10 +207,7 @@ def blind_directions(J: ArrayLike) -> Array:
 
     Reference: [DS] Sect. 5 (planes tangent to every q_h at an infinite pitch screw).
     """
-    system = span(J)
-    if system.rank in (0, 6):
-        return np.empty((6, 0))
-    return _blind(_reduction(system))
+    return pencil(Subspace(J)).blind
 
 
 def gram_polynomial(J: ArrayLike) -> Array:
@@ -154,19 +219,13 @@ def gram_polynomial(J: ArrayLike) -> Array:
 
     Reference: [DS] (5.1) and the invariants i_1, i_2, i_3 of Sect. 5.2; Sect. 5.3.
     """
-    system = span(J)
-    m = len(system.right)
-    result = np.zeros(m + 1)
-    if system.rank < m:
+    system = Subspace(J)
+    result = np.zeros(system.twists.shape[1] + 1)
+    found = pencil(system)
+    if system.dimension < len(result) - 1 or found.blind.shape[1]:
         return result
-    part = _reduction(system)
-    d = part.N.shape[1]
-    if part.c < d:
-        return result
-    pencil = _pencil(part)
-    scale = (-1.0) ** d * np.prod(part.coupling[:d]) ** 2 * pencil.volume * np.prod(system.singular) ** 2
-    # det(2 diag(h_i - h)) in the basis' unit of length u: h -> h / u, and each of the m rows of J'Q_h J carries a u.
-    factors = np.atleast_1d(np.poly(pencil.pitches))[::-1] * (-2.0) ** len(pencil.pitches)
-    powers = float(system.unit) ** (m - np.arange(len(factors)))
-    result[: len(factors)] = scale * factors * powers
+    # The determinant at one pitch that is no root, and the roots.
+    h = system.length + float(np.abs(found.values).max(initial=0.0))
+    monic = np.atleast_1d(np.poly(found.values))[::-1]
+    result[: len(monic)] = monic * np.linalg.det(gram(system, finite_pitch(h))) / np.prod(h - found.values)
     return result

@@ -47,14 +47,15 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
+from invariantqp.geometry.linear import orthogonal
 from invariantqp.geometry.screws import pitch
 from invariantqp.systems.classification import gibson_hunt
-from invariantqp.systems.gram import gram_matrix
+from invariantqp.systems.gram import gram
 from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, factors
-from invariantqp.systems.subspaces import RANK_TOLERANCE, orthogonal, span
+from invariantqp.systems.subspaces import Subspace
 
 # [DS] Table 2: the 3-systems that lie in one q_h, as planes.
 _FAMILIES: dict[str, Literal["alpha", "beta"]] = {"IIA": "alpha", "IIC": "alpha", "IIB": "beta", "IID": "beta"}
@@ -101,9 +102,10 @@ def involution(lines: ArrayLike, tolerance: float = 1.0 / LARGEST_CONDITION) -> 
     """
     J = _lines(lines)
     limit = arrays.tolerance(tolerance)
-    system, factored = span(J), factors(J, 0.0)
-    Q = pitch_form(0.0)  # in any unit of length the same matrix
-    dependent = system.rank < J.shape[1]
+    system = Subspace(J).exact
+    factored = factors(system, 0.0)
+    Q = pitch_form(0.0)  # in any frame and unit of length the same matrix
+    dependent = system.dimension < J.shape[1]
     kernel = int(np.count_nonzero(factored.shares * limit > 1.0))
     holds = dependent or kernel > 0
     forces: Array | None = None
@@ -112,18 +114,17 @@ def involution(lines: ArrayLike, tolerance: float = 1.0 / LARGEST_CONDITION) -> 
         forces = system.still[:, -1]
         wrench = np.zeros(6)
     elif holds:
-        balanced = np.linalg.lstsq(J, factored.lost, rcond=None)[0]
+        balanced = system.velocities(factored.lost[:, None])[:, 0]
         forces = np.asarray(balanced / np.linalg.norm(balanced))
         wrench = Q.dot(J.dot(forces))
-    R = orthogonal(Q.dot(system.basis))
+    R = orthogonal(Q.dot(system.span.basis))
     null, infinite, double = _null_lines(R, Q, kernel)
-    finite, at_infinity = _split(null, limit * system.spread)
-    finite[3:] *= system.unit
+    finite, at_infinity = _finite_and_infinite(null, limit * system.spread)
     return Involution(
         holds=holds,
-        determinant=float(np.linalg.det(gram_matrix(J, 0.0))),
-        rank=system.rank,
-        transversals=finite,
+        determinant=float(np.linalg.det(gram(system, 0.0))),
+        rank=system.dimension,
+        transversals=system.outward.dot(finite),
         transversal_count=inf if infinite else float(finite.shape[1]),
         double=double,
         at_infinity=at_infinity,
@@ -172,12 +173,12 @@ def _independent(columns: Array) -> list[int]:
     chosen: list[int] = []
     for i in range(columns.shape[1]):
         sigma = np.linalg.svd(columns[:, [*chosen, i]], compute_uv=False)
-        if len(chosen) < len(columns) and sigma[-1] > RANK_TOLERANCE * sigma[0]:
+        if len(chosen) < len(columns) and sigma[-1] > ROUNDING * sigma[0]:
             chosen.append(i)
     return chosen
 
 
-def _split(null: Array, tolerance: float) -> tuple[Array, Array]:
+def _finite_and_infinite(null: Array, tolerance: float) -> tuple[Array, Array]:
     """Null twists (lengths of order one) as unit lines, and those with no angular part as unit translations."""
     unit = null / np.sqrt((null * null).sum(axis=0))
     w = np.sqrt((unit[:3] * unit[:3]).sum(axis=0))

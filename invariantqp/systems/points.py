@@ -24,9 +24,10 @@ from numpy.typing import ArrayLike
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.fields import Value, own
+from invariantqp.geometry.screws import resting_point
 from invariantqp.geometry.se3 import cross, norm, velocity_at
 from invariantqp.geometry.sizes import LENGTH_LIMIT
-from invariantqp.systems.subspaces import span, system_meet
+from invariantqp.systems.subspaces import Subspace
 
 # A point this many of the arm's lengths away (of the caller's units where it has none) is what rounding makes of a
 # twist that does not turn across the axes; measured from there, every velocity nearby would count as nothing.
@@ -38,31 +39,6 @@ class Centre(NamedTuple):
 
     point: Array
     length: float
-
-
-class Resting(NamedTuple):
-    """Point (3,) that the twists move least, the nearest to the origin of those; free (3, f) directions it may move."""
-
-    point: Array
-    free: Array
-
-
-def resting_point(twists: Array, tolerance: float = ROUNDING, longest: float = LENGTH_LIMIT) -> Resting:
-    """The least-norm minimiser of |v + omega x p|_F over p, for checked (6, m) twists.
-
-    A direction is free where the stiffness of |J_v(p)|^2 against p is below the share `tolerance` of the largest. With
-    |J_v| / |J_omega| above `longest` no joint turns: the point is the origin, and free.
-    """
-    w, v = twists[:3], twists[3:]
-    spread, axes = np.linalg.eigh(w.dot(w.T))
-    stiffness = spread.sum() - spread  # eigenvalues of A = |w|^2 I - w w', descending
-    if np.vdot(v, v) > spread.sum() * longest * longest:
-        return Resting(np.zeros(3), np.eye(3))
-    fixed = stiffness > tolerance * stiffness[0]
-    along = axes[:, fixed]
-    M = w.dot(v.T)
-    moment = np.array((M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]))  # the sum of w x v, which is A p
-    return Resting(along.dot(along.T.dot(moment) / stiffness[fixed]), axes[:, ~fixed])
 
 
 def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
@@ -155,13 +131,11 @@ def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointM
     """
     twists = arrays.columns(J)
     wanted = motions_along(point, direction)
-    system = span(twists)
-    shared = system_meet(wanted, twists, ROUNDING)
-    # The right inverse of C = diag(sigma) V' on the coordinates U'D s; on im J any J^{+h} gives the same.
-    coordinates = system.basis.T.dot(system.scaled(shared))
-    active = system.right.dot(coordinates / system.singular[:, None])
+    system = Subspace(twists)
+    shared = Subspace(wanted, tolerance=ROUNDING).meet(system).basis
+    active = system.velocities(shared)  # on im J any J^{+h} gives the same, up to ker J
     p = arrays.vector(point, 3, "point")
     speeds = velocity_at(shared, p)
-    terms = np.linalg.norm(shared[3:]) + np.linalg.norm(shared[:3]) * (np.linalg.norm(p) + system.unit)
+    terms = np.linalg.norm(shared[3:]) + np.linalg.norm(shared[:3]) * (np.linalg.norm(p) + system.length)
     moves = bool(np.linalg.norm(speeds) > ROUNDING * terms)
     return PointMotion(np.hstack((active, system.still)), shared, moves)

@@ -15,6 +15,7 @@ Reference: [DS] Sect. 6.1, Sect. 6.2 (6.5), Sect. 6.3; Lipkin & Duffy 1988; Seli
 
 from __future__ import annotations
 
+from math import log2
 from typing import Any
 
 import numpy as np
@@ -26,13 +27,15 @@ from invariantqp.errors import BadInput, NoProjectors, listed
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.forms import finite_pitch, pitch_form
-from invariantqp.systems.classification import gibson_hunt
-from invariantqp.systems.gram import pitches_or_none
-from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, factors
-from invariantqp.systems.subspaces import annihilator, lengths, orthogonal, span
+from invariantqp.geometry.forms import finite_pitch
+from invariantqp.geometry.linear import orthogonal
+from invariantqp.geometry.sizes import LENGTH_LIMIT
+from invariantqp.systems.classification import classify
+from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, factors, pitches_if_decided
+from invariantqp.systems.subspaces import Subspace
 
 # What a refusal offers instead of a pitch.
+RULES = ("h", "complement", "metric")
 CHOICES = "metric=M (a stiffness or an inertia at the contact) or complement=Z (what may be given up)"
 
 
@@ -46,8 +49,8 @@ class DualProjectors(Value):
         freedoms: (6, k) basis of S.
         complement: (6, 6-k) basis of Z, the twists that P takes to zero.
         constraints: (6, 6-k) basis of S* = W, the wrenches that do no work on S.
-        norm: |P|, one over the sine of the angle between S and Z, lengths in `unit`; 1 is the least, but for 0 where
-            S is the zero system.
+        norm: |P|, one over the sine of the angle between S and Z, lengths in `unit`: at least 1, and without bound as
+            the two come to share a twist and P ceases to exist; 0 where S is the zero system.
         unit: the length that counts as 1 in `norm`.
     """
 
@@ -110,79 +113,99 @@ def dual_projectors(
     if (S is None) == (wrenches is None):
         found = "neither S nor wrenches" if S is None else "both S and wrenches"
         raise BadInput("S", found, "the freedoms S or the constraint wrenches")
-    rules = {"h": h, "complement": complement, "metric": getattr(metric, "carried", metric)}
-    rule = [name for name, value in rules.items() if value is not None]
-    if len(rule) != 1:
-        raise BadInput("h", " and ".join(rule) or "no rule for the complement", "one of h, complement, metric")
-    answer = None if core is None else core.projectors(S, wrenches, *rules.values())
-    if answer is not None:  # where it is well conditioned
-        return DualProjectors(*answer)
-    given = arrays.columns(wrenches, "wrenches") if S is None else arrays.system(S, "S")  # type: ignore[arg-type]
-    U, unit, spread = _freedoms(given, S is not None)
-    k, scale = U.shape[1], lengths(unit)
-    if h is not None:
-        Z = orthogonal(pitch_form(finite_pitch(h) / unit).dot(U))
-    elif metric is not None:
-        M = arrays.positive_definite(rules["metric"], 6, "metric")
-        Z = orthogonal((M * scale * scale.T).dot(U))
+    name, value = one_rule(h, complement, metric)
+    if core is not None:
+        answer = core.projectors(S, wrenches, *(value if name == rule else None for rule in RULES))
+        if answer is not None:  # where it is well conditioned
+            return DualProjectors(*answer)
+    if S is not None:
+        return projectors_of(Subspace(S, argument="S"), (name, value))
+    given = Subspace(arrays.columns(wrenches, "wrenches"), argument="wrenches")  # type: ignore[arg-type]
+    return projectors_of(Subspace(given.annihilator()), (name, value), given)
+
+
+def one_rule(h: float | None, complement: Any, metric: Any) -> tuple[str, Any]:
+    """The name and the value of the one rule that is given for the complement."""
+    values = zip(RULES, (h, complement, getattr(metric, "carried", metric)), strict=True)
+    given = [(name, value) for name, value in values if value is not None]
+    if len(given) != 1:
+        found = " and ".join(name for name, _ in given) or "no rule for the complement"
+        raise BadInput("h", found, "one of h, complement, metric")
+    return given[0]
+
+
+def projectors_of(system: Subspace, rule: tuple[str, Any], wrenches: Subspace | None = None) -> DualProjectors:
+    """The projectors on a system along the complement of a rule; `wrenches` are what it was found from, if any."""
+    name, value = rule
+    system = system.exact
+    U, k, spread = system.span.basis, system.dimension, (wrenches or system).spread
+    if name == "h":
+        pitch = finite_pitch(value)
+        _refuse_pitch(system, pitch, wrenches)
+        K = system.form(pitch).dot(U)
+    elif name == "metric":
+        M = arrays.positive_definite(value, 6, "metric")
+        K = system.outward.T.dot(M).dot(system.outward).dot(U)
     else:
-        Z, magnified = _given(complement, k, unit)
+        K, magnified = _annihilator_of(value, system)
         spread = max(spread, magnified)
-    W, K = orthogonal(U), orthogonal(Z)
+    K = np.linalg.qr(K)[0]
     _, sines, Vt = np.linalg.svd(K.T.dot(U))
-    sine = float(sines[-1]) if k else 1.0
-    if h is not None:
-        _refuse_pitch(given, finite_pitch(h), U * scale, S is not None)
-    elif spread > LARGEST_CONDITION * sine:
-        z = U.dot(Vt[-1]) * scale.ravel()
+    if name != "h" and k and spread > LARGEST_CONDITION * sines[-1]:
+        z = system.outward.dot(U.dot(Vt[-1]))
         found = f"a Z that shares the twist ({listed(z / np.linalg.norm(z))}) with S"
-        raise BadInput(rule[0], found, f"{6 - k} twists that with S span all six dimensions", "Turn Z away from S.")
+        raise BadInput(name, found, f"{6 - k} twists that with S span all six dimensions", "Turn Z away from S.")
+    W, Z = orthogonal(U), orthogonal(K)
     P = U.dot(np.linalg.solve(K.T.dot(U), K.T)) if k else np.zeros((6, 6))
     F = W.dot(np.linalg.solve(Z.T.dot(W), Z.T)) if k < 6 else np.zeros((6, 6))
+    motion = system.outward.dot(P).dot(system.inward)
+    unit = own_unit(system.twists)
+    scale = np.repeat([1.0, unit], 3)
     return DualProjectors(
-        motion=P * scale / scale.T,
-        force=F / scale * scale.T,
-        freedoms=U * scale,
-        complement=Z * scale,
-        constraints=W / scale,
-        norm=1.0 / sine if k else 0.0,
+        motion=motion,
+        force=system.inward.T.dot(F).dot(system.outward.T),
+        freedoms=system.basis,
+        complement=system.outward.dot(Z),
+        constraints=system.inward.T.dot(W),
+        norm=float(np.linalg.norm(motion / scale[:, None] * scale, 2)) if k else 0.0,
         unit=unit,
     )
 
 
-def _freedoms(given: Array, twists: bool) -> tuple[Array, float, float]:
-    """Orthonormal basis of S, the length that counts as 1 in it, and how much it magnifies errors of its columns."""
-    system = span(given)
-    freedoms = system if twists else span(annihilator(given))
-    return freedoms.basis, freedoms.unit, system.spread
+def own_unit(J: Array) -> float:
+    """The power of two nearest |J_v|_F / |J_omega|_F; 1 where either part vanishes, exactly or but for rounding."""
+    w, v = float(np.linalg.norm(J[:3])), float(np.linalg.norm(J[3:]))
+    if v >= LENGTH_LIMIT * w or w >= LENGTH_LIMIT * v:
+        return 1.0
+    return float(2.0 ** round(log2(v) - log2(w)))
 
 
-def _given(complement: ArrayLike | None, k: int, unit: float) -> tuple[Array, float]:
-    """Orthonormal basis of the given Z, lengths in `unit`, and how much it magnifies errors of the columns."""
-    system = span(arrays.system(complement, "complement"), unit=unit)  # type: ignore[arg-type]
-    if system.rank != 6 - k:
+def _annihilator_of(complement: ArrayLike | None, system: Subspace) -> tuple[Array, float]:
+    """The wrenches (6, k) that do no work on the given Z, in the system's own coordinates; the spread of Z."""
+    given = Subspace(complement, argument="complement")  # type: ignore[arg-type]
+    k = system.dimension
+    if given.dimension != 6 - k:
         expected = f"twists that span {6 - k} dimensions"
-        raise BadInput("complement", f"rank {system.rank}", expected, f"S has {k}, and both must fill six.")
-    return system.basis, system.spread
+        raise BadInput("complement", f"rank {given.dimension}", expected, f"S has {k}, and both must fill six.")
+    return system.outward.T.dot(given.annihilator()), given.spread
 
 
-def _refuse_pitch(given: Array, h: float, freedoms: Array, twists: bool) -> None:
+def _refuse_pitch(system: Subspace, h: float, wrenches: Subspace | None) -> None:
     """Raise unless S and its h-reciprocal fill six dimensions, by a margin that leaves three correct digits."""
-    if not given.shape[1]:
-        return
     # Wrenches W are the twists Q_0 W measured by -h: W'Q_h^-1 W = (Q_0 W)'Q_{-h}(Q_0 W).
-    columns, pitch = (given, h) if twists else (given[se3.SWAPPED], -h)
-    factored = factors(columns, pitch)
+    given, pitch = (system, h) if wrenches is None else (Subspace(wrenches.twists[se3.SWAPPED]), -h)
+    factored = factors(given, pitch)
     if factored.exists:
         return
     if factored.dependent:
         found = f"columns so nearly dependent that rounding decides what they span (condition {factored.spread:.1g})"
-        raise BadInput("S" if twists else "wrenches", found, "independent columns", "Leave out a column.")
+        argument = "S" if wrenches is None else "wrenches"
+        raise BadInput(argument, found, "independent columns", "Leave out a column.")
     z = factored.lost
-    if not twists:
+    if wrenches is not None:
         z[3:] += 2.0 * h * z[:3]  # Q_h^-1 w for the wrench w = Q_0 z
         z = z / np.linalg.norm(z)
-    k = freedoms.shape[1]
-    kind = gibson_hunt(freedoms)
-    system = f"a {k}-system {'whose reciprocal is ' if kind.reciprocal else ''}of type {kind}"
-    raise NoProjectors(h, system, (k, k - factored.rank + factored.gram_rank), z, pitches_or_none(freedoms), CHOICES)
+    k, kind = system.dimension, classify(system)
+    name = f"a {k}-system {'whose reciprocal is ' if kind.reciprocal else ''}of type {kind}"
+    ranks = (k, k - factored.rank + factored.gram_rank)
+    raise NoProjectors(h, name, ranks, z, pitches_if_decided(system), CHOICES)

@@ -16,7 +16,7 @@ Reference: [DS] Sect. 2.3 (2.12)-(2.15), (hP1)-(hP4), after Penrose 1955; Theore
 from __future__ import annotations
 
 from math import inf, isfinite, pi
-from typing import NamedTuple
+from typing import Literal, NamedTuple, overload
 
 import numpy as np
 from attrs import field, frozen
@@ -24,13 +24,13 @@ from attrs.converters import optional
 from numpy.typing import ArrayLike
 
 from invariantqp.engine import core
-from invariantqp.errors import BadInput, BlindSystem, NoPseudoinverse
+from invariantqp.errors import BadInput, NoPseudoinverse
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
-from invariantqp.systems.gram import pitches_or_none, principal_screws
-from invariantqp.systems.subspaces import Span, length_unit, lengths, orthogonal, reciprocal, screw_system, span
+from invariantqp.systems.gram import gram, pencil
+from invariantqp.systems.subspaces import Subspace
 
 # Above this the relative error of 1e-15 that forward kinematics in float64 leaves of joint twists can change J^{+h} by
 # more than a thousandth. Arms that are singular by structure (a SCARA at any h) have hundreds of times this number.
@@ -125,24 +125,28 @@ class Factors(NamedTuple):
         return np.asarray(z / np.linalg.norm(z))
 
 
-def factors(twists: Array, h: float, metric: Array | None = None) -> Factors:
-    """J^{+h} with its condition number, for checked (6, m) twists, a finite h and a joint metric (m, m)."""
-    system = span(twists)
-    m, r = twists.shape[1], system.rank
+def factors(system: Subspace, h: float, metric: Array | None = None) -> Factors:
+    """J^{+h} of a system's twists with its condition number, for a finite h and a checked joint metric (m, m)."""
+    system = system.exact
+    r, m = system.dimension, system.twists.shape[1]
+    sizes = np.linalg.norm(system.coordinates, axis=0)
+    hidden = False  # whether columns are so small that they look like rounding of the others
+    if r < m and sizes.all():
+        unit = Subspace(system.twists / sizes).exact
+        if unit.dimension == m:
+            found = factors(unit, h)
+            return found._replace(inverse=found.inverse / sizes[:, None])
+        hidden = unit.dimension > r
     if r == 0:
         return Factors(np.zeros((m, 6)), 1.0, 1.0, np.empty((6, 0)), np.empty(0))
-    units, magnified = _joint_units(system.scaled(twists), r, metric)
-    U, sigma, Vt = np.linalg.svd(system.scaled(twists.dot(units)), full_matrices=False)
-    U, velocities = U[:, :r], Vt[:r].T / sigma[:r]
-    errors = np.full(m, sigma[0] * magnified)  # of the columns
-    far = max(1.0, abs(h) / system.unit)
-    length = far * system.unit
+    U, velocities, units, errors = joint_side(system, metric)
     # Sorted by angular part, so that rotations and translations stay apart when the unit of length is changed.
+    far = max(1.0, abs(h) / system.length)
     sorting = np.linalg.svd(U[:3])[2].T
     T = U.dot(sorting)
     T[3:] /= far
     longest = np.linalg.norm(T, axis=0)
-    Q = pitch_form(h / length)
+    Q = pitch_form(h / (far * system.length))
     T, velocities = T / longest, velocities.dot(sorting / longest)
     mu, E = np.linalg.eigh(T.T.dot(Q).dot(T))
     T, velocities = T.dot(E), velocities.dot(E)
@@ -156,25 +160,29 @@ def factors(twists: Array, h: float, metric: Array | None = None) -> Factors:
         condition = float(errors.dot(rows) + (errors.sum() * size if r < m else 0.0))
         # For each screw z the first two terms are alike: z'Q_h dJ C^+ / mu, and the same seen from S^{perp h}.
         shares = 2.0 * errors.dot(np.abs(velocities)) * np.linalg.norm(images, axis=0) / np.abs(mu)
-        inverse = units.dot(inverse)
-    inverse[:, 3:] /= length
-    T[3:] *= length
-    return Factors(inverse, condition if isfinite(condition) else inf, system.spread, T, shares)
+        inverse[:, 3:] /= far
+        inverse = units.dot(inverse).dot(system.inward)
+    T[3:] *= far
+    known = isfinite(condition) and not hidden
+    spread = inf if hidden else system.spread
+    return Factors(inverse, condition if known else inf, spread, system.outward.dot(T), shares)
 
 
-def _joint_units(columns: Array, rank: int, metric: Array | None) -> tuple[Array, float]:
-    """A change (m, m) of joint coordinates, and the factor by which it magnifies errors.
+def joint_side(system: Subspace, metric: Array | None) -> tuple[Array, Array, Array, Array]:
+    """U (6, r) orthonormal, joint velocities (m, r) that make its columns, their units (m, m), errors of columns (m,).
 
-    Independent columns get unit size; with dependent columns, the metric becomes the identity.
+    Independent columns have unit size; with dependent ones the units make the joint metric the identity.
     """
-    m = columns.shape[1]
-    if rank == m:
-        return np.diag(1.0 / np.linalg.norm(columns, axis=0)), 1.0
-    if metric is None:
-        return np.eye(m), 1.0
-    lower = np.linalg.cholesky(metric)
-    magnified = np.linalg.cond(lower / np.linalg.norm(lower, axis=1)[:, None])
-    return np.linalg.inv(lower).T, float(magnified)
+    T, r, m = system.coordinates, system.dimension, system.twists.shape[1]
+    units, magnified = np.eye(m), 1.0
+    if r == m:
+        units = np.diag(1.0 / np.linalg.norm(T, axis=0))
+    elif metric is not None:
+        lower = np.linalg.cholesky(metric)
+        magnified = float(np.linalg.cond(lower / np.linalg.norm(lower, axis=1)[:, None]))
+        units = np.linalg.inv(lower).T
+    U, sigma, Vt = np.linalg.svd(T.dot(units), full_matrices=False)
+    return U[:, :r], Vt[:r].T / sigma[:r], units, sigma[0] * magnified * system.errors
 
 
 def has_pseudoinverse(J: ArrayLike, h: float) -> bool:
@@ -182,10 +190,24 @@ def has_pseudoinverse(J: ArrayLike, h: float) -> bool:
 
     Reference: [DS] Theorem 2.2.
     """
-    return factors(arrays.columns(J), finite_pitch(h)).exists
+    return factors(Subspace(arrays.columns(J)), finite_pitch(h)).exists
 
 
-def pseudoinverse(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None) -> Array:
+@overload
+def pseudoinverse(
+    J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = ..., return_condition: Literal[False] = ...
+) -> Array: ...
+
+
+@overload
+def pseudoinverse(
+    J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = ..., return_condition: Literal[True]
+) -> tuple[Array, float]: ...
+
+
+def pseudoinverse(
+    J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None, return_condition: bool = False
+) -> Array | tuple[Array, float]:
     """J^{+h}, the h-pseudoinverse of (6, m) twists of any rank, correct to three digits or more.
 
     For rank 6 it is the same for every h, and with `joint_metric=None` it is the Moore-Penrose pseudoinverse.
@@ -195,9 +217,11 @@ def pseudoinverse(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = No
         h: finite pitch [length/rad].
         joint_metric: (m, m) or (m,) positive definite, the metric M on joint velocities; None is the identity. It
             matters only where joints are dependent.
+        return_condition: whether to return the condition number too: the ratio of the relative error of J^{+h} to that
+            of the twists, at worst. It goes to infinity towards a principal pitch.
 
     Returns:
-        (m, 6) matrix; x = J^{+h} s is the joint velocity for the twist s.
+        (m, 6) matrix; x = J^{+h} s is the joint velocity for the twist s. With `return_condition`, (matrix, condition).
 
     Raises:
         NoPseudoinverse: h is a principal pitch of the system, or too near one for three correct digits; or no h works;
@@ -205,20 +229,29 @@ def pseudoinverse(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = No
 
     Reference: [DS] Theorem 2.2, (3.1) for independent columns, (2.15) for rank 6.
     """
-    if core is not None and joint_metric is None and type(J) is np.ndarray and type(h) is float:
+    if (
+        core is not None
+        and joint_metric is None
+        and return_condition is False
+        and type(J) is np.ndarray
+        and type(h) is float
+    ):
         inverse: Array | None = core.pseudoinverse(J, h)  # where it is well conditioned
         if inverse is not None:
             return inverse
-    twists = arrays.columns(J)
-    pitch = finite_pitch(h)
-    metric = None
-    if joint_metric is not None:
-        metric = arrays.positive_definite(joint_metric, twists.shape[1], "joint_metric")
-    factored = factors(twists, pitch, metric)
+    found = invert(Subspace(arrays.columns(J)), h, joint_metric)
+    return (found.inverse, found.condition) if arrays.flag(return_condition, "return_condition") else found.inverse
+
+
+def invert(system: Subspace, h: float, joint_metric: ArrayLike | None = None) -> Factors:
+    """J^{+h} of a system's twists, or `NoPseudoinverse`."""
+    pitch, m = finite_pitch(h), system.twists.shape[1]
+    metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
+    factored = factors(system, pitch, metric)
     if factored.exists:
-        return factored.inverse
-    pitches = pitches_or_none(twists)
-    z = screw_system(twists)[:, -1] if factored.dependent else factored.lost
+        return factored
+    pitches = pitches_if_decided(system)
+    z = system.exact.basis[:, -1] if factored.dependent else factored.lost
     raise NoPseudoinverse(
         h=pitch,
         rank=factored.rank,
@@ -226,6 +259,69 @@ def pseudoinverse(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = No
         self_reciprocal=z / np.linalg.norm(z),
         principal_pitches=pitches[np.argsort(np.abs(pitches - pitch), kind="stable")],
     )
+
+
+def inverse_along(system: Subspace, projector: Array, joint_metric: ArrayLike | None) -> Array:
+    """J^+ P (m, 6) for a projector P (6, 6) on the system, J^+ of least size in the joint metric."""
+    system = system.exact
+    m = system.twists.shape[1]
+    metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
+    U, velocities, units, _ = joint_side(system, metric)
+    return np.asarray(units.dot(velocities).dot(U.T).dot(system.inward).dot(projector))
+
+
+def pitches_if_decided(system: Subspace) -> Array:
+    """The principal pitches for a message; none where no h works, or rounding hides them."""
+    try:
+        return pencil(system).values
+    except BadInput:
+        return np.empty(0)
+
+
+def damped_pseudoinverse(J: ArrayLike, h: float, damping: float, *, joint_metric: ArrayLike | None = None) -> Array:
+    """The damped h-pseudoinverse V diag(mu / (mu^2 + damping^2)) V'J'Q_h (m, 6) of (6, m) twists, for any h.
+
+    J'Q_h J V = M V diag(mu), V'M V = I. It tends to J^{+h} as the damping tends to 0, where that exists, and is bounded
+    and continuous in J and h through every principal pitch: |J^{+h,damped} s| <= |V'J'Q_h s| / (2 damping) in the
+    metric M. Of the part of a twist along each J v, the share mu^2 / (mu^2 + damping^2), from 0 to 1, is done. A change
+    of frame takes it to J^{+h,damped} Ad^-1. It is [DS]'s damped formula with Lambda = damping^2 M (J'Q_h J)^-1 M.
+
+    Args:
+        J: (6, m) joint twists as columns.
+        h: finite pitch [length/rad].
+        damping: above zero, in the unit of mu: a length, if M has no unit; 0 is `pseudoinverse`.
+        joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity. Where joints
+            turn and slide, give one: without it the answer depends on the unit of length.
+
+    Reference: after [DS] Sect. 6.2; the choice of Lambda and its bounds are ours, proved by the formula.
+    """
+    return damped(Subspace(arrays.columns(J)), h, damping, joint_metric)
+
+
+def damped(system: Subspace, h: float, damping: float, joint_metric: ArrayLike | None) -> Array:
+    """`damped_pseudoinverse` of a system's twists."""
+    size = arrays.not_negative(damping, "damping", "a damping")
+    if size == 0.0:
+        return invert(system, h, joint_metric).inverse
+    mu, V = spectrum(system, finite_pitch(h), joint_metric)
+    images = system.length * system.coordinates.dot(V).T.dot(system.form(h))
+    with np.errstate(under="ignore"):
+        gains = 1.0 / np.hypot(mu, size)
+        gains = gains * (mu * gains)
+    return np.asarray((V * gains).dot(images).dot(system.inward))
+
+
+def spectrum(system: Subspace, h: float, joint_metric: ArrayLike | None) -> tuple[Array, Array]:
+    """mu (m,) and V (m, m) with J'Q_h J V = M V diag(mu), V'M V = I, |mu| descending."""
+    m = system.twists.shape[1]
+    G = gram(system, h)
+    whiten = np.eye(m)
+    if joint_metric is not None:
+        M = arrays.positive_definite(joint_metric, m, "joint_metric")
+        whiten = np.linalg.inv(np.linalg.cholesky(M)).T
+    mu, V = np.linalg.eigh(whiten.T.dot(G).dot(whiten))
+    order = np.argsort(-np.abs(mu), kind="stable")
+    return mu[order], whiten.dot(V[:, order])
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -266,12 +362,11 @@ def penrose_conditions(
     Reference: [DS] (hP1)-(hP4).
     """
     twists = arrays.columns(J)
-    m, unit = twists.shape[1], length_unit(twists)
-    inverse = arrays.matrix(X, (m, 6), "X")
-    Q = pitch_form(finite_pitch(h) / unit)
+    m, system = twists.shape[1], Subspace(twists)
+    Q = system.form(finite_pitch(h))
     M = np.eye(m) if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
     limit = arrays.tolerance(tolerance)
-    A, B = twists / lengths(unit), inverse * lengths(unit).T
+    A, B = system.coordinates, arrays.matrix(X, (m, 6), "X").dot(system.outward)
     on_twists, on_joints = Q.dot(A).dot(B), M.dot(B).dot(A)
     wholes = (A, B, on_twists, on_joints)
     made = (A.dot(B).dot(A), B.dot(A).dot(B), on_twists.T, on_joints.T)
@@ -282,12 +377,9 @@ def penrose_conditions(
 
 @frozen(eq=False, repr=False, slots=False)
 class Existence(Value):
-    """The three conditions of Theorem 3.1 under which there is no J^{+h}, each computed by itself.
+    """The three conditions of Theorem 3.1 under which there is no J^{+h}, each as a number that is then zero.
 
         (i) rank(J'Q_h J) < rank(J)     (ii) S meets S^{perp h}     (iii) S is tangent to q_h at a point z of S
-
-    Each gives a number, which counts as zero if an error of the twists small enough to leave J^{+h} three correct
-    digits could have made it zero.
 
     Attributes:
         h: the given pitch [length/rad].
@@ -298,9 +390,8 @@ class Existence(Value):
         angle: (ii) least angle between S and S^{perp h} [rad].
         pitch_distance: (iii) |h - h_i| to the nearest principal pitch, in units of |h| + the system's length; 0 where
             some translation is reciprocal to all of S, inf where every pitch works.
-        degenerate: whether (i), (ii) and (iii) hold; they can differ only where their numbers are at the tolerance.
         certificate: (6,) z in S, h-reciprocal to all of S, which proves that there is no h-pseudoinverse; None where
-            (i) does not hold.
+            there is one.
     """
 
     h: float
@@ -310,7 +401,6 @@ class Existence(Value):
     gram_eigenvalue: float
     angle: float
     pitch_distance: float
-    degenerate: tuple[bool, bool, bool]
     certificate: Array | None = field(converter=optional(own))
 
     @property
@@ -326,94 +416,39 @@ def existence(J: ArrayLike, h: float) -> Existence:
 
     Reference: [DS] Theorem 3.1; `certificate` is the z of its proof.
     """
-    twists, pitch = arrays.columns(J), finite_pitch(h)
-    factored = factors(twists, pitch)
+    return conditions_of(Subspace(arrays.columns(J)), h)
+
+
+def conditions_of(system: Subspace, h: float) -> Existence:
+    """`existence` of a system."""
+    pitch = finite_pitch(h)
+    system = system.exact
+    factored = factors(system, pitch)
     if factored.rank in (0, 6):
-        never = (False, False, False)
-        return Existence(pitch, factored.rank, factored.condition, factored.rank, 1.0, 0.5 * pi, inf, never, None)
-    view = _view(twists, pitch, factored)
-    angle, meets = _least_angle(view)
-    distance, tangent = _pitch_distance(twists, pitch, view)
-    singular = factored.gram_rank < factored.rank
-    Q = pitch_form(pitch / view.system.unit)
-    mu = np.linalg.eigvalsh(view.system.basis.T.dot(Q).dot(view.system.basis))
+        return Existence(pitch, factored.rank, factored.condition, factored.rank, 1.0, 0.5 * pi, inf, None)
+    U, Q = system.span.basis, system.form(pitch)
+    mu = np.linalg.eigvalsh(U.T.dot(Q).dot(U))
+    images = np.linalg.qr(Q.dot(U))[0]  # an orthonormal basis of what is orthogonal to S^{perp h}
+    sine = float(np.linalg.svd(images.T.dot(U), compute_uv=False)[-1])
+    found = pencil(system)
+    gaps = np.abs(found.values - pitch) / (abs(pitch) + system.length)
+    distance = 0.0 if found.blind.shape[1] else float(gaps.min(initial=inf))
     return Existence(
         h=pitch,
         rank=factored.rank,
         condition=factored.condition,
         gram_rank=factored.gram_rank,
         gram_eigenvalue=float(np.abs(mu).min() / np.abs(Q).max()),
-        angle=angle,
+        angle=float(np.arcsin(min(1.0, sine))),
         pitch_distance=distance,
-        degenerate=(singular, meets, tangent),
-        certificate=factored.lost if singular else None,
+        certificate=None if factored.exists else factored.lost,
     )
-
-
-class _View(NamedTuple):
-    """The system with lengths measured in its own unit, or in |h| where that is longer."""
-
-    system: Span  # the span, in its own unit of length
-    sizes: Array  # (m,) of the columns there
-    basis: Array  # (6, r) orthonormal
-    form: Array  # (6, 6) Q_h
-    length: float  # the length that counts as 1 in `basis` and `form`
-
-    def unit_twist(self, z: Array) -> Array:
-        """The unit twist along z (6,), from the caller's unit of length."""
-        result = z / lengths(self.length)[:, 0]
-        return np.asarray(result / np.linalg.norm(result))
-
-    def resolution(self, z: Array) -> float:
-        """The error of a unit twist z of the system when J has the largest error that leaves J^{+h} three digits."""
-        own = z * lengths(self.length / self.system.unit)[:, 0]
-        velocity = self.system.right.dot(self.system.basis.T.dot(own) / self.system.singular)
-        return float(self.sizes.dot(np.abs(velocity))) / LARGEST_CONDITION
-
-
-def _view(twists: Array, h: float, factored: Factors) -> _View:
-    system = span(twists)
-    length = max(system.unit, abs(h))
-    sizes = np.linalg.norm(system.scaled(twists), axis=0)
-    return _View(system, sizes, np.linalg.qr(factored.screws / lengths(length))[0], pitch_form(h / length), length)
-
-
-def _least_angle(view: _View) -> tuple[float, bool]:
-    """The angle between S and S^{perp h}, 2 arcsin(sigma_min / sqrt 2) of both bases; whether it counts as zero."""
-    r = view.basis.shape[1]
-    other = orthogonal(view.form.dot(view.basis))
-    _, sigma, Vt = np.linalg.svd(np.hstack((view.basis, other)))
-    z = view.basis.dot(Vt[-1, :r])
-    angle = float(2.0 * np.arcsin(min(1.0, sigma[-1] / np.sqrt(2.0))))
-    # An error in S moves S^{perp h} by as much, so it counts twice.
-    return angle, angle <= 2.0 * view.resolution(z / np.linalg.norm(z))
-
-
-def _pitch_distance(twists: Array, h: float, view: _View) -> tuple[float, bool]:
-    """The distance from h to the nearest principal pitch, and whether it counts as zero."""
-    try:
-        pitches, screws = principal_screws(twists)
-    except BlindSystem:
-        return 0.0, True
-    if not len(pitches):
-        return inf, False
-    i = int(np.abs(pitches - h).argmin())
-    z = view.unit_twist(screws[:, i])
-    # |z'Q_h z| = 2 |h_i - h| |omega|^2, compared with the change that an error of z makes.
-    value = 2.0 * abs(pitches[i] - h) / view.length * z[:3].dot(z[:3])
-    tangent = value <= 2.0 * float(np.linalg.norm(view.form.dot(z))) * view.resolution(z)
-    return float(abs(pitches[i] - h)) / (abs(h) + view.system.unit), bool(tangent)
 
 
 def reciprocal_has_pseudoinverse(J: ArrayLike, h: float) -> bool:
     """Whether S^{perp h} has an h-pseudoinverse: by the paper's corollary, iff S has.
 
-    S^{perp h} is computed from J, so its twists have larger errors than those of J; that is taken into account.
-
     Reference: [DS] Corollary 3.2.
     """
-    twists, pitch = arrays.columns(J), finite_pitch(h)
-    other = factors(reciprocal(twists, pitch), pitch)
-    view = _view(twists, pitch, factors(twists, pitch))
-    errors = [LARGEST_CONDITION * view.resolution(view.unit_twist(z)) for z in other.screws.T]
-    return bool((other.shares * np.maximum(1.0, errors) <= LARGEST_CONDITION).all())
+    pitch = finite_pitch(h)
+    return factors(Subspace(arrays.columns(J)).reciprocal(pitch), pitch).exists

@@ -12,15 +12,13 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BlindSystem, listed, written
+from invariantqp.errors import listed, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.se3 import adjoint, inverse, velocity_at
-from invariantqp.geometry.sizes import LENGTH_LIMIT
-from invariantqp.systems.classification import GibsonHunt, gibson_hunt, own_point
-from invariantqp.systems.gram import blind_directions, principal_screws
-from invariantqp.systems.subspaces import screw_system
+from invariantqp.systems.classification import GibsonHunt, classify
+from invariantqp.systems.gram import pencil
+from invariantqp.systems.subspaces import Subspace
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -87,26 +85,21 @@ class SystemReport(Value):
 
 def describe(J: ArrayLike) -> SystemReport:
     """Report on (6, m) joint twists."""
-    twists = arrays.columns(J)
-    kind = gibson_hunt(twists)
-    S = screw_system(twists)[:, : kind.dimension]
-    pitches, screws, blind = np.empty(0), np.empty((6, 0)), np.empty((6, 0))
-    if kind.admits_pseudoinverse:
-        try:
-            pitches, screws = principal_screws(S)
-        except BlindSystem as error:  # at the border, where the two tolerances decide differently
-            blind = error.directions
-    else:
-        # From the exact normal form, so that no small number is judged twice; S and its reciprocal share them.
-        blind = adjoint(inverse(kind.motion)).dot(blind_directions(kind.normal_form))
+    return report_on(Subspace(arrays.columns(J)))
+
+
+def report_on(system: Subspace) -> SystemReport:
+    """`describe` a system."""
+    kind, found = classify(system), pencil(system)
+    joints = system.twists.shape[1]
     return SystemReport(
-        joints=twists.shape[1],
+        joints=joints,
         rank=kind.dimension,
         type=kind,
-        principal_pitches=pitches,
-        principal_screws=screws,
-        blind_directions=along_axes(blind),
-        singularity_distance=0.0 if kind.dimension < min(6, twists.shape[1]) else _isotropy(twists),
+        principal_pitches=found.values,
+        principal_screws=found.screws,
+        blind_directions=along_axes(found.blind),
+        singularity_distance=0.0 if kind.dimension < min(6, joints) else _isotropy(system),
     )
 
 
@@ -121,10 +114,7 @@ def along_axes(blind: Array) -> Array:
     return basis
 
 
-def _isotropy(twists: Array) -> float:
-    """Smallest over largest singular value of the twists, about their own point and in their own length."""
-    moved = velocity_at(twists, own_point(twists))
-    w, v = float(np.linalg.norm(twists[:3])), float(np.linalg.norm(moved))
-    own = 1.0 / LENGTH_LIMIT < v / w < LENGTH_LIMIT if w > 0.0 else False
-    sigma = np.linalg.svd(np.vstack((twists[:3], moved * (w / v if own else 1.0))), compute_uv=False)
+def _isotropy(system: Subspace) -> float:
+    """Smallest over largest singular value of the twists as given, in own coordinates."""
+    sigma = np.linalg.svd(system.coordinates, compute_uv=False)
     return float(sigma[-1] / sigma[0])

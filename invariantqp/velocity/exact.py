@@ -37,8 +37,8 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.fields import Value, own
+from invariantqp.geometry.linear import TINY, rank_of
 from invariantqp.geometry.se3 import cross, norm
-from invariantqp.systems.subspaces import TINY, rank_of
 from invariantqp.velocity.backends import Backend
 from invariantqp.velocity.damping import DEVIATION_SHARE
 from invariantqp.velocity.measure import root_at

@@ -33,7 +33,7 @@ from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
-from invariantqp.systems.subspaces import rank_of
+from invariantqp.geometry.linear import rank_of
 from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.exact import ROW_TOLERANCE
 from invariantqp.velocity.objective import Spectrum

@@ -25,8 +25,8 @@ from scipy.linalg import lapack
 from scipy.optimize import brentq, nnls
 
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
+from invariantqp.geometry.linear import TINY, rank_of
 from invariantqp.geometry.se3 import norm
-from invariantqp.systems.subspaces import TINY, rank_of
 from invariantqp.velocity.backends import FEASIBILITY_TOLERANCE, Backend, BoxQP, Daqp, SolverFailure, solved
 
 EPSILON = float(np.finfo(float).eps)

@@ -24,7 +24,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.systems.subspaces import rank_of
+from invariantqp.geometry.linear import rank_of
 from invariantqp.velocity.compiled import compiled_problem
 from invariantqp.velocity.damping import Damping, PaperLambda
 from invariantqp.velocity.exact import ROW_TOLERANCE, Reduction, reduce

@@ -11,7 +11,6 @@ J, S = RNG.normal(size=(6, 6)), RNG.normal(size=(6, 2))
 T, TWIST, Q, H = iq.exp([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]), RNG.normal(size=6), np.full(6, 0.2), 0.3
 POINT, AXIS = [0.1, 0.2, 0.3], [0.0, 0.6, 0.8]
 
-WITH_TOLERANCE = ("gibson_hunt",)
 OF_TWISTS = ("blind_directions", "describe", "gram_polynomial", "principal_pitches", "principal_screws")
 WITH_PITCH = ("existence", "gram_matrix", "has_pseudoinverse", "reciprocal_has_pseudoinverse")
 
@@ -51,7 +50,7 @@ ALGEBRA = {
     "pitch": lambda: (iq.se3.pitch, {"twist": TWIST}),
     "axis": lambda: (iq.se3.axis, {"twist": TWIST}),
     # systems
-    **{name: lambda name=name: (getattr(iq.systems, name), {"J": S, "tolerance": 1e-10}) for name in WITH_TOLERANCE},
+    "gibson_hunt": lambda: (iq.gibson_hunt, {"J": S, "tolerance": 1e-10, "length": None}),
     **{name: lambda name=name: (getattr(iq.systems, name), {"J": S}) for name in OF_TWISTS},
     **{name: lambda name=name: (getattr(iq.systems, name), {"J": S, "h": H}) for name in WITH_PITCH},
     "annihilator": lambda: (iq.systems.annihilator, {"S": S}),
@@ -60,7 +59,72 @@ ALGEBRA = {
     "screw_system": lambda: (iq.systems.screw_system, {"J": S}),
     "system_meet": lambda: (iq.systems.system_meet, {"first": S, "second": J, "tolerance": 1e-10}),
     "system_sum": lambda: (iq.systems.system_sum, {"first": S, "second": J, "tolerance": 1e-10}),
-    "pseudoinverse": lambda: (iq.pseudoinverse, {"J": S, "h": H, "joint_metric": None}),
+    "pseudoinverse": lambda: (
+        iq.pseudoinverse,
+        {"J": S, "h": H, "joint_metric": None, "return_condition": False},
+    ),
+    "damped_pseudoinverse": lambda: (
+        iq.systems.damped_pseudoinverse,
+        {"J": S, "h": H, "damping": 0.1, "joint_metric": None},
+    ),
+    "ScrewSystem": lambda: (
+        iq.systems.ScrewSystem,
+        {"twists": S, "tolerance": 1e-7, "length": None, "argument": "twists"},
+    ),
+    **{
+        f"ScrewSystem.{name}": lambda name=name: (getattr(iq.systems.ScrewSystem(S), name), {"h": H})
+        for name in ("existence", "gram", "has_pseudoinverse", "reciprocal", "self_reciprocal")
+    },
+    **{
+        f"ScrewSystem.{name}": lambda name=name: (
+            getattr(iq.systems.ScrewSystem(S), name),
+            {"other": iq.systems.ScrewSystem(S)},
+        )
+        for name in ("meet", "sum")
+    },
+    "ScrewSystem.pseudoinverse": lambda: (
+        iq.systems.ScrewSystem(S).pseudoinverse,
+        {"h": None, "complement": None, "metric": np.ones(6), "joint_metric": None, "return_condition": False},
+    ),
+    "ScrewSystem.projectors": lambda: (
+        iq.systems.ScrewSystem(S).projectors,
+        {"h": None, "complement": None, "metric": np.ones(6)},
+    ),
+    "ScrewSystem.damped_pseudoinverse": lambda: (
+        iq.systems.ScrewSystem(S).damped_pseudoinverse,
+        {"h": H, "damping": 0.1, "joint_metric": None},
+    ),
+    "ScrewSystem.singular_values": lambda: (
+        iq.systems.ScrewSystem(S).singular_values,
+        {"h": H, "joint_metric": None},
+    ),
+    "ScrewSystem.stationary_point": lambda: (
+        iq.systems.ScrewSystem(S).stationary_point,
+        {"twist": TWIST, "h": H},
+    ),
+    "cylindroid": lambda: (iq.systems.cylindroid, {"J": S}),
+    "Cylindroid.at": lambda: (iq.systems.cylindroid(S).at, {"angles": POINT}),
+    **{
+        f"Cylindroid.{name}": lambda name=name: (
+            getattr(iq.systems.cylindroid(S), name),
+            {"coefficients": np.eye(2)},
+        )
+        for name in ("axes", "pitches", "screws")
+    },
+    "pitch_field": lambda: (iq.systems.pitch_field, {"J": J[:, :3]}),
+    "PitchField.quadric": lambda: (iq.systems.pitch_field(J[:, :3]).quadric, {"h": H}),
+    **{
+        f"PitchField.{name}": lambda name=name: (
+            getattr(iq.systems.pitch_field(J[:, :3]), name),
+            {"coefficients": np.eye(3)},
+        )
+        for name in ("axes", "pitches", "screws")
+    },
+    "limb_constraints": lambda: (iq.systems.limb_constraints, {"J": S, "tolerance": 1e-7}),
+    "mobility": lambda: (iq.systems.mobility, {"limbs": [S, J], "tolerance": 1e-7}),
+    "eigenscrews": lambda: (iq.systems.eigenscrews, {"K": J @ J.T, "compliance": False}),
+    "screw_of": lambda: (iq.se3.screw_of, {"twist": TWIST}),
+    "screw_of_wrench": lambda: (iq.se3.screw_of_wrench, {"wrench": TWIST}),
     "hyperbolic_singular_values": lambda: (
         iq.systems.hyperbolic_singular_values,
         {"J": S, "h": H, "joint_metric": None},

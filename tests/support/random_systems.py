@@ -54,14 +54,18 @@ def reciprocal_of(S):
 
 
 def sample(rng, key, *, upper=False, noise=0.0, extra=0):
-    """(J, moduli): a random member of a class (or of its reciprocals) from k + extra columns, relative noise added."""
+    """(J, moduli): a random member of a class (or of its reciprocals) from k + extra columns.
+
+    Noise is that of a model file: relative to the system, before it is moved.
+    """
     values = moduli(rng, key)
     S = normal_form(*key, values)
     if upper:
         S = reciprocal_of(S)
     k = S.shape[1]
-    J = iq.adjoint(motion(rng)) @ S @ rng.normal(size=(k, k + extra))
-    return J + noise * np.abs(J).max() * rng.normal(size=J.shape), values
+    J = S @ rng.normal(size=(k, k + extra))
+    J = J + noise * np.abs(J).max() * rng.normal(size=J.shape)
+    return iq.adjoint(motion(rng)) @ J, values
 
 
 def distance(S, R):

@@ -6,8 +6,9 @@ from scipy.optimize import minimize
 from support.random_systems import distance, motion
 
 import invariantqp as iq
+from invariantqp.geometry.screws import resting_point
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.systems.points import reach, resting_point
+from invariantqp.systems.points import reach
 
 
 def moved(J, p):

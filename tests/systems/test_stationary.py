@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from support.random_systems import motion, sample
 
 import invariantqp as iq
-from invariantqp.systems.damping import psi
+from invariantqp.systems.stationary import psi
 
 SEEDS = st.integers(0, 2**31)
 

@@ -35,7 +35,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.screws import helical
 from invariantqp.geometry.sizes import LENGTH_LIMIT
-from invariantqp.systems.subspaces import annihilator, span
+from invariantqp.systems.subspaces import Subspace, annihilator
 
 # Contacts are given with six digits: W'S beside |W||S| below this is zero, a tangent at such an angle to the normal is
 # parallel to it, and two ways out of unit speed whose sum is slower lead nowhere.
@@ -110,8 +110,8 @@ def _powers(W: Array, S: Array) -> Array:
 
 def _independent(columns: ArrayLike, argument: str) -> Array:
     a = arrays.system(columns, argument)
-    if span(a).rank < a.shape[1]:
-        raise BadInput(argument, f"{a.shape[1]} columns of rank {span(a).rank}", "independent columns")
+    if Subspace(a).dimension < a.shape[1]:
+        raise BadInput(argument, f"{a.shape[1]} columns of rank {Subspace(a).dimension}", "independent columns")
     return a
 
 
@@ -364,8 +364,9 @@ def two_contacts(first: Contact, second: Contact) -> Contact:
     n, k = kind.presses, other.presses
     U, V = np.asarray(kind.constraints), np.asarray(other.constraints)
     W = np.hstack((U[:, :n], V[:, :k], U[:, n:], V[:, k:]))
-    if span(W).rank < W.shape[1]:
-        found = f"a {kind.name} and a {other.name} with {W.shape[1]} wrenches of rank {span(W).rank}"
+    rank = Subspace(W).dimension
+    if rank < W.shape[1]:
+        found = f"a {kind.name} and a {other.name} with {W.shape[1]} wrenches of rank {rank}"
         raise BadInput("second", found, "a contact that constrains what the first leaves free")
     out = None if kind.out is None or other.out is None else kind.out + other.out  # out of both
     if out is not None:

@@ -35,8 +35,8 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.gram import gram_matrix, principal_pitches
-from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, pseudoinverse
-from invariantqp.systems.subspaces import span
+from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, invert
+from invariantqp.systems.subspaces import Subspace
 
 
 def psi(J: ArrayLike, h: float, Lambda: ArrayLike) -> Array:
@@ -84,12 +84,14 @@ class StationaryPoint(Value):
         value: Phi_h(x) [length].
         gradient: (m,) of Phi_h at x, zero up to rounding.
         signature: numbers of positive, negative and zero eigenvalues of J'Q_h J; zeros belong to self-motions.
+        condition: condition number of J^{+h}, as `existence` has it.
     """
 
     velocity: Array = field(converter=own)
     value: float
     gradient: Array = field(converter=own)
     signature: tuple[int, int, int]
+    condition: float
 
     @property
     def kind(self) -> str:
@@ -123,14 +125,21 @@ def stationary_point(J: ArrayLike, twist: ArrayLike, h: float) -> StationaryPoin
     Reference: [DS] Theorem 6.1.
     """
     twists = arrays.columns(J)
+    return stationary(Subspace(twists), arrays.twist(twist), h)
+
+
+def stationary(system: Subspace, twist: Array, h: float) -> StationaryPoint:
+    """`stationary_point` of a system."""
+    system = system.exact
     pitch = finite_pitch(h)
-    velocity = pseudoinverse(twists, pitch).dot(arrays.twist(twist))
-    value, gradient = error_form(twists, twist, pitch, velocity)
-    system = span(twists)
+    found = invert(system, pitch)
+    velocity = found.inverse.dot(twist)
+    value, gradient = error_form(system.twists, twist, pitch, velocity)
     # The inertia of J'Q_h J is that of U'Q_h U (J = U C, C of full row rank) and m - r zeros.
-    mu = np.linalg.eigvalsh(system.basis.T.dot(pitch_form(pitch / system.unit)).dot(system.basis))
-    up = int(np.count_nonzero(mu > 0.0))
-    return StationaryPoint(velocity, value, gradient, (up, system.rank - up, twists.shape[1] - system.rank))
+    U, r = system.span.basis, system.dimension
+    up = int(np.count_nonzero(np.linalg.eigvalsh(U.T.dot(system.form(pitch)).dot(U)) > 0.0))
+    signature = (up, r - up, system.twists.shape[1] - r)
+    return StationaryPoint(velocity, value, gradient, signature, found.condition)
 
 
 def vanishing_pitches(J: ArrayLike, twist: ArrayLike) -> Array:
@@ -147,6 +156,6 @@ def vanishing_pitches(J: ArrayLike, twist: ArrayLike) -> Array:
     """
     twists, s = arrays.columns(J), arrays.twist(twist)
     joined = np.hstack((twists, s[:, None]))
-    if span(joined).rank == span(twists).rank:
+    if Subspace(joined).dimension == Subspace(twists).dimension:
         raise BadInput("twist", "a twist in the span of J", "one outside it", "The error is zero for every h.")
     return principal_pitches(joined)

@@ -1,0 +1,152 @@
+"""ScrewSystem: one value whose methods are what the functions of the package say, and what only it can."""
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.random_systems import CLASSES, admits, distance, motion, sample
+
+import invariantqp as iq
+from invariantqp.systems import ScrewSystem
+
+SEEDS = st.integers(0, 2**31)
+
+
+@pytest.mark.parametrize("key", CLASSES, ids=lambda c: f"{c[0]}-{c[1]}")
+@pytest.mark.parametrize("upper", [False, True])
+def test_its_methods_are_the_functions(key, upper):
+    rng = np.random.default_rng(1)
+    J, _ = sample(rng, key, upper=upper and key[0] < 3, extra=1)
+    system, h, s = ScrewSystem(J), 1.7, rng.normal(size=6)
+    assert system.type == iq.gibson_hunt(J)
+    assert system.type is system.type  # made once
+    np.testing.assert_array_equal(system.reciprocal(0.3).basis, iq.reciprocal(J, 0.3))
+    np.testing.assert_array_equal(system.annihilator(), iq.systems.annihilator(J))
+    np.testing.assert_array_equal(system.basis, iq.systems.screw_system(J))
+    np.testing.assert_array_equal(system.blind_directions, iq.systems.blind_directions(J))
+    np.testing.assert_array_equal(system.gram(h), iq.systems.gram_matrix(J, h))
+    assert system.existence(h) == iq.systems.existence(J, h)
+    assert system.has_pseudoinverse(h) == iq.has_pseudoinverse(J, h) == admits(key[1])
+    assert system.report == iq.systems.describe(J)
+    assert system.singular_values(h) == iq.systems.hyperbolic_singular_values(J, h)
+    np.testing.assert_array_equal(system.damped_pseudoinverse(h, 0.1), iq.systems.damped_pseudoinverse(J, h, 0.1))
+    assert distance(system.self_reciprocal(h).basis, iq.systems.self_reciprocal(J, h)) < 1e-9
+    if not admits(key[1]):
+        for ask in (lambda: system.principal_pitches, lambda: system.principal_screws):
+            with pytest.raises(iq.BlindSystem):
+                ask()
+        return
+    np.testing.assert_array_equal(system.principal_pitches, iq.principal_pitches(J))
+    np.testing.assert_array_equal(system.principal_screws, iq.systems.principal_screws(J)[1])
+    np.testing.assert_allclose(system.pseudoinverse(h), iq.pseudoinverse(J, h), atol=1e-9)
+    assert system.stationary_point(s, h) == iq.systems.stationary_point(J, s, h)
+    np.testing.assert_allclose(system.projectors(h).motion, iq.dual_projectors(J, h=h).motion, atol=1e-9)
+
+
+def test_it_is_a_value():
+    J = np.random.default_rng(0).normal(size=(6, 3))
+    system, again, other = ScrewSystem(J), ScrewSystem(J.tolist()), ScrewSystem(2.0 * J)
+    assert system == again != other
+    assert hash(system) == hash(again)
+    for made in (system, system.reciprocal(0.2), system.meet(other), system.sum(other), system.self_reciprocal()):
+        assert type(made) is ScrewSystem
+        back = pickle.loads(pickle.dumps(made))
+        assert back == made
+        assert back.dimension == made.dimension
+        assert made.dimension == 0 or distance(back.basis, made.basis) < 1e-12
+    J[:] = 0.0
+    assert system.dimension == 3
+    with pytest.raises(AttributeError):
+        system.length = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        system.twists[0, 0] = 1.0
+    assert repr(system).startswith("ScrewSystem(twists=")
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=SEEDS, unit=st.sampled_from([1e-3, 1.0, 1e3]))
+def test_its_point_and_length_are_its_own(seed, unit):
+    rng = np.random.default_rng(seed)
+    J, T = rng.normal(size=(6, 4)), motion(rng, 30.0)
+    here = ScrewSystem(J)
+    there = ScrewSystem(np.repeat([1.0, unit], 3)[:, None] * (iq.adjoint(T) @ J))
+    np.testing.assert_allclose(there.point, unit * (T @ np.append(here.point, 1.0))[:3], rtol=1e-6, atol=1e-6 * unit)
+    assert there.length == pytest.approx(unit * here.length)
+    np.testing.assert_allclose(np.abs(there.span.singular), here.span.singular, rtol=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=SEEDS, m=st.integers(1, 8), rank=st.integers(1, 6), which=st.integers(0, 2))
+def test_the_pseudoinverse_along_any_complement(seed, m, rank, which):
+    """J X = P, X J X = X, and X is the shortest in the joint metric; with the h-reciprocal it is J^{+h}."""
+    rng = np.random.default_rng(seed)
+    k = min(m, rank)
+    J = rng.normal(size=(6, k)) if k == m else rng.normal(size=(6, k)) @ rng.normal(size=(k, m))
+    R, M = rng.normal(size=(6, 6)), np.diag(rng.uniform(0.5, 2.0, size=m))
+    system, h = ScrewSystem(J), 3.0 + rng.uniform()
+    Z = (rng.normal(size=(6, 6 - k)), None, system.reciprocal(h).basis)[which]
+    rule = {"metric": R @ R.T + np.eye(6)} if which == 1 else {"complement": Z}
+    P = system.projectors(**rule).motion
+    X, condition = system.pseudoinverse(**rule, joint_metric=M, return_condition=True)
+    size = 1e-10 * condition * (1.0 + np.linalg.norm(X)) * (1.0 + np.linalg.norm(J)) ** 2
+    np.testing.assert_allclose(J @ X, P, atol=size)
+    np.testing.assert_allclose(X @ J @ X, X, atol=size * (1.0 + np.linalg.norm(X)))
+    np.testing.assert_allclose(M @ X @ J, (M @ X @ J).T, atol=size)
+    if which == 2:
+        np.testing.assert_allclose(X, system.pseudoinverse(h, joint_metric=M), atol=size * (1.0 + np.linalg.norm(X)))
+
+
+def test_a_carried_metric_gives_the_same_joint_velocities_in_every_frame():
+    rng = np.random.default_rng(2)
+    J, T, s = rng.normal(size=(6, 4)), motion(rng), rng.normal(size=6)
+    body, Ad = motion(rng), iq.adjoint(T)
+    M = np.diag([0.2, 0.3, 0.4, 1.0, 1.0, 1.0])
+    here = ScrewSystem(J).pseudoinverse(metric=iq.CarriedMetric(M, body)) @ s
+    there = ScrewSystem(Ad @ J).pseudoinverse(metric=iq.CarriedMetric(M, T @ body)) @ Ad @ s
+    np.testing.assert_allclose(there, here, atol=1e-10)
+    planar = ScrewSystem(np.column_stack([iq.revolute((0, 0, 1), p) for p in ((0, 0, 0), (0.4, 0, 0), (0.7, 0.3, 0))]))
+    assert planar.blind_directions.shape == (6, 2)  # no pitch works: a metric or a complement has to
+    assert np.isfinite(planar.pseudoinverse(metric=np.ones(6))).all()
+    with pytest.raises(iq.BadInput, match="shares the twist"):
+        planar.pseudoinverse(complement=planar.basis)
+    with pytest.raises(iq.BadInput, match="one of h, complement, metric"):
+        planar.pseudoinverse()
+
+
+@pytest.mark.parametrize("k", [1, 2, 3, 4, 5])
+def test_how_far_an_error_moves_a_principal_pitch(k):
+    """The condition is a bound, to first order, and not a hundred times too large."""
+    rng = np.random.default_rng(k)
+    worst = 0.0
+    for _ in range(40):
+        J = rng.normal(size=(6, k)) + np.array([0, 0, 0, 5.0, 0, 0])[:, None]
+        system = ScrewSystem(J)
+        found = system.pencil
+        if len(found.values) > 1 and np.diff(found.values).min() < 0.1:
+            continue
+        error = 1e-7
+        for _ in range(10):
+            D = error * J * rng.uniform(-1.0, 1.0, size=J.shape)
+            moved = np.abs(iq.principal_pitches(J + D) - found.values)
+            ratio = moved / (found.conditions * system.length * error)
+            worst = max(worst, ratio.max())
+    assert 0.05 < worst < 2.5
+
+
+def test_what_a_screw_is_of_twists_and_wrenches():
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        u, p, h, size = rng.normal(size=3), rng.normal(size=3), rng.normal(), rng.uniform(0.1, 5.0)
+        s = size * iq.se3.helical(u, p, h)
+        for found in (iq.se3.screw_of(s), iq.se3.screw_of_wrench(np.concatenate((s[3:], s[:3])))):
+            assert (found.magnitude, found.pitch) == (pytest.approx(size), pytest.approx(h))
+            np.testing.assert_allclose(found.direction, u / np.linalg.norm(u), atol=1e-12)
+            np.testing.assert_allclose(np.cross(p - found.point, found.direction), 0.0, atol=1e-10)
+    couple = iq.se3.screw_of_wrench([0, 0, 3, 0, 0, 0])
+    assert (couple.magnitude, couple.pitch, couple.point) == (3.0, np.inf, None)
+    slide = iq.se3.screw_of([0, 0, 0, 0, 2, 0])
+    assert (slide.magnitude, slide.pitch, slide.direction.tolist()) == (2.0, np.inf, [0, 1, 0])
+    with pytest.raises(iq.BadInput, match="wrench"):
+        iq.se3.screw_of_wrench(np.zeros(5))
