@@ -49,8 +49,8 @@ INNER = {
     "ExactPoint.rows Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called LimitRows.with_box "
     "ToolSpeed.cone ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points "
     "InvariantFrameTask.compute_qp_objective",
-    "of this package's own files, with arguments of their making": "ScrewSystem.at ScrewSystem.derived "
-    "ScrewSystem.form ScrewSystem.velocities",
+    "of this package's own files, with arguments of their making": "ScrewSystem.with_tolerance ScrewSystem.derived "
+    "ScrewSystem.form ScrewSystem.joint_velocities",
 }
 # An argument that messages call by another name: the one that a controller's user knows.
 ALSO_CALLED = {

@@ -48,7 +48,15 @@ def usual_length(value: float) -> float:
 def joint_twists(value: ArrayLike) -> Array:
     """Finite (6, m) joint twists as `arrays.columns`, |J| from `SMALLEST` to `LARGEST` or zero."""
     J = arrays.columns(value)
-    _usual(J, float(np.vdot(J, J)), "")
+    _usual(J, float(np.vdot(J, J)), "J")
+    return J
+
+
+def usual_twists(value: ArrayLike, argument: str) -> Array:
+    """Finite (6, m) twists as `arrays.system`, of the same sizes."""
+    J = arrays.system(value, argument)
+    with np.errstate(over="ignore"):
+        _usual(J, float(np.vdot(J, J)), argument)
     return J
 
 
@@ -56,11 +64,11 @@ def usual_rows(J: Array) -> Array:
     """Finite (N, 6, m) joint twists, the same of each."""
     squares = np.einsum("nij,nij->n", J, J)
     for i in np.flatnonzero(~((squares >= SMALLEST**2) & (squares <= LARGEST**2))).tolist():
-        _usual(J[i], float(squares[i]), f" in row {i}")
+        _usual(J[i], float(squares[i]), "J", f" in row {i}")
     return J
 
 
-def _usual(J: Array, square: float, where: str) -> None:
+def _usual(J: Array, square: float, argument: str, where: str = "") -> None:
     if not SMALLEST**2 <= square <= LARGEST**2 and J.any():
         expected = f"a largest entry from {SMALLEST:g} to {LARGEST:g}, or all zero"
-        raise BadInput("J", f"a largest entry of {np.abs(J).max():.3g}{where}", expected, REMEDY)
+        raise BadInput(argument, f"a largest entry of {np.abs(J).max():.3g}{where}", expected, REMEDY)

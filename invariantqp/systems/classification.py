@@ -31,9 +31,9 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.se3 import across, cross
+from invariantqp.geometry.se3 import across, cross, norm
 from invariantqp.systems.gram import Border, at_most_three, decided, split
 from invariantqp.systems.subspaces import TOLERANCE, Subspace
 
@@ -114,8 +114,12 @@ def _screw_and_translation(s: Typed) -> Frame:
     along = float(w.dot(n))
     n = n if along >= 0.0 else -n
     left = n - abs(along) * w
-    size = float(np.linalg.norm(left))
-    R = _axes(w, left / size if size > 0.0 else None)
+    size = norm(left)
+    R = _axes(w)
+    if size > NEGLIGIBLE:
+        y = left / size
+        y = y - w * w.dot(y)  # once more: `left` may be small
+        R = _axes(w, y / norm(y))
     return Frame((), (size / abs(along),), R, cross(w, v - n * (w.dot(v) / abs(along))))
 
 
@@ -267,7 +271,7 @@ def classify(system: Subspace) -> GibsonHunt:
     if borders and borders[0].margin < inf:
         past = borders[0].value * (1.0 - BEYOND if borders[0].vanishes else 1.0 + BEYOND)
         if past > system.rounding:
-            other = _decide(system.at(past))
+            other = _decide(system.with_tolerance(past))
             following = other.name if other.dimension == k else f"{other.name} ({other.dimension}-system)"
     n = min(k, 6 - k)
     moduli: tuple[float, ...] = ()
@@ -299,7 +303,7 @@ def _decide(system: Subspace) -> _Decision:
     span, tolerance, k = system.span, system.tolerance, system.dimension
     size = np.concatenate((span.singular, span.cut)) / span.singular[0]
     borders = tuple(Border("dimension", float(s), tolerance) for s in size[max(k - 1, 1) : k + 1])
-    borders += (Border("angular part beside 1", system.turning, tolerance),)
+    borders += (Border("angular part beside 1", system.angular_share, tolerance),)
     if k == 6:
         return _Decision("SE3", 6, Typed(np.eye(3), np.eye(3), np.eye(3), np.empty(0)), borders)
     # An error eps of the twists turns the basis by eps over `independence`.

@@ -166,8 +166,8 @@ def pencil(system: Subspace, parts: Parts | None = None) -> PrincipalPitches:
         z[3:] += 2.0 * pitches * z[:3]
     images = np.sqrt(((z[3:] - 2.0 * pitches * z[:3]) ** 2).sum(axis=0) + (z[:3] ** 2).sum(axis=0))
     rates = system.span.right.dot(system.span.basis.T.dot(z) / system.span.singular[:, None])
-    conditions = images * system.errors.dot(np.abs(rates))
-    return PrincipalPitches(pitches * system.length, system.outward.dot(z), conditions, none)
+    conditions = images * system.error_factors.dot(np.abs(rates))
+    return PrincipalPitches(pitches * system.length, system.from_own.dot(z), conditions, none)
 
 
 def principal_pitches(J: ArrayLike) -> Array:

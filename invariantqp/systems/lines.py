@@ -52,6 +52,7 @@ from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.geometry.linear import orthogonal
 from invariantqp.geometry.screws import pitch
+from invariantqp.geometry.se3 import norm
 from invariantqp.systems.classification import gibson_hunt
 from invariantqp.systems.gram import gram
 from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, factors
@@ -111,20 +112,20 @@ def involution(lines: ArrayLike, tolerance: float = 1.0 / LARGEST_CONDITION) -> 
     forces: Array | None = None
     wrench: Array | None = None
     if dependent:
-        forces = system.still[:, -1]
+        forces = system.null_space[:, -1]
         wrench = np.zeros(6)
     elif holds:
-        balanced = system.velocities(factored.lost[:, None])[:, 0]
+        balanced = system.joint_velocities(factored.lost[:, None])[:, 0]
         forces = np.asarray(balanced / np.linalg.norm(balanced))
         wrench = Q.dot(J.dot(forces))
     R = orthogonal(Q.dot(system.span.basis))
     null, infinite, double = _null_lines(R, Q, kernel)
-    finite, at_infinity = _finite_and_infinite(null, limit * system.spread)
+    finite, at_infinity = _finite_and_infinite(null, limit * system.joint_condition)
     return Involution(
         holds=holds,
         determinant=float(np.linalg.det(gram(system, 0.0))),
         rank=system.dimension,
-        transversals=system.outward.dot(finite),
+        transversals=system.from_own.dot(finite),
         transversal_count=inf if infinite else float(finite.shape[1]),
         double=double,
         at_infinity=at_infinity,
@@ -140,7 +141,7 @@ def _lines(value: ArrayLike) -> Array:
         raise BadInput("lines", f"{J.shape[1]} columns", expected)
     for i, s in enumerate(J.T):
         h = pitch(s) if s.any() else inf
-        w = float(np.linalg.norm(s[:3]))
+        w = norm(s[:3])
         if h == inf or abs(h) > arrays.NEGLIGIBLE * max(1.0, float(np.linalg.norm(s[3:])) / w):
             found = f"a column {i} of pitch {h:.4g}" if s.any() else f"a zero column {i}"
             raise BadInput("lines", found, expected, "Only revolute joints are lines; for others has_pseudoinverse.")

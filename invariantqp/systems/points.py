@@ -133,9 +133,9 @@ def point_motion(J: ArrayLike, point: ArrayLike, direction: ArrayLike) -> PointM
     wanted = motions_along(point, direction)
     system = Subspace(twists)
     shared = Subspace(wanted, tolerance=ROUNDING).meet(system).basis
-    active = system.velocities(shared)  # on im J any J^{+h} gives the same, up to ker J
+    active = system.joint_velocities(shared)  # on im J any J^{+h} gives the same, up to ker J
     p = arrays.vector(point, 3, "point")
     speeds = velocity_at(shared, p)
     terms = np.linalg.norm(shared[3:]) + np.linalg.norm(shared[:3]) * (np.linalg.norm(p) + system.length)
     moves = bool(np.linalg.norm(speeds) > ROUNDING * terms)
-    return PointMotion(np.hstack((active, system.still)), shared, moves)
+    return PointMotion(np.hstack((active, system.null_space)), shared, moves)

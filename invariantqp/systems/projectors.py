@@ -138,35 +138,31 @@ def projectors_of(system: Subspace, rule: tuple[str, Any], wrenches: Subspace | 
     """The projectors on a system along the complement of a rule; `wrenches` are what it was found from, if any."""
     name, value = rule
     system = system.exact
-    U, k, spread = system.span.basis, system.dimension, (wrenches or system).spread
-    if name == "h":
-        pitch = finite_pitch(value)
-        _refuse_pitch(system, pitch, wrenches)
-        K = system.form(pitch).dot(U)
-    elif name == "metric":
-        M = arrays.positive_definite(value, 6, "metric")
-        K = system.outward.T.dot(M).dot(system.outward).dot(U)
+    U, k = system.span.basis, system.dimension
+    if name == "metric":
+        root = np.linalg.cholesky(arrays.positive_definite(value, 6, "metric")).T.dot(system.from_own)
+        Q, triangle = np.linalg.qr(root.dot(U))  # least squares in the metric, whose condition is not squared
+        P = U.dot(np.linalg.solve(triangle, Q.T.dot(root)))
+        Z = np.linalg.qr(np.linalg.solve(root, orthogonal(Q)))[0]
     else:
-        K, magnified = _annihilator_of(value, system)
-        spread = max(spread, magnified)
-    K = np.linalg.qr(K)[0]
-    _, sines, Vt = np.linalg.svd(K.T.dot(U))
-    if name != "h" and k and spread > LARGEST_CONDITION * sines[-1]:
-        z = system.outward.dot(U.dot(Vt[-1]))
-        found = f"a Z that shares the twist ({listed(z / np.linalg.norm(z))}) with S"
-        raise BadInput(name, found, f"{6 - k} twists that with S span all six dimensions", "Turn Z away from S.")
-    W, Z = orthogonal(U), orthogonal(K)
-    P = U.dot(np.linalg.solve(K.T.dot(U), K.T)) if k else np.zeros((6, 6))
-    F = W.dot(np.linalg.solve(Z.T.dot(W), Z.T)) if k < 6 else np.zeros((6, 6))
-    motion = system.outward.dot(P).dot(system.inward)
+        if name == "h":
+            _refuse_pitch(system, finite_pitch(value), wrenches)
+            K = np.linalg.qr(system.form(finite_pitch(value)).dot(U))[0]
+        else:
+            K = _annihilator_of(value, system, (wrenches or system).joint_condition)
+        P = U.dot(np.linalg.solve(K.T.dot(U), K.T)) if k else np.zeros((6, 6))
+        Z = orthogonal(K)
+    W = orthogonal(U)
+    F = W.dot(W.T).dot(np.eye(6) - P.T)
+    motion = system.from_own.dot(P).dot(system.to_own)
     unit = own_unit(system.twists)
     scale = np.repeat([1.0, unit], 3)
     return DualProjectors(
         motion=motion,
-        force=system.inward.T.dot(F).dot(system.outward.T),
+        force=system.to_own.T.dot(F).dot(system.from_own.T),
         freedoms=system.basis,
-        complement=system.outward.dot(Z),
-        constraints=system.inward.T.dot(W),
+        complement=system.from_own.dot(Z),
+        constraints=system.to_own.T.dot(W),
         norm=float(np.linalg.norm(motion / scale[:, None] * scale, 2)) if k else 0.0,
         unit=unit,
     )
@@ -180,14 +176,21 @@ def own_unit(J: Array) -> float:
     return float(2.0 ** round(log2(v) - log2(w)))
 
 
-def _annihilator_of(complement: ArrayLike | None, system: Subspace) -> tuple[Array, float]:
-    """The wrenches (6, k) that do no work on the given Z, in the system's own coordinates; the spread of Z."""
+def _annihilator_of(complement: ArrayLike | None, system: Subspace, spread: float) -> Array:
+    """Orthonormal wrenches (6, k) that do no work on the given Z, in the system's own coordinates."""
     given = Subspace(complement, argument="complement")  # type: ignore[arg-type]
-    k = system.dimension
+    U, k = system.span.basis, system.dimension
     if given.dimension != 6 - k:
         expected = f"twists that span {6 - k} dimensions"
         raise BadInput("complement", f"rank {given.dimension}", expected, f"S has {k}, and both must fill six.")
-    return system.outward.T.dot(given.annihilator()), given.spread
+    K = np.linalg.qr(system.from_own.T.dot(given.annihilator()))[0]
+    _, sines, Vt = np.linalg.svd(K.T.dot(U))
+    if k and max(spread, given.joint_condition) > LARGEST_CONDITION * sines[-1]:
+        z = system.from_own.dot(U.dot(Vt[-1]))
+        found = f"a Z that shares the twist ({listed(z / np.linalg.norm(z))}) with S"
+        expected = f"{6 - k} twists that with S span all six dimensions"
+        raise BadInput("complement", found, expected, "Turn Z away from S.")
+    return np.asarray(K)
 
 
 def _refuse_pitch(system: Subspace, h: float, wrenches: Subspace | None) -> None:
@@ -198,7 +201,8 @@ def _refuse_pitch(system: Subspace, h: float, wrenches: Subspace | None) -> None
     if factored.exists:
         return
     if factored.dependent:
-        found = f"columns so nearly dependent that rounding decides what they span (condition {factored.spread:.1g})"
+        worst = f"condition {factored.joint_condition:.1g}"
+        found = f"columns so nearly dependent that rounding decides what they span ({worst})"
         argument = "S" if wrenches is None else "wrenches"
         raise BadInput(argument, found, "independent columns", "Leave out a column.")
     z = factored.lost

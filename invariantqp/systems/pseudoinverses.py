@@ -15,7 +15,7 @@ Reference: [DS] Sect. 2.3 (2.12)-(2.15), (hP1)-(hP4), after Penrose 1955; Theore
 
 from __future__ import annotations
 
-from math import inf, isfinite, pi
+from math import inf, isfinite, nan, pi
 from typing import Literal, NamedTuple, overload
 
 import numpy as np
@@ -29,12 +29,15 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
+from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.systems.gram import gram, pencil
 from invariantqp.systems.subspaces import Subspace
 
 # Above this the relative error of 1e-15 that forward kinematics in float64 leaves of joint twists can change J^{+h} by
 # more than a thousandth. Arms that are singular by structure (a SCARA at any h) have hundreds of times this number.
 LARGEST_CONDITION = 1e12
+# Joints whose speeds differ by more are scaled to unit speed first: the own point and length are else those of a few.
+UNEQUAL = 1e2
 
 
 def form_adjoint(A: ArrayLike, domain: ArrayLike, codomain: ArrayLike) -> Array:
@@ -94,7 +97,9 @@ class Factors(NamedTuple):
 
     inverse: Array  # (m, 6) J^{+h}; meaningless where `exists` is false
     condition: float  # ratio of the relative error of J^{+h} to that of the twists, at worst
-    spread: float  # the same ratio for the joint velocities that make a twist of the system; the form has no part in it
+    joint_condition: (
+        float  # the same ratio for the joint velocities that make a twist of the system; the form has no part in it
+    )
     screws: Array  # (6, r) basis of the system, mutually h-reciprocal
     shares: Array  # (r,) condition number of the part of J^{+h} that belongs to each screw
 
@@ -116,7 +121,7 @@ class Factors(NamedTuple):
     @property
     def dependent(self) -> bool:
         """Whether near-dependence of the twists, rather than the form, makes the condition number large."""
-        return self.spread * self.spread >= self.condition
+        return self.joint_condition * self.joint_condition >= self.condition
 
     @property
     def lost(self) -> Array:
@@ -129,9 +134,9 @@ def factors(system: Subspace, h: float, metric: Array | None = None) -> Factors:
     """J^{+h} of a system's twists with its condition number, for a finite h and a checked joint metric (m, m)."""
     system = system.exact
     r, m = system.dimension, system.twists.shape[1]
-    sizes = np.linalg.norm(system.coordinates, axis=0)
+    sizes = speeds(system.twists)
     hidden = False  # whether columns are so small that they look like rounding of the others
-    if r < m and sizes.all():
+    if sizes.all() and sizes.max(initial=0.0) > UNEQUAL * sizes.min(initial=inf):
         unit = Subspace(system.twists / sizes).exact
         if unit.dimension == m:
             found = factors(unit, h)
@@ -161,11 +166,19 @@ def factors(system: Subspace, h: float, metric: Array | None = None) -> Factors:
         # For each screw z the first two terms are alike: z'Q_h dJ C^+ / mu, and the same seen from S^{perp h}.
         shares = 2.0 * errors.dot(np.abs(velocities)) * np.linalg.norm(images, axis=0) / np.abs(mu)
         inverse[:, 3:] /= far
-        inverse = units.dot(inverse).dot(system.inward)
+        inverse = units.dot(inverse).dot(system.to_own)
     T[3:] *= far
     known = isfinite(condition) and not hidden
-    spread = inf if hidden else system.spread
-    return Factors(inverse, condition if known else inf, spread, system.outward.dot(T), shares)
+    joint_condition = inf if hidden else system.joint_condition
+    return Factors(inverse, condition if known else inf, joint_condition, system.from_own.dot(T), shares)
+
+
+def speeds(J: Array) -> Array:
+    """(m,) sizes of twists, lengths over the median distance of those that turn."""
+    w, v = np.linalg.norm(J[:3], axis=0), np.linalg.norm(J[3:], axis=0)
+    turns = w * LENGTH_LIMIT > v
+    length = float(np.median(v[turns] / w[turns])) if turns.any() else 1.0
+    return np.asarray(np.hypot(w, v / (length or 1.0)))
 
 
 def joint_side(system: Subspace, metric: Array | None) -> tuple[Array, Array, Array, Array]:
@@ -182,7 +195,7 @@ def joint_side(system: Subspace, metric: Array | None) -> tuple[Array, Array, Ar
         magnified = float(np.linalg.cond(lower / np.linalg.norm(lower, axis=1)[:, None]))
         units = np.linalg.inv(lower).T
     U, sigma, Vt = np.linalg.svd(T.dot(units), full_matrices=False)
-    return U[:, :r], Vt[:r].T / sigma[:r], units, sigma[0] * magnified * system.errors
+    return U[:, :r], Vt[:r].T / sigma[:r], units, sigma[0] * magnified * system.error_factors
 
 
 def has_pseudoinverse(J: ArrayLike, h: float) -> bool:
@@ -267,7 +280,7 @@ def inverse_along(system: Subspace, projector: Array, joint_metric: ArrayLike | 
     m = system.twists.shape[1]
     metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
     U, velocities, units, _ = joint_side(system, metric)
-    return np.asarray(units.dot(velocities).dot(U.T).dot(system.inward).dot(projector))
+    return np.asarray(units.dot(velocities).dot(U.T).dot(system.to_own).dot(projector))
 
 
 def pitches_if_decided(system: Subspace) -> Array:
@@ -308,7 +321,7 @@ def damped(system: Subspace, h: float, damping: float, joint_metric: ArrayLike |
     with np.errstate(under="ignore"):
         gains = 1.0 / np.hypot(mu, size)
         gains = gains * (mu * gains)
-    return np.asarray((V * gains).dot(images).dot(system.inward))
+    return np.asarray((V * gains).dot(images).dot(system.to_own))
 
 
 def spectrum(system: Subspace, h: float, joint_metric: ArrayLike | None) -> tuple[Array, Array]:
@@ -366,7 +379,7 @@ def penrose_conditions(
     Q = system.form(finite_pitch(h))
     M = np.eye(m) if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
     limit = arrays.tolerance(tolerance)
-    A, B = system.coordinates, arrays.matrix(X, (m, 6), "X").dot(system.outward)
+    A, B = system.coordinates, arrays.matrix(X, (m, 6), "X").dot(system.from_own)
     on_twists, on_joints = Q.dot(A).dot(B), M.dot(B).dot(A)
     wholes = (A, B, on_twists, on_joints)
     made = (A.dot(B).dot(A), B.dot(A).dot(B), on_twists.T, on_joints.T)
@@ -389,7 +402,7 @@ class Existence(Value):
         gram_eigenvalue: (i) least |eigenvalue| of U'Q_h U over |Q_h|, U an orthonormal basis of S.
         angle: (ii) least angle between S and S^{perp h} [rad].
         pitch_distance: (iii) |h - h_i| to the nearest principal pitch, in units of |h| + the system's length; 0 where
-            some translation is reciprocal to all of S, inf where every pitch works.
+            some translation is reciprocal to all of S, inf where every pitch works, NaN where rounding hides them.
         certificate: (6,) z in S, h-reciprocal to all of S, which proves that there is no h-pseudoinverse; None where
             there is one.
     """
@@ -430,9 +443,12 @@ def conditions_of(system: Subspace, h: float) -> Existence:
     mu = np.linalg.eigvalsh(U.T.dot(Q).dot(U))
     images = np.linalg.qr(Q.dot(U))[0]  # an orthonormal basis of what is orthogonal to S^{perp h}
     sine = float(np.linalg.svd(images.T.dot(U), compute_uv=False)[-1])
-    found = pencil(system)
-    gaps = np.abs(found.values - pitch) / (abs(pitch) + system.length)
-    distance = 0.0 if found.blind.shape[1] else float(gaps.min(initial=inf))
+    try:
+        found = pencil(system)
+        gaps = np.abs(found.values - pitch) / (abs(pitch) + system.length)
+        distance = 0.0 if found.blind.shape[1] else float(gaps.min(initial=inf))
+    except BadInput:
+        distance = nan
     return Existence(
         h=pitch,
         rank=factored.rank,

@@ -25,9 +25,12 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
+from invariantqp.geometry.linear import TINY
 from invariantqp.geometry.se3 import SWAPPED, cross_matrix
+from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.systems.pseudoinverses import pseudoinverse
 from invariantqp.systems.spectra import HyperbolicSpectrum, hyperbolic_singular_values
+from invariantqp.systems.subspaces import ROUNDING_ERROR
 
 
 def leg_wrenches(base: ArrayLike, platform: ArrayLike) -> Array:
@@ -117,8 +120,8 @@ class Eigenscrews(Value):
     """Screws, centre and axes of a stiffness K (twist to wrench) or of a compliance C (wrench to twist).
 
     Attributes:
-        values: (r,) lambda of K t = lambda Q_0 t [force/rad], or of C w = lambda Q_0 w; descending. Three are
-            positive and three negative if K is definite; their sum is zero if K is made of springs along lines.
+        values: (r,) r the rank; lambda of K t = lambda Q_0 t [force/rad], or of C w = lambda Q_0 w; descending. Three
+            are positive and three negative if K is definite; the sum is zero if K is made of springs along lines.
         screws: (6, r) eigenscrews, mutually reciprocal: twists t of K, wrenches w of C; of unit angular part or force,
             or of unit translation or moment where that is zero.
         pitches: (r,) of the eigenscrews [length/rad].
@@ -161,15 +164,14 @@ def eigenscrews(K: ArrayLike, *, compliance: bool = False) -> Eigenscrews:
     point, single = _centre(M)
     X = np.eye(6)
     X[3:, :3] = cross_matrix(point)
-    moved = X.T.dot(M).dot(X)
-    unit = _length(moved)
+    unit, rounding = _length(M, X.T.dot(M).dot(X), float(np.sqrt(point.dot(point))))
     X[3:, 3:] *= unit
     moved = X.T.dot(M).dot(X)  # about the centre, over a length of its own
     sizes, E = np.linalg.eigh(moved)
-    if not sizes[-1] > 0.0 or sizes[0] < -ROUNDING * sizes[-1]:
+    if not sizes[-1] > 0.0 or sizes[0] < -rounding * sizes[-1]:
         found = f"an eigenvalue {sizes[0] / np.abs(sizes).max():.2g} times the largest" if M.any() else "zeros"
         raise BadInput("K", found, "a positive semidefinite stiffness or compliance", "Take one without load.")
-    kept = sizes > ROUNDING * sizes[-1]
+    kept = sizes > rounding * sizes[-1]
     B = E[:, kept] * np.sqrt(sizes[kept])
     swap = pitch_form(0.0)
     values, Y = np.linalg.eigh(B.T.dot(swap).dot(B))
@@ -184,7 +186,7 @@ def eigenscrews(K: ArrayLike, *, compliance: bool = False) -> Eigenscrews:
         pitches = np.where(lines, unit * (T[:3] * T[3:]).sum(axis=0), np.inf)
     screws = X.dot(T)
     screws[:, ~lines] /= unit
-    d, images, a, arguments = _families(moved)
+    d, images, a, arguments = _families(moved, rounding * float(sizes[-1]))
     images = np.linalg.inv(X).T.dot(images)
     images /= np.linalg.norm(images[3:], axis=0)
     families = [(d / unit**2, images), (a, X.dot(arguments))]
@@ -209,20 +211,26 @@ def _centre(M: Array) -> tuple[Array, bool]:
     return axes[:, held].dot(moment[held] / sums[held]), bool(held.all())
 
 
-def _length(M: Array) -> float:
-    """sqrt(tr A / tr D), 1 where one of the two is zero."""
-    a, d = float(np.trace(M[:3, :3])), float(np.trace(M[3:, 3:]))
-    return float(np.sqrt(a / d)) if a > 0.0 and d > 0.0 else 1.0
+def _length(M: Array, moved: Array, far: float) -> tuple[float, float]:
+    """sqrt(tr A / tr D) about the centre, a distance `far` away, and what rounding is of the largest eigenvalue then.
+
+    Where tr A is no more than the rounding of M, or one of the two is zero, the distance or 1 takes the length's place.
+    """
+    given, a, d = (float(np.trace(block)) for block in (M[:3, :3], moved[:3, :3], moved[3:, 3:]))
+    terms = abs(given) + far * far * abs(d)
+    length = float(np.sqrt(a / d)) if a > ROUNDING * terms and d * LENGTH_LIMIT**2 > a else far if d > 0.0 else 1.0
+    length = length or 1.0
+    return length, max(ROUNDING, ROUNDING_ERROR * (terms + far * length * abs(d)) / max(a, length**2 * d, TINY))
 
 
-def _families(M: Array) -> tuple[Array, Array, Array, Array]:
+def _families(M: Array, least: float) -> tuple[Array, Array, Array, Array]:
     """D n = d n with the images M (0; n) / d, and (A - B D^+ B') n = a n with the arguments (n; -D^+ B' n)."""
     A, B, D = M[:3, :3], M[:3, 3:], M[3:, 3:]
     d, N = np.linalg.eigh(D)
-    kept = d > ROUNDING * float(np.trace(M))
+    kept = d > least
     d, N = d[kept][::-1], N[:, kept][:, ::-1]
     inverse = (N / d).dot(N.T)
     a, H = np.linalg.eigh(A - B.dot(inverse).dot(B.T))
-    some = a > ROUNDING * float(np.trace(M))
+    some = a > least
     a, H = a[some][::-1], H[:, some][:, ::-1]
     return d, np.vstack((B.dot(N) / d, N)), a, np.vstack((H, -inverse.dot(B.T).dot(H)))

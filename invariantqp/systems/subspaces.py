@@ -30,13 +30,13 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.geometry.linear import TINY, orthogonal, rank_of
 from invariantqp.geometry.screws import resting_point
 from invariantqp.geometry.se3 import cross_matrix, norm, velocity_at
-from invariantqp.geometry.sizes import LENGTH_LIMIT
+from invariantqp.geometry.sizes import LENGTH_LIMIT, usual_twists
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -70,21 +70,21 @@ class Subspace(Value):
     Attributes:
         twists: (6, m) as given, as columns, dependent or not; (6, 0) is the zero system.
         point: (3,) the own point [length].
-        length: the own length L, or the one given; where the axes meet in the own point, the speed of the joints that
-            slide, or else their distance from the origin, or 1, since no decision depends on it there.
+        length: the own length L, or the one given; where the axes meet in the own point, the speed of what slides over
+            that of what turns, or else their distance from the origin, or 1: no decision depends on it there.
         tolerance: relative error of the twists.
-        turning: size of the angular parts over that of the linear parts, or over 1 where that is less; no twist turns
-            if it is within the tolerance. This is the one decision in the caller's units.
-        errors: (m,) relative error of each twist in own coordinates, as a multiple of its error as given.
+        angular_share: size of the angular parts over that of the linear parts, or over 1 where that is less; no twist
+            turns if it is within the tolerance. This is the one decision in the caller's units.
+        error_factors: (m,) relative error of each twist in own coordinates, as a multiple of its error as given.
     """
 
     twists: Array = field(converter=own)
     point: Array = field(converter=own)
     length: float
     tolerance: float
-    turning: float = field(eq=False, repr=False)
+    angular_share: float = field(eq=False, repr=False)
     given_length: float | None = field(eq=False, repr=False)
-    errors: Array = field(converter=own, eq=False, repr=False)
+    error_factors: Array = field(converter=own, eq=False, repr=False)
 
     def __init__(
         self,
@@ -103,7 +103,7 @@ class Subspace(Value):
             argument: what messages call the twists.
         """
         own_length = None if length is None else arrays.number(length, "length", "a length", positive=True)
-        self._fill(arrays.system(twists, argument), arrays.tolerance(tolerance), own_length)
+        self._fill(usual_twists(twists, argument), arrays.tolerance(tolerance), own_length)
 
     def _fill(self, J: Array, tolerance: float, length: float | None) -> None:
         point, L, turning = _own_point_and_length(J, tolerance)
@@ -114,14 +114,14 @@ class Subspace(Value):
         self.__attrs_init__(J, point, L, tolerance, turning, length, errors)
 
     @cached_property
-    def inward(self) -> Array:
+    def to_own(self) -> Array:
         """(6, 6) from twists to own coordinates; its transpose takes wrenches from own coordinates to the caller's."""
         A = np.diag(np.repeat([1.0, 1.0 / self.length], 3))
         A[3:, :3] = -cross_matrix(self.point) / self.length
         return A
 
     @cached_property
-    def outward(self) -> Array:
+    def from_own(self) -> Array:
         """(6, 6) from own coordinates to twists; its transpose takes wrenches to own coordinates."""
         A = np.diag(np.repeat([1.0, self.length], 3))
         A[3:, :3] = cross_matrix(self.point)
@@ -131,13 +131,13 @@ class Subspace(Value):
     def coordinates(self) -> Array:
         """(6, m) the twists in own coordinates."""
         T = self.twists.copy()
-        T[3:] = velocity_at(self.twists, self.point) / self.length  # exact where `inward` would round twice
+        T[3:] = velocity_at(self.twists, self.point) / self.length  # exact where `to_own` would round twice
         return T
 
     @cached_property
     def rounding(self) -> float:
         """What rounding makes of a zero, in own coordinates and relative to the twists."""
-        return ROUNDING_ERROR * float(self.errors.max(initial=1.0))
+        return ROUNDING_ERROR * float(self.error_factors.max(initial=1.0))
 
     @cached_property
     def span(self) -> Span:
@@ -160,7 +160,7 @@ class Subspace(Value):
     @cached_property
     def basis(self) -> Array:
         """(6, k) twists that span it, orthonormal in own coordinates."""
-        return np.asarray(self.outward.dot(self.span.basis))
+        return np.asarray(self.from_own.dot(self.span.basis))
 
     @property
     def independence(self) -> float:
@@ -168,7 +168,7 @@ class Subspace(Value):
         sigma = self.span.singular
         return float(sigma[-1] / sigma[0]) if len(sigma) else 1.0
 
-    def at(self, tolerance: float) -> Self:
+    def with_tolerance(self, tolerance: float) -> Self:
         """The same twists at another tolerance, 1 or more included."""
         new = type(self).__new__(type(self))
         new._fill(  # noqa: SLF001
@@ -179,28 +179,28 @@ class Subspace(Value):
     @cached_property
     def exact(self) -> Self:
         """The same twists taken as they are, to rounding: this system unless a singular value is within tolerance."""
-        least = LEAST_INDEPENDENCE * float(self.errors.max(initial=1.0))
+        least = LEAST_INDEPENDENCE * float(self.error_factors.max(initial=1.0))
         largest = float(self.span.singular.max(initial=0.0))
         if least >= self.tolerance or not (self.span.cut > least * largest).any():
             return self
-        return self.at(least)
+        return self.with_tolerance(least)
 
     @property
-    def spread(self) -> float:
+    def joint_condition(self) -> float:
         """Condition number of the joint velocities that make a twist of the system, for errors of the twists."""
         V, sigma = self.span.right, self.span.singular
         sizes, rows = (np.sqrt((a * a).sum(axis=1)) for a in (V * sigma, V / sigma))
-        return max(1.0, float((self.errors * sizes).dot(rows)))
+        return max(1.0, float((self.error_factors * sizes).dot(rows)))
 
     @property
-    def still(self) -> Array:
+    def null_space(self) -> Array:
         """(m, m - k) orthonormal joint velocities that move nothing."""
         return orthogonal(self.span.right)
 
-    def velocities(self, twists: Array) -> Array:
+    def joint_velocities(self, twists: Array) -> Array:
         """(m, n) joint velocities that make (6, n) twists of the system; of dependent joints, one of many."""
         s = self.span
-        return np.asarray(s.right.dot(s.basis.T.dot(self.inward.dot(twists)) / s.singular[:, None]))
+        return np.asarray(s.right.dot(s.basis.T.dot(self.to_own.dot(twists)) / s.singular[:, None]))
 
     def form(self, h: float) -> Array:
         """Q_h (6, 6) in own coordinates, over the own length."""
@@ -208,10 +208,12 @@ class Subspace(Value):
 
     def derived(self, basis: Array) -> Self:
         """The system of an orthonormal basis (6, n) in these own coordinates, with the errors of this one."""
-        errors = np.full(basis.shape[1], float(self.errors.max(initial=1.0)) / self.independence)
+        errors = np.full(basis.shape[1], float(self.error_factors.max(initial=1.0)) / self.independence)
         new = type(self).__new__(type(self))
-        twists = self.outward.dot(basis)
-        new.__attrs_init__(twists, self.point, self.length, self.tolerance, self.turning, self.given_length, errors)
+        twists = self.from_own.dot(basis)
+        new.__attrs_init__(
+            twists, self.point, self.length, self.tolerance, self.angular_share, self.given_length, errors
+        )
         ones = np.ones(basis.shape[1])
         vars(new).update(coordinates=basis, span=Span(basis, ones, np.diag(ones), np.empty(0)))
         return new
@@ -228,7 +230,7 @@ class Subspace(Value):
 
         Reference: [DS] Sect. 6.2, before (6.5); Sect. 6.3.
         """
-        return np.asarray(self.inward.T.dot(orthogonal(self.span.basis)))
+        return np.asarray(self.to_own.T.dot(orthogonal(self.span.basis)))
 
     def sum(self, other: Subspace) -> Self:
         """All twists s1 + s2 of this system and another."""
@@ -248,7 +250,7 @@ class Subspace(Value):
         arrays.instance(other, Subspace, "other", "a ScrewSystem")
         tolerance = max(self.tolerance, other.tolerance)
         both = type(self)(np.hstack((self.basis, other.basis)), tolerance=tolerance)
-        first, second = (np.linalg.qr(both.inward.dot(s.basis))[0] for s in (self, other))
+        first, second = (np.linalg.qr(both.to_own.dot(s.basis))[0] for s in (self, other))
         return both, (first, second)
 
     def self_reciprocal(self, h: float = 0.0) -> Self:
@@ -274,10 +276,11 @@ def _own_point_and_length(J: Array, tolerance: float) -> tuple[Array, float, flo
     lines = J[:, turns]
     point = resting_point(lines, longest=inf).point
     moved, far, turned = (float(np.linalg.norm(a)) for a in (velocity_at(lines, point), lines[3:], lines[:3]))
-    if moved <= max(MEETING * far, turned / LENGTH_LIMIT):
-        slides = norm(v[~turns])
-        return point, slides or (far / turned if far * LENGTH_LIMIT > turned else 1.0), turning
-    return point, moved / turned, turning
+    slides = norm(v[~turns])
+    if moved > max(MEETING * far, NEGLIGIBLE * slides, turned / LENGTH_LIMIT):
+        return point, moved / turned, turning
+    other = slides or far
+    return point, other / turned if other * LENGTH_LIMIT > turned else 1.0, turning
 
 
 def _span_of(columns: Array, tolerance: float) -> tuple[Array, Array]:
@@ -344,7 +347,9 @@ def self_reciprocal(S: ArrayLike, h: float = 0.0, tolerance: float = TOLERANCE) 
 
 def undecided(what: str, system: Subspace) -> BadInput:
     """The error where rounding leaves a type open."""
-    digits = f"twists {float(system.errors.max()):.1g} of their own lengths ({system.length:.3g}) from the origin"
+    digits = (
+        f"twists {float(system.error_factors.max()):.1g} of their own lengths ({system.length:.3g}) from the origin"
+    )
     expected = f"{what} that rounding does not decide"
     remedy = "Give the twists about a nearer point, or with tolerance= or length= what may count as zero."
     return BadInput("J", digits, expected, remedy)

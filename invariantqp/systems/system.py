@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput, BlindSystem
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.forms import finite_pitch
 from invariantqp.systems.classification import GibsonHunt, classify
 from invariantqp.systems.families import Cylindroid, PitchField, cylindroid_of, pitch_field_of
 from invariantqp.systems.gram import Parts, PrincipalPitches, gram, parts_of, pencil
 from invariantqp.systems.projectors import DualProjectors, one_rule, projectors_of
-from invariantqp.systems.pseudoinverses import Existence, conditions_of, damped, inverse_along, invert
+from invariantqp.systems.pseudoinverses import Existence, conditions_of, damped, factors, inverse_along, invert
 from invariantqp.systems.report import SystemReport, report_on
 from invariantqp.systems.spectra import HyperbolicSpectrum, singular_values_of
 from invariantqp.systems.stationary import StationaryPoint, stationary
@@ -81,7 +82,7 @@ class ScrewSystem(Subspace):
 
     def has_pseudoinverse(self, h: float) -> bool:
         """Whether J^{+h} can be computed to three digits."""
-        return self.existence(h).exists
+        return factors(self, finite_pitch(h)).exists
 
     @overload
     def pseudoinverse(
@@ -137,7 +138,7 @@ class ScrewSystem(Subspace):
             return (found.inverse, found.condition) if both else found.inverse
         split = projectors_of(self, (name, value))
         X = inverse_along(self, split.motion, joint_metric)
-        return (X, self.spread * split.norm) if both else X
+        return (X, self.joint_condition * split.norm) if both else X
 
     def damped_pseudoinverse(self, h: float, damping: float, *, joint_metric: ArrayLike | None = None) -> Array:
         """V diag(mu / (mu^2 + damping^2)) V'J'Q_h (m, 6), for every h; see `damped_pseudoinverse`."""

@@ -233,6 +233,13 @@ def test_too_far_it_says_so():
         iq.gibson_hunt(J)
     with pytest.raises(iq.BadInput, match="Give the twists about a nearer point"):
         iq.principal_pitches(J)
+    dependent = np.column_stack((J, J[:, 0] + J[:, 1]))
+    for ask in (iq.systems.screw_system, iq.reciprocal, iq.systems.describe):
+        with pytest.raises(iq.BadInput, match="a rank that rounding does not decide"):
+            ask(dependent)
+    micrometres = np.repeat([1.0, 1e6], 3)[:, None] * J  # numbers of 1e16 are no translation
+    with pytest.raises(iq.BadInput, match="that rounding does not decide"):
+        iq.gibson_hunt(micrometres)
 
 
 def test_what_was_wrong_far_away_and_in_millimetres():
@@ -260,6 +267,28 @@ def test_one_rank_for_all():
     assert len(iq.principal_pitches(J)) == 2
     assert iq.pseudoinverse(J, 0.3, return_condition=True)[1] > 1e8
     assert iq.systems.ScrewSystem(J, tolerance=1e-12).dimension == 5
+
+
+@pytest.mark.parametrize("p", [0.0, 1e-14, 1e-10, 1e-7, 1e-3])
+def test_a_cylindric_joint_has_a_frame(p):
+    """A hinge and a slide along it, or nearly: every direction across is one of its axes."""
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        J = iq.adjoint(motion(rng)) @ np.array([(1, 0, 0, 0, 0, 0), (0, 0, 0, 1, p, 0)]).T
+        kind = iq.gibson_hunt(J)
+        assert (str(kind), kind.moduli) == ("IB", (pytest.approx(p, abs=1e-9),))
+        np.testing.assert_allclose(kind.motion[:3, :3] @ kind.motion[:3, :3].T, np.eye(3), atol=1e-14)
+        assert distance(kind.normal_form, iq.adjoint(kind.motion) @ J) < 1e-9
+
+
+@pytest.mark.parametrize("scale", [1e-8, 1e-4, 1e4, 1e8])
+def test_twists_of_any_size_span_the_same(scale):
+    hinges_and_slide = np.array([(0, 0, 1, 0, 0, 0), (0, 1, 0, 0, 0, 0), (0, 0, 0, 0.6, 0, 0.8)]).T
+    assert str(iq.gibson_hunt(scale * hinges_and_slide)) == "IB0"
+    rng = np.random.default_rng(7)
+    for key in CLASSES:
+        J, _ = sample(rng, key)
+        assert str(iq.gibson_hunt(scale * J)) == key[1]
 
 
 def test_six_system():

@@ -76,11 +76,23 @@ PUBLISHED = {
 }
 
 
+def delta(angle):
+    """A hinge, a parallelogram between two parallel hinges (it slides the far link), and a hinge: Clavel 1991."""
+    base, elbow, top = place(0.2, angle), place(0.4, angle, -0.2), place(0.05, angle, -0.8)
+    axis = np.array([-np.sin(angle), np.cos(angle), 0.0])
+    return columns(
+        *(iq.revolute(axis, p) for p in (base, elbow, top)), iq.se3.prismatic(np.cross(axis, top - elbow) + axis)
+    )
+
+
+PUBLISHED["Delta"] = (around(delta), 3, 3, {"translation": 3}, {"couple": 2})
+
+
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_published_mechanisms(name):
     limbs, freedoms, overconstraints, motions, constraints = PUBLISHED[name]
-    T = motion(np.random.default_rng(4), 3.0)
-    for frame, unit in ((np.eye(4), 1.0), (T, 1.0), (T, 1e3)):
+    rng = np.random.default_rng(4)
+    for frame, unit in [(np.eye(4), 1.0), *((motion(rng, 3.0), unit) for unit in (1.0, 1e3, 1e-3) for _ in range(6))]:
         scale = np.repeat([1.0, unit], 3)[:, None]
         found = mobility([scale * (iq.adjoint(frame) @ limb) for limb in limbs])
         assert (found.degrees_of_freedom, found.overconstraints) == (freedoms, overconstraints)

@@ -552,6 +552,14 @@ def test_joints_of_any_size(decades):
             assert relative_error(X, exact_pseudoinverse(J, h), J) <= 10.0 * EPS * condition
 
 
+def test_dependent_joints_of_sizes_that_hide_each_other_are_refused():
+    """Seven joints of sizes 1e-9 to 1e9: the shortest solution uses those that rounding of the largest hides."""
+    rng = np.random.default_rng(4)
+    J = rng.normal(size=(6, 7)) * 10.0 ** np.linspace(-9.0, 9.0, 7)
+    with pytest.raises(iq.NoPseudoinverse, match="so nearly dependent"):
+        iq.pseudoinverse(J, 0.3)
+
+
 def random_form(rng, n):
     A = rng.normal(size=(n, n))
     return A + A.T

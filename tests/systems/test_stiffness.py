@@ -235,6 +235,24 @@ def test_springs_along_lines_have_no_trace():
     assert abs(eigenscrews(psd(rng, 6)).values.sum()) > 0.1
 
 
+@pytest.mark.parametrize("far", [0.1, 10.0, 1e3])
+def test_springs_far_away_have_the_rank_that_they_have(far):
+    """Concurrent ones too, whose moments vanish about the centre: what is left of them there is rounding."""
+    rng = np.random.default_rng(8)
+    for i in range(150):
+        n, place = int(rng.integers(1, 7)), far * rng.normal(size=3)
+        base = place + (rng.normal(size=(n, 3)) if i % 2 else 0.0) * np.ones((n, 3))
+        W, k = iq.systems.leg_wrenches(base, base + rng.normal(size=(n, 3))), rng.uniform(1.0, 1e3, n)
+        here = iq.coadjoint(iq.transform(translation=-place)) @ W
+        sigma = np.linalg.svd(here, compute_uv=False)
+        rank = int(np.count_nonzero(sigma > 1e-9 * sigma[0]))
+        if sigma[rank - 1] < 1e-2 * sigma[0]:
+            continue
+        found = eigenscrews(iq.systems.platform_stiffness(W, k))
+        assert found.screws.shape == (6, rank)
+        assert len(found.translational) + len(found.rotational) == rank
+
+
 def test_what_has_more_than_one_centre_has_none():
     one = np.zeros(6)
     one[5] = 1.0

@@ -2,6 +2,7 @@
 
 import pickle
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -77,6 +78,26 @@ def test_its_point_and_length_are_its_own(seed, unit):
     np.testing.assert_allclose(np.abs(there.span.singular), here.span.singular, rtol=1e-9)
 
 
+def test_what_is_derived_from_a_system_is_no_better_known():
+    """Its own point, length and errors are passed on, times what near-dependence makes of them."""
+    J = np.random.default_rng(3).normal(size=(6, 3))
+    J[:, 2] = J[:, 1] + 1e-3 * J[:, 2]
+    far = ScrewSystem(iq.adjoint(iq.transform(translation=(1e4, 0, 0))) @ J)
+    for made in (far.reciprocal(0.3), far.self_reciprocal(), far.reciprocal().reciprocal()):
+        np.testing.assert_array_equal(made.point, far.point)
+        assert made.length == far.length
+        assert made.dimension == 0 or made.error_factors.min() > 100.0 * far.error_factors.max()
+
+
+def test_the_length_of_slides_beside_a_hinge_with_a_pitch_of_rounding():
+    """In millimetres, after some algebra: 5e-11 mm is nobody's length."""
+    hinge = iq.se3.helical((0, 0, 1), (300.0, 200.0, 0.0), pitch=5e-11)
+    slides = 500.0 * np.column_stack([iq.se3.prismatic(u) for u in np.eye(3)])
+    system = ScrewSystem(np.column_stack((hinge, slides)))
+    assert system.dimension == 4
+    assert system.length > 1.0
+
+
 @settings(max_examples=60, deadline=None)
 @given(seed=SEEDS, m=st.integers(1, 8), rank=st.integers(1, 6), which=st.integers(0, 2))
 def test_the_pseudoinverse_along_any_complement(seed, m, rank, which):
@@ -90,6 +111,8 @@ def test_the_pseudoinverse_along_any_complement(seed, m, rank, which):
     rule = {"metric": R @ R.T + np.eye(6)} if which == 1 else {"complement": Z}
     P = system.projectors(**rule).motion
     X, condition = system.pseudoinverse(**rule, joint_metric=M, return_condition=True)
+    assert condition >= 0.999 * np.linalg.norm(P @ system.basis, 2) / np.linalg.norm(system.basis, 2)
+    assert condition >= system.projectors(**rule).norm
     size = 1e-10 * condition * (1.0 + np.linalg.norm(X)) * (1.0 + np.linalg.norm(J)) ** 2
     np.testing.assert_allclose(J @ X, P, atol=size)
     np.testing.assert_allclose(X @ J @ X, X, atol=size * (1.0 + np.linalg.norm(X)))
@@ -115,6 +138,30 @@ def test_a_carried_metric_gives_the_same_joint_velocities_in_every_frame():
         planar.pseudoinverse()
 
 
+def test_a_metric_whose_units_do_not_fit_costs_no_digits():
+    """The identity in millimetres weighs a radian as a millimetre; its least squares are solved as such."""
+    rng = np.random.default_rng(0)
+    with mpmath.workdps(50):
+        for _ in range(10):
+            J = rng.normal(size=(6, 4)) * np.repeat([1.0, 1e3], 3)[:, None]
+            A = mpmath.matrix(J.tolist())
+            exact = mpmath.inverse(A.T * A) * A.T
+            X = mpmath.matrix(ScrewSystem(J).pseudoinverse(metric=np.eye(6)).tolist())
+            assert mpmath.norm(X - exact) < 1e-11 * mpmath.norm(exact)
+
+
+@pytest.mark.parametrize("speed", [1e-8, 1e-4, 1.0, 1e4, 1e8])
+def test_a_slide_of_any_speed_beside_a_hinge(speed):
+    """What exists, and how well it is conditioned, does not depend on the unit of a joint."""
+    hinge, slide = iq.revolute((0.6, 0, 0.8), (1, 2, 0.5)), speed * iq.se3.prismatic((0.48, 0.6, 0.64))
+    system = ScrewSystem(np.column_stack((hinge, slide)))
+    X, condition = system.pseudoinverse(0.3, return_condition=True)
+    assert condition < 20.0
+    assert system.has_pseudoinverse(0.3) is system.existence(0.3).exists is True
+    known = iq.pseudoinverse(np.column_stack((hinge, slide / speed)), 0.3)
+    np.testing.assert_allclose(X * [[1.0], [speed]], known, atol=1e-12)
+
+
 @pytest.mark.parametrize("k", [1, 2, 3, 4, 5])
 def test_how_far_an_error_moves_a_principal_pitch(k):
     """The condition is a bound, to first order, and not a hundred times too large."""
@@ -132,7 +179,7 @@ def test_how_far_an_error_moves_a_principal_pitch(k):
             moved = np.abs(iq.principal_pitches(J + D) - found.values)
             ratio = moved / (found.conditions * system.length * error)
             worst = max(worst, ratio.max())
-    assert 0.05 < worst < 2.5
+    assert 0.3 < worst < 2.5
 
 
 def test_what_a_screw_is_of_twists_and_wrenches():
