@@ -44,7 +44,7 @@ for ax, (label, (values, law, scale)) in zip(figure.subplots(1, 2, sharey=True),
     for i, (name, one, other) in enumerate(zip(robot.names[:3], moore_penrose, ours, strict=True)):
         ax.plot(values, one, color=f"C{i}", label=name)
         ax.plot(values, other, color=f"C{i}", linestyle="--")
-    ax.set(xlabel=label, xscale=scale, title="solid: Moore-Penrose   dashed: $J^{+h}$, h = 0.4 m")
+    ax.set(xlabel=label, xscale=scale, title="solid: Moore-Penrose   dashed: $J^{+h}$, h = 0.4 m/rad")
 figure.axes[0].set_ylabel("joint velocity [rad/s]")
 figure.axes[1].legend(loc="upper right", fontsize="small")
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "origin_and_unit.png", dpi=120)

@@ -1,7 +1,8 @@
 """The Gram determinant det(J'Q_h J) over h: its roots are the principal pitches, where there is no J^{+h}.
 
-Near a root |J^{+h}| grows without bound; the damped pseudoinverse stays below 1 / (2 damping) of the form's images and
-goes through. Three screws have three roots, four have two, five have one: Donelan and Selig, Sect. 5.
+Near a root |J^{+h}|, here about the base's origin, grows without bound; the damped pseudoinverse is bounded through
+every root, where it leaves the root's screw undone. Three screws that combine to no translation have three roots, four
+have two, five have one: Donelan and Selig, Sect. 5.
 
 Run: python examples/41_gram_over_pitch.py [FILE]      draws FILE (gram_over_pitch.png); needs the extra `pictures`
 """
@@ -38,8 +39,8 @@ for i, joints in enumerate((3, 4, 5)):
     bottom.semilogy(pitches, size, color=f"C{i}")
     bottom.semilogy(pitches, damped, color=f"C{i}", linestyle="--")
 top.axhline(0.0, color="grey", linewidth=0.8)
-top.set_yscale("symlog", linthresh=0.02)
-top.set(ylabel="det($J^TQ_hJ$) / largest", title="dots: principal pitches")
+top.set_yscale("function", functions=(np.cbrt, lambda y: y**3))
+top.set(ylabel="det($J^TQ_hJ$) / largest", title="dots: principal pitches; scale of cube roots")
 top.legend()
 bottom.set(
     xlabel="h [m/rad]", ylabel="|J$^{+h}$|", ylim=(1.0, 3e3), title=f"solid: $J^{{+h}}$   dashed: damped, {DAMPING} m"

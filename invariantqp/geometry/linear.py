@@ -1,4 +1,4 @@
-"""Linear algebra that several rooms share: rank, orthogonal complements. Arguments are not checked."""
+"""Linear algebra shared by packages: rank, orthogonal complements. Arguments are not checked."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 
-# The least positive number: what is divided by is at least this.
+# The least positive number, a lower bound of divisors.
 TINY = float(np.finfo(float).tiny)
 
 

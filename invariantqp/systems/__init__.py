@@ -2,7 +2,7 @@
 
 [DS] is P. Donelan and J. M. Selig, Hyperbolic pseudoinverses for kinematics in the Euclidean group. Its parts are in:
 
-    all of it                     system.py            ScrewSystem; the functions below are short spellings of it
+    a system as one value         system.py            ScrewSystem; many functions below are short spellings of it
     Theorem 2.1, (2.6)            geometry/forms.py    pitch_form, pitch_form_inverse, invariant_form
     Sect. 2.2, (2.9), (2.10)      subspaces.py         screw_system, reciprocal, annihilator, system_sum, system_meet,
                                                        self_reciprocal
@@ -10,7 +10,7 @@
     (2.12)-(2.15), (hP1)-(hP4)    pseudoinverses.py    form_adjoint, h_adjoint, pseudoinverse, penrose_conditions
     Theorem 2.2                   pseudoinverses.py    has_pseudoinverse
     Example 3                     points.py            motions_along, point_motion
-    Sect. 3, Theorem 3.1          pseudoinverses.py    existence, reciprocal_has_pseudoinverse (Corollary 3.2)
+    Sect. 3, Theorem 3.1          pseudoinverses.py    existence; ScrewSystem(J).reciprocal(h) (Corollary 3.2)
     Sect. 3, Tables 1 to 3        classification.py    gibson_hunt; report.py puts it in words: describe
     Sect. 4                       lines.py             involution
     Sect. 5, (5.1)                gram.py              gram_matrix, principal_pitches, principal_screws,
@@ -25,21 +25,7 @@
     (not in [DS])                 mechanisms.py        limb_constraints, mobility
                                   points.py            centre, reach: lengths that an arm has of itself
 
-Errata, each asserted as the truth in tests/properties/test_paper.py or the tests of its file:
-
-     1  (2.6)           its factor 1/2 is not in Examples 1 and 4, nor in Sect. 6.3; it is left out here
-     2  Example 1       the (3,2) entry of J^{+h} is (16h^2 + 16h - 1)/(32h)
-     3  Table 3         lacks the 3-system IID, all translations, which has no h-pseudoinverse
-     4  Table 3, IIB    the reciprocal basis has (0,0,0;0,1,0) where (0,1,0;0,0,0) is printed
-     5  Table 3, IC     "(0,0,0;0,10)" is (0,0,0;0,1,0)
-     6  Sect. 4         four lines are in involution also where one transversal counts twice, one at infinity too (lines
-                        along one plane at heights with the cross ratio of their directions); of type IA only pitches of
-                        opposite sign give two; the transversal of five may be at infinity
-     7  Example 3       the solution set is J^{+h}(S meet im J) + ker J, not J^{+h}(S); that S is no Lie algebra
-     8  (hP4)           the ordinary transpose is meant on the joint side, not the h-adjoint
-     9  Theorem 3.1     (iii) needs the tangent point to lie in S: else it holds for every 1- and 2-system
-    10  Sect. 4, end    z need not correspond to a line: for three lines of type IB3 W is a couple
-    11  (6.4)           the gradient has an entry for each joint: its last is that of x_m, not x_6
+Its errata are in the guide, examples/guide/paper.md, each asserted as the truth in tests/properties/test_paper.py.
 """
 
 from typing import TYPE_CHECKING
@@ -87,7 +73,6 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.systems.pseudoinverses import has_pseudoinverse as has_pseudoinverse
     from invariantqp.systems.pseudoinverses import penrose_conditions as penrose_conditions
     from invariantqp.systems.pseudoinverses import pseudoinverse as pseudoinverse
-    from invariantqp.systems.pseudoinverses import reciprocal_has_pseudoinverse as reciprocal_has_pseudoinverse
     from invariantqp.systems.report import SystemReport as SystemReport
     from invariantqp.systems.report import describe as describe
     from invariantqp.systems.spectra import HyperbolicPolar as HyperbolicPolar

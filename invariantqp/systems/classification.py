@@ -34,7 +34,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import across, cross, norm
-from invariantqp.systems.gram import Border, at_most_three, decided, split
+from invariantqp.systems.gram import Border, Parts, at_most_three, decided, split
 from invariantqp.systems.subspaces import TOLERANCE, Subspace
 
 # [DS] Tables 1 and 2: the columns of each class from its moduli. h, a, b, c are pitches [length/rad], p a ratio.
@@ -78,21 +78,12 @@ class Frame(NamedTuple):
     origin: Array
 
 
-class Typed(NamedTuple):
-    """The parts of a system, of dimension n <= 3; W and V along principal directions where it has `pitches`."""
-
-    W: Array
-    V: Array
-    N: Array
-    pitches: Array
-
-
 def normal_form(dimension: int, name: str, moduli: tuple[float, ...]) -> Array:
     """The (6, k) columns of [DS] Tables 1 and 2 for a class (k <= 3) and its moduli."""
     return np.array(_TWISTS[dimension, name](*moduli), dtype=np.float64).T
 
 
-def _pitch(s: Typed) -> float:
+def _pitch(s: Parts) -> float:
     return float(s.W[:, 0].dot(s.V[:, 0]))
 
 
@@ -102,13 +93,13 @@ def _axes(x: Array, y: Array | None = None) -> Array:
     return np.array((x, y, cross(x, y)))
 
 
-def _two_screws(s: Typed) -> Frame:
+def _two_screws(s: Parts) -> Frame:
     R = _axes(s.W[:, 0], s.W[:, 1])
     m = R.dot(s.V)  # the axes of the principal screws meet at right angles in the origin
     return Frame(tuple(s.pitches.tolist()), (), R, R.T.dot((m[2, 1], -m[2, 0], 0.5 * (m[1, 0] - m[0, 1]))))
 
 
-def _screw_and_translation(s: Typed) -> Frame:
+def _screw_and_translation(s: Parts) -> Frame:
     """IB: the translation cancels the pitch."""
     w, v, n = s.W[:, 0], s.V[:, 0], s.N[:, 0]
     along = float(w.dot(n))
@@ -123,21 +114,21 @@ def _screw_and_translation(s: Typed) -> Frame:
     return Frame((), (size / abs(along),), R, cross(w, v - n * (w.dot(v) / abs(along))))
 
 
-def _screw_across_translation(s: Typed) -> Frame:
+def _screw_across_translation(s: Parts) -> Frame:
     """IIB: the translation is across the axis, and the pitch stays."""
     w, v = s.W[:, 0], s.V[:, 0]
     y = s.N[:, 0] - w * w.dot(s.N[:, 0])
     return Frame((_pitch(s),), (), _axes(w, y / np.linalg.norm(y)), cross(w, v))
 
 
-def _three_screws(s: Typed) -> Frame:
+def _three_screws(s: Parts) -> Frame:
     R = s.W.T * np.array([[1.0], [1.0], [np.sign(np.linalg.det(s.W))]])
     M = s.V.dot(s.W.T)  # v = M omega: symmetric about the origin, so the skew part is where it lies
     a = 0.5 * np.array((M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]))
     return Frame(tuple(s.pitches.tolist()), (), R, a)
 
 
-def _plane_and_translation(s: Typed) -> Frame:
+def _plane_and_translation(s: Parts) -> Frame:
     """IB0: the translation leaves the plane of directions at an angle; both pitches can be made the same."""
     W, n = s.W, s.N[:, 0]
     c = W.T.dot(n)
@@ -152,13 +143,13 @@ def _plane_and_translation(s: Typed) -> Frame:
     return Frame((h,), (n3 / n1,), R, R.T.dot((my[2] + b * n3, -mx[2] - a * n3, mx[1])))
 
 
-def _plane_across_translation(s: Typed) -> Frame:
+def _plane_across_translation(s: Parts) -> Frame:
     R = _axes(s.W[:, 0], s.W[:, 1])
     m = R.dot(s.V)
     return Frame(tuple(s.pitches.tolist()), (), R, R[2] * (0.5 * (m[1, 0] - m[0, 1])))
 
 
-def _screw_and_plane(s: Typed) -> Frame:
+def _screw_and_plane(s: Parts) -> Frame:
     """IC: the axis meets the plane of translations at an angle."""
     w, v = s.W[:, 0], s.V[:, 0]
     normal = cross(s.N[:, 0], s.N[:, 1])
@@ -173,7 +164,7 @@ def _screw_and_plane(s: Typed) -> Frame:
     return Frame((), (float(R[2].dot(n)) / along,), R, cross(w, v - n * (w.dot(v) / along)))
 
 
-_FRAMES: dict[tuple[int, str], Callable[[Typed], Frame]] = {
+_FRAMES: dict[tuple[int, str], Callable[[Parts], Frame]] = {
     (1, "h"): lambda s: Frame((_pitch(s),), (), _axes(s.W[:, 0]), cross(s.W[:, 0], s.V[:, 0])),
     (1, "h=inf"): lambda s: Frame((), (), _axes(s.N[:, 0]), np.zeros(3)),
     **dict.fromkeys([(2, "IA"), (2, "IIA")], _two_screws),
@@ -203,8 +194,7 @@ class GibsonHunt(Value):
         normal_form: (6, n) columns of [DS]'s normal form of the named system, n = k or 6 - k.
         motion: (4, 4) rigid motion with span(Ad(motion) S) = span(normal_form), for the named system S.
         borders: all decisions, the one nearest to its border first.
-        next: the name one hundredth past the nearest border, as that tolerance gives it; "" where no border is outside
-            rounding.
+        next: the name at a tolerance 1 % past the nearest border; "" where no border is outside rounding.
     """
 
     name: str
@@ -235,7 +225,7 @@ class GibsonHunt(Value):
 class _Decision(NamedTuple):
     name: str
     dimension: int
-    parts: Typed
+    parts: Parts | None
     borders: tuple[Border, ...]
 
 
@@ -246,7 +236,7 @@ def gibson_hunt(J: ArrayLike, tolerance: float = TOLERANCE, *, length: float | N
         J: (6, m) twists as columns, dependent or not.
         tolerance: relative error of the twists: a system that such an error could have made of one of a more special
             type, or of fewer dimensions, gets the special name.
-        length: the length beside which pitches and distances count as zero, instead of the system's own.
+        length: reference length for pitches and distances that count as zero, instead of the system's own.
 
     Returns:
         GibsonHunt; near a border `.margin` is near 1 and `.next` names the type on the other side.
@@ -277,7 +267,7 @@ def classify(system: Subspace) -> GibsonHunt:
     moduli: tuple[float, ...] = ()
     names: tuple[str, ...] = ()
     form, motion = np.empty((6, 0)), np.eye(4)
-    if n:
+    if chosen.parts is not None:
         frame = _FRAMES[n, name](chosen.parts)
         moduli = (*(h * system.length for h in frame.pitches), *frame.ratios)
         names = (*_PITCH_NAMES[len(frame.pitches)], *("p" for _ in frame.ratios))
@@ -305,21 +295,20 @@ def _decide(system: Subspace) -> _Decision:
     borders = tuple(Border("dimension", float(s), tolerance) for s in size[max(k - 1, 1) : k + 1])
     borders += (Border("angular part beside 1", system.angular_share, tolerance),)
     if k == 6:
-        return _Decision("SE3", 6, Typed(np.eye(3), np.eye(3), np.eye(3), np.empty(0)), borders)
+        return _Decision("SE3", 6, None, borders)
     # An error eps of the twists turns the basis by eps over `independence`.
     independence = system.independence
-    W, V, N, firmness, coupled, found = split(at_most_three(span.basis), independence, tolerance)
-    borders += found
-    e, n = W.shape[1], W.shape[1] + N.shape[1]
-    parts = Typed(W, V, N, np.empty(0))
+    parts = split(at_most_three(span.basis), independence, tolerance)
+    borders += parts.borders
+    e, n = parts.W.shape[1], parts.W.shape[1] + parts.N.shape[1]
     if n == 1:
         return _Decision("h" if e else "h=inf", k, parts, borders)
     letter = "ABCD"[n - e]
-    if coupled:
+    if parts.coupled:
         return _Decision("IB0" if (n, e) == (3, 2) else f"I{letter}", k, parts, borders)
     if e < 2:
         return _Decision(f"II{letter}", k, parts, borders)
-    parts, gaps = _principal(parts, firmness, tolerance / independence)
+    parts, gaps = _principal(parts, tolerance / independence)
     borders += tuple(Border("pitch difference", g * independence, tolerance) for g in gaps)
     if len(parts.pitches) == 1:
         return _Decision(f"II{letter}", k, parts, borders)
@@ -327,12 +316,12 @@ def _decide(system: Subspace) -> _Decision:
     return _Decision(name, k, parts, borders)
 
 
-def _principal(s: Typed, firmness: Array, tolerance: float) -> tuple[Typed, list[float]]:
+def _principal(s: Parts, tolerance: float) -> tuple[Parts, list[float]]:
     """The parts with principal directions, their moments and the distinct pitches; the gaps between the pitches."""
     A = s.W.T.dot(s.V)
     pitches, X = np.linalg.eigh(0.5 * (A + A.T))
     # An error in the basis is magnified in the pitch h_i = x'A x by |x / firmness|^2.
-    firm = 1.0 / ((X / firmness[:, None]) ** 2).sum(axis=0)
+    firm = 1.0 / ((X / s.firmness[:, None]) ** 2).sum(axis=0)
     gaps = ((pitches[1:] - pitches[:-1]) * np.minimum(firm[1:], firm[:-1])).tolist()
     equal = [g <= tolerance for g in gaps]
     if all(equal):
@@ -341,4 +330,4 @@ def _principal(s: Typed, firmness: Array, tolerance: float) -> tuple[Typed, list
         if equal[0]:
             X, pitches = X[:, [2, 0, 1]], pitches[[2, 0, 1]]
         pitches = np.array((pitches[0], 0.5 * (pitches[1] + pitches[2])))
-    return Typed(s.W.dot(X), s.V.dot(X), s.N, pitches), gaps
+    return s._replace(W=s.W.dot(X), V=s.V.dot(X), pitches=pitches), gaps

@@ -6,8 +6,8 @@
 
 in the frame of the normal form, with the principal pitches a, b, c. The axes of a 2-system of type IA lie on Plucker's
 conoid, the cylindroid; they meet the z axis at right angles, within |a - b| of each other. Those of the other 2-systems
-with screws are a plane pencil (IIA) or parallel lines in a plane (IB, IIB). A screw is named by its coefficients in the
-normal form.
+with screws are a plane pencil (IIA), parallel lines in a plane (IB, IIB) or one line (IB with p = 0). A screw is named
+by its coefficients in the normal form.
 
 Reference: [DS] Tables 1 and 2, Figure 1. R. S. Ball, A Treatise on the Theory of Screws, 1900, Sect. 13 (cylindroid)
 and 173 (pitch quadrics); K. H. Hunt, Kinematic Geometry of Mechanisms, 1978.
@@ -34,18 +34,21 @@ class ScrewFamily(Value):
 
     Attributes:
         type: the Gibson-Hunt type, with its moduli.
+        tolerance: that of the type.
         pose: (4, 4) base_from_frame of the normal form's frame.
         basis: (6, k) the columns of the normal form, in the base frame.
     """
 
     type: GibsonHunt
+    tolerance: float
     pose: Array = field(converter=own)
     basis: Array = field(converter=own)
 
     def screws(self, coefficients: ArrayLike) -> Array:
-        """The (6, n) twists of (k, n) coefficients, of unit angular part, or of unit translation where it is zero."""
+        """The (6, n) twists of (k, n) or (k,) coefficients, of unit angular part, or else of unit translation."""
         k = self.basis.shape[1]
         c = arrays.array(coefficients, "coefficients", "numbers")
+        c = c.reshape(-1, 1) if c.ndim == 1 else c
         if c.ndim != 2 or len(c) != k:
             raise BadInput("coefficients", f"shape {c.shape}", f"shape ({k}, n)")
         sizes = np.linalg.norm(arrays.matrix(c.T, (None, k), "coefficients"), axis=1)
@@ -84,9 +87,11 @@ class Cylindroid(ScrewFamily):
 
     @property
     def length(self) -> float:
-        """|a - b| of type IA, along the z axis of `pose`; 0 of IIA; inf of the types with parallel axes."""
-        h = self.type.moduli if self.type.name in {"IA", "IIA"} else (np.inf, 0.0)
-        return float(abs(h[0] - h[-1]))
+        """|a - b| of type IA, along the z axis of `pose`; 0 of axes that meet or are one, inf of parallel ones."""
+        moduli = self.type.moduli
+        if self.type.name in {"IA", "IIA"}:
+            return float(abs(moduli[0] - moduli[-1]))
+        return 0.0 if self.type.name == "IB" and moduli[0] <= self.tolerance else np.inf
 
     def at(self, angles: ArrayLike) -> Array:
         """The (2, n) coefficients of (n,) angles [rad], for `screws`, `pitches` and `axes`."""
@@ -96,7 +101,7 @@ class Cylindroid(ScrewFamily):
 
 @frozen(eq=False, repr=False, slots=False)
 class PitchField(ScrewFamily):
-    """The screws of a 3-system; of the types IA and IIA the coefficients are the direction of the axis."""
+    """The screws of a 3-system; of types IA and IIA the coefficients are the axis' direction in the frame `pose`."""
 
     def quadric(self, h: float) -> Array:
         """(4, 4) symmetric Q of the surface (r; 1)'Q (r; 1) = 0 that the axes of pitch h lie on, types IA and IIA.
@@ -143,9 +148,9 @@ def pitch_field_of(system: Subspace) -> PitchField:
     return PitchField(*_family(system, 3))
 
 
-def _family(system: Subspace, dimension: int) -> tuple[GibsonHunt, Array, Array]:
+def _family(system: Subspace, dimension: int) -> tuple[GibsonHunt, float, Array, Array]:
     if system.dimension != dimension:
         raise BadInput("J", f"a {system.dimension}-system", f"twists that span a {dimension}-system")
     kind = classify(system)
     pose = inverse(kind.motion)
-    return kind, pose, adjoint(pose, check=False).dot(kind.normal_form)
+    return kind, system.tolerance, pose, adjoint(pose, check=False).dot(kind.normal_form)

@@ -74,7 +74,8 @@ class Parts(NamedTuple):
     """A system of at most three dimensions, split into screws of finite pitch and translations, in own coordinates.
 
     W (3, e) orthonormal directions, V (3, e) their moments, N (3, d) orthonormal translations; `firmness` (e,) is the
-    angular part of a unit twist along each column of W, `coupled` whether a translation has a part along the axes.
+    angular part of a unit twist along each column of W, `coupled` whether a translation has a part along the axes. The
+    `pitches` of a type are its distinct principal pitches; W and V are then along principal directions.
     """
 
     W: Array
@@ -83,6 +84,7 @@ class Parts(NamedTuple):
     firmness: Array
     coupled: bool
     borders: tuple[Border, ...]
+    pitches: Array = np.empty(0)
 
 
 def at_most_three(basis: Array) -> Array:
@@ -119,7 +121,7 @@ def parts_of(system: Subspace) -> Parts:
 
 
 def decided(system: Subspace, borders: tuple[Border, ...]) -> None:
-    """Raise where what counts as zero, or nearly so, may be the rounding of twists far from their own point."""
+    """Raise where a number near zero may be the rounding of twists far from their own point."""
     if system.rounding > system.tolerance and any(b.value <= system.rounding for b in borders):
         raise undecided("a type and principal pitches", system)
 
@@ -147,7 +149,7 @@ def pencil(system: Subspace, parts: Parts | None = None) -> PrincipalPitches:
     none = np.empty((6, 0))
     if system.dimension in (0, 6):
         return PrincipalPitches(np.empty(0), none, np.empty(0), none)
-    W, V, N, _, coupled, _ = parts_of(system) if parts is None else parts
+    W, V, N, _, coupled, *_ = parts_of(system) if parts is None else parts
     e, d = W.shape[1], N.shape[1]
     left, coupling, right = np.linalg.svd(W.T.dot(N))
     c = 1 if coupled else 0  # the rank of C, with at most one screw or one translation beside the other
@@ -173,7 +175,7 @@ def pencil(system: Subspace, parts: Parts | None = None) -> PrincipalPitches:
 def principal_pitches(J: ArrayLike) -> Array:
     """The finite pitches at which (6, m) twists have no h-pseudoinverse: (k',) ascending, with multiplicity.
 
-    In length/rad; there are none where every h works (rank 6).
+    In length/rad; there are none where every h works (rank 6, or a hinge with a slide along it).
 
     Raises:
         BlindSystem: no h works; carries the translations that are reciprocal to the whole system.

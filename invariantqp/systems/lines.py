@@ -1,4 +1,4 @@
-"""Lines in involution: 2 to 6 joint axes along which forces can balance, their transversals; planes of null screws.
+"""Lines in involution: 2 to 6 axes with a wrench along them that loads no joint; transversals; planes of null screws.
 
     z in S meet S^{perp 0}:   W = Q_0 z = Q_0 J lambda is a wrench along the lines with J'W = 0: no joint needs a torque
 
@@ -32,7 +32,7 @@ pitch a finite alpha-plane has one, and the other three kinds have none. At h = 
 parallel hinges one at infinity, three hinges with axes in one plane a beta-plane, a gantry the one at infinity. As
 wrenches Q_0 s, an alpha-plane is all forces through a point, and a beta-plane all forces in a plane.
 
-Reference: [DS] Sect. 4, corrected (errata 6 and 10 in `invariantqp.systems`); Sect. 2.2 (the two rulings), Table 2.
+Reference: [DS] Sect. 4, corrected (errata 6 and 10 in the guide); Sect. 2.2 (the two rulings), Table 2.
 """
 
 from __future__ import annotations

@@ -57,8 +57,8 @@ class NamedScrew(Value):
         if self.point is None:
             return f"{self.kind} {'along' if self.kind == 'translation' else 'about'} {along}"
         pitch = f" of pitch {written(self.pitch)}" if self.pitch else ""
-        way = "about" if self.kind == "rotation" else "along"
-        return f"{self.kind}{pitch} {way} {along} through ({listed(self.point)})"
+        preposition = "about" if self.kind == "rotation" else "along"
+        return f"{self.kind}{pitch} {preposition} {along} through ({listed(self.point)})"
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -68,8 +68,8 @@ class Mobility(Value):
     Attributes:
         freedoms: independent motions of the platform.
         constraints: for each limb its independent constraint wrenches on the platform.
-        degrees_of_freedom: of the whole mechanism: of the platform and of limbs that move by themselves.
-        overconstraints: how many constraints say what others say already.
+        degrees_of_freedom: of the whole mechanism: of the platform, and self-motions of limbs.
+        overconstraints: number of redundant constraints.
         twists: (6, k) a basis of the platform's motions.
     """
 
@@ -78,6 +78,11 @@ class Mobility(Value):
     degrees_of_freedom: int
     overconstraints: int
     twists: Array = field(converter=own)
+
+    def __str__(self) -> str:
+        head = f"{self.degrees_of_freedom} degrees of freedom, {self.overconstraints} redundant constraints"
+        limbs = (f"limb {i}: {', '.join(map(str, held)) or 'none'}" for i, held in enumerate(self.constraints))
+        return "\n".join((head, f"platform: {', '.join(map(str, self.freedoms)) or 'held'}", *limbs))
 
 
 def limb_constraints(J: ArrayLike, tolerance: float = TOLERANCE) -> tuple[NamedScrew, ...]:
@@ -136,7 +141,7 @@ def _name(pose: Array, local: Array, smallest: float, sort: Literal["twist", "wr
     s /= np.linalg.norm(direction) * np.sign(direction[np.abs(direction).argmax()])
     found = screw_of(s)
     kind = _NAMES[sort][0 if h == 0.0 else 2 if h == inf else 1]
-    return NamedScrew(kind, s[SWAPPED] if sort == "wrench" else s, h, found.direction, found.point)
+    return NamedScrew(kind, s[SWAPPED] if sort == "wrench" else s, float(h), found.direction, found.point)
 
 
 def _reciprocal_of_normal_form(R: Array) -> Array:

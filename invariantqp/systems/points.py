@@ -45,7 +45,7 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
     """The arm's own point and length for (6, m) joint twists.
 
     Where all axes are parallel (a planar arm) the point is free along them; `twist` (6,), if given, settles it as the
-    point of that line which the twist moves least, unless it is out of sight: a twist that does not turn across the
+    point of that line which the twist moves least, unless it is too far: a twist that does not turn across the
     axes moves all their points alike.
     """
     twists = arrays.columns(J)

@@ -31,12 +31,12 @@ from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.systems.gram import gram, pencil
-from invariantqp.systems.subspaces import Subspace
+from invariantqp.systems.subspaces import LEAST_INDEPENDENCE, Subspace
 
 # Above this the relative error of 1e-15 that forward kinematics in float64 leaves of joint twists can change J^{+h} by
 # more than a thousandth. Arms that are singular by structure (a SCARA at any h) have hundreds of times this number.
 LARGEST_CONDITION = 1e12
-# Joints whose speeds differ by more are scaled to unit speed first: the own point and length are else those of a few.
+# Joints whose speeds differ by more are scaled to unit speed first: a few would decide the own point and length.
 UNEQUAL = 1e2
 
 
@@ -295,9 +295,10 @@ def damped_pseudoinverse(J: ArrayLike, h: float, damping: float, *, joint_metric
     """The damped h-pseudoinverse V diag(mu / (mu^2 + damping^2)) V'J'Q_h (m, 6) of (6, m) twists, for any h.
 
     J'Q_h J V = M V diag(mu), V'M V = I. It tends to J^{+h} as the damping tends to 0, where that exists, and is bounded
-    and continuous in J and h through every principal pitch: |J^{+h,damped} s| <= |V'J'Q_h s| / (2 damping) in the
-    metric M. Of the part of a twist along each J v, the share mu^2 / (mu^2 + damping^2), from 0 to 1, is done. A change
-    of frame takes it to J^{+h,damped} Ad^-1. It is [DS]'s damped formula with Lambda = damping^2 M (J'Q_h J)^-1 M.
+    and continuous in J and h through every principal pitch: |X s| <= |V'J'Q_h s| / (2 damping) in the metric M, for
+    X the result. Of the part of a twist along each J v, the share mu^2 / (mu^2 + damping^2) is done, from 0 at a
+    principal pitch to 1. A change of frame takes X to X Ad^-1. It is [DS]'s damped formula with
+    Lambda = damping^2 M (J'Q_h J)^-1 M.
 
     Args:
         J: (6, m) joint twists as columns.
@@ -439,12 +440,14 @@ def conditions_of(system: Subspace, h: float) -> Existence:
     factored = factors(system, pitch)
     if factored.rank in (0, 6):
         return Existence(pitch, factored.rank, factored.condition, factored.rank, 1.0, 0.5 * pi, inf, None)
+    if system.concurrent and pitch:  # axes that meet have no length but that of the pitch
+        system = type(system)(system.twists, tolerance=system.tolerance, length=abs(pitch))
     U, Q = system.span.basis, system.form(pitch)
     mu = np.linalg.eigvalsh(U.T.dot(Q).dot(U))
     images = np.linalg.qr(Q.dot(U))[0]  # an orthonormal basis of what is orthogonal to S^{perp h}
     sine = float(np.linalg.svd(images.T.dot(U), compute_uv=False)[-1])
     try:
-        found = pencil(system)
+        found = pencil(system.with_tolerance(LEAST_INDEPENDENCE * float(system.error_factors.max())))
         gaps = np.abs(found.values - pitch) / (abs(pitch) + system.length)
         distance = 0.0 if found.blind.shape[1] else float(gaps.min(initial=inf))
     except BadInput:
@@ -459,12 +462,3 @@ def conditions_of(system: Subspace, h: float) -> Existence:
         pitch_distance=distance,
         certificate=None if factored.exists else factored.lost,
     )
-
-
-def reciprocal_has_pseudoinverse(J: ArrayLike, h: float) -> bool:
-    """Whether S^{perp h} has an h-pseudoinverse: by the paper's corollary, iff S has.
-
-    Reference: [DS] Corollary 3.2.
-    """
-    pitch = finite_pitch(h)
-    return factors(Subspace(arrays.columns(J)).reciprocal(pitch), pitch).exists

@@ -99,7 +99,7 @@ def report_on(system: Subspace) -> SystemReport:
         principal_pitches=found.values,
         principal_screws=found.screws,
         blind_directions=along_axes(found.blind),
-        singularity_distance=0.0 if kind.dimension < min(6, joints) else _isotropy(system),
+        singularity_distance=0.0 if kind.dimension < min(6, joints) else system.independence,
     )
 
 
@@ -112,9 +112,3 @@ def along_axes(blind: Array) -> Array:
         basis[3:, i] = nearest / np.linalg.norm(nearest)
         left = left - np.outer(basis[3:, i], basis[3:, i])
     return basis
-
-
-def _isotropy(system: Subspace) -> float:
-    """Smallest over largest singular value of the twists as given, in own coordinates."""
-    sigma = np.linalg.svd(system.coordinates, compute_uv=False)
-    return float(sigma[-1] / sigma[0])

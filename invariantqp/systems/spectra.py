@@ -6,13 +6,14 @@
 The mu_i and the gains depend on the joint positions, h and the joint metric M alone, where ordinary singular values
 change with the origin of the frame; the twists t_i, w_i move with the arm. Q_h is indefinite, so mu_i can be negative:
 the sign is that of w_i'Q_h w_i = 2 |omega|^2 (pitch - h), positive for a screw of pitch above h. At rank 6 the product
-of the |sigma_i| is sqrt det(J M^-1 J'), for every h. A small gain belongs to a screw of pitch near h.
+of the |sigma_i| is sqrt det(J M^-1 J'), for every h. A small gain belongs to a screw of pitch near h, or to joints that
+are nearly dependent.
 
 With G = M^-1 J'Q_h J, W moves the tool with all gains one, and R is S seen on the tool's side. W is an isometry up to
 signs, W'Q_h W = M sign(G): it exists iff the kernel of G is that of J, which is to say iff J has an h-pseudoinverse. It
-is an isometry (Higham, Mehl and Tisseur) iff G has no negative eigenvalue besides: for rank J <= 3 and h below all
-principal pitches, above all of them for -Q_h, and for rank 4 or more never. S and W are unique on the joint velocities
-that move the tool, and zero on the others.
+is an isometry (Higham, Mehl and Tisseur) iff G has no negative eigenvalue besides: for rank J <= 3 without translations
+and h below all principal pitches, above all of them for -Q_h, and for rank 4 or more never. S and W are unique on the
+joint velocities that move the tool, and zero on the others.
 
 Reference: asked for in [DS] Sect. 7. Bolshakov, van der Mee, Ran, Reichstein and Rodman
 1997; Higham, Mehl and Tisseur 2010.

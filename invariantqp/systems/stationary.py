@@ -1,4 +1,4 @@
-"""The error Phi_h that J^{+h} s makes stationary, and psi, what [DS]'s damped formula makes of a wanted twist.
+"""The error Phi_h that J^{+h} s makes stationary, and psi, [DS]'s map from a commanded to the achieved twist.
 
     Phi_h(x) = (s - J x)'Q_h(s - J x),   grad = -2 J'Q_h(s - J x),   Hessian = 2 G,   G = J'Q_h J
     Phi_h(J^{+h} s) = det([J s]'Q_h[J s]) / det(J'Q_h J)

@@ -126,7 +126,7 @@ class Eigenscrews(Value):
             or of unit translation or moment where that is zero.
         pitches: (r,) of the eigenscrews [length/rad].
         centre: (3,) the point about which the coupling block of K, or of C, is symmetric; None where more than one
-            is. The two centres of K and of C = K^-1 differ unless the axes meet.
+            is. The centres of K and of C = K^-1 generally differ.
         translational: (a,) principal stiffnesses against translation [force/length], or compliances, descending.
         force_axes: (6, a) for each a wrench of unit force: applied alone it moves the body along that force without
             turning it.
@@ -152,8 +152,8 @@ def eigenscrews(K: ArrayLike, *, compliance: bool = False) -> Eigenscrews:
         compliance: which of the two it is.
 
     Raises:
-        BadInput: not symmetric, or with a negative eigenvalue: a stiffness under load may have both, and then no real
-            eigenscrews.
+        BadInput: not symmetric, or with a negative eigenvalue: a stiffness under load may have both, and then possibly
+            no real eigenscrews.
 
     Reference: Lipkin and Patterson 1992, 1993; Loncaric 1987.
     """

@@ -5,8 +5,9 @@
 
 p is the point that the turning twists move least, and L = |v + omega x p| / |omega| of all of them together. A rigid
 motion carries p along and leaves L as it is; another unit of length scales both. Every decision of this package
-is made in own coordinates, so it depends on neither. There is one tolerance, the relative error of the given twists,
-1e-7 by default. It decides
+is made in own coordinates, so it depends on neither, but for `angular_share`. Where all axes are parallel p may lie
+anywhere along them, and is taken nearest to the origin. One tolerance, the relative error of the given twists, 1e-7 by
+default, decides
 
     rank    singular values up to `tolerance` times the largest are zero
     type    numbers up to `tolerance` are zero: angular parts, couplings, differences of pitches over L
@@ -26,7 +27,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from attrs import field, frozen
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
@@ -75,6 +76,8 @@ class Subspace(Value):
         tolerance: relative error of the twists.
         angular_share: size of the angular parts over that of the linear parts, or over 1 where that is less; no twist
             turns if it is within the tolerance. This is the one decision in the caller's units.
+        given_length: the length given instead of the own one, None if none was.
+        concurrent: whether the axes meet in the own point, so that there is no own length.
         error_factors: (m,) relative error of each twist in own coordinates, as a multiple of its error as given.
     """
 
@@ -84,6 +87,7 @@ class Subspace(Value):
     tolerance: float
     angular_share: float = field(eq=False, repr=False)
     given_length: float | None = field(eq=False, repr=False)
+    concurrent: bool = field(eq=False, repr=False)
     error_factors: Array = field(converter=own, eq=False, repr=False)
 
     def __init__(
@@ -106,12 +110,12 @@ class Subspace(Value):
         self._fill(usual_twists(twists, argument), arrays.tolerance(tolerance), own_length)
 
     def _fill(self, J: Array, tolerance: float, length: float | None) -> None:
-        point, L, turning = _own_point_and_length(J, tolerance)
-        L = L if length is None else length
+        point, own_length, turning = _own_point_and_length(J, tolerance)
+        L = length or own_length or _substitute_length(J, tolerance)
         here = np.hypot(*(np.linalg.norm(a, axis=0) for a in (J[:3], velocity_at(J, point) / L)))
         given = np.hypot(*(np.linalg.norm(a, axis=0) for a in (J[:3], J[3:] / L)))
         errors = np.maximum(1.0, given / np.maximum(here, TINY))
-        self.__attrs_init__(J, point, L, tolerance, turning, length, errors)
+        self.__attrs_init__(J, point, L, tolerance, turning, length, not own_length, errors)
 
     @cached_property
     def to_own(self) -> Array:
@@ -136,7 +140,7 @@ class Subspace(Value):
 
     @cached_property
     def rounding(self) -> float:
-        """What rounding makes of a zero, in own coordinates and relative to the twists."""
+        """Rounding error in own coordinates, relative to the twists."""
         return ROUNDING_ERROR * float(self.error_factors.max(initial=1.0))
 
     @cached_property
@@ -210,10 +214,8 @@ class Subspace(Value):
         """The system of an orthonormal basis (6, n) in these own coordinates, with the errors of this one."""
         errors = np.full(basis.shape[1], float(self.error_factors.max(initial=1.0)) / self.independence)
         new = type(self).__new__(type(self))
-        twists = self.from_own.dot(basis)
-        new.__attrs_init__(
-            twists, self.point, self.length, self.tolerance, self.angular_share, self.given_length, errors
-        )
+        passed_on = (self.point, self.length, self.tolerance, self.angular_share, self.given_length, self.concurrent)
+        new.__attrs_init__(self.from_own.dot(basis), *passed_on, errors)
         ones = np.ones(basis.shape[1])
         vars(new).update(coordinates=basis, span=Span(basis, ones, np.diag(ones), np.empty(0)))
         return new
@@ -232,12 +234,20 @@ class Subspace(Value):
         """
         return np.asarray(self.to_own.T.dot(orthogonal(self.span.basis)))
 
-    def sum(self, other: Subspace) -> Self:
+    def contains(self, twists: ArrayLike) -> bool:
+        """Whether (6, n) twists are in the system, to its tolerance."""
+        T = self.to_own.dot(arrays.system(twists, "twists"))
+        U = self.span.basis
+        outside = np.linalg.norm(T - U.dot(U.T.dot(T)), axis=0)
+        limit = max(self.tolerance, self.rounding / self.independence)
+        return bool((outside <= limit * np.linalg.norm(T, axis=0)).all())
+
+    def sum(self, other: Subspace | ArrayLike) -> Self:
         """All twists s1 + s2 of this system and another."""
         both, bases = self._joined(other)
         return both.derived(_span_of(np.hstack(bases), both.tolerance)[0])
 
-    def meet(self, other: Subspace) -> Self:
+    def meet(self, other: Subspace | ArrayLike) -> Self:
         """The twists that this system shares with another; dim meet = dim S1 + dim S2 - dim sum."""
         both, bases = self._joined(other)
         # U1 a = U2 b lies in both systems; (a; -b) are the null space of (U1 U2).
@@ -245,9 +255,9 @@ class Subspace(Value):
         null = orthogonal(right)
         return both.derived(np.linalg.qr(bases[0].dot(null[:k]) - bases[1].dot(null[k:]))[0])
 
-    def _joined(self, other: Subspace) -> tuple[Self, tuple[Array, Array]]:
+    def _joined(self, given: Subspace | ArrayLike) -> tuple[Self, tuple[Array, Array]]:
         """The sum as a system, in whose own coordinates the two orthonormal bases are."""
-        arrays.instance(other, Subspace, "other", "a ScrewSystem")
+        other = given if isinstance(given, Subspace) else type(self)(given, argument="other")
         tolerance = max(self.tolerance, other.tolerance)
         both = type(self)(np.hstack((self.basis, other.basis)), tolerance=tolerance)
         first, second = (np.linalg.qr(both.to_own.dot(s.basis))[0] for s in (self, other))
@@ -266,21 +276,34 @@ class Subspace(Value):
         return self.derived(U.dot(Vt.T[:, sines <= self.tolerance]))
 
 
-def _own_point_and_length(J: Array, tolerance: float) -> tuple[Array, float, float]:
-    """p, L, and the angular parts over the linear parts, or over 1 where that is less."""
+def _turning(J: Array, tolerance: float) -> tuple[NDArray[np.bool_], float]:
+    """Which of the twists turn, and the angular parts over the linear parts, or over 1 where that is less."""
     w, v = np.linalg.norm(J[:3], axis=0), np.linalg.norm(J[3:], axis=0)
-    turning = norm(w) / min(1.0, max(norm(v), TINY))
-    turns = (w * LENGTH_LIMIT > v) | (w > tolerance)
-    if turning <= tolerance or not turns.any():
-        return np.zeros(3), 1.0, turning
+    share = norm(w) / min(1.0, max(norm(v), TINY))
+    turns = ((w * LENGTH_LIMIT > v) | (w > tolerance)) & (share > tolerance)
+    return turns, share
+
+
+def _own_point_and_length(J: Array, tolerance: float) -> tuple[Array, float, float]:
+    """p; L, or 0 where the axes meet in p or nothing turns; the angular share."""
+    turns, share = _turning(J, tolerance)
+    if not turns.any():
+        return np.zeros(3), 0.0, share
     lines = J[:, turns]
     point = resting_point(lines, longest=inf).point
-    moved, far, turned = (float(np.linalg.norm(a)) for a in (velocity_at(lines, point), lines[3:], lines[:3]))
-    slides = norm(v[~turns])
-    if moved > max(MEETING * far, NEGLIGIBLE * slides, turned / LENGTH_LIMIT):
-        return point, moved / turned, turning
+    moved, far, turned, slides = (
+        float(np.linalg.norm(a)) for a in (velocity_at(lines, point), lines[3:], lines[:3], J[3:, ~turns])
+    )
+    meets = moved <= max(MEETING * far, NEGLIGIBLE * slides, turned / LENGTH_LIMIT)
+    return point, 0.0 if meets else moved / turned, share
+
+
+def _substitute_length(J: Array, tolerance: float) -> float:
+    """A length where there is no own one: the speed of what slides, or the distance of what turns, over its speed."""
+    turns, _ = _turning(J, tolerance)
+    far, turned, slides = (float(np.linalg.norm(a)) for a in (J[3:, turns], J[:3, turns], J[3:, ~turns]))
     other = slides or far
-    return point, other / turned if other * LENGTH_LIMIT > turned else 1.0, turning
+    return other / turned if turned and other * LENGTH_LIMIT > turned else 1.0
 
 
 def _span_of(columns: Array, tolerance: float) -> tuple[Array, Array]:

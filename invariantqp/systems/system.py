@@ -1,4 +1,4 @@
-"""ScrewSystem: everything that this package knows of a set of twists, as the methods of one value."""
+"""ScrewSystem: a set of twists and what can be asked of it, as the methods of one value."""
 
 from __future__ import annotations
 
@@ -25,14 +25,21 @@ from invariantqp.systems.subspaces import Subspace
 
 @frozen(init=False, eq=False, repr=False, slots=False)
 class ScrewSystem(Subspace):
-    """The screw system of (6, m) twists: made once, it answers for all of [DS].
+    """The screw system of (6, m) twists.
 
         system = ScrewSystem(J)
         system.type, system.principal_pitches, system.pseudoinverse(0.3), system.reciprocal().type
 
-    It is a value: read-only, compared by its twists. The factorisation, the split into screws and translations, the
-    type and the principal pitches are computed at first use and kept. The functions of this package, `pseudoinverse(J,
-    h)` and others, are short spellings of its methods; `Subspace` documents its attributes and tolerances.
+    It is a value: read-only, compared by its twists (`contains` compares what they span). The factorisation, the split
+    into screws and translations, the type and the principal pitches are computed at first use and kept. Functions such
+    as `pseudoinverse(J, h)` are short spellings of its methods.
+
+    Attributes:
+        twists: (6, m) as given, as columns, dependent or not; (6, 0) is the zero system.
+        point: (3,) the own point, which the twists move least [length].
+        length: the own length, how far they move it in a radian; `concurrent` if the axes meet there and it has none.
+        tolerance: relative error of the twists, 1e-7 by default: what is smaller counts as zero in own coordinates.
+        dimension, basis: k, and (6, k) twists that span the system.
     """
 
     @cached_property
@@ -158,12 +165,10 @@ class ScrewSystem(Subspace):
         """P on the system along Z and its dual on wrenches; see `dual_projectors`."""
         return projectors_of(self, one_rule(h, complement, metric))
 
-    @property
     def cylindroid(self) -> Cylindroid:
         """Pitch and axis of every screw of a 2-system; see `cylindroid`."""
         return cylindroid_of(self)
 
-    @property
     def pitch_field(self) -> PitchField:
         """Pitch and axis of every screw of a 3-system; see `pitch_field`."""
         return pitch_field_of(self)

@@ -403,15 +403,13 @@ def test_erratum_11_the_gradient_has_an_entry_for_each_joint():
 
 
 def test_the_map_and_the_guide_list_every_function():
-    """In systems/__init__.py, and on the guide's page; the errata of the two agree in number."""
+    """In systems/__init__.py, and on the guide's page, which has the errata."""
     page = (Path(__file__).parents[2] / "examples" / "guide" / "paper.md").read_text(encoding="utf-8")
     named = {name for name in iq.systems.__all__ if name[0].islower()}
     assert len(named) > 30
     assert sorted(name for name in named if f"{name}" not in iq.systems.__doc__) == []
     assert sorted(name for name in named if not re.search(rf"`(iq|systems)?\.{name}`", page)) == []
-    numbered = re.findall(r"^(\d+)\. ", page, flags=re.MULTILINE)
-    assert numbered == re.findall(r"^ +(\d+)  ", iq.systems.__doc__, flags=re.MULTILINE)
-    assert len(numbered) == 11
+    assert re.findall(r"^(\d+)\. ", page, flags=re.MULTILINE) == [str(i) for i in range(1, 12)]
 
 
 def test_example_3_the_four_system_is_no_lie_algebra():

@@ -12,7 +12,7 @@ T, TWIST, Q, H = iq.exp([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]), RNG.normal(size=6), np.
 POINT, AXIS = [0.1, 0.2, 0.3], [0.0, 0.6, 0.8]
 
 OF_TWISTS = ("blind_directions", "describe", "gram_polynomial", "principal_pitches", "principal_screws")
-WITH_PITCH = ("existence", "gram_matrix", "has_pseudoinverse", "reciprocal_has_pseudoinverse")
+WITH_PITCH = ("existence", "gram_matrix", "has_pseudoinverse")
 
 
 def contact():
@@ -75,6 +75,7 @@ ALGEBRA = {
         f"ScrewSystem.{name}": lambda name=name: (getattr(iq.systems.ScrewSystem(S), name), {"h": H})
         for name in ("existence", "gram", "has_pseudoinverse", "reciprocal", "self_reciprocal")
     },
+    "ScrewSystem.contains": lambda: (iq.systems.ScrewSystem(S).contains, {"twists": S}),
     **{
         f"ScrewSystem.{name}": lambda name=name: (
             getattr(iq.systems.ScrewSystem(S), name),

@@ -265,7 +265,7 @@ def assert_refused(J, h):
         iq.dual_projectors(J, h=h)
     said = iq.systems.existence(J, h)
     assert not said.exists
-    assert not iq.systems.reciprocal_has_pseudoinverse(J, h)
+    assert not iq.systems.ScrewSystem(J).reciprocal(h).has_pseudoinverse(h)
 
 
 @pytest.mark.cases(1)
@@ -665,7 +665,7 @@ def test_the_three_conditions_agree_and_so_does_the_reciprocal(key):
         for h in (-2.5, 0.0, 1.7):
             said = iq.systems.existence(J, h)
             assert said.exists == admits(key[1]) == iq.has_pseudoinverse(J, h)
-            assert iq.systems.reciprocal_has_pseudoinverse(J, h) == said.exists
+            assert iq.systems.ScrewSystem(J).reciprocal(h).has_pseudoinverse(h) == said.exists
 
 
 def test_they_agree_at_principal_pitches_that_are_exact():
@@ -677,7 +677,7 @@ def test_they_agree_at_principal_pitches_that_are_exact():
         z = said.certificate
         np.testing.assert_allclose(S.T @ iq.pitch_form(h) @ z, 0.0, atol=1e-14)
         assert iq.se3.pitch(z) == pytest.approx(h)
-        assert not iq.systems.reciprocal_has_pseudoinverse(S, h)
+        assert not iq.systems.ScrewSystem(S).reciprocal(h).has_pseudoinverse(h)
 
 
 def test_near_a_principal_pitch_the_numbers_are_small_together():

@@ -109,4 +109,4 @@ def test_the_zero_system_is_a_system():
     assert iq.principal_pitches(zero).shape == (0,)
     assert iq.systems.blind_directions(zero).shape == (6, 0)
     assert iq.systems.gram_polynomial(zero) == 1.0
-    assert iq.systems.reciprocal_has_pseudoinverse(np.eye(6), 0.3)
+    assert iq.systems.ScrewSystem(np.eye(6)).reciprocal(0.3).has_pseudoinverse(0.3)

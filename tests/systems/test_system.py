@@ -89,6 +89,32 @@ def test_what_is_derived_from_a_system_is_no_better_known():
         assert made.dimension == 0 or made.error_factors.min() > 100.0 * far.error_factors.max()
 
 
+@settings(max_examples=40, deadline=None)
+@given(seed=SEEDS, unit=st.sampled_from([1e-3, 1.0, 1e3]))
+def test_what_it_contains(seed, unit):
+    rng = np.random.default_rng(seed)
+    J = np.repeat([1.0, unit], 3)[:, None] * (iq.adjoint(motion(rng, 10.0)) @ rng.normal(size=(6, 3)))
+    system = ScrewSystem(J)
+    assert system.contains(J @ rng.normal(size=(3, 2)))
+    assert system.contains(system.reciprocal().reciprocal().basis)
+    assert not system.contains(np.eye(6))
+    assert not system.contains(system.reciprocal(0.3 * unit).basis)
+    # The other may be given as its twists.
+    assert system.sum(J[:, :1]).dimension == 3
+    assert system.meet(J[:, 1:]).dimension == 2
+
+
+@pytest.mark.parametrize("far", [1.0, 1e2, 1e4])
+def test_a_wrist_exists_as_well_wherever_it_is(far):
+    """Axes that meet have no length of their own: the numbers of Theorem 3.1 are then measured in the pitch."""
+    rng = np.random.default_rng(5)
+    wrist = np.column_stack([iq.revolute(rng.normal(size=3)) for _ in range(3)])
+    here = iq.systems.existence(wrist, 0.1)
+    there = iq.systems.existence(iq.adjoint(motion(rng, far)) @ wrist, 0.1)
+    for name in ("gram_eigenvalue", "angle", "pitch_distance"):
+        assert getattr(there, name) == pytest.approx(getattr(here, name), rel=1e-6)
+
+
 def test_the_length_of_slides_beside_a_hinge_with_a_pitch_of_rounding():
     """In millimetres, after some algebra: 5e-11 mm is nobody's length."""
     hinge = iq.se3.helical((0, 0, 1), (300.0, 200.0, 0.0), pitch=5e-11)
