@@ -53,6 +53,7 @@ SAYS = {
     "41_gram_over_pitch": "type IA1: principal pitches",
     "42_cylindroid": "type IA: principal pitches",
     "43_pitch_field": "lies on the quadric of its pitch",
+    "44_five_joints": "With the pitch h = 0.3 m/rad it changes by rounding only",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from invariantqp.compare.arms import chain_of
-from invariantqp.compare.method import IN_PYTHON, OURS, LoopSpec, Method, MethodSetting
+from invariantqp.compare.method import IN_PYTHON, OTHER_SETTINGS, OURS, LoopSpec, Method, MethodSetting
+from invariantqp.control.definition import DefinitionController
 from invariantqp.engine import Engine
 from invariantqp.geometry.arrays import Array
 from invariantqp.runs.controllers import our_controller
-from invariantqp.runs.taskfile import LawSpec
+from invariantqp.runs.taskfile import LawSpec, law_options
 
 
 class Ours:
@@ -39,5 +40,18 @@ class InPython(Ours):
         super().__init__(spec, "python")
 
 
+class ByDefinition(Ours):
+    """The law of velocity/definition.py, in the same loop."""
+
+    def __init__(self, spec: LoopSpec) -> None:
+        self.robot = chain_of(spec)
+        options = law_options(self.robot, LawSpec.model_validate(spec.law))
+        self.controller = DefinitionController(self.robot, **options)
+
+
 SETTING = MethodSetting("in the null space, while the tool moves", "in the law", "adaptive", point="given, with length")
-METHODS = [Method(OURS, "ours", Ours, SETTING), Method(IN_PYTHON, "ours", InPython, SETTING, slow=True)]
+METHODS = [
+    Method(OURS, "ours", Ours, SETTING),
+    Method(IN_PYTHON, "ours", InPython, SETTING, slow=True),
+    Method("the definition", OTHER_SETTINGS, ByDefinition, SETTING, slow=True),
+]

@@ -50,6 +50,7 @@ from invariantqp.engine import ENGINES, Engine
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.screws import turning
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import (
     Robot,
@@ -168,8 +169,8 @@ class Controller:
             damping: as in `solve_velocity`.
             guard: as in `solve_velocity`.
             posture: (m,) joint positions that are kept near where the tool's motion leaves joints free; True is the
-                middle of the joint ranges, for arms with more than six joints, False is none. Where the task rests, so
-                do the joints.
+                middle of the ranges of hinges, not of slides, for arms with more than six joints, False is none. Where
+                the task rests, so do the joints.
             posture_gain: how fast the posture is approached while the tool moves [1/s]. What joints do for it changes
                 by at most their full speed in 0.2 s, so they are neither jerked off nor stopped at once.
             joint_metric: as in `solve_velocity`.
@@ -701,19 +702,23 @@ class Controller:
         if now is not None and now.speed not in (0.0, 1.0):
             law, demand = law.slowed(now.speed), demand.slowed(now.speed)
         within = demand if braked is None else braked.within(demand)
-        solution = solve(law, within) if stand is None else standing(law, demand, (stand,))
+        solution = self._solved(law, within) if stand is None else standing(law, demand, (stand,))
         rows = limits.rows
         for _ in range(AGAIN if stand is None else 0):
             rows = self._limits.after(there, solution.velocity, rows, now)
             if rows is None:
                 break
-            solution = solve(law, demand._replace(rows=rows))
+            solution = self._solved(law, demand._replace(rows=rows))
         self._remember(memory, positions, solution.velocity)
         solution = self._limits.told(self._limits.with_broken(solution, now), positions, limits.strained)
         trouble = memory.states.trouble(self.dt, self.gain, self.fastest_gain, chases=share is not None)
         if trouble is not None:
             solution = with_trouble(solution, (trouble,))
         return solution._replace(joint_names=self.robot.names)
+
+    def _solved(self, law: VelocityLaw, demand: Demand) -> VelocitySolution:
+        """The joint velocity for the demand of a tick."""
+        return solve(law, demand)
 
     def _remember(self, memory: Memory, positions: Array, command: Array) -> None:
         """A tick at joint positions (m,), NaN where they are not known, gave a command (m,)."""
@@ -740,13 +745,16 @@ class Controller:
 def posture_of(posture: ArrayLike | bool, gain: float, robot: Robot) -> tuple[Array, Array]:
     """The joint positions (m,) and the gain (m,) [1/s] of each joint, 0 where there is no posture.
 
-    True is the middle of the ranges of an arm with more than six joints; a joint without a range has none.
+    True is the middle of the ranges of an arm with more than six joints; a joint without a range has none, nor has a
+    slide: where an arm stands on its rail says nothing about where it should stand.
     """
     m = len(robot.names)
     strength = arrays.not_negative(gain, "posture_gain", "a gain in 1/s")
     if isinstance(posture, (bool, np.bool_)):
+        mid = middle(robot)
         bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
-        return middle(robot), np.where(bounded & (m > 6) & bool(posture), strength, 0.0)
+        hinge = turning(robot.jacobian(mid)) > 0.0
+        return mid, np.where(bounded & hinge & (m > 6) & bool(posture), strength, 0.0)
     if np.ndim(arrays.array(posture, "posture", "joint positions, True or False")) == 0:
         raise BadInput(
             "posture", f"{posture}", f"({m},) joint positions, True or False", "How strong it is, is posture_gain."

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from invariantqp.lazy import loaded_on_use
 
 if TYPE_CHECKING or not loaded_on_use(__name__):
+    from invariantqp.velocity import definition as definition
     from invariantqp.velocity.backends import Backend as Backend
     from invariantqp.velocity.backends import BoxQP as BoxQP
     from invariantqp.velocity.backends import SolverFailure as SolverFailure

@@ -1,0 +1,340 @@
+"""The velocity law on a page: convex problems, solved by a library, with no shortcut and no warm start.
+
+    A = R J, b = R s      joint twists and a twist as they are measured: |R s|^2 = L^2 |omega|^2 + |v at the point|^2
+    f, e                  of b the target's own twist, and gain times the error, b = f + e; a twist by itself has e = 0
+
+    F_p(x) = 1/2 |A x - f - p e|^2 + 1/2 mu |x|^2 + 1/2 nu |x - x_before|^2 + 1/2 w |P (x - x_p)|^2,   H = F_p''
+    y(p)   = y_0 + p d,   d = c (y_1 - y_0),   y_p = argmin F_p inside the position limits
+    c      = max(0, 1 - WORTH |e|^2 / e'A (y_1 - y_0)):   what closes less than a thousandth of the error is not gone
+    x, p   = argmin over all limits, 0 <= p <= 1:   1/2 |x - y(p)|_H^2 + |f| |d|_H (1 - p) + 1/2 eps |d|_H^2 (1 - p)^2
+
+Limits slow the way to a target down (p) before they bend it. |x| is in the joint metric, P the projector on joint
+velocities that move nothing. mu = KAPPA held |A| r_before grows with what the tick before left of the twist,
+r = |A x - f - p e| of what the joints can do at all: an arm that cannot get nearer comes to rest. nu and w are shares
+of |A|^2.
+
+(a) A call by itself remembers nothing: mu = nu = 0, and `damping` lambda^2 |x|^2 / 2 holds a singular one, if given.
+    A loop remembers x_before and r_before, (0, 0) at first and after a pause.
+(b) A form replaces |A x - b|^2 by |x - x_h|_G^2, x_h what it makes of s and G its own size; the rest stays:
+        pitch h       x_h = V diag(mu_i / (mu_i^2 + lambda^2)) V'J'Q_h s, which is J^{+h} s for lambda = 0
+                      G = V diag(sqrt(mu_i^2 + lambda^2)) V',   J'Q_h J = V diag(mu_i) V'
+        complement    x_h = J^+ P s, P the projector along it,   G = A'A
+    So without memory and active limits x = x_h to rounding, whatever the point and the length in R.
+(c) x_p = min(1, t / t_p)^2 times the posture's velocity: t and t_p are the largest shares of their full speed that
+    joints need for the task and for the posture. A task at rest leaves the joints at rest.
+(d) The approach to a target, with accelerations, is control/tracking.py's: its BRAKING_SHARE and DISTANCE_DAMPING
+    are two numbers more.
+
+Exact rows E x = a (E_f + p E_e) hold at the largest share a of their speed that limits allow, damped by r_before as
+well; twist and posture slow down with them. Where standing still is outside the limits, rows come as near to that as
+limits allow. Rows that contradict the box, and a tool speed that contradicts both, give way by the least, by name.
+Twists of several bodies are stacked, with sqrt(weight) R of each; `prioritised` keeps what the levels above achieve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.linear import TINY
+from invariantqp.systems.system import ScrewSystem
+from invariantqp.velocity.backends import Backend, BoxQP, Daqp, SolverFailure, solved
+from invariantqp.velocity.forms import Complement, Form, PitchForm
+
+# The numbers of the law, and what chose them: 87 tasks of `invariantqp compare`.
+KAPPA = 0.5  # mu; .25 has 1.6 times the acceleration at singularities, .7 and 1 return later from out of reach
+NU = 3e-5  # nu / |A|^2; at 1e-4 and 1e-3 singular paths are missed by 1.1 and 1.7 times as much, at 0 joints jerk
+NULL = 1e-3  # w / |A|^2; 1e-4 is as good, 1e-8 lets joints run away at limits
+WORTH = 1e-3  # of d; at 0 and 1e-4 an xArm7 led out of reach still creeps at .1 rad/s after nine seconds
+EPSILON = 1e-4  # keeps p unique; at 1e-3 turns swing by 1.6 times as much
+ROUNDING = 1e-9  # below this share of the largest, singular values move nothing, and numbers are rounding
+LEAST_POWER, MOST_POWER = -8.0, 8.0  # of ten: where the multiplier of a tool speed is looked for
+
+
+class Rows(NamedTuple):
+    """lower <= C x <= upper, and |P x| <= speed of a point of the tool."""
+
+    C: Array  # (k, m)
+    lower: Array  # (k,)
+    upper: Array  # (k,)
+    names: tuple[str, ...] = ()
+    P: Array | None = None  # (3, m)
+    speed: float = inf
+
+
+@dataclass(frozen=True, eq=False)
+class Tick:
+    """The data of one tick: m joints and n twists (one, but for several bodies), SI units, everything in one frame."""
+
+    J: Array  # (6 n, m) joint twists
+    root: Array  # (6 n, 6 n) R, the measure
+    ahead: Array  # (6 n,) the target's own twist, or all of a twist by itself
+    error: Array  # (6 n,) gain times the error twist
+    lower: Array  # (m,) velocity limits
+    upper: Array  # (m,)
+    position_lower: Array  # (m,) of these the ones from position limits, for the way to a target
+    position_upper: Array  # (m,)
+    rows: Rows | None = None
+    exact: tuple[Array, Array, Array] | None = None  # E (k, m), E_f (k,), E_e (k,)
+    posture: Array | None = None  # (m,) x_p
+    fastest: Array | None = None  # (m,) full speeds of the joints, for (c); None follows the posture as it is
+    metric: Array | None = None  # (m, m) joint metric
+    held: float = 0.0  # how long the velocity is held [s], with the delay
+    before: Array | None = None  # (m,) x_before; None is a call by itself
+    missed: float = 0.0  # r_before
+    form: Form | None = None  # with one twist
+    damping: float = 0.0  # lambda of a form, or of a call by itself [unit of J'Q_h J, of A]
+
+
+class Answer(NamedTuple):
+    """The velocity of a tick and how it came about."""
+
+    velocity: Array  # (m,)
+    pace: float  # p
+    share: float  # a
+    missed: float  # r, to be remembered
+    gave_way: tuple[tuple[str, float], ...]  # rows and tool speed that were relaxed, by how much
+
+
+class Problem(NamedTuple):
+    """Minimise 1/2 y'H y - (f + p e)'y."""
+
+    H: Array
+    f: Array
+    e: Array
+
+
+class Room(NamedTuple):
+    """lower <= C y <= upper, the joints' box first, and |P y + start| <= speed."""
+
+    C: Array
+    lower: Array
+    upper: Array
+    P: Array | None = None
+    start: Array | None = None
+    speed: float = inf
+
+    def on(self, origin: Array, basis: Array) -> Room:
+        """The same for y = origin + basis z."""
+        value = self.C.dot(origin)
+        room = Room(self.C.dot(basis), self.lower - value, self.upper - value)
+        if self.P is None or self.start is None:
+            return room
+        return room._replace(P=self.P.dot(basis), start=self.start + self.P.dot(origin), speed=self.speed)
+
+    def with_row(self, lower: float, upper: float) -> Room:
+        """With bounds on the last of the variables."""
+        last = np.eye(1, self.C.shape[1], self.C.shape[1] - 1)
+        low, high = np.append(self.lower, lower), np.append(self.upper, upper)
+        return self._replace(C=np.vstack((self.C, last)), lower=low, upper=high)
+
+
+def velocity(tick: Tick, backend: Backend | None = None) -> Answer:
+    """The joint velocity of a tick.
+
+    Raises:
+        SolverFailure: no velocity was found; NoPseudoinverse: the form has none here, and no damping.
+    """
+    solver = Daqp() if backend is None else backend
+    m = tick.J.shape[1]
+    T = np.eye(m) if tick.metric is None else np.linalg.inv(np.linalg.cholesky(tick.metric)).T  # x = T y
+    room, position, gave_way = rooms(tick, T, solver)
+    origin, basis, share = demanded(tick, T, room, solver)
+    problem = objective(tick, T, share)
+    f, e = problem.f - problem.H.dot(origin[:, 0]), problem.e - problem.H.dot(origin[:, 1])
+    z = Problem(basis.T.dot(problem.H).dot(basis), basis.T.dot(f), basis.T.dot(e))
+    y, pace = paced(z, problem.H, origin, basis, room, position, tick, T, solver)
+    A, x = tick.root.dot(tick.J), T.dot(y)
+    left = A.dot(x) - share * tick.root.dot(tick.ahead + pace * tick.error)
+    possible = np.linalg.svd(A, full_matrices=False)[0]
+    return Answer(x, pace, share, float(np.linalg.norm(possible.T.dot(left))), gave_way)
+
+
+def prioritised(levels: Sequence[Tick], backend: Backend | None = None) -> Answer:
+    """The joint velocity of several levels, the first before the second and so on, with the limits of each."""
+    answer = velocity(levels[0], backend)
+    for i, tick in enumerate(levels[1:], 1):
+        E = np.vstack([level.J for level in levels[:i]])
+        answer = velocity(replace(tick, exact=(E, E.dot(answer.velocity), np.zeros(len(E)))), backend)
+    return answer
+
+
+def rooms(tick: Tick, T: Array, solver: Backend) -> tuple[Room, Room, tuple[tuple[str, float], ...]]:
+    """All limits, and those of positions alone, on y; what contradicts the box is relaxed by the least."""
+    m, position = len(T), Room(T, tick.position_lower, tick.position_upper)
+    if tick.rows is None:
+        return Room(T, tick.lower, tick.upper), position, ()
+    C, lower, upper, names, P, speed = tick.rows
+    k, gave_way = len(C), []
+    if k:  # slack t of the rows, in units of their lengths: least |t|, then least |y|
+        lengths = np.linalg.norm(C.dot(T), axis=1) + TINY
+        stacked = np.block([[T, np.zeros((m, k))], [C.dot(T) / lengths[:, None], np.eye(k)]])
+        low, high = np.append(tick.lower, lower / lengths), np.append(tick.upper, upper / lengths)
+        H = np.diag(np.append(np.full(m, ROUNDING), np.ones(k)))
+        t = lengths * minimise(H, np.zeros(m + k), Room(stacked, low, high), solver)[m:]
+        t = np.where(np.abs(t) > np.sqrt(ROUNDING) * np.abs(t).max(), t * (1.0 + np.sqrt(ROUNDING)), 0.0)
+        t = np.where(np.abs(t) > np.sqrt(ROUNDING) * (np.minimum(np.abs(lower), np.abs(upper)) + lengths), t, 0.0)
+        lower, upper = lower - np.maximum(t, 0.0), upper - np.minimum(t, 0.0)
+        gave_way = [(names[i] if names else f"row {i}", float(abs(t[i]))) for i in np.flatnonzero(t)]
+    room = Room(np.vstack((T, C.dot(T))), np.append(tick.lower, lower), np.append(tick.upper, upper))
+    if P is not None:
+        P = P.dot(T)
+        least = float(np.linalg.norm(P.dot(minimise(P.T.dot(P) + ROUNDING * np.eye(m), np.zeros(m), room, solver))))
+        if least > speed:
+            gave_way.append(("tool_speed", least - speed))
+            speed = least * (1.0 + np.sqrt(ROUNDING))
+        room = room._replace(P=P, start=np.zeros(3), speed=speed)
+    return room, position, tuple(gave_way)
+
+
+def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, Array, float]:
+    """The velocities that meet the exact rows, y = origin_f + p origin_e + basis z, and their share a."""
+    if tick.exact is None:
+        return np.zeros((len(T), 2)), np.eye(len(T)), 1.0
+    E, *demands = (np.asarray(part) for part in tick.exact)
+    U, sigma, Vt = np.linalg.svd(E.dot(T))
+    m, k = len(T), int(np.count_nonzero(sigma > ROUNDING * sigma[0]))
+    within, basis = Vt[:k].T, Vt[k:].T
+    origin = (within / sigma[:k]).dot(U[:, :k].T.dot(np.column_stack(demands)))
+    full = origin.sum(axis=1)
+    size = float(np.linalg.norm(full))
+    if size == 0.0:
+        return origin, basis, 1.0
+    b, A = tick.root.dot(tick.ahead + tick.error), tick.root.dot(tick.J)
+    mu = KAPPA * tick.held * float(np.linalg.norm(A)) * tick.missed / (float(b.dot(b)) + TINY)
+    n, left = m - k, room.on(np.zeros(m), np.column_stack((basis, full))).with_row(0.0, 1.0)
+    H = np.diag(np.append(np.full(n, ROUNDING / size**2 + mu), 1.0 + mu * size**2))
+    try:
+        a = float(minimise(H, np.eye(n + 1)[n], left, solver)[n])
+    except SolverFailure:  # no share of the rows is inside the limits: as near as these allow
+        K = np.column_stack((within.T, -within.T.dot(full)))
+        H = K.T.dot(K) + ROUNDING * np.diag(np.append(np.ones(m), size**2))
+        wide = room.on(np.zeros(m), np.eye(m, m + 1)).with_row(0.0, 1.0)
+        found = minimise(H, np.zeros(m + 1), wide, solver)
+        return np.column_stack((within.dot(within.T.dot(found[:m])), np.zeros(m))), basis, float(found[m])
+    a = 1.0 if a > 1.0 - np.sqrt(ROUNDING) else a * (1.0 - ROUNDING)
+    return a * origin, basis, a
+
+
+def objective(tick: Tick, T: Array, share: float) -> Problem:
+    """F_p on y, for a twist at a share of its speed."""
+    J, m = tick.J.dot(T), len(T)
+    A = tick.root.dot(J)
+    size = float(np.vdot(A, A))
+    _, few, Vt = np.linalg.svd(A)
+    sigma = np.append(few, np.zeros(m))[:m]
+    still = np.maximum(0.0, 1.0 - sigma / (ROUNDING * max(float(sigma[0]), TINY)))
+    P = Vt.T.dot(still[:, None] * Vt)
+    H, toward = size_of(tick, J, A)
+    mu, nu, c = 0.0 if tick.form else tick.damping**2, 0.0, np.asarray(np.zeros(m))
+    if tick.before is not None:
+        mu, nu = KAPPA * tick.held * np.sqrt(size) * tick.missed, NU * size
+        c = np.asarray(nu * np.linalg.solve(T, tick.before))
+    H = H + (mu + nu) * np.eye(m) + NULL * size * P
+    f, e = c + share * toward(tick.ahead), share * toward(tick.error)
+    if tick.posture is not None:
+        pull, follow = np.linalg.solve(T, tick.posture), 1.0
+        if tick.fastest is not None and tick.posture.any():
+            free = np.linalg.solve(H, np.column_stack((f, e)))
+            task = np.abs(T.dot(free[:, 0] + worth(tick, A, free[:, 1]) * free[:, 1]) / tick.fastest).max()
+            most = np.abs(tick.posture / tick.fastest).max()
+            follow = min(1.0, float(task / most)) ** 2
+        f = f + share * follow * NULL * size * P.dot(pull)
+    return Problem(0.5 * (H + H.T), f, e)
+
+
+def worth(tick: Tick, A: Array, d: Array) -> float:
+    """The share of d that is gone: a loop does not go a way that does less than WORTH of what the error asks for."""
+    e = tick.root.dot(tick.error)
+    if tick.before is None or not e.any():
+        return 1.0
+    return max(0.0, 1.0 - WORTH * float(e.dot(e)) / max(float(e.dot(A.dot(d))), TINY))
+
+
+def size_of(tick: Tick, J: Array, A: Array) -> tuple[Array, Callable[[Array], Array]]:
+    """G (m, m) of the form, or A'A, and G x_h, or A'R s, of a twist s."""
+    if tick.form is None:
+        return A.T.dot(A), lambda s: A.T.dot(tick.root.dot(s))
+    system, G = ScrewSystem(J), A.T.dot(A)
+    if isinstance(tick.form, PitchForm):
+        X = system.damped_pseudoinverse(tick.form.h, tick.damping)
+        mu, V = np.linalg.eigh(system.gram(tick.form.h))
+        G = V.dot(np.hypot(mu, tick.damping)[:, None] * V.T)
+    elif isinstance(tick.form, Complement):
+        X = system.pseudoinverse(complement=np.asarray(tick.form.Z))
+    else:  # a definite form of the user's own
+        X = system.pseudoinverse(metric=tick.form.matrix(np.eye(6)))
+    return G, lambda s: G.dot(X.dot(s))
+
+
+def paced(
+    z: Problem, H: Array, origin: Array, basis: Array, room: Room, position: Room, tick: Tick, T: Array, solver: Backend
+) -> tuple[Array, float]:
+    """y and p: the last line of the law, for y = origin_f + p origin_e + basis z."""
+    A, n = tick.root.dot(tick.J).dot(T), basis.shape[1]
+    first, way = origin.T
+    y_0 = first + basis.dot(minimise(z.H, z.f, position.on(first, basis), solver))
+    y_1 = first + way + basis.dot(minimise(z.H, z.f + z.e, position.on(first + way, basis), solver))
+    d = worth(tick, A, y_1 - y_0) * (y_1 - y_0)
+    length = float(np.sqrt(d.dot(H).dot(d)))
+    if length <= ROUNDING * np.sqrt(y_1.dot(H).dot(y_1)):
+        return y_0 + basis.dot(minimise(z.H, np.zeros(n), room.on(y_0, basis), solver)), 1.0
+    most = float(np.linalg.norm(tick.root.dot(tick.ahead)))  # in u = basis'(y - y(p)) and p length
+    K = np.block([[z.H, np.zeros((n, 1))], [np.zeros((1, n)), EPSILON]])
+    left = room.on(y_0, np.column_stack((basis, d / length))).with_row(0.0, length)
+    u = minimise(K, np.append(np.zeros(n), most + EPSILON * length), left, solver)
+    p = float(np.clip(u[n] / length, 0.0, 1.0))
+    return np.asarray(y_0 + p * d + basis.dot(u[:n])), p
+
+
+def minimise(H: Array, c: Array, room: Room, solver: Backend) -> Array:
+    """argmin 1/2 y'Hy - c'y inside a room.
+
+    A speed is kept by its multiplier: 1/2 k |start + P y|^2 is added, with the k at which the speed is the limit.
+    """
+    y = polytope_optimum(H, c, room, solver)
+    P, start = room.P, room.start
+    if P is None or start is None or np.linalg.norm(start + P.dot(y)) <= room.speed:
+        return y
+
+    def at(power: float) -> Array:
+        k = 10.0**power * float(np.trace(H)) / (float(np.vdot(P, P)) + TINY)
+        return polytope_optimum(H + k * P.T.dot(P), c - k * P.T.dot(start), room, solver)
+
+    def excess(power: float) -> float:
+        return float(np.linalg.norm(start + P.dot(at(power)))) - room.speed
+
+    if excess(MOST_POWER) > 0.0 or excess(LEAST_POWER) <= 0.0:
+        return at(MOST_POWER if excess(LEAST_POWER) > 0.0 else LEAST_POWER)
+    return at(float(brentq(excess, LEAST_POWER, MOST_POWER, xtol=1e-12)))
+
+
+def polytope_optimum(H: Array, c: Array, room: Room, solver: Backend) -> Array:
+    """argmin 1/2 y'Hy - c'y over lower <= C y <= upper, by a QP solver in units in which H is the identity.
+
+    Solvers stop at tolerances of their own; what they find at a limit is solved once more, for the digits.
+    """
+    inverse = np.linalg.inv(np.linalg.cholesky(H)).T  # y = inverse (e + free)
+    free, N = inverse.T.dot(c), room.C.dot(inverse)
+    size = np.linalg.norm(N, axis=1)
+    some = size > 0.0
+    N = N[some] / size[some, None]
+    low, high = room.lower[some] / size[some] - N.dot(free), room.upper[some] / size[some] - N.dot(free)
+    scale = float(np.maximum(low, -high).max(initial=0.0))
+    if scale == 0.0:
+        return np.asarray(inverse.dot(free))
+    qp = BoxQP.of(np.eye(len(c)), np.zeros(len(c)), low / scale, high / scale, N)
+    e = scale * solved(solver, qp).z
+    at_high, at_low = (np.abs(N.dot(e) - side) < np.sqrt(ROUNDING) * 1e-2 * scale for side in (high, low))
+    active = at_high | at_low
+    exact = np.linalg.lstsq(N[active], np.where(at_high, high, low)[active], rcond=1e-12)[0]
+    push = np.linalg.lstsq(N[active].T, exact, rcond=1e-12)[0] * np.where(at_high, -1.0, 1.0)[active]
+    value, margin = N.dot(exact), ROUNDING * scale
+    inside = bool(((value <= high + margin) & (value >= low - margin)).all()) and push.min(initial=0.0) >= -margin
+    return np.asarray(inverse.dot(free + (exact if inside else e)))

@@ -1,0 +1,347 @@
+"""The law of velocity/definition.py: its problem in CVXPY, forms, frames and units, continuity, contradictions."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import invariantqp as iq
+from invariantqp.control.definition import DefinitionController
+from invariantqp.robots import rail, stand_on
+from invariantqp.velocity.backends import backend_of
+from invariantqp.velocity.definition import (
+    EPSILON,
+    KAPPA,
+    NU,
+    NULL,
+    WORTH,
+    Rows,
+    Tick,
+    objective,
+    prioritised,
+    velocity,
+)
+from invariantqp.velocity.measure import root_at
+
+TIGHT = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11}
+# Tighter than Clarabel gets in every case, and then it says so; the comparison decides.
+pytestmark = pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
+
+
+def random_tick(rng, *, limits=True):
+    """A tick of a loop with limits around standing still, and any of: rows, a tool speed, a metric, a posture."""
+    m = int(rng.integers(3, 9))
+    J, s = rng.normal(size=(6, m)), rng.normal(size=6)
+    if rng.random() < 0.3:
+        J[:, -1] = J[:, 0] + 10.0 ** rng.uniform(-3.0, -1.0) * J[:, -1]
+    part = rng.choice((0.0, 1.0, rng.random()))
+    fast = float(np.abs(np.linalg.lstsq(J, s, rcond=None)[0]).max())
+    side = fast * (rng.uniform(0.1, 1.0, (2, m)) if limits else np.full((2, m), np.inf))
+    wide = rng.uniform(1.0, 3.0, (2, m))
+    rows = None
+    if limits and rng.random() < 0.5:
+        k, P = int(rng.integers(0, 4)), rng.normal(size=(3, m)) if rng.random() < 0.5 else None
+        rows = Rows(rng.normal(size=(k, m)), -fast * rng.random(k), fast * rng.random(k), (), P, 0.5 * fast)
+    M = rng.normal(size=(m, m))
+    return Tick(
+        J=J,
+        root=root_at(rng.normal(size=3), 0.6),
+        ahead=part * s,
+        error=(1.0 - part) * s,
+        lower=-side[0],
+        upper=side[1],
+        position_lower=-wide[0] * side[0],
+        position_upper=wide[1] * side[1],
+        rows=rows,
+        posture=rng.normal(size=m) if rng.random() < 0.5 else None,
+        fastest=np.full(m, 5.0) if rng.random() < 0.5 else None,
+        metric=M.dot(M.T) + np.eye(m) if rng.random() < 0.3 else None,
+        held=0.01,
+        before=0.3 * fast * rng.normal(size=m),
+        missed=float(rng.random()),
+    )
+
+
+def by_cvxpy(cp, tick):
+    """The docstring's problem, written down once more."""
+    m = tick.J.shape[1]
+    A, M = tick.root @ tick.J, np.eye(m) if tick.metric is None else tick.metric
+    f, e = tick.root @ tick.ahead, tick.root @ tick.error
+    L = np.linalg.cholesky(M)
+    size = np.linalg.norm(A @ np.linalg.inv(L).T) ** 2
+    mu, nu, w = KAPPA * tick.held * np.sqrt(size) * tick.missed, NU * size, NULL * size
+    _, sigma, Vt = np.linalg.svd(A @ np.linalg.inv(L).T)
+    N = Vt[int(np.sum(sigma > 1e-9 * sigma[0])) :] @ L.T
+    x_p = np.zeros(m)
+    if tick.posture is not None:
+        x_p = tick.posture
+        if tick.fastest is not None:
+            bare = replace(tick, posture=None)
+            problem = objective(bare, np.linalg.inv(L).T, 1.0)
+            start, way = (np.linalg.inv(L).T @ np.linalg.solve(problem.H, c) for c in (problem.f, problem.e))
+            c = max(0.0, 1.0 - WORTH * (e @ e) / max(e @ A @ way, 1e-300)) if e.any() else 1.0
+            t, t_p = (np.abs(x / tick.fastest).max() for x in (start + c * way, tick.posture))
+            x_p = min(1.0, t / t_p) ** 2 * tick.posture
+
+    def least(p):
+        x = cp.Variable(m)
+        cost = cp.sum_squares(A @ x - f - p * e) + mu * cp.sum_squares(L.T @ x)
+        cost += nu * cp.sum_squares(L.T @ (x - tick.before))
+        cost += w * cp.sum_squares(N @ (x - x_p)) if len(N) else 0.0
+        limits = [x >= tick.position_lower, x <= tick.position_upper]
+        cp.Problem(cp.Minimize(0.5 * cost), limits).solve(
+            "CLARABEL", tol_gap_abs=1e-13, tol_gap_rel=1e-13, tol_feas=1e-13
+        )
+        return x.value
+
+    H = A.T @ A + (mu + nu) * M + w * N.T @ N
+    root = np.linalg.cholesky(H).T
+    y_0, y_1 = least(0.0), least(1.0)
+    d = y_1 - y_0
+    d = d * (max(0.0, 1.0 - WORTH * (e @ e) / max(e @ A @ d, 1e-300)) if e.any() else 1.0)
+    long = np.linalg.norm(root @ d)
+    x, p = cp.Variable(m), cp.Variable()
+    cost = 0.5 * cp.sum_squares(root @ (x - y_0 - p * d)) + np.linalg.norm(f) * long * (1.0 - p)
+    cost += 0.5 * EPSILON * long**2 * cp.square(1.0 - p)
+    limits = [x >= tick.lower, x <= tick.upper, p >= 0.0, p <= 1.0]
+    if tick.rows is not None:
+        if len(tick.rows.C):
+            limits += [tick.rows.C @ x >= tick.rows.lower, tick.rows.C @ x <= tick.rows.upper]
+        limits += [] if tick.rows.P is None else [cp.norm(tick.rows.P @ x) <= tick.rows.speed]
+    cp.Problem(cp.Minimize(cost), limits).solve("CLARABEL", **TIGHT)
+    return (
+        x.value,
+        root,
+        lambda x, p: (
+            np.sum((root @ (x - y_0 - p * d)) ** 2)
+            + long * (2.0 * np.linalg.norm(f) * (1.0 - p) + EPSILON * long * (1.0 - p) ** 2)
+        ),
+        p.value,
+    )
+
+
+@pytest.mark.parametrize("seed", [*range(40), 178, 256])
+def test_a_tick_is_the_problem_of_the_docstring(seed):
+    cp = pytest.importorskip("cvxpy")
+    tick = random_tick(np.random.default_rng(seed))
+    x, root, cost, p = by_cvxpy(cp, tick)
+    answer = velocity(tick)
+    assert cost(answer.velocity, answer.pace) <= cost(x, p) + 1e-9 * np.sum((root @ x) ** 2)
+    assert kept(tick, answer.velocity)
+
+
+def kept(tick, x, margin=1e-7):
+    """Whether all limits of a tick are kept."""
+    above, below, rows = x - tick.upper, tick.lower - x, tick.rows
+    if rows is not None:
+        above, below = np.append(above, rows.C @ x - rows.upper), np.append(below, rows.lower - rows.C @ x)
+        above = above if rows.P is None else np.append(above, np.linalg.norm(rows.P @ x) - rows.speed)
+    return max(above.max(), below.max()) <= margin
+
+
+@pytest.mark.parametrize("name", ["osqp", "clarabel"])
+def test_any_qp_solver_gives_the_same_velocity(name):
+    pytest.importorskip(name)
+    rng = np.random.default_rng(1)
+    for tick in [random_tick(rng) for _ in range(10)]:
+        x = velocity(tick).velocity
+        assert velocity(tick, backend_of(name)).velocity == pytest.approx(x, abs=1e-6 * np.abs(x).max())
+
+
+def test_a_pitch_form_is_the_pseudoinverse_to_rounding_on_a_thousand_arms():
+    """J^{+h} s whatever the point and the length, and the damped one with damping."""
+    rng, done = np.random.default_rng(2), 0
+    while done < 1000:
+        m, h, s = int(rng.integers(2, 8)), rng.normal(), rng.normal(size=6)
+        J = np.array([iq.se3.helical(*rng.normal(size=(2, 3)), rng.choice([0.0, 0.1, np.inf])) for _ in range(m)]).T
+        try:
+            X, condition = iq.pseudoinverse(J, h, return_condition=True)
+        except iq.NoPseudoinverse:
+            continue
+        if condition > 1e8:
+            continue
+        free, done = np.full(m, np.inf), done + 1
+        tick = Tick(J, root_at(rng.normal(size=3), 0.3), s, np.zeros(6), -free, free, -free, free, form=iq.PitchForm(h))
+        assert np.linalg.norm(velocity(tick).velocity - X @ s) <= 1e-13 * condition * np.linalg.norm(X @ s)
+        damped = iq.systems.damped_pseudoinverse(J, h, 0.1) @ s
+        held = velocity(replace(tick, damping=0.1)).velocity
+        assert held == pytest.approx(damped, rel=1e-9, abs=1e-9 * np.abs(damped).max())
+
+
+def test_a_form_with_limits_is_the_nearest_in_its_own_metric():
+    rng = np.random.default_rng(3)
+    J, s, h = rng.normal(size=(6, 4)), rng.normal(size=6), 0.3
+    wanted = iq.pseudoinverse(J, h) @ s
+    free = np.full(4, np.inf)
+    upper = np.where(np.arange(4) == np.argmax(wanted), 0.5 * wanted.max(), np.inf)
+    tick = Tick(J, root_at(np.zeros(3), 1.0), s, np.zeros(6), -free, upper, -free, free, form=iq.PitchForm(h))
+    mu, V = np.linalg.eigh(iq.systems.ScrewSystem(J).gram(h))
+    G = V @ np.diag(np.abs(mu)) @ V.T
+    at = int(np.argmax(wanted))
+    column = np.linalg.inv(G)[:, at]
+    expected = wanted + column * (upper[at] - wanted[at]) / column[at]
+    assert velocity(tick).velocity == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_frames_and_units_do_not_matter(seed):
+    """The same tick in a frame a metre away and turned, and in millimetres."""
+    rng = np.random.default_rng(seed)
+    tick = random_tick(rng)
+    x = velocity(tick).velocity
+    X = iq.adjoint(iq.exp(rng.normal(size=6)))
+    unit = np.diag(np.repeat([1.0, 1000.0], 3))
+    for change, scale in ((X, 1.0), (unit, 1000.0)):
+        there = replace(
+            tick,
+            J=change @ tick.J,
+            ahead=change @ tick.ahead,
+            error=change @ tick.error,
+            root=scale * tick.root @ np.linalg.inv(change),
+            missed=scale * tick.missed,
+        )
+        assert velocity(there).velocity == pytest.approx(x, abs=1e-10 * max(1.0, np.abs(x).max()))
+
+
+@pytest.mark.parametrize("seed", [*range(12), 26, 89, 131])  # the last three stand at several limits at once
+def test_the_velocity_is_continuous(seed):
+    """Between two ticks with all numbers changed: where it changes most, bisected until nothing is left of a jump."""
+    rng = np.random.default_rng(seed)
+    a = random_tick(rng)
+    b = replace(
+        a,
+        J=a.J + 0.5 * rng.normal(size=a.J.shape),
+        ahead=a.ahead + rng.normal(size=6),
+        error=a.error + rng.normal(size=6),
+        lower=a.lower * rng.uniform(0.3, 1.0),
+        upper=a.upper * rng.uniform(0.3, 1.0),
+        missed=3.0 * rng.random(),
+    )
+    names = ("J", "ahead", "error", "lower", "upper", "missed")
+
+    def at(t):
+        mixed = {name: (1.0 - t) * getattr(a, name) + t * getattr(b, name) for name in names}
+        return velocity(replace(a, **mixed)).velocity
+
+    ts = np.linspace(0.0, 1.0, 31)
+    xs = [at(t) for t in ts]
+    size = max(np.abs(x).max() for x in xs)
+    i = int(np.argmax([np.abs(x - y).max() for x, y in pairwise(xs)]))
+    low, high, x_low, x_high = ts[i], ts[i + 1], xs[i], xs[i + 1]
+    for _ in range(24):
+        middle = 0.5 * (low + high)
+        x = at(middle)
+        if np.abs(x - x_low).max() > np.abs(x_high - x).max():
+            high, x_high = middle, x
+        else:
+            low, x_low = middle, x
+    assert np.abs(x_high - x_low).max() < 1e-4 * size
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_an_error_by_itself_never_grows(seed):
+    """From rest, without a posture, inside limits that allow rest: the velocity closes some of the error."""
+    rng = np.random.default_rng(seed)
+    tick = random_tick(rng)
+    tick = replace(tick, ahead=np.zeros(6), before=np.zeros(len(tick.lower)), posture=None)
+    x = velocity(tick).velocity
+    assert (tick.root @ tick.error) @ (tick.root @ tick.J @ x) >= -1e-9
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_exact_rows_hold_at_the_largest_share_of_their_speed(seed):
+    from scipy.optimize import linprog
+
+    rng = np.random.default_rng(seed)
+    tick = replace(random_tick(rng), rows=None, missed=0.0)
+    m, k = len(tick.lower), 2
+    E = tick.J[3 : 3 + k]
+    b = E @ np.linalg.lstsq(tick.J, tick.ahead + tick.error, rcond=None)[0]
+    answer = velocity(replace(tick, exact=(E, b, np.zeros(k))))
+    largest = linprog(
+        np.append(np.zeros(m), -1.0),
+        A_eq=np.column_stack((E, -b)),
+        b_eq=np.zeros(k),
+        bounds=[*zip(tick.lower, tick.upper, strict=True), (0.0, 1.0)],
+    ).x[-1]
+    assert answer.share == pytest.approx(largest, abs=1e-5)
+    A, wanted = tick.root @ tick.J, tick.ahead + answer.pace * tick.error
+    left = A.dot(answer.velocity) - answer.share * (tick.root @ wanted)
+    assert answer.missed == pytest.approx(np.linalg.norm(A @ np.linalg.pinv(A) @ left), rel=1e-6, abs=1e-9)
+    assert E @ answer.velocity == pytest.approx(answer.share * b, abs=1e-7)
+    assert (answer.velocity >= tick.lower - 1e-9).all()
+    assert (answer.velocity <= tick.upper + 1e-9).all()
+
+
+def test_what_contradicts_gives_way_by_the_least_and_by_name():
+    tick = replace(random_tick(np.random.default_rng(4)), metric=None)
+    m = len(tick.lower)
+    row = np.eye(m)[:1]
+    above = tick.upper[0] + 0.25
+    answer = velocity(replace(tick, rows=Rows(row, np.array([above]), np.array([np.inf]), ("plane",))))
+    assert answer.velocity[0] == pytest.approx(tick.upper[0], abs=1e-5)
+    assert answer.gave_way == (("plane", pytest.approx(0.25, rel=1e-3)),)
+    P = np.zeros((3, m))
+    P[0, 0] = 1.0
+    held = replace(tick, lower=np.where(np.arange(m) == 0, 0.5 * tick.upper[0], tick.lower))
+    fast = velocity(replace(held, rows=Rows(np.zeros((0, m)), np.zeros(0), np.zeros(0), (), P, 0.25 * tick.upper[0])))
+    assert fast.gave_way == (("tool_speed", pytest.approx(0.25 * tick.upper[0], rel=1e-3)),)
+
+
+def test_levels_keep_what_is_above():
+    rng = np.random.default_rng(5)
+    free = np.full(9, np.inf)
+    levels = [
+        Tick(rng.normal(size=(6, 9)), np.eye(6), rng.normal(size=6), np.zeros(6), -free, free, -free, free)
+        for _ in range(2)
+    ]
+    first, both = velocity(levels[0]).velocity, prioritised(levels).velocity
+    assert levels[0].J @ both == pytest.approx(levels[0].ahead, abs=1e-9)
+    assert np.linalg.norm(levels[1].J @ both - levels[1].ahead) < np.linalg.norm(levels[1].J @ first - levels[1].ahead)
+
+
+@pytest.mark.parametrize("exact", [None, "position"])
+def test_an_arm_that_is_led_out_of_reach_rests_there_and_comes_home(exact):
+    robot, dt = iq.load_robot("ur5e"), 0.01
+    q = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
+    home = robot.pose(q).copy()
+    out = home[:3, 3] * (1.0, 1.0, 0.0)
+    loop = DefinitionController(robot, dt=dt, **({} if exact is None else {"exact": exact}))
+
+    def led(shares):
+        nonlocal q
+        for share in shares:
+            x = loop.step(q, iq.transform(translation=0.6 * share * out / np.linalg.norm(out)) @ home).velocity
+            q = q + dt * x
+        return np.abs(x).max()
+
+    assert led(np.minimum(np.linspace(0.0, 3.0, 600), 1.0)) < 1e-3
+    assert led(np.maximum(np.linspace(1.0, -2.0, 600), 0.0)) < 1e-6
+    assert robot.pose(q) == pytest.approx(home, abs=1e-6)
+
+
+def test_told_to_stay_an_arm_stays():
+    robot = iq.load_robot("panda")
+    q = np.array([0.2, -0.5, 0.1, -2.0, 0.3, 1.6, 0.5])
+    loop, T = DefinitionController(robot, dt=0.01), robot.pose(q).copy()
+    assert max(np.abs(loop.step(q, T).velocity).max() for _ in range(20)) < 1e-9
+
+
+@pytest.mark.parametrize("side", [0.3, -0.3])
+@pytest.mark.parametrize("start", [0.0, 0.5])
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_a_rail_never_goes_away_from_the_target(name, start, side):
+    """An arm on a rail, the target beside it: where the rail stands is left to the task."""
+    robot = stand_on(rail((0.0, 1.0, 0.0), -1.0, 1.0, 0.5), iq.load_robot(name))
+    q = np.append(
+        start, [0.0, -1.2, 0.1, -2.0, 0.3, 1.6, 0.5] if name == "panda" else [0.0, -1.5, 1.5, -1.5, -1.5, 0.0]
+    )
+    target = robot.pose(q).copy()
+    target[1, 3] += side
+    loop, way = DefinitionController(robot, dt=0.01), []
+    for _ in range(300):
+        q = q + 0.01 * loop.step(q, target).velocity
+        way.append((q[0] - start) * np.sign(side))
+    assert min(way) > 0.0
+    assert robot.pose(q) == pytest.approx(target, abs=1e-6)
