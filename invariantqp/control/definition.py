@@ -82,6 +82,7 @@ def tick_of(law: VelocityLaw, demand: Demand, before: Array | None, missed: floa
         missed=missed,
         form=law.form,
         damping=law.damping.value if isinstance(law.damping, Fixed) else 0.0,
+        guard=None if law.guard is None else law.guard.fraction,
     )
 
 
@@ -102,6 +103,8 @@ def solution_of(demand: Demand, tick: Tick, answer: Answer, solver: str) -> Velo
         status = Status.DEGRADED
         names, by = zip(*answer.gave_way, strict=True)
         reasons = (Reason(Code.ROWS_CONTRADICT, (), tuple(names), tuple(by)),)
+    if answer.guarded < 1.0:
+        reasons += (Reason(Code.GUARDED, numbers=(1.0 - answer.guarded,)),)
     residual = demand.s - demand.J.dot(x)
     used = solver if active or answer.pace < 1.0 else ""
     method = "qp" if used else "closed-form"

@@ -10,8 +10,7 @@
 
 Limits slow the way to a target down (p) before they bend it. |x| is in the joint metric, P the projector on joint
 velocities that move nothing. mu = KAPPA held |A| r_before grows with what the tick before left of the twist,
-r = |A x - f - p e| of what the joints can do at all: an arm that cannot get nearer comes to rest. nu and w are shares
-of |A|^2.
+r = |A x - f - p e| of what joints can do at all: an arm that cannot get nearer comes to rest. nu, w: shares of |A|^2.
 
 (a) A call by itself remembers nothing: mu = nu = 0, and `damping` lambda^2 |x|^2 / 2 holds a singular one, if given.
     A loop remembers x_before and r_before, (0, 0) at first and after a pause.
@@ -19,7 +18,8 @@ of |A|^2.
         pitch h       x_h = V diag(mu_i / (mu_i^2 + lambda^2)) V'J'Q_h s, which is J^{+h} s for lambda = 0
                       G = V diag(sqrt(mu_i^2 + lambda^2)) V',   J'Q_h J = V diag(mu_i) V'
         complement    x_h = J^+ P s, P the projector along it,   G = A'A
-    So without memory and active limits x = x_h to rounding, whatever the point and the length in R.
+    So without memory and active limits x = x_h to rounding, whatever the point and the length in R. A guard, if asked
+    for, shortens A x_h - A x_0 beside least squares x_0 to sqrt(1 - eta) |A x_0|: eta of what x_0 closes is kept.
 (c) x_p = min(1, t / t_p)^2 times the posture's velocity: t and t_p are the largest shares of their full speed that
     joints need for the task and for the posture. A task at rest leaves the joints at rest.
 (d) The approach to a target, with accelerations, is control/tracking.py's: its BRAKING_SHARE and DISTANCE_DAMPING
@@ -33,7 +33,7 @@ Twists of several bodies are stacked, with sqrt(weight) R of each; `prioritised`
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import NamedTuple
@@ -90,6 +90,7 @@ class Tick:
     missed: float = 0.0  # r_before
     form: Form | None = None  # with one twist
     damping: float = 0.0  # lambda of a form, or of a call by itself [unit of J'Q_h J, of A]
+    guard: float | None = None  # eta: at least this share of what least squares closes of s is kept; None does not ask
 
 
 class Answer(NamedTuple):
@@ -100,6 +101,7 @@ class Answer(NamedTuple):
     share: float  # a
     missed: float  # r, to be remembered
     gave_way: tuple[tuple[str, float], ...]  # rows and tool speed that were relaxed, by how much
+    guarded: float  # the share of the way from least squares to x_h that the guard leaves
 
 
 class Problem(NamedTuple):
@@ -153,7 +155,8 @@ def velocity(tick: Tick, backend: Backend | None = None) -> Answer:
     A, x = tick.root.dot(tick.J), T.dot(y)
     left = A.dot(x) - share * tick.root.dot(tick.ahead + pace * tick.error)
     possible = np.linalg.svd(A, full_matrices=False)[0]
-    return Answer(x, pace, share, float(np.linalg.norm(possible.T.dot(left))), gave_way)
+    missed = float(np.linalg.norm(possible.T.dot(left)))
+    return Answer(x, pace, share, missed, gave_way, of_form(tick, tick.J.dot(T), A.dot(T))[2])
 
 
 def prioritised(levels: Sequence[Tick], backend: Backend | None = None) -> Answer:
@@ -187,7 +190,7 @@ def rooms(tick: Tick, T: Array, solver: Backend) -> tuple[Room, Room, tuple[tupl
         P = P.dot(T)
         least = float(np.linalg.norm(P.dot(minimise(P.T.dot(P) + ROUNDING * np.eye(m), np.zeros(m), room, solver))))
         if least > speed:
-            gave_way.append(("tool_speed", least - speed))
+            gave_way.append(("the tool's speed", least - speed))
             speed = least * (1.0 + np.sqrt(ROUNDING))
         room = room._replace(P=P, start=np.zeros(3), speed=speed)
     return room, position, tuple(gave_way)
@@ -231,13 +234,14 @@ def objective(tick: Tick, T: Array, share: float) -> Problem:
     sigma = np.append(few, np.zeros(m))[:m]
     still = np.maximum(0.0, 1.0 - sigma / (ROUNDING * max(float(sigma[0]), TINY)))
     P = Vt.T.dot(still[:, None] * Vt)
-    H, toward = size_of(tick, J, A)
+    G, toward, _ = of_form(tick, J, A)
+    unit = size / max(float(np.trace(G)), TINY)  # a form has another unit than A'A
     mu, nu, c = 0.0 if tick.form else tick.damping**2, 0.0, np.asarray(np.zeros(m))
     if tick.before is not None:
         mu, nu = KAPPA * tick.held * np.sqrt(size) * tick.missed, NU * size
         c = np.asarray(nu * np.linalg.solve(T, tick.before))
-    H = H + (mu + nu) * np.eye(m) + NULL * size * P
-    f, e = c + share * toward(tick.ahead), share * toward(tick.error)
+    H = unit * G + (mu + nu) * np.eye(m) + NULL * size * P
+    f, e = c + unit * share * toward.dot(tick.ahead), unit * share * toward.dot(tick.error)
     if tick.posture is not None:
         pull, follow = np.linalg.solve(T, tick.posture), 1.0
         if tick.fastest is not None and tick.posture.any():
@@ -257,11 +261,12 @@ def worth(tick: Tick, A: Array, d: Array) -> float:
     return max(0.0, 1.0 - WORTH * float(e.dot(e)) / max(float(e.dot(A.dot(d))), TINY))
 
 
-def size_of(tick: Tick, J: Array, A: Array) -> tuple[Array, Callable[[Array], Array]]:
-    """G (m, m) of the form, or A'A, and G x_h, or A'R s, of a twist s."""
+def of_form(tick: Tick, J: Array, A: Array) -> tuple[Array, Array, float]:
+    """G (m, m), G x_h of a unit twist (m, 6 n), or A'A and A'R; and the share that the guard leaves of a form."""
+    G = A.T.dot(A)
     if tick.form is None:
-        return A.T.dot(A), lambda s: A.T.dot(tick.root.dot(s))
-    system, G = ScrewSystem(J), A.T.dot(A)
+        return G, A.T.dot(tick.root), 1.0
+    system = ScrewSystem(J)
     if isinstance(tick.form, PitchForm):
         X = system.damped_pseudoinverse(tick.form.h, tick.damping)
         mu, V = np.linalg.eigh(system.gram(tick.form.h))
@@ -270,7 +275,12 @@ def size_of(tick: Tick, J: Array, A: Array) -> tuple[Array, Callable[[Array], Ar
         X = system.pseudoinverse(complement=np.asarray(tick.form.Z))
     else:  # a definite form of the user's own
         X = system.pseudoinverse(metric=tick.form.matrix(np.eye(6)))
-    return G, lambda s: G.dot(X.dot(s))
+    if tick.guard is None:
+        return G, G.dot(X), 1.0
+    least, s = np.linalg.pinv(A, rcond=ROUNDING).dot(tick.root), tick.ahead + tick.error
+    beside, most = (float(np.linalg.norm(A.dot(x))) for x in (X.dot(s) - least.dot(s), least.dot(s)))
+    kept = min(1.0, float(np.sqrt(1.0 - tick.guard)) * most / max(beside, TINY))
+    return G, G.dot(least + kept * (X - least)), kept
 
 
 def paced(

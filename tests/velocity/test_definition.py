@@ -184,11 +184,26 @@ def test_a_form_with_limits_is_the_nearest_in_its_own_metric():
     assert velocity(tick).velocity == pytest.approx(expected, abs=1e-9)
 
 
+def test_a_guard_keeps_a_share_of_what_least_squares_closes():
+    rng, shortened = np.random.default_rng(6), 0
+    for _ in range(50):
+        J, s, free = rng.normal(size=(6, 4)), rng.normal(size=6), np.full(4, np.inf)
+        tick = Tick(J, np.eye(6), s, np.zeros(6), -free, free, -free, free, form=iq.PitchForm(0.2), damping=1e-3)
+        least, bare = np.linalg.pinv(J) @ s, velocity(tick).velocity
+        answer = velocity(replace(tick, guard=0.5))
+        assert s @ s - np.sum((s - J @ answer.velocity) ** 2) >= 0.5 * np.sum((J @ least) ** 2) - 1e-9
+        assert answer.velocity == pytest.approx(least + answer.guarded * (bare - least), abs=1e-9)
+        shortened += answer.guarded < 1.0
+    assert 0 < shortened < 50
+
+
+@pytest.mark.parametrize("form", [None, iq.PitchForm(0.4)])
 @pytest.mark.parametrize("seed", range(20))
-def test_frames_and_units_do_not_matter(seed):
+def test_frames_and_units_do_not_matter(seed, form):
     """The same tick in a frame a metre away and turned, and in millimetres."""
     rng = np.random.default_rng(seed)
     tick = random_tick(rng)
+    tick = tick if form is None else replace(tick, form=form, damping=0.3, guard=0.1)
     x = velocity(tick).velocity
     X = iq.adjoint(iq.exp(rng.normal(size=6)))
     unit = np.diag(np.repeat([1.0, 1000.0], 3))
@@ -200,6 +215,8 @@ def test_frames_and_units_do_not_matter(seed):
             error=change @ tick.error,
             root=scale * tick.root @ np.linalg.inv(change),
             missed=scale * tick.missed,
+            form=form if scale == 1.0 or form is None else iq.PitchForm(scale * form.h),
+            damping=scale * tick.damping,
         )
         assert velocity(there).velocity == pytest.approx(x, abs=1e-10 * max(1.0, np.abs(x).max()))
 
@@ -286,7 +303,7 @@ def test_what_contradicts_gives_way_by_the_least_and_by_name():
     P[0, 0] = 1.0
     held = replace(tick, lower=np.where(np.arange(m) == 0, 0.5 * tick.upper[0], tick.lower))
     fast = velocity(replace(held, rows=Rows(np.zeros((0, m)), np.zeros(0), np.zeros(0), (), P, 0.25 * tick.upper[0])))
-    assert fast.gave_way == (("tool_speed", pytest.approx(0.25 * tick.upper[0], rel=1e-3)),)
+    assert fast.gave_way == (("the tool's speed", pytest.approx(0.25 * tick.upper[0], rel=1e-3)),)
 
 
 def test_levels_keep_what_is_above():
