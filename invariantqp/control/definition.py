@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.control.controller import Controller
+from invariantqp.control.controller import Controller, Observed
 from invariantqp.errors import NoPseudoinverse
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.backends import SolverFailure
@@ -39,9 +39,14 @@ class DefinitionController(Controller):
         try:
             answer = velocity(tick, law.backend)
         except (SolverFailure, NoPseudoinverse, np.linalg.LinAlgError) as failure:
+            self._last, self._missed = None, 0.0
             return held(demand, (Reason(Code.NO_VELOCITY, words=str(failure)),))
         self._last, self._missed = answer.velocity, answer.missed
         return solution_of(demand, tick, answer, law.backend.name)
+
+    def _halted(self, state: Observed, s: Array, reason: Reason) -> VelocitySolution:
+        self._last, self._missed = None, 0.0
+        return super()._halted(state, s, reason)
 
 
 def tick_of(law: VelocityLaw, demand: Demand, before: Array | None, missed: float) -> Tick:

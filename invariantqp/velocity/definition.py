@@ -25,7 +25,7 @@ r = |A x - f - p e| of what joints can do at all: an arm that cannot get nearer 
 (d) The approach to a target, with accelerations, is control/tracking.py's: its BRAKING_SHARE and DISTANCE_DAMPING
     are two numbers more.
 
-Exact rows E x = a (E_f + p E_e) hold at the largest share a of their speed that limits allow, damped by r_before as
+Exact rows E x = a (E_f + c p E_e) hold at the largest share a of their speed that limits allow, damped by r_before as
 well; twist and posture slow down with them. Where standing still is outside the limits, rows come as near to that as
 limits allow. Rows that contradict the box, and a tool speed that contradicts both, give way by the least, by name.
 Twists of several bodies are stacked, with sqrt(weight) R of each; `prioritised` keeps what the levels above achieve.
@@ -54,7 +54,7 @@ NULL = 1e-3  # w / |A|^2; 1e-4 is as good, 1e-8 lets joints run away at limits
 WORTH = 1e-3  # of d; at 0 and 1e-4 an xArm7 led out of reach still creeps at .1 rad/s after nine seconds
 EPSILON = 1e-4  # keeps p unique; at 1e-3 turns swing by 1.6 times as much
 ROUNDING = 1e-9  # below this share of the largest, singular values move nothing, and numbers are rounding
-LEAST_POWER, MOST_POWER = -8.0, 8.0  # of ten: where the multiplier of a tool speed is looked for
+LEAST_POWER, MOST_POWER = -8.0, 6.0  # of ten: where the multiplier of a tool speed is looked for
 
 
 class Rows(NamedTuple):
@@ -138,14 +138,9 @@ class Room(NamedTuple):
 
 
 def velocity(tick: Tick, backend: Backend | None = None) -> Answer:
-    """The joint velocity of a tick.
-
-    Raises:
-        SolverFailure: no velocity was found; NoPseudoinverse: the form has none here, and no damping.
-    """
+    """The joint velocity of a tick. SolverFailure: none is found; NoPseudoinverse: the form has none, nor a damping."""
     solver = Daqp() if backend is None else backend
-    m = tick.J.shape[1]
-    T = np.eye(m) if tick.metric is None else np.linalg.inv(np.linalg.cholesky(tick.metric)).T  # x = T y
+    T = np.eye(tick.J.shape[1]) if tick.metric is None else np.linalg.inv(np.linalg.cholesky(tick.metric)).T  # x = T y
     room, position, gave_way = rooms(tick, T, solver)
     origin, basis, share = demanded(tick, T, room, solver)
     problem = objective(tick, T, share)
@@ -154,8 +149,8 @@ def velocity(tick: Tick, backend: Backend | None = None) -> Answer:
     y, pace = paced(z, problem.H, origin, basis, room, position, tick, T, solver)
     A, x = tick.root.dot(tick.J), T.dot(y)
     left = A.dot(x) - share * tick.root.dot(tick.ahead + pace * tick.error)
-    possible = np.linalg.svd(A, full_matrices=False)[0]
-    missed = float(np.linalg.norm(possible.T.dot(left)))
+    U, sigma, _ = np.linalg.svd(A, full_matrices=False)
+    missed = float(np.linalg.norm(U[:, sigma > ROUNDING * sigma[0]].T.dot(left)))
     return Answer(x, pace, share, missed, gave_way, of_form(tick, tick.J.dot(T), A.dot(T))[2])
 
 
@@ -181,10 +176,10 @@ def rooms(tick: Tick, T: Array, solver: Backend) -> tuple[Room, Room, tuple[tupl
         low, high = np.append(tick.lower, lower / lengths), np.append(tick.upper, upper / lengths)
         H = np.diag(np.append(np.full(m, ROUNDING), np.ones(k)))
         t = lengths * minimise(H, np.zeros(m + k), Room(stacked, low, high), solver)[m:]
-        t = np.where(np.abs(t) > np.sqrt(ROUNDING) * np.abs(t).max(), t * (1.0 + np.sqrt(ROUNDING)), 0.0)
-        t = np.where(np.abs(t) > np.sqrt(ROUNDING) * (np.minimum(np.abs(lower), np.abs(upper)) + lengths), t, 0.0)
+        margin = np.sqrt(ROUNDING) * (np.minimum(np.abs(lower), np.abs(upper)) + lengths)
+        t = t * (1.0 + np.sqrt(ROUNDING))
         lower, upper = lower - np.maximum(t, 0.0), upper - np.minimum(t, 0.0)
-        gave_way = [(names[i] if names else f"row {i}", float(abs(t[i]))) for i in np.flatnonzero(t)]
+        gave_way = [(names[i] if names else f"row {i}", float(abs(t[i]))) for i in np.flatnonzero(np.abs(t) > margin)]
     room = Room(np.vstack((T, C.dot(T))), np.append(tick.lower, lower), np.append(tick.upper, upper))
     if P is not None:
         P = P.dot(T)
@@ -198,7 +193,7 @@ def rooms(tick: Tick, T: Array, solver: Backend) -> tuple[Room, Room, tuple[tupl
 
 def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, Array, float]:
     """The velocities that meet the exact rows, y = origin_f + p origin_e + basis z, and their share a."""
-    if tick.exact is None:
+    if tick.exact is None or not len(tick.exact[0]):
         return np.zeros((len(T), 2)), np.eye(len(T)), 1.0
     E, *demands = (np.asarray(part) for part in tick.exact)
     U, sigma, Vt = np.linalg.svd(E.dot(T))
@@ -221,7 +216,7 @@ def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, 
         wide = room.on(np.zeros(m), np.eye(m, m + 1)).with_row(0.0, 1.0)
         found = minimise(H, np.zeros(m + 1), wide, solver)
         return np.column_stack((within.dot(within.T.dot(found[:m])), np.zeros(m))), basis, float(found[m])
-    a = 1.0 if a > 1.0 - np.sqrt(ROUNDING) else a * (1.0 - ROUNDING)
+    a = 1.0 if a > 1.0 - 10.0 * ROUNDING else a * (1.0 - ROUNDING)
     return a * origin, basis, a
 
 
@@ -229,7 +224,7 @@ def objective(tick: Tick, T: Array, share: float) -> Problem:
     """F_p on y, for a twist at a share of its speed."""
     J, m = tick.J.dot(T), len(T)
     A = tick.root.dot(J)
-    size = float(np.vdot(A, A))
+    size = float(np.vdot(A, A)) or 1.0
     _, few, Vt = np.linalg.svd(A)
     sigma = np.append(few, np.zeros(m))[:m]
     still = np.maximum(0.0, 1.0 - sigma / (ROUNDING * max(float(sigma[0]), TINY)))
@@ -292,8 +287,8 @@ def paced(
     y_0 = first + basis.dot(minimise(z.H, z.f, position.on(first, basis), solver))
     y_1 = first + way + basis.dot(minimise(z.H, z.f + z.e, position.on(first + way, basis), solver))
     d = worth(tick, A, y_1 - y_0) * (y_1 - y_0)
-    length = float(np.sqrt(d.dot(H).dot(d)))
-    if length <= ROUNDING * np.sqrt(y_1.dot(H).dot(y_1)):
+    length = float(np.sqrt(max(0.0, d.dot(H).dot(d))))
+    if length <= ROUNDING * np.sqrt(max(0.0, y_1.dot(H).dot(y_1))):
         return y_0 + basis.dot(minimise(z.H, np.zeros(n), room.on(y_0, basis), solver)), 1.0
     most = float(np.linalg.norm(tick.root.dot(tick.ahead)))  # in u = basis'(y - y(p)) and p length
     K = np.block([[z.H, np.zeros((n, 1))], [np.zeros((1, n)), EPSILON]])
@@ -320,6 +315,8 @@ def minimise(H: Array, c: Array, room: Room, solver: Backend) -> Array:
     def excess(power: float) -> float:
         return float(np.linalg.norm(start + P.dot(at(power)))) - room.speed
 
+    if excess(MOST_POWER) > np.sqrt(ROUNDING) * (room.speed + np.linalg.norm(start + P.dot(y))):
+        raise SolverFailure("the law", "no velocity keeps the tool's speed", infeasible=True)
     if excess(MOST_POWER) > 0.0 or excess(LEAST_POWER) <= 0.0:
         return at(MOST_POWER if excess(LEAST_POWER) > 0.0 else LEAST_POWER)
     return at(float(brentq(excess, LEAST_POWER, MOST_POWER, xtol=1e-12)))
@@ -333,7 +330,9 @@ def polytope_optimum(H: Array, c: Array, room: Room, solver: Backend) -> Array:
     inverse = np.linalg.inv(np.linalg.cholesky(H)).T  # y = inverse (e + free)
     free, N = inverse.T.dot(c), room.C.dot(inverse)
     size = np.linalg.norm(N, axis=1)
-    some = size > 0.0
+    some = size > 1e-12 * np.linalg.norm(inverse)
+    if np.maximum(room.lower[~some], -room.upper[~some]).max(initial=0.0) > np.sqrt(ROUNDING):
+        raise SolverFailure("the law", "limits contradict the exact rows", infeasible=True)
     N = N[some] / size[some, None]
     low, high = room.lower[some] / size[some] - N.dot(free), room.upper[some] / size[some] - N.dot(free)
     scale = float(np.maximum(low, -high).max(initial=0.0))

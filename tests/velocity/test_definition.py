@@ -9,7 +9,7 @@ import pytest
 import invariantqp as iq
 from invariantqp.control.definition import DefinitionController
 from invariantqp.robots import rail, stand_on
-from invariantqp.velocity.backends import backend_of
+from invariantqp.velocity.backends import SolverFailure, backend_of
 from invariantqp.velocity.definition import (
     EPSILON,
     KAPPA,
@@ -304,6 +304,57 @@ def test_what_contradicts_gives_way_by_the_least_and_by_name():
     held = replace(tick, lower=np.where(np.arange(m) == 0, 0.5 * tick.upper[0], tick.lower))
     fast = velocity(replace(held, rows=Rows(np.zeros((0, m)), np.zeros(0), np.zeros(0), (), P, 0.25 * tick.upper[0])))
     assert fast.gave_way == (("the tool's speed", pytest.approx(0.25 * tick.upper[0], rel=1e-3)),)
+
+
+def one_joint(**options):
+    """A tick of one joint that moves the tool along x, in a loop that stood still."""
+    J, free = np.eye(6)[:, 3:4], np.array([np.inf])
+    given = {"ahead": np.zeros(6), "error": np.zeros(6), "held": 0.01, "before": np.zeros(1), **options}
+    return Tick(
+        **{"J": J, "root": np.eye(6), "lower": -free, "upper": free, **given}, position_lower=-free, position_upper=free
+    )
+
+
+def test_limits_bind_where_exact_rows_leave_nothing_free():
+    """3 - 2 c of the rows is more than the limit of 1: an error by name, not a velocity of 3."""
+    exact, e = (np.eye(1), np.array([3.0]), np.array([-2.0])), np.eye(6)[4]
+    with pytest.raises(SolverFailure, match="contradict"):
+        velocity(one_joint(exact=exact, error=e, lower=-np.ones(1), upper=np.ones(1)))
+    exact = (np.eye(1), np.ones(1), np.zeros(1))
+    x = velocity(one_joint(exact=exact, ahead=np.eye(6)[3], lower=-np.ones(1), upper=np.ones(1) - 2e-5)).velocity
+    assert x <= 1.0 - 2e-5
+    assert velocity(one_joint(exact=(np.zeros((0, 1)), np.zeros(0), np.zeros(0)))).velocity == pytest.approx(0.0)
+
+
+def test_a_tool_speed_holds_beside_exact_rows_that_it_contradicts():
+    J, free, E = np.eye(6)[:, :2], np.full(2, np.inf), np.array([[1.0, -1.0]])
+    speed = Rows(np.zeros((0, 2)), np.zeros(0), np.zeros(0), (), np.eye(3)[:, :2], 0.5001)
+    low, high = np.array([-1.0, 0.5]), np.array([1.0, 0.5])
+    exact = (E, np.ones(1), np.zeros(1))
+    tick = Tick(
+        J, np.eye(6), np.eye(6)[0], np.zeros(6), low, high, -free, free, speed, exact, held=0.01, before=np.zeros(2)
+    )
+    assert np.linalg.norm(velocity(tick).velocity) <= 0.5001 * (1.0 + 1e-6)
+
+
+def test_joints_that_move_nothing_and_what_no_joint_can_do():
+    stuck = one_joint(J=np.zeros((6, 1)), ahead=np.ones(6))
+    assert velocity(stuck).velocity == pytest.approx(0.0)
+    assert velocity(stuck).missed == 0.0
+    planar = np.zeros((6, 7))
+    planar[2], planar[3:5] = 1.0, np.random.default_rng(0).normal(size=(2, 7))
+    free = np.full(7, np.inf)
+    tick = Tick(planar, np.eye(6), np.ones(6), np.zeros(6), -free, free, -free, free, held=0.01, before=np.zeros(7))
+    assert velocity(tick).missed < 1e-3
+
+
+def test_a_small_contradiction_beside_a_large_one_gives_way_too():
+    J, free, one = np.eye(6)[:, :2], np.full(2, np.inf), np.ones(2)
+    rows = Rows(np.eye(2), np.array([1e5, 1.5]), free)
+    tick = Tick(J, np.eye(6), np.eye(6)[0], np.zeros(6), -one, one, -free, free, rows)
+    answer = velocity(tick)
+    assert answer.velocity == pytest.approx(one, abs=5e-5)  # limits are widened by 3e-5 of what gives way
+    assert [name for name, _ in answer.gave_way] == ["row 0", "row 1"]
 
 
 def test_levels_keep_what_is_above():
