@@ -316,7 +316,7 @@ def minimise(H: Array, c: Array, room: Room, solver: Backend) -> Array:
         return float(np.linalg.norm(start + P.dot(at(power)))) - room.speed
 
     if excess(MOST_POWER) > np.sqrt(ROUNDING) * (room.speed + np.linalg.norm(start + P.dot(y))):
-        raise SolverFailure("the law", "no velocity keeps the tool's speed", infeasible=True)
+        raise SolverFailure("definition", "no answer at the tool's speed limit", infeasible=True)
     if excess(MOST_POWER) > 0.0 or excess(LEAST_POWER) <= 0.0:
         return at(MOST_POWER if excess(LEAST_POWER) > 0.0 else LEAST_POWER)
     return at(float(brentq(excess, LEAST_POWER, MOST_POWER, xtol=1e-12)))
@@ -332,7 +332,7 @@ def polytope_optimum(H: Array, c: Array, room: Room, solver: Backend) -> Array:
     size = np.linalg.norm(N, axis=1)
     some = size > 1e-12 * np.linalg.norm(inverse)
     if np.maximum(room.lower[~some], -room.upper[~some]).max(initial=0.0) > np.sqrt(ROUNDING):
-        raise SolverFailure("the law", "limits contradict the exact rows", infeasible=True)
+        raise SolverFailure("definition", "no solution found", infeasible=True)
     N = N[some] / size[some, None]
     low, high = room.lower[some] / size[some] - N.dot(free), room.upper[some] / size[some] - N.dot(free)
     scale = float(np.maximum(low, -high).max(initial=0.0))
