@@ -48,9 +48,9 @@ from invariantqp.velocity.backends import Backend, BoxQP, Daqp, SolverFailure, s
 from invariantqp.velocity.forms import Complement, Form, PitchForm
 
 # The numbers of the law, and what chose them: 87 tasks of `invariantqp compare`.
-KAPPA = 0.5  # mu; .25 has 1.6 times the acceleration at singularities, .7 and 1 return later from out of reach
-NU = 3e-5  # nu / |A|^2; at 1e-4 and 1e-3 singular paths are missed by 1.1 and 1.7 times as much, at 0 joints jerk
-NULL = 1e-3  # w / |A|^2; 1e-4 is as good, 1e-8 lets joints run away at limits
+KAPPA = 0.5  # mu; .25 has 1.5 times the acceleration at singularities, 1 has .7 times and is later out of reach
+NU = 3e-5  # nu / |A|^2; at 1e-3 singular paths are missed by 1.7 times as much, at 0 they have 4 times the acceleration
+NULL = 1e-3  # w / |A|^2; 1e-4 and 1e-8 have 1.2 times the acceleration at limits
 WORTH = 1e-3  # of d; at 0 and 1e-4 an xArm7 led out of reach still creeps at .1 rad/s after nine seconds
 EPSILON = 1e-4  # keeps p unique; at 1e-3 turns swing by 1.6 times as much
 ROUNDING = 1e-9  # below this share of the largest, singular values move nothing, and numbers are rounding
