@@ -14,15 +14,14 @@ import numpy as np
 from invariantqp.control.controller import Controller, Observed
 from invariantqp.errors import NoPseudoinverse
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.linear import TINY
 from invariantqp.velocity.backends import SolverFailure
 from invariantqp.velocity.damping import Fixed
 from invariantqp.velocity.definition import Answer, Rows, Tick, velocity
 from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.reasons import Code, Reason
+from invariantqp.velocity.report import FALLING, MISSED
 from invariantqp.velocity.solution import Status, VelocitySolution, clipped, held
-
-# What "ok" promises, as in velocity/report.py.
-MISSED, FALLING = 0.05, 0.5
 
 
 class DefinitionController(Controller):
@@ -95,7 +94,7 @@ def solution_of(demand: Demand, tick: Tick, answer: Answer, solver: str) -> Velo
     """The solution of a tick, with the status and no more than the worst reason."""
     x, active = clipped(demand, answer.velocity)
     wanted, done = tick.root.dot(tick.ahead + tick.error), tick.root.dot(tick.J.dot(x))
-    missed = float(np.linalg.norm(wanted - done)) / max(float(np.linalg.norm(wanted)), 1e-300)
+    missed = float(np.linalg.norm(wanted - done)) / max(float(np.linalg.norm(wanted)), TINY)
     status = Status.OK if missed <= MISSED else Status.LIMITED
     if status is Status.LIMITED and tick.error.any():
         e, change = tick.root.dot(tick.error), done - tick.root.dot(tick.ahead)

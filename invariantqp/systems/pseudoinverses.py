@@ -97,9 +97,7 @@ class Factors(NamedTuple):
 
     inverse: Array  # (m, 6) J^{+h}; meaningless where `exists` is false
     condition: float  # ratio of the relative error of J^{+h} to that of the twists, at worst
-    joint_condition: (
-        float  # the same ratio for the joint velocities that make a twist of the system; the form has no part in it
-    )
+    joint_condition: float  # the same for the joint velocities that make a twist; the form has no part in it
     screws: Array  # (6, r) basis of the system, mutually h-reciprocal
     shares: Array  # (r,) condition number of the part of J^{+h} that belongs to each screw
 

@@ -110,6 +110,7 @@ class Problem(NamedTuple):
     H: Array
     f: Array
     e: Array
+    guarded: float = 1.0  # as in Answer
 
 
 class Room(NamedTuple):
@@ -151,7 +152,7 @@ def velocity(tick: Tick, backend: Backend | None = None) -> Answer:
     left = A.dot(x) - share * tick.root.dot(tick.ahead + pace * tick.error)
     U, sigma, _ = np.linalg.svd(A, full_matrices=False)
     missed = float(np.linalg.norm(U[:, sigma > ROUNDING * sigma[0]].T.dot(left)))
-    return Answer(x, pace, share, missed, gave_way, of_form(tick, tick.J.dot(T), A.dot(T))[2])
+    return Answer(x, pace, share, missed, gave_way, problem.guarded)
 
 
 def prioritised(levels: Sequence[Tick], backend: Backend | None = None) -> Answer:
@@ -229,7 +230,7 @@ def objective(tick: Tick, T: Array, share: float) -> Problem:
     sigma = np.append(few, np.zeros(m))[:m]
     still = np.maximum(0.0, 1.0 - sigma / (ROUNDING * max(float(sigma[0]), TINY)))
     P = Vt.T.dot(still[:, None] * Vt)
-    G, toward, _ = of_form(tick, J, A)
+    G, toward, guarded = of_form(tick, J, A)
     unit = size / max(float(np.trace(G)), TINY)  # a form has another unit than A'A
     mu, nu, c = 0.0 if tick.form else tick.damping**2, 0.0, np.asarray(np.zeros(m))
     if tick.before is not None:
@@ -245,7 +246,7 @@ def objective(tick: Tick, T: Array, share: float) -> Problem:
             most = np.abs(tick.posture / tick.fastest).max()
             follow = min(1.0, float(task / most)) ** 2
         f = f + share * follow * NULL * size * P.dot(pull)
-    return Problem(0.5 * (H + H.T), f, e)
+    return Problem(0.5 * (H + H.T), f, e, guarded)
 
 
 def worth(tick: Tick, A: Array, d: Array) -> float:
