@@ -22,7 +22,7 @@ from invariantqp.velocity.forms import Complement, Form, PitchForm
 FILE = Path(__file__).parents[1] / "velocity" / "ticks.npz"
 FAILED, NO_PSEUDOINVERSE = "failed", "no pseudoinverse"
 ROUNDING = 4.0 * np.finfo(float).eps
-PERTURBED = 3  # times that a tick is solved again, to see how much its answer depends on rounding
+PERTURBED = 4  # times that a tick is solved again, to see how much its answer depends on rounding
 VECTORS = ("ahead", "error", "lower", "upper", "position_lower", "position_upper", "posture", "fastest", "before")
 ARRAYS = ("J", "root", "metric", *VECTORS)
 
@@ -48,7 +48,7 @@ class Recorded(NamedTuple):
     kind: str
     tick: Tick
     answer: Answer | str  # FAILED or NO_PSEUDOINVERSE where there is none
-    sensitivity: float  # by how much the velocity changes with rounding of the data, relative to `scale`; 0 of failures
+    sensitivity: float  # how far answers are `apart` whose data differ by rounding; inf where some of them fail
 
 
 def solve(tick: Tick) -> Answer | str:
@@ -80,17 +80,18 @@ def perturbed(tick: Tick, rng: np.random.Generator) -> Tick:
     return replace(tick, **changed, exact=exact)
 
 
+def apart(tick: Tick, one: Answer | str, other: Answer | str) -> float:
+    """How far the velocities of two answers are apart, relative to `scale`; inf where only one of them is an answer."""
+    if isinstance(one, str) or isinstance(other, str):
+        return 0.0 if one == other else np.inf
+    return float(np.linalg.norm(one.velocity - other.velocity)) / scale(tick, one.velocity)
+
+
 def record(kind: str, tick: Tick) -> Recorded:
     """The tick with its answer."""
     answer, rng = solve(tick), np.random.default_rng(0)
-    if isinstance(answer, str):
-        return Recorded(kind, tick, answer, 0.0)
     others = [solve(perturbed(tick, rng)) for _ in range(PERTURBED)]
-    changes = [
-        np.inf if isinstance(other, str) else float(np.linalg.norm(other.velocity - answer.velocity))
-        for other in others
-    ]
-    return Recorded(kind, tick, answer, max(changes) / scale(tick, answer.velocity))
+    return Recorded(kind, tick, answer, max(apart(tick, answer, other) for other in others))
 
 
 def write(path: Path, ticks: Iterable[Recorded]) -> None:
