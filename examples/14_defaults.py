@@ -43,8 +43,8 @@ from invariantqp.compare.arms import STARTS, chain_of
 from invariantqp.compare.figures import NOT_SETTLED, figures
 from invariantqp.compare.tasks import COUNTS, BedTask, bed, from_file, minimum_jerk, spec_of, twists_of
 from invariantqp.control import controller, tracking
+from invariantqp.legacy import damping, exact, law, tick
 from invariantqp.runs.taskfile import LawSpec, law_options, load_task, shipped_tasks
-from invariantqp.velocity import damping, exact, law, tick
 
 DT = 0.01
 # Kinds of the bed's tasks, and of the random ones.

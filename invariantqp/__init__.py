@@ -71,7 +71,7 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.velocity.forms import CarriedMetric as CarriedMetric
     from invariantqp.velocity.forms import Complement as Complement
     from invariantqp.velocity.forms import PitchForm as PitchForm
-    from invariantqp.velocity.law import Guard as Guard
+    from invariantqp.velocity.guard import Guard as Guard
     from invariantqp.velocity.limits import Bounds as Bounds
     from invariantqp.velocity.problem import solve_velocity as solve_velocity
     from invariantqp.velocity.solution import Status as Status

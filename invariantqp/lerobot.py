@@ -34,15 +34,15 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import turning
 from invariantqp.geometry.se3 import cross
+from invariantqp.legacy.damping import Adaptive
+from invariantqp.legacy.law import Demand, VelocityLaw
+from invariantqp.legacy.solve import solve
 from invariantqp.paths.driver import Follower
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import read_arm
-from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.exact import ExactRows
-from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.measure import root_at
-from invariantqp.velocity.solve import solve
 
 __all__ = ["ActionFollower", "RobotKinematics"]
 

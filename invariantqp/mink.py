@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike
 from invariantqp.control.frame_cost import FrameCost
 from invariantqp.extras import optional
 from invariantqp.geometry import arrays
-from invariantqp.velocity.damping import Damping
+from invariantqp.legacy.damping import Damping
 from invariantqp.velocity.forms import CarriedMetric, Form
-from invariantqp.velocity.law import Guard
+from invariantqp.velocity.guard import Guard
 
 with optional("mink", "mink"):
     from mink import SE3, Configuration, FrameTask, Objective

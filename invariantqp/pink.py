@@ -20,11 +20,11 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
 from invariantqp.robots.pink import Configuration, FrameTask  # isort: skip (it names the extra that brings both)
+from invariantqp.legacy.damping import Damping
 from invariantqp.robots.models import chain_to
 from invariantqp.robots.pinocchio import pin
-from invariantqp.velocity.damping import Damping
 from invariantqp.velocity.forms import CarriedMetric, Form
-from invariantqp.velocity.law import Guard
+from invariantqp.velocity.guard import Guard
 
 __all__ = ["InvariantFrameTask"]
 

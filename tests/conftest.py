@@ -35,7 +35,12 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 gc.set_threshold(50_000, 20, 20)
 
 # The tests of the definition, the Python law, which CI runs once more without the compiled core (`-m definition`).
-DEFINITION = ("tests/velocity/", "tests/control/test_controller.py", "tests/properties/test_invariance.py")
+DEFINITION = (
+    "tests/velocity/",
+    "tests/legacy/",
+    "tests/control/test_controller.py",
+    "tests/properties/test_invariance.py",
+)
 
 
 def pytest_ignore_collect(collection_path, config):

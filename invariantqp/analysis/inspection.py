@@ -37,10 +37,10 @@ from invariantqp.errors import BadInput, listed, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.screws import turning
+from invariantqp.legacy.damping import Adaptive
 from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.points import centre
 from invariantqp.systems.report import SystemReport, along_axes, describe
-from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.forms import PitchForm
 from invariantqp.velocity.measure import length_at, root_at
 

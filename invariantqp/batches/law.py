@@ -30,9 +30,9 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import NEGLIGIBLE, ROUNDING
 from invariantqp.geometry.sizes import LENGTH_LIMIT
-from invariantqp.velocity.damping import PROGRESS_SHARE, Adaptive, Damping, Fixed, damping_of
-from invariantqp.velocity.qp import PRODUCT_ROUNDING
-from invariantqp.velocity.report import MISSED
+from invariantqp.legacy.damping import PROGRESS_SHARE, Adaptive, Damping, Fixed, damping_of
+from invariantqp.legacy.qp import PRODUCT_ROUNDING
+from invariantqp.legacy.report import MISSED
 
 # What the numbers in `Velocities.status` mean.
 STATUSES = ("ok", "limited", "held")

@@ -2,7 +2,7 @@
 
     minimise |A x - b|^2 + |x - x_p|^2_Lambda   over lower <= x <= upper,     Lambda = V diag(lambda_i^2) V'
 
-V and lambda as in `velocity.objective` and `velocity.damping`. The answer is computed without derivatives. They come
+V and lambda as in `legacy.objective` and `legacy.damping`. The answer is computed without derivatives. They come
 from the optimum's own equation: with g the gradient of the objective and H its Hessian, on the free joints
 
     H_FF dx_F = -(dg + H_FB dx_B),       dx_B = that of the bound
@@ -37,8 +37,8 @@ from invariantqp.batches.namespace import (
     precision,
 )
 from invariantqp.geometry.arrays import NEGLIGIBLE
-from invariantqp.velocity.damping import CALM, DEVIATION_SHARE, UNLIMITED_CEILING, Adaptive, Fixed
-from invariantqp.velocity.objective import NULL_RATIO, NULL_WEIGHT
+from invariantqp.legacy.damping import CALM, DEVIATION_SHARE, UNLIMITED_CEILING, Adaptive, Fixed
+from invariantqp.legacy.objective import NULL_RATIO, NULL_WEIGHT
 
 # In single precision, directions that the law damps by less than this share of the largest singular value are damped by
 # so much: the square of a smaller one would be rounding beside the others.
@@ -85,7 +85,7 @@ def damped_least_squares(
         posture: (..., m) x_p.
         damping: the policy; None is the law's default for each row.
         unit: (..., 1) what A and b were divided by, for a fixed lambda.
-        dt: how long the velocity is held, for `velocity.damping.calm`; the answer then has no derivative.
+        dt: how long the velocity is held, for `legacy.damping.calm`; the answer then has no derivative.
     """
     A0, b0, low, high, towards = (detached(v) for v in (A, b, lower, upper, posture))
     m = A0.shape[-1]
@@ -134,7 +134,7 @@ def _boxed(
 
 
 def _calm(xp: Namespace, A: Rows, b: Rows, x: Rows, speed: Rows, dt: float) -> Rows:
-    """(...) mu of `velocity.damping.calm`."""
+    """(...) mu of `legacy.damping.calm`."""
     size, left = xp.sqrt(xp.sum(A * A, axis=(-2, -1))), length_of(xp, b - _times(A, x))
     deviation = DEVIATION_SHARE * dt * size * speed * speed - length_of(xp, b)
     error = left + xp.maximum(deviation, xp.zeros_like(deviation))

@@ -73,7 +73,7 @@ from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import MILLIMETRES, Robot, far_away, joint_displacement, middle
 from invariantqp.velocity.backends import UNBOUNDED
 from invariantqp.velocity.limits import LimitRows
-from invariantqp.velocity.qp import ACTIVE_TOLERANCE
+from invariantqp.velocity.solution import ACTIVE_TOLERANCE
 
 # Of the accelerations, rows take this share to brake by; the rest is for how their directions turn within a tick, and
 # between the states that are looked at.

@@ -17,9 +17,9 @@ from invariantqp.control.limits import LoopLimits
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.engine import core, core_for
 from invariantqp.geometry.arrays import Array
+from invariantqp.legacy.law import VelocityLaw
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
-from invariantqp.velocity.law import VelocityLaw
 
 if TYPE_CHECKING:
     from invariantqp.engine import Loop, Wanted

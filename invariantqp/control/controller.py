@@ -51,6 +51,9 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import turning
+from invariantqp.legacy.damping import Damping, Fixed, PaperLambda, damping_of
+from invariantqp.legacy.law import SLACK, SLACK_GAIN, Chase, Demand, VelocityLaw
+from invariantqp.legacy.solve import solve, standing
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import (
     Robot,
@@ -61,16 +64,14 @@ from invariantqp.robots.kinematics import (
     require_robot,
     unwrapped,
 )
+from invariantqp.velocity.arguments import metric_of
 from invariantqp.velocity.backends import Backend, backend_of
-from invariantqp.velocity.damping import Damping, Fixed, PaperLambda, damping_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
-from invariantqp.velocity.law import SLACK, SLACK_GAIN, Chase, Demand, Guard, VelocityLaw
+from invariantqp.velocity.guard import Guard, guard_of
 from invariantqp.velocity.limits import LimitRows, ToolSpeed, accelerations
-from invariantqp.velocity.problem import guard_of, metric_of
 from invariantqp.velocity.reasons import Code, Reason, read
 from invariantqp.velocity.solution import Status, VelocitySolution, with_trouble
-from invariantqp.velocity.solve import solve, standing
 
 if TYPE_CHECKING:
     from invariantqp.engine import Loop

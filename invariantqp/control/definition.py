@@ -15,13 +15,14 @@ from invariantqp.control.controller import Controller, Observed
 from invariantqp.errors import NoPseudoinverse
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.linear import TINY
+from invariantqp.legacy.damping import Fixed
+from invariantqp.legacy.law import Demand, VelocityLaw
+from invariantqp.legacy.report import FALLING, MISSED
+from invariantqp.legacy.solution import clipped, held
 from invariantqp.velocity.backends import SolverFailure
-from invariantqp.velocity.damping import Fixed
 from invariantqp.velocity.definition import Answer, Rows, Tick, velocity
-from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.reasons import Code, Reason
-from invariantqp.velocity.report import FALLING, MISSED
-from invariantqp.velocity.solution import Status, VelocitySolution, clipped, held
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 
 class DefinitionController(Controller):

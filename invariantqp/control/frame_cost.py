@@ -26,13 +26,13 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import SWAPPED, adjoint
+from invariantqp.legacy.damping import Damping, PaperLambda, damping_of
+from invariantqp.legacy.law import Demand, VelocityLaw
+from invariantqp.legacy.tick import posed
 from invariantqp.robots.chain import Chain
-from invariantqp.velocity.damping import Damping, PaperLambda, damping_of
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
-from invariantqp.velocity.law import Demand, Guard, VelocityLaw
+from invariantqp.velocity.guard import Guard, guard_of
 from invariantqp.velocity.measure import own_point, root_at
-from invariantqp.velocity.problem import guard_of
-from invariantqp.velocity.tick import posed
 
 # The cost of a joint direction that does not move the frame, relative to the largest: a few thousandths of what a
 # posture task with Pink's usual cost of 1e-3 gives it, and enough for DAQP where there is no such task.

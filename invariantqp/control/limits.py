@@ -36,8 +36,7 @@ from invariantqp.robots.kinematics import (
     question_speed,
     refuse_far,
 )
-from invariantqp.velocity.limits import BrakingBox, JointBox, LimitRows, ToolSpeed, accelerations
-from invariantqp.velocity.qp import Cone
+from invariantqp.velocity.limits import BrakingBox, Cone, JointBox, LimitRows, ToolSpeed, accelerations
 from invariantqp.velocity.reasons import Code, Reason, by_joint, told
 from invariantqp.velocity.solution import Status, VelocitySolution, both, with_trouble
 

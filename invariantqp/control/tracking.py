@@ -31,10 +31,10 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import lie, norm
-from invariantqp.velocity.damping import Adaptive, PaperLambda
-from invariantqp.velocity.law import Demand, VelocityLaw
+from invariantqp.legacy.damping import Adaptive, PaperLambda
+from invariantqp.legacy.law import Demand, VelocityLaw
+from invariantqp.legacy.objective import least_squares, spectrum_of
 from invariantqp.velocity.limits import BrakingBox, braking_speed
-from invariantqp.velocity.objective import least_squares, spectrum_of
 
 # Share of the error removed in a tick where no gain is given. A velocity held for dt leaves the path by half of
 # acceleration times dt^2 in every tick, and feedback holds that to 1 / share of it: 25 micrometres at 5 m/s^2 and 1 ms.

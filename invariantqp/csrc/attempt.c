@@ -1,4 +1,4 @@
-/* Twin of velocity/forms.py, attempted: the measured twist to attempt with a form.
+/* Twin of legacy/attempted.py: the measured twist to attempt with a form.
 
        A = U diag(sigma) V',   r = b - U U'b:     U'M (U y - r) = 0,     attempt U (U'b + y)
        N = V'MV,  B = |MV| = LL',  C = L^-1 N L^-T,   y = V L^-T f(C) L^-1 V'Mr,   f(mu) = mu / (mu^2 + filter)

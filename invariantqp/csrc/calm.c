@@ -1,4 +1,4 @@
-/* Twin of velocity/damping.py, calm: damping that brings a loop to rest where its target is out of reach.
+/* Twin of legacy/damping.py, calm: damping that brings a loop to rest where its target is out of reach.
 
        mu = CALM / 2 dt (|b - A x| + max(0, 1/4 dt |A| |x|^2 - |b|)) |A| / worth */
 

@@ -1,4 +1,4 @@
-/* Twin of velocity/tick.py (_given_way): limits that contradict each other, which of them give way, by the least amount.
+/* Twin of legacy/tick.py (_given_way): limits that contradict each other, which of them give way, by the least amount.
 
        rows against the box        minimise |t|^2 with lower <= N y - t <= upper, x = T y in the box; then |y|^2
        tool speed against both     the least speed of the point that they leave

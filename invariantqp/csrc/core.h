@@ -1,4 +1,4 @@
-/* The compiled tick: the law of invariantqp/velocity in C, for what a control loop does in every tick.
+/* The compiled tick: the law of invariantqp/legacy in C, for what a control loop does in every tick.
 
    Each file is the twin of one or two Python files, with the same names in the same order; Python is the definition.
    A function returns HAND_BACK where it does not cover a tick, or where a decision is so close that rounding would make
@@ -17,7 +17,7 @@
 
 typedef enum { DONE, HAND_BACK } Outcome;
 
-/* velocity/qp.py: |start + J x| <= limit; a limit of 0 is none */
+/* velocity/limits.py: |start + J x| <= limit; a limit of 0 is none */
 typedef struct {
     double limit, start[3];
     Row J[3];
@@ -31,7 +31,7 @@ typedef struct {
     int rank;
 } Slow;
 
-/* velocity/qp.py: lower <= A z <= upper, A the identity for a box; joints first, then rows. A value may be outside by
+/* legacy/qp.py: lower <= A z <= upper, A the identity for a box; joints first, then rows. A value may be outside by
    `rounding` of what exact rows fix of it. */
 typedef struct {
     int count;
@@ -121,7 +121,7 @@ typedef struct {
     double with[MOST + STEP];
 } Rotated;
 
-/* velocity/qp.py: 1/2 |e|^2 = 1/2 |K (z - centre)|^2 at z = centre + T e; T[i] is column i. All have zeros after their n
+/* legacy/qp.py: 1/2 |e|^2 = 1/2 |K (z - centre)|^2 at z = centre + T e; T[i] is column i. All have zeros after their n
    numbers, for steps. */
 typedef struct {
     int n;
@@ -144,7 +144,7 @@ typedef struct {
     Face face;
 } Turned;
 
-/* velocity/qp.py: the minimiser and its multipliers, zero where a limit is not active */
+/* legacy/qp.py: the minimiser and its multipliers, zero where a limit is not active */
 typedef struct {
     Row z;
     double multipliers[LIMITS];
@@ -195,7 +195,7 @@ typedef enum {
 #define TOOL_SPEED_ROW (-1)
 #define FIRST_EXACT_ROW (-2)
 
-/* velocity/tick.py: how limits that contradict each other give way: rows by how much, above them positive, and at length
+/* legacy/tick.py: how limits that contradict each other give way: rows by how much, above them positive, and at length
    one by what share, to the bounds of which joints; and the tool's speed to which other one, 0 for none */
 typedef struct {
     int rows;

@@ -1,4 +1,4 @@
-/* Twin of velocity/exact.py: the velocities that meet exact rows C x = e.
+/* Twin of legacy/exact.py: the velocities that meet exact rows C x = e.
 
        y = a full + start + B z,   full = C'(CC')^-1 e,   CB = 0,   B'B = I,
        0 <= a <= 1 the share of the demanded speed, start zero where the rows can keep their direction

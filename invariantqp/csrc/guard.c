@@ -1,4 +1,4 @@
-/* Twin of velocity/tick.py, blend: where limits are active, a form need not reduce the error; least squares is blended in.
+/* Twin of legacy/tick.py, blend: where limits are active, a form need not reduce the error; least squares is blended in.
 
        f(x) = 1/2 |b|^2 - 1/2 |b - A x|^2 - 1/2 mu |x|^2
        keep x_f where f(x_f) >= eta f(x_W);   else x = (1 - t) x_f + t x_W, the smallest t that reaches eta f(x_W) */

@@ -119,7 +119,7 @@ Outcome measured(Demand *demand)
     return DONE;
 }
 
-/* velocity/problem.py, prismatic: whether a joint only slides. */
+/* velocity/arguments.py, prismatic: whether a joint only slides. */
 bool is_sliding(int m, const Row J[6], const double point[3], double length)
 {
     double least = QP_ROUNDING / length;

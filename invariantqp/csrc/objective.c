@@ -1,4 +1,4 @@
-/* Twin of velocity/objective.py and damping.py: what a tick minimises, in the coordinates of V.
+/* Twin of legacy/objective.py and damping.py: what a tick minimises, in the coordinates of V.
 
        1/2 |A z - b|^2 + 1/2 sum of lambda_i^2 (v_i'(z - z_p))^2  =  1/2 |K (z - z*)|^2 + constant
        weights = sigma^2 + lambda^2,   V'z* = (sigma U'b + lambda^2 V'z_p) / weights

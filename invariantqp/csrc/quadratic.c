@@ -1,4 +1,4 @@
-/* Twin of velocity/qp.py: a convex quadratic inside limits.
+/* Twin of legacy/qp.py: a convex quadratic inside limits.
 
        minimise 1/2 |e|^2   over   lower <= A z <= upper,   z = z* + T e
        on a set of active limits: the shortest e on it
@@ -19,7 +19,7 @@ typedef struct {
     double lower[LIMITS], upper[LIMITS];
 } Room;
 
-/* Twin of Cone in velocity/qp.py: a speed limit |start + J x| <= limit. */
+/* Twin of Cone in velocity/limits.py: a speed limit |start + J x| <= limit. */
 
 double tool_speed(const Cone *cone, int n, const Row x)
 {
@@ -29,7 +29,7 @@ double tool_speed(const Cone *cone, int n, const Row x)
     return norm(3, v);
 }
 
-/* Twin of `product` in velocity/qp.py: what is only rounding of a row of T = (columns of these lengths, the longest of them apart) becomes zero. */
+/* Twin of `product` in legacy/qp.py: what is only rounding of a row of T = (columns of these lengths, the longest of them apart) becomes zero. */
 static void without_rounding(int n, double length, double longest, const Row columns, Row row)
 {
     Row cosine;
@@ -511,7 +511,7 @@ static Outcome centred(const Quadratic *problem, const Polytope *limits, const T
     return DONE;
 }
 
-/* Polytope.on of velocity/qp.py: the same limits on z, x = origin + basis z; basis[i] is column i of n. */
+/* Polytope.on of legacy/qp.py: the same limits on z, x = origin + basis z; basis[i] is column i of n. */
 void polytope_on(const Polytope *limits, int m, const Row origin, const Row inside, int n, const Row *basis, Polytope *result)
 {
     double size = QP_ROUNDING * norm(m, inside);
@@ -549,7 +549,7 @@ static void precise(const Quadratic *problem, const Polytope *limits, const Room
     add_in_steps(n, 1.0, more, z);
 }
 
-/* velocity/qp.py, minimise: the same at an active speed limit. The speed and the pull of z have digits that those of e have
+/* legacy/qp.py, minimise: the same at an active speed limit. The speed and the pull of z have digits that those of e have
    lost, so a step of Newton's finds z, its multiplier, and the gradient along Q once more. */
 static void refined(const Quadratic *problem, const Cone *cone, const Slow *slow, const Face *face, Row z, Row pull, double *nu)
 {
@@ -601,7 +601,7 @@ static bool inside_but(const Polytope *limits, int n, double size, const Row z)
 
 bool inside_limits(const Polytope *limits, int n, const Row z) { return inside_but(limits, n, norm(n, z), z); }
 
-/* velocity/qp.py, _kept: the z found or, where rounding has it outside, the last one inside on the way there from one that is. */
+/* legacy/qp.py, _kept: the z found or, where rounding has it outside, the last one inside on the way there from one that is. */
 static Outcome kept(const Quadratic *problem, const Polytope *limits, const Row inside, Row z)
 {
     int n = problem->n;
@@ -627,7 +627,7 @@ static Outcome kept(const Quadratic *problem, const Polytope *limits, const Row 
     return DONE;
 }
 
-/* velocity/qp.py: the speed limit on e, and the largest multiplier tried. */
+/* legacy/qp.py: the speed limit on e, and the largest multiplier tried. */
 static void slow_on(const Quadratic *problem, const Cone *cone, Slow *slow)
 {
     int n = problem->n;

@@ -1,4 +1,4 @@
-/* Twin of velocity/report.py and solution.py: the velocity as it may be commanded, its status, and what the reason says. */
+/* Twin of legacy/report.py and solution.py: the velocity as it may be commanded, its status, and what the reason says. */
 
 #include "core.h"
 

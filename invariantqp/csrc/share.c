@@ -1,4 +1,4 @@
-/* Twin of velocity/exact.py: the velocity whose exact rows are nearest to a share of their demand, and how much of their
+/* Twin of legacy/exact.py: the velocity whose exact rows are nearest to a share of their demand, and how much of their
    speed the limits allow where they can keep their direction.
 
        minimise 1/2 (1 - a)^2 |y0|^2 + 1/2 nu |y|^2   over a in [0, 1] and z,   y = a y0 + B z inside the limits

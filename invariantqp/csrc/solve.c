@@ -1,4 +1,4 @@
-/* Twin of velocity/solve.py: one tick of the law.
+/* Twin of legacy/solve.py: one tick of the law.
 
        six joints or more, far from singular, no limit active    one triangular factor (regular.c)
        otherwise                                                 stage by stage (stages.c) */

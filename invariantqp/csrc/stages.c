@@ -1,4 +1,4 @@
-/* Twin of velocity/tick.py: one tick, stage by stage, inside all of its limits.
+/* Twin of legacy/tick.py: one tick, stage by stage, inside all of its limits.
 
        free       the optimum without limits, where that is inside them; otherwise:
        share      exact rows slow down along their direction where limits require it

@@ -30,14 +30,14 @@ import numpy as np
 from invariantqp.control.controller import Controller
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.legacy.damping import Adaptive
+from invariantqp.legacy.law import Demand
+from invariantqp.legacy.solve import solve
 from invariantqp.paths.curve import Curve
 from invariantqp.paths.fit import REACHED
 from invariantqp.paths.task_error import TaskError, task_error
 from invariantqp.paths.time_law import AT_LIMIT, usual
-from invariantqp.velocity.damping import Adaptive
 from invariantqp.velocity.exact import ExactRows
-from invariantqp.velocity.law import Demand
-from invariantqp.velocity.solve import solve
 
 # Where a path is left, and of what strays beside exact rows: the damping, and the share of the longest step by which
 # damping grows with the distance (`calm`), beside exact rows the second. So an arm that stretches out goes on smoothly

@@ -20,10 +20,10 @@ from invariantqp.control.controller import Controller
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.legacy.solve import solve
 from invariantqp.paths.task_error import task_error
 from invariantqp.pose.ik import PoseSearch
 from invariantqp.robots.kinematics import Robot, unwrapped
-from invariantqp.velocity.solve import solve
 
 # A pose missed by more than this, relative to the arm's length and in radians, is not reached.
 REACHED = 1e-4

@@ -17,9 +17,9 @@ from invariantqp.control.controller import Controller
 from invariantqp.control.demands import View, rows_of
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.linear import TINY
+from invariantqp.legacy.law import Demand
 from invariantqp.robots.kinematics import Sighting
 from invariantqp.velocity.exact import ExactRows
-from invariantqp.velocity.law import Demand
 
 # Rows of the twist that are dependent but for this share are one.
 ROW_RATIO = 1e-10

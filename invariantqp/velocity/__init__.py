@@ -5,19 +5,19 @@ from typing import TYPE_CHECKING
 from invariantqp.lazy import loaded_on_use
 
 if TYPE_CHECKING or not loaded_on_use(__name__):
+    from invariantqp.legacy.damping import Adaptive as Adaptive
+    from invariantqp.legacy.damping import Damping as Damping
+    from invariantqp.legacy.damping import Fixed as Fixed
+    from invariantqp.legacy.damping import PaperLambda as PaperLambda
+    from invariantqp.legacy.damping import Selective as Selective
     from invariantqp.velocity import definition as definition
     from invariantqp.velocity.backends import Backend as Backend
     from invariantqp.velocity.backends import BoxQP as BoxQP
     from invariantqp.velocity.backends import SolverFailure as SolverFailure
     from invariantqp.velocity.batch import VelocitySolutions as VelocitySolutions
     from invariantqp.velocity.batch import solve_velocities as solve_velocities
-    from invariantqp.velocity.damping import Adaptive as Adaptive
-    from invariantqp.velocity.damping import Damping as Damping
-    from invariantqp.velocity.damping import Fixed as Fixed
-    from invariantqp.velocity.damping import PaperLambda as PaperLambda
-    from invariantqp.velocity.damping import Selective as Selective
     from invariantqp.velocity.exact import ExactRows as ExactRows
-    from invariantqp.velocity.law import Guard as Guard
+    from invariantqp.velocity.guard import Guard as Guard
     from invariantqp.velocity.problem import MethodChoice as MethodChoice
     from invariantqp.velocity.problem import method_for as method_for
     from invariantqp.velocity.problem import solve_velocity as solve_velocity

@@ -15,14 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.compiled import Rows, Written, compiled_rows
-from invariantqp.velocity.damping import damping_of
+from invariantqp.legacy.compiled import Rows, Written, compiled_rows
+from invariantqp.legacy.damping import damping_of
+from invariantqp.legacy.law import VelocityLaw
+from invariantqp.legacy.problem import law_of, problem_of
+from invariantqp.legacy.solve import solve
+from invariantqp.velocity.arguments import measure_of
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
-from invariantqp.velocity.law import VelocityLaw
 from invariantqp.velocity.limits import Bounds, bounds_of
-from invariantqp.velocity.problem import VelocityOptions, law_of, measure_of, problem_of
+from invariantqp.velocity.problem import VelocityOptions, known
 from invariantqp.velocity.solution import Status, VelocitySolution
-from invariantqp.velocity.solve import solve
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -185,6 +187,7 @@ def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch
     first = measure_of(np.eye(6), np.zeros(6), form, where, 1.0 if length is None else length)
     metric = options.get("joint_metric")
     M = None if metric is None else arrays.positive_definite(metric, m, "joint_metric")
+    known(options)
     law = law_of(options, first.form, M, limited=True)
     laws = law, replace(law, damping=damping_of(options.get("damping"), limited=False))
     return _Batch(laws, twists, s, lower, upper, wanted, points, form, options)

@@ -13,7 +13,7 @@ empty and has no jump.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from math import inf
+from math import inf, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +27,6 @@ from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.velocity.backends import UNBOUNDED
-from invariantqp.velocity.qp import Cone, Polytope
 from invariantqp.velocity.reasons import Code, Reason
 
 # How far outside its position range a joint is reported to be [rad, length]; less is rounding and noise of encoders.
@@ -331,11 +330,6 @@ class LimitRows(Value):
         vars(made).update(vars(self), names=tuple(names))
         return made
 
-    def with_box(self, lower: Array, upper: Array) -> Polytope:
-        """The polytope of a box (m,) on the joints and these rows."""
-        A = np.vstack((np.eye(len(lower)), self.C))
-        return Polytope(A, np.concatenate((lower, self.lower)), np.concatenate((upper, self.upper)))
-
     def allow(self, x: Array) -> bool:
         """Whether C x is inside."""
         y = self.C.dot(x)
@@ -351,6 +345,27 @@ class LimitRows(Value):
         """(2 k,) the share that x takes of each upper limit above zero and each lower one below; 0 for the others."""
         y, lower, upper = self.C.dot(x), self.lower, self.upper
         return np.append(y / np.where(upper > 0.0, upper, np.inf), y / np.where(lower < 0.0, lower, -np.inf))
+
+
+class Cone(NamedTuple):
+    """|start + J x| <= limit: the speed of a point."""
+
+    J: Array  # (3, m)
+    limit: float  # [length/s]
+    start: Array  # (3,)
+
+    def velocity(self, x: Array) -> Array:
+        """(3,) of the point [length/s]."""
+        return np.asarray(self.start + self.J.dot(x), dtype=np.float64)
+
+    def speed(self, x: Array) -> float:
+        """|v_p| [length/s]."""
+        v = self.velocity(x)
+        return sqrt(float(v.dot(v)))
+
+    def allows(self, x: Array, tolerance: float = 0.0) -> bool:
+        """Whether the point is slow enough, but for a relative tolerance."""
+        return self.speed(x) <= self.limit * (1.0 + tolerance)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)

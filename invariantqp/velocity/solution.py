@@ -10,9 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.law import Demand
-from invariantqp.velocity.qp import ACTIVE_TOLERANCE, SLOWEST
 from invariantqp.velocity.reasons import Code, Explained, Why, parts
+
+# A limit this close, relative to its value (or 1), is at it.
+ACTIVE_TOLERANCE = 1e-6
+# A joint is at a bound within `ACTIVE_TOLERANCE` of its speed, or of this one [rad/s, length/s] where it is slower; the
+# rest is rounding of an arm that stands still.
+SLOWEST = 1e-6
 
 
 class Status(str, Enum):
@@ -106,28 +110,6 @@ class VelocitySolution(Explained, _Solution):
     __slots__ = ()
 
 
-def clipped(demand: Demand, x: Array) -> tuple[Array, tuple[int, ...]]:
-    """The velocity without rounding past its limits, and the joints at them."""
-    x = np.minimum(np.maximum(_shortened(demand, x), demand.lower), demand.upper)
-    return x, tuple(at_bounds(x, demand.lower, demand.upper).nonzero()[0].tolist())
-
-
-def _shortened(demand: Demand, x: Array) -> Array:
-    """The velocity shortened until rows and tool speed hold exactly, where only rounding exceeds them.
-
-    Not where standing still is outside a row or the box, which a shorter one would be too.
-    """
-    rows, cone, still = demand.rows, demand.cone, np.zeros_like(x)
-    boxed = bool(((demand.lower <= still) & (demand.upper >= still)).all())
-    if not boxed or (rows is not None and not rows.allow(still)):
-        return x
-    used = np.empty(0) if rows is None else rows.used(x)
-    if cone is not None:
-        used = np.append(used, cone.speed(x) / cone.limit)
-    most = float(used[used < 1.0 / (1.0 - ACTIVE_TOLERANCE)].max(initial=1.0))  # what is exceeded by more gave way
-    return x / most
-
-
 def at_bounds(x: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
     """(..., m) which joints of x (..., m) are at a bound."""
     margin = ACTIVE_TOLERANCE * np.maximum(SLOWEST, np.abs(x))
@@ -148,10 +130,3 @@ def no_motion(solution: VelocitySolution) -> bool:
 def both(first: Why, solution: VelocitySolution) -> Why:
     """Some reasons before those of a solution, which are not read for that."""
     return (*parts(first), *parts(solution[3]))
-
-
-def held(demand: Demand, why: Why) -> VelocitySolution:
-    """Standing still or, where the bounds do not allow that, moving back inside them."""
-    x, active = clipped(demand, np.zeros(len(demand.lower)))
-    residual = demand.s - demand.J.dot(x)
-    return VelocitySolution(x, "hold", Status.HELD, why, active, residual, 0.0, 0.0, 0.0, "")

@@ -25,19 +25,24 @@ from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.linear import rank_of
-from invariantqp.velocity.compiled import compiled_problem
-from invariantqp.velocity.damping import Damping, PaperLambda
-from invariantqp.velocity.exact import ROW_TOLERANCE, Reduction, reduce
-from invariantqp.velocity.forms import CarriedMetric, Form, attempted, form_of
-from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.objective import least_squares, spectrum_of
-from invariantqp.velocity.problem import Measure, measure_of, problem_of
-from invariantqp.velocity.qp import Quadratic
+from invariantqp.legacy.attempted import attempted
+from invariantqp.legacy.compiled import compiled_problem
+from invariantqp.legacy.damping import Damping, PaperLambda
+from invariantqp.legacy.exact import Reduction, reduce
+from invariantqp.legacy.law import Demand, VelocityLaw
+from invariantqp.legacy.objective import least_squares, spectrum_of
+from invariantqp.legacy.problem import problem_of
+from invariantqp.legacy.qp import Quadratic
+from invariantqp.legacy.report import WHOLE_SPEED, at_limits, row_troubles, slowed_rows, status_of
+from invariantqp.legacy.solution import clipped
+from invariantqp.legacy.solve import computed
+from invariantqp.legacy.tick import Room, room_within
+from invariantqp.velocity.arguments import Measure, measure_of
+from invariantqp.velocity.exact import ROW_TOLERANCE
+from invariantqp.velocity.forms import CarriedMetric, Form, form_of
+from invariantqp.velocity.problem import known
 from invariantqp.velocity.reasons import Code, Reason, worst_first
-from invariantqp.velocity.report import WHOLE_SPEED, at_limits, row_troubles, slowed_rows, status_of
-from invariantqp.velocity.solution import VelocitySolution, clipped
-from invariantqp.velocity.solve import computed
-from invariantqp.velocity.tick import Room, room_within
+from invariantqp.velocity.solution import VelocitySolution
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -150,6 +155,7 @@ def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[Veloci
     found = _compiled(levels, J, s, options)
     if found is not None:
         return found
+    known(options)
     law, demand = problem_of(J, s, **options)
     if isinstance(law.damping, PaperLambda):
         raise BadInput("damping", "PaperLambda", "a policy with a convex objective, such as Adaptive()")

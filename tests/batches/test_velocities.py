@@ -7,9 +7,9 @@ import pytest
 
 import invariantqp as iq
 from invariantqp import batches
-from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.problem import measure_of
-from invariantqp.velocity.solve import solve
+from invariantqp.legacy.law import Demand, VelocityLaw
+from invariantqp.legacy.solve import solve
+from invariantqp.velocity.arguments import measure_of
 
 N = 40
 

@@ -31,7 +31,7 @@ from support.arms import ready
 import invariantqp as iq
 from invariantqp.compare.libraries import Mink, Pink, Placo
 from invariantqp.compare.tasks import spec_of
-from invariantqp.velocity import compiled
+from invariantqp.legacy import compiled
 
 OURS, PYTHON, HAND = "compiled", "Python", "hand-written"
 COLUMNS = (OURS, PYTHON, HAND, "Pink", "mink", "placo")

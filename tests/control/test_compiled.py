@@ -15,7 +15,7 @@ import invariantqp as iq
 from invariantqp.control.compiled import compiled_tick
 from invariantqp.control.frame_cost import FrameCost
 from invariantqp.engine import core
-from invariantqp.velocity.objective import least_squares, spectrum_of
+from invariantqp.legacy.objective import least_squares, spectrum_of
 from invariantqp.velocity.reasons import Code
 
 pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")

@@ -8,7 +8,7 @@ import pytest
 from support.repeats import repeats
 
 import invariantqp as iq
-from invariantqp.velocity.damping import PROGRESS_SHARE
+from invariantqp.legacy.damping import PROGRESS_SHARE
 
 SEVEN = ("panda", "fr3", "iiwa14", "gen3", "xarm7", "talos")
 ARMS = ("panda", "ur5", "xarm7", "so101", "gen3", "z1")

@@ -13,9 +13,9 @@ from support.repeats import repeats
 from support.velocity_reference import tight_box
 
 import invariantqp as iq
-from invariantqp.velocity.law import Chase
-from invariantqp.velocity.problem import problem_of
-from invariantqp.velocity.solve import solve
+from invariantqp.legacy.law import Chase
+from invariantqp.legacy.problem import problem_of
+from invariantqp.legacy.solve import solve
 
 FRAMES = repeats(1000, 250)
 AGREE = 1e-10

@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 import invariantqp as iq
-from invariantqp.velocity.compiled import compiled
-from invariantqp.velocity.law import Chase, Demand, VelocityLaw
-from invariantqp.velocity.qp import ACTIVE_TOLERANCE, SLOWEST
-from invariantqp.velocity.solve import solve
-from invariantqp.velocity.tick import posed
+from invariantqp.legacy.compiled import compiled
+from invariantqp.legacy.law import Chase, Demand, VelocityLaw
+from invariantqp.legacy.solve import solve
+from invariantqp.legacy.tick import posed
+from invariantqp.velocity.solution import ACTIVE_TOLERANCE, SLOWEST
 
 # Velocity, the share of exact rows and what limits pull agree to this, relative to the largest.
 AGREE = 1e-8

@@ -8,6 +8,7 @@ from math import inf
 
 import mpmath
 import numpy as np
+from scipy.optimize import linprog
 
 import invariantqp as iq
 
@@ -248,3 +249,17 @@ def tight_box(rng, m, x, share=0.6):
     """Bounds with zero inside that the velocity x leaves at about `share` of its joints."""
     reach = np.where(rng.random((2, m)) < share, 0.5, 2.0) * np.abs(x) * rng.uniform(0.4, 1.0, size=(2, m)) + 1e-3
     return iq.Bounds(-reach[0], reach[1])
+
+
+def largest_share(A, b, lower, upper):
+    """max a in [0, 1] with A x = a b inside the box, on x itself; None where there is none."""
+    k, m = A.shape
+    result = linprog(
+        [-1.0] + [0.0] * m,
+        A_eq=np.column_stack((-b, A)),
+        b_eq=np.zeros(k),
+        bounds=[(0.0, 1.0), *zip(lower, upper, strict=True)],
+        method="highs",
+        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+    )
+    return result.x[0] if result.status == 0 else None

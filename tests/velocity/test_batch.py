@@ -163,7 +163,8 @@ def test_a_row_is_damped_as_by_itself_whichever_joints_others_limit():
 
 @pytest.mark.skipif(core is None, reason="no compiled core here")
 def test_several_threads_answer_as_one_does(monkeypatch):
-    from invariantqp.velocity import batch, compiled
+    from invariantqp.legacy import compiled
+    from invariantqp.velocity import batch
 
     rng = np.random.default_rng(5)
     J, s, reach = rng.normal(size=(40, 6, 7)), rng.normal(size=(40, 6)), rng.uniform(0.1, 3.0, size=(40, 7))

@@ -4,35 +4,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import linprog, lsq_linear
+from scipy.optimize import lsq_linear
 from support.arms import arm
 from support.repeats import repeats
-from support.velocity_reference import eliminated, quadprog_minimum, regular_problem, root_of, tight_box
+from support.velocity_reference import eliminated, largest_share, regular_problem, root_of, tight_box
 
 import invariantqp as iq
 from invariantqp.engine import ENGINES
-from invariantqp.velocity import exact as exact_module
-from invariantqp.velocity.backends import Daqp
-from invariantqp.velocity.exact import reduce, share_of
 from invariantqp.velocity.limits import bounds_of
-from invariantqp.velocity.qp import Polytope
 
 # The share is at most this far from the largest, by what regularises it and keeps an inside.
 SHARE_TOLERANCE = 1e-6
-
-
-def largest_share(A, b, lower, upper):
-    """max a in [0, 1] with A x = a b inside the box, on x itself; None where there is none."""
-    k, m = A.shape
-    result = linprog(
-        [-1.0] + [0.0] * m,
-        A_eq=np.column_stack((-b, A)),
-        b_eq=np.zeros(k),
-        bounds=[(0.0, 1.0), *zip(lower, upper, strict=True)],
-        method="highs",
-        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
-    )
-    return result.x[0] if result.status == 0 else None
 
 
 @pytest.mark.cases(3)
@@ -119,52 +101,6 @@ def test_never_held_where_a_velocity_exists(seed, m, kind):
         np.testing.assert_allclose(rows.A @ solution.velocity, solution.scale * rows.b, atol=1e-8)
 
 
-@pytest.mark.cases(2)
-@pytest.mark.parametrize(("dt", "held"), [(0.0, 0.0), (0.01, 0.0), (0.01, 0.5)])
-def test_the_share_by_another_solver_from_its_formula(dt, held):
-    """The largest share, then once more with what the first one misses, or turns, as the price of motion."""
-    pytest.importorskip("quadprog")
-    rng = np.random.default_rng(40)
-    calmed = 0
-    for _ in range(40):
-        m = int(rng.integers(4, 8))
-        A, b = rng.normal(size=(3, m)) * np.array([1.0, 0.3, 0.05])[:, None], rng.normal(size=3)
-        reduction = reduce(iq.ExactRows(A, b), np.eye(6))
-        reach = rng.uniform(0.1, 1.0, m) * np.abs(reduction.full).max() * rng.uniform(0.1, 1.5)
-        found = share_of(reduction, Polytope(np.eye(m), -reach, reach), None, np.zeros(m), dt, Daqp(), held)
-
-        full = np.linalg.pinv(A) @ b
-        size = np.linalg.norm(full)
-        null = np.linalg.svd(A)[2][3:].T
-        basis = np.column_stack((full / size, null))
-
-        def best(nu, basis=basis, size=size, reach=reach, m=m):
-            n = basis.shape[1]
-            first = np.eye(n)[0]
-            H = np.outer(first, first) + (exact_module.REGULARISATION + nu) * np.eye(n)
-            wide = np.full(n, 1e3 * size)
-            return (
-                quadprog_minimum(
-                    H, size * first, np.where(first, 0.0, -wide), np.where(first, size, wide), basis, -reach, reach
-                )[0]
-                / size
-            )
-
-        possible = best(0.0)
-        assert possible == pytest.approx(min(1.0, largest_share(A, b, -reach, reach)), rel=1e-6)
-        singular = np.linalg.svd(A, compute_uv=False)
-        y, met = np.linalg.lstsq(A, b, rcond=None)[0], b
-        effort = np.linalg.norm(singular) * np.linalg.norm(y) / np.linalg.norm(met)
-        missed = 1.0 - possible + max(0.0, 0.25 * held * possible**2 * effort * size - 1.0)
-        nu = 0.5 * exact_module.EXACT_CALM * (dt + held) * missed * size * effort
-        expected = best(nu) if nu > exact_module.REGULARISATION else possible
-        calmed += expected < possible - 1e-3
-        assert found.value == pytest.approx(expected, rel=1e-5, abs=1e-9)
-        np.testing.assert_allclose(A @ found.velocity, found.value * b, atol=1e-8 * np.abs(b).max())
-        assert (np.abs(found.velocity) <= reach * (1.0 + 1e-9)).all()
-    assert calmed >= (5 if dt else 0)
-
-
 @pytest.mark.parametrize("engine", ENGINES)
 def test_rows_at_rest_beside_a_motion_that_leaves_them_alone_are_not_scaled(engine):
     """A joint on its way back inside its range, which the others can make up for."""
@@ -178,19 +114,6 @@ def test_rows_at_rest_beside_a_motion_that_leaves_them_alone_are_not_scaled(engi
         assert solution.scale == 1.0
         assert solution.status != "scaled"
         assert np.abs(J[3:] @ solution.velocity).max() <= 1e-12 * np.abs(solution.velocity).max()
-
-
-def test_no_joint_is_spent_at_full_speed_for_a_thousandth_of_line_speed():
-    """A column that helps the rows by a thousandth of what another does: the loop's calm leaves it alone."""
-    A, b = np.array([[1.0, 1e-3, 0.0]]), np.array([10.0])
-    law = iq.solve_velocity(
-        np.vstack((A, np.eye(5, 3))), np.zeros(6), exact=iq.ExactRows(A, b), bounds=(-np.ones(3), np.ones(3))
-    )
-    assert law.velocity[1] > 0.9  # one question by itself, with no time in it, is answered to the letter
-    limits = Polytope(np.eye(3), -np.ones(3), np.ones(3))
-    calm = share_of(reduce(iq.ExactRows(A, b), np.eye(6)), limits, None, np.zeros(3), 0.01, Daqp())
-    assert calm.value == pytest.approx(0.1, rel=1e-2)
-    assert abs(calm.velocity[1]) < 0.5
 
 
 def test_dependent_rows_that_agree_are_as_one():

@@ -8,7 +8,7 @@ from support.random_systems import motion
 from support.velocity_reference import regular_problem, root_of
 
 import invariantqp as iq
-from invariantqp.velocity.forms import FORM_THRESHOLD
+from invariantqp.legacy.attempted import FORM_THRESHOLD
 
 PLANAR = np.column_stack([iq.revolute((0, 0, 1), p) for p in ((0, 0, 0), (0.4, 0, 0), (0.5, 0.3, 0))])
 SCARA = np.column_stack((PLANAR, iq.se3.prismatic((0, 0, 1))))

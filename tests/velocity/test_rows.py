@@ -5,7 +5,7 @@ import pytest
 from support.velocity_reference import LIMITED, least_squares_form, regular_problem, root_of, tight_box
 
 import invariantqp as iq
-from invariantqp.velocity.qp import ACTIVE_TOLERANCE
+from invariantqp.velocity.solution import ACTIVE_TOLERANCE
 
 
 def test_sides_that_have_changed_places_are_refused():

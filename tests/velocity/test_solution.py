@@ -9,8 +9,6 @@ import pytest
 
 import invariantqp as iq
 from invariantqp.engine import core
-from invariantqp.velocity.compiled import compiled
-from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.solution import VelocitySolution
 
 
@@ -29,12 +27,9 @@ def test_both_engines_answer_with_members():
     robot = iq.load_robot("ur5e")
     q = np.full(6, 0.4)
     J, s = robot.jacobian(q), np.ones(6)
-    demand = Demand(J, s, np.eye(6), np.full(J.shape[1], -0.1), np.full(J.shape[1], 0.1))
-    bounds = demand.lower, demand.upper
+    bounds = np.full(J.shape[1], -0.1), np.full(J.shape[1], 0.1)
     solutions = [iq.solve_velocity(J, s, bounds=bounds), iq.Controller(robot, dt=0.01).follow(q, s)]
     solutions += iq.solve_velocities(J[None], s[None], bounds=(bounds[0][None], bounds[1][None]))
-    if core is not None:
-        solutions.append(compiled(VelocityLaw(), demand))
     for solution in solutions:
         assert type(solution.status) is iq.Status
         again = pickle.loads(pickle.dumps(solution))

@@ -5,10 +5,10 @@ import pytest
 from support.velocity_reference import UNLIMITED, regular_problem, root_of
 
 import invariantqp as iq
-from invariantqp.velocity.damping import damping_of
-from invariantqp.velocity.law import Chase, Demand, VelocityLaw
-from invariantqp.velocity.objective import least_squares, spectrum_of
-from invariantqp.velocity.solve import solve
+from invariantqp.legacy.damping import damping_of
+from invariantqp.legacy.law import Chase, Demand, VelocityLaw
+from invariantqp.legacy.objective import least_squares, spectrum_of
+from invariantqp.legacy.solve import solve
 
 
 def test_adaptive_damping_is_nothing_until_the_threshold_and_continuous_there():

@@ -10,47 +10,18 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from attrs import frozen
 
 from invariantqp.engine import Engine, core_for
-from invariantqp.errors import BadInput
-from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.fields import Value
+from invariantqp.legacy.damping import Adaptive, Damping, Fixed, PaperLambda, Selective
 from invariantqp.velocity.backends import Backend, Daqp
-from invariantqp.velocity.damping import Adaptive, Damping, Fixed, PaperLambda, Selective
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import Complement, Form, PitchForm
-from invariantqp.velocity.limits import LimitRows
-from invariantqp.velocity.qp import Cone
+from invariantqp.velocity.guard import Guard
+from invariantqp.velocity.limits import Cone, LimitRows
 
 if TYPE_CHECKING:
     from invariantqp.engine import Law
-
-
-# Half of the decrease by least squares: the form's velocity is unchanged wherever it is at least half as good.
-DEFAULT_FRACTION = 0.5
-
-
-@frozen(init=False, eq=False, repr=False, slots=False)
-class Guard(Value):
-    """The decrease of the error that a form must at least achieve, measured at the point."""
-
-    fraction: float
-
-    def __init__(self, fraction: float = DEFAULT_FRACTION) -> None:
-        """A guard.
-
-        Args:
-            fraction: eta in [0, 1], the share of the least-squares decrease that is required.
-
-        Raises:
-            BadInput: a fraction out of range.
-        """
-        share = arrays.number(fraction, "fraction")
-        if not 0.0 <= share <= 1.0:
-            raise BadInput("fraction", f"{share:g}", "a number from 0 to 1")
-        self.__attrs_init__(share)
 
 
 class Chase(NamedTuple):

@@ -12,15 +12,16 @@ import numpy as np
 
 from invariantqp.geometry.arrays import NEGLIGIBLE
 from invariantqp.geometry.forms import pitch_form
+from invariantqp.legacy.compiled import compiled
+from invariantqp.legacy.damping import PaperLambda
+from invariantqp.legacy.law import Demand, VelocityLaw
+from invariantqp.legacy.report import reported
+from invariantqp.legacy.solution import clipped, held
+from invariantqp.legacy.tick import answered, posed
 from invariantqp.velocity.backends import SolverFailure
-from invariantqp.velocity.compiled import compiled
-from invariantqp.velocity.damping import PaperLambda
 from invariantqp.velocity.forms import PitchForm
-from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.reasons import Code, Reason
-from invariantqp.velocity.report import reported
-from invariantqp.velocity.solution import Status, VelocitySolution, clipped, held
-from invariantqp.velocity.tick import answered, posed
+from invariantqp.velocity.solution import Status, VelocitySolution
 
 
 def solve(law: VelocityLaw, demand: Demand) -> VelocitySolution:

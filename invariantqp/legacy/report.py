@@ -17,15 +17,16 @@ from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.se3 import norm
-from invariantqp.velocity.damping import PROGRESS_SHARE
-from invariantqp.velocity.exact import Reduction
-from invariantqp.velocity.law import Demand
+from invariantqp.legacy.damping import PROGRESS_SHARE
+from invariantqp.legacy.exact import Reduction
+from invariantqp.legacy.law import Demand
+from invariantqp.legacy.objective import Objective
+from invariantqp.legacy.qp import PRODUCT_ROUNDING
+from invariantqp.legacy.solution import clipped
+from invariantqp.legacy.tick import Answer, Problem, Room
 from invariantqp.velocity.limits import LimitRows
-from invariantqp.velocity.objective import Objective
-from invariantqp.velocity.qp import ACTIVE_TOLERANCE, PRODUCT_ROUNDING, SLOWEST
 from invariantqp.velocity.reasons import FIRST_EXACT_ROW, TOOL_SPEED, Code, Reason, row_name, worst_first
-from invariantqp.velocity.solution import Status, VelocitySolution, clipped
-from invariantqp.velocity.tick import Answer, Problem, Room
+from invariantqp.velocity.solution import ACTIVE_TOLERANCE, SLOWEST, Status, VelocitySolution
 
 # What "ok" promises.
 MISSED = 0.05

@@ -5,6 +5,9 @@ import pickle
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.repeats import repeats
 from support.velocity_reference import (
     LIMITED,
     UNLIMITED,
@@ -17,6 +20,7 @@ from support.velocity_reference import (
 )
 
 import invariantqp as iq
+from invariantqp.engine import core
 
 FEW = iq.robots.Chain(
     np.column_stack(
@@ -424,3 +428,41 @@ def test_a_tick_that_cannot_be_computed_is_held_and_never_a_warning_nor_another_
             assert "bounds" not in some or (np.abs(solution.velocity) <= 1.0).all()
             held += "too large or too small" in solution.reason
     assert (held > 0) == (size in (1e-320, 1e-200, 1e200, 1e300))
+
+
+@pytest.mark.skipif(core is None, reason="no compiled core here")
+def test_solve_velocity_asks_the_core_first():
+    J, s = np.random.default_rng(0).normal(size=(6, 6)), np.ones(6)
+    first = iq.solve_velocity(J, s, bounds=(-0.1 * s, 0.1 * s))
+    second = iq.solve_velocity(J, s, bounds=(-0.1 * s, 0.1 * s), engine="python")
+    assert (first.backend, second.backend) == ("native", "daqp")
+    np.testing.assert_allclose(first.velocity, second.velocity, rtol=1e-12)
+
+
+@pytest.mark.skipif(core is None, reason="no compiled core here")
+@settings(max_examples=repeats(1000, 200), deadline=None, derandomize=True)
+@given(st.integers(0, 2**63))
+def test_solve_velocity_is_the_core_s_with_its_checks(seed):
+    """Point, length, sizes, bounds and rows: the answer of Python, which measures by its own."""
+    rng = np.random.default_rng(seed)
+    m, unit = int(rng.integers(1, 13)), 10.0 ** rng.integers(-6, 7)
+    J, s = rng.normal(size=(6, m)), rng.normal(size=6)
+    if rng.random() < 0.3:
+        J[:3, rng.integers(m)] = 0.0  # a slide
+    if rng.random() < 0.2:
+        J[:3] = J[:3] * (0.0, 0.0, 1.0)[rng.integers(3)] + np.outer([0.0, 0.0, 1.0], J[2])  # nearly parallel axes
+    J[3:], s[3:] = unit * J[3:], unit * s[3:]
+    width = 10.0 ** rng.uniform(-1.0, 1.0)
+    told = {
+        "bounds": (None, iq.Bounds(-width * np.ones(m), width * np.ones(m)), (np.full(m, -width), np.full(m, np.inf))),
+        "point": (None, unit * rng.normal(size=3), tuple(unit * rng.normal(size=3))),
+        "length": (None, unit, 3),
+        "posture": (None, rng.normal(size=m)),
+        "rows": (None, iq.limits.LimitRows(rng.normal(size=(2, m)), -np.ones(2), [0.5, np.inf])),
+        "exact": (None, iq.ExactRows.of(J, np.eye(6)[3:4], s[3:4]), iq.ExactRows(np.eye(m)[:1], [0.1])),
+    }
+    options = {name: values[rng.integers(len(values))] for name, values in told.items() if rng.random() < 0.5}
+    native, python = iq.solve_velocity(J, s, **options), iq.solve_velocity(J, s, **options, engine="python")
+    near = 1e-7 * max(1e-9, np.abs(python.velocity).max(), np.abs(native.velocity).max())
+    np.testing.assert_allclose(native.velocity, python.velocity, rtol=0.0, atol=near)
+    assert (native.status, native.active) == (python.status, python.active)

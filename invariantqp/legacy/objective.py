@@ -31,8 +31,8 @@ from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.forms import pitch_form
-from invariantqp.velocity.damping import Adaptive, Damping, asked_share
-from invariantqp.velocity.qp import EPSILON, Quadratic
+from invariantqp.legacy.damping import Adaptive, Damping, asked_share
+from invariantqp.legacy.qp import EPSILON, Quadratic
 
 # A singular value below this share of the largest is rounding: its direction moves nothing.
 NULL_RATIO = 1e-12

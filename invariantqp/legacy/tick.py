@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.se3 import norm
-from invariantqp.velocity.backends import Backend, Daqp, SolverFailure
-from invariantqp.velocity.damping import CALM, Damping, calm, worth
-from invariantqp.velocity.exact import (
+from invariantqp.legacy.attempted import attempted
+from invariantqp.legacy.damping import CALM, Damping, calm, worth
+from invariantqp.legacy.exact import (
     REGULARISATION,
     Nearest,
     Reduction,
@@ -44,11 +44,13 @@ from invariantqp.velocity.exact import (
     reduce,
     share_of,
 )
-from invariantqp.velocity.forms import PitchForm, attempted
-from invariantqp.velocity.law import Demand, Guard, VelocityLaw
-from invariantqp.velocity.limits import LimitRows
-from invariantqp.velocity.objective import NULL_RATIO, Objective, Spectrum, convexified, least_squares, spectrum_of
-from invariantqp.velocity.qp import PRODUCT_ROUNDING, Cone, Optimum, Polytope, Quadratic, largest_pace, minimise
+from invariantqp.legacy.law import Demand, VelocityLaw
+from invariantqp.legacy.objective import NULL_RATIO, Objective, Spectrum, convexified, least_squares, spectrum_of
+from invariantqp.legacy.qp import PRODUCT_ROUNDING, Optimum, Polytope, Quadratic, cone_on, largest_pace, minimise
+from invariantqp.velocity.backends import Backend, Daqp, SolverFailure
+from invariantqp.velocity.forms import PitchForm
+from invariantqp.velocity.guard import Guard
+from invariantqp.velocity.limits import Cone, LimitRows
 from invariantqp.velocity.reasons import Code, Reason, row_name
 
 # The joint speed of a task, as a share of the fastest, at which half of the posture is followed. Measured
@@ -123,7 +125,7 @@ class Limits(NamedTuple):
         """The same on what is left, y = origin + basis z; `inside` is a y."""
         polytope, value = self.polytope.on(origin, basis, inside), self.polytope.A.dot(origin)
         position = polytope._replace(lower=self.position.lower - value, upper=self.position.upper - value)
-        cone = None if self.cone is None else self.cone.on(origin, basis)
+        cone = None if self.cone is None else cone_on(self.cone, origin, basis)
         return Limits(polytope, position, cone, (inside - origin).dot(basis), self.troubles)
 
     def beside(self, nearest: Nearest) -> Limits:
@@ -298,12 +300,12 @@ def limits_of(law: VelocityLaw, demand: Demand) -> tuple[Polytope, Polytope, Con
     boxes += [boxes[0] if demand.chase is None else (demand.chase.lower, demand.chase.upper)]
     m = len(demand.lower)
     rows = LimitRows.none(m) if demand.rows is None else demand.rows
-    limits, position = (rows.with_box(*box) for box in boxes)
+    limits, position = (Polytope.of(*box, rows) for box in boxes)
     T, cone = law.to_joint, demand.cone
     if T is None:
         return limits, position, cone
     still = np.zeros(m)
-    return limits.on(still, T), position.on(still, T), None if cone is None else cone.on(still, T)
+    return limits.on(still, T), position.on(still, T), None if cone is None else cone_on(cone, still, T)
 
 
 def room_within(law: VelocityLaw, demand: Demand, reduction: Reduction) -> Room:
@@ -472,7 +474,7 @@ def _rows_given_way(
     T = np.eye(m) if to_joint is None else to_joint
     shortest, still = Quadratic.diagonal(np.ones(m), np.zeros(m)), np.zeros(m)
     try:  # where some velocity meets all
-        least = minimise(Daqp(), shortest, rows.with_box(lower, upper).on(still, T)).z
+        least = minimise(Daqp(), shortest, Polytope.of(lower, upper, rows).on(still, T)).z
         x = np.asarray(np.clip(T.dot(least), lower, upper))
         if (np.abs(rows.excess(x)) <= PRODUCT_ROUNDING * np.linalg.norm(rows.C, axis=1) * norm(x)).all():
             return rows, x, ()
@@ -492,7 +494,7 @@ def _rows_given_way(
     moved: NDArray[np.bool_] = np.abs(t) > NEGLIGIBLE * np.linalg.norm(z)
     t = lengths * np.where(moved, t + np.sign(t) * WIDENING * size, 0.0)
     wider = LimitRows(rows.C, rows.lower + np.minimum(t, 0.0), rows.upper + np.maximum(t, 0.0))
-    least = minimise(Daqp(), shortest, wider.with_box(lower, upper).on(still, T), None, z[:m]).z
+    least = minimise(Daqp(), shortest, Polytope.of(lower, upper, wider).on(still, T), None, z[:m]).z
     x = np.asarray(np.clip(T.dot(least), lower, upper))
     if not moved.any():
         return wider, x, ()

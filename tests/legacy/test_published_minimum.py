@@ -11,8 +11,8 @@ from support.velocity_reference import CALM, DEVIATION, LIMITED, QUIET, adaptive
 
 import invariantqp as iq
 from invariantqp.engine import core
-from invariantqp.velocity.law import Chase, Demand, VelocityLaw
-from invariantqp.velocity.solve import solve
+from invariantqp.legacy.law import Chase, Demand, VelocityLaw
+from invariantqp.legacy.solve import solve
 
 # Tighter than it gets in every case, and then it says so; the comparison decides.
 pytestmark = pytest.mark.filterwarnings("ignore:Solution may be inaccurate")

@@ -16,11 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
-from invariantqp.velocity.damping import damping_of
+from invariantqp.legacy.damping import damping_of
+from invariantqp.legacy.law import Demand, VelocityLaw
 from invariantqp.velocity.exact import ExactRows
-from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.limits import Bounds, LimitRows, ToolSpeed
-from invariantqp.velocity.qp import Cone
+from invariantqp.velocity.limits import Bounds, Cone, LimitRows, ToolSpeed
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 if TYPE_CHECKING:

@@ -28,13 +28,10 @@ from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.linear import TINY, rank_of
 from invariantqp.geometry.se3 import norm
 from invariantqp.velocity.backends import FEASIBILITY_TOLERANCE, Backend, BoxQP, Daqp, SolverFailure, solved
+from invariantqp.velocity.limits import Cone, LimitRows
+from invariantqp.velocity.solution import ACTIVE_TOLERANCE
 
 EPSILON = float(np.finfo(float).eps)
-# A limit this close, relative to its value (or 1), is at it.
-ACTIVE_TOLERANCE = 1e-6
-# A joint is at a bound within `ACTIVE_TOLERANCE` of its speed, or of this one [rad/s, length/s] where it is slower; the
-# rest is rounding of an arm that stands still.
-SLOWEST = 1e-6
 # What is below this share of the terms of a product is rounding; cosines fade in above it, so that the law has no jump.
 PRODUCT_ROUNDING = 1e-13
 # The multiplier of a speed limit outweighs the rest by this factor at most.
@@ -51,6 +48,12 @@ class Polytope(NamedTuple):
     lower: Array  # (k,), -inf where there is none
     upper: Array  # (k,), inf where there is none
     rounding: Array | float = 0.0  # (k,) how far a value may be outside: rounding of what exact rows fix of it
+
+    @classmethod
+    def of(cls, lower: Array, upper: Array, rows: LimitRows) -> Polytope:
+        """That of a box (m,) on the joints, and rows."""
+        A = np.vstack((np.eye(len(lower)), rows.C))
+        return cls(A, np.concatenate((lower, rows.lower)), np.concatenate((upper, rows.upper)))
 
     def margin(self, *velocities: Array) -> Array:
         """(k,) how far a value may be outside its limit: rounding, where it comes from some z (n,)."""
@@ -72,29 +75,9 @@ class Polytope(NamedTuple):
         return Polytope(product(self.A, basis), self.lower - value, self.upper - value, margin)
 
 
-class Cone(NamedTuple):
-    """|start + J x| <= limit: the speed of a point."""
-
-    J: Array  # (3, m)
-    limit: float  # [length/s]
-    start: Array  # (3,)
-
-    def velocity(self, x: Array) -> Array:
-        """(3,) of the point [length/s]."""
-        return np.asarray(self.start + self.J.dot(x), dtype=np.float64)
-
-    def speed(self, x: Array) -> float:
-        """|v_p| [length/s]."""
-        v = self.velocity(x)
-        return sqrt(float(v.dot(v)))
-
-    def allows(self, x: Array, tolerance: float = 0.0) -> bool:
-        """Whether the point is slow enough, but for a relative tolerance."""
-        return self.speed(x) <= self.limit * (1.0 + tolerance)
-
-    def on(self, origin: Array, basis: Array) -> Cone:
-        """The same cone on z, x = origin + basis z."""
-        return Cone(product(self.J, basis), self.limit, self.velocity(origin))
+def cone_on(cone: Cone, origin: Array, basis: Array) -> Cone:
+    """The same cone on z, x = origin + basis z."""
+    return Cone(product(cone.J, basis), cone.limit, cone.velocity(origin))
 
 
 def product(A: Array, B: Array) -> Array:

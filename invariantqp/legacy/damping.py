@@ -48,7 +48,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import norm
-from invariantqp.velocity.qp import SLOWEST
+from invariantqp.velocity.solution import SLOWEST
 
 # Damping starts where a direction needs 1 / threshold times the joint speed of the strongest one, and lets none need
 # more than 1 / (2 ceiling) times that. Measured (`examples/14_defaults.py`): the larger the ceiling, the less joints

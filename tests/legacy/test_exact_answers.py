@@ -7,8 +7,8 @@ from support.velocity_reference import root_of, shipped
 
 import invariantqp as iq
 from invariantqp.analysis.survey import joint_ranges
-from invariantqp.velocity.law import Demand, VelocityLaw
-from invariantqp.velocity.solve import solve
+from invariantqp.legacy.law import Demand, VelocityLaw
+from invariantqp.legacy.solve import solve
 
 POINT, LENGTH, TWIST = np.array([0.1, -0.2, 0.3]), 0.7, 0.3
 SORTS = ("free", "limited", "singular")

@@ -1,5 +1,6 @@
 """The compiled core gives the answers of the Python law, on hostile inputs too, or hands the tick back."""
 
+import pickle
 from functools import reduce
 from importlib import import_module
 
@@ -13,10 +14,10 @@ from support.two_laws import Brought, disagreements, native_answer, python_answe
 
 import invariantqp as iq
 from invariantqp.engine import core
+from invariantqp.legacy.damping import Fixed
+from invariantqp.legacy.law import Demand, VelocityLaw
 from invariantqp.velocity.backends import backend_of
-from invariantqp.velocity.damping import Fixed
 from invariantqp.velocity.exact import ExactRows
-from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.solution import VelocitySolution
 
 pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
@@ -239,42 +240,6 @@ def test_the_core_says_how_it_is_called(name):
         getattr(core, name)(*[3] * name.endswith("_as"))
 
 
-def test_solve_velocity_asks_the_core_first():
-    J, s = np.random.default_rng(0).normal(size=(6, 6)), np.ones(6)
-    first = iq.solve_velocity(J, s, bounds=(-0.1 * s, 0.1 * s))
-    second = iq.solve_velocity(J, s, bounds=(-0.1 * s, 0.1 * s), engine="python")
-    assert (first.backend, second.backend) == ("native", "daqp")
-    np.testing.assert_allclose(first.velocity, second.velocity, rtol=1e-12)
-
-
-@settings(max_examples=repeats(1000, 200), deadline=None, derandomize=True)
-@given(st.integers(0, 2**63))
-def test_solve_velocity_is_the_core_s_with_its_checks(seed):
-    """Point, length, sizes, bounds and rows: the answer of Python, which measures by its own."""
-    rng = np.random.default_rng(seed)
-    m, unit = int(rng.integers(1, 13)), 10.0 ** rng.integers(-6, 7)
-    J, s = rng.normal(size=(6, m)), rng.normal(size=6)
-    if rng.random() < 0.3:
-        J[:3, rng.integers(m)] = 0.0  # a slide
-    if rng.random() < 0.2:
-        J[:3] = J[:3] * (0.0, 0.0, 1.0)[rng.integers(3)] + np.outer([0.0, 0.0, 1.0], J[2])  # nearly parallel axes
-    J[3:], s[3:] = unit * J[3:], unit * s[3:]
-    width = 10.0 ** rng.uniform(-1.0, 1.0)
-    told = {
-        "bounds": (None, iq.Bounds(-width * np.ones(m), width * np.ones(m)), (np.full(m, -width), np.full(m, np.inf))),
-        "point": (None, unit * rng.normal(size=3), tuple(unit * rng.normal(size=3))),
-        "length": (None, unit, 3),
-        "posture": (None, rng.normal(size=m)),
-        "rows": (None, iq.limits.LimitRows(rng.normal(size=(2, m)), -np.ones(2), [0.5, np.inf])),
-        "exact": (None, iq.ExactRows.of(J, np.eye(6)[3:4], s[3:4]), iq.ExactRows(np.eye(m)[:1], [0.1])),
-    }
-    options = {name: values[rng.integers(len(values))] for name, values in told.items() if rng.random() < 0.5}
-    native, python = iq.solve_velocity(J, s, **options), iq.solve_velocity(J, s, **options, engine="python")
-    near = 1e-7 * max(1e-9, np.abs(python.velocity).max(), np.abs(native.velocity).max())
-    np.testing.assert_allclose(native.velocity, python.velocity, rtol=0.0, atol=near)
-    assert (native.status, native.active) == (python.status, python.active)
-
-
 @pytest.mark.parametrize(
     "law",
     [
@@ -495,6 +460,15 @@ def test_arguments_have_names(tick):
         core.tick(law.compiled, twist=demand.s)
     with pytest.raises(TypeError, match=r"tick\(a Law"):
         core.tick(demand.J)
+
+
+def test_an_answer_is_a_value_with_a_status_of_the_enum(tick):
+    solution = native_answer(*tick)
+    assert type(solution.status) is iq.Status
+    again = pickle.loads(pickle.dumps(solution))
+    assert type(again) is VelocitySolution
+    assert again == solution
+    assert again.status is solution.status
 
 
 def test_the_answer_owns_its_arrays(tick):
