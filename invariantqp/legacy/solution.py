@@ -6,7 +6,7 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.legacy.law import Demand
-from invariantqp.velocity.reasons import Why
+from invariantqp.velocity.reasons import Reason
 from invariantqp.velocity.solution import ACTIVE_TOLERANCE, Status, VelocitySolution, at_bounds
 
 
@@ -32,7 +32,7 @@ def _shortened(demand: Demand, x: Array) -> Array:
     return x / most
 
 
-def held(demand: Demand, why: Why) -> VelocitySolution:
+def held(demand: Demand, why: tuple[Reason, ...]) -> VelocitySolution:
     """Standing still or, where the bounds do not allow that, moving back inside them."""
     x, active = clipped(demand, np.zeros(len(demand.lower)))
     residual = demand.s - demand.J.dot(x)
