@@ -46,7 +46,7 @@ INNER = {
     "Controller.near Controller.posture_pull Controller.said Controller.begin Controller.unwrapped Controller.wrong "
     "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after Clearance.given "
     "Clearance.watch OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
-    "ExactPoint.rows Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called LimitRows.with_box "
+    "ExactPoint.rows Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called "
     "ToolSpeed.cone ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points "
     "InvariantFrameTask.compute_qp_objective",
     "of this package's own files, with arguments of their making": "ScrewSystem.with_tolerance ScrewSystem.derived "
