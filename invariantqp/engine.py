@@ -1,4 +1,4 @@
-"""Whether this installation has the compiled core and uses it; without it everything works in pure Python.
+"""The compiled core, and whether it is in use.
 
 The core computes ticks of the velocity law faster than Python does. It answers what the Python law would answer, or
 hands the tick back to it. `INVARIANTQP_NATIVE=0` in the environment switches it off; `engine="python"` does for one
@@ -25,14 +25,13 @@ What stays in Python, and what a tick of a Panda then costs beside a plain one o
     pseudoinverse and dual projectors of dependent twists, near a principal pitch   20; 35 to 70
     ==============================================================================  ===============
 
-A folder with the sources hides an installed package from a Python that is started in it. Another build's core is not
-taken from there, since it need not be of these sources; a warning says that there is none.
+A Python that is started in a folder with the sources imports these, not an installed package; if they were not compiled
+there, an ImportError says so.
 """
 
 from __future__ import annotations
 
 import os
-import warnings
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -47,12 +46,12 @@ if TYPE_CHECKING:
     from invariantqp._native import Task as Task
     from invariantqp._native import Wanted as Wanted
 
-# What computes: the compiled core where there is one, or Python alone.
+# What computes: the compiled core, or Python alone.
 Engine = Literal["compiled", "python"]
 ENGINES: tuple[Engine, ...] = ("compiled", "python")
-WITHOUT = (
-    "invariantqp runs from its sources in {folder}, where no compiled core was built: ticks take seven to fifty times "
-    "as long. With a C compiler, run there: pip install -e . Without one, INVARIANTQP_NATIVE=0 silences this."
+NOT_BUILT = (
+    "the compiled core of invariantqp in {folder} cannot be imported ({error}). If this is the folder of its sources, "
+    "run there: pip install -e . Else install invariantqp again for this Python."
 )
 
 
@@ -62,15 +61,12 @@ def _found() -> tuple[ModuleType | None, str]:
         return None, "pure Python: INVARIANTQP_NATIVE=0"
     try:
         return import_module("invariantqp._native"), "compiled core"
-    except ImportError:  # none was built, or one for another machine
-        package = Path(__file__).parent
-        if (package / "csrc").is_dir():  # no wheel has it
-            warnings.warn(WITHOUT.format(folder=package.parent), stacklevel=2)
-        return None, "pure Python: no compiled core was built"
+    except ImportError as error:  # none was built, or one for another machine
+        raise ImportError(NOT_BUILT.format(folder=Path(__file__).parents[1], error=error)) from None
 
 
 def core_for(engine: Engine) -> ModuleType | None:
-    """The compiled core; None for Python alone, and where there is no core."""
+    """The compiled core; None for Python alone."""
     return core if engine == "compiled" else None
 
 

@@ -13,7 +13,7 @@ from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -275,6 +275,16 @@ def install_command(extra: str) -> str:
         requirements = metadata.requires("invariantqp") or []
     except metadata.PackageNotFoundError:  # the sources alone, on the path
         requirements = []
-    marked = (text.partition(";") for text in requirements)
-    brought = [f"'{name.strip()}'" for name, _, marker in marked if re.search(rf"extra *== *.{extra}\b", marker)]
+    brought = [f"'{name}'" for name in _brought_by(extra, requirements)]
     return " ".join(["pip install", *(brought or [f"'.[{extra}]'"])])
+
+
+def _brought_by(extra: str, requirements: list[str]) -> Iterator[str]:
+    """What an extra requires, and what the extras require that it names."""
+    for name, _, marker in (text.partition(";") for text in requirements):
+        if re.search(rf"extra *== *.{extra}\b", marker):
+            extras = re.fullmatch(r"invariantqp\[(.+)\]", name.strip())
+            if extras is None:
+                yield name.strip()
+            for each in extras[1].split(",") if extras else ():
+                yield from _brought_by(each, requirements)

@@ -5,7 +5,6 @@ import os
 import signal
 import sys
 from collections import defaultdict
-from importlib.util import find_spec
 
 import pytest
 from support.repeats import LONG
@@ -21,10 +20,6 @@ os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", "200000000")
 # Where no bytecode is to be kept, every process that a test starts compiles the package anew: a fifth of its time.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
-
-# Where no core could be built, the tests run as with the core switched off.
-if find_spec("invariantqp._native") is None:
-    os.environ["INVARIANTQP_NATIVE"] = "0"
 
 # A shell starts what is followed by "&" with Ctrl-C ignored, and so would be the commands that tests start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
