@@ -41,6 +41,14 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "invariantqp"
 # What CMake looks for.
 COMPILERS = ("c++", "g++", "clang++")
+# The first time that Zig links, it compiles its C++ library, 100 s of one core, and once more for each level of
+# optimisation. CMake links one file to see which compiler it has, and is content with an object file.
+SCRIPT = """#!/bin/sh
+case "$*" in *CMakeC*CompilerId.c*) set -- -c "$@" ;; esac
+exec "{zig}" {command} {options} "$@"
+"""
+# Else Zig compiles for the processor of this machine alone.
+OPTIONS = dict.fromkeys(("cc", "c++"), "-mcpu=baseline -g0")
 
 
 def needs_zig() -> bool:
@@ -69,9 +77,7 @@ def use_zig(folder: Path) -> None:
         os.environ.setdefault("ZIG_GLOBAL_CACHE_DIR", str(folder / "cache"))
     for variable, command in (("CC", "cc"), ("CXX", "c++"), ("AR", "ar"), ("RANLIB", "ranlib")):
         script = folder / f"zig-{command}"
-        # Without a processor Zig compiles for the one of this machine alone.
-        options = "-mcpu=baseline -g0" if variable in ("CC", "CXX") else ""
-        script.write_text(f'#!/bin/sh\nexec "{zig}" {command} {options} "$@"\n', encoding="utf-8")
+        script.write_text(SCRIPT.format(zig=zig, command=command, options=OPTIONS.get(command, "")), encoding="utf-8")
         script.chmod(0o755)
         os.environ[variable] = str(script)
 
@@ -92,7 +98,6 @@ def build_wheel(
         more: Settings = {}
         if needs_zig():
             use_zig(Path(folder))
-            # CMake's tests of the compiler link nothing: for each kind of link Zig compiles its C++ library (40 s).
             more = {"cmake.define.CMAKE_TRY_COMPILE_TARGET_TYPE": "STATIC_LIBRARY"} | {
                 f"cmake.define.CMAKE_{name}": os.environ[name] for name in ("AR", "RANLIB")
             }
