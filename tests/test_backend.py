@@ -18,7 +18,7 @@ def backend():
 
 def test_an_older_python_is_refused_by_name(monkeypatch):
     monkeypatch.setattr(sys, "version_info", (3, 9, 18))
-    with pytest.raises(SystemExit, match="^invariantqp needs Python 3.10 or newer, this is 3.9$"):
+    with pytest.raises(SystemExit, match=r"^invariantqp needs Python 3\.10 or newer, this is 3\.9$"):
         backend()
 
 

@@ -48,7 +48,7 @@ def test_sources_that_were_not_compiled_say_what_to_do(tmp_path):
     """As in a clone, where the folder hides what is installed."""
     without = shutil.ignore_patterns("_native*.so", "_native*.pyd")
     shutil.copytree(Path(iq.__file__).parent, tmp_path / "invariantqp", ignore=without)
-    done = run("-c", "import invariantqp as iq; iq.solve_pose", folder=tmp_path, check=False, INVARIANTQP_NATIVE="1")
+    done = run("-c", "import invariantqp as iq; iq.native", folder=tmp_path, check=False, INVARIANTQP_NATIVE="1")
     said = f"ImportError: the compiled core of invariantqp in {tmp_path} cannot be imported (No module named "
     assert said in done.stderr
     assert "run there: pip install -e . " in done.stderr

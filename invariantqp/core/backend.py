@@ -95,13 +95,12 @@ def build_wheel(
 ) -> str:
     """Compile, and pack a wheel."""
     with tempfile.TemporaryDirectory(prefix="zig-") as folder:
-        more: Settings = {}
+        settings = {**(config_settings or {})}
         if needs_zig():
             use_zig(Path(folder))
-            more = {"cmake.define.CMAKE_TRY_COMPILE_TARGET_TYPE": "STATIC_LIBRARY"} | {
-                f"cmake.define.CMAKE_{name}": os.environ[name] for name in ("AR", "RANLIB")
-            }
-        return scikit.build_wheel(wheel_directory, {**(config_settings or {}), **more}, metadata_directory)
+            settings["cmake.define.CMAKE_TRY_COMPILE_TARGET_TYPE"] = "STATIC_LIBRARY"
+            settings |= {f"cmake.define.CMAKE_{name}": os.environ[name] for name in ("AR", "RANLIB")}
+        return scikit.build_wheel(wheel_directory, settings, metadata_directory)
 
 
 def build_editable(
