@@ -10,6 +10,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from base64 import urlsafe_b64encode
+from hashlib import sha256
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -106,9 +108,25 @@ def build_wheel(
 def build_editable(
     wheel_directory: str, config_settings: Settings | None = None, metadata_directory: str | None = None
 ) -> str:
-    """Compile beside the sources, and pack a wheel that names their folder."""
+    """Compile beside the sources, and pack a wheel that names their folder.
+
+    scikit-build-core's own hides every other folder of that name, a second checkout among them.
+    """
+    del metadata_directory
     compile_in_place(config_settings)
-    return scikit.build_editable(wheel_directory, config_settings, metadata_directory)
+    with tempfile.TemporaryDirectory() as folder:
+        info = Path(folder, prepare_metadata_for_build_editable(folder, config_settings))
+        Path(folder, "invariantqp.pth").write_text(f"{ROOT}\n", encoding="utf-8")
+        tag = info.joinpath("WHEEL").read_text(encoding="utf-8").partition("\nTag: ")[2].split()[0]
+        lines = [f"{info.name}/RECORD,,"]
+        with ZipFile(Path(wheel_directory, f"{info.stem}-{tag}.whl"), "w") as wheel:
+            for file in filter(Path.is_file, Path(folder).rglob("*")):
+                name, content = file.relative_to(folder).as_posix(), file.read_bytes()
+                digest = urlsafe_b64encode(sha256(content).digest()).decode().rstrip("=")
+                lines.append(f"{name},sha256={digest},{len(content)}")
+                wheel.writestr(name, content)
+            wheel.writestr(lines[0].removesuffix(",,"), "\n".join([*lines, ""]))
+    return Path(wheel.filename or "").name
 
 
 def compile_in_place(config_settings: Settings | None = None) -> None:
@@ -122,9 +140,7 @@ def compile_in_place(config_settings: Settings | None = None) -> None:
 if __name__ == "__main__":
     os.chdir(ROOT)
     sanitize = "--sanitize" in sys.argv[1:]
-    compile_in_place(
-        {
-            "build-dir": f"build/{sys.implementation.cache_tag}{'-sanitized' if sanitize else ''}",
-            "cmake.define.INVARIANTQP_SANITIZE": "ON" if sanitize else "OFF",
-        }
-    )
+    settings: Settings = {"cmake.define.INVARIANTQP_SANITIZE": "ON" if sanitize else "OFF"}
+    if not needs_zig():  # its scripts are gone after a build, and a build folder would name them
+        settings["build-dir"] = f"build/{sys.implementation.cache_tag}{'-sanitized' if sanitize else ''}"
+    compile_in_place(settings)
