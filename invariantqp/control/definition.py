@@ -21,6 +21,7 @@ from invariantqp.legacy.report import FALLING, MISSED
 from invariantqp.legacy.solution import clipped, held
 from invariantqp.velocity.backends import SolverFailure
 from invariantqp.velocity.definition import Answer, Rows, Tick, velocity
+from invariantqp.velocity.exact import whitened
 from invariantqp.velocity.reasons import Code, Reason
 from invariantqp.velocity.solution import Status, VelocitySolution
 
@@ -58,7 +59,8 @@ def tick_of(law: VelocityLaw, demand: Demand, before: Array | None, missed: floa
     if demand.exact is not None:
         b = np.asarray(demand.exact.b)
         first = b if chase is None or chase.rows_ahead is None else chase.rows_ahead
-        exact = np.asarray(demand.exact.A), first, b - first
+        M = whitened(demand.exact, demand.root, demand.s)[0]
+        exact = M.T.dot(np.asarray(demand.exact.A)), first.dot(M), (b - first).dot(M)
     rows = None
     if demand.rows is not None or demand.cone is not None:
         C, low, high = np.zeros((0, m)), np.zeros(0), np.zeros(0)

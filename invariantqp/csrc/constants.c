@@ -62,7 +62,7 @@ const Constant CONSTANTS[] = {
     ONE("legacy.exact", WHOLE),
     ONE("legacy.exact", FAR_SHARE),
     ONE("legacy.exact", INTERIOR),
-    ONE("legacy.exact", TERMS),
+    ONE("velocity.exact", TERMS),
     ONE("legacy.qp", MOST_SHARE),
     {"geometry.arrays.NEGLIGIBLE", WHOLE_TICKS},
     ONE("control.controller", AGAIN),

@@ -29,21 +29,17 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
-from invariantqp.geometry.linear import TINY, rank_of
+from invariantqp.geometry.linear import rank_of
 from invariantqp.geometry.se3 import norm
 from invariantqp.legacy.damping import DEVIATION_SHARE
 from invariantqp.legacy.qp import EPSILON, Optimum, Polytope, Quadratic, cone_on, minimise, product, svd
 from invariantqp.velocity.backends import Backend
-from invariantqp.velocity.exact import ROW_TOLERANCE, ExactRows
+from invariantqp.velocity.exact import ROW_TOLERANCE, ExactRows, whitened
 from invariantqp.velocity.limits import Cone
 from invariantqp.velocity.solution import ACTIVE_TOLERANCE
 
-# Demands are at least this share of the terms that they sum, where contradictions are compared with them: 1e-16 of the
-# terms is rounding, and 1e-9 of a demand a contradiction.
-TERMS = 1e-5
 # Makes problems strictly convex: of the share, around the velocity known to be inside; of what gives way, around rest.
 # The share is smaller by this much. Rows that need a motion v give way by this share of v more than necessary, and in
 # the second pass, centred at the first one's velocity, by its square.
@@ -121,11 +117,11 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | No
         rank: how many independent rows this arm can keep in its best state; None is all.
         s: (6,) the twist of which the demands are parts, if they are: contradictions within its rounding are none.
     """
-    M, contrary = _whitened(exact, root, s)
-    whitened, wanted = M.T.dot(exact.A), exact.b.dot(M)
-    m = whitened.shape[1]
-    moves = np.asarray(whitened.any(axis=0))  # other joints stay free as they are, and rounding mixes none of them
-    U, sigma, some = svd(whitened[:, moves])
+    M, contrary = whitened(exact, root, s)
+    rows, wanted = M.T.dot(exact.A), exact.b.dot(M)
+    m = rows.shape[1]
+    moves = np.asarray(rows.any(axis=0))  # other joints stay free as they are, and rounding mixes none of them
+    U, sigma, some = svd(rows[:, moves])
     Vt = np.zeros((m, m))
     Vt[: len(some), moves] = some
     Vt[len(some) :, ~moves] = np.eye(m - len(some))
@@ -136,7 +132,7 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | No
     full = Vt[:r].T.dot(y)
     lost = wanted.dot(U[:, r:])  # not e - C y, which is rounding of a y that may be large
     basis = Vt[r:].T
-    basis = basis - (Vt[:r].T / sigma[:r]).dot(U[:, :r].T.dot(whitened.dot(basis)))  # to the digits of small parts
+    basis = basis - (Vt[:r].T / sigma[:r]).dot(U[:, :r].T.dot(rows.dot(basis)))  # to the digits of small parts
     here = len(lost) if rank is None else rank - r
     whole, part = norm(sigma), norm(met)
     return Reduction(
@@ -149,36 +145,6 @@ def reduce(exact: ExactRows, root: Array, rank: int | None = None, s: Array | No
         beyond=_share(lost[here:], wanted),
         start=np.zeros(m),
     )
-
-
-def _whitened(exact: ExactRows, root: Array, s: Array | None) -> tuple[Array, float]:
-    """M (k, r), M'C are those rows, M'e their demands; in which share demands of one twist contradict each other."""
-    C, e, D = exact.A, exact.b, exact.of_twist
-    if D is None or np.count_nonzero(D) == 0:
-        return np.eye(len(e)), 0.0
-    twist = D.any(axis=1)
-    mix, contrary = _orthonormal(e[twist], D[twist], root, s)
-    if twist.all():
-        return mix, contrary
-    parts = mix.T.dot(C[twist])
-    sizes = np.sqrt((C[~twist] * C[~twist]).sum(axis=1))
-    scale = (sqrt(float((parts * parts).sum())) or 1.0) / np.where(sizes > 0.0, sizes, 1.0)
-    M = np.zeros((len(e), len(parts) + len(scale)))
-    M[twist, : len(parts)], M[~twist, len(parts) :] = mix, np.diag(scale)
-    return M, contrary
-
-
-def _orthonormal(e: Array, D: Array, root: Array, s: Array | None) -> tuple[Array, float]:
-    """The same of rows that are all parts of the twist."""
-    measured: Array = lapack.dgesv(root.T, D.T)[2].T
-    sizes = np.sqrt((measured * measured).sum(axis=1))
-    U, sigma = lapack.dgesdd(measured / sizes[:, None])[:2]
-    r = rank_of(sigma, ROW_TOLERANCE)
-    contrary = 0.0
-    if r < len(e):
-        demands, terms = (e / sizes).dot(U), 0.0 if s is None else TERMS * norm(np.abs(D).dot(np.abs(s)) / sizes)
-        contrary = norm(demands[r:]) / max(norm(demands), terms, TINY)
-    return U[:, :r] / sigma[:r] / sizes[:, None], contrary
 
 
 def _share(part: Array, whole: Array) -> float:

@@ -57,7 +57,8 @@ def centre(J: ArrayLike, twist: ArrayLike | None = None) -> Centre:
         s = arrays.twist(twist)
         # Among the free points only the component of omega across them moves the point: w x (free t) = across t.
         across = np.cross(s[:3], free, axis=0)
-        along = np.linalg.pinv(across).dot(velocity_at(s, p))
+        turns = np.linalg.norm(across) > ROUNDING * np.linalg.norm(s[:3])
+        along = np.linalg.pinv(across).dot(velocity_at(s, p)) if turns else np.zeros(free.shape[1])
         if norm(along) <= FAR * (length if 0.0 < length < inf else 1.0):
             p = p - free.dot(along)
     return Centre(p, length)

@@ -152,7 +152,12 @@ def backend_of(backend: Backend | str) -> Backend:
     return QpSolvers(backend)
 
 
-def _answer(backend: Backend, qp: BoxQP) -> Array:
+def answered(backend: Backend, qp: BoxQP) -> Array:
+    """The checked answer of a back end.
+
+    Raises:
+        SolverFailure: an exception of the solver's, an answer of another shape, that is no number, or out of bounds.
+    """
     try:
         with np.errstate(all="ignore"):  # what a solver does inside is checked by its answer
             z = np.asarray(backend.solve(qp), dtype=np.float64)
@@ -186,13 +191,13 @@ def solved(backend: Backend, qp: BoxQP) -> Found:
         SolverFailure: neither found an answer; `.infeasible` when a solver says that there is none.
     """
     try:
-        return Found(_answer(backend, qp), backend.name, "")
+        return Found(answered(backend, qp), backend.name, "")
     except SolverFailure as failure:
         if backend.name == "daqp":
             raise
         first = failure
     try:
-        return Found(_answer(Daqp(), qp), "daqp", str(first))
+        return Found(answered(Daqp(), qp), "daqp", str(first))
     except SolverFailure as failure:
         infeasible = failure.infeasible or first.infeasible
         raise SolverFailure("every solver", f"{first}; {failure}", infeasible=infeasible) from failure

@@ -9,11 +9,11 @@
     x, p   = argmin over all limits, 0 <= p <= 1:   1/2 |x - y(p)|_H^2 + |f| |d|_H (1 - p) + 1/2 eps |d|_H^2 (1 - p)^2
 
 Limits slow the way to a target down (p) before they bend it. |x| is in the joint metric, P the projector on joint
-velocities that move nothing. mu = KAPPA held |A| r_before grows with what the tick before left of the twist,
-r = |A x - f - p e| of what joints can do at all: an arm that cannot get nearer comes to rest. nu, w: shares of |A|^2.
+velocities that move nothing. mu = KAPPA held |A| r_before, r = |A x - f - p e| of what joints can do at all: an arm
+that cannot get nearer comes to rest. nu, w: shares of |A|^2.
 
-(a) A call by itself remembers nothing: mu = nu = 0, and `damping` lambda^2 |x|^2 / 2 holds a singular one, if given.
-    A loop remembers x_before and r_before, (0, 0) at first and after a pause.
+(a) A call by itself remembers nothing: mu = nu = 0, w = NULL^2 |A|^2: a twist that limits allow is done. `damping`
+    lambda^2 |x|^2 / 2 holds a singular one. A loop remembers x_before and r_before, at first (0, 0).
 (b) A form replaces |A x - b|^2 by |x - x_h|_G^2, x_h what it makes of s and G its own size; the rest stays:
         pitch h       x_h = V diag(mu_i / (mu_i^2 + lambda^2)) V'J'Q_h s, which is J^{+h} s for lambda = 0
                       G = V diag(sqrt(mu_i^2 + lambda^2)) V',   J'Q_h J = V diag(mu_i) V'
@@ -22,8 +22,7 @@ r = |A x - f - p e| of what joints can do at all: an arm that cannot get nearer 
     for, shortens A x_h - A x_0 beside least squares x_0 to sqrt(1 - eta) |A x_0|: eta of what x_0 closes is kept.
 (c) x_p = min(1, t / t_p)^2 times the posture's velocity: t and t_p are the largest shares of their full speed that
     joints need for the task and for the posture. A task at rest leaves the joints at rest.
-(d) The approach to a target, with accelerations, is control/tracking.py's: its BRAKING_SHARE and DISTANCE_DAMPING
-    are two numbers more.
+(d) The approach to a target, with accelerations and two numbers more, is control/tracking.py's.
 
 Exact rows E x = a (E_f + c p E_e) hold at the largest share a of their speed that limits allow, damped by r_before as
 well; twist and posture slow down with them. Where standing still is outside the limits, rows come as near to that as
@@ -35,6 +34,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import inf
 from typing import NamedTuple
 
@@ -44,7 +44,7 @@ from scipy.optimize import brentq
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.linear import TINY
 from invariantqp.systems.system import ScrewSystem
-from invariantqp.velocity.backends import Backend, BoxQP, Daqp, SolverFailure, solved
+from invariantqp.velocity.backends import Backend, BoxQP, Daqp, SolverFailure, answered
 from invariantqp.velocity.forms import Complement, Form, PitchForm
 
 # The numbers of the law, and what chose them: 87 tasks of `invariantqp compare`.
@@ -129,7 +129,9 @@ class Room(NamedTuple):
         room = Room(self.C.dot(basis), self.lower - value, self.upper - value)
         if self.P is None or self.start is None:
             return room
-        return room._replace(P=self.P.dot(basis), start=self.start + self.P.dot(origin), speed=self.speed)
+        P = self.P.dot(basis)  # without directions that leave the point at rest, but for rounding
+        P = P * (np.linalg.norm(P, axis=0) > ROUNDING * np.linalg.norm(self.P) * np.linalg.norm(basis, axis=0))
+        return room._replace(P=P, start=self.start + self.P.dot(origin), speed=self.speed)
 
     def with_row(self, lower: float, upper: float) -> Room:
         """With bounds on the last of the variables."""
@@ -151,17 +153,19 @@ def velocity(tick: Tick, backend: Backend | None = None) -> Answer:
     A, x = tick.root.dot(tick.J), T.dot(y)
     left = A.dot(x) - share * tick.root.dot(tick.ahead + pace * tick.error)
     U, sigma, _ = np.linalg.svd(A, full_matrices=False)
-    missed = float(np.linalg.norm(U[:, sigma > ROUNDING * sigma[0]].T.dot(left)))
-    return Answer(x, pace, share, missed, gave_way, problem.guarded)
+    left = U[:, sigma > ROUNDING * sigma[0]].T.dot(left)
+    return Answer(x, pace, share, float(np.linalg.norm(left)), gave_way, problem.guarded)
 
 
 def prioritised(levels: Sequence[Tick], backend: Backend | None = None) -> Answer:
-    """The joint velocity of several levels, the first before the second and so on, with the limits of each."""
-    answer = velocity(levels[0], backend)
-    for i, tick in enumerate(levels[1:], 1):
-        E = np.vstack([level.J for level in levels[:i]])
-        answer = velocity(replace(tick, exact=(E, E.dot(answer.velocity), np.zeros(len(E)))), backend)
-    return answer
+    """The answer of the first of several levels, with the velocity of all: none disturbs what those above achieve."""
+    first = answer = velocity(levels[0], backend)
+    rows = [] if levels[0].exact is None else [levels[0].exact[0]]
+    for above, tick in pairwise(levels):
+        E = np.vstack(rows := [*rows, above.J])
+        kept, a = (E, E.dot(answer.velocity), np.zeros(len(E))), first.share
+        answer = velocity(replace(tick, ahead=a * tick.ahead, error=a * tick.error, exact=kept), backend)
+    return first._replace(velocity=answer.velocity)
 
 
 def rooms(tick: Tick, T: Array, solver: Backend) -> tuple[Room, Room, tuple[tuple[str, float], ...]]:
@@ -184,7 +188,8 @@ def rooms(tick: Tick, T: Array, solver: Backend) -> tuple[Room, Room, tuple[tupl
     room = Room(np.vstack((T, C.dot(T))), np.append(tick.lower, lower), np.append(tick.upper, upper))
     if P is not None:
         P = P.dot(T)
-        least = float(np.linalg.norm(P.dot(minimise(P.T.dot(P) + ROUNDING * np.eye(m), np.zeros(m), room, solver))))
+        slowest = minimise(P.T.dot(P) + ROUNDING * np.vdot(P, P) * np.eye(m), np.zeros(m), room, solver)
+        least = float(np.linalg.norm(P.dot(slowest)))
         if least > speed:
             gave_way.append(("the tool's speed", least - speed))
             speed = least * (1.0 + np.sqrt(ROUNDING))
@@ -202,9 +207,7 @@ def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, 
     within, basis = Vt[:k].T, Vt[k:].T
     origin = (within / sigma[:k]).dot(U[:, :k].T.dot(np.column_stack(demands)))
     full = origin.sum(axis=1)
-    size = float(np.linalg.norm(full))
-    if size == 0.0:
-        return origin, basis, 1.0
+    size = max(float(np.linalg.norm(full)), np.sqrt(ROUNDING))
     b, A = tick.root.dot(tick.ahead + tick.error), tick.root.dot(tick.J)
     mu = KAPPA * tick.held * float(np.linalg.norm(A)) * tick.missed / (float(b.dot(b)) + TINY)
     n, left = m - k, room.on(np.zeros(m), np.column_stack((basis, full))).with_row(0.0, 1.0)
@@ -215,9 +218,10 @@ def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, 
         K = np.column_stack((within.T, -within.T.dot(full)))
         H = K.T.dot(K) + ROUNDING * np.diag(np.append(np.ones(m), size**2))
         wide = room.on(np.zeros(m), np.eye(m, m + 1)).with_row(0.0, 1.0)
-        found = minimise(H, np.zeros(m + 1), wide, solver)
-        return np.column_stack((within.dot(within.T.dot(found[:m])), np.zeros(m))), basis, float(found[m])
-    a = 1.0 if a > 1.0 - 10.0 * ROUNDING else a * (1.0 - ROUNDING)
+        found = minimise(H, ROUNDING * size**2 * np.eye(m + 1)[m], wide, solver)  # the largest share of several
+        nearest, a = within.dot(within.T.dot(found[:m])), min(max(float(found[m]), 0.0), 1.0)
+        return np.column_stack((nearest, np.zeros(m))), basis, a
+    a = 1.0 if a > 1.0 - 10.0 * ROUNDING else max(a, 0.0) * (1.0 - ROUNDING)
     return a * origin, basis, a
 
 
@@ -228,15 +232,15 @@ def objective(tick: Tick, T: Array, share: float) -> Problem:
     size = float(np.vdot(A, A)) or 1.0
     _, few, Vt = np.linalg.svd(A)
     sigma = np.append(few, np.zeros(m))[:m]
-    still = np.maximum(0.0, 1.0 - sigma / (ROUNDING * max(float(sigma[0]), TINY)))
-    P = Vt.T.dot(still[:, None] * Vt)
+    P = Vt.T.dot(np.clip(2.0 - 2.0 * sigma / (ROUNDING * max(float(sigma[0]), TINY)), 0.0, 1.0)[:, None] * Vt)
     G, toward, guarded = of_form(tick, J, A)
+    toward = toward - P.dot(toward)
     unit = size / max(float(np.trace(G)), TINY)  # a form has another unit than A'A
-    mu, nu, c = 0.0 if tick.form else tick.damping**2, 0.0, np.asarray(np.zeros(m))
+    mu, nu, w, c = 0.0 if tick.form else tick.damping**2, 0.0, NULL**2 * size, np.asarray(np.zeros(m))
     if tick.before is not None:
-        mu, nu = KAPPA * tick.held * np.sqrt(size) * tick.missed, NU * size
+        w, mu, nu = NULL * size, KAPPA * tick.held * np.sqrt(size) * tick.missed, NU * size
         c = np.asarray(nu * np.linalg.solve(T, tick.before))
-    H = unit * G + (mu + nu) * np.eye(m) + NULL * size * P
+    H = unit * G + (mu + nu) * np.eye(m) + w * P
     f, e = c + unit * share * toward.dot(tick.ahead), unit * share * toward.dot(tick.error)
     if tick.posture is not None:
         pull, follow = np.linalg.solve(T, tick.posture), 1.0
@@ -245,7 +249,7 @@ def objective(tick: Tick, T: Array, share: float) -> Problem:
             task = np.abs(T.dot(free[:, 0] + worth(tick, A, free[:, 1]) * free[:, 1]) / tick.fastest).max()
             most = np.abs(tick.posture / tick.fastest).max()
             follow = min(1.0, float(task / most)) ** 2
-        f = f + share * follow * NULL * size * P.dot(pull)
+        f = f + share * follow * w * P.dot(pull)
     return Problem(0.5 * (H + H.T), f, e, guarded)
 
 
@@ -306,7 +310,8 @@ def minimise(H: Array, c: Array, room: Room, solver: Backend) -> Array:
     """
     y = polytope_optimum(H, c, room, solver)
     P, start = room.P, room.start
-    if P is None or start is None or np.linalg.norm(start + P.dot(y)) <= room.speed:
+    over = 0.0 if P is None or start is None else float(np.linalg.norm(start + P.dot(y))) - room.speed
+    if P is None or start is None or over <= (0.0 if P.any() else np.sqrt(ROUNDING) * (2.0 * room.speed + over)):
         return y
 
     def at(power: float) -> Array:
@@ -340,7 +345,7 @@ def polytope_optimum(H: Array, c: Array, room: Room, solver: Backend) -> Array:
     if scale == 0.0:
         return np.asarray(inverse.dot(free))
     qp = BoxQP.of(np.eye(len(c)), np.zeros(len(c)), low / scale, high / scale, N)
-    e = scale * solved(solver, qp).z
+    e = scale * answered(solver, qp)
     at_high, at_low = (np.abs(N.dot(e) - side) < np.sqrt(ROUNDING) * 1e-2 * scale for side in (high, low))
     active = at_high | at_low
     exact = np.linalg.lstsq(N[active], np.where(at_high, high, low)[active], rcond=1e-12)[0]

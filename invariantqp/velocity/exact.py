@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 from attrs import field, frozen
 from attrs.converters import optional
 from numpy.typing import ArrayLike
+from scipy.linalg import lapack
 
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.se3 import cross
+from invariantqp.geometry.linear import TINY, rank_of
+from invariantqp.geometry.se3 import cross, norm
 from invariantqp.velocity.measure import root_at
 
 # A singular value of the rows below this share of the largest is zero: its row depends on the others.
 ROW_TOLERANCE = 1e-10
+
+# Demands are at least this share of the terms that they sum, where contradictions are compared with them: 1e-16 of the
+# terms is rounding, and 1e-9 of a demand a contradiction.
+TERMS = 1e-5
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -135,3 +143,42 @@ class ExactRows(Value):
 def _velocity_of(point: Array) -> Array:
     """(3, 6) D with D s = v + omega x p."""
     return root_at(point, 1.0)[3:]
+
+
+def whitened(exact: ExactRows, root: Array, s: Array | None = None) -> tuple[Array, float]:
+    """M (k, r): rows M'A with demands M'b, those of a twist orthonormal in a measure; and how far demands contradict.
+
+    Rows that are parts of the twist become orthonormal, and others as long as all of these together. So neither frame,
+    unit of length nor choice of rows decides which of them depend on others, and what is met of contradicting ones.
+
+    Args:
+        exact: the rows.
+        root: (6, 6) of the measure.
+        s: (6,) the twist of which the demands are parts, if they are: contradictions within its rounding are none.
+    """
+    C, e, D = exact.A, exact.b, exact.of_twist
+    if D is None or np.count_nonzero(D) == 0:
+        return np.eye(len(e)), 0.0
+    twist = D.any(axis=1)
+    mix, contrary = _orthonormal(e[twist], D[twist], root, s)
+    if twist.all():
+        return mix, contrary
+    parts = mix.T.dot(C[twist])
+    sizes = np.sqrt((C[~twist] * C[~twist]).sum(axis=1))
+    scale = (sqrt(float((parts * parts).sum())) or 1.0) / np.where(sizes > 0.0, sizes, 1.0)
+    M = np.zeros((len(e), len(parts) + len(scale)))
+    M[twist, : len(parts)], M[~twist, len(parts) :] = mix, np.diag(scale)
+    return M, contrary
+
+
+def _orthonormal(e: Array, D: Array, root: Array, s: Array | None) -> tuple[Array, float]:
+    """The same of rows that are all parts of the twist."""
+    measured: Array = lapack.dgesv(root.T, D.T)[2].T
+    sizes = np.sqrt((measured * measured).sum(axis=1))
+    U, sigma = lapack.dgesdd(measured / sizes[:, None])[:2]
+    r = rank_of(sigma, ROW_TOLERANCE)
+    contrary = 0.0
+    if r < len(e):
+        demands, terms = (e / sizes).dot(U), 0.0 if s is None else TERMS * norm(np.abs(D).dot(np.abs(s)) / sizes)
+        contrary = norm(demands[r:]) / max(norm(demands), terms, TINY)
+    return U[:, :r] / sigma[:r] / sizes[:, None], contrary

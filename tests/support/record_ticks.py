@@ -22,10 +22,10 @@ import numpy as np
 import invariantqp as iq
 from invariantqp.control.definition import DefinitionController, tick_of
 from invariantqp.geometry.arrays import Array
+from invariantqp.legacy.law import Demand, VelocityLaw
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, LimitRows, Sphere, ToolSpeed
 from invariantqp.robots import Chain
 from invariantqp.velocity.definition import Tick
-from invariantqp.velocity.law import Demand, VelocityLaw
 from invariantqp.velocity.solution import VelocitySolution
 from support import random_ticks
 from support.arms import READY

@@ -163,7 +163,8 @@ def test_a_pitch_form_is_the_pseudoinverse_to_rounding_on_a_thousand_arms():
             continue
         free, done = np.full(m, np.inf), done + 1
         tick = Tick(J, root_at(rng.normal(size=3), 0.3), s, np.zeros(6), -free, free, -free, free, form=iq.PitchForm(h))
-        assert np.linalg.norm(velocity(tick).velocity - X @ s) <= 1e-13 * condition * np.linalg.norm(X @ s)
+        rounding = 1e-13 * condition + (1e-9 if m > 6 else 0.0)  # a redundant arm's H has the condition 1 / NULL^2
+        assert np.linalg.norm(velocity(tick).velocity - X @ s) <= rounding * np.linalg.norm(X @ s)
         damped = iq.systems.damped_pseudoinverse(J, h, 0.1) @ s
         held = velocity(replace(tick, damping=0.1)).velocity
         assert held == pytest.approx(damped, rel=1e-9, abs=1e-9 * np.abs(damped).max())
