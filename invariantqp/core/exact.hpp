@@ -1,0 +1,55 @@
+// Exact rows whose contradictions and dependences neither frame, unit nor choice of rows decides.
+#pragma once
+#include "law.hpp"
+#include "room.hpp"
+
+namespace iq {
+
+struct ExactRows {
+    Mat E;
+    Vec f, e;
+    double contrary = 0;  // the share in which demands of one twist contradict each other
+};
+
+// Rows that are parts of the twist, E = D J, are replaced by orthonormal ones in the measure of the first body, and others
+// made as long as all of these together.
+inline ExactRows whitened(const Tick& tick, Workspace& w)
+{
+    ExactRows rows{tick.E, tick.E_f, tick.E_e};
+    if (!tick.D.w || tick.D.all().square() == 0)
+        return rows;
+    std::vector<int> parts, others;
+    for (int i = 0; i < tick.D.rows; i++)
+        (tick.D[i].square() > 0 ? parts : others).push_back(i);
+    const int k = static_cast<int>(parts.size());
+    Mat measured(w, k, 6), E(w, k, tick.E.cols), root(w, 6, 6);
+    Vec f(w, k), e(w, k);
+    for (int i = 0; i < 6; i++)
+        root[i].set(tick.root[i].part(0, 6));
+    const Mat back = RQ(root).inverse();
+    for (int i = 0; i < k; i++) {
+        const Vec row = t(back) * tick.D[parts[i]];
+        const double size = row.norm();
+        measured[i].set(row / size), E[i].set(tick.E[parts[i]] / size);
+        f[i] = tick.E_f[parts[i]] / size, e[i] = tick.E_e[parts[i]] / size;
+    }
+    const SVD svd(measured);
+    Mat M = svd.U.rows_from(0, svd.rank(ROUNDING));
+    const Vec demand = f + e;
+    if (const double most = demand.norm(); most > 0)
+        rows.contrary = (demand - t(M) * (M * demand)).norm() / most;
+    rows.contrary = rows.contrary > 10 * ROUNDING ? rows.contrary : 0;
+    for (int i = 0; i < M.rows; i++)
+        M[i].scale(1 / svd.sigma[i]);
+    rows.E = M * E, rows.f = M * f, rows.e = M * e;
+    const double size = rows.E.all().norm();
+    for (const int i : others) {
+        const double scale = (size > 0 ? size : 1) / (tick.E[i].norm() + TINY);
+        rows.E = stacked(rows.E, Mat((scale * tick.E[i]).p, 1, E.cols, &w));
+        rows.f = joined(rows.f, Vec(w, 1, scale * tick.E_f[i]));
+        rows.e = joined(rows.e, Vec(w, 1, scale * tick.E_e[i]));
+    }
+    return rows;
+}
+
+}  // namespace iq

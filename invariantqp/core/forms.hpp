@@ -1,0 +1,94 @@
+// What a form makes of a twist, in place of least squares.
+#pragma once
+#include "law.hpp"
+#include "room.hpp"
+
+namespace iq {
+
+constexpr double INDEPENDENT = 1e-13;   // singular values above this share of the largest count, as in systems/
+constexpr double NO_PROJECTOR = 1e-12;  // a form that separates less than this share of a direction has no projector
+
+struct Formed {
+    Mat root;      // (k, m) of its size on y, G = root'root
+    Vec x_f, x_e;  // (m,) x_h for R ahead and for R error
+    double guarded = 1;
+};
+
+inline Mat pitch_form(double h, Workspace& w)
+{
+    Mat Q(w, 6, 6, 0);
+    for (int i = 0; i < 3; i++)
+        Q(i, i) = -2 * h, Q(i, i + 3) = Q(i + 3, i) = 1;
+    return Q;
+}
+
+// The root of V' diag(sqrt(mu_i^2 + lambda^2)) V
+inline Mat weighted(const SymmetricEigen& eigen, double damping)
+{
+    Mat rows = eigen.V.copy();
+    for (int i = 0; i < rows.rows; i++)
+        rows[i].scale(std::sqrt(std::hypot(eigen.values[i], damping)));
+    return rows;
+}
+
+// For measured joint twists B = R J (6, m) on y and their singular values. Absent where the form has no projector.
+inline std::optional<Formed> formed(const Tick& tick, Mat J, Mat B, const SVD& svd, Vec f, Vec e, Workspace& w)
+{
+    Formed found;
+    const int r = svd.rank(INDEPENDENT);
+    if (tick.form == FormKind::pitch && tick.damping > 0) {
+        const Mat QJ = pitch_form(tick.pitch, w) * J;
+        const SymmetricEigen eigen(t(J) * QJ);
+        const auto damped = [&](Vec s) {
+            Vec u = eigen.V * (t(QJ) * s);
+            for (int i = 0; i < u.n; i++) {
+                const double gain = 1 / std::hypot(eigen.values[i], tick.damping);
+                u[i] *= gain * (eigen.values[i] * gain);
+            }
+            return t(eigen.V) * u;
+        };
+        found = {weighted(eigen, tick.damping), damped(tick.ahead), damped(tick.error)};
+    } else {
+        // P = Z (K'Z)^-1 K': rows K' are zero on what the form gives up. No unit is mixed with another in Z.
+        Mat across = svd.V.rows_from(0, r).copy(), rule, both;
+        for (int i = 0; i < r; i++)
+            across[i].scale(1 / svd.sigma[i]);
+        const Mat Z = J * t(across);  // (6, r) in the frame of J, orthonormal in the measure
+        Vec u_f, u_e;
+        double most = 1;
+        if (tick.form == FormKind::complement) {
+            const int c = tick.form_matrix.cols;
+            if (c + r != 6)
+                return {};
+            rule = SVD(transposed(tick.root * tick.form_matrix)).V.rows_from(c, 6);
+            both = rule * (tick.root * Z), u_f = rule * f, u_e = rule * e;
+        } else {
+            rule = t(Z) * (tick.form == FormKind::pitch ? pitch_form(tick.pitch, w) : tick.form_matrix);
+            both = rule * Z, u_f = rule * tick.ahead, u_e = rule * tick.error;
+            double angular = 0, linear = 0, length = 0;
+            for (int i = 0; i < 6; i++)
+                length += tick.root[i].part(0, 3).square() / 3;
+            for (int i = 0; i < r; i++)
+                angular += rule[i].part(0, 3).square(), linear += rule[i].part(3, 6).square();
+            most = std::sqrt(angular / (length + TINY) + linear);
+        }
+        const SVD split(both);
+        if (r && !(split.sigma[r - 1] > NO_PROJECTOR * most))
+            return {};
+        const auto attempted = [&](Vec u) { return t(across) * split.least(u, r); };
+        found = {B, attempted(u_f), attempted(u_e)};
+        if (tick.form == FormKind::pitch)
+            found.root = weighted(SymmetricEigen(t(J) * (pitch_form(tick.pitch, w) * J)), 0);
+    }
+    if (tick.guard >= 0) {
+        const int few = svd.rank(ROUNDING);
+        const Vec least_f = svd.least(f, few), least_e = svd.least(e, few), beside = found.x_f + found.x_e - least_f - least_e;
+        const double most = (B * (least_f + least_e)).norm();
+        found.guarded = std::min(1.0, std::sqrt(1 - tick.guard) * most / std::max((B * beside).norm(), TINY));
+        found.x_f = least_f + found.guarded * (found.x_f - least_f);
+        found.x_e = least_e + found.guarded * (found.x_e - least_e);
+    }
+    return found;
+}
+
+}  // namespace iq

@@ -1,0 +1,287 @@
+#include "report.hpp"
+#include "exact.hpp"
+
+namespace iq {
+namespace {
+
+constexpr double MISSED = 0.05;            // "ok" misses at most this share of the twist,
+constexpr double FALLING = 0.5;            // or both errors fall at this share of the requested rate
+constexpr double ACTIVE = 1e-6;            // a limit this close, relative to its value, is at it
+constexpr double SLOWEST = 1e-6;           // joint speeds that count as this one where they are slower [rad/s]
+constexpr double NEGLIGIBLE = 1e-9;        // of a twist
+constexpr double MOST_SHORTENED = 1.01;    // what exceeds a limit by more did not by rounding
+constexpr double ROUNDING_OF_PRODUCTS = 1e-13;
+constexpr double PROGRESS = 2e-4;          // less than this share of a twist is none of it
+constexpr double ENOUGH = 0.95;            // fewer than six joints that can do this share are not to blame
+constexpr double SPREAD = 1e-6;            // of directions of a point: their determinant, beside the cube of their sum
+constexpr double TOOL_SPEED_ROW = -1, FIRST_EXACT_ROW = -2;
+
+class Reporter {
+  public:
+    Reporter(const Tick& tick, const Answer& answer, Workspace& w)
+        : tick(tick), answer(answer), w(w), m(tick.J.cols), bodies(tick.J.rows / 6),
+          x(clipped(shortened(answer.velocity))), A(tick.root * tick.J), b(tick.root * (tick.ahead + tick.error)),
+          done(A * x)
+    {
+    }
+
+    Report report()
+    {
+        found.velocity = x;
+        found.share = answer.share, found.guard = 1 - answer.guarded;
+        found.residual = tick.ahead + tick.error - tick.J * x;
+        for (int j = 0; j < m; j++) {
+            const double margin = ACTIVE * std::max(SLOWEST, std::abs(x[j]));
+            if (x[j] <= tick.lower[j] + margin || x[j] >= tick.upper[j] - margin)
+                found.active.push_back(j);
+        }
+        if (answer.failure != Failure::none) {
+            found.status = Status::held, found.method = Method::hold, found.share = 0;
+            say(answer.failure == Failure::no_numbers ? Code::no_numbers : Code::no_velocity);
+            return found;
+        }
+        const bool contradicts = relaxed(), unkept = rows_unkept();
+        const double missed = share_missed();
+        const bool little = makes_no_progress();
+        if (little)
+            say(Code::stuck);
+        if (answer.share < 1 - ACTIVE)
+            say(Code::rows_slowed, {}, {}, {answer.share});
+        const bool moved = rows_moved();
+        if (answer.pace < 1 - ACTIVE && tick.error.square() > 0)
+            say(Code::approach_slowed, {}, {}, {answer.pace});
+        if (answer.guarded < 1)
+            say(Code::guarded, {}, {}, {found.guard});
+        const bool limited = little || moved || (missed > MISSED && !falls());
+        found.status = contradicts || unkept ? Status::degraded
+                       : answer.share < 1 - ACTIVE ? Status::scaled
+                       : answer.guarded < 1 ? Status::guarded
+                       : limited ? Status::limited
+                                 : Status::ok;
+        found.damping = missed > 0 ? tick.damping : 0;
+        found.method = answer.limited || answer.share < 1 - ACTIVE ? Method::qp
+                       : found.damping > 0 ? Method::damped
+                                           : Method::closed_form;
+        if (found.status == Status::limited)
+            explain(missed, little || moved);
+        at_limits();
+        return found;
+    }
+
+  private:
+    const Tick& tick;
+    const Answer& answer;
+    Workspace& w;
+    const int m, bodies;
+    const Vec x;
+    const Mat A;
+    const Vec b, done;
+    Report found;
+
+    void say(Code code, const std::vector<int>& joints = {}, const std::vector<double>& rows = {},
+             const std::vector<double>& numbers = {})
+    {
+        std::vector<double>& to = found.reasons;
+        for (const std::size_t part : {static_cast<std::size_t>(code), joints.size(), rows.size(), numbers.size()})
+            to.push_back(static_cast<double>(part));
+        to.insert(to.end(), joints.begin(), joints.end());
+        to.insert(to.end(), rows.begin(), rows.end());
+        to.insert(to.end(), numbers.begin(), numbers.end());
+    }
+
+    Vec clipped(Vec y) const
+    {
+        for (int j = 0; j < m; j++)
+            y[j] = std::min(std::max(y[j], tick.lower[j]), tick.upper[j]);
+        return y;
+    }
+    // Shortened until rows and tool speed hold exactly where rounding exceeds them, unless standing still does, too. The
+    // speed is exceeded by more than ACTIVE where an arm is next to singular.
+    Vec shortened(Vec y) const
+    {
+        double most = 1;
+        const auto use = [&](double share, double least) {
+            if (share < least)
+                most = std::max(most, share);
+        };
+        for (int j = 0; j < m; j++)
+            if (tick.lower[j] > 0 || tick.upper[j] < 0)
+                return y.copy();
+        for (int i = 0; i < tick.C.rows; i++) {
+            const double value = tick.C[i].dot(y);
+            if (tick.row_lower[i] > 0 || tick.row_upper[i] < 0)
+                return y.copy();
+            if (value > tick.row_upper[i] || value < tick.row_lower[i])
+                use(value / (value > 0 ? tick.row_upper[i] : tick.row_lower[i]), 1 / (1 - ACTIVE));
+        }
+        if (tick.P.w)
+            use((tick.P * y).norm() / tick.speed, answer.faster > 0 ? 1 / (1 - ACTIVE) : MOST_SHORTENED);
+        return y / most;
+    }
+
+    // Rows and tool speed that gave way, the one by most first.
+    bool relaxed()
+    {
+        std::vector<double> rows, by;
+        if (answer.relaxed.w) {
+            for (int i = 0; i < answer.relaxed.n; i++)
+                if (answer.relaxed[i] > 0)
+                    rows.push_back(i);
+            const auto relative = [&](double i) {
+                const int row = static_cast<int>(i);
+                return answer.relaxed[row] / (tick.C[row].norm() + 1e-300);
+            };
+            std::stable_sort(rows.begin(), rows.end(), [&](double i, double j) {
+                return relative(i) > relative(j) * (1 + NEGLIGIBLE);
+            });
+            for (const double i : rows)
+                by.push_back(answer.relaxed[static_cast<int>(i)]);
+        }
+        if (!rows.empty())
+            say(Code::rows_contradict, in_the_way(rows), rows, by);
+        if (answer.faster > 0)
+            say(Code::tool_faster, {}, {}, {tick.speed + answer.faster, tick.speed});
+        return !rows.empty() || answer.faster > 0;
+    }
+    // Joints at a bound that the rows move.
+    std::vector<int> in_the_way(const std::vector<double>& rows) const
+    {
+        std::vector<int> joints;
+        for (const int j : found.active)
+            if (std::any_of(rows.begin(), rows.end(), [&](double i) { return tick.C(static_cast<int>(i), j) != 0; }))
+                joints.push_back(j);
+        return joints;
+    }
+    // Exact rows that depend on each other and demand different things.
+    bool rows_unkept()
+    {
+        if (answer.unmet <= NEGLIGIBLE)
+            return false;
+        say(Code::rows_unkept, {}, {}, {answer.unmet});
+        return true;
+    }
+    // How far limits move exact rows off the share of their demand.
+    bool rows_moved()
+    {
+        if (!answer.beside)
+            return false;
+        const Vec off = tick.E * x - answer.share * (tick.E_f + answer.pace * tick.E_e);
+        std::vector<double> rows, by;
+        for (int i = 0; i < off.n; i++)
+            if (std::abs(off[i]) > ACTIVE * tick.E[i].norm() * std::max(SLOWEST, x.norm()))
+                rows.push_back(FIRST_EXACT_ROW - i), by.push_back(std::abs(off[i]));
+        if (!rows.empty())
+            say(Code::rows_moved, {}, rows, by);
+        return !rows.empty();
+    }
+
+    // Whether the twist is met but for rounding.
+    bool met(Vec wanted) const
+    {
+        const double left = (wanted - done).norm();
+        return left <= NEGLIGIBLE * wanted.norm()
+               || left <= A.all().norm() * std::max(ROUNDING_OF_PRODUCTS * x.norm(), ACTIVE * SLOWEST);
+    }
+    // Of what exact rows leave of the twist, if there are any: 0 where it is met, infinite where nothing is to move.
+    double share_missed() const
+    {
+        if (met(b))
+            return 0;
+        const Vec wanted = tick.E.rows ? possible() : b;
+        if (tick.E.rows && met(wanted))
+            return 0;
+        const double size = wanted.norm();
+        return size > 0 ? (wanted - done).norm() / size : INFINITY;
+    }
+    // What joints can do of the twist, beside the exact rows at their share, without limits and damping.
+    Vec possible() const
+    {
+        const ExactRows rows = whitened(tick, w);
+        if (!rows.E.rows) {
+            const SVD svd(A);
+            return A * svd.least(b, svd.rank(ROUNDING));
+        }
+        const SVD svd(rows.E);
+        const int rank = svd.rank(ROUNDING);
+        const Vec kept = answer.share * svd.least(rows.f + rows.e, rank), done = A * kept;
+        const Mat M = A * t(svd.V.rows_from(rank, m));
+        if (!M.cols)
+            return done;
+        const SVD rest(M);
+        return done + M * rest.least(b - done, rest.rank(ROUNDING));
+    }
+    bool makes_no_progress() const
+    {
+        if ((tick.E.rows && answer.share > PROGRESS) || b.square() == 0)
+            return false;
+        return b.dot(done) < PROGRESS * b.square() && !met(b);
+    }
+    // Whether the errors of position and of orientation, of each body, fall at FALLING of the requested rate.
+    bool falls() const
+    {
+        const Vec asked = tick.root * tick.error, change = done - tick.root * tick.ahead;
+        if (asked.square() == 0)
+            return false;
+        for (int i = 0; i < 2 * bodies; i++) {
+            const Vec rate = asked.part(3 * i, 3 * i + 3);
+            if (change.part(3 * i, 3 * i + 3).dot(rate) < FALLING * rate.square())
+                return false;
+        }
+        return true;
+    }
+    void explain(double missed, bool said)
+    {
+        double explained = 0;
+        if (bodies == 1 && m < 6 && !tick.E.rows && b.square() > 0) {
+            const double share = b.dot(possible()) / b.square();
+            if (share < ENOUGH) {
+                say(Code::few_joints, {}, {}, {static_cast<double>(m), share});
+                const Mat moving = A.rows_from(3, 6);
+                const Mat S = moving * t(moving);
+                const double trace = S(0, 0) + S(1, 1) + S(2, 2);
+                const double determinant = S(0, 0) * (S(1, 1) * S(2, 2) - S(1, 2) * S(2, 1))
+                                           - S(0, 1) * (S(1, 0) * S(2, 2) - S(1, 2) * S(2, 0))
+                                           + S(0, 2) * (S(1, 0) * S(2, 1) - S(1, 1) * S(2, 0));
+                if (m >= 3 && determinant > SPREAD * trace * trace * trace)
+                    say(Code::position_alone);
+                explained = std::sqrt(std::max(0.0, 1 - share)) + MISSED;
+            }
+        }
+        if (said || missed < explained || answer.pace < 1 - ACTIVE)
+            return;
+        if (missed == INFINITY)
+            say(Code::moved);
+        else
+            say(Code::missed, {}, {}, {missed});
+    }
+    // Joints in their order, the tool's speed, then rows, the one that pulls hardest first.
+    void at_limits()
+    {
+        std::vector<double> names;
+        if (tick.P.w && (tick.P * x).norm() >= tick.speed * (1 - ACTIVE))
+            names.push_back(TOOL_SPEED_ROW);
+        std::vector<double> rows;
+        for (int i = 0; i < tick.C.rows; i++) {
+            const double length = tick.C[i].norm(), margin = ACTIVE * length * std::max(SLOWEST, x.norm());
+            const double value = tick.C[i].dot(x);
+            if (length > 0 && (value <= tick.row_lower[i] + margin || value >= tick.row_upper[i] - margin))
+                rows.push_back(i);
+        }
+        if (answer.multipliers.w) {
+            const auto pull = [&](double i) {
+                const int row = static_cast<int>(i);
+                return std::abs(answer.multipliers[m + row]) * tick.C[row].norm();
+            };
+            std::stable_sort(rows.begin(), rows.end(), [&](double i, double j) { return pull(i) > pull(j); });
+        }
+        names.insert(names.end(), rows.begin(), rows.end());
+        if (!found.active.empty() || !names.empty())
+            say(Code::at_limits, found.active, names);
+    }
+};
+
+}  // namespace
+
+Report report(const Tick& tick, const Answer& answer, Workspace& w) { return Reporter(tick, answer, w).report(); }
+
+}  // namespace iq
