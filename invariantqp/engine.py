@@ -1,8 +1,8 @@
-"""The compiled core, and whether it is in use.
+"""The compiled modules: the engine in C++, `law`, and the older core in C for loops, and whether that is in use.
 
-The core computes ticks of the velocity law faster than Python does. It answers what the Python law would answer, or
-hands the tick back to it. `INVARIANTQP_NATIVE=0` in the environment switches it off; `engine="python"` does for one
-loop, one robot or one call.
+The engine answers `solve_velocity`, `solve_velocities` and `solve_tasks`. The C core has the ticks of loops, by the law
+in legacy/: it answers what that would, or hands the tick back to it. `INVARIANTQP_NATIVE=0` in the environment switches
+it off; `engine="python"` does for one loop or one robot.
 
 What stays in Python, and what a tick of a Panda then costs beside a plain one of the core's (`tests/benchmarks`):
 
@@ -19,9 +19,6 @@ What stays in Python, and what a tick of a Panda then costs beside a plain one o
     next to nothing of, beside a tool speed that is met; exact rows of which one
     depends on others but for 1e-7 to 1e-10; a form on an arm that loses a
     direction; sizes beyond 1e70
-    `solve_velocity` with a form, a damping or a joint metric of one's own, but     10
-    for its tick
-    `solve_tasks` with any of these, or of more than 16 tasks                       130 to 500
     pseudoinverse and dual projectors of dependent twists, near a principal pitch   20; 35 to 70
     ==============================================================================  ===============
 
@@ -55,14 +52,19 @@ NOT_BUILT = (
 )
 
 
+def _imported(name: str) -> ModuleType:
+    """A compiled module of this package."""
+    try:
+        return import_module(name)
+    except ImportError as error:  # none was built, or one for another machine
+        raise ImportError(NOT_BUILT.format(folder=Path(__file__).parents[1], error=error)) from None
+
+
 def _found() -> tuple[ModuleType | None, str]:
     """The core, or None, and in words which it is."""
     if os.environ.get("INVARIANTQP_NATIVE") == "0":
         return None, "pure Python: INVARIANTQP_NATIVE=0"
-    try:
-        return import_module("invariantqp._native"), "compiled core"
-    except ImportError as error:  # none was built, or one for another machine
-        raise ImportError(NOT_BUILT.format(folder=Path(__file__).parents[1], error=error)) from None
+    return _imported("invariantqp._native"), "compiled core"
 
 
 def core_for(engine: Engine) -> ModuleType | None:
@@ -70,6 +72,8 @@ def core_for(engine: Engine) -> ModuleType | None:
     return core if engine == "compiled" else None
 
 
+# The engine: the velocity law of velocity/definition.py.
+law: ModuleType = _imported("invariantqp._core")
 core, engine = _found()
 # Whether ticks are computed by the core.
 native: bool = core is not None

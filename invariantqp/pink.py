@@ -67,7 +67,7 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
             length: L [length/rad] instead of an orientation cost; None is the arm's reach to the point.
             damping: more damping near singularities, as in `invariantqp.Controller`; None is none, which leaves joint
                 speeds to the velocity limits. `Selective` has its speed for a step [rad].
-            guard: as in `invariantqp.solve_velocity`; it does not see Pink's limits.
+            guard: as in `invariantqp.Controller`; it does not see Pink's limits.
 
         Raises:
             BadInput: numbers out of range, something that is not a form, two arguments that both say what a radian

@@ -27,7 +27,7 @@ NOT_CALLED = {
     "Eigenscrews Mobility NamedScrew PrincipalPitches "
     "ContactTrace DualProjectors Existence FollowerSolution "
     "FrameCheck GibsonHunt LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
-    "Involution MethodChoice NullPlane PenroseConditions PointMotion PoseSolution Recommendation "
+    "Involution NullPlane PenroseConditions PointMotion PoseSolution Recommendation "
     "Code Loop Reason "
     "SensorCheck Sighting StationaryPoint Status Survey Kinematics Velocities "
     "SystemReport Trace VelocitySolution VelocitySolutions View",

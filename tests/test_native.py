@@ -44,11 +44,12 @@ def test_the_core_is_part_of_the_package(name):
     assert Path(import_module(f"invariantqp.{name}").__file__).parent == Path(iq.__file__).parent
 
 
-def test_sources_that_were_not_compiled_say_what_to_do(tmp_path):
-    """As in a clone, where the folder hides what is installed."""
-    without = shutil.ignore_patterns("_native*.so", "_native*.pyd")
+@pytest.mark.parametrize(("name", "used"), [("_native", "solve_pose"), ("_core", "solve_velocity")])
+def test_sources_that_were_not_compiled_say_what_to_do(tmp_path, name, used):
+    """As in a clone, where the folder hides what is installed; an editable installation would be found before it."""
+    without = shutil.ignore_patterns(f"{name}*.so", f"{name}*.pyd")
     shutil.copytree(Path(iq.__file__).parent, tmp_path / "invariantqp", ignore=without)
-    done = run("-c", "import invariantqp as iq; iq.native", folder=tmp_path, check=False, INVARIANTQP_NATIVE="1")
+    done = run("-c", f"import invariantqp as iq; iq.{used}", folder=tmp_path, check=False, INVARIANTQP_NATIVE="1")
     said = f"ImportError: the compiled core of invariantqp in {tmp_path} cannot be imported (No module named "
     assert said in done.stderr
     assert "run there: pip install -e . " in done.stderr

@@ -34,6 +34,7 @@ NO_REASON = re.compile(
     r"|lower … and upper … in row …, joint|at joint|pose search|primal infeasible"
     r"|one (twist|point|joint velocity) a Jacobian"
     r"|Give each TwistTask its own (form|point)\.|Add a JointTask of the last priority\."
+    r"|Form and guard are for a twist by itself\."
     r"|<Clearance of .*|… and …, … mm|no joint moves it|fixed to one another|neighbours at.*|always nearer than .*"
     r"|not among the pairs given"
 )

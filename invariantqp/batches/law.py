@@ -1,4 +1,4 @@
-"""The velocity law for rows of any array library: `solve_velocity` without forms, exact rows and limits but the bounds.
+"""The velocity law of loops for rows of any array library, without forms, exact rows and limits but the bounds.
 
 minimise L^2 |omega error|^2 + |v error at the point|^2 + damping   over lower <= x <= upper,      row by row
 
@@ -82,8 +82,9 @@ def velocities(
 ) -> Velocities:
     """Joint velocities for a twist in every row, where the arrays are: numpy, torch, JAX, CuPy.
 
-    Each row is what `solve_velocity` says for the same arguments. A row with NaN, infinity or crossed bounds is "held":
-    velocity zero, or the nearest that its bounds allow; no other row notices. First derivatives by J, twist, point,
+    Each row is a twist by itself under the law that `Controller` has, whose damping acts near singularities. A row with
+    NaN, infinity or crossed bounds is "held": velocity zero, or the nearest that its bounds allow; no other row
+    notices. First derivatives by J, twist, point,
     bounds, posture and length are the solution's own, where it has them: not where a joint just meets its bound.
 
     Args:
@@ -93,7 +94,7 @@ def velocities(
         bounds: lower and upper, (..., m) each, -inf and inf where there is none; None is no bounds.
         posture: (..., m) wanted where the twist leaves joints free; None is zero.
         length: (...) L [length/rad]; None is the arm's reach to the point, 0 leaves out how the tool turns.
-        damping: `Adaptive`, `Fixed` or a number lambda; None as in `solve_velocity`, row by row.
+        damping: `Adaptive`, `Fixed` or a number lambda; None is `Adaptive()`, stronger where some joint has no bound.
         dt: how long the velocity is held [s], for the damping that brings a `Controller`'s loop to rest where its
             target is out of reach; 0 is none. With it the answer carries no derivative.
 

@@ -166,16 +166,16 @@ class Controller:
             dt: tick [s].
             gain: tracking gain [1/s], at most 1/dt; None is 0.1/dt, a tenth of the error in a tick, or less where a
                 delay is given.
-            form: as in `solve_velocity`; None is least squares at the point.
-            damping: as in `solve_velocity`.
-            guard: as in `solve_velocity`.
+            form: what is attempted of a twist that the joints cannot do; None is least squares at the point.
+            damping: lambda, or a policy such as `velocity.Selective`; None is `velocity.Adaptive()`.
+            guard: the descent guard of a form; True is the default one, False none.
             posture: (m,) joint positions that are kept near where the tool's motion leaves joints free; True is the
                 middle of the ranges of hinges, not of slides, for arms with more than six joints, False is none. Where
                 the task rests, so do the joints.
             posture_gain: how fast the posture is approached while the tool moves [1/s]. What joints do for it changes
                 by at most their full speed in 0.2 s, so they are neither jerked off nor stopped at once.
             joint_metric: as in `solve_velocity`.
-            backend: as in `solve_velocity`.
+            backend: "daqp", any solver that qpsolvers has, or a `Backend` of yours.
             exact: what is met exactly while the rest is least squares: "position" for the tool frame's origin, an
                 ExactPoint, ExactAxis, ExactPlane, ExactJoints or ExactRows, or several of them.
             point: (3,) in the tool frame, the physical point where accuracy counts; None is the point met exactly

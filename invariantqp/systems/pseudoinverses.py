@@ -261,9 +261,14 @@ def invert(system: Subspace, h: float, joint_metric: ArrayLike | None = None) ->
     factored = factors(system, pitch, metric)
     if factored.exists:
         return factored
+    raise no_pseudoinverse(system, pitch, factored)
+
+
+def no_pseudoinverse(system: Subspace, pitch: float, factored: Factors) -> NoPseudoinverse:
+    """Why there is no J^{+h}, or none that can be computed."""
     pitches = pitches_if_decided(system)
     z = system.exact.basis[:, -1] if factored.dependent else factored.lost
-    raise NoPseudoinverse(
+    return NoPseudoinverse(
         h=pitch,
         rank=factored.rank,
         gram_rank=factored.rank if factored.dependent else factored.gram_rank,

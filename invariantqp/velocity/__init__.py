@@ -18,8 +18,6 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.velocity.batch import solve_velocities as solve_velocities
     from invariantqp.velocity.exact import ExactRows as ExactRows
     from invariantqp.velocity.guard import Guard as Guard
-    from invariantqp.velocity.problem import MethodChoice as MethodChoice
-    from invariantqp.velocity.problem import method_for as method_for
     from invariantqp.velocity.problem import solve_velocity as solve_velocity
     from invariantqp.velocity.reasons import Code as Code
     from invariantqp.velocity.reasons import Reason as Reason

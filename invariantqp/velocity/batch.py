@@ -1,38 +1,33 @@
-"""Many twists at once: the compiled core has the rows; those that it hands back, or all without it, go one by one.
-
-Each row is the answer of `solve_velocity`, to rounding. For maps over joint ranges, and rollouts.
-"""
+"""Many twists at once, on all cores: a row is what `solve_velocity` answers. For maps over joint ranges, rollouts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from invariantqp.engine import law
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.legacy.compiled import Rows, Written, compiled_rows
-from invariantqp.legacy.damping import damping_of
-from invariantqp.legacy.law import VelocityLaw
-from invariantqp.legacy.problem import law_of, problem_of
-from invariantqp.legacy.solve import solve
-from invariantqp.velocity.arguments import measure_of
-from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.limits import Bounds, bounds_of
-from invariantqp.velocity.problem import VelocityOptions, known
-from invariantqp.velocity.solution import Status, VelocitySolution
+from invariantqp.velocity.problem import METHODS, STATUSES, VelocityOptions, check_joints, checked, solve_velocity
+from invariantqp.velocity.solution import VelocitySolution, at_bounds
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+# Options that are for one twist at a time.
+REFUSED = ("exact", "rows", "tool_speed")
+
 
 @dataclass(frozen=True, eq=False)
 class VelocitySolutions:
-    """N answers; `solutions[i]` is the i-th as `solve_velocity` would give it.
+    """N answers; `solutions[i]` is the i-th as `solve_velocity` gives it, solved again when it is read.
 
     Attributes:
         velocity: (N, m) joint velocities.
@@ -42,7 +37,8 @@ class VelocitySolutions:
         scale: (N,) share of the exact rows' speed, 0 where held.
         damping: (N,) lambda used.
         guard: (N,) share of least squares blended in.
-        slow: {row: solution} of the rows for which a velocity and a residual are not all there is to say.
+        bounds: (N, m) lower and upper.
+        row: what solves one row.
     """
 
     velocity: Array
@@ -52,7 +48,8 @@ class VelocitySolutions:
     scale: Array
     damping: Array
     guard: Array
-    slow: Mapping[int, VelocitySolution]
+    bounds: tuple[Array, Array]
+    row: Callable[[int], VelocitySolution]
 
     def __len__(self) -> int:
         return len(self.velocity)
@@ -66,29 +63,21 @@ class VelocitySolutions:
         Raises:
             IndexError: there is no such row.
         """
-        i = range(len(self))[row]
-        if i in self.slow:
-            return self.slow[i]
-        x, r = self.velocity[i], self.residual[i]
-        return VelocitySolution(x, str(self.method[i]), Status(str(self.status[i])), "", (), r, 1.0, 0.0, 0.0, "")
+        return self.row(range(len(self))[row])
 
     @property
     def reason(self) -> list[str]:
         """Why, in words, row by row."""
-        return [self.slow[i].reason if i in self.slow else "" for i in range(len(self))]
+        return [solution.reason for solution in self]
 
     @property
     def active(self) -> list[tuple[int, ...]]:
         """Joints at a bound, row by row."""
-        return [self.slow[i].active if i in self.slow else () for i in range(len(self))]
-
-
-# Options that are for one twist at a time.
-REFUSED = ("exact", "rows", "tool_speed")
+        return [tuple(np.flatnonzero(row).tolist()) for row in at_bounds(self.velocity, *self.bounds)]
 
 
 def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions]) -> VelocitySolutions:
-    """`solve_velocity` for N Jacobians and twists at once; rows that meet no limit cost a few microseconds each.
+    """`solve_velocity` for N Jacobians and twists at once, on all cores.
 
     Args:
         J: (N, 6, m) joint twists (omega; v) as columns, each in any frame.
@@ -101,96 +90,73 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
 
     Raises:
         BadInput: NaN, shapes that do not fit (the row is named), crossed bounds, an option that is refused.
+        NoPseudoinverse: the form has no projector for the twists of some row.
         UnknownName: no such back end.
     """
-    batch = _checked(J, twist, options)
-    rows = Rows(batch.written())
-    if rows.left:
-        batch.check()
-    for i in rows.left:
-        rows.put(i, batch.solution(i))
-    velocity, residual, _, method, status, numbers, _ = rows.written
-    scale, damping, guard = numbers.T
-    return VelocitySolutions(velocity, method, status, residual, scale, damping, guard, rows)
-
-
-class _Batch(NamedTuple):
-    """The arguments of N rows.
-
-    Shapes and options are checked. Of numbers, the core leaves rows that `check` would refuse.
-    """
-
-    laws: tuple[VelocityLaw, VelocityLaw]  # of rows in which all joints have bounds, and of others
-    twists: Array  # (N, 6, m)
-    s: Array  # (N, 6)
-    lower: Array  # (N, m)
-    upper: Array  # (N, m)
-    posture: Array | None  # (N, m), None where none is given
-    points: Array | None  # (N, 3), likewise
-    form: Form | CarriedMetric | None
-    options: VelocityOptions  # as given
-
-    def written(self) -> Written:
-        """The answers to all rows, but for those that are left."""
-        n, length = len(self.s), self.options.get("length")
-        others = {
-            "posture": self.posture,
-            "roots": np.broadcast_to(self.form.root(), (n, 6, 6)) if isinstance(self.form, CarriedMetric) else None,
-            "points": self.points,
-            "lengths": None if length is None else np.full((n, 1), float(length)),
-        }
-        return compiled_rows(self.laws, self.twists, self.s, (self.lower, self.upper), **others)
-
-    def check(self) -> None:
-        """Look at all numbers.
-
-        Raises:
-            BadInput: NaN, sizes that cannot be computed with, crossed bounds.
-        """
-        sizes.usual_rows(_finite(self.twists, "J"))
-        sizes.not_too_fast(_finite(self.s, "twist"))
-        if self.posture is not None:
-            _finite(self.posture, "posture")
-        lower, upper = self.lower, self.upper
-        wrong = ~(lower <= upper) | (lower == np.inf) | (upper == -np.inf)  # NaN is not below anything either
-        if wrong.any():
-            i, j = (int(k) for k in np.argwhere(wrong)[0])
-            found = f"lower {lower[i, j]:g} and upper {upper[i, j]:g} in row {i}, joint {j}"
-            raise BadInput("bounds", found, "lower <= upper, -inf and inf where there is no limit")
-
-    def solution(self, i: int) -> VelocitySolution:
-        """Row i by itself."""
-        row: VelocityOptions = {**self.options, "bounds": (self.lower[i], self.upper[i])}
-        if self.posture is not None:
-            row["posture"] = self.posture[i]
-        if self.points is not None:
-            row["point"] = self.points[i]
-        return solve(*problem_of(self.twists[i], self.s[i], **row))
-
-
-def _checked(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> _Batch:
     for name in REFUSED:
         if options.get(name) is not None:
             raise BadInput(name, "given for a batch", "None", "Solve these rows one by one with solve_velocity.")
     twists = _stack(J)
     n, _, m = twists.shape
+    check_joints(m)
     s = _rows(twist, (n, 6), "twist", "one twist a Jacobian")
     lower, upper = _box(options.get("bounds"), n, m)
-    posture, point, length = options.get("posture"), options.get("point"), options.get("length")
-    wanted = None if posture is None else _rows(posture, (n, m), "posture", "one joint velocity a Jacobian")
-    form = form_of(options.get("form"))
-    points = None if point is None or isinstance(point, str) else _rows(point, (n, 3), "point", "one point a Jacobian")
-    if points is not None:
-        sizes.not_too_far(_finite(points[: 1 if points.strides[0] == 0 else n], "point"))
-    # Checks form, the name of a point, and length; form and a carried metric are the same for all rows.
-    where = point if isinstance(point, str) else np.zeros(3)
-    first = measure_of(np.eye(6), np.zeros(6), form, where, 1.0 if length is None else length)
-    metric = options.get("joint_metric")
-    M = None if metric is None else arrays.positive_definite(metric, m, "joint_metric")
-    known(options)
-    law = law_of(options, first.form, M, limited=True)
-    laws = law, replace(law, damping=damping_of(options.get("damping"), limited=False))
-    return _Batch(laws, twists, s, lower, upper, wanted, points, form, options)
+    posture, point, metric = options.get("posture"), options.get("point"), options.get("joint_metric")
+    length = options.get("length")
+    rows: dict[str, Array | None] = {"posture": None, "points": None}
+    if posture is not None:
+        rows["posture"] = _rows(posture, (n, m), "posture", "one joint velocity a Jacobian")
+    if point is not None and not isinstance(point, str):
+        rows["points"] = _rows(point, (n, 3), "point", "one point a Jacobian")
+
+    def row(i: int) -> VelocitySolution:
+        one: Any = {**options, "bounds": (lower[i], upper[i])}
+        one |= {name.removesuffix("s"): value[i] for name, value in rows.items() if value is not None}
+        return solve_velocity(twists[i], s[i], **one)
+
+    common: dict[str, Any] = {
+        **options,
+        "bounds": None,
+        "posture": None,
+        "point": point if isinstance(point, str) else None,
+    }
+    fields = checked(m, common)
+    fields |= {"lower": lower, "upper": upper, "length": None if length is None else sizes.usual_length(length)}
+    fields["metric"] = None if metric is None else arrays.positive_definite(metric, m, "joint_metric")
+    if options.get("backend") is None:
+        velocity, residual, numbers = law.solve_rows(twists, s, **fields, **rows, threads=cpu_count())
+        if (numbers[:, 1] < 0.0).any():
+            _check(twists, s, lower, upper, rows)
+            row(int(np.argmin(numbers[:, 1])))  # which says why
+    else:
+        found = [row(i) for i in range(n)]
+        velocity, residual = np.array([x.velocity for x in found]), np.array([x.residual for x in found])
+        numbers = np.array(
+            [(METHODS.index(x.method), STATUSES.index(x.status), x.scale, x.damping, x.guard) for x in found]
+        )
+    method, status = numbers[:, :2].T.astype(np.intp)
+    scale, damping, guard = numbers[:, 2:].T
+    words = np.array(METHODS)[method], np.array([str(one) for one in STATUSES])[status]
+    return VelocitySolutions(velocity, *words, residual, scale, damping, guard, (lower, upper), row)
+
+
+def _check(twists: Array, s: Array, lower: Array, upper: Array, rows: dict[str, Array | None]) -> None:
+    """Look at the numbers of all rows.
+
+    Raises:
+        BadInput: NaN, sizes that cannot be computed with, crossed bounds.
+    """
+    sizes.usual_rows(_finite(twists, "J"))
+    sizes.not_too_fast(_finite(s, "twist"))
+    if rows["posture"] is not None:
+        _finite(rows["posture"], "posture")
+    if rows["points"] is not None:
+        sizes.not_too_far(_finite(rows["points"], "point"))
+    wrong = ~(lower <= upper) | (lower == np.inf) | (upper == -np.inf)  # NaN is not below anything either
+    if wrong.any():
+        i, j = (int(k) for k in np.argwhere(wrong)[0])
+        found = f"lower {lower[i, j]:g} and upper {upper[i, j]:g} in row {i}, joint {j}"
+        raise BadInput("bounds", found, "lower <= upper, -inf and inf where there is no limit")
 
 
 def _stack(J: ArrayLike) -> Array:
@@ -228,3 +194,8 @@ def _box(bounds: Bounds | tuple[ArrayLike, ArrayLike] | None, n: int, m: int) ->
         if side.shape != (n, m):
             raise BadInput(name, f"shape {side.shape}", f"shape {(n, m)}, one row a Jacobian")
     return low, high
+
+
+def cpu_count() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,98 +1,83 @@
-"""The velocity law as a function of plain arrays: all arguments are checked here, for every function that solves one.
+"""The velocity law as a function of plain arrays: `solve_velocity`.
+
+The engine reads the arguments and answers. What it refuses is looked at here, so that the error says what was found,
+what was expected and what to do. Another solver answers by `velocity.definition`.
 
 Reference: [DS] Sect. 6.2.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, TypedDict
+from collections.abc import Callable, Mapping
+from functools import partial
+from math import inf
+from numbers import Real
+from typing import TYPE_CHECKING, Any, TypedDict, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.engine import Engine
-from invariantqp.legacy.compiled import compiled_problem
-from invariantqp.legacy.damping import Damping, PaperLambda
-from invariantqp.legacy.problem import problem_of
-from invariantqp.legacy.report import damped
-from invariantqp.legacy.solve import solve
-from invariantqp.legacy.tick import posed
-from invariantqp.velocity.backends import Backend
-from invariantqp.velocity.exact import ExactRows
-from invariantqp.velocity.forms import CarriedMetric, Form
-from invariantqp.velocity.guard import Guard
-from invariantqp.velocity.limits import Bounds, LimitRows, ToolSpeed
-from invariantqp.velocity.reasons import TOOL_SPEED, row_name
-from invariantqp.velocity.reasons import named as limits_in_words
-from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.engine import law
+from invariantqp.errors import BadInput, InvariantQPError, excerpt
+from invariantqp.geometry import arrays, sizes
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
+from invariantqp.systems.pseudoinverses import factors, no_pseudoinverse
+from invariantqp.systems.system import ScrewSystem
+from invariantqp.velocity.arguments import measure_of, metric_of
+from invariantqp.velocity.backends import Backend, SolverFailure, backend_of
+from invariantqp.velocity.definition import Answer, Rows, Tick, velocity
+from invariantqp.velocity.exact import ExactRows, whitened
+from invariantqp.velocity.forms import CarriedMetric, Complement, Form, PitchForm, form_of
+from invariantqp.velocity.guard import Guard, guard_of
+from invariantqp.velocity.limits import Bounds, LimitRows, ToolSpeed, bounds_of
+from invariantqp.velocity.reasons import TOOL_SPEED, Code, Reason
+from invariantqp.velocity.solution import ACTIVE_TOLERANCE, Status, VelocitySolution, at_bounds
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-
-class MethodChoice(NamedTuple):
-    """Which method `solve_velocity` would use, and why.
-
-    Attributes:
-        method: "closed-form", "damped" or "qp".
-        reason: in words.
-        damping: lambda that would be used [length; unit of root J].
-        conditioning: smallest singular value of the measured joint twists over the largest, in [0, 1]: how far from a
-            singularity.
-    """
-
-    method: str
-    reason: str
-    damping: float
-    conditioning: float
+# What the engine's numbers stand for.
+METHODS = ("closed-form", "damped", "qp", "hold")
+STATUSES = (Status.OK, Status.LIMITED, Status.GUARDED, Status.SCALED, Status.DEGRADED, Status.HELD)
 
 
 class VelocityOptions(TypedDict, total=False):
-    """The keyword arguments of `solve_velocity`, `solve_velocities`, `solve_tasks` and `method_for`.
+    """The keyword arguments of `solve_velocity`, `solve_velocities` and `solve_tasks`.
 
     form: what is attempted of a twist that the joints cannot do: None (the default) is least squares at the point; a
-        pitch h [length/rad], PitchForm, Complement or a form of yours; CarriedMetric replaces the measure instead.
-    damping: lambda >= 0 [length], or a policy; None is `Adaptive()`, which acts near singularities only, more strongly
-        where some joint has no bound. PaperLambda is [DS]'s own problem.
+        pitch h [length/rad] is J^{+h} s; or a PitchForm, a Complement, a definite form of yours. CarriedMetric replaces
+        the measure instead.
+    damping: lambda >= 0. Without a form, the joint velocity counts lambda^2 |x|^2 beside the error [length]; with a
+        pitch form it is that of `systems.damped_pseudoinverse`. None is 0: near a singularity, joints are then as fast
+        as the bounds allow.
     bounds: joint velocity limits, `Bounds` or (lower, upper); None is no limits.
     exact: rows A x = b, met before anything is minimised; they slow down where limits forbid their full speed.
     joint_metric: (m, m) or (m,) positive definite M, the size of a joint velocity is x'Mx; None is the identity, with
         1/L^2 for prismatic joints.
-    backend: "daqp", any solver that qpsolvers has, or a `Backend` of yours: it says which limits are near.
-    guard: the descent guard of a form; False switches it off.
+    backend: None is the engine; "daqp", any solver that qpsolvers has, or a `Backend` of yours solves
+        `velocity.definition` instead, in milliseconds.
+    guard: True or a `Guard` shortens what a form attempts, so that the error decreases where no limit is active.
     posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
     rows: limits on combinations of joint velocities; they give way where they contradict the bounds.
     tool_speed: speed limit of a point; it gives way where it contradicts bounds or rows.
     point: (3,) in the frame of J, the physical point at which the error is least where the twist cannot be met; None or
         "own" is the arm's own point, which its joints move least. Name one where the joint axes nearly meet in a point.
     length: L [length/rad]: a radian counts as much as L units of length at the point; None is the arm's reach to it.
-    engine: "compiled" (the default) for the compiled core where there is one, "python" for Python alone.
     """
 
     form: Form | CarriedMetric | float | None
-    damping: Damping | PaperLambda | float | None
+    damping: float | None
     bounds: Bounds | tuple[ArrayLike, ArrayLike] | None
     exact: ExactRows | None
     joint_metric: ArrayLike | None
-    backend: Backend | str
+    backend: Backend | str | None
     guard: Guard | bool
     posture: ArrayLike | None
     rows: LimitRows | None
     tool_speed: ToolSpeed | None
     point: ArrayLike | str | None
     length: float | None
-    engine: Engine
-
-
-def known(options: VelocityOptions) -> None:
-    """Refuse options that there are not.
-
-    Raises:
-        TypeError: one is unknown.
-    """
-    unknown = options.keys() - VelocityOptions.__annotations__.keys()
-    if unknown:
-        raise TypeError(f"no option {min(unknown)!r}; there are {', '.join(VelocityOptions.__annotations__)}")
 
 
 def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions]) -> VelocitySolution:
@@ -100,13 +85,13 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
 
     Where joints and limits can do the whole twist, they do, in closed form. Otherwise the error is least in the measure
     |s|^2 = L^2 |omega|^2 + |v at the point|^2, taken at one physical point. A form changes what is attempted of the
-    part that the joints cannot do.
+    part that the joints cannot do: with `form=h` and no limit active, the velocity is J^{+h} s.
 
     Args:
-        J: (6, m) joint twists (omega; v) as columns, in any one frame, the joint at the base first.
+        J: (6, m) joint twists (omega; v) as columns, in any one frame, the joint at the base first; m up to 64.
         twist: (6,) wanted twist in the same frame [rad/s; length/s].
-        options: form, damping, bounds, exact, joint_metric, backend, guard, posture, rows, tool_speed, point, length,
-            see `VelocityOptions`.
+        options: form, damping, bounds, exact, joint_metric, backend, guard, posture, rows (up to 256), tool_speed,
+            point, length, see `VelocityOptions`.
 
     Returns:
         VelocitySolution: velocity (m,) inside the bounds, with method, status and reason.
@@ -114,40 +99,284 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
     Raises:
         BadInput: NaN, a twist above 1e12, shapes that do not fit, crossed bounds, a metric that is not positive
             definite.
+        NoPseudoinverse: the form has no projector for these twists, and no damping is given.
         UnknownName: no such back end.
 
-    Reference: [DS] Sect. 6.2 for forms. A stationary point of an indefinite form is not a minimum, hence the guard.
+    Reference: [DS] Sect. 6.2 for forms.
     """
-    found = compiled_problem(J, twist, **options)
-    if found is not None:
-        return found
-    known(options)
-    return solve(*problem_of(J, twist, **options))
+    if not options:  # the shortest way
+        try:
+            return solution_of(law.solve(J, twist))
+        except (ValueError, TypeError):
+            pass
+    elif options.get("backend") is None:
+        try:
+            return solution_of(law.solve(J, twist, **given(options)), options.get("rows"))
+        except (ValueError, TypeError, AttributeError, KeyError):
+            pass
+        except ArithmeticError:
+            raise no_projector(sizes.joint_twists(J), form_of(options.get("form"))) from None
+    return _checked_solution(J, twist, options)
 
 
-def method_for(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOptions]) -> MethodChoice:
-    """Which method `solve_velocity` would use for the same arguments, and why; no QP is solved.
+def solution_of(fields: tuple[Any, ...], rows: LimitRows | None = None) -> VelocitySolution:
+    """The solution that the engine's fields are."""
+    x, method, status, reasons, active, residual, share, damping, guard, pulls, row_pulls = fields
+    backend = "engine" if method == 2 else ""
+    names = () if rows is None else rows.names
+    return VelocitySolution(
+        x,
+        METHODS[method],
+        STATUSES[status],
+        reasons,
+        active,
+        residual,
+        share,
+        damping,
+        guard,
+        backend,
+        pulls,
+        row_pulls,
+        names,
+    )
+
+
+def given(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options as the engine takes them, not checked: of another kind, they have no such attribute, or are refused."""
+    fields: dict[str, Any] = {}
+    for name, value in options.items():
+        if value is not None:
+            fields |= TAKEN[name](value, options)
+    return fields
+
+
+def _given_bounds(bounds: Any, _options: Mapping[str, Any]) -> dict[str, Any]:
+    lower, upper = (bounds.lower, bounds.upper) if isinstance(bounds, Bounds) else bounds
+    return {"lower": lower, "upper": upper}
+
+
+def _given_tool_speed(tool_speed: Any, options: Mapping[str, Any]) -> dict[str, Any]:
+    point = options.get("point") if tool_speed.point is None else tool_speed.point
+    return {"tool_speed": (point, tool_speed.limit)}
+
+
+def _given_guard(guard: Any, _options: Mapping[str, Any]) -> dict[str, Any]:
+    return {} if guard is False else {"guard": Guard().fraction if guard is True else guard.fraction}
+
+
+def _given_point(point: Any, _options: Mapping[str, Any]) -> dict[str, Any]:
+    return {} if isinstance(point, str) and point == "own" else {"point": point}
+
+
+# How the engine takes each option.
+TAKEN: dict[str, Callable[[Any, Mapping[str, Any]], dict[str, Any]]] = {
+    "form": lambda form, _: form_fields(form_of(form)),
+    "damping": lambda damping, _: {"damping": damping},
+    "bounds": _given_bounds,
+    "exact": lambda rows, _: {"exact": (rows.A, rows.b, rows.of_twist)},
+    "guard": _given_guard,
+    "posture": lambda posture, _: {"posture": posture},
+    "rows": lambda rows, _: {"rows": (rows.C, rows.lower, rows.upper)},
+    "tool_speed": _given_tool_speed,
+    "point": _given_point,
+    "length": lambda length, _: {"length": length},
+}  # a joint metric is checked first
+
+
+def form_fields(form: Form | CarriedMetric | None) -> dict[str, Any]:
+    """A form as the engine takes it.
 
     Raises:
-        BadInput: as `solve_velocity`.
-        UnknownName: no such back end.
+        BadInput: a convexified pitch form.
     """
-    known(options)
-    law, demand = problem_of(J, twist, **options)
-    if isinstance(law.damping, PaperLambda):
-        return MethodChoice("damped", "[DS]'s formula as it is printed, clipped to the bounds", 0.0, 1.0)
-    problem = posed(law, demand, law.damping)
-    objective = problem.objective(1.0)
-    x = problem.reduction.full + problem.reduction.basis.dot(objective.centre())
-    x = x if law.to_joint is None else law.to_joint.dot(x)
-    if not demand.allows(x):
-        joints = np.flatnonzero((x < demand.lower) | (x > demand.upper)).tolist()
-        rows = [TOOL_SPEED] if demand.cone is not None and not demand.cone.allows(x) else []
-        if demand.rows is not None:
-            rows += [row_name(i, demand.rows.names) for i in np.flatnonzero(demand.rows.excess(x)).tolist()]
-        exceeded = limits_in_words(joints, rows)
-        reason = f"the closed form exceeds the limits of {exceeded}; solved by {law.backend.name}"
-        return MethodChoice("qp", reason, objective.damping, objective.ratio)
-    if objective.damping > 0.0:
-        return MethodChoice("damped", str(damped(objective)), objective.damping, objective.ratio)
-    return MethodChoice("closed-form", "no limit is active and no singularity is near", 0.0, objective.ratio)
+    if form is None:
+        return {}
+    if isinstance(form, CarriedMetric):
+        return {"root": form.root()}
+    if isinstance(form, PitchForm):
+        if form.convexified:
+            remedy = "Controller still has it."
+            raise BadInput("form", "PitchForm(..., convexified=True)", "a PitchForm as it is", remedy)
+        return {"form": ("pitch", form.h)}
+    if isinstance(form, Complement):
+        return {"form": ("complement", form.Z)}
+    return {"form": ("definite", form.matrix(np.eye(6)))}
+
+
+def checked(m: int, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options for m joints as the engine takes them, but for the joint metric.
+
+    Raises:
+        BadInput: what was found, expected, and what to do.
+        TypeError: no such option.
+    """
+    unknown = options.keys() - VelocityOptions.__annotations__.keys()
+    if unknown:
+        raise TypeError(f"no option {min(unknown)!r}; there are {', '.join(VelocityOptions.__annotations__)}")
+    fields = _checked_limits(m, options)
+    damping, posture = options.get("damping"), options.get("posture")
+    if damping is not None:
+        if isinstance(damping, bool) or not isinstance(damping, Real):
+            remedy = "Without one, bounds keep joints slow near a singularity."
+            raise BadInput("damping", excerpt(damping), "a number lambda >= 0, or None", remedy)
+        fields["damping"] = arrays.not_negative(cast("float", damping), "damping", "lambda")
+        if fields["damping"] > sizes.LARGEST:
+            raise BadInput("damping", f"{damping:.3g}", f"at most {sizes.LARGEST:g}")
+    guard = guard_of(options.get("guard", False))
+    if guard is not None:
+        fields["guard"] = guard.fraction
+    if posture is not None:
+        fields["posture"] = arrays.vector(posture, m, "posture")
+    return fields | form_fields(form_of(options.get("form")))
+
+
+def _checked_limits(m: int, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Bounds, exact rows, rows and tool speed."""
+    box = bounds_of(options.get("bounds"), m)
+    fields: dict[str, Any] = {"lower": np.asarray(box.lower), "upper": np.asarray(box.upper)}
+    exact, rows, tool_speed = options.get("exact"), options.get("rows"), options.get("tool_speed")
+    if exact is not None:
+        if not isinstance(exact, ExactRows):
+            raise BadInput("exact", type(exact).__name__, "ExactRows(A, b)")
+        _check_width("exact", np.shape(exact.A)[1], m)
+        fields["exact"] = np.asarray(exact.A), np.asarray(exact.b), exact.of_twist
+    if rows is not None:
+        if not isinstance(rows, LimitRows):
+            raise BadInput("rows", type(rows).__name__, "LimitRows(C, lower, upper)")
+        _check_width("rows", np.shape(rows.C)[1], m)
+        if len(rows.C) > law.MOST_ROWS:
+            raise BadInput("rows", f"{len(rows.C)} rows", f"at most {law.MOST_ROWS}")
+        fields["rows"] = np.asarray(rows.C), np.asarray(rows.lower), np.asarray(rows.upper)
+    if tool_speed is not None:
+        if not isinstance(tool_speed, ToolSpeed):
+            raise BadInput("tool_speed", type(tool_speed).__name__, "ToolSpeed(limit, point)")
+        at = options.get("point") if tool_speed.point is None else tool_speed.point
+        if at is None or isinstance(at, str):
+            raise BadInput("tool_speed", "no point", "ToolSpeed(limit, point)", "Say which point, in the frame of J.")
+        fields["tool_speed"] = arrays.vector(at, 3, "point"), tool_speed.limit
+    return fields
+
+
+def _checked_solution(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> VelocitySolution:
+    """The solution for arguments of any kind."""
+    twists, s = sizes.joint_twists(J), sizes.not_too_fast(arrays.twist(twist))
+    check_joints(twists.shape[1])
+    fields, form, backend = checked(twists.shape[1], options), form_of(options.get("form")), options.get("backend")
+    measure = measure_of(twists, s, form, options.get("point"), options.get("length"))
+    metric = metric_of(options.get("joint_metric"), twists, measure.point, measure.length)
+    fields |= {"point": measure.point, "length": measure.length, "metric": metric}
+    try:
+        if backend is None:
+            return solution_of(law.solve(twists, s, **fields), options.get("rows"))
+        return _by_definition(twists, s, measure.root, fields, options, backend_of(backend))
+    except ArithmeticError:
+        raise no_projector(twists, form) from None
+    except InvariantQPError:
+        raise
+    except ValueError as refusal:
+        raise BadInput("the arguments", str(refusal), "numbers that can be computed with") from None
+
+
+def check_joints(m: int) -> None:
+    """Refuse more joints than the engine has.
+
+    Raises:
+        BadInput: more than that.
+    """
+    if m > law.MOST_JOINTS:
+        raise BadInput("J", f"{m} joints", f"at most {law.MOST_JOINTS}", "Leave out joints that are to stand still.")
+
+
+def _check_width(argument: str, width: int, m: int) -> None:
+    if width != m:
+        raise BadInput(argument, f"rows on {width} joints", f"rows on {m}, one for each column of J")
+
+
+def no_projector(J: Array, form: Form | CarriedMetric | None) -> Exception:
+    """Why a form has no projector for twists J (6, m), or none that can be computed."""
+    system = ScrewSystem(J)
+    if isinstance(form, PitchForm):
+        return no_pseudoinverse(system, form.h, factors(system, form.h))
+    try:
+        if isinstance(form, Complement):
+            system.pseudoinverse(complement=np.asarray(form.Z))
+    except InvariantQPError as reason:
+        return reason
+    return BadInput("form", "a form without a projector for these twists", "another form", "Or give a damping.")
+
+
+def tick_of(J: Array, s: Array, root: Array, fields: Mapping[str, Any], form: Form | None = None) -> Tick:
+    """The tick of a twist by itself, as the definition has it, for fields of the engine."""
+    m, rows, P, speed = J.shape[1], fields.get("rows"), None, inf
+    if "tool_speed" in fields:
+        at, speed = fields["tool_speed"]
+        P = at if np.ndim(at) == 2 else velocity_at(J, at)
+    C, low, high = (np.zeros((0, m)), np.zeros(0), np.zeros(0)) if rows is None else rows
+    exact = None
+    if "exact" in fields:
+        demands = ExactRows(*fields["exact"])
+        M = whitened(demands, root[:6, :6])[0]
+        exact = M.T.dot(np.asarray(demands.A)), M.T.dot(np.asarray(demands.b)), np.zeros(M.shape[1])
+    return Tick(
+        J=J,
+        root=root,
+        ahead=s,
+        error=np.zeros(len(s)),
+        lower=fields["lower"],
+        upper=fields["upper"],
+        position_lower=np.full(m, -inf),
+        position_upper=np.full(m, inf),
+        rows=None if rows is None and P is None else Rows(C, low, high, (), P, speed),
+        exact=exact,
+        posture=fields.get("posture"),
+        metric=fields["metric"],
+        form=form,
+        damping=fields.get("damping", 0.0),
+        guard=fields.get("guard"),
+    )
+
+
+def found_by(answer: Answer, tick: Tick) -> tuple[Any, ...]:
+    """What the definition found, for the engine's report."""
+    x = np.clip(answer.velocity, tick.lower, tick.upper)
+    relaxed, faster = None, 0.0
+    for name, by in answer.gave_way:
+        if name == TOOL_SPEED:
+            faster = by
+        elif tick.rows is not None:
+            relaxed = np.zeros(len(tick.rows.C)) if relaxed is None else relaxed
+            relaxed[int(name.removeprefix("row "))] = by
+    limited = bool(at_bounds(x, tick.lower, tick.upper).any()) or answer.pace < 1.0
+    if tick.rows is not None:
+        C, lower, upper, _, P, speed = tick.rows
+        limited = limited or bool(at_bounds(C.dot(x), lower, upper).any())
+        limited = limited or (P is not None and float(np.linalg.norm(P.dot(x))) >= speed * (1.0 - ACTIVE_TOLERANCE))
+    return x, answer.pace, float(np.clip(answer.share, 0.0, 1.0)), answer.guarded, limited, relaxed, faster
+
+
+def _by_definition(
+    J: Array, s: Array, root: Array, fields: dict[str, Any], options: VelocityOptions, backend: Backend
+) -> VelocitySolution:
+    form = form_of(options.get("form"))
+    tick = tick_of(J, s, root, fields, None if isinstance(form, CarriedMetric) else form)
+    return reported(partial(law.solve, J, s, **fields), partial(velocity, tick, backend), tick, backend, options)
+
+
+def reported(
+    report: Callable[..., tuple[Any, ...]],
+    answer: Callable[[], Answer],
+    tick: Tick,
+    backend: Backend,
+    options: Mapping[str, Any],
+) -> VelocitySolution:
+    """The solution for what the definition answers by a back end, "held" where it finds nothing."""
+    rows: LimitRows | None = options.get("rows")
+    try:
+        found = answer()
+    except (SolverFailure, np.linalg.LinAlgError) as failure:
+        still = np.clip(np.zeros(tick.J.shape[1]), tick.lower, tick.upper)
+        held = solution_of(report(found=(still, 1.0, 0.0, 1.0, True, None, 0.0)), rows)
+        why = (Reason(Code.NO_VELOCITY, words=str(failure)),)
+        return held._replace(method="hold", status=Status.HELD, reasons=why, scale=0.0, backend="")
+    solution = solution_of(report(found=found_by(found, tick)), rows)
+    return solution._replace(backend=backend.name if solution.method == "qp" else "")

@@ -74,7 +74,7 @@ SENTENCES = {
     Code.ROWS_REFUSED: "{limits}: {words}",
     Code.ROWS_ARE_NAN: "{limits} gives NaN here",
     Code.ROWS_ALLOW_NOTHING: "{limits} allows no velocity at all here",
-    Code.NO_VELOCITY: "no velocity found: {words}",
+    Code.NO_VELOCITY: "no velocity found{because}",
     Code.NO_NUMBERS: "the numbers are too large or too small to compute with{because}",
     Code.PAPER_EXACT: "PaperLambda does not support exact rows; use another damping",
     Code.PAPER_LIMITS: "PaperLambda supports no limits but the bounds; use another damping",

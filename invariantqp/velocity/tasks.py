@@ -1,53 +1,41 @@
 """Several tasks at once: a weighted sum of objectives within a level, and strict priority between levels.
 
-    level 1:  x_1 = argmin sum_i w_i 1/2 |K_i (x - x_i*)|^2      inside the bounds, with the exact rows
+    level 1:  x_1 = argmin sum_i w_i 1/2 |A_i x - b_i|^2      inside the bounds, with the exact rows
     level 2:  likewise among the x with J_1 x = J_1 x_1, and so on
 
-Each twist task has the objective that it would have alone, measured at its point, so the sum does not depend on frames
-either. A joint task asks for a joint velocity: towards a posture, or zero for little motion. Each level moves only what
-the levels above leave free, x = x_1 + B z with J_1 B = 0, so no lower level disturbs a higher one.
+Each twist is measured at its own point, so the sum does not depend on frames either. A joint task asks for a joint
+velocity: towards a posture, or zero for little motion. So no lower level disturbs a higher one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import groupby
 from math import sqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
-from invariantqp.engine import core
+from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.linear import rank_of
-from invariantqp.legacy.attempted import attempted
-from invariantqp.legacy.compiled import compiled_problem
-from invariantqp.legacy.damping import Damping, PaperLambda
-from invariantqp.legacy.exact import Reduction, reduce
-from invariantqp.legacy.law import Demand, VelocityLaw
-from invariantqp.legacy.objective import least_squares, spectrum_of
-from invariantqp.legacy.problem import problem_of
-from invariantqp.legacy.qp import Quadratic
-from invariantqp.legacy.report import WHOLE_SPEED, at_limits, row_troubles, slowed_rows, status_of
-from invariantqp.legacy.solution import clipped
-from invariantqp.legacy.solve import computed
-from invariantqp.legacy.tick import Room, room_within
-from invariantqp.velocity.arguments import Measure, measure_of
-from invariantqp.velocity.exact import ROW_TOLERANCE
+from invariantqp.geometry.se3 import velocity_at
+from invariantqp.velocity.arguments import Measure, measure_of, metric_of
+from invariantqp.velocity.backends import backend_of
+from invariantqp.velocity.definition import prioritised
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
-from invariantqp.velocity.problem import known
-from invariantqp.velocity.reasons import Code, Reason, worst_first
+from invariantqp.velocity.problem import check_joints, checked, reported, solution_of, solve_velocity, tick_of
 from invariantqp.velocity.solution import VelocitySolution
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-    from invariantqp.engine import Task
     from invariantqp.velocity.problem import VelocityOptions
 
 # Options that belong to each task.
@@ -56,6 +44,7 @@ REFUSED = {
     "posture": "Add a JointTask of the last priority.",
     "point": "Give each TwistTask its own point.",
     "length": "Give each TwistTask its own point.",
+    "guard": "Form and guard are for a twist by itself.",
 }
 
 
@@ -125,62 +114,51 @@ class JointTask(Value):
 def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[VelocityOptions]) -> VelocitySolution:
     """Joint velocities for several tasks; lower levels never disturb what a higher one achieves inside the limits.
 
-    There is no descent guard here: it needs the error of one twist.
-
     Args:
-        tasks: of one arm, any order; those of one priority are weighed against each other.
-        options: damping, bounds, exact, joint_metric, backend, rows, tool_speed; see `VelocityOptions`. form,
+        tasks: of one arm, any order; those of one priority are weighed against each other. A twist with a form is
+            P s, what the form attempts of it.
+        options: damping, bounds, exact, joint_metric, backend, rows, tool_speed; see `VelocityOptions`. form, guard,
             point, length and posture belong to a task.
 
     Returns:
         VelocitySolution; residual is that of the first twist task of the highest level, zero where there is none.
 
     Raises:
-        BadInput: no tasks, different numbers of joints, NaN, an option that is refused, PaperLambda.
+        BadInput: no tasks, different numbers of joints, NaN, an option that is refused.
+        NoPseudoinverse: the form of a task has no projector.
     """
     if not isinstance(tasks, Sequence) or not tasks:
         raise BadInput(
             "tasks", "none" if isinstance(tasks, Sequence) else excerpt(tasks), "a list of TwistTask, JointTask"
         )
     for name, remedy in REFUSED.items():
-        if options.get(name) is not None:
+        if options.get(name) not in (None, False):
             raise BadInput(name, "given for several tasks", "None", remedy)
     m = _joints(tasks[0], 0)
     for i, task in enumerate(tasks):
         if _joints(task, i) != m:
             raise BadInput(f"tasks[{i}]", f"{_joints(task, i)} joints", f"{m}, as in tasks[0]")
-    levels = [list(g) for _, g in groupby(sorted(tasks, key=lambda t: t.priority), key=lambda t: t.priority)]
-    first = next((t for level in levels for t in level if isinstance(t, TwistTask)), None)
-    J, s = (np.zeros((6, m)), np.zeros(6)) if first is None else (first.J, first.twist)
-    found = _compiled(levels, J, s, options)
-    if found is not None:
-        return found
-    known(options)
-    law, demand = problem_of(J, s, **options)
-    if isinstance(law.damping, PaperLambda):
-        raise BadInput("damping", "PaperLambda", "a policy with a convex objective, such as Adaptive()")
-    damping = law.damping
-    return computed(demand, lambda: _solved(levels, law, demand, damping))
-
-
-def _compiled(
-    levels: list[list[TwistTask | JointTask]], J: Array, s: Array, options: VelocityOptions
-) -> VelocitySolution | None:
-    """The answer of the core, which has no forms here, and no more than 16 tasks; None where Python has to answer."""
-    tasks = [(i, task) for i, level in enumerate(levels) for task in level]
-    if core is None or len(tasks) > core.MOST_JOINTS or J.shape[1] > core.MOST_JOINTS:
-        return None
-    told: list[Task] = []
-    for priority, task in tasks:
-        fields: dict[str, Any] = {"priority": priority, "weight": task.weight}
-        if isinstance(task, JointTask):
-            fields |= {"velocity": task.velocity}
-        elif task.measure.form is None:
-            fields |= {"J": task.J, "s": task.twist, "root": task.measure.root}
-        else:
-            return None
-        told.append(core.Task(**fields))
-    return compiled_problem(J, s, tuple(told), **options)
+    check_joints(m)
+    ordered = sorted(tasks, key=lambda task: task.priority)
+    first = next((task for task in ordered if isinstance(task, TwistTask)), None)
+    fields, metric = checked(m, options), options.get("joint_metric")
+    if first is None:
+        fields["metric"] = None if metric is None else arrays.positive_definite(metric, m, "joint_metric")
+    else:
+        fields["metric"] = metric_of(metric, first.J, first.measure.point, first.measure.length)
+    if "tool_speed" in fields:
+        point, speed = fields["tool_speed"]
+        fields["tool_speed"] = velocity_at(np.zeros((6, m)) if first is None else first.J, point), speed
+    levels = [_stacked(list(level), fields["metric"]) for _, level in groupby(ordered, key=lambda task: task.priority)]
+    backend = options.get("backend")
+    if backend is None:
+        solution = solution_of(law.solve_levels(levels, **fields), options.get("rows"))
+    else:
+        ticks, solver = [tick_of(J, s, root, fields) for J, root, s in levels], backend_of(backend)
+        report = partial(law.solve_levels, levels, **fields)
+        solution = reported(report, partial(prioritised, ticks, solver), ticks[0], solver, options)
+    residual = np.zeros(6) if first is None else first.twist - first.J.dot(solution.velocity)
+    return solution._replace(residual=residual, multipliers=None, row_multipliers=None)
 
 
 def _joints(task: TwistTask | JointTask, i: int) -> int:
@@ -191,64 +169,26 @@ def _joints(task: TwistTask | JointTask, i: int) -> int:
     raise BadInput(f"tasks[{i}]", excerpt(task), "a TwistTask or a JointTask")
 
 
-def _solved(
-    levels: list[list[TwistTask | JointTask]], law: VelocityLaw, demand: Demand, damping: Damping
-) -> VelocitySolution:
-    T = np.eye(len(demand.lower)) if law.to_joint is None else law.to_joint
-    reduction = Reduction.without_rows(len(T))
-    if demand.exact is not None:
-        reduction = reduce(demand.exact.on(law.to_joint), demand.root)
-    room = room_within(law, demand, reduction)
-    troubles = [*room.limits.troubles, *row_troubles(demand, reduction)]
-    bounded, backend = False, ""
-    for level in levels:
-        if not room.basis.shape[1]:
-            break
-        found = room.nearest(law.backend, _sum(level, room, T, damping))
-        room = room.narrowed(found.z, _left(level, T.dot(room.basis)))
-        bounded = bounded or found.nu > 0.0 or bool(found.multipliers.any())
-        backend = found.backend or backend
-        if found.trouble:
-            troubles.append(Reason(Code.SOLVER, words=found.trouble))
-    x, active = clipped(demand, T.dot(room.origin))
-    slowed = slowed_rows(demand, room, law.to_joint)
-    reasons = [*troubles, *slowed, *at_limits(demand, x, active, None)]
-    share, residual = room.share.value, demand.s - demand.J.dot(x)
-    status = status_of(troubles, share, 0.0, limited=bool(slowed))
-    method = "qp" if bounded or share < WHOLE_SPEED else "closed-form"
-    return VelocitySolution(x, method, status, worst_first(reasons), active, residual, share, 0.0, 0.0, backend)
+def _stacked(level: list[TwistTask | JointTask], metric: Array | None) -> tuple[Array, Array, Array]:
+    """J (6 n, m), root (6 n, 6 n) and twists (6 n,) of a level; joint velocities are rows of bodies of their own."""
+    parts = [_twist(task) if isinstance(task, TwistTask) else _velocity(task, metric) for task in level]
+    J, roots, s = zip(*parts, strict=True)
+    return np.vstack(J), np.asarray(block_diag(*roots)), np.concatenate(s)
 
 
-def _sum(level: list[TwistTask | JointTask], room: Room, T: Array, damping: Damping) -> Quadratic:
-    """The weighted sum of a level's objectives over z."""
-    n = room.basis.shape[1]
-    roots, wanted = [], []
-    for task in level:
-        weight = sqrt(task.weight)
-        if isinstance(task, TwistTask):
-            measure = task.measure
-            A, b = measure.root.dot(task.J).dot(T), measure.root.dot(task.twist)
-            whole = spectrum_of(A)
-            if measure.form is not None:
-                b = attempted(measure.form, np.asarray(np.linalg.inv(measure.root)), whole, b, damping, None)
-            spectrum = spectrum_of(A.dot(room.basis), whole.largest)
-            objective = least_squares(spectrum, room.share.value * b - A.dot(room.origin), None, damping)
-            root = np.sqrt(objective.weights)
-            roots.append(weight * root[:, None] * objective.V.T)
-            wanted.append(weight * root * objective.optimum)
-        else:
-            roots.append(weight * np.eye(n))
-            wanted.append(weight * room.coordinates(np.asarray(np.linalg.solve(T, task.velocity), np.float64)))
-    return Quadratic.weighted(np.vstack(roots), np.concatenate(wanted))
+def _twist(task: TwistTask) -> tuple[Array, Array, Array]:
+    s = task.twist
+    if task.measure.form is not None:
+        point, length = task.measure.point, task.measure.length
+        attempt = solve_velocity(task.J, s, form=task.measure.form, point=point, length=length)
+        s = task.J.dot(attempt.velocity)
+    return task.J, sqrt(task.weight) * task.measure.root, s
 
 
-def _left(level: list[TwistTask | JointTask], B: Array) -> Array:
-    """(n, k) directions of z that move none of the level's bodies."""
-    n = B.shape[1]
-    twists = [t.measure.root.dot(t.J).dot(B) for t in level if isinstance(t, TwistTask)]
-    if len(twists) < len(level):  # a joint task leaves nothing free
-        return np.empty((n, 0))
-    _, sigma, Vt = np.linalg.svd(np.vstack(twists))
-    rank = rank_of(sigma, ROW_TOLERANCE)
-    free: Array = Vt[rank:].T
-    return free
+def _velocity(task: JointTask, metric: Array | None) -> tuple[Array, Array, Array]:
+    m = len(task.velocity)
+    rows = 6 * -(-m // 6)
+    J, s = np.zeros((rows, m)), np.zeros(rows)
+    J[:m] = np.eye(m) if metric is None else np.linalg.cholesky(metric).T
+    s[:m] = J[:m].dot(task.velocity)
+    return J, sqrt(task.weight) * np.eye(rows), s

@@ -1,4 +1,4 @@
-"""Rows of every array library against `solve_velocity` row by row; libraries that are missing are skipped by name."""
+"""Rows of every array library against the law row by row; libraries that are missing are skipped by name."""
 
 from types import SimpleNamespace
 
@@ -8,6 +8,7 @@ import pytest
 import invariantqp as iq
 from invariantqp import batches
 from invariantqp.legacy.law import Demand, VelocityLaw
+from invariantqp.legacy.problem import problem_of
 from invariantqp.legacy.solve import solve
 from invariantqp.velocity.arguments import measure_of
 
@@ -47,17 +48,14 @@ def rows(seed, n, m):
     return rng, J, rng.normal(size=(n, 6)), rng.normal(size=(n, 3)), rng.normal(size=(n, m))
 
 
-def one_by_one(J, s, p, box, posture, **options):
-    low, high = box
-    given = range(len(J))
-    return [
-        iq.solve_velocity(J[i], s[i], point=p[i], bounds=(low[i], high[i]), posture=posture[i], **options)
-        for i in given
-    ]
+def alone(J, s, p, box=None, posture=None, **options):
+    """One row by the law that loops run."""
+    bounds = None if box is None else iq.Bounds(*box)
+    return solve(*problem_of(J, s, point=p, bounds=bounds, posture=posture, **options))
 
 
 @pytest.mark.parametrize("m", [1, 2, 5, 6, 7, 8])
-def test_every_row_is_what_solve_velocity_says(library, m):
+def test_every_row_is_what_the_law_says(library, m):
     """To 1e-9 of its size in double precision: 1e-11 is usual."""
     if library.name == "jax" and m != 7:
         pytest.skip("JAX compiles each number of joints for seconds")
@@ -77,7 +75,7 @@ def test_every_row_is_what_solve_velocity_says(library, m):
     found = library.solved(*map(library.array, (J, s, p, low, high, posture)))
     assert type(found.velocity) is type(library.array(J))
     x, status, side, residual = map(library.host, found)
-    expected = one_by_one(J, s, p, (low, high), posture)
+    expected = [alone(J[i], s[i], p[i], (low[i], high[i]), posture[i]) for i in range(n)]
     assert ((low <= x) & (x <= high)).all()
     for i, one in enumerate(expected):
         np.testing.assert_allclose(x[i], one.velocity, rtol=0.0, atol=1e-9 * (1.0 + np.abs(one.velocity).max()))
@@ -93,7 +91,7 @@ def test_policies_lengths_and_no_bounds(damping):
     J[3:7] = J[10:14]  # undamped singular rows are nobody's
     found = batches.velocities(J, s, point=p[0], length=0.7, damping=damping)
     for i in range(30):
-        one = iq.solve_velocity(J[i], s[i], point=p[0], length=0.7, damping=damping)
+        one = alone(J[i], s[i], p[0], length=0.7, damping=damping)
         np.testing.assert_allclose(found.velocity[i], one.velocity, rtol=0.0, atol=1e-9 * np.abs(one.velocity).max())
         assert batches.STATUSES[found.status[i]] == one.status
 
@@ -108,7 +106,7 @@ def test_lengths_of_axes_that_meet_in_the_point_and_of_slides():
     s = rng.normal(size=(3, 6))
     found = batches.velocities(J, s, point=np.array([[0.0, 0, 0], [1, 2, 3], p]))
     for i, point in enumerate(([0, 0, 0], [1, 2, 3], p)):
-        expected = iq.solve_velocity(J[i], s[i], point=point).velocity
+        expected = alone(J[i], s[i], point).velocity
         np.testing.assert_allclose(found.velocity[i], expected, rtol=0.0, atol=1e-10)
 
 
@@ -155,7 +153,7 @@ def test_twists_of_any_size_stay_in_the_box():
     found = batches.velocities(J, s * scales[:, None], point=p, bounds=(-high, high))
     assert (np.abs(found.velocity) <= 2.0).all()
     for i in range(24):  # beyond a hundred million times the box the answer is the same corner
-        one = iq.solve_velocity(J[i], s[i] * min(scales[i], 1e8), point=p[i], bounds=(-high[i], high[i]))
+        one = alone(J[i], s[i] * min(scales[i], 1e8), p[i], (-high[i], high[i]))
         np.testing.assert_allclose(found.velocity[i], one.velocity, rtol=1e-9, atol=1e-9)
     assert (found.status != 2).all()
 

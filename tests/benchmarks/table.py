@@ -31,7 +31,7 @@ from support.arms import ready
 import invariantqp as iq
 from invariantqp.compare.libraries import Mink, Pink, Placo
 from invariantqp.compare.tasks import spec_of
-from invariantqp.legacy import compiled
+from invariantqp.velocity import batch
 
 OURS, PYTHON, HAND = "compiled", "Python", "hand-written"
 COLUMNS = (OURS, PYTHON, HAND, "Pink", "mink", "placo")
@@ -44,7 +44,7 @@ PRESSED = 3000
 SELDOM = 10  # of these the definition in Python takes part in one
 POSES = 50
 TICKS = 100
-ROWS, FEW = 4096, 256
+ROWS = 4096
 FIVE = 5.0
 AGAIN = 20  # times that a slow tick is repeated
 # A tick along a path, or pressing, beside an ordinary tick of the same engine in the same states, and pressing ticks.
@@ -306,8 +306,8 @@ def poses(name):
 
 
 def rows_a_second(width):
-    """Rows a second: `solve_velocities` by the core on all cores, on one, by Python; and a loop of DAQP, for which
-    the Hessians of all rows are made at once. A kept `daqp.Model` is no faster there.
+    """Rows a second: `solve_velocities` on all cores and on one; and a loop of DAQP, for which the Hessians of all rows
+    are made at once. A kept `daqp.Model` is no faster there.
     """
     robot, rng = iq.load_robot("panda"), np.random.default_rng(0)
     J = np.array([robot.jacobian(q) for q in rng.uniform(robot.position_lower, robot.position_upper, (ROWS, 7))])
@@ -315,9 +315,8 @@ def rows_a_second(width):
     sense, none, damping, least = np.zeros(7, dtype=np.int32), np.zeros((0, 7)), 1e-6 * np.eye(7), -limit
     found = np.empty((ROWS, 7))
 
-    def solve(engine="compiled", rows=ROWS):
-        box = iq.Bounds(-limit, limit)
-        iq.solve_velocities(J[:rows], s[:rows], bounds=box, point=np.zeros(3), length=1.0, engine=engine)
+    def solve():
+        iq.solve_velocities(J, s, bounds=iq.Bounds(-limit, limit), point=np.zeros(3), length=1.0)
 
     def loop():
         hessians, gradients = J.transpose(0, 2, 1) @ J + damping, -(s[:, None] @ J)[:, 0]
@@ -334,11 +333,11 @@ def rows_a_second(width):
                 all_of_it.append(1e-9 * (clock() - start))
         return map(min, took)
 
-    (both,), many = spent([solve], perf_counter_ns), compiled.ROWS_A_THREAD
-    compiled.ROWS_A_THREAD = ROWS + 1  # on one core
-    one, looped, python = spent([solve, loop, partial(solve, "python", FEW)], thread_time_ns)
-    compiled.ROWS_A_THREAD = many
-    return ROWS / both, ROWS / one, FEW / python, ROWS / looped
+    (both,), cores = spent([solve], perf_counter_ns), batch.cpu_count
+    batch.cpu_count = lambda: 1
+    one, looped = spent([solve, loop], thread_time_ns)
+    batch.cpu_count = cores
+    return ROWS / both, ROWS / one, ROWS / looped
 
 
 def single_calls():
@@ -436,9 +435,9 @@ def main():
             f"| {title} | {cell(took['ours'], took['theirs'])} | {cell(took['theirs'], took['theirs'])} |", flush=True
         )
     for name, width in (("free", 10.0), ("tight box", 0.05)):
-        both, one, python, loop = rows_a_second(width)
+        both, one, loop = rows_a_second(width)
         print(f"\nbatch of {ROWS} Panda rows, {name}: {both:,.0f} rows/s compiled, {one:,.0f} on one core, ", end="")
-        print(f"{python:,.0f} in Python, {loop:,.0f} by a loop of DAQP: {one / loop:.2f} on one core", end="")
+        print(f"{loop:,.0f} by a loop of DAQP: {one / loop:.2f} on one core", end="")
     print(
         f"\n\n| tick along a path | {' | '.join(name for pair, *_ in ALONG for name in pair)} |\n|---|---|---|---|---|"
     )

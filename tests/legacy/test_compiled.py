@@ -16,6 +16,8 @@ import invariantqp as iq
 from invariantqp.engine import core
 from invariantqp.legacy.damping import Fixed
 from invariantqp.legacy.law import Demand, VelocityLaw
+from invariantqp.legacy.problem import problem_of
+from invariantqp.legacy.solve import solve
 from invariantqp.velocity.backends import backend_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.solution import VelocitySolution
@@ -493,9 +495,9 @@ def test_limits_hold_however_far_the_optimum_without_them_is(engine, size):
             "bounds": (-np.ones(m), np.ones(m)),
             "engine": engine,
         }
-        x = iq.solve_velocity(J, s, **options).velocity
+        x = solve(*problem_of(J, s, **options)).velocity
         assert (np.abs(C @ x) <= most * (1.0 + 1e-6)).all()
         assert np.abs(C @ x / most).max() > 0.5
-        x = iq.solve_velocity(J, s, tool_speed=slow, **options).velocity
+        x = solve(*problem_of(J, s, tool_speed=slow, **options)).velocity
         assert (np.abs(C @ x) <= most * (1.0 + 1e-6)).all()
         assert 0.5 * slow.limit < slow.cone(J, np.zeros(3)).speed(x) <= slow.limit * (1.0 + 1e-6)

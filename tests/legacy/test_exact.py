@@ -6,7 +6,9 @@ from support.velocity_reference import largest_share, quadprog_minimum
 
 import invariantqp as iq
 from invariantqp.legacy.exact import EXACT_CALM, REGULARISATION, reduce, share_of
+from invariantqp.legacy.problem import problem_of
 from invariantqp.legacy.qp import Polytope
+from invariantqp.legacy.solve import solve
 from invariantqp.velocity.backends import Daqp
 
 
@@ -59,9 +61,8 @@ def test_the_share_by_another_solver_from_its_formula(dt, held):
 def test_no_joint_is_spent_at_full_speed_for_a_thousandth_of_line_speed():
     """A column that helps the rows by a thousandth of what another does: the loop's calm leaves it alone."""
     A, b = np.array([[1.0, 1e-3, 0.0]]), np.array([10.0])
-    law = iq.solve_velocity(
-        np.vstack((A, np.eye(5, 3))), np.zeros(6), exact=iq.ExactRows(A, b), bounds=(-np.ones(3), np.ones(3))
-    )
+    options = {"exact": iq.ExactRows(A, b), "bounds": (-np.ones(3), np.ones(3))}
+    law = solve(*problem_of(np.vstack((A, np.eye(5, 3))), np.zeros(6), **options))
     assert law.velocity[1] > 0.9  # one question by itself, with no time in it, is answered to the letter
     limits = Polytope(np.eye(3), -np.ones(3), np.ones(3))
     calm = share_of(reduce(iq.ExactRows(A, b), np.eye(6)), limits, None, np.zeros(3), 0.01, Daqp())

@@ -204,10 +204,12 @@ def test_any_rank_is_solved(m, rank):
     r = min(rank, m)
     J = rng.normal(size=(6, r)) @ rng.normal(size=(r, m))
     bounds = iq.Bounds(-np.ones(m), np.ones(m))
-    for form in (None, 0.4, iq.CarriedMetric(np.eye(6), np.eye(4)), iq.Complement(rng.normal(size=(6, 6 - min(m, 5))))):
+    for form in (None, 0.4, iq.CarriedMetric(np.eye(6), np.eye(4)), iq.Complement(rng.normal(size=(6, 6 - r)))):
+        if r == 6 and isinstance(form, iq.Complement):
+            continue  # of nothing
         solution = iq.solve_velocity(J, 10.0 * rng.normal(size=6), form=form, bounds=bounds)
         assert np.isfinite(solution.velocity).all()
-        assert (np.abs(solution.velocity) <= 1.0 + INSIDE).all()
+        assert (np.abs(solution.velocity) <= 1.0).all()
         assert rank or not solution.velocity.any()
 
 
@@ -216,11 +218,11 @@ def test_a_pole_of_the_papers_lambda_is_no_pole_of_ours(damping):
     """[DS] (6.4) with Lambda = -mu I, where mu < 0 is an eigenvalue of G: the pole; and a hair beside it."""
     rng = np.random.default_rng(3)
     J, s, h = rng.normal(size=(6, 4)), rng.normal(size=6), 0.4
-    mu = np.linalg.eigvalsh(iq.systems.gram_matrix(J, h))[0]
+    G = iq.systems.gram_matrix(J, h)
+    mu = np.linalg.eigvalsh(G)[0]
     assert mu < 0.0
-    beside = iq.solve_velocity(J, s, form=h, damping=iq.velocity.PaperLambda(-mu * (1.0 + 1e-9)))
-    assert np.abs(beside.velocity).max() > 1e6
-    assert beside.status == "degraded"
+    beside = np.linalg.solve(G - mu * (1.0 + 1e-9) * np.eye(4), J.T @ iq.pitch_form(h) @ s)
+    assert np.abs(beside).max() > 1e6
     assert np.abs(iq.solve_velocity(J, s, form=h, damping=damping).velocity).max() < 1e2
 
 

@@ -5,6 +5,7 @@ import inspect
 import numpy as np
 
 import invariantqp as iq
+from invariantqp.velocity.problem import VelocityOptions
 
 RNG = np.random.default_rng(0)
 J, S = RNG.normal(size=(6, 6)), RNG.normal(size=(6, 2))
@@ -25,9 +26,10 @@ def usual(function, names):
     return {name: parameters[name].default for name in names.split()}
 
 
-def law_options(*left_out):
-    names = ["form", "damping", "bounds", "exact", "joint_metric", "backend", "guard", "posture", "rows", "tool_speed"]
-    good = {"form": H, "backend": "daqp", "guard": True, "joint_metric": np.ones(6), "posture": Q, "damping": 0.01}
+def law_options(*left_out, backend=None):
+    good = {"form": H, "guard": True, "joint_metric": np.ones(6), "posture": Q, "damping": 0.01, "point": POINT}
+    good |= {"backend": backend, "length": 0.5}
+    names = VelocityOptions.__annotations__
     return {name: good.get(name) for name in names if name not in left_out}
 
 
@@ -233,7 +235,7 @@ ALGEBRA = {
         {"J": J, "twist": TWIST, "form": H, "weight": 1.0, "priority": 0, "point": None},
     ),
     "solve_velocity": lambda: (iq.solve_velocity, {"J": J, "twist": TWIST, **law_options()}),
-    "method_for": lambda: (iq.velocity.method_for, {"J": J, "twist": TWIST, **law_options()}),
+    "solve_velocity, daqp": lambda: (iq.solve_velocity, {"J": J, "twist": TWIST, **law_options(backend="daqp")}),
     "exps": lambda: (iq.batches.exps, {"twists": TWIST}),
     "logs": lambda: (iq.batches.logs, {"poses": T}),
     "adjoints": lambda: (iq.batches.adjoints, {"poses": T}),
@@ -249,7 +251,7 @@ ALGEBRA = {
         iq.velocity.solve_tasks,
         {
             "tasks": [iq.velocity.TwistTask(J, TWIST, form=H)],
-            **law_options("form", "guard", "posture", "rows", "tool_speed"),
+            **law_options("form", "guard", "posture", "point", "length"),
         },
     ),
 }

@@ -86,13 +86,6 @@ def test_h_adjoint_frames_and_the_projector_it_tends_to():
     np.testing.assert_allclose(psi(J, h, np.diag(Lambda)), P, atol=1e-14)
 
 
-def test_it_is_what_the_law_does_with_the_papers_damping():
-    rng = np.random.default_rng(2)
-    J, s = rng.normal(size=(6, 4)), rng.normal(size=6)
-    solution = iq.solve_velocity(J, s, form=0.4, damping=iq.velocity.PaperLambda(0.3))
-    np.testing.assert_allclose(J @ solution.velocity, psi(J, 0.4, 0.3) @ s, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("value", "said"), [(np.eye(3), "shape"), (np.ones(3), "shape"), ([[1.0, 2.0], [0.0, 1.0]], "not symmetric")]
 )

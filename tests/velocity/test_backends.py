@@ -37,78 +37,51 @@ def limited(seed, *, m=7, opened=0.0, rows=False):
     if lower[0] == -np.inf and upper[0] == np.inf:
         lower[0] = -0.1
     exact = iq.ExactRows(J[3:], 0.05 * s[3:]) if rows else None
-    return (J, s), {"form": h, "bounds": iq.Bounds(lower, upper), "exact": exact, "guard": False}
+    return (J, s), {"form": h, "bounds": iq.Bounds(lower, upper), "exact": exact}
 
 
 @pytest.mark.parametrize("rows", [False, True], ids=["box", "rows"])
 @pytest.mark.parametrize("opened", [0.0, 0.3], ids=["closed", "half-open"])
 @pytest.mark.parametrize("name", INSTALLED)
-def test_every_back_end_agrees_with_daqp(name, opened, rows):
-    own = 0
+def test_every_back_end_agrees_with_the_engine(name, opened, rows):
+    held = 0
     for seed in range(8):
         arguments, options = limited(seed, opened=opened, rows=rows)
         reference = iq.solve_velocity(*arguments, **options)
         solution = iq.solve_velocity(*arguments, **options, backend=name)
+        if solution.status == "held":  # a solver that gives up
+            held += 1
+            continue
         size = np.abs(reference.velocity).max()
         assert np.abs(solution.velocity - reference.velocity).max() <= AGREEMENT * size
-        assert solution.method == reference.method
-        if solution.status == reference.status:
-            own += 1
-        else:  # a solver that gives up is replaced, and that is told
-            assert solution.status == "degraded"
-            assert solution.reason.startswith(f"{name}: ")
-    assert own >= (8 if name in {"daqp", "quadprog", "osqp", "clarabel"} else 4)
+        assert (solution.method, solution.status) == (reference.method, reference.status)
+        assert (reference.backend, solution.backend) == (("engine", name) if solution.method == "qp" else ("", ""))
+    assert held <= (0 if name in {"daqp", "quadprog", "osqp", "clarabel"} else 4)
 
 
 TROUBLES = {
     "raises": (lambda _: 1 / 0, "ZeroDivisionError"),
     "nan": (lambda qp: np.full(len(qp.c), np.nan), "answer that is not finite"),
     "infinite": (lambda qp: np.full(len(qp.c), np.inf), "answer that is not finite"),
-    "infeasible": (lambda qp: np.full(len(qp.c), 50.0), "outside its scaled bounds"),
-    "none": (lambda _: None, "shape ()"),
-    "too short": (lambda qp: qp.c[1:], "shape (6,), not (7,)"),
-    "a column": (lambda qp: np.zeros((len(qp.c), 1)), "shape (7, 1)"),
+    "infeasible": (lambda qp: np.full(len(qp.c), 50.0), "answer "),
+    "none": (lambda _: None, "answer of shape ()"),
+    "too short": (lambda qp: qp.c[1:], "answer of shape ("),
+    "a column": (lambda qp: np.zeros((len(qp.c), 1)), "answer of shape ("),
     "words": (lambda _: "optimal", "ValueError"),
 }
 
 
 @pytest.mark.parametrize("rows", [False, True], ids=["box", "rows"])
 @pytest.mark.parametrize("case", TROUBLES)
-def test_a_solver_that_fails_is_replaced_and_the_status_says_so(case, rows):
+def test_a_solver_that_fails_is_named_and_the_joints_are_held(case, rows):
     answer, said = TROUBLES[case]
     arguments, options = limited(3, rows=rows)
     solver = Solver(answer)
-    options |= {"guard": True, "engine": "python"}
-    reference = iq.solve_velocity(*arguments, **options)
     solution = iq.solve_velocity(*arguments, **options, backend=solver)
     assert solver.calls >= 1
-    assert solution.status == "degraded"
-    assert solution.backend == "daqp"
-    assert rows or said in solution.reason
-    assert solution.reason.count("solved by daqp") == 1
-    np.testing.assert_array_equal(solution.velocity, reference.velocity)
-
-
-def broken(self, qp):
-    raise RuntimeError("licence expired")
-
-
-@pytest.mark.parametrize("rows", [False, True], ids=["box", "rows"])
-@pytest.mark.parametrize("guard", [False, True])
-def test_when_every_solver_fails_least_squares_alone_answers(monkeypatch, guard, rows):
-    for seed in range(5):
-        arguments, options = limited(seed, rows=rows)
-        options["guard"] = guard
-        reference = iq.solve_velocity(*arguments, **options)
-        with monkeypatch.context() as patch:
-            patch.setattr(backends.Daqp, "solve", broken)
-            solution = iq.solve_velocity(*arguments, **options, backend=Solver(lambda _: 1 / 0))
-        assert (solution.method, solution.status) == ("qp", "degraded")
-        for name in ("custom: ZeroDivisionError", "daqp: RuntimeError: licence expired"):
-            assert rows or name in solution.reason
-        assert solution.backend == "least distance"
-        size = np.abs(reference.velocity).max()
-        np.testing.assert_allclose(solution.velocity, reference.velocity, rtol=0.0, atol=1e-8 * size)
+    assert (solution.method, solution.status, solution.backend) == ("hold", "held", "")
+    assert f"custom: {said}" in solution.reason
+    np.testing.assert_array_equal(solution.velocity, np.zeros(7))
 
 
 def test_no_solver_sees_an_indefinite_matrix_or_large_numbers():

@@ -10,7 +10,6 @@ from support.velocity_reference import root_of
 import invariantqp as iq
 
 X, Y, Z = np.eye(3)
-TILTS = iq.velocity.Adaptive(1e-3, 3e-5)  # damps what the rounding of axes makes, and no direction beside it
 FORMS = {"none": None, "pitch": 0.3, "own length": "own length", "complement": "complement"}
 
 
@@ -33,27 +32,21 @@ def form_for(name, rng, J):
     point=st.booleans(),
 )
 @settings(max_examples=40, deadline=None, derandomize=True)
-def test_an_achievable_twist_is_achieved_or_its_loss_is_told(kind, seed, m, form, bounds, point):
+def test_an_achievable_twist_is_achieved(kind, seed, m, form, bounds, point):
     rng = np.random.default_rng(seed)
     here = arm(rng, kind, m)
     J = here.J
     s = J @ rng.normal(size=m)
-    solution = iq.solve_velocity(
-        J,
-        s,
-        form=form_for(form, rng, J),
-        bounds=(np.full(m, -1e6), np.full(m, 1e6)) if bounds else None,
-        point=here.point if point else None,
-        length=1.0,
-    )
+    bounds = (np.full(m, -1e6), np.full(m, 1e6)) if bounds else None
+    options = {"bounds": bounds, "point": here.point if point else None, "length": 1.0}
+    try:
+        solution = iq.solve_velocity(J, s, form=form_for(form, rng, J), **options)
+    except (iq.NoPseudoinverse, iq.BadInput):
+        assert form != "none"
+        return
     root = root_of(here.point if point else iq.systems.centre(J, s).point, 1.0)
-    missed = np.linalg.norm(root @ solution.residual) / np.linalg.norm(root @ s)
-    if solution.damping == 0.0:
-        assert missed <= 1e-9
-        assert (solution.status, solution.method) == ("ok", "closed-form")
-    else:
-        assert solution.status == ("ok" if missed <= 0.05 else "limited")
-        assert ("of the twist is missed" in solution.reason) == (solution.status == "limited")
+    assert np.linalg.norm(root @ solution.residual) <= 1e-9 * np.linalg.norm(root @ s)
+    assert (solution.status, solution.method) == ("ok", "closed-form")
     assert np.isfinite(solution.velocity).all()
 
 
@@ -70,19 +63,22 @@ NAMED_ARMS = {
 
 @pytest.mark.parametrize("name", NAMED_ARMS)
 @pytest.mark.parametrize("rounded", [0.0, 3e-6], ids=["exact", "written with four digits"])
-def test_what_no_form_can_see_is_done_all_the_same(name, rounded):
-    """With every form, guarded and not; tilts of a few 1e-6 are what rpy = "3.1416" makes of axes."""
+def test_what_joints_can_do_is_done_with_every_form_that_there_is(name, rounded):
+    """Guarded and not; tilts of a few 1e-6 are what rpy = "3.1416" makes of axes."""
     rng = np.random.default_rng(7)
     axes = [(u + rounded * rng.normal(size=3), p) for u, p in NAMED_ARMS[name]]
     J = np.column_stack([iq.revolute(u, p) for u, p in axes])
     m = J.shape[1]
     for form in (None, 0.0, 0.32, -1.5, iq.Complement(rng.normal(size=(6, max(1, 6 - m))))):
-        for options in ({}, {"guard": False}, {"bounds": (np.full(m, -9.0), np.full(m, 9.0))}):
+        for options in ({}, {"guard": True}, {"bounds": (np.full(m, -9.0), np.full(m, 9.0))}):
             x = rng.uniform(-1.0, 1.0, m)
             s = J @ x
-            solution = iq.solve_velocity(J, s, form=form, point=(0.5, 0.2, 0.4), damping=TILTS, **options)
-            # What is damped are tilts: no more than them is lost.
-            assert np.linalg.norm(solution.residual) <= (1e-12 + 10.0 * rounded) * np.linalg.norm(s)
+            try:
+                solution = iq.solve_velocity(J, s, form=form, point=(0.5, 0.2, 0.4), **options)
+            except (iq.NoPseudoinverse, iq.BadInput):
+                assert form is not None
+                continue
+            assert np.linalg.norm(solution.residual) <= 1e-9 * np.linalg.norm(s)
             assert np.linalg.norm(solution.velocity) <= 2.0 * np.linalg.norm(x)
             assert solution.status == "ok"
 
@@ -106,13 +102,17 @@ def test_axes_that_nearly_meet_turn_no_faster_than_a_named_point_asks(offset, fo
 
 
 def test_the_tool_straight_down_loses_nothing():
-    """An SO-101's everyday pose, where its transversals are at infinity and no pitch form exists."""
+    """An SO-101's everyday pose, with transversals next to infinity: pitch forms lose rounding, times their condition.
+
+    At infinity there is no pitch form.
+    """
     robot = iq.load_robot("so101")
     J = robot.jacobian([-0.69, 0.25, 0.12, 1.2, 2.26])
     s = J @ [0.3, 0.6, -1.2, 0.2, 0.6]
-    for form in (None, 0.32, iq.PitchForm(-0.05)):
+    for form in (None, 0.32, -0.05):
         solution = iq.solve_velocity(J, s, form=form)
-        assert np.linalg.norm(solution.residual) <= 1e-10 * np.linalg.norm(s)
+        lost = 1e-14 if form is None else 1e-16 * np.linalg.cond(iq.systems.gram_matrix(J, form))
+        assert np.linalg.norm(solution.residual) <= lost * np.linalg.norm(s)
         assert solution.status == "ok"
 
 

@@ -10,8 +10,8 @@ from support.repeats import repeats
 from support.velocity_reference import eliminated, largest_share, regular_problem, root_of, tight_box
 
 import invariantqp as iq
-from invariantqp.engine import ENGINES
 from invariantqp.velocity.limits import bounds_of
+from invariantqp.velocity.solution import ACTIVE_TOLERANCE
 
 # The share is at most this far from the largest, by what regularises it and keeps an inside.
 SHARE_TOLERANCE = 1e-6
@@ -101,8 +101,7 @@ def test_never_held_where_a_velocity_exists(seed, m, kind):
         np.testing.assert_allclose(rows.A @ solution.velocity, solution.scale * rows.b, atol=1e-8)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_rows_at_rest_beside_a_motion_that_leaves_them_alone_are_not_scaled(engine):
+def test_rows_at_rest_beside_a_motion_that_leaves_them_alone_are_not_scaled():
     """A joint on its way back inside its range, which the others can make up for."""
     rng = np.random.default_rng(5)
     for _ in range(40):
@@ -110,7 +109,7 @@ def test_rows_at_rest_beside_a_motion_that_leaves_them_alone_are_not_scaled(engi
         lower, upper = np.full(7, -9.0), np.full(7, 9.0)
         lower[3] = 10.0 ** rng.uniform(-3, 0)
         rows = iq.ExactRows.of(J, np.eye(6)[3:], np.zeros(3))
-        solution = iq.solve_velocity(J, s, exact=rows, bounds=iq.Bounds(lower, upper), engine=engine)
+        solution = iq.solve_velocity(J, s, exact=rows, bounds=iq.Bounds(lower, upper))
         assert solution.scale == 1.0
         assert solution.status != "scaled"
         assert np.abs(J[3:] @ solution.velocity).max() <= 1e-12 * np.abs(solution.velocity).max()
@@ -127,14 +126,15 @@ def test_dependent_rows_that_agree_are_as_one():
 
 
 def test_rows_that_no_velocity_satisfies():
-    """No share of them keeps their direction: none is taken, the twist goes on, and it is told."""
+    """They are met by least squares, the twist goes on, and it is told."""
     rng = np.random.default_rng(13)
     J, s, _ = regular_problem(rng, 5)
     rows = iq.ExactRows(np.vstack((J[3], J[3])), [1.0, 2.0])
     solution = iq.solve_velocity(J, s, exact=rows)
-    assert (solution.status, solution.scale) == ("degraded", 0.0)
-    assert "the joints cannot keep the direction of the exact rows" in solution.reason
-    assert abs(J[3] @ solution.velocity) < 1e-9
+    assert (solution.status, solution.scale) == ("degraded", 1.0)
+    assert "the joints cannot keep the direction of the exact rows: 3.2e-01 of the demand is" in solution.reason
+    between = iq.solve_velocity(J, s, exact=iq.ExactRows(J[3:4], [1.5]))
+    np.testing.assert_allclose(solution.velocity, between.velocity, rtol=1e-9)
     nothing = iq.solve_velocity(J, s, exact=iq.ExactRows(np.zeros((1, 5)), [1.0]))
     assert nothing.status == "degraded"
 
@@ -167,14 +167,13 @@ def test_where_rest_is_forbidden_the_rows_may_still_be_at_rest():
     assert "beside" not in fast.reason
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_rows_that_limits_move_against_their_demand_are_told(engine):
+def test_rows_that_limits_move_against_their_demand_are_told():
     """The first joint has to move where a row wants it at rest, while another row slows down."""
     J = np.random.default_rng(14).normal(size=(6, 4))
     rows = iq.ExactRows([[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]], [4.0, 0.0])
     bounds = ([0.2, -1.0, -1.0, -1.0], [0.5, 1.0, 1.0, 1.0])
     for metric in (None, np.diag([1.0, 2.0, 3.0, 4.0])):
-        solution = iq.solve_velocity(J, np.zeros(6), exact=rows, bounds=bounds, joint_metric=metric, engine=engine)
+        solution = iq.solve_velocity(J, np.zeros(6), exact=rows, bounds=bounds, joint_metric=metric)
         off = solution.velocity[0]
         assert solution.status == "scaled"
         assert (
@@ -184,9 +183,8 @@ def test_rows_that_limits_move_against_their_demand_are_told(engine):
 
 
 @pytest.mark.cases(3)
-@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("m", [4, 6, 7])
-def test_where_rest_is_forbidden_rows_are_as_near_to_their_direction_as_limits_allow(engine, m):
+def test_where_rest_is_forbidden_rows_are_as_near_to_their_direction_as_limits_allow(m):
     """As of joints that cannot brake at once: in their direction if some velocity is, at the largest share."""
     rng = np.random.default_rng(m)
     kept = missed = beyond = 0
@@ -196,7 +194,7 @@ def test_where_rest_is_forbidden_rows_are_as_near_to_their_direction_as_limits_a
         lower, upper = before - 0.1, before + 0.1
         b = A @ before * 10.0 ** rng.uniform(-0.3, 0.7) + 10.0 ** rng.uniform(-3.0, 0.0) * rng.normal(size=3)
         share = largest_share(A, b, lower, upper)
-        solution = iq.solve_velocity(J, s, exact=iq.ExactRows(A, b), bounds=(lower, upper), engine=engine)
+        solution = iq.solve_velocity(J, s, exact=iq.ExactRows(A, b), bounds=(lower, upper))
         x, P = solution.velocity, np.linalg.pinv(A)
         if share is not None:
             kept += 1
@@ -207,27 +205,26 @@ def test_where_rest_is_forbidden_rows_are_as_near_to_their_direction_as_limits_a
             np.column_stack((P @ A, -P @ b)), np.zeros(m), (np.append(lower, 0.0), np.append(upper, 1.0)), method="bvls"
         )
         missed += 1
-        beyond += solution.scale == 1.0
+        slower = solution.scale < 1.0 - ACTIVE_TOLERANCE
+        beyond += not slower
         assert "limits require motion beside the exact rows" in solution.reason
-        assert solution.status == ("scaled" if solution.scale < 1.0 else "limited")
+        assert solution.status == ("scaled" if slower else "limited")
         off = np.linalg.norm(P @ (A @ x - solution.scale * b))
         assert off == pytest.approx(np.sqrt(2.0 * nearest.cost), rel=1e-6, abs=1e-9)
     assert min(kept, missed, beyond) > 2
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_rows_beside_their_direction_have_the_largest_share_of_it(engine):
+def test_rows_beside_their_direction_have_the_largest_share_of_it():
     """The first row may not rest; however fast the second is, the first is as far off."""
     J = np.random.default_rng(14).normal(size=(6, 4))
     rows = iq.ExactRows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]], [0.0, 2.0])
     bounds = ([0.2, 0.3, -1.0, -1.0], [0.5, 1.0, 1.0, 1.0])
-    solution = iq.solve_velocity(J, np.zeros(6), exact=rows, bounds=bounds, engine=engine)
+    solution = iq.solve_velocity(J, np.zeros(6), exact=rows, bounds=bounds)
     np.testing.assert_allclose(solution.velocity[:2], [0.2, 1.0], atol=1e-8)
-    assert solution.scale == pytest.approx(0.5, abs=1e-8)
+    assert solution.scale == pytest.approx(0.5, abs=1e-7)  # what keeps the share unique costs ROUNDING of the way
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_what_keeps_rows_from_moving_less_leaves_one_velocity(engine):
+def test_what_keeps_rows_from_moving_less_leaves_one_velocity():
     """Only joint 3 brings the tool's speed, (q0' + q1', q2' + q3'), to where it lets the row move least."""
     J = np.zeros((6, 4))
     J[3, :2] = J[4, 2:] = 1.0
@@ -237,10 +234,10 @@ def test_what_keeps_rows_from_moving_less_leaves_one_velocity(engine):
         exact=iq.ExactRows([[1.0, -1.0, 1.0, 0.0]], [0.0]),
         bounds=([0.9, -1.0, -1.0, -1.0], np.ones(4)),
         tool_speed=iq.limits.ToolSpeed(0.3, np.zeros(3)),
-        engine=engine,
     )
-    np.testing.assert_allclose(solution.velocity, [0.9, -0.6, -1.0, 1.0], atol=1e-12)
-    assert solution.scale == 0.0
+    np.testing.assert_allclose(solution.velocity, [0.9, -0.6, -1.0, 1.0], atol=1e-6)
+    assert solution.scale == 1.0
+    assert "exact row 0 is off by 0.5" in solution.reason
 
 
 def test_with_open_sides_too():
@@ -308,12 +305,13 @@ def test_what_is_written_twice_or_in_other_units_weighs_the_same():
         np.testing.assert_allclose(other.velocity, one.velocity, atol=1e-9)
 
 
-def test_rows_without_a_twist_near_a_singularity():
-    """Damping gives up part of what the rows' motion leaves to correct; there is no twist to compare it with."""
+def test_what_damping_misses_beside_the_rows_is_told():
     rng = np.random.default_rng(0)
     J = rng.normal(size=(6, 7))
-    J[:, 5:] = J[:, 4:5] + 1e-5 * J[:, 5:]
-    solution = iq.solve_velocity(J, np.zeros(6), exact=iq.ExactRows(np.eye(7)[:1], [0.1]), point=np.zeros(3))
-    assert solution.status == "limited"
-    assert "of the twist is missed" in solution.reason
-    assert solution.velocity[0] == pytest.approx(0.1)
+    for s in (np.zeros(6), np.ones(6)):
+        rows = iq.ExactRows(np.eye(7)[:1], [0.1])
+        solution = iq.solve_velocity(J, s, exact=rows, point=np.zeros(3), damping=10.0)
+        assert np.linalg.norm(solution.residual) > 0.1
+        assert solution.status == "limited"
+        assert "of the twist is missed" in solution.reason
+        assert solution.velocity[0] == pytest.approx(0.1)

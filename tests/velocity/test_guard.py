@@ -1,11 +1,11 @@
-"""Descent: where standing still is allowed the error never grows to first order, whatever form is in use."""
+"""The guard: beside least squares, a form keeps at least a share of the decrease of the error, and never a growth."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.arms import KINDS, arm
-from support.velocity_reference import least_squares_form, quadprog_minimum, root_of, tight_box
+from support.velocity_reference import root_of
 
 import invariantqp as iq
 
@@ -18,14 +18,13 @@ def decrease(A, b, x):
     return 0.5 * (b @ b - r @ r)
 
 
-def forms(rng, m):
-    W = rng.normal(size=(6, 6))
-    return {
-        "none": None,
-        "pitch": float(rng.uniform(-1.5, 1.5)),
-        "complement": iq.Complement(rng.normal(size=(6, max(1, 6 - m)))),
-        "carried": iq.CarriedMetric(W @ W.T + np.eye(6), np.eye(4)),
-    }
+def forms(rng, J):
+    """Forms that may have a projector for these twists, and none."""
+    W, missing = rng.normal(size=(6, 6)), 6 - np.linalg.matrix_rank(J)
+    given = {"none": None, "pitch": float(rng.uniform(-1.5, 1.5))}
+    if missing:
+        given["complement"] = iq.Complement(rng.normal(size=(6, missing)))
+    return given | {"carried": iq.CarriedMetric(W @ W.T + np.eye(6), np.eye(4))}
 
 
 @given(
@@ -33,54 +32,46 @@ def forms(rng, m):
     kind=st.sampled_from(KINDS),
     m=st.integers(1, 10),
     eta=st.sampled_from([0.0, 0.5, 0.9, 1.0]),
-    limited=st.booleans(),
-    rows=st.booleans(),
 )
 @settings(max_examples=80, deadline=None, derandomize=True)
-def test_the_error_never_grows_and_a_guarded_form_keeps_its_share_of_the_decrease(seed, kind, m, eta, limited, rows):
+def test_a_guarded_form_keeps_its_share_of_the_decrease(seed, kind, m, eta):
+    """The largest part of the form that does: at eta = 1 it is least squares."""
     rng = np.random.default_rng(seed)
     here = arm(rng, kind, m)
     J, s, p = here.J, rng.normal(size=6), here.point
-    reach = rng.uniform(0.0, 1.0, m)
-    options = {"point": p, "length": LENGTH, "joint_metric": np.ones(m)}
-    options["bounds"] = (-reach, reach) if limited else (np.full(m, -1e6), np.full(m, 1e6))
-    if rows:
-        options["rows"] = iq.limits.LimitRows(rng.normal(size=(2, m)), [-0.2, -np.inf], [0.1, 0.3])
+    options = {"point": p, "length": LENGTH, "joint_metric": np.ones(m), "guard": iq.Guard(eta)}
     A, b = root_of(p, LENGTH) @ J, root_of(p, LENGTH) @ s
-    best = decrease(A, b, iq.solve_velocity(J, s, **options).velocity)
-    rounding = 1e-9 * (b @ b)
-    for name, form in forms(rng, m).items():
-        solution = iq.solve_velocity(J, s, form=form, guard=iq.Guard(eta), **options)
+    best, rounding = decrease(A, b, iq.solve_velocity(J, s, **options).velocity), 1e-9 * (b @ b)
+    for name, form in forms(rng, J).items():
+        try:
+            solution = iq.solve_velocity(J, s, form=form, **options)
+        except iq.NoPseudoinverse:
+            assert name == "pitch"
+            continue
         if name == "carried":
             root = np.linalg.cholesky(form.matrix).T  # it measures twists itself
             assert decrease(root @ J, root @ s, solution.velocity) >= -1e-9 * ((root @ s) @ (root @ s))
             continue
         f = decrease(A, b, solution.velocity)
         assert f >= eta * best - rounding
-        assert f >= -rounding
-        assert (solution.status == "guarded") <= (solution.guard > 0.0)
-        assert name != "none" or solution.guard == 0.0
+        assert (solution.status == "guarded") == (solution.guard > 0.0)
+        if solution.guard > 0.0:
+            assert name != "none"
+            assert f == pytest.approx(eta * best, abs=rounding)
+            assert f"descent guard: {solution.guard:.3g} of least squares" in solution.reason
 
 
-def test_the_best_that_is_asked_for_is_what_another_solver_finds():
-    pytest.importorskip("quadprog")
-    rng = np.random.default_rng(1)
-    acted = 0
-    for k in range(90):
-        m = (2, 3, 5)[k % 3]
-        J, s, p = rng.normal(size=(6, m)), rng.normal(size=6), rng.normal(size=3)
-        A, b = root_of(p, LENGTH) @ J, root_of(p, LENGTH) @ s
-        bounds = tight_box(rng, m, np.linalg.pinv(A) @ b)
-        best = quadprog_minimum(*least_squares_form(A, b), bounds.lower, bounds.upper)
-        guarded = iq.solve_velocity(J, s, guard=iq.Guard(0.97), form=0.3, bounds=bounds, point=p, length=LENGTH)
-        f = decrease(A, b, guarded.velocity)
-        assert f >= 0.97 * decrease(A, b, best) - 1e-9 * (b @ b)
-        if guarded.guard > 0.0:
-            acted += 1
-            # The smallest share that does it.
-            assert f == pytest.approx(0.97 * decrease(A, b, best), rel=1e-6)
-            assert f"descent guard: {guarded.guard:.3g} of least squares" in guarded.reason
-    assert acted >= 3
+@pytest.mark.parametrize("guard", [True, False])
+def test_least_squares_never_lets_the_error_grow_whatever_limits_hold(guard):
+    rng = np.random.default_rng(0)
+    for k in range(200):
+        m = 1 + k % 10
+        here = arm(rng, KINDS[k % len(KINDS)], m)
+        J, s, p, reach = here.J, rng.normal(size=6), here.point, rng.uniform(0.0, 1.0, m)
+        rows = iq.limits.LimitRows(rng.normal(size=(2, m)), [-0.2, -np.inf], [0.1, 0.3]) if k % 2 else None
+        x = iq.solve_velocity(J, s, bounds=(-reach, reach), rows=rows, guard=guard, point=p, length=LENGTH).velocity
+        root = root_of(p, LENGTH)
+        assert decrease(root @ J, root @ s, x) >= -1e-12 * (root @ s) @ (root @ s)
 
 
 def test_without_it_a_form_can_go_uphill():
@@ -91,25 +82,9 @@ def test_without_it_a_form_can_go_uphill():
         J, s, p = rng.normal(size=(6, 2)), rng.normal(size=6), rng.normal(size=3)
         A, b = root_of(p, LENGTH) @ J, root_of(p, LENGTH) @ s
         options = {"form": iq.Complement(rng.normal(size=(6, 4))), "point": p, "length": LENGTH}
-        uphill += decrease(A, b, iq.solve_velocity(J, s, guard=False, **options).velocity) < 0.0
-        assert decrease(A, b, iq.solve_velocity(J, s, **options).velocity) > 0.0
+        uphill += decrease(A, b, iq.solve_velocity(J, s, **options).velocity) < 0.0
+        assert decrease(A, b, iq.solve_velocity(J, s, guard=True, **options).velocity) > 0.0
     assert uphill > 5
-
-
-@pytest.mark.parametrize("eta", [0.0, 0.5, 0.9])
-def test_where_no_limit_is_met_what_is_attempted_descends_and_nothing_is_blended(eta):
-    rng = np.random.default_rng(5)
-    shortened = 0
-    for _ in range(40):
-        J, s, p = rng.normal(size=(6, 2)), rng.normal(size=6), rng.normal(size=3)
-        A, b = root_of(p, LENGTH) @ J, root_of(p, LENGTH) @ s
-        options = {"form": iq.Complement(rng.normal(size=(6, 4))), "point": p, "length": LENGTH, "damping": 0.0}
-        guarded, plain = (iq.solve_velocity(J, s, guard=g, **options) for g in (iq.Guard(eta), False))
-        best = decrease(A, b, np.linalg.lstsq(A, b, rcond=None)[0])
-        assert guarded.guard == 0.0
-        assert decrease(A, b, guarded.velocity) >= eta * best - 1e-12 * (b @ b)
-        shortened += bool(decrease(A, b, plain.velocity) < eta * best)
-    assert shortened > 2
 
 
 def test_it_keeps_exact_rows():
@@ -117,11 +92,8 @@ def test_it_keeps_exact_rows():
     acted = 0
     for _ in range(60):
         J, s, p = rng.normal(size=(6, 5)), rng.normal(size=6), rng.normal(size=3)
-        rows = iq.ExactRows(J[3:], s[3:])
-        bounds = (np.full(5, -0.5), np.full(5, 0.5))
-        solution = iq.solve_velocity(
-            J, s, form=0.4, exact=rows, guard=iq.Guard(0.97), bounds=bounds, point=p, length=LENGTH
-        )
+        options = {"form": 0.4, "exact": iq.ExactRows(J[3:], s[3:]), "bounds": (np.full(5, -0.5), np.full(5, 0.5))}
+        solution = iq.solve_velocity(J, s, guard=iq.Guard(0.97), point=p, length=LENGTH, **options)
         np.testing.assert_allclose(J[3:] @ solution.velocity, solution.scale * s[3:], atol=1e-11)
         acted += solution.guard > 0.0
     assert acted > 0

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from support.velocity_reference import LIMITED, least_squares_form, regular_problem, root_of, tight_box
+from support.velocity_reference import regular_problem, root_of, tight_box
 
 import invariantqp as iq
+from invariantqp.velocity.definition import NULL, ROUNDING
 from invariantqp.velocity.solution import ACTIVE_TOLERANCE
 
 
@@ -34,12 +35,14 @@ def limited(rng, m, k=3):
     return J, s, free, tight_box(rng, m, free, share=0.4), iq.limits.LimitRows(C, -reach, reach)
 
 
-def objective(J, s, damping=LIMITED, metric=None, posture=None):
-    """(H, c) on the joints themselves."""
-    T = np.eye(J.shape[1]) if metric is None else np.linalg.inv(np.linalg.cholesky(metric)).T
-    back, root = np.linalg.inv(T), root_of(POINT, LENGTH)
-    H, c = least_squares_form(root @ J @ T, root @ s, None if posture is None else back @ posture, damping)
-    return back.T @ H @ back, back.T @ c
+def objective(J, s, damping=0.0, metric=None, posture=None):
+    """(H, c) of the law on the joints themselves: |A x - b|^2, damping, and the null space's pull to the posture."""
+    A, M = root_of(POINT, LENGTH) @ J, np.eye(J.shape[1]) if metric is None else metric
+    T = np.linalg.inv(np.linalg.cholesky(M)).T
+    N = np.linalg.svd(A @ T)[2][6:] @ np.linalg.inv(T)
+    pull = NULL**2 * np.linalg.norm(A @ T) ** 2 * N.T @ N
+    wanted = np.zeros(len(M)) if posture is None else posture
+    return A.T @ A + damping**2 * M + pull, A.T @ root_of(POINT, LENGTH) @ s + pull @ wanted
 
 
 def inside(x, bounds, rows):
@@ -47,34 +50,21 @@ def inside(x, bounds, rows):
     return boxed and (rows is None or (np.abs(rows.excess(x)) <= 1e-9).all())
 
 
-@pytest.mark.cases(6)
 @pytest.mark.parametrize("rows", [False, True], ids=["box", "box and rows"])
 @pytest.mark.parametrize("metric", [False, True], ids=["identity", "joint metric"])
-@pytest.mark.parametrize("backend", ["daqp", "osqp", "quadprog"])
-def test_multipliers_balance_the_objective(backend, metric, rows):
+def test_multipliers_balance_the_objective(metric, rows):
     """H x - c + y + C'w = 0 on a second construction of H and c; signs by side, zero away from limits.
 
     Of a convex problem that is the optimum.
     """
-    if backend == "quadprog":
-        pytest.importorskip("quadprog")
     rng = np.random.default_rng(5)
     bound = 0
     for m in (3, 3, 4, 4, 6, 6, 6, 8, 8):
         J, s, _, bounds, limits = limited(rng, m)
         damping, posture, M = (0.05, 0.3)[bound % 2], rng.normal(size=m), rng.normal(size=(m, m))
         M = M @ M.T + 0.5 * np.eye(m) if metric else None
-        solution = iq.solve_velocity(
-            J,
-            s,
-            bounds=bounds,
-            rows=limits if rows else None,
-            damping=damping,
-            joint_metric=M,
-            posture=posture,
-            backend=backend,
-            **AT,
-        )
+        options = {"damping": damping, "joint_metric": M, "posture": posture, **AT}
+        solution = iq.solve_velocity(J, s, bounds=bounds, rows=limits if rows else None, **options)
         if solution.method != "qp":
             assert solution.multipliers is None
             continue
@@ -82,10 +72,8 @@ def test_multipliers_balance_the_objective(backend, metric, rows):
         H, c = objective(J, s, damping, M, posture)
         assert inside(solution.velocity, bounds, limits if rows else None)
         x, y = solution.velocity, solution.multipliers
-        left, small = H @ x - c, 1e-9 * np.abs(c).max()
-        if not metric:  # with a metric the limits are rows on other coordinates, their multipliers the same
-            assert (y[np.setdiff1d(np.arange(m), solution.active)] == 0.0).all()
-        left = left + y
+        left, small = H @ x - c + y, 1e-9 * np.abs(c).max()
+        assert (y[np.setdiff1d(np.arange(m), solution.active)] == 0.0).all()
         if rows:
             w = solution.row_multipliers
             left += limits.C.T @ w
@@ -126,9 +114,9 @@ def test_where_no_limit_is_met_rows_change_nothing_and_have_no_price():
     np.testing.assert_array_equal(solution.velocity, free.velocity)
     assert solution.method == "closed-form"
     assert solution.multipliers is None
-    choice = iq.velocity.method_for(J, s, form=h, rows=iq.limits.LimitRows(far.C, [-1e-3] * 2, [1e-3] * 2))
-    assert choice.method == "qp"
-    assert "exceeds the limits of rows 0, 1" in choice.reason
+    near = iq.solve_velocity(J, s, form=h, rows=iq.limits.LimitRows(far.C, [-1e-3] * 2, [1e-3] * 2))
+    assert near.method == "qp"
+    assert near.reason.endswith(("at the limits of rows 0, 1", "at the limits of rows 1, 0"))
 
 
 def test_the_joint_in_the_way_and_the_row_that_gives_way_are_named():
@@ -195,7 +183,8 @@ def test_rows_that_contradict_each_other():
     rows = iq.limits.LimitRows([[1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0]], [1.0, -np.inf], [np.inf, 0.0])
     solution = iq.solve_velocity(J, s, form=h, rows=rows)
     assert "rows contradict each other: exceeded at row 0 by 0.5, row 1 by 0.5" in solution.reason
-    assert solution.velocity[:2].sum() == pytest.approx(0.5, abs=1e-6)
+    widened = 0.5 * ROUNDING**0.5  # of what gives way
+    assert solution.velocity[:2].sum() == pytest.approx(0.5, abs=widened)
 
 
 @pytest.mark.parametrize("side", [0.0, 5e-18, 1e-12, -1e-12])
@@ -209,9 +198,7 @@ def test_a_row_whose_only_side_is_all_but_zero_is_a_limit_like_any_other(side):
         upper = np.full(8, 0.06)
         upper[rng.permutation(8)[:4]] = side
         at_zero, near = (
-            iq.solve_velocity(
-                J, s, form=0.4, bounds=bounds, rows=iq.limits.LimitRows(C, np.full(8, -np.inf), u), guard=False
-            )
+            iq.solve_velocity(J, s, form=0.4, bounds=bounds, rows=iq.limits.LimitRows(C, np.full(8, -np.inf), u))
             for u in (np.where(upper == side, 0.0, upper), upper)
         )
         assert (near.status, at_zero.status) == ("limited", "limited"), near.reason
@@ -221,15 +208,14 @@ def test_a_row_whose_only_side_is_all_but_zero_is_a_limit_like_any_other(side):
         assert (C @ near.velocity <= upper + 1e-12).all()
 
 
-@pytest.mark.parametrize("engine", ["compiled", "python"])
-def test_a_row_beside_a_joint_that_has_to_move_holds_to_rounding(engine):
+def test_a_row_beside_a_joint_that_has_to_move_holds_to_rounding():
     """Shortened by the rounding of a small difference, and that joint back in its range, the row would be exceeded."""
     rng = np.random.default_rng(26)
     for _ in range(30):
         J, s, least = rng.normal(size=(6, 6)), rng.normal(size=6), rng.uniform(0.05, 0.3)
         bounds = iq.Bounds([least, *[-1.0] * 5], [2.0 * least, *[1.0] * 5])
         C = 1e7 * np.array([[1.0, -1.0, 0.0, 0.0, 0.0, 0.0]])
-        x = iq.solve_velocity(J, s, bounds=bounds, rows=iq.limits.LimitRows(C, [-0.01], [0.01]), engine=engine).velocity
+        x = iq.solve_velocity(J, s, bounds=bounds, rows=iq.limits.LimitRows(C, [-0.01], [0.01])).velocity
         assert np.abs(C @ x) <= 0.01 + 1e-14 * np.linalg.norm(C) * np.linalg.norm(x)
 
 
@@ -258,7 +244,7 @@ def test_guard_rows_exact_rows_tool_speed_and_box_together_stay_inside(seed):
         rows = iq.limits.LimitRows(C, -rng.uniform(0.0, 0.3, len(C)), rng.uniform(0.0, 0.3, len(C)))
         exact = iq.ExactRows(J[3:4], s[3:4]) if k % 4 == 0 else None
         slow = iq.limits.ToolSpeed(rng.uniform(0.05, 0.5), p) if k % 5 < 3 else None
-        given = {"bounds": bounds, "rows": rows, "exact": exact, "tool_speed": slow}
+        given = {"bounds": bounds, "rows": rows, "exact": exact, "tool_speed": slow, "guard": True}
         solution = iq.solve_velocity(J, s, form=(None, 0.4)[k % 2], posture=rng.normal(size=m), **given)
         assert solution.status in {"ok", "limited", "guarded", "scaled"}, solution.reason
         told = any(why in solution.reason for why in ("no velocity reduces", "of the twist is missed", "six joints"))

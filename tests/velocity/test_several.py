@@ -3,21 +3,11 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from support.repeats import repeats
-from support.two_laws import AGREE, random_limits, random_rows, same_reasons
 from support.velocity_reference import reach_of, root_of
 
 import invariantqp as iq
-from invariantqp.velocity.reasons import Code
 
 WIDE = 50.0
-# The free part of joints beside a tool speed and exact rows, which weights 1e-9 apart tell, twice.
-LOOSE = 1e-6
-
-
-def without_holders(reason):
-    """A reason without the limits that hold exact rows."""
-    return reason._replace(joints=(), rows=()) if reason.code is Code.ROWS_SLOWED else reason
 
 
 @pytest.fixture
@@ -36,11 +26,12 @@ def box(m, size):
 
 
 @pytest.mark.parametrize("m", [3, 5, 6, 7, 8])
-def test_one_task_is_the_velocity_law_without_its_guard(rng, m):
+def test_one_task_is_the_velocity_law(rng, m):
+    """With a form, without limits: it is P s of the form, whose own size is for one twist alone."""
     J, s = arm(rng, m), rng.normal(size=6)
-    for bounds in (None, box(m, 0.2)):
-        alone = iq.solve_velocity(J, s, form=0.7, bounds=bounds, guard=False)
-        among = iq.velocity.solve_tasks([iq.velocity.TwistTask(J, s, form=0.7)], bounds=bounds)
+    for form, bounds in ((None, None), (None, box(m, 0.2)), (0.7, None)):
+        alone = iq.solve_velocity(J, s, form=form, bounds=bounds)
+        among = iq.velocity.solve_tasks([iq.velocity.TwistTask(J, s, form=form)], bounds=bounds)
         assert np.allclose(among.velocity, alone.velocity, rtol=1e-7, atol=1e-9)
 
 
@@ -68,7 +59,7 @@ def test_a_lower_level_moves_only_what_the_higher_leaves_free(rng):
     J, s, rest = arm(rng, 8), 0.3 * rng.normal(size=6), rng.normal(size=8)
     first = iq.velocity.TwistTask(J, s, form=0.5, priority=0)
     second = iq.velocity.JointTask(rest, priority=1)
-    both = iq.velocity.solve_tasks([second, first], bounds=box(8, WIDE), damping=0.0)
+    both = iq.velocity.solve_tasks([second, first], bounds=box(8, WIDE))
     assert np.allclose(J @ both.velocity, s, atol=1e-9)
     null = np.linalg.svd(J)[2][6:]
     assert np.allclose(null @ both.velocity, null @ rest, atol=1e-9)
@@ -83,7 +74,7 @@ def test_priority_holds_at_the_limits_too(rng):
             [iq.velocity.TwistTask(J, s, form=0.5), iq.velocity.JointTask(rest, priority=1)], bounds=bounds
         )
         assert np.abs(both.velocity).max() <= 0.5
-        assert both.status == "ok"
+        assert both.status == alone.status
         assert np.allclose(J @ both.velocity, J @ alone.velocity, atol=1e-7)
         assert np.linalg.norm(both.velocity - rest) <= np.linalg.norm(alone.velocity - rest) + 1e-9
 
@@ -159,7 +150,7 @@ def test_many_levels_with_rows_and_exact_rows_at_the_limits_always_answer(rng):
             "rows": iq.limits.LimitRows(rng.normal(size=(2, m)), [-0.1, -0.2], [0.2, 0.1]),
         }
         whole, part = iq.velocity.solve_tasks(tasks, **options), iq.velocity.solve_tasks(tasks[:1], **options)
-        assert whole.status in {"ok", "scaled"}
+        assert whole.status == part.status
         assert 0.0 <= whole.scale <= 1.0
         np.testing.assert_allclose(J @ whole.velocity, J @ part.velocity, atol=1e-8)
         np.testing.assert_allclose(options["exact"].A @ whole.velocity, whole.scale * options["exact"].b, atol=1e-9)
@@ -180,59 +171,12 @@ def test_exact_rows_that_cannot_be_kept_are_told(rng):
     task = iq.velocity.TwistTask(J, rng.normal(size=6))
     rows = iq.ExactRows(np.vstack((J[3], J[3])), [1.0, 2.0])
     solution = iq.velocity.solve_tasks([task], exact=rows)
-    assert (solution.status, solution.scale) == ("degraded", 0.0)
+    assert solution.status == "degraded"
     assert "cannot keep the direction of the exact rows" in solution.reason
+    assert J[3] @ solution.velocity == pytest.approx(1.5)
     outside = iq.ExactRows(np.eye(5)[:1], [-1.0])  # the first joint is outside its limits, on the way back
     lower, upper = np.array([0.2, -1, -1, -1, -1]), np.array([0.5, 1, 1, 1, 1])
     back = iq.velocity.solve_tasks([task], exact=outside, bounds=(lower, upper))
     assert back.status in {"scaled", "degraded"}
     assert ((back.velocity >= lower) & (back.velocity <= upper)).all()
     assert back.velocity[0] == pytest.approx(0.2, abs=1e-6)
-
-
-@pytest.mark.skipif(not iq.native, reason="no compiled core here")
-def test_the_core_and_python_find_the_same():
-    for seed in range(repeats(5000, 150)):
-        assert_the_same(np.random.default_rng(seed))
-
-
-def assert_the_same(rng):
-    """One solve of random tasks by both engines."""
-    m = int(rng.integers(2, 10))
-
-    def some_task(priority):
-        J = rng.normal(size=(6, m))
-        J[:, rng.integers(1, m) :] *= rng.choice([0.0, 1.0])
-        J[:, 0] = rng.choice([J[:, 0], J[:, -1] + J[:, 0]])
-        weight = 10.0 ** rng.uniform(-1.0, 1.0)
-        if rng.random() < 0.3:
-            return iq.velocity.JointTask(rng.normal(size=m), weight, priority)
-        return iq.velocity.TwistTask(J, rng.normal(size=6), None, weight, priority, rng.normal(size=3))
-
-    tasks = [iq.velocity.TwistTask(rng.normal(size=(6, m)), rng.normal(size=6), priority=1, point=rng.normal(size=3))]
-    tasks += [some_task(int(rng.integers(4))) for _ in range(rng.integers(4))]
-    lower, upper = -rng.uniform(0.0, 1.0, m), rng.uniform(0.0, 1.0, m)
-    lower[0] = rng.choice([lower[0], 0.5 * upper[0]])
-    options = {
-        "bounds": (lower, upper),
-        "rows": random_limits(rng, lower, upper),
-        "exact": random_rows(rng, tasks[0].J, tasks[0].twist),
-        "tool_speed": iq.limits.ToolSpeed(10.0 ** rng.uniform(-1.0, 1.0), rng.normal(size=3)),
-    }
-    asked = {name: value for name, value in options.items() if rng.random() < 0.5}
-    one = iq.velocity.solve_tasks(tasks, **asked)
-    other = iq.velocity.solve_tasks(tasks, **asked, engine="python")
-    near = LOOSE if {"exact", "tool_speed"} <= asked.keys() else AGREE
-    np.testing.assert_allclose(one.velocity, other.velocity, rtol=0.0, atol=near * np.abs(other.velocity).max())
-    assert (one.method, one.status, one.active) == (other.method, other.status, other.active)
-    assert one.scale == pytest.approx(other.scale, rel=AGREE, abs=near)
-    assert same_reasons(*([without_holders(reason) for reason in found.reasons] for found in (one, other)))
-    np.testing.assert_allclose(one.residual, other.residual, rtol=0.0, atol=1e-6 * (1.0 + np.abs(other.residual).max()))
-
-
-@pytest.mark.skipif(not iq.native, reason="no compiled core here")
-def test_the_core_answers_tasks_without_a_form(rng):
-    tasks = [iq.velocity.TwistTask(arm(rng, 7), rng.normal(size=6)), iq.velocity.JointTask(np.ones(7), priority=1)]
-    assert iq.velocity.solve_tasks(tasks, bounds=box(7, 0.3)).backend == "native"
-    tasks[0] = iq.velocity.TwistTask(arm(rng, 7), rng.normal(size=6), form=0.1)
-    assert iq.velocity.solve_tasks(tasks, bounds=box(7, 0.3)).backend != "native"
