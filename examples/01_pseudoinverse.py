@@ -26,11 +26,11 @@ try:
 except iq.NoPseudoinverse as refusal:
     print("  h = 0:", refusal)
 
-print("\nThe velocity law is defined there too: where the pitch cannot tell, least squares at a point does:")
+print("\nThe velocity law gives it inside limits. Where it does not exist, a damping is needed:")
 bounds = iq.Bounds([-1, -1, -1], [1, 1, 1])  # [rad/s]
-solution = iq.solve_velocity(J, twist, form=0.0, bounds=bounds)
-print(f"  {solution.velocity.round(4)} rad/s, method {solution.method}, status {solution.status}")
-print(f"  {solution.reason}")
+for options in ({"form": 0.5}, {"form": 0.5, "bounds": bounds}, {"form": 0.0, "damping": 0.1}):
+    solution = iq.solve_velocity(J, twist, **options)
+    print(f"  {solution.velocity.round(4)} rad/s, method {solution.method}, status {solution.status}")
 
 print("\nSome systems have no h at all. A planar arm, and what a face on a table may still do:")
 planar = np.column_stack([iq.revolute([0, 0, 1], point=[x, y, 0]) for x, y in ((0, 0), (0.4, 0), (0.5, 0.3))])

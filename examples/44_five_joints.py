@@ -18,7 +18,6 @@ import invariantqp as iq
 
 ARMS = 200
 H, LENGTH, DAMPING, DLS = 0.3, 0.4, 0.05, 0.05  # h and L [m/rad], damping of Q_h [m], damping of DLS
-FREE = np.full(5, np.inf)  # no velocity limits
 
 
 def root(unit):
@@ -31,12 +30,9 @@ def least_squares(J, s, unit):
     return np.linalg.lstsq(root(unit) @ J, root(unit) @ s, rcond=None)[0]
 
 
-def by_definition(J, s, unit):
-    """The law of `iq.velocity.definition`, without limits and damping."""
-    form = iq.PitchForm(H / unit)
-    definition = iq.velocity.definition
-    tick = definition.Tick(J, root(unit), s, np.zeros(6), -FREE, FREE, -FREE, FREE, form=form)
-    return definition.velocity(tick).velocity
+def of_the_engine(J, s, unit):
+    """`solve_velocity` with a pitch, measured as in `least_squares`."""
+    return iq.solve_velocity(J, s, form=H / unit, point=np.zeros(3), length=LENGTH / unit).velocity
 
 
 laws = {  # the joint velocity for (J, s, unit), and how it is drawn
@@ -45,7 +41,7 @@ laws = {  # the joint velocity for (J, s, unit), and how it is drawn
     "QP with L": (least_squares, "C4-."),
     "$J^{+h}$": (lambda J, s, unit: iq.pseudoinverse(J, H / unit) @ s, "C0-"),
     "$Q_h$, damped": (lambda J, s, unit: iq.systems.damped_pseudoinverse(J, H / unit, DAMPING / unit) @ s, "C2--"),
-    "definition, PitchForm(h)": (by_definition, "ko"),
+    "solve_velocity, form=h": (of_the_engine, "ko"),
 }
 
 
@@ -102,7 +98,7 @@ for label, title in (moved, "Tool frame displaced by 3 m"), (scaled, "Unit chang
     print(f"{title}: the joint velocity changes (median, relative) by {figures}.")
 most = max(worst[label, name] for label in sweeps for name in with_pitch)
 print(f"With the pitch h = {H} m/rad it changes by rounding only: {most:.0e} at most, over {ARMS} arms and three laws.")
-pairs = zip(first["$J^{+h}$"], first["definition, PitchForm(h)"], strict=True)
+pairs = zip(first["$J^{+h}$"], first["solve_velocity, form=h"], strict=True)
 apart = max(np.linalg.norm(x - y) / np.linalg.norm(x) for x, y in pairs)
-print(f"iq.velocity.definition with PitchForm(h) and no damping is J^+h s to {apart:.0e}.")
+print(f"iq.solve_velocity with form=h and no damping is J^+h s to {apart:.0e}.")
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "five_joints.png", dpi=120)
