@@ -21,6 +21,7 @@ from invariantqp.extras import optional
 from invariantqp.runs.taskfile import tomllib
 
 PACKAGE = Path(iq.__file__).parent
+ELSEWHERE = PACKAGE.parent  # where the package is found that is tested, and not sources that were not compiled
 PROJECT = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 FOREIGN = ["pinocchio", "daqp", "osqp", "qpsolvers", "cvxpy", "scipy", "matplotlib", "pydantic", "typer", "rich"]
 
@@ -28,7 +29,7 @@ FOREIGN = ["pinocchio", "daqp", "osqp", "qpsolvers", "cvxpy", "scipy", "matplotl
 def loaded_by(code):
     """Which foreign packages are loaded after the code has run in a fresh interpreter."""
     script = f"import sys, json\n{code}\nprint(json.dumps([m for m in {FOREIGN} if m in sys.modules]))"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ELSEWHERE)
     return json.loads(done.stdout.splitlines()[-1])
 
 
@@ -117,7 +118,7 @@ def test_namespaces_load_nothing_foreign_the_algebra_numpy_alone_and_a_loop_no_e
         "iq.solve_pose(robot, robot.pose(np.ones(7))), iq.load_task('scara')\n"
     )
     script = "import sys\n" + "".join(f"import {name}\n" for name in NAMESPACES) + said + algebra + said + loop + said
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ELSEWHERE)
     found = [set(ast.literal_eval(line)) for line in done.stdout.splitlines()]
     assert len(found) == 3
     for loads, may in zip(found, (set(), {"scipy"}, {"scipy", "daqp", "pydantic"}), strict=True):
@@ -224,7 +225,7 @@ print(json.dumps(told))"""
 
 def test_without_an_extra_its_first_use_says_how_to_install_it():
     script = ABSENT.format(absent=[], use=USE_ALL.format(extras=EXTRAS))
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=ELSEWHERE)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert list(told) == list(EXTRAS)
