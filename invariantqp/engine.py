@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from invariantqp._native import Loop as Loop
     from invariantqp._native import Press as Press
     from invariantqp._native import Split as Split
-    from invariantqp._native import Task as Task
     from invariantqp._native import Wanted as Wanted
 
 # What computes: the compiled core, or Python alone.

@@ -8,6 +8,15 @@ namespace {
 // Numbers of the law; definition.py says what chose them.
 constexpr double KAPPA = 0.5, NU = 3e-5, NULL_WEIGHT = 1e-3, WORTH = 1e-3, EPSILON = 1e-4;
 
+Answer failed(Failure failure, int m, Workspace& w)
+{
+    Answer none;
+    none.velocity = Vec(w, m, 0);
+    none.failure = failure;
+    none.share = 0;
+    return none;
+}
+
 class Law {
   public:
     Law(const Tick& tick, Workspace& w)
@@ -31,11 +40,11 @@ class Law {
     Answer answer()
     {
         if (!demanded())
-            return failed(Failure::infeasible);
+            return failed(Failure::infeasible, m, w);
         if (!objective())
-            return failed(Failure::no_pseudoinverse);
+            return failed(Failure::no_pseudoinverse, m, w);
         if (!paced())
-            return failed(Failure::infeasible);
+            return failed(Failure::infeasible, m, w);
         found.missed = left();
         return found;
     }
@@ -70,14 +79,6 @@ class Law {
     std::optional<RQ> factors;  // of K on the coordinates that exact rows leave free
     Vec y_f, y_e;
 
-    Answer failed(Failure failure)
-    {
-        Answer none;
-        none.velocity = Vec(w, m, 0);
-        none.failure = failure;
-        none.share = 0;
-        return none;
-    }
     Vec to_x(Vec y) const { return T.w ? T * y : y; }
     Vec to_y(Vec x) const { return T.w ? from_x * x : x; }
 
@@ -96,6 +97,7 @@ class Law {
         double speed = tick.speed;
         const int k = tick.C.rows;
         const Mat box = T.w ? T : Mat::identity(w, m), rows = k ? (T.w ? tick.C * T : tick.C) : Mat(w, 0, m);
+        const Mat P = tick.P.w && T.w ? tick.P * T : tick.P;
         if (!k)
             low = high = Vec(w, 0);
         Vec inside(w, m, 0);
@@ -106,8 +108,7 @@ class Law {
                 inside = y->y;
             else if (!relax(polytope.C, low, high, inside))
                 return nullptr;
-            if (tick.P.w) {
-                const Mat P = T.w ? tick.P * T : tick.P;
+            if (P.w) {
                 Mat H = t(P) * P;
                 for (int i = 0; i < m; i++)
                     H(i, i) += ROUNDING * (P.all().square() + TINY);
@@ -121,8 +122,8 @@ class Law {
         }
         witness = witness.w ? witness : inside;
         all = Room{stacked(box, rows), joined(tick.lower, low), joined(tick.upper, high), {}, {}, speed};
-        if (tick.P.w)
-            all->P = T.w ? tick.P * T : tick.P, all->start = Vec(w, 3, 0);
+        if (P.w)
+            all->P = P, all->start = Vec(w, 3, 0);
         return &*all;
     }
 
@@ -486,13 +487,9 @@ class Law {
 
 Answer velocity(const Tick& tick, Workspace& w)
 {
-    Answer answer = Law(tick, w).answer();
+    const Answer answer = Law(tick, w).answer();
     const double numbers = answer.velocity.square() + answer.missed + answer.pace + answer.share;
-    if (answer.failure == Failure::none && !std::isfinite(numbers)) {
-        answer = Answer();
-        answer.velocity = Vec(w, tick.J.cols, 0), answer.share = 0, answer.failure = Failure::no_numbers;
-    }
-    return answer;
+    return std::isfinite(numbers) ? answer : failed(Failure::no_numbers, tick.J.cols, w);
 }
 
 Answer prioritised(const std::vector<Tick>& levels, Workspace& w)

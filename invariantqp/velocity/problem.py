@@ -104,12 +104,7 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
 
     Reference: [DS] Sect. 6.2 for forms.
     """
-    if not options:  # the shortest way
-        try:
-            return solution_of(law.solve(J, twist))
-        except (ValueError, TypeError):
-            pass
-    elif options.get("backend") is None:
+    if options.get("backend") is None:
         try:
             return solution_of(law.solve(J, twist, **given(options)), options.get("rows"))
         except (ValueError, TypeError, AttributeError, KeyError):

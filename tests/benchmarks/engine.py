@@ -17,7 +17,7 @@ import numpy as np
 import invariantqp as iq
 from invariantqp import _core
 from invariantqp.control.definition import DefinitionController, tick_of
-from invariantqp.legacy.compiled import compiled, compiled_problem
+from invariantqp.legacy.compiled import compiled
 
 STARTS = {"panda": [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.7], "ur5e": [0.0, -1.2, 1.4, -1.0, -1.3, 0.2]}
 STARTS |= {"xarm7": [0.0, -0.3, 0.0, 0.9, 0.0, 1.1, 0.0], "so101": [0.1, -0.4, 0.5, 0.6, 0.1]}
@@ -91,18 +91,6 @@ def row(name, pairs):
     )
 
 
-def calls_of(robot, q):
-    """Single calls."""
-    rng, J = np.random.default_rng(1), robot.jacobian(q)
-    twists = 0.3 * rng.normal(size=(40, 6))
-    wide, tight = np.full(len(q), 3.0), np.full(len(q), 0.1)
-    rows = iq.limits.LimitRows(rng.normal(size=(8, len(q))), np.full(8, -0.05), np.full(8, 0.05))
-    options = {"free": {}, "bounds": {"bounds": (-wide, wide)}, "limits": {"bounds": (-tight, tight)}}
-    options |= {"rows": {"bounds": (-wide, wide), "rows": rows}}
-    for name, given in options.items():
-        yield name, [[partial(solve, J, s, **given) for solve in (compiled_problem, iq.solve_velocity)] for s in twists]
-
-
 def main():
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -116,8 +104,6 @@ def main():
                 for law, demand, tick in ticks[::3]
             ]
             row(f"{name}, {group}", pairs)
-        for group, pairs in calls_of(robot, q):
-            row(f"{name}, solve_velocity {group}", pairs)
 
 
 if __name__ == "__main__":
