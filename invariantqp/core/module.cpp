@@ -6,6 +6,9 @@
 #include <thread>
 
 namespace iq {
+
+void bind_pose(nb::module_& m);  // pose_module.cpp
+
 namespace {
 
 using namespace nanobind::literals;
@@ -411,4 +414,5 @@ NB_MODULE(_core, m)
           "points"_a = nb::none(), "length"_a = nb::none(), "root"_a = nb::none(), "posture"_a = nb::none(),
           "metric"_a = nb::none(), "form"_a = nb::none(), "damping"_a = nb::none(), "guard"_a = nb::none(),
           "threads"_a = 1, "Velocities (N, m), residuals (N, 6) and numbers (N, 5) of many twists.");
+    bind_pose(m);
 }
