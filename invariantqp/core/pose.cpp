@@ -1,8 +1,10 @@
 #include "pose.hpp"
 #include "room.hpp"
 
+static double env(const char*n,double d){const char*v=getenv(n);return v?atof(v):d;}
 namespace iq {
 namespace {
+double CAP=env("CAP",INFINITY), NEARBY=env("NEARBY",2), AROUND=env("AROUND",12), RADIUS=env("RADIUS",.2);
 
 using Clock = std::chrono::steady_clock;
 
@@ -38,6 +40,8 @@ constexpr int CLOSEST = 4;
 // The last digits are begun again at most so often, while that brings the merit below this share of itself.
 constexpr int AGAIN = 8;
 constexpr double GAIN = 0.999;
+// A joint this far beyond a limit [rad] is put at it, where the target is met there too.
+constexpr double AT_LIMIT = 1e-3;
 constexpr double PI = 3.14159265358979323846;
 // Relative to an error: what rounding makes of two that are equal.
 constexpr double NEGLIGIBLE = 1e-9;
@@ -128,8 +132,10 @@ class Search {
         if (given)
             arm.inside(start.data());
         deadline = (exact ? EXACT_SHARE : SEARCH_SHARE) * task.time_limit;
-        // An arm with joints to spare can follow a path past a limit without turning a joint by 2 pi: try that first.
-        const bool spare = m > 6 || exact;
+        const bool beside = given && is_beside(start.data());
+        // An arm with joints to spare can follow a path past a limit without turning a joint by 2 pi: try that first. So
+        // can any to a target nearby.
+        const bool spare = m > 6 || exact || beside;
         std::vector<Try> tried{descend(start.data(), {!given || !spare})}, refined;
         const bool downhill = given && exact && !tried[0].met;
         if (downhill) {
@@ -140,7 +146,10 @@ class Search {
         std::vector<double> next(m);
         for (int k = 0; k < task.restarts && !is_good(tried.back()) && !late(); k++) {
             start_at(k, next.data());
-            tried.push_back(descend(next.data(), {true}));
+            const bool near = beside && k < AROUND;
+            if (near)
+                around(start.data(), RADIUS * std::exp2(k / 2.), next.data());
+            tried.push_back(descend(next.data(), {!near || !spare}));
         }
         const bool over = late(), met = std::any_of(tried.begin(), tried.end(), [](const Try& one) { return one.met; });
         if (!met) {
@@ -168,7 +177,8 @@ class Search {
     bool descend_to(double* q)
     {
         const bool exact = !task.exact.empty();
-        const Try found = descend(q, {m <= 6 && !exact, false, exact ? FINISHED : STALLED});
+        Try found = descend(q, {m <= 6 && !exact, false, exact ? FINISHED : STALLED});
+        arm.near(found.q.data(), q, 0);
         std::copy(found.q.begin(), found.q.end(), q);
         return found.met || (exact && found.unmet <= goal);
     }
@@ -230,6 +240,16 @@ class Search {
         }
     }
 
+    // From a state spread over the range to one that lies around a start in the same way, joints within a radius [rad].
+    void around(const double* start, double radius, double* q) const
+    {
+        for (int j = 0; j < m; j++) {
+            const double share = 2 * (q[j] - arm.low[j]) / std::max(arm.high[j] - arm.low[j], TINY) - 1;
+            q[j] = start[j] + share * radius * (arm.turn[j] > 0 ? arm.turn[j] / (2 * PI) : arm.length);
+        }
+        arm.inside(q);
+    }
+
     // The last digits from q; with exact demands several times: a penalty from far away is in their way.
     Try finished(const std::vector<double>& q)
     {
@@ -252,11 +272,14 @@ class Search {
     {
         PoseAnswer found;
         found.q = best.q;
-        arm.near(found.q.data(), start.data());
-        const Pose tool = arm.state(found.q.data(), Mat());
-        found.position = norm(task.target.p - tool.p);
-        found.orientation = task.oriented ? norm(rotation_vector(task.target.R * transposed(tool.R))) : 0;
-        const bool reached = found.position <= task.tolerance && found.orientation <= task.tolerance;
+        arm.near(found.q.data(), start.data(), AT_LIMIT);
+        find_misses(found);
+        if (best.met && !reaches(found)) {
+            found.q = best.q;
+            arm.near(found.q.data(), start.data(), 0);
+            find_misses(found);
+        }
+        const bool reached = reaches(found);
         const bool exact = !task.exact.empty(), exactly = exact && best.unmet <= task.tolerance;
         found.outcome = reached && (exactly || !exact) ? PoseOutcome::reached
                         : exactly && best.at_rest      ? PoseOutcome::closest
@@ -267,6 +290,24 @@ class Search {
         for (int j = 0; j < m; j++)
             found.displacement = std::max(found.displacement, std::abs(found.q[j] - start[j]));
         return found;
+    }
+
+    // Whether a target is near, in the arm's own measure.
+    bool is_beside(const double* start) const
+    {
+        const Pose tool = arm.state(start, Mat());
+        const double off = norm(task.target * task.point - tool * task.point) / arm.length;
+        return std::hypot(off, task.oriented ? norm(rotation_vector(task.target.R * transposed(tool.R))) : 0) <= NEARBY;
+    }
+    void find_misses(PoseAnswer& found) const
+    {
+        const Pose tool = arm.state(found.q.data(), Mat());
+        found.position = norm(task.target.p - tool.p);
+        found.orientation = task.oriented ? norm(rotation_vector(task.target.R * transposed(tool.R))) : 0;
+    }
+    bool reaches(const PoseAnswer& found) const
+    {
+        return found.position <= task.tolerance && found.orientation <= task.tolerance;
     }
 
     int exact_rows(const double* q) const
@@ -584,14 +625,17 @@ void PoseArm::inside(double* q) const
     }
 }
 
-void PoseArm::near(double* q, const double* start) const
+void PoseArm::near(double* q, const double* start, double slack) const
 {
-    for (int j = 0; j < size(); j++)
-        if (turns_over(j)) {
-            const double least = std::ceil((lower[j] - q[j]) / turn[j]), most = std::floor((upper[j] - q[j]) / turn[j]);
-            q[j] += turn[j] * std::min(std::max(std::nearbyint((start[j] - q[j]) / turn[j]), least), most);
-        }
     inside(q);
+    for (int j = 0; j < size(); j++) {
+        if (!turns_over(j))
+            continue;
+        const double least = std::ceil((lower[j] - slack - q[j]) / turn[j]);
+        const double most = std::floor((upper[j] + slack - q[j]) / turn[j]);
+        q[j] += turn[j] * std::min(std::max(std::nearbyint((start[j] - q[j]) / turn[j]), least), most);
+        q[j] = std::min(std::max(q[j], lower[j]), upper[j]);
+    }
 }
 
 PoseAnswer solve_pose(const PoseArm& arm, const PoseTask& task, const double* start, Workspace& w)

@@ -26,8 +26,9 @@ struct PoseArm {
     bool turns_over(int j) const { return turn[j] > 0 && upper[j] - lower[j] >= turn[j]; }
     // q (m,) shifted by whole turns into the limits; clipped to them where no turn helps.
     void inside(double* q) const;
-    // The same pose, with each joint as near a start (m,) as whole turns inside the limits bring it.
-    void near(double* q, const double* start) const;
+    // The same pose, with each joint as near a start (m,) as whole turns inside the limits bring it; `slack` [rad] beyond
+    // them is at them.
+    void near(double* q, const double* start, double slack) const;
 };
 
 // What is met before all else.

@@ -314,7 +314,7 @@ nb::object descents(const Arm& arm, nb::object targets, nb::object q0, nb::objec
     for (bool near = true; met < n; met++) {
         rows[met].set(before);
         near = descend_to(arm.of, options.towards(poses + 16 * met), rows[met].p, w);
-        arm.of.near(rows[met].p, before.p);
+        
         for (int j = 0; j < m && near; j++)
             near = std::abs(rows(met, j) - before[j]) <= speed[j] * step[met];
         if (!near)
@@ -342,6 +342,7 @@ void bind_pose(nb::module_& m)
 {
     if (_import_array() < 0)
         throw nb::python_error();
+    nb::set_leak_warnings(false);  // robots that live as long as Python does keep one
     const auto none = nb::none();
     nb::class_<Arm>(m, "PoseArm", "An arm in a pose search: what depends on it alone.")
         .def(nb::init<nb::object, nb::object, nb::object, nb::object, nb::object, nb::object, nb::object, nb::object,
