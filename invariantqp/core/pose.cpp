@@ -1,10 +1,8 @@
 #include "pose.hpp"
 #include "room.hpp"
 
-static double env(const char*n,double d){const char*v=getenv(n);return v?atof(v):d;}
 namespace iq {
 namespace {
-double CAP=env("CAP",INFINITY), NEARBY=env("NEARBY",2), AROUND=env("AROUND",12), RADIUS=env("RADIUS",.2);
 
 using Clock = std::chrono::steady_clock;
 
@@ -37,12 +35,20 @@ constexpr double AT_BOUND = 1e-9;
 // closest few.
 constexpr double SEARCH_SHARE = 0.8, EXACT_SHARE = 0.6;
 constexpr int CLOSEST = 4;
+// With exact demands and no start, tries end when so many have met them; the first so many try the whole pose before.
+constexpr int ENOUGH = 3, WHOLE = 2;
+// A target is beside a start where it is this near [rad, lengths of the arm]. So many restarts are then around it, within
+// a radius [rad] that doubles in two.
+constexpr double NEARBY = 2, RADIUS = 0.2;
+constexpr int AROUND = 12;
 // The last digits are begun again at most so often, while that brings the merit below this share of itself.
 constexpr int AGAIN = 8;
 constexpr double GAIN = 0.999;
 // A joint this far beyond a limit [rad] is put at it, where the target is met there too.
 constexpr double AT_LIMIT = 1e-3;
 constexpr double PI = 3.14159265358979323846;
+// Exchanges of several joints at once that do not help before one at a time is tried.
+constexpr int PATIENT_PIVOTS = 3;
 // Relative to an error: what rounding makes of two that are equal.
 constexpr double NEGLIGIBLE = 1e-9;
 
@@ -60,23 +66,95 @@ Mat gram(Mat A, double size)
     return S;
 }
 
+// A'A
+Mat normal(Mat A)
+{
+    Mat H(*A.w, A.cols, A.cols, 0);
+    for (int k = 0; k < A.rows; k++)
+        for (int i = 0; i < A.cols; i++)
+            H[i].part(i, A.cols).add(A(k, i), A[k].part(i, A.cols));
+    for (int i = 0; i < A.cols; i++)
+        for (int j = 0; j < i; j++)
+            H(i, j) = H(j, i);
+    return H;
+}
+
 void clip(Vec x, Vec lower, Vec upper)
 {
     for (int i = 0; i < x.n; i++)
         x[i] = std::min(std::max(x[i], lower[i]), upper[i]);
 }
 
-// argmin 1/2 x'Hx - g'x over lower <= x <= upper, or lower <= N x <= upper; absent where it is not found.
-Vec minimum(Mat H, Vec g, Vec lower, Vec upper, Mat N = Mat())
+// argmin 1/2 x'Hx - g'x over lower <= x <= upper, by block principal pivoting (Judice and Pires 1992): joints that are
+// outside go to their bound, those that the slope pulls back from one are free again. `x` is a guess, if it has memory.
+// Absent where H is not definite.
+Vec box_minimum(Mat H, Vec g, Vec lower, Vec upper, Vec guess)
+{
+    const int m = g.n;
+    Workspace& w = *g.w;
+    const Vec x(w, m);
+    std::array<int, 64> side{}, wrong{}, free;
+    for (int j = 0; guess.w && j < m; j++)
+        side[j] = guess[j] > upper[j] ? 1 : guess[j] < lower[j] ? -1 : 0;
+    int fewest = m + 1, patience = PATIENT_PIVOTS;
+    for (int count = 0; count < 50 + 10 * m; count++) {
+        const Workspace::Frame frame(w);
+        int n = 0;
+        for (int j = 0; j < m; j++)
+            if (side[j])
+                x[j] = side[j] > 0 ? upper[j] : lower[j];
+            else
+                x[free[n++] = j] = 0;
+        Mat F(w, n, n);
+        Vec left(w, n);
+        for (int i = 0; i < n; i++) {
+            const Vec row = H[free[i]], to = F[i];
+            left[i] = g[free[i]] - row.dot(x);
+            for (int j = i; j < n; j++)
+                to[j] = row[free[j]];
+        }
+        bool positive = true;
+        const Mat U = cholesky(F, &positive);
+        if (!positive)
+            return Vec();
+        const Vec y = solved(U, solved(t(U), left));
+        for (int i = 0; i < n; i++)
+            x[free[i]] = y[i];
+        int outside = 0, last = 0;
+        for (int j = 0; j < m; j++) {
+            if (!side[j]) {
+                const double margin = AT_REST * (1 + std::abs(x[j]));
+                wrong[j] = x[j] > upper[j] + margin ? 1 : x[j] < lower[j] - margin ? -1 : 0;
+            } else
+                wrong[j] = side[j] * (H[j].dot(x) - g[j]) > AT_REST * std::abs(g[j]);
+            if (wrong[j])
+                outside++, last = j;
+        }
+        if (!outside) {
+            clip(x, lower, upper);
+            return x;
+        }
+        // All that are wrong change sides; where that does not help any more, one, which ends for certain.
+        patience = outside < fewest ? PATIENT_PIVOTS : patience - 1;
+        fewest = std::min(fewest, outside);
+        for (int j = patience < 0 ? last : 0; j < m; j++)
+            if (wrong[j])
+                side[j] = side[j] ? 0 : wrong[j];
+    }
+    return Vec();
+}
+
+// argmin 1/2 x'Hx - g'x over lower <= N x <= upper; absent where it is not found.
+Vec minimum(Mat H, Vec g, Vec lower, Vec upper, Mat N)
 {
     bool positive = true;
     const Mat U = cholesky(H, &positive);
     if (!positive)
         return Vec();
     const Vec x = solved(U, solved(t(U), g));
-    if (within(lower, N.w ? N * x : x, upper))
+    if (within(lower, N * x, upper))
         return x;
-    const auto found = polytope_optimum({inverse(U), x}, {N.w ? N : Mat::identity(*H.w, H.rows), lower, upper, {}, {}});
+    const auto found = polytope_optimum({inverse(U), x}, {N, lower, upper, {}, {}});
     return found ? found->y : Vec();
 }
 
@@ -109,12 +187,15 @@ struct Try {
     double f = 0, unmet = 0, merit = 0;
     int steps = 0;
     bool met = false, at_rest = false;
+    int number = 0;  // of its start: the first is the one that was given, or the middle of the range
 };
 
 struct How {
     bool turning = true;   // whether a hinge may leave its limits, and is shifted back by whole turns
     bool patient = false;  // whether it goes on to the last digit where the target cannot be met
     int window = STALLED;
+    enum class Of { all, pose, demands } of = Of::all;  // what counts: of exact demands and the pose
+    int longest = LONGEST;  // steps, at most
 };
 
 class Search {
@@ -128,50 +209,43 @@ class Search {
     PoseAnswer solve(const double* given)
     {
         const bool exact = !task.exact.empty();
-        std::vector<double> start(given ? given : arm.middle.data(), (given ? given : arm.middle.data()) + m);
+        const double* const first = given ? given : arm.middle.data();
+        std::vector<double> start(first, first + m), next;
         if (given)
             arm.inside(start.data());
         deadline = (exact ? EXACT_SHARE : SEARCH_SHARE) * task.time_limit;
         const bool beside = given && is_beside(start.data());
         // An arm with joints to spare can follow a path past a limit without turning a joint by 2 pi: try that first. So
         // can any to a target nearby.
-        const bool spare = m > 6 || exact || beside;
-        std::vector<Try> tried{descend(start.data(), {!given || !spare})}, refined;
-        const bool downhill = given && exact && !tried[0].met;
-        if (downhill) {
-            refined.push_back(finished(tried[0].q));
-            if (refined[0].unmet <= task.tolerance && refined[0].at_rest)
-                return answer(refined[0], start, tried[0].steps + refined[0].steps, 1, false, false);
-        }
-        std::vector<double> next(m);
-        for (int k = 0; k < task.restarts && !is_good(tried.back()) && !late(); k++) {
-            start_at(k, next.data());
-            const bool near = beside && k < AROUND;
-            if (near)
-                around(start.data(), RADIUS * std::exp2(k / 2.), next.data());
-            tried.push_back(descend(next.data(), {!near || !spare}));
+        const bool spare = given && (m > 6 || exact || beside);
+        std::vector<Try> tried;
+        int landed = 0, steps = 0;
+        for (int k = 0; k <= task.restarts && (k == 0 || !late()); k++) {
+            next = start;
+            if (k > 0)
+                start_at(k, next.data());
+            const bool near = beside && k <= AROUND;
+            if (near && k > 0)
+                around(start.data(), RADIUS * std::exp2((k - 1) / 2.), next.data());
+            const bool turning = !(spare && (k == 0 || near));
+            tried.push_back(exact ? demanded(next, !given && k < WHOLE, turning) : descend(next.data(), {turning}));
+            tried.back().number = k;
+            steps += tried.back().steps;
+            if (is_good(tried.back()))
+                break;
+            landed += exact && !unmet(tried.back()) && is_allowed(tried.back());
+            if (landed >= (given ? 1 : ENOUGH))
+                break;
         }
         const bool over = late(), met = std::any_of(tried.begin(), tried.end(), [](const Try& one) { return one.met; });
-        if (!met) {
-            // From a given start, the closest pose is the one downhill from there.
-            std::vector<Try*> closest;
-            for (Try& one : tried)
-                closest.push_back(&one);
-            if (!given || downhill) {
-                std::stable_sort(closest.begin(), closest.end(), [&](Try* a, Try* b) { return before(*a, *b); });
-                closest.resize(std::min<std::size_t>(closest.size(), CLOSEST));
-            } else
-                closest.resize(1);
-            for (const Try* one : closest)
-                refined.push_back(finished(one->q));
+        if (met)
+            return answer(roomiest(tried), start, steps, static_cast<int>(tried.size()), over);
+        std::vector<Try> refined;
+        for (const Try& one : closest(tried, given)) {
+            refined.push_back(finished(one));
+            steps += refined.back().steps;
         }
-        int steps = 0;
-        for (const auto* list : {&tried, &refined})
-            for (const Try& one : *list)
-                steps += one.steps;
-        const Try& best = met ? roomiest(tried) : nearest(refined, downhill);
-        const bool restarted = met ? &best != &tried[0] : given && &best != &refined[0];
-        return answer(best, start, steps, static_cast<int>(tried.size()), over, restarted);
+        return answer(nearest(refined), start, steps, static_cast<int>(tried.size()), over);
     }
 
     bool descend_to(double* q)
@@ -196,12 +270,15 @@ class Search {
     {
         return deadline < INFINITY && std::chrono::duration<double>(Clock::now() - begun).count() > deadline;
     }
-    bool is_good(const Try& one) const { return one.met && (!task.room || task.room(one.q.data()) == INFINITY); }
+    bool is_allowed(const Try& one) const { return !task.room || task.room(one.q.data()) == INFINITY; }
+    bool is_good(const Try& one) const { return one.met && is_allowed(one); }
     bool unmet(const Try& one) const { return one.unmet > task.tolerance; }
-    // Exact demands come before all else; a penalty is that of its own try.
+    // Exact demands come before all else; then what is allowed; a penalty is that of its own try.
     bool before(const Try& a, const Try& b) const
     {
-        return unmet(a) != unmet(b) ? unmet(b) : a.merit < b.merit;
+        if (unmet(a) != unmet(b))
+            return unmet(b);
+        return unmet(a) && a.unmet != b.unmet ? a.unmet < b.unmet : a.merit < b.merit;
     }
     // Of those that met the target the last, or the one with most room.
     const Try& roomiest(const std::vector<Try>& tried) const
@@ -217,25 +294,40 @@ class Search {
         }
         return *best;
     }
-    // The first that is as near as the nearest: rounding does not choose between mirror images. Of several from a start
-    // and not to what is exact, only one that met that is nearer.
-    const Try& nearest(const std::vector<Try>& refined, bool downhill) const
+    // The tries that may lead to the closest pose. From a given start it is the one downhill from there; where exact
+    // demands are met elsewhere alone, one that met them.
+    std::vector<Try> closest(const std::vector<Try>& tried, bool given) const
+    {
+        std::vector<Try> found = tried;
+        std::stable_sort(found.begin(), found.end(), [&](const Try& a, const Try& b) { return before(a, b); });
+        const bool landed = !task.exact.empty() && !unmet(found[0]);
+        if (given && !landed)
+            return {tried[0]};
+        const auto counts = [&](const Try& one) { return !landed || (!unmet(one) && is_allowed(one)); };
+        found.erase(std::remove_if(found.begin() + 1, found.end(), [&](const Try& one) { return !counts(one); }), found.end());
+        if (found.size() > 1 && !counts(found[0]))
+            found.erase(found.begin());
+        found.resize(std::min<std::size_t>(found.size(), given ? 1 : CLOSEST));
+        return found;
+    }
+    // The first that is as near as the nearest: rounding does not choose between mirror images.
+    const Try& nearest(const std::vector<Try>& refined) const
     {
         const Try* least = &refined[0];
-        const auto counts = [&](const Try& one) { return !downhill || &one == &refined[0] || !unmet(one); };
         for (const Try& one : refined)
-            if (counts(one) && before(one, *least))
+            if (before(one, *least))
                 least = &one;
+        const Try* best = least;
         for (const Try& one : refined)
-            if (counts(one) && unmet(one) == unmet(*least) && one.merit <= (1 + NEGLIGIBLE) * least->merit)
-                return one;
-        return *least;
+            if (unmet(one) == unmet(*least) && one.merit <= (1 + NEGLIGIBLE) * least->merit && one.number < best->number)
+                best = &one;
+        return *best;
     }
 
     void start_at(int k, double* q) const
     {
         for (int j = 0; j < m; j++) {
-            const double share = std::fmod(task.origin[j] + (k + 1.0) * arm.stride[j], 1.0);
+            const double share = std::fmod(task.origin[j] + k * arm.stride[j], 1.0);
             q[j] = arm.low[j] + share * (arm.high[j] - arm.low[j]);
         }
     }
@@ -250,25 +342,65 @@ class Search {
         arm.inside(q);
     }
 
-    // The last digits from q; with exact demands several times: a penalty from far away is in their way.
-    Try finished(const std::vector<double>& q)
+    // A try at exact demands: at the whole pose first, if that is asked for; then at the demands alone, and from there at
+    // the rest, downhill.
+    Try demanded(const std::vector<double>& start, bool whole, bool turning)
+    {
+        Try one{start};
+        if (whole) {
+            one = descend(start.data(), {turning, false, STALLED, How::Of::pose});
+            if (one.met)
+                return one;
+        }
+        one = after(one, descend(one.q.data(), {turning, false, STALLED, How::Of::demands}));
+        if (!one.met) {
+            one.unmet = std::sqrt(2 * one.f);
+            return one;
+        }
+        one = after(one, descend(one.q.data(), {turning}));
+        return one.met || one.unmet <= goal ? one : retracted(one);
+    }
+    static Try after(const Try& before, Try one)
+    {
+        one.steps += before.steps;
+        one.number = before.number;
+        return one;
+    }
+    // From near what is exact to there.
+    Try retracted(const Try& one)
+    {
+        const Try back = descend(one.q.data(), {true, false, STALLED, How::Of::demands});
+        if (!back.met)
+            return one;
+        Try there = after(back, descend(back.q.data(), {true, false, STALLED, How::Of::all, 0}));
+        there.steps += one.steps;
+        there.at_rest = one.at_rest, there.number = one.number;
+        return there;
+    }
+
+    // The last digits; with exact demands several times: a penalty from far away is in their way.
+    Try finished(const Try& tried)
     {
         deadline = task.time_limit;
-        Try one = descend(q.data(), {true, true, FINISHED});
+        Try one = tried;
+        one.steps = 0;
+        if (!task.exact.empty() && !unmet(tried) && tried.at_rest)
+            return one;
+        one = after(one, descend(one.q.data(), {true, true, FINISHED}));
         for (int k = 0; k < AGAIN && !task.exact.empty() && !one.met; k++) {
-            Try again = descend(one.q.data(), {true, true, FINISHED});
+            const Try again = after(one, descend(one.q.data(), {true, true, FINISHED}));
             const bool gained = unmet(again) != unmet(one) ? unmet(one) : again.merit < GAIN * one.merit;
-            const int steps = one.steps + again.steps;
+            const int steps = again.steps;
             if (gained)
                 one = again;
             one.steps = steps;
             if (one.met || !gained)
                 break;
         }
-        return one;
+        return task.exact.empty() || one.met || one.unmet <= goal ? one : retracted(one);
     }
 
-    PoseAnswer answer(const Try& best, const std::vector<double>& start, int steps, int tries, bool over, bool restarted)
+    PoseAnswer answer(const Try& best, const std::vector<double>& start, int steps, int tries, bool over)
     {
         PoseAnswer found;
         found.q = best.q;
@@ -286,9 +418,13 @@ class Search {
                         : over || exactly              ? PoseOutcome::late
                                                        : PoseOutcome::out_of_reach;
         found.error = std::sqrt(2 * best.f);
-        found.iterations = steps, found.tries = tries, found.restarted = restarted;
-        for (int j = 0; j < m; j++)
-            found.displacement = std::max(found.displacement, std::abs(found.q[j] - start[j]));
+        found.iterations = steps, found.tries = tries, found.other_branch = best.number > 0;
+        for (int j = 0; j < m; j++) {
+            const double displacement = std::abs(found.q[j] - start[j]);
+            found.displacement = std::max(found.displacement, displacement);
+            if (arm.turns_over(j) && displacement > (0.5 + AT_LIMIT) * arm.turn[j])
+                found.other_branch = true;
+        }
         return found;
     }
 
@@ -322,13 +458,18 @@ class Search {
     }
 
     // state.q is set; the rest is found.
-    void linearise(State& state) const
+    void linearise(State& state, How::Of of) const
     {
         const Workspace::Frame frame(w);
-        Mat J = task.oriented && !task.root.w ? state.A : Mat(w, 6, m);
+        Mat J = task.oriented && !task.root.w && of != How::Of::demands ? state.A : Mat(w, 6, m);
         const Pose tool = arm.state(state.q.p, J);
+        if (of == How::Of::demands) {
+            set_rows(state.A, state.r, state.q.p, tool, J);
+            state.f = half_square(state.r);
+            return;
+        }
         if (state.C.rows)
-            set_rows(state, tool, J);
+            set_rows(state.C, state.b, state.q.p, tool, J);
         const Vec3 here = tool * task.point, off = task.target * task.point - here;
         for (int j = 0; j < m; j++) {
             const Vec3 omega{J(0, j), J(1, j), J(2, j)}, moved = cross(omega, here);
@@ -366,7 +507,7 @@ class Search {
         state.r.set(task.root * error);
     }
 
-    void set_rows(State& state, const Pose& tool, Mat J) const
+    void set_rows(Mat C, Vec b, const double* q, const Pose& tool, Mat J) const
     {
         int k = 0;
         for (const ExactDemand& one : task.exact)
@@ -374,12 +515,12 @@ class Search {
             case ExactDemand::Kind::point: {
                 const Vec3 here = tool * one.point, off = task.target * one.point - here;
                 for (int i = 0; i < 3; i++, k++)
-                    row_along(state, k, J, unit(i), here, off[i]);
+                    row_along(C[k], J, unit(i), here), b[k] = off[i];
                 break;
             }
             case ExactDemand::Kind::plane: {
                 const Vec3 here = tool * one.point, off = task.target * one.point - here;
-                row_along(state, k++, J, one.direction, here, dot(one.direction, off));
+                row_along(C[k], J, one.direction, here), b[k++] = dot(one.direction, off);
                 break;
             }
             case ExactDemand::Kind::axis: {
@@ -388,14 +529,14 @@ class Search {
                 const Vec3 turn = turn_between(here, there, across[0]);
                 for (const Vec3& along : across) {
                     for (int j = 0; j < m; j++)
-                        state.C(k, j) = along[0] * J(0, j) + along[1] * J(1, j) + along[2] * J(2, j);
-                    state.b[k++] = dot(along, turn);
+                        C(k, j) = along[0] * J(0, j) + along[1] * J(1, j) + along[2] * J(2, j);
+                    b[k++] = dot(along, turn);
                 }
                 break;
             }
             case ExactDemand::Kind::other: {
-                const int count = one.rows(state.q.p, Mat(), Vec());
-                one.rows(state.q.p, state.C.rows_from(k, k + count), state.b.part(k, k + count));
+                const int count = one.rows(q, Mat(), Vec());
+                one.rows(q, C.rows_from(k, k + count), b.part(k, k + count));
                 k += count;
             }
             }
@@ -407,13 +548,12 @@ class Search {
         return e;
     }
     // The velocity of a point along a direction.
-    void row_along(State& state, int k, Mat J, const Vec3& direction, const Vec3& point, double off) const
+    void row_along(Vec row, Mat J, const Vec3& direction, const Vec3& point) const
     {
         const Vec3 moment = cross(point, direction);
         for (int j = 0; j < m; j++)
-            state.C(k, j) = moment[0] * J(0, j) + moment[1] * J(1, j) + moment[2] * J(2, j) + direction[0] * J(3, j)
-                            + direction[1] * J(4, j) + direction[2] * J(5, j);
-        state.b[k] = off;
+            row[j] = moment[0] * J(0, j) + moment[1] * J(1, j) + moment[2] * J(2, j) + direction[0] * J(3, j)
+                     + direction[1] * J(4, j) + direction[2] * J(5, j);
     }
     // Two unit vectors across another.
     static std::array<Vec3, 2> two_across(const Vec3& z)
@@ -437,27 +577,30 @@ class Search {
     // -grad f, A'r
     Vec slope(const State& state) const { return t(state.A) * state.r; }
 
-    // The second derivative of f by differences of its gradient, with the absolute values of its eigenvalues.
-    Mat curvature(const State& state) const
+    // The second derivative by differences of the gradient, with the absolute values of its eigenvalues: of f; or of
+    // f + y'b along the rows of B.
+    Mat curvature(const State& state, Mat B = Mat(), Vec y = Vec()) const
     {
         State beside(w, m, state.r.n, state.b.n);
-        const Vec here = slope(state);
-        Mat H(w, m, m), M(w, m, m);
+        const auto slope_of = [&](const State& at) { return y.w ? slope(at) - t(at.C) * y : slope(at); };
+        const Vec here = slope_of(state);
+        Mat H(w, m, m);
         for (int i = 0; i < m; i++) {
             const double h = state.q[i] + DIFFERENCE > arm.upper[i] ? -DIFFERENCE : DIFFERENCE;
             beside.q.set(state.q);
             beside.q[i] += h;
-            linearise(beside);
-            H[i].set((here - slope(beside)) / h);
+            linearise(beside, How::Of::all);
+            H[i].set((here - slope_of(beside)) / h);
         }
-        for (int i = 0; i < m; i++)
+        if (B.w)
+            H = B * (H * t(B));
+        for (int i = 0; i < H.rows; i++)
             for (int j = 0; j <= i; j++)
                 H(i, j) = H(j, i) = 0.5 * (H(i, j) + H(j, i));
         const SymmetricEigen of(H);
-        for (int i = 0; i < m; i++) {
-            M[i].set(of.V[i]);
+        const Mat M = of.V.copy();
+        for (int i = 0; i < M.rows; i++)
             M[i].scale(std::abs(of.values[i]));
-        }
         return t(of.V) * M;
     }
 
@@ -466,22 +609,22 @@ class Search {
     {
         const Mat A = state.A;
         const double size = A.all().square();
+        Vec guess;
         if (!H.w && m >= A.rows) {
             bool positive = true;
             const Mat U = cholesky(gram(A, mu + FLOOR * size), &positive);
             const Vec x = t(A) * solved(U, solved(t(U), state.r));
             if (positive && within(lower, x, upper))
                 return x;
+            guess = x;
         }
         if (!H.w)
-            H = t(A) * A;
+            H = normal(A);
         for (int i = 0; i < m; i++)
             H(i, i) += std::max(mu, QP_FLOOR * size);
-        const Vec g = slope(state), x = minimum(H, g, lower, upper);
-        if (x.w) {
-            clip(x, lower, upper);
+        const Vec g = slope(state), x = box_minimum(H, g, lower, upper, guess);
+        if (x.w)
             return x;
-        }
         g.scale(1 / size);
         clip(g, lower, upper);
         return g;
@@ -490,7 +633,12 @@ class Search {
     // The step that meets exact demands first, and the multiplier of their rows:
     //     x_1 = argmin 1/2 |b - C x|^2 + 1/2 lambda |b|^2 |x|^2
     //     x   = argmin 1/2 |r - A x|^2 + 1/2 mu |x|^2  over  C x = C x_1,  x = x_1 + B'z       both inside the box
-    Vec exact_step(const State& state, double damping, Vec lower, Vec upper, double& price) const
+    struct ExactStep {
+        Vec x;
+        double price;
+        Mat U;  // U'U = C C'
+    };
+    ExactStep exact_step(const State& state, double damping, bool patient, Vec lower, Vec upper) const
     {
         const Mat A = state.A, C = state.C;
         const Vec b = state.b;
@@ -499,11 +647,11 @@ class Search {
         const Mat U = cholesky(gram(C, weight));
         Vec x = t(C) * solved(U, solved(t(U), b));
         if (!within(lower, x, upper)) {
-            Mat H = t(C) * C;
+            Mat H = normal(C);
             for (int i = 0; i < m; i++)
                 H(i, i) += weight;
             const Vec g = t(C) * b;
-            x = minimum(H, g, lower, upper);
+            x = box_minimum(H, g, lower, upper, x);
             if (!x.w)
                 x = g / (square + weight);
             clip(x, lower, upper);
@@ -511,7 +659,7 @@ class Search {
         const Mat B = null_space(C);
         if (B.rows) {
             const Mat AB = A * t(B);
-            Mat H = t(AB) * AB;
+            Mat H = patient ? curvature(state, B, multipliers(state, Vec(w, m, 0), lower, upper)) : normal(AB);
             for (int i = 0; i < H.rows; i++)
                 H(i, i) += std::max(2 * damping * state.f, QP_FLOOR * size);
             const Vec z = minimum(H, t(AB) * (state.r - A * x), lower - x, upper - x, transposed(B));
@@ -519,8 +667,8 @@ class Search {
                 x.add(1, t(B) * z);
             clip(x, lower, upper);
         }
-        price = std::min(multiplier(state, x, lower, upper), DEAREST * std::sqrt(2 * size * state.f / (square + TINY)));
-        return x;
+        const double price = multipliers(state, x, lower, upper).norm(), most = DEAREST * std::sqrt(2 * size * state.f / (square + TINY));
+        return {x, price < most ? price : most, U};
     }
     // An orthonormal basis, as rows, of the x with C x = 0.
     static Mat null_space(Mat C)
@@ -539,8 +687,8 @@ class Search {
         const SVD svd(C);
         return svd.V.rows_from(svd.rank(DEPENDENT), C.cols);
     }
-    // |y|: C'y is what a step leaves of the slope where no bound holds a joint.
-    double multiplier(const State& state, Vec x, Vec lower, Vec upper) const
+    // y: C'y is what a step leaves of the slope where no bound holds a joint.
+    Vec multipliers(const State& state, Vec x, Vec lower, Vec upper) const
     {
         const Vec left = t(state.A) * (state.r - state.A * x);
         const Mat free = state.C.copy();
@@ -554,10 +702,9 @@ class Search {
         }
         const double square = free.all().square();
         if (square == 0)
-            return 0;
+            return Vec(w, free.rows, 0);
         const Mat U = cholesky(gram(free, FLOOR * square));
-        const double y = solved(U, solved(t(U), free * left)).norm();
-        return y < INFINITY ? y : 0;
+        return solved(U, solved(t(U), free * left));
     }
 
     // The least and the largest step; with `turning`, half a turn for a hinge that can turn over.
@@ -570,17 +717,26 @@ class Search {
         }
     }
 
+    // By how much a step reduces the merit, to first order.
+    static double foreseen(const State& state, Vec x, double penalty)
+    {
+        return state.merit(penalty) - half_square(state.r - state.A * x)
+               - penalty * (state.b - state.C * x).norm();
+    }
+
     // Steps from a start inside the limits until the goal is met or no step gains anything; none makes the merit worse.
     Try descend(const double* start, const How& how)
     {
         const Workspace::Frame frame(w);
-        const int n = task.oriented ? 6 : 3, k = task.exact.empty() ? 0 : exact_rows(start);
+        const int rows = task.exact.empty() || how.of == How::Of::pose ? 0 : exact_rows(start);
+        const int n = how.of == How::Of::demands ? rows : task.oriented ? 6 : 3;
+        const int k = how.of == How::Of::demands ? 0 : rows;
         State state(w, m, n, k), seen(w, m, n, k);
         std::copy(start, start + m, state.q.p);
-        linearise(state);
+        linearise(state, how.of);
         Vec lower(w, m), upper(w, m), past(w, STALLED + 1);
         double damping = DAMPING, penalty = 0;
-        const int longest = how.patient ? PATIENCE : LONGEST;
+        const int longest = how.patient ? PATIENCE : how.longest;
         const double least = how.patient ? 0 : LEAST;
         int steps = 0;
         bool met = false, at_rest = false;
@@ -596,13 +752,26 @@ class Search {
                 break;
             const Workspace::Frame of_step(w);
             room_of(state, how.turning, lower, upper);
-            double price = 0;
-            const Vec x = k ? exact_step(state, damping, lower, upper, price)
-                            : step(state, how.patient ? curvature(state) : Mat(), 2 * damping * state.f, lower, upper);
-            penalty = std::max(penalty, PENALTY_MARGIN * price);
+            Mat U;
+            Vec x;
+            if (k) {
+                const ExactStep exact = exact_step(state, damping, how.patient, lower, upper);
+                x = exact.x, U = exact.U;
+                penalty = std::max(penalty, PENALTY_MARGIN * exact.price);
+                if (foreseen(state, x, penalty) <= AT_REST * merit) {
+                    at_rest = true;
+                    break;
+                }
+            } else
+                x = step(state, how.patient ? curvature(state) : Mat(), 2 * damping * state.f, lower, upper);
             seen.q.set(state.q + x);
             arm.inside(seen.q.p);
-            linearise(seen);
+            linearise(seen, how.of);
+            if (k && how.patient && seen.unmet > goal) {  // what the rows bend by would be in the way of the last digits
+                seen.q.add(1, t(state.C) * solved(U, solved(t(U), seen.b)));
+                arm.inside(seen.q.p);
+                linearise(seen, how.of);
+            }
             if (seen.merit(penalty) < state.merit(penalty)) {
                 std::swap(state, seen);
                 damping = std::max(EASED * damping, least);

@@ -70,7 +70,7 @@ struct PoseAnswer {
     double position = 0, orientation = 0;  // of the tool frame, from its target
     double error = 0;                      // |r|
     int iterations = 0, tries = 1;
-    bool restarted = false;                // whether another try than the one from the start was taken
+    bool other_branch = false;             // whether a restart found it, or a joint turned the other way round
     double displacement = 0;               // of the joint that is farthest from the start
 };
 

@@ -209,7 +209,7 @@ class Options {
     }
 };
 
-// q, outcome, position, orientation, error, iterations, tries, active joints, whether it was restarted, displacement.
+// q, outcome, position, orientation, error, iterations, tries, active joints, whether of another branch, displacement.
 nb::tuple told(const PoseArm& arm, const PoseAnswer& answer)
 {
     nb::list active;
@@ -220,7 +220,7 @@ nb::tuple told(const PoseArm& arm, const PoseAnswer& answer)
     const nb::object q = new_array(1, &m);
     std::copy(answer.q.begin(), answer.q.end(), data_of(q));
     return nb::make_tuple(q, static_cast<int>(answer.outcome), answer.position, answer.orientation, answer.error,
-                          answer.iterations, answer.tries, nb::tuple(active), answer.restarted, answer.displacement);
+                          answer.iterations, answer.tries, nb::tuple(active), answer.other_branch, answer.displacement);
 }
 
 PoseAnswer solved_by(const Arm& arm, const PoseTask& task, const double* start, bool by_python)

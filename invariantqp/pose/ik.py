@@ -62,7 +62,7 @@ class PoseSolution(Compared):
         active: joints at a position limit.
         displacement: of the joint that is farthest from `q0`, put inside the limits; from the middle of the range
             without one [rad, length].
-        restarted: whether the answer is not the one that the descent from `q0` led to, but another branch, which a
+        other_branch: whether the answer is not the one that the descent from `q0` led to, but another branch, which a
             restart found.
         reason: "" where the target is met; otherwise what is missing, and why.
     """
@@ -76,7 +76,7 @@ class PoseSolution(Compared):
     restarts: int
     active: tuple[int, ...]
     displacement: float
-    restarted: bool
+    other_branch: bool
     reason: str
 
 
@@ -209,7 +209,7 @@ class PoseSearch:
 
     def _solution(self, found: tuple[Any, ...]) -> PoseSolution:
         """The solution for what the engine found."""
-        q, outcome, position, orientation, error, iterations, tries, active, restarted, displacement = found
+        q, outcome, position, orientation, error, iterations, tries, active, other_branch, displacement = found
         success, reason = outcome in (REACHED, CLOSEST), ""
         if outcome != REACHED or self._clearance is not None:
             blocked = "" if self._clearance is None else self._clearance.blocked(q)
@@ -225,7 +225,7 @@ class PoseSearch:
             restarts=tries - 1,
             active=active,
             displacement=displacement,
-            restarted=restarted,
+            other_branch=other_branch,
             reason=reason,
         )
         return solution
