@@ -240,12 +240,18 @@ class Search {
         const bool over = late(), met = std::any_of(tried.begin(), tried.end(), [](const Try& one) { return one.met; });
         if (met)
             return answer(roomiest(tried), start, steps, static_cast<int>(tried.size()), over);
+        // The last digits of the closest, which may turn out to meet the target. Else, from a given start, the closest pose
+        // is the one downhill from there, unless exact demands are met elsewhere alone.
         std::vector<Try> refined;
-        for (const Try& one : closest(tried, given)) {
-            refined.push_back(finished(one));
-            steps += refined.back().steps;
-        }
-        return answer(nearest(refined), start, steps, static_cast<int>(tried.size()), over);
+        if (given && !landed)
+            refined.push_back(finished(tried[0]));
+        for (const Try& one : closest(tried, landed ? (given ? 1 : ENOUGH) : CLOSEST))
+            if (!(given && !landed && one.number == 0))
+                refined.push_back(finished(one));
+        for (const Try& one : refined)
+            steps += one.steps;
+        const bool found = landed || !given || std::any_of(refined.begin(), refined.end(), [&](const Try& one) { return one.met || (exact && !unmet(one)); });
+        return answer(found ? nearest(refined) : refined[0], start, steps, static_cast<int>(tried.size()), over);
     }
 
     bool descend_to(double* q)
@@ -294,20 +300,17 @@ class Search {
         }
         return *best;
     }
-    // The tries that may lead to the closest pose. From a given start it is the one downhill from there; where exact
-    // demands are met elsewhere alone, one that met them.
-    std::vector<Try> closest(const std::vector<Try>& tried, bool given) const
+    // The tries that are closest, or of those that met exact demands where it is allowed.
+    std::vector<Try> closest(const std::vector<Try>& tried, int most) const
     {
-        std::vector<Try> found = tried;
+        std::vector<Try> found = tried, allowed;
         std::stable_sort(found.begin(), found.end(), [&](const Try& a, const Try& b) { return before(a, b); });
-        const bool landed = !task.exact.empty() && !unmet(found[0]);
-        if (given && !landed)
-            return {tried[0]};
-        const auto counts = [&](const Try& one) { return !landed || (!unmet(one) && is_allowed(one)); };
-        found.erase(std::remove_if(found.begin() + 1, found.end(), [&](const Try& one) { return !counts(one); }), found.end());
-        if (found.size() > 1 && !counts(found[0]))
-            found.erase(found.begin());
-        found.resize(std::min<std::size_t>(found.size(), given ? 1 : CLOSEST));
+        for (const Try& one : found)
+            if (!task.exact.empty() && !unmet(one) && is_allowed(one))
+                allowed.push_back(one);
+        if (!allowed.empty())
+            found = allowed;
+        found.resize(std::min<std::size_t>(found.size(), most));
         return found;
     }
     // The first that is as near as the nearest: rounding does not choose between mirror images.
@@ -397,7 +400,14 @@ class Search {
             if (one.met || !gained)
                 break;
         }
-        return task.exact.empty() || one.met || one.unmet <= goal ? one : retracted(one);
+        if (!task.exact.empty() && !one.met && one.unmet > goal)
+            one = retracted(one);
+        if (unmet(one) && !unmet(tried)) {  // beside a singularity of the demands
+            const int steps = one.steps;
+            one = tried;
+            one.steps = steps, one.at_rest = true;
+        }
+        return one;
     }
 
     PoseAnswer answer(const Try& best, const std::vector<double>& start, int steps, int tries, bool over)
@@ -718,10 +728,9 @@ class Search {
     }
 
     // By how much a step reduces the merit, to first order.
-    static double foreseen(const State& state, Vec x, double penalty)
+    double foreseen(const State& state, Vec x, double penalty) const
     {
-        return state.merit(penalty) - half_square(state.r - state.A * x)
-               - penalty * (state.b - state.C * x).norm();
+        return slope(state).dot(x) + penalty * (state.unmet - (state.b - state.C * x).norm());
     }
 
     // Steps from a start inside the limits until the goal is met or no step gains anything; none makes the merit worse.

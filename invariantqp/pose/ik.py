@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 # Tries after the first, by default: of 4 000 random targets on each of five arms, half of them with two
 # joints at their limits, 4 were not reached with as many.
-RESTARTS = 100
+RESTARTS = 300
 # How a search ended, as the engine numbers it (`PoseOutcome`).
 REACHED, CLOSEST, LATE, OUT_OF_REACH = range(4)
 # Arguments of searches that are kept once they are checked.
