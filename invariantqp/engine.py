@@ -35,7 +35,6 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from invariantqp._native import Arm as Arm
     from invariantqp._native import Law as Law
     from invariantqp._native import Loop as Loop
     from invariantqp._native import Press as Press

@@ -619,8 +619,14 @@ class Search {
     {
         const Mat A = state.A;
         const double size = A.all().square();
-        Vec guess;
-        if (!H.w && m >= A.rows) {
+        const Vec g = slope(state);
+        Vec guess(w, m);
+        bool held = false;  // whether the slope pushes a joint against its limit
+        for (int j = 0; j < m; j++) {
+            guess[j] = g[j] > 0 && upper[j] <= 0 ? INFINITY : g[j] < 0 && lower[j] >= 0 ? -INFINITY : 0;
+            held = held || guess[j] != 0;
+        }
+        if (!H.w && !held && m >= A.rows) {
             bool positive = true;
             const Mat U = cholesky(gram(A, mu + FLOOR * size), &positive);
             const Vec x = t(A) * solved(U, solved(t(U), state.r));
@@ -632,7 +638,7 @@ class Search {
             H = normal(A);
         for (int i = 0; i < m; i++)
             H(i, i) += std::max(mu, QP_FLOOR * size);
-        const Vec g = slope(state), x = box_minimum(H, g, lower, upper, guess);
+        const Vec x = box_minimum(H, g, lower, upper, guess);
         if (x.w)
             return x;
         g.scale(1 / size);

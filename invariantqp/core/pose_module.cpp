@@ -108,7 +108,7 @@ class Options {
 
     Options(const Arm& arm, nb::handle form, nb::handle exact, double tolerance, int restarts, nb::handle origin,
             double time_limit, nb::object room, Reader& read)
-        : by_python(arm.by_python || !room.is_none()), arm(arm)
+        : by_python(arm.by_python || !room.is_none()), arm(arm), formed(!form.is_none())
     {
         if (!(tolerance > 0 && tolerance < INFINITY && time_limit > 0 && restarts >= 0))
             refuse("tolerance, time_limit or restarts are out of range");
@@ -124,7 +124,7 @@ class Options {
             const nb::tuple given = nb::borrow<nb::tuple>(form);
             task.root = read.matrix(given[0], "root", 6, 6);
             task.point = three(read.vector(given[1], "point", 3));
-        } else if (!form.is_none())
+        } else if (formed)
             task.length = number(form, "length", 1e-300, 1e300);
         task.least = std::min(1.0, task.root.w ? SVD(task.root).sigma[5] : task.length);
         if (!room.is_none())
@@ -145,7 +145,7 @@ class Options {
             refuse("target is no pose");
         }
         if (PyArray_NDIM(reinterpret_cast<PyArrayObject*>(given.ptr())) == 1) {
-            if (!task.exact.empty() || task.root.w)
+            if (!task.exact.empty() || formed)
                 refuse("a target that is a point has no room for a form and exact demands");
             found.target.p = three(read.vector(given, "target", 3));
             found.oriented = false, found.point = {}, found.least = 1;
@@ -164,6 +164,7 @@ class Options {
 
   private:
     const Arm& arm;
+    const bool formed;
 
     static void set(PoseTask& task, const double* H)
     {

@@ -30,20 +30,22 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.kinematics import Robot, far_away, middle, refuse_far, remembered, require_robot, whole_turns
+from invariantqp.robots.kinematics import Robot, far_away, middle, refuse_far, remembered, whole_turns
 from invariantqp.systems.points import centre
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 
 if TYPE_CHECKING:
     from invariantqp.control.clearance import Clearance
 
-# Tries after the first, by default: of 4 000 random targets on each of five arms, half of them with two
-# joints at their limits, 4 were not reached with as many.
+# Tries after the first, by default: of 20 000 random targets on each of eight arms, half of them with two joints at their
+# limits, at most 5 were not reached with as many.
 RESTARTS = 300
 # How a search ended, as the engine numbers it (`PoseOutcome`).
 REACHED, CLOSEST, LATE, OUT_OF_REACH = range(4)
-# Arguments of searches that are kept once they are checked.
-KEPT = 256
+# Arguments of searches that are kept once they are checked; and searches without more, kept with a robot.
+KEPT, SEARCHES = 256, 16
+# What a robot has to have.
+NEEDED = ("names", "position_lower", "position_upper", "pose", "jacobian")
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -55,15 +57,16 @@ class PoseSolution(Compared):
         success: whether position and orientation are within the tolerance; with exact demands, whether these are within
             it and no step was found that brings the rest nearer.
         position_error: distance of the tool frame's origin from its target [length].
-        orientation_error: angle from the target [rad].
+        orientation_error: angle from the target [rad]; 0 where the target is a point.
         error: |(omega; p_d - p)|_W, the measure of what is closest [length].
         iterations: Newton steps, of all tries.
         restarts: tries after the first.
         active: joints at a position limit.
-        displacement: of the joint that is farthest from `q0`, put inside the limits; from the middle of the range
-            without one [rad, length].
-        other_branch: whether the answer is not the one that the descent from `q0` led to, but another branch, which a
-            restart found.
+        displacement: max |q_i - q0_i|, how far the farthest joint is from `q0` put inside its limits, or from the middle
+            of the range without one [rad, length].
+        other_branch: True where the joints do not get to `q` on the descent from `q0`: a restart found it, or limits made
+            a joint that can turn over turn the other way round, by more than half a turn. Near targets are then not
+            near in the joints. Without `q0`, of the descent from the middle of the range.
         reason: "" where the target is met; otherwise what is missing, and why.
     """
 
@@ -153,7 +156,7 @@ class PoseSearch:
         return [self._solution(one) for one in self._arm.solve_many(targets, q0, along, threads, *options)]
 
     def met(self, target: Array, q0: Array) -> Array | None:
-        """Joint positions (m,) on a pose (4, 4), both checked, by one descent from q0; None where it does not get there.
+        """Joint positions (m,) on a pose (4, 4), both checked, by one descent from q0, or None.
 
         With exact demands these are met, and the rest as well as it is downhill from q0.
         """
@@ -215,19 +218,20 @@ class PoseSearch:
             blocked = "" if self._clearance is None else self._clearance.blocked(q)
             reason, success = _reason(outcome, position, orientation, tries, blocked), success and not blocked
         solution = object.__new__(PoseSolution)
-        vars(solution).update(
-            q=q,
-            success=success,
-            position_error=position,
-            orientation_error=orientation,
-            error=error,
-            iterations=iterations,
-            restarts=tries - 1,
-            active=active,
-            displacement=displacement,
-            other_branch=other_branch,
-            reason=reason,
-        )
+        fields = {
+            "q": q,
+            "success": success,
+            "position_error": position,
+            "orientation_error": orientation,
+            "error": error,
+            "iterations": iterations,
+            "restarts": tries - 1,
+            "active": active,
+            "displacement": displacement,
+            "other_branch": other_branch,
+            "reason": reason,
+        }
+        object.__setattr__(solution, "__dict__", fields)  # a third of the time of attrs' own
         return solution
 
 
@@ -244,9 +248,10 @@ def _reason(outcome: int, position: float, orientation: float, tries: int, block
     return "; ".join(filter(None, (f"{blocked}{'' if reason else among}" if blocked else "", reason)))
 
 
-def pose_arm(robot: Robot) -> law.PoseArm:
+def pose_arm(robot: Robot) -> Any:
     """The arm as the engine searches with it: what depends on the robot alone."""
-    require_robot(robot)
+    if isinstance(robot, type) or not all(hasattr(robot, name) for name in NEEDED):
+        raise BadInput("robot", excerpt(robot), "a robot, such as load_robot returns")
     m = len(robot.names)
     if m > law.MOST_JOINTS:
         raise BadInput("robot", f"{m} joints", f"at most {law.MOST_JOINTS}")
@@ -318,21 +323,25 @@ def solve_pose(
     makes that certain.
 
     Args:
-        robot: from `load_robot`, or anything that meets `Robot`.
-        target: tool pose, (4, 4) in the base frame or a `pinocchio.SE3`.
+        robot: from `load_robot`, or anything with names, position_lower and position_upper (m,), pose(q) and
+            jacobian(q) as a `Robot` has them; at most 64 joints.
+        target: tool pose, (4, 4) in the base frame or a `pinocchio.SE3`; or a point (3,) in the base frame for the
+            tool frame's origin, whatever its orientation.
         q0: (m,) where to begin [rad, length], put inside the limits first; where it is outside them and two turns
-            from zero, as in degrees, it is refused. None is the middle of the joint range. Along
-            a path, the answer before: hinges that can turn over end as near it as whole turns bring them, and where a
-            target is out of reach the answer is the closest pose downhill from there, not the closest of all.
+            from zero, as in degrees, it is refused. None is the middle of the joint range. Restarts for a target nearby
+            are around q0 first. Along a path, the answer before: hinges that can turn over end as near it as whole
+            turns bring them, and where a target is out of reach the answer is the closest pose downhill from there, not
+            the closest of all.
         form: the measure of how close a pose is. None is diag(L^2 I, I) at the arm's own point, fixed to its last link,
             with the arm's own length L, both taken in the middle of its range; a pitch h counts a radian as |h|
             instead; a CarriedMetric (`tool_metric(robot)`, for instance) is fixed to the body at the target. Where the
             target can be reached, the measure changes only the way there.
         exact: demands met before all else, as in `Controller`: "position" for the tool frame's origin, ExactPoint,
             ExactAxis, ExactPlane or several. For arms with fewer than six joints: position first, then orientation as
-            well as the arm can. All tries are then made unless one reaches the whole pose. On arms with more than six
-            joints rounding chooses among the postures left, so a displaced tool frame may change the answer (0.002 rad
-            in one target of ten of a Panda), and `success` may be True where another posture is nearer in the rest.
+            well as the arm can. With q0 the first try that meets them ends the search; without, the best in the rest of
+            three that do. On arms with more than six joints rounding chooses among the postures left, so a displaced
+            tool frame may change the answer (0.002 rad in one target of ten of a Panda), and `success` may be True
+            where another posture is nearer in the rest.
         tolerance: of success, in lengths and in radians.
         time_limit: [s]; inf is none.
         restarts: tries after the first, at most; 0 is Newton from q0 alone.
@@ -347,6 +356,8 @@ def solve_pose(
         BadInput: NaN, wrong shapes, a start in degrees, or a target thirty times as far away as the arm is long, as one
             in millimetres is.
     """
+    if form is None and exact is None and clearance is None:
+        return _plain(robot, tolerance, time_limit, restarts, seed).solve(target, q0)
     search = PoseSearch(
         robot,
         form=form,
@@ -358,6 +369,21 @@ def solve_pose(
         clearance=clearance,
     )
     return search.solve(target, q0)
+
+
+def _plain(robot: Robot, tolerance: float, time_limit: float, restarts: int, seed: int) -> PoseSearch:
+    """A search for the whole pose; with a robot of this library it is kept."""
+    kept: dict[Any, PoseSearch] = remembered(robot, "pose searches", lambda _: {})
+    try:
+        found = kept.get((tolerance, time_limit, restarts, seed))
+    except TypeError:  # no numbers
+        found, kept = None, {}
+    if found is None:
+        found = PoseSearch(robot, tolerance=tolerance, time_limit=time_limit, restarts=restarts, seed=seed)
+        if len(kept) == SEARCHES:
+            kept.clear()
+        kept[tolerance, time_limit, restarts, seed] = found
+    return found
 
 
 def solve_poses(
@@ -377,13 +403,14 @@ def solve_poses(
         robot: the arm.
         targets: tool poses, as `solve_pose` takes them.
         q0: (m,) where to begin, or (n, m), one for each target; None is the middle of the joint range.
-        along: whether the targets are a path, each begun where the one before ended; on one process.
-        jobs: processes; -1 is one a core.
+        along: whether the targets are a path, each begun where the one before ended; on one thread.
+        jobs: threads; -1 is one a core. An arm, a demand or a clearance in Python is asked on one.
         options: of `solve_pose`: form, exact, tolerance, time_limit, restarts, seed.
     """
     search = PoseSearch(robot, **options)
     listed = arrays.listed(targets, "targets", "a list of poses")
-    wanted = np.array([search.target(target, f"targets[{i}]") for i, target in enumerate(listed)]).reshape(-1, 4, 4)
+    named = [(f"targets[{i}]", target) for i, target in enumerate(listed)]
+    wanted = np.array([search.target(arrays.pose(target, name), name) for name, target in named]).reshape(-1, 4, 4)
     path, n, m = arrays.flag(along, "along"), len(listed), len(robot.names)
     begin = None
     if q0 is not None:
