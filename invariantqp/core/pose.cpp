@@ -217,7 +217,7 @@ class Search {
         const bool beside = given && is_beside(start.data());
         // An arm with joints to spare can follow a path past a limit without turning a joint by 2 pi: try that first. So
         // can any to a target nearby.
-        const bool spare = given && (m > 6 || exact || beside);
+        const bool spare = given && (m > (task.oriented ? 6 : 3) || exact || beside);
         std::vector<Try> tried;
         int landed = 0, steps = 0;
         for (int k = 0; k <= task.restarts && (k == 0 || !late()); k++) {
@@ -237,21 +237,25 @@ class Search {
             if (landed >= (given ? 1 : ENOUGH))
                 break;
         }
-        const bool over = late(), met = std::any_of(tried.begin(), tried.end(), [](const Try& one) { return one.met; });
-        if (met)
-            return answer(roomiest(tried), start, steps, static_cast<int>(tried.size()), over);
-        // The last digits of the closest, which may turn out to meet the target. Else, from a given start, the closest pose
-        // is the one downhill from there, unless exact demands are met elsewhere alone.
+        const bool over = late();
+        const int tries = static_cast<int>(tried.size());
+        if (std::any_of(tried.begin(), tried.end(), [](const Try& one) { return one.met; }))
+            return answer(roomiest(tried), start, steps, tries, over);
+        // The last digits of the closest, which may turn out to meet the target. Else, from a given start, the closest
+        // pose is the one downhill from there, unless exact demands are met elsewhere alone.
+        const bool downhill = given && !landed;
         std::vector<Try> refined;
-        if (given && !landed)
+        if (downhill)
             refined.push_back(finished(tried[0]));
         for (const Try& one : closest(tried, landed ? (given ? 1 : ENOUGH) : CLOSEST))
-            if (!(given && !landed && one.number == 0))
+            if (!(downhill && one.number == 0))
                 refined.push_back(finished(one));
-        for (const Try& one : refined)
+        bool found = !downhill;
+        for (const Try& one : refined) {
             steps += one.steps;
-        const bool found = landed || !given || std::any_of(refined.begin(), refined.end(), [&](const Try& one) { return one.met || (exact && !unmet(one)); });
-        return answer(found ? nearest(refined) : refined[0], start, steps, static_cast<int>(tried.size()), over);
+            found = found || one.met || (exact && !unmet(one));
+        }
+        return answer(found ? nearest(refined) : refined[0], start, steps, tries, over);
     }
 
     bool descend_to(double* q)
@@ -279,7 +283,7 @@ class Search {
     bool is_allowed(const Try& one) const { return !task.room || task.room(one.q.data()) == INFINITY; }
     bool is_good(const Try& one) const { return one.met && is_allowed(one); }
     bool unmet(const Try& one) const { return one.unmet > task.tolerance; }
-    // Exact demands come before all else; then what is allowed; a penalty is that of its own try.
+    // Exact demands come before all else; a penalty is that of its own try.
     bool before(const Try& a, const Try& b) const
     {
         if (unmet(a) != unmet(b))
@@ -345,8 +349,8 @@ class Search {
         arm.inside(q);
     }
 
-    // A try at exact demands: at the whole pose first, if that is asked for; then at the demands alone, and from there at
-    // the rest, downhill.
+    // A try at exact demands: at the whole pose first, if that is asked for; then at the demands alone, and from there
+    // at the rest, downhill.
     Try demanded(const std::vector<double>& start, bool whole, bool turning)
     {
         Try one{start};
@@ -414,7 +418,7 @@ class Search {
     {
         PoseAnswer found;
         found.q = best.q;
-        arm.near(found.q.data(), start.data(), AT_LIMIT);
+        arm.near(found.q.data(), start.data(), best.met ? AT_LIMIT : 0);
         find_misses(found);
         if (best.met && !reaches(found)) {
             found.q = best.q;
@@ -683,7 +687,8 @@ class Search {
                 x.add(1, t(B) * z);
             clip(x, lower, upper);
         }
-        const double price = multipliers(state, x, lower, upper).norm(), most = DEAREST * std::sqrt(2 * size * state.f / (square + TINY));
+        const double most = DEAREST * std::sqrt(2 * size * state.f / (square + TINY));
+        const double price = multipliers(state, x, lower, upper).norm();
         return {x, price < most ? price : most, U};
     }
     // An orthonormal basis, as rows, of the x with C x = 0.

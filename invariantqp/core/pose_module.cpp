@@ -139,7 +139,8 @@ class Options {
     PoseTask towards(nb::handle target, Reader& read) const
     {
         PoseTask found = task;
-        const nb::object given = PyArray_Check(target.ptr()) ? nb::borrow(target) : nb::steal(PyArray_FROM_O(target.ptr()));
+        const nb::object given =
+            PyArray_Check(target.ptr()) ? nb::borrow(target) : nb::steal(PyArray_FROM_O(target.ptr()));
         if (!given.ptr()) {
             PyErr_Clear();
             refuse("target is no pose");
@@ -308,7 +309,8 @@ nb::object descents(const Arm& arm, nb::object targets, nb::object q0, nb::objec
     npy_intp shape[3] = {-1, 4, 4};
     const double* poses = read.read(targets, "targets", 3, shape, Numbers::finite);
     const int n = static_cast<int>(shape[0]), m = arm.of.size();
-    const Vec speed = read.vector(fastest, "fastest", m, Numbers::any), step = read.vector(steps, "steps", n, Numbers::any);
+    const Vec speed = read.vector(fastest, "fastest", m, Numbers::any);
+    const Vec step = read.vector(steps, "steps", n, Numbers::any);
     Mat rows(w, n, m);
     Vec before = read.vector(q0, "q0", m);
     int met = 0;

@@ -37,8 +37,8 @@ from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 if TYPE_CHECKING:
     from invariantqp.control.clearance import Clearance
 
-# Tries after the first, by default: of 20 000 random targets on each of eight arms, half of them with two joints at their
-# limits, at most 5 were not reached with as many.
+# Tries after the first, by default: of 20 000 random targets on each of eight arms, half of them with two joints at
+# their limits, at most 5 were not reached with as many.
 RESTARTS = 300
 # How a search ended, as the engine numbers it (`PoseOutcome`).
 REACHED, CLOSEST, LATE, OUT_OF_REACH = range(4)
@@ -62,11 +62,11 @@ class PoseSolution(Compared):
         iterations: Newton steps, of all tries.
         restarts: tries after the first.
         active: joints at a position limit.
-        displacement: max |q_i - q0_i|, how far the farthest joint is from `q0` put inside its limits, or from the middle
-            of the range without one [rad, length].
-        other_branch: True where the joints do not get to `q` on the descent from `q0`: a restart found it, or limits made
-            a joint that can turn over turn the other way round, by more than half a turn. Near targets are then not
-            near in the joints. Without `q0`, of the descent from the middle of the range.
+        displacement: max |q_i - q0_i|, how far the farthest joint is from `q0` put inside its limits, or without one
+            from the middle of the range [rad, length].
+        other_branch: True where the joints do not get to `q` on the descent from `q0`: a restart found it, or limits
+            made a joint that can turn over turn the other way round, by more than half a turn. A target nearby may
+            then be far in the joints. Without `q0` it is the descent from the middle of the range.
         reason: "" where the target is met; otherwise what is missing, and why.
     """
 
@@ -112,6 +112,14 @@ class PoseSearch:
             self._limits = _limits(tolerance, time_limit, restarts, seed, len(robot.names))
         except TypeError:  # no numbers that can be kept
             self._limits = _limits.__wrapped__(tolerance, time_limit, restarts, seed, len(robot.names))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the engine's arm, for copies."""
+        return {name: value for name, value in vars(self).items() if name != "_arm"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._arm = remembered(self._robot, "pose search", pose_arm)
 
     def start(self, q0: ArrayLike) -> Array:
         """Joint positions (m,) to begin from, checked."""

@@ -1,8 +1,12 @@
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
 import invariantqp as iq
 from invariantqp.analysis.survey import joint_ranges
+from invariantqp.pose.ik import PoseSearch
 
 NO_LIMIT = {"time_limit": np.inf}  # the same in every run, however busy the machine
 PANDA = iq.load_robot("panda")
@@ -49,6 +53,12 @@ def test_a_batch_is_the_single_answers_on_any_number_of_threads():
     assert alike[3] == iq.solve_pose(PANDA, targets[3], q0=starts[0], **NO_LIMIT)
     assert iq.solve_poses(PANDA, targets, jobs=2)[0] == iq.solve_pose(PANDA, targets[0])
     assert iq.solve_poses(PANDA, []) == []
+
+
+def test_a_copy_of_a_search_is_one():
+    search, target = PoseSearch(PANDA, exact="position"), PANDA.pose(np.full(7, 0.3))
+    for other in (copy.deepcopy(search), pickle.loads(pickle.dumps(search))):
+        assert other.solve(target) == search.solve(target)
 
 
 def test_a_batch_with_a_metric_at_each_target():
