@@ -381,7 +381,7 @@ def solve_pose(
 
 def _plain(robot: Robot, tolerance: float, time_limit: float, restarts: int, seed: int) -> PoseSearch:
     """A search for the whole pose; with a robot of this library it is kept."""
-    kept: dict[Any, PoseSearch] = remembered(robot, "pose searches", lambda _: {})
+    kept: dict[Any, PoseSearch] = remembered(robot, "searches", lambda _: {})
     try:
         found = kept.get((tolerance, time_limit, restarts, seed))
     except TypeError:  # no numbers
