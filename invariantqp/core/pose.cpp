@@ -202,8 +202,11 @@ class Search {
   public:
     Search(const PoseArm& arm, const PoseTask& task, Workspace& w)
         : arm(arm), task(task), w(w), m(arm.size()), goal(GOAL_SHARE * task.tolerance * task.least),
-          begun(task.time_limit < INFINITY ? Clock::now() : Clock::time_point())
+          begun(task.time_limit < INFINITY ? Clock::now() : Clock::time_point()), exact_tolerance(task.tolerance)
     {
+        for (const ExactDemand& one : task.exact)
+            if (one.kind == ExactDemand::Kind::axis)  // whose radians count as the arm's length, as do all in f
+                exact_tolerance = task.tolerance * std::min(1.0, arm.length);
     }
 
     PoseAnswer solve(const double* given)
@@ -274,7 +277,7 @@ class Search {
     const int m;
     const double goal;
     const Clock::time_point begun;
-    double deadline = INFINITY;
+    double exact_tolerance, deadline = INFINITY;
 
     bool late() const
     {
@@ -282,7 +285,7 @@ class Search {
     }
     bool is_allowed(const Try& one) const { return !task.room || task.room(one.q.data()) == INFINITY; }
     bool is_good(const Try& one) const { return one.met && is_allowed(one); }
-    bool unmet(const Try& one) const { return one.unmet > task.tolerance; }
+    bool unmet(const Try& one) const { return one.unmet > exact_tolerance; }
     // Exact demands come before all else; a penalty is that of its own try.
     bool before(const Try& a, const Try& b) const
     {
@@ -426,7 +429,7 @@ class Search {
             find_misses(found);
         }
         const bool reached = reaches(found);
-        const bool exact = !task.exact.empty(), exactly = exact && best.unmet <= task.tolerance;
+        const bool exact = !task.exact.empty(), exactly = exact && !unmet(best);
         found.outcome = reached && (exactly || !exact) ? PoseOutcome::reached
                         : exactly && best.at_rest      ? PoseOutcome::closest
                         : over || exactly              ? PoseOutcome::late
@@ -543,8 +546,8 @@ class Search {
                 const Vec3 turn = turn_between(here, there, across[0]);
                 for (const Vec3& along : across) {
                     for (int j = 0; j < m; j++)
-                        C(k, j) = along[0] * J(0, j) + along[1] * J(1, j) + along[2] * J(2, j);
-                    b[k++] = dot(along, turn);
+                        C(k, j) = arm.length * (along[0] * J(0, j) + along[1] * J(1, j) + along[2] * J(2, j));
+                    b[k++] = arm.length * dot(along, turn);
                 }
                 break;
             }
