@@ -409,7 +409,7 @@ def solve_poses(
 
     Args:
         robot: the arm.
-        targets: tool poses, as `solve_pose` takes them.
+        targets: tool poses (4, 4), as `solve_pose` takes them.
         q0: (m,) where to begin, or (n, m), one for each target; None is the middle of the joint range.
         along: whether the targets are a path, each begun where the one before ended; on one thread.
         jobs: threads; -1 is one a core. An arm, a demand or a clearance in Python is asked on one.
