@@ -1,0 +1,199 @@
+// Rigid motions, and an open chain of joints: its tool pose and joint twists. Everything is in the base frame.
+//
+//     T(q) = exp(q_1 S_1) ... exp(q_m S_m) home,     J_i = Ad(exp(q_1 S_1) ... exp(q_i-1 S_i-1)) S_i
+//
+// Conventions as in geometry/se3.py and [DS] Sect. 2: poses map tool coordinates to base coordinates, twists (omega; v).
+#pragma once
+#include "matrix.hpp"
+#include <array>
+
+namespace iq {
+
+constexpr double SMALL_ANGLE = 1e-2;  // below it [rad], series are exact to rounding, and closed coefficients are not
+constexpr double ROTATION = 1e-12;    // R R' - 1 of a rotation that needs no correction, as in geometry/arrays.py
+
+using Vec3 = std::array<double, 3>;
+using Mat3 = std::array<Vec3, 3>;  // by rows
+
+inline double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+inline double norm(const Vec3& a) { return std::sqrt(dot(a, a)); }
+inline Vec3 cross(const Vec3& a, const Vec3& b)
+{
+    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+inline Vec3 operator+(const Vec3& a, const Vec3& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
+inline Vec3 operator-(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+inline Vec3 operator*(double s, const Vec3& a) { return {s * a[0], s * a[1], s * a[2]}; }
+
+inline Vec3 operator*(const Mat3& A, const Vec3& x) { return {dot(A[0], x), dot(A[1], x), dot(A[2], x)}; }
+inline Mat3 operator*(const Mat3& A, const Mat3& B)
+{
+    Mat3 C;
+    for (int i = 0; i < 3; i++)
+        C[i] = A[i][0] * B[0] + A[i][1] * B[1] + A[i][2] * B[2];
+    return C;
+}
+inline Mat3 transposed(const Mat3& A)
+{
+    return {{{A[0][0], A[1][0], A[2][0]}, {A[0][1], A[1][1], A[2][1]}, {A[0][2], A[1][2], A[2][2]}}};
+}
+
+// A rigid motion x -> R x + p.
+struct Pose {
+    Mat3 R{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+    Vec3 p{0, 0, 0};
+
+    Pose() = default;
+    Pose(const Mat3& R, const Vec3& p) : R(R), p(p) {}
+    // From and to the 16 numbers of a (4, 4) matrix, row by row.
+    explicit Pose(const double* H)
+    {
+        for (int i = 0; i < 3; i++)
+            R[i] = {H[4 * i], H[4 * i + 1], H[4 * i + 2]}, p[i] = H[4 * i + 3];
+    }
+    void write(double* H) const
+    {
+        for (int i = 0; i < 3; i++)
+            H[4 * i] = R[i][0], H[4 * i + 1] = R[i][1], H[4 * i + 2] = R[i][2], H[4 * i + 3] = p[i];
+        H[12] = H[13] = H[14] = 0, H[15] = 1;
+    }
+};
+inline Pose operator*(const Pose& A, const Pose& B) { return {A.R * B.R, A.R * B.p + A.p}; }
+// Where a point of the moved frame is.
+inline Vec3 operator*(const Pose& T, const Vec3& point) { return T.R * point + T.p; }
+inline Pose inverse(const Pose& T)
+{
+    const Mat3 R = transposed(T.R);
+    return {R, -1 * (R * T.p)};
+}
+// The nearest rotation in place of one that is within 1e-5 of it, by steps of Newton.
+inline Pose with_rotation(Pose T)
+{
+    for (int step = 0; step < 2; step++) {
+        Mat3 off = T.R * transposed(T.R);
+        double most = 0;
+        for (int i = 0; i < 3; i++) {
+            off[i][i] -= 1;
+            for (const double x : off[i])
+                most = std::max(most, std::abs(x));
+        }
+        if (!(most > ROTATION))
+            break;
+        const Mat3 change = off * T.R;
+        for (int i = 0; i < 3; i++)
+            T.R[i] = T.R[i] - 0.5 * change[i];
+    }
+    return T;
+}
+
+struct Twist {
+    Vec3 omega, v;  // [rad; length], of a unit of time
+};
+
+// The axis of a rotation times its angle in [0, pi], by its unit quaternion (Shepperd's method). At pi exactly the axis
+// is determined up to its sign: rounding chooses, and a loop keeps the turn of the tick before (control/tracking.py).
+inline Vec3 rotation_vector(const Mat3& R)
+{
+    const double diagonal[4] = {R[0][0], R[1][1], R[2][2], R[0][0] + R[1][1] + R[2][2]};
+    int largest = 3;
+    for (int i = 2; i >= 0; i--)
+        if (diagonal[i] > diagonal[largest])
+            largest = i;
+    Vec3 v;
+    double w = 1 + diagonal[3];
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        const double odd = R[k][j] - R[j][k];
+        v[i] = largest == 3 ? odd : largest == i ? 1 + R[i][i] - R[j][j] - R[k][k] : R[i][largest] + R[largest][i];
+        if (largest == i)
+            w = odd;
+    }
+    const double sine = norm(v), n = std::sqrt(sine * sine + w * w);
+    // (w; v) and -(w; v) are the same rotation.
+    return n > 0 ? std::copysign(2 * std::atan2(sine, std::abs(w)) / (sine > 0 ? sine : 1), w) * v : v;
+}
+// The twist whose motion in unit time is T, of an angle in [0, pi].
+inline Twist log(const Pose& T)
+{
+    const Vec3 w = rotation_vector(T.R), wp = cross(w, T.p);
+    const double theta = norm(w), square = theta * theta;
+    const double c = theta < SMALL_ANGLE ? (1 + square / 60 * (1 + square / 42)) / 12
+                                         : (1 - 0.5 * theta / std::tan(0.5 * theta)) / square;
+    return {w, T.p - 0.5 * wp + c * cross(w, wp)};
+}
+// The twist that takes a tool to its target in unit time; the same whatever point of the body is the tool.
+inline Twist error_twist(const Pose& target, const Pose& tool) { return log(target * inverse(tool)); }
+
+// An open chain of hinges, slides and screws. A value: copies share nothing, and none changes after it was made.
+class Chain {
+  public:
+    Pose home;  // the tool pose at q = 0
+
+    // screws (6, m): joint twists at q = 0, base first; home: the tool pose there.
+    Chain(Mat screws, const Pose& home) : home(home), joints(screws.cols)
+    {
+        for (int i = 0; i < screws.cols; i++) {
+            const Vec3 w{screws(0, i), screws(1, i), screws(2, i)}, v{screws(3, i), screws(4, i), screws(5, i)};
+            const double rate = norm(w), share = rate > 0 ? 1 / rate : 1;
+            joints[i] = {rate, share * w, share * v, dot(share * w, share * v)};
+        }
+    }
+    int size() const { return static_cast<int>(joints.size()); }
+
+    // The tool pose at q (m,).
+    Pose pose(const double* q) const { return state(q, Mat()); }
+    // The tool pose, and joint twists as columns of J (6, m).
+    Pose state(const double* q, Mat J) const
+    {
+        Pose T;
+        for (int i = 0; i < size(); i++)
+            advance(T, i, q[i], J);
+        return T * home;
+    }
+    // What each joint does to the frames behind it, exp(q_1 S_1) ... exp(q_i S_i), from where they are at q = 0;
+    // i = 0, the base, to m: motions has m + 1. Returns the tool pose.
+    Pose motions(const double* q, Mat J, Pose* motions) const
+    {
+        Pose T;
+        *motions = T;
+        for (int i = 0; i < size(); i++) {
+            advance(T, i, q[i], J);
+            *++motions = T;
+        }
+        return T * home;
+    }
+
+  private:
+    struct Joint {
+        double rate;  // |omega|, 0 of a slide
+        Vec3 n, u;    // omega and v, of unit rate
+        double pitch; // n.u
+    };
+    std::vector<Joint> joints;
+
+    // T exp(q S) = T (1 + sin t U + (1 - cos t) U^2 + (t - sin t) U^3),  U = S / |omega|,  t = |omega| q;  and J_i = Ad(T) S.
+    void advance(Pose& T, int i, double q, Mat J) const
+    {
+        const Joint& joint = joints[i];
+        const double rate = joint.rate > 0 ? joint.rate : 1;
+        const Vec3 axis = T.R * joint.n, drift = T.R * joint.u;
+        if (J.p) {
+            const Vec3 moved = drift + cross(T.p, axis);
+            for (int k = 0; k < 3; k++)
+                J(k, i) = rate * axis[k], J(3 + k, i) = rate * moved[k];
+        }
+        if (joint.rate == 0) {
+            T.p = T.p + q * drift;
+            return;
+        }
+        const double angle = rate * q, half = std::sin(0.5 * angle), sine = 2 * half * std::cos(0.5 * angle);
+        const double versine = 2 * half * half;
+        T.p = T.p + sine * drift + versine * cross(axis, drift) + ((angle - sine) * joint.pitch) * axis;
+        for (int k = 0; k < 3; k++) {  // r (1 + sin t [n]x + (1 - cos t) [n]x^2) of each row r of R
+            const Vec3 across = cross(T.R[k], joint.n);
+            T.R[k] = T.R[k] + sine * across + versine * cross(across, joint.n);
+        }
+    }
+};
+
+}  // namespace iq
