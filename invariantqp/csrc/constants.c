@@ -114,7 +114,6 @@ const Constant CONSTANTS[] = {
     ONE("pose.newton", PATIENCE),
     ONE("pose.newton", STIFFEST),
     {"geometry.arrays.ROUNDING", AT_REST},
-    {"control.frame_cost.NULL_WEIGHT", FREE_WEIGHT},
     {"velocity.exact.ROW_TOLERANCE", EXACT_ROW_TOLERANCE},
     {"geometry.arrays.NEGLIGIBLE", ROW_FLOOR},
     {"geometry.arrays.NEGLIGIBLE", AT_LIMIT},

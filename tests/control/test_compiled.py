@@ -13,7 +13,6 @@ from support.two_laws import Brought, same_reasons
 
 import invariantqp as iq
 from invariantqp.control.compiled import compiled_tick
-from invariantqp.control.frame_cost import FrameCost
 from invariantqp.engine import core
 from invariantqp.legacy.objective import least_squares, spectrum_of
 from invariantqp.velocity.reasons import Code
@@ -100,27 +99,6 @@ def test_loops_of_any_chain(seed):
     ahead = rng.normal(size=6) * (1.0, 1.0, 1.0, size, size, size) if rng.random() < 0.5 else None
     for _ in range(5):
         q = q + 0.01 * assert_same(controller, q, target, ahead).velocity
-
-
-@settings(max_examples=100, deadline=None, derandomize=True)
-@given(st.integers(0, 2**63))
-def test_the_cost_of_a_frame_task(seed):
-    rng = np.random.default_rng(seed)
-    m = int(rng.integers(1, 10))
-    J, s, root = rng.normal(size=(6, m)), rng.normal(size=6), np.eye(6) + 0.3 * rng.normal(size=(6, 6))
-    if rng.random() < 0.5:
-        J[:, -1] = (J[:, 0], 0.0 * s, J[:, 0] + 1e-6 * s)[rng.integers(3)]
-    if rng.random() < 0.2:
-        J *= 10.0 ** rng.uniform(-60.0, 60.0)
-    task = FrameCost()
-    task.form, task.guard = (None, iq.PitchForm(0.1))[rng.integers(2)], (None, iq.velocity.Guard())[rng.integers(2)]
-    task.damping = (iq.velocity.Fixed(0.0), iq.velocity.Adaptive())[rng.integers(2)]
-    more = (0.0, 1e-3, 1.0)[rng.integers(3)]
-    native = task._moved(J, s, root, more)
-    task.engine = "python"
-    python = task._moved(J, s, root, more)
-    for one, other in zip(native, python, strict=True):
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12 * np.abs(other).max())
 
 
 @pytest.mark.cases(12)
