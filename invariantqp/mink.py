@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.frame_cost import FrameCost, FrameOptions
 from invariantqp.extras import optional
 from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.chain import Chain
 
 with optional("mink", "mink"):
     from mink import SE3, Configuration, FrameTask, Objective
@@ -59,13 +62,16 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
     def compute_qp_objective(self, configuration: Configuration) -> Objective:
         """(H, c) of minimise 1/2 dq'H dq + c'dq, as the task for Pink has it."""
         error, J = self.compute_error(configuration), self.compute_jacobian(configuration)
-        pose = configuration.get_transform_frame_to_world(self.frame_name, self.frame_type).as_matrix()
-        model = configuration.model
-        chain = lambda: chain_to(model, self.frame_name, self.frame_type)[0]  # noqa: E731
-        return Objective(*self._quadratic(model, chain, pose, J, error))
+        return Objective(*self._quadratic(configuration, error, J))
 
     def compute_qp_residual(self, configuration: Configuration) -> None:
         """None: mink then asks for the quadratic."""
+
+    def _chain(self, model: Any) -> Chain:
+        return chain_to(model, self.frame_name, self.frame_type)[0]
+
+    def _pose(self, configuration: Configuration) -> Array:
+        return np.asarray(configuration.get_transform_frame_to_world(self.frame_name, self.frame_type).as_matrix())
 
     def __repr__(self) -> str:
         return f"InvariantFrameTask({self.frame_name!r}, {self.frame_type!r}, {self._described()})"

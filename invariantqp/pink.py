@@ -10,11 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from invariantqp.control.frame_cost import FrameCost, FrameOptions
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
 from invariantqp.robots.pink import Configuration, FrameTask  # isort: skip (it names the extra that brings both)
+from invariantqp.robots.chain import Chain
 from invariantqp.robots.models import chain_to
 from invariantqp.robots.pinocchio import pin
 
@@ -71,11 +74,13 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
         Raises:
             NoPseudoinverse: the form has no projector for this arm here, and no damping is given.
         """
-        error, J = self.compute_error(configuration), self.compute_jacobian(configuration)
-        pose = configuration.get_transform_frame_to_world(self.frame).homogeneous
-        return self._quadratic(
-            configuration.model, lambda: chain_to(configuration.model, self.frame)[0], pose, J, error
-        )
+        return self._quadratic(configuration, self.compute_error(configuration), self.compute_jacobian(configuration))
+
+    def _chain(self, model: Any) -> Chain:
+        return chain_to(model, self.frame)[0]
+
+    def _pose(self, configuration: Configuration) -> Array:
+        return np.asarray(configuration.get_transform_frame_to_world(self.frame).homogeneous)
 
     def __repr__(self) -> str:
         return f"InvariantFrameTask({self.frame!r}, {self._described()})"

@@ -18,7 +18,7 @@ Reference: Caron et al., Pink (pin-pink); Zakka, mink; [DS] Sect. 6.2 for forms.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from operator import is_
 from typing import Any, Literal, TypedDict
 
@@ -150,40 +150,45 @@ class FrameCost:
         self.cost[3:] = _costs(orientation_cost, "orientation_cost")
         self._by_length = False
 
-    def _quadratic(
-        self, model: object, chain: Callable[[], Chain], pose: Array, jacobian: Array, error: Array
-    ) -> tuple[Array, Array]:
+    def _chain(self, model: Any) -> Chain:
+        """The joints of a model that move the frame."""
+        raise NotImplementedError
+
+    def _pose(self, configuration: Any) -> Array:
+        """(4, 4) of the frame in the world."""
+        raise NotImplementedError
+
+    def _quadratic(self, configuration: Any, error: Array, jacobian: Array) -> tuple[Array, Array]:
         """(H, c) for a state.
 
         Args:
-            model: whose joints these are; the reach is measured anew when it is another object.
-            chain: the joints that move the frame; called for a model not seen before.
-            pose: (4, 4) of the frame in the world.
-            jacobian: (6, nv) of the error, in the frame, linear part first: minus what a joint moves it by.
-            error: (6,) log(current^-1 target), likewise.
+            configuration: the library's; the reach is measured anew when its model is another object.
+            error: (6,) log(current^-1 target), in the frame, linear part first.
+            jacobian: (6, nv) of the error, likewise: minus what a joint moves the frame by.
         """
-        of = model, self.point, self.length
+        of = configuration.model, self.point, self.length
         if not all(map(is_, self._measured[0], of)):
-            self._measured = of, ToolMeasure(chain(), self.point, self.length).length
+            self._measured = of, ToolMeasure(self._chain(of[0]), self.point, self.length).length
         if self._by_length:
             self.cost[3:] = self._measured[1] * self.cost[:3]
         unit = float(self.cost[:3].max()) or float(self.cost[3:].max())
         if unit == 0.0:
             return np.zeros((jacobian.shape[1],) * 2), np.zeros(jacobian.shape[1])
-        fields = self._fields(unit, pose)
+        fields = self._fields(unit, configuration)
         try:
             H, c = law.frame_cost(jacobian, error, gain=self.gain, lm_damping=self.lm_damping, **fields)
         except (ArithmeticError, ValueError) as refusal:
-            arrays.twist(error, "target" if np.isfinite(pose).all() else "configuration")
+            arrays.twist(error, "target" if np.isfinite(self._pose(configuration)).all() else "configuration")
             J = arrays.columns(-jacobian[SWAPPED], "configuration")
             if isinstance(refusal, ArithmeticError):
                 raise no_projector(J, self.form) from None
             raise BadInput("the task", str(refusal), "numbers that can be computed with") from None
         return H, c
 
-    def _fields(self, unit: float, pose: Array) -> dict[str, Any]:
+    def _fields(self, unit: float, configuration: Any) -> dict[str, Any]:
         """Measure, form, damping and guard as the engine takes them, in the frame; a unit of length costs `unit`."""
         if isinstance(self.form, CarriedMetric):
+            pose = self._pose(configuration)
             root = unit * self.form.root(pose).dot(adjoint(pose, check=False))
             return {"root": root, "damping": unit * self.damping}
         at_point = {"costs": self.cost, "point": None if isinstance(self.point, str) else self.point}
@@ -193,9 +198,9 @@ class FrameCost:
             raise BadInput("form", "a form beside a cost of zero", "costs above zero", "Leave the form out.")
         kind, value = form_fields(self.form)["form"]
         if kind == "complement":
-            value = adjoint(inverse(pose, check=False), check=False).dot(value)
+            value = adjoint(inverse(self._pose(configuration), check=False), check=False).dot(value)
         elif kind == "definite":
-            carry = adjoint(pose, check=False)
+            carry = adjoint(self._pose(configuration), check=False)
             value = carry.T.dot(value).dot(carry)
         guard = None if self.guard is None else self.guard.fraction
         return at_point | {"form": (kind, value), "damping": self.damping, "guard": guard}
