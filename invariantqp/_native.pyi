@@ -12,7 +12,6 @@ CONSTANTS: dict[str, float]
 MOST_JOINTS: int
 MOST_ROWS: int
 MOST_LIMITS: int
-RECORD: int
 METHODS: tuple[str, ...]
 STATUSES: tuple[str, ...]
 
@@ -256,19 +255,6 @@ class Press:
         at_contact: bool | None = None,
     ) -> None: ...
 
-def cost(
-    law: Law,
-    /,
-    *,
-    J: Array,
-    s: Array,
-    root: Array,
-    gain: float | None = None,
-    unit: float | None = None,
-    more: float | None = None,
-    lm_damping: float | None = None,
-    of_error: bool | None = None,
-) -> tuple[Array, Array] | None: ...
 def tick(
     law: Law,
     unlimited: Law = ...,
@@ -307,27 +293,6 @@ def tick(
 
 # By hand:
 def answer_as(kind: type[VelocitySolution], statuses: type[Status], /) -> None: ...
-def ticks(
-    law: Law,
-    unlimited: Law,
-    taken: NDArray[np.int32],
-    size: int,
-    /,
-    *,
-    J: Array,
-    s: Array,
-    lower: Array,
-    upper: Array,
-    velocity: Array,
-    residual: Array,
-    numbers: Array,
-    records: Array,
-    posture: Array | None = None,
-    roots: Array | None = None,
-    points: Array | None = None,
-    lengths: Array | None = None,
-) -> None: ...
-def solution(record: Array, /) -> VelocitySolution: ...
 def tasks(
     law: Law, unlimited: Law, tasks: tuple[Task, ...], /, *, J: Array, s: Array, **fields: Any
 ) -> VelocitySolution | None: ...

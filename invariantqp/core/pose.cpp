@@ -205,7 +205,7 @@ class Search {
           begun(task.time_limit < INFINITY ? Clock::now() : Clock::time_point()), exact_tolerance(task.tolerance)
     {
         for (const ExactDemand& one : task.exact)
-            if (one.kind == ExactDemand::Kind::axis)  // whose radians count as the arm's length, as do all in f
+            if (one.of.kind == Demand::Kind::axis)  // whose radians count as the arm's length, as do all in f
                 exact_tolerance = task.tolerance * std::min(1.0, arm.length);
     }
 
@@ -467,10 +467,7 @@ class Search {
     {
         int k = 0;
         for (const ExactDemand& one : task.exact)
-            k += one.kind == ExactDemand::Kind::point  ? 3
-                 : one.kind == ExactDemand::Kind::axis ? 2
-                 : one.rows                            ? one.rows(q, Mat(), Vec())
-                                                       : 1;
+            k += one.rows ? one.rows(q, Mat(), Vec()) : one.of.rows();
         return k;
     }
 
@@ -524,71 +521,25 @@ class Search {
         state.r.set(task.root * error);
     }
 
+    // Rows C of the exact demands and what they miss, b. An axis counts as the arm's own length.
     void set_rows(Mat C, Vec b, const double* q, const Pose& tool, Mat J) const
     {
         int k = 0;
-        for (const ExactDemand& one : task.exact)
-            switch (one.kind) {
-            case ExactDemand::Kind::point: {
-                const Vec3 here = tool * one.point, off = task.target * one.point - here;
-                for (int i = 0; i < 3; i++, k++)
-                    row_along(C[k], J, unit(i), here), b[k] = off[i];
-                break;
+        for (const ExactDemand& one : task.exact) {
+            const int count = one.rows ? one.rows(q, Mat(), Vec()) : one.of.rows();
+            const Mat to = C.rows_from(k, k + count);
+            const Vec missed = b.part(k, k + count);
+            k += count;
+            if (one.rows) {
+                one.rows(q, to, missed);
+                continue;
             }
-            case ExactDemand::Kind::plane: {
-                const Vec3 here = tool * one.point, off = task.target * one.point - here;
-                row_along(C[k], J, one.direction, here), b[k++] = dot(one.direction, off);
-                break;
-            }
-            case ExactDemand::Kind::axis: {
-                const Vec3 here = tool.R * one.direction, there = task.target.R * one.direction;
-                const auto across = two_across(here);
-                const Vec3 turn = turn_between(here, there, across[0]);
-                for (const Vec3& along : across) {
-                    for (int j = 0; j < m; j++)
-                        C(k, j) = arm.length * (along[0] * J(0, j) + along[1] * J(1, j) + along[2] * J(2, j));
-                    b[k++] = arm.length * dot(along, turn);
-                }
-                break;
-            }
-            case ExactDemand::Kind::other: {
-                const int count = one.rows(q, Mat(), Vec());
-                one.rows(q, C.rows_from(k, k + count), b.part(k, k + count));
-                k += count;
-            }
-            }
-    }
-    static Vec3 unit(int i)
-    {
-        Vec3 e{};
-        e[i] = 1;
-        return e;
-    }
-    // The velocity of a point along a direction.
-    void row_along(Vec row, Mat J, const Vec3& direction, const Vec3& point) const
-    {
-        const Vec3 moment = cross(point, direction);
-        for (int j = 0; j < m; j++)
-            row[j] = moment[0] * J(0, j) + moment[1] * J(1, j) + moment[2] * J(2, j) + direction[0] * J(3, j)
-                     + direction[1] * J(4, j) + direction[2] * J(5, j);
-    }
-    // Two unit vectors across another.
-    static std::array<Vec3, 2> two_across(const Vec3& z)
-    {
-        int least = 0;
-        for (int i = 1; i < 3; i++)
-            least = std::abs(z[i]) < std::abs(z[least]) ? i : least;
-        const Vec3 x = cross(z, unit(least)), first = (1 / norm(x)) * x;
-        return {first, cross(z, first)};
-    }
-    // The rotation vector that takes one direction to another, across both; of opposite ones half a turn about `else_by`.
-    static Vec3 turn_between(const Vec3& here, const Vec3& there, const Vec3& else_by)
-    {
-        const Vec3 turn = cross(here, there);
-        const double sine = norm(turn), cosine = dot(here, there);
-        if (sine > 1e-12)
-            return (std::atan2(sine, cosine) / sine) * turn;
-        return cosine < 0 ? PI * else_by : turn;
+            DemandRows rows(w, count, m);
+            rows.add(one.of, J, tool, task.target, 1, Twist{}, 0);
+            to.set(rows.E), missed.set(rows.E_e);
+            if (one.of.kind == Demand::Kind::axis)
+                to.all().scale(arm.length), missed.scale(arm.length);
+        }
     }
 
     // -grad f, A'r

@@ -5,7 +5,7 @@
 // omega is the rotation vector from the tool to its target, p and p_d are where a point of the last link is and should
 // be. Exact demands, C x = b for a step x, come before f. Units of the arm; everything is in the base frame.
 #pragma once
-#include "chain.hpp"
+#include "demands.hpp"
 #include <chrono>
 #include <functional>
 
@@ -31,11 +31,9 @@ struct PoseArm {
     void near(double* q, const double* start, double slack) const;
 };
 
-// What is met before all else.
+// What is met before all else: a demand on the tool; or one of the user's own, by its rows.
 struct ExactDemand {
-    enum class Kind { point, axis, plane, other };
-    Kind kind = Kind::other;
-    Vec3 point{}, direction{};  // point and axis in the tool frame, normal of a plane in the base frame
+    Demand of;
     // Rows C (k, m) and what they miss, b (k,), at q (m,); of a demand of the user's own. Returns k; without memory of C
     // only that.
     std::function<int(const double* q, Mat C, Vec b)> rows;

@@ -1,5 +1,5 @@
 // Pose searches for Python: the class PoseArm of invariantqp._core. Errors are ValueErrors; pose/ik.py words them.
-#include "arrays.hpp"
+#include "bound.hpp"
 #include "pose.hpp"
 #include <atomic>
 #include <thread>
@@ -7,24 +7,8 @@
 namespace iq {
 namespace {
 
-using namespace nanobind::literals;
-
-constexpr int MOST_JOINTS = 64, MOST_EXACT = 384;
 constexpr double ROTATION_TOLERANCE = 1e-5;  // as in geometry/arrays.py
 
-Workspace& workspace()
-{
-    thread_local Workspace w;
-    return w;
-}
-
-double number(nb::handle value, const char* name, double least, double most)
-{
-    double x;
-    if (!nb::try_cast<double>(value, x) || !(least <= x && x <= most))
-        refuse(std::string(name) + " is no number in its range");
-    return x;
-}
 Vec3 three(Vec x) { return {x[0], x[1], x[2]}; }
 
 // An arm, and what of targets and starts it is not believed to mean.
@@ -118,8 +102,8 @@ class Options {
         for (const nb::handle one : nb::tuple(nb::borrow(exact)))
             task.exact.push_back(demand(one, read));
         for (auto one = task.exact.rbegin(); one != task.exact.rend(); ++one)
-            if (one->kind == ExactDemand::Kind::point)
-                task.point = one->point;
+            if (!one->rows && one->of.kind == Demand::Kind::point)
+                task.point = one->of.point;
         if (nb::isinstance<nb::tuple>(form)) {
             const nb::tuple given = nb::borrow<nb::tuple>(form);
             task.root = read.matrix(given[0], "root", 6, 6);
@@ -180,7 +164,7 @@ class Options {
     // (kind, point, direction), or a function of q to rows C and b.
     ExactDemand demand(nb::handle given, Reader& read)
     {
-        ExactDemand found;
+        ExactDemand found{{Demand::Kind::joints}, {}};
         const int m = arm.of.size();
         if (!nb::isinstance<nb::tuple>(given)) {
             by_python = true;
@@ -202,11 +186,11 @@ class Options {
         const int kind = nb::cast<int>(parts[0]);
         if (kind < 0 || kind > 2 || nb::len(parts) != 3)
             refuse("exact has a demand of no kind that there is");
-        found.kind = static_cast<ExactDemand::Kind>(kind);
+        found.of.kind = static_cast<Demand::Kind>(kind);
         if (!parts[1].is_none())
-            found.point = three(read.vector(parts[1], "exact point", 3));
+            found.of.point = three(read.vector(parts[1], "exact point", 3));
         if (!parts[2].is_none())
-            found.direction = three(read.vector(parts[2], "exact direction", 3));
+            found.of.direction = three(read.vector(parts[2], "exact direction", 3));
         return found;
     }
 };
@@ -343,8 +327,6 @@ template <void (PoseArm::*shift)(double*) const> nb::object shifted(const Arm& a
 
 void bind_pose(nb::module_& m)
 {
-    if (_import_array() < 0)
-        throw nb::python_error();
     nb::set_leak_warnings(false);  // robots that live as long as Python does keep one
     const auto none = nb::none();
     nb::class_<Arm>(m, "PoseArm", "An arm in a pose search: what depends on it alone.")

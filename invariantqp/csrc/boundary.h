@@ -19,7 +19,6 @@ PyObject *left_to_python(void);
 bool vector(PyObject *object, int n, double *into);
 bool matrix(PyObject *object, int rows, int n, int width, double *into);
 bool pose(PyObject *object, Pose *T);
-void copied(PyArrayObject *array, npy_intp row, int rows, int n, int width, double *into);
 PyObject *new_vector(int n, const double *values);
 PyObject *new_matrix(int rows, int n, int width, const double *values);
 
@@ -29,7 +28,7 @@ static inline bool within(double x, int least, int most) { return x >= least && 
 /* fields.c */
 typedef struct Table Table;
 typedef enum { FITS, UNFIT, WRONG } Fit;
-extern Table TABLE_Law, TABLE_Wanted, TABLE_Loop, TABLE_Task, TABLE_Split, TABLE_Press, TABLE_press, TABLE_now, TABLE_cost, TABLE_tick;
+extern Table TABLE_Law, TABLE_Wanted, TABLE_Loop, TABLE_Task, TABLE_Split, TABLE_Press, TABLE_press, TABLE_now, TABLE_tick;
 const void *described(const Table *table, PyObject *object);
 Fit called_by_name(Table *table, PyObject *const *given, PyObject *names, void *into);
 bool types_made(PyObject *module);
@@ -40,11 +39,6 @@ double *memory_of(PyObject *object, const Loop *loop);
 bool target_pose(PyObject *object, Pose *T);
 int joints_of(PyObject *J);
 
-/* batch.c; numbers of a row's record, a Solution up to what rows of limits and exact rows add */
-#define RECORD ((npy_intp)(offsetof(Solution, multipliers) / sizeof(double)) + MOST)
-PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names);
-PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
-
 /* answer.c */
 typedef enum { OK, LIMITED, SCALED, GUARDED, DEGRADED } Status;
 bool words_made(PyObject *module);
@@ -54,7 +48,6 @@ PyObject *named(PyTypeObject *type, int n, PyObject *const *values);
 PyObject *fields(int m, const Solution *solution, const Loop *loop, PyObject *row_names);
 PyObject *joint_troubles(const Loop *loop, const Tick *tick);
 PyObject *state_troubles(int joints, double dt, double gain, const double *states);
-bool is_plain(const Solution *solution);
 
 /* contact.c */
 PyObject *contact_frame(PyObject *module, PyObject *const *arguments, Py_ssize_t count);

@@ -11,20 +11,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 from math import inf
-from numbers import Real
-from typing import TYPE_CHECKING, Any, TypedDict, cast
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.engine import law
-from invariantqp.errors import BadInput, InvariantQPError, excerpt
+from invariantqp.errors import BadInput, InvariantQPError
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.pseudoinverses import factors, no_pseudoinverse
 from invariantqp.systems.system import ScrewSystem
-from invariantqp.velocity.arguments import measure_of, metric_of
+from invariantqp.velocity.arguments import damping_of, measure_of, metric_of
 from invariantqp.velocity.backends import Backend, SolverFailure, backend_of
 from invariantqp.velocity.definition import Answer, Rows, Tick, velocity
 from invariantqp.velocity.exact import ExactRows, whitened
@@ -114,8 +113,10 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
     return _checked_solution(J, twist, options)
 
 
-def solution_of(fields: tuple[Any, ...], rows: LimitRows | None = None) -> VelocitySolution:
-    """The solution that the engine's fields are."""
+def solution_of(
+    fields: tuple[Any, ...], rows: LimitRows | None = None, joint_names: tuple[str, ...] = ()
+) -> VelocitySolution:
+    """The solution that the engine's fields are, for some rows of limits and names of joints."""
     x, method, status, reasons, active, residual, share, damping, guard, pulls, row_pulls = fields
     backend = "engine" if method == 2 else ""
     names = () if rows is None else rows.names
@@ -133,6 +134,7 @@ def solution_of(fields: tuple[Any, ...], rows: LimitRows | None = None) -> Veloc
         pulls,
         row_pulls,
         names,
+        joint_names,
     )
 
 
@@ -190,7 +192,7 @@ def form_fields(form: Form | CarriedMetric | None) -> dict[str, Any]:
         return {"root": form.root()}
     if isinstance(form, PitchForm):
         if form.convexified:
-            remedy = "Controller still has it."
+            remedy = "HybridController still has it."
             raise BadInput("form", "PitchForm(..., convexified=True)", "a PitchForm as it is", remedy)
         return {"form": ("pitch", form.h)}
     if isinstance(form, Complement):
@@ -209,14 +211,7 @@ def checked(m: int, options: Mapping[str, Any]) -> dict[str, Any]:
     if unknown:
         raise TypeError(f"no option {min(unknown)!r}; there are {', '.join(VelocityOptions.__annotations__)}")
     fields = _checked_limits(m, options)
-    damping, posture = options.get("damping"), options.get("posture")
-    if damping is not None:
-        if isinstance(damping, bool) or not isinstance(damping, Real):
-            remedy = "Without one, bounds keep joints slow near a singularity."
-            raise BadInput("damping", excerpt(damping), "a number lambda >= 0, or None", remedy)
-        fields["damping"] = arrays.not_negative(cast("float", damping), "damping", "lambda")
-        if fields["damping"] > sizes.LARGEST:
-            raise BadInput("damping", f"{damping:.3g}", f"at most {sizes.LARGEST:g}")
+    fields["damping"], posture = damping_of(options.get("damping")), options.get("posture")
     guard = guard_of(options.get("guard", False))
     if guard is not None:
         fields["guard"] = guard.fraction
