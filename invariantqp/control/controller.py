@@ -209,7 +209,8 @@ class Controller:
         refuse(self.limits.wrong(posture_at), "posture")
         self.box, self.braking, self.tool_speed, self.joint_rows = self.limits[:4]
         self.turns: Array = continuous_turns(self.box.position_lower, self.box.position_upper, state.J)
-        self.guard: Guard | None = None if self.form is None else guard_of(guard)
+        descent = guard_of(guard)
+        self.guard: Guard | None = None if self.form is None else descent
         self._settings: dict[str, Any] = {
             "joints": m,
             "delay": self.delay,
@@ -331,7 +332,8 @@ class Controller:
         if target is None:
             raise BadInput("target", "None", "a (4, 4) pose, or a pinocchio.SE3", "For a twist, call follow(q, twist).")
         now = self.limits.changed(speed, velocity_limit, tool_speed, limits)
-        return self._tick(now, q, target, feedforward, velocity)
+        wanted = target if isinstance(target, np.ndarray) else self.robot.target(target)
+        return self._tick(now, q, wanted, feedforward, velocity)
 
     def follow(
         self,

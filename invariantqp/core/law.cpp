@@ -360,6 +360,8 @@ class Law {
         y_f.add(follow, pull);
     }
 
+    // d: all of what exact rows demand, and c of the rest.
+    Vec gone(Vec d, Vec demanded) const { return demanded + worth(d) * (d - demanded); }
     double worth(Vec d) const
     {
         if (!tick.before.w || !toward)
@@ -410,7 +412,7 @@ class Law {
         const bool in_0 = within(tick.position_lower, to_x(y_0), tick.position_upper);
         const bool in_1 = within(tick.position_lower, to_x(y_1), tick.position_upper);
         if (in_0 && in_1) {
-            found.velocity = to_x(y_0 + worth(y_1 - y_0) * (y_1 - y_0));
+            found.velocity = to_x(y_0 + gone(y_1 - y_0, second - first));
             if (allows(found.velocity))
                 return true;
         }
@@ -419,7 +421,7 @@ class Law {
             return false;
         const Mat T_z = exact ? transposed(inverse(factors->R)) : inverse_root();
         y_0 = in_0 ? y_0 : placed(first, y_0, T_z), y_1 = in_1 ? y_1 : placed(second, y_1, T_z);
-        const Vec d = worth(y_1 - y_0) * (y_1 - y_0);
+        const Vec d = gone(y_1 - y_0, second - first);
         const int n = T_z.rows;
         std::optional<Optimum> u;
         if (pace(*room, y_0, y_1, d, n, u)) {

@@ -17,7 +17,7 @@ struct Tick {
     Vec row_lower, row_upper;            // (k,)
     Mat P;                               // (3, m) joint velocities to the velocity of a point of the tool
     double speed = INFINITY;             // |P x| <= speed
-    Mat E;                               // (j, m) exact rows E x = a (E_f + c p E_e)
+    Mat E;                               // (j, m) exact rows E x = a (E_f + p E_e)
     Vec E_f, E_e;                        // (j,)
     Mat D;                               // (j, 6) parts of the twist, E = D J, zero for a row that is none
     Vec posture;                         // (m,) x_p

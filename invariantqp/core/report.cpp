@@ -245,7 +245,8 @@ class Reporter {
     }
     bool makes_no_progress() const
     {
-        if ((tick.E.rows && answer.share > PROGRESS) || b.norm() <= nothing())
+        const bool along_rows = tick.E.rows && answer.share > PROGRESS && (tick.E_f + tick.E_e).norm() > nothing();
+        if (along_rows || b.norm() <= nothing())
             return false;
         return b.dot(done) < PROGRESS * b.square() && !met(b);
     }

@@ -191,7 +191,8 @@ def far_away(robot: Robot, J: Array, tip: Array) -> float:
 
 def refuse_far(places: Array, tip: Array, far: float, argument: str) -> None:
     """Refuse places (..., 3) of poses that are farther from a tool at `tip` (3,) than is believed."""
-    away = float(np.linalg.norm(places - tip, axis=-1).max())
+    with np.errstate(over="ignore"):
+        away = float(np.linalg.norm(places - tip, axis=-1).max())
     if away > far:
         raise BadInput(argument, _far(away, far), "a pose in the arm's unit of length", MILLIMETRES)
 

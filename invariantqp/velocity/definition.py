@@ -25,7 +25,7 @@ that cannot get nearer comes to rest. nu, w: shares of |A|^2.
     joints need for the task and for the posture. A task at rest leaves the joints at rest.
 (d) The approach to a target, with accelerations and two numbers more, is control/tracking.py's.
 
-Exact rows E x = a (E_f + c p E_e) hold at the largest share a of their speed that limits allow, damped by r_before as
+Exact rows E x = a (E_f + p E_e) hold at the largest share a of their speed that limits allow, damped by r_before as
 well; twist and posture slow down with them. Where standing still is outside the limits, rows come as near to that as
 limits allow. Rows that contradict the box, and a tool speed that contradicts both, give way by the least, by name.
 Twists of several bodies are stacked, with sqrt(weight) R of each; `prioritised` keeps what the levels above achieve.
@@ -292,7 +292,7 @@ def paced(
     f, e = basis.T.dot(of.f - of.H.dot(first)), basis.T.dot(of.e - of.H.dot(way))
     y_0 = first + basis.dot(minimise(H, f, position.on(first, basis), solver))
     y_1 = first + way + basis.dot(minimise(H, f + e, position.on(first + way, basis), solver))
-    d = worth(tick, tick.root.dot(tick.J).dot(T), y_1 - y_0) * (y_1 - y_0)
+    d = way + worth(tick, tick.root.dot(tick.J).dot(T), y_1 - y_0) * (y_1 - y_0 - way)
     length, size = (float(np.sqrt(max(0.0, y.dot(of.K).dot(y)))) for y in (d, y_1))
     if length <= ROUNDING * size:
         return y_0 + basis.dot(minimise(H, np.zeros(n), room.on(y_0, basis), solver)), 1.0
