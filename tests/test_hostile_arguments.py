@@ -44,8 +44,8 @@ INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
     "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.used PaperLambda.of_size "
     "Controller.near Controller.posture_pull Controller.said Controller.begin Controller.unwrapped Controller.wrong "
-    "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after Clearance.given "
-    "Clearance.watch OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
+    "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after "
+    "Clearance.begin_at OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
     "ExactPoint.rows Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called "
     "ToolSpeed.cone ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points "
     "InvariantFrameTask.compute_qp_objective",

@@ -379,6 +379,9 @@ nb::tuple solve_rows(nb::object J, nb::object twist, nb::object lower, nb::objec
 }
 
 }  // namespace
+
+void bind_clearance(nb::module_& module);  // clearance_module.cpp
+
 }  // namespace iq
 
 NB_MODULE(_core, m)
@@ -411,4 +414,5 @@ NB_MODULE(_core, m)
           "points"_a = nb::none(), "length"_a = nb::none(), "root"_a = nb::none(), "posture"_a = nb::none(),
           "metric"_a = nb::none(), "form"_a = nb::none(), "damping"_a = nb::none(), "guard"_a = nb::none(),
           "threads"_a = 1, "Velocities (N, m), residuals (N, 6) and numbers (N, 5) of many twists.");
+    bind_clearance(m);
 }
