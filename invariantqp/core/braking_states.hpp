@@ -1,8 +1,9 @@
-// The states that arms pass as they come to rest, the joints of one arm together, and how these change with the velocity.
+// The states that arms pass while they brake to rest, and how these change with the velocity.
 //
-//     q_n(x) = q + dt (x + (1 - 1/N) x + (1 - 2/N) x + ...)     n ticks of braking x, all joints in N(x) ticks: none harder
-//                                                               than BRAKING of its limit, but one whose range ends
-//     q_n(x) = q_n(y) + dt (weight (x - y) + longer grows'(x - y)),    y the last velocity braked for a tick
+//     q_n(x) = q + dt (x + (1 - 1/N) x + (1 - 2/N) x + ...)           n ticks of braking; all joints of an arm stop in N
+//     q_n(x) = q_n(y) + dt (weight (x - y) + longer grows'(x - y))     y the last velocity, braked for a tick
+//
+// N(x) is such that no joint brakes at more than BRAKING of its limit, but for one that reaches the end of its range.
 #pragma once
 #include "matrix.hpp"
 
@@ -14,11 +15,12 @@ constexpr double BRAKING = 0.7;
 // Of the ticks until one state those until the next nearer one: with a half, an arm that passes a corner at full speed
 // sees it late in one of 2000 ticks.
 constexpr double NEARER = 0.7;
-constexpr int MOST_STATES = 40;        // more than those of a million ticks
-constexpr double WHOLE_TICKS = 1e-9;   // by which a number of ticks may be below a whole one
-constexpr double BOUNDLESS = 1e30;     // rooms and accelerations are at most this, for infinity times zero is no number
+constexpr int MOST_STATES = 40;       // more than those of a million ticks
+constexpr double WHOLE_TICKS = 1e-9;  // by which a number of ticks may be below a whole one
+constexpr double BOUNDLESS = 1e30;    // rooms and accelerations are at most this, for infinity times zero is no number
 
-// The largest velocity towards a limit `room` away that can be braked from; the last tick covers `rate` dt of what is left.
+// The largest velocity towards a limit `room` away that can be braked from; the last tick covers `rate` dt of what is
+// left.
 inline double braking_speed(double room, double acceleration, double dt, double rate)
 {
     const double a = std::min(acceleration, BOUNDLESS), k = 1 / (rate * dt);
@@ -31,31 +33,35 @@ inline double late_braking(double room, double before, double dt)
 {
     if (!(before > 0))
         return 0;
-    const double d = 1 + std::min(std::max(room, 0.0), BOUNDLESS) / (before * dt), n = std::max(std::ceil(2 * d - 1), 1.0);
+    const double d = 1 + std::min(std::max(room, 0.0), BOUNDLESS) / (before * dt),
+                 n = std::max(std::ceil(2 * d - 1), 1.0);
     return before * (1 - (n > 1 ? 2 * (n - d) / std::max(n * (n - 1), 1.0) : 1));
 }
 
 // The joints of an arm and, after them, of those around it. (M,), units SI.
-struct Joints {
-    std::vector<int> arm;                   // which arm each is of; 0 the arm itself
-    Vec speed, acceleration, lower, upper;  // limits; acceleration inf where a joint stops at once, 0 where it goes on as it goes
-    int own;                                // how many are of the arm itself
+struct BrakingJoints {
+    std::vector<int> arm;  // which arm each is of; 0 the arm itself
+    Vec speed, acceleration;  // limits; acceleration inf where a joint stops at once, 0 where it never brakes
+    Vec lower, upper;
+    int own;  // how many are of the arm itself
 };
 
-struct State {
-    double time;         // from now [s]
-    Vec q;               // (M,)
-    Vec weight, longer;  // (M,) how q changes with the velocity, in ticks; and with the ticks it takes to stop, in shares of them
-    Vec going;           // (M,) velocities of others that go on from there
+struct BrakingState {
+    double time;  // from now [s]
+    Vec q;        // (M,)
+    Vec weight;   // (M,) how q changes with the velocity, in ticks
+    Vec longer;   // (M,) how q changes with the share by which the ticks to a stop grow
+    Vec going;    // (M,) velocities of other arms that never brake
 };
 
-struct States {
-    std::vector<State> at;   // now, and where all that brakes is later and later ... and nearly now
-    Vec y, grows;            // (M,) the velocity braked for a tick; by which share the ticks to a stop grow with the velocity
-    Vec free[2];             // (M,) how far another velocity can be below y, and above it
-    Vec sure[2], led[2];     // and certainly, by what braking leaves of accelerations; where it is led apart: as fast as it was too
+struct BrakingStates {
+    std::vector<BrakingState> at;  // now, then at rest and at ever earlier times until the next tick
+    Vec y, grows;  // (M,) the velocity braked for a tick; by which share the ticks to a stop grow with the velocity
+    Vec free[2];   // (M,) how far joint limits let another velocity be below y [0], and above it [1]
+    Vec sure[2];   // (M,) the same, less what braking takes of the accelerations: certain in any state
+    Vec led[2];    // (M,) the same for a row that leads out of what is too near: up to the last velocity too
 
-    States(const Joints& joints, Vec q, Vec before, double dt, double rate)
+    BrakingStates(const BrakingJoints& joints, Vec q, Vec before, double dt, double rate)
     {
         Workspace& w = *q.w;
         const Vec none(w, q.n, 0), others = before.copy();
@@ -72,34 +78,37 @@ struct States {
                 const double sign = up ? 1 : -1, room = up ? joints.upper[j] - q[j] : q[j] - joints.lower[j];
                 double most = joints.speed[j];
                 if (dt > 0)
-                    most = std::min({most, braking_speed(room, joints.acceleration[j], dt, rate), sign * before[j] + joints.acceleration[j] * dt});
+                    most = std::min({most, braking_speed(room, joints.acceleration[j], dt, rate),
+                                     sign * before[j] + joints.acceleration[j] * dt});
                 free[up][j] = std::max(most - sign * y[j], 0.0);
                 sure[up][j] = std::min(free[up][j], sure[up][j]), led[up][j] = std::min(free[up][j], led[up][j]);
             }
     }
 
   private:
-    // In how many ticks the joints of each arm stop together, those that do not brake by themselves: by the 8-norm, nearly
-    // the most and smooth, so that no joint's brakes decide alone.
-    static Vec ticks_together(const Joints& joints, Vec before, double dt, const std::vector<bool>& alone)
+    // In how many ticks the joints of each arm stop together, those that do not brake by themselves: by the 8-norm,
+    // nearly the most and smooth, so that no joint's brakes decide alone.
+    static Vec ticks_together(const BrakingJoints& joints, Vec before, double dt, const std::vector<bool>& alone)
     {
         Vec ticks(*before.w, before.n), of_arm(*before.w, before.n, 0);
         for (int j = 0; j < before.n; j++) {
-            const double a = joints.acceleration[j], n = a > 0 && !alone[j] ? std::abs(before[j]) / (BRAKING * dt * a) : 0;
+            const double a = joints.acceleration[j],
+                         n = a > 0 && !alone[j] ? std::abs(before[j]) / (BRAKING * dt * a) : 0;
             of_arm[joints.arm[j]] += n * n * n * n * (n * n * n * n);
         }
         for (int j = 0; j < before.n; j++)
             ticks[j] = std::max(1.0, std::sqrt(std::sqrt(std::sqrt(of_arm[joints.arm[j]]))));
         return ticks;
     }
-    void brake(const Joints& joints, Vec q, Vec before, double dt, double rate)
+    void brake(const BrakingJoints& joints, Vec q, Vec before, double dt, double rate)
     {
         Workspace& w = *q.w;
         const Vec &a = joints.acceleration, whole(w, q.n), b(w, q.n), on = at[0].going.copy();
         std::vector<bool> by_range(q.n, false);  // whether a joint brakes by itself, its way ends where its range does
         Vec ticks = ticks_together(joints, before, dt, by_range);
         const auto late = [&](int j) {
-            const double fast = std::abs(before[j]), room = before[j] > 0 ? joints.upper[j] - q[j] : q[j] - joints.lower[j];
+            const double fast = std::abs(before[j]),
+                         room = before[j] > 0 ? joints.upper[j] - q[j] : q[j] - joints.lower[j];
             return (fast - std::min(late_braking(room, fast, dt), braking_speed(room, a[j], dt, rate))) / dt;
         };
         for (int j = 0; j < q.n; j++)
@@ -125,9 +134,10 @@ struct States {
             }
         }
         for (double n = most; static_cast<int>(at.size()) < MOST_STATES; n = n > 1 ? std::floor(NEARER * n) : 0) {
-            State state{n * dt, Vec(w, q.n), Vec(w, q.n), Vec(w, q.n), on};
+            BrakingState state{n * dt, Vec(w, q.n), Vec(w, q.n), Vec(w, q.n), on};
             for (int j = 0; j < q.n; j++) {
-                const double own = std::min(n, whole[j]), lost = own > 0 ? own * b[j] * dt / std::abs(y[j]) : 0;  // of y, by then
+                const double own = std::min(n, whole[j]),
+                             lost = own > 0 ? own * b[j] * dt / std::abs(y[j]) : 0;  // of y, by then
                 state.q[j] = q[j] + dt * (own + (a[j] == 0 ? 0 : 1)) * (1 - 0.5 * lost) * y[j];
                 state.weight[j] = (own + 1) * (1 - (by_range[j] ? 1 : 0.5) * lost);
                 state.longer[j] = (own + 1) * (by_range[j] ? 0 : 0.5) * lost * y[j];

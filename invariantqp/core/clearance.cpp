@@ -1,4 +1,5 @@
-// The rows of a tick that keep bodies apart, and what is remembered from tick to tick; control/clearance.py has the reasons.
+// The rows of a tick that keep bodies apart, and what is remembered between ticks; control/clearance.py explains the
+// law.
 #include "clearance.hpp"
 #include <stdexcept>
 
@@ -6,25 +7,26 @@ namespace iq {
 
 namespace {
 
-// What came nearer than the distance is led out at the first share of the joints' velocity limits, and no joint is faster
-// than the second: an arm into which an obstacle is put comes out in a second or three, without a kick.
+// What came nearer than the distance is led out at the first share of the joints' velocity limits, and no joint is
+// faster than the second: an arm into which an obstacle is put comes out in a second or three, without a kick.
 constexpr double ESCAPE = 0.06, CALM = 0.09;
-constexpr double USUAL_SPEED = 1;   // of joints without a velocity limit, where pairs are ranked and led apart [rad/s, length/s]
-constexpr double DEEP = 0.05;       // less of the distance curvature takes in a tick; deeper, an arm began inside
+constexpr double USUAL_SPEED =
+    1;  // of joints without a velocity limit, where pairs are ranked and led apart [rad/s, length/s]
+constexpr double DEEP = 0.05;  // less of the distance curvature takes in a tick; deeper, an arm began inside
 // Ways that turn within a tick take this share of the distance at most: an answer that takes more is made again. Beside
 // what moves itself, rows that cannot all be kept ask for less where no more is given up by it than that.
 constexpr double CURVED = 0.005;
-constexpr double ACTIVE = 1e-6;     // by which a distance may be short of one, as velocity/solution.py has it for limits
-constexpr double UNMOVED = 1e-12;   // a sum below this share of its terms is rounding
-constexpr double EQUAL_ROWS = 1e-9; // rows whose entries differ by this share of their length are one
-// So often rows that ask for more than braking on are tried one after the other; one that is missed is passed by as much:
-// that ends inside of all of them, where projections only come nearer (Motzkin and Schoenberg 1954).
+constexpr double ACTIVE = 1e-6;    // by which a distance may be short of one, as velocity/solution.py has it for limits
+constexpr double UNMOVED = 1e-12;  // a sum below this share of its terms is rounding
+constexpr double EQUAL_ROWS = 1e-9;  // rows whose entries differ by this share of their length are one
+// So often rows that ask for more than braking on are tried one after the other; one that is missed is passed by as
+// much: that ends inside of all of them, where projections only come nearer (Motzkin and Schoenberg 1954).
 constexpr int SWEEPS = 20;
 constexpr double PASSED = 2;
 // Where a joint moves nothing in this very state, a state is looked at that is so many seconds at full speed away [s].
 constexpr double ASIDE = 1e-7;
 constexpr double HALF_TURN = 3.141592653589793;
-constexpr int STATES = 2000;        // whether a pair is always near is looked at in so many states, at most
+constexpr int STATES = 2000;  // whether a pair is always near is looked at in so many states, at most
 
 double finite_or(double x, double other) { return std::isfinite(x) ? x : other; }
 
@@ -46,18 +48,20 @@ struct Kinematics {
 
     Kinematics(const std::vector<ClearanceArm>& arms, const std::vector<int>& first, Vec q) : motions(q.n + 1), J(q.n)
     {
-        for (int a = static_cast<int>(arms.size()) - 1; a >= 0; a--) {  // each writes its base over the last body before it
+        for (int a = static_cast<int>(arms.size()) - 1; a >= 0;
+             a--) {  // each writes its base over the last body before it
             const Mat twists(*q.w, 6, arms[a].chain.size());
             arms[a].chain.motions(q.p + first[a], twists, &motions[first[a]]);
             for (int j = 0; j < twists.cols; j++)
-                J[first[a] + j] = {{twists(0, j), twists(1, j), twists(2, j)}, {twists(3, j), twists(4, j), twists(5, j)}};
+                J[first[a] + j] = {{twists(0, j), twists(1, j), twists(2, j)},
+                                   {twists(3, j), twists(4, j), twists(5, j)}};
         }
     }
 };
 
 Places places_of(const ClearanceScene& scene, int i, const Shape& a, int j, const Shape& b)
 {
-    if (a.core != Core::mesh && b.core != Core::mesh)
+    if (a.core != ShapeCore::mesh && b.core != ShapeCore::mesh)
         return places(a, b);
     Places found;
     scene.meshes(i, a, j, b, found);
@@ -73,8 +77,7 @@ double most_of(Vec C, Vec low, Vec high)
     return sum;
 }
 
-// In how many ticks joints stop together, each alone in `fast` / `brakes`, and what is left of each velocity after a tick of
-// braking at a share of that.
+// What is left of a joint's velocity after a tick of braking, all joints together, at a share of what rows brake by.
 double left_after_a_tick(const ClearanceRate& rate, Vec before, int joint, double share)
 {
     double sum = 0;
@@ -89,7 +92,7 @@ double left_after_a_tick(const ClearanceRate& rate, Vec before, int joint, doubl
 }  // namespace
 
 // One look at all pairs, in each of the states that an arm with brakes passes as it comes to rest.
-class Search {
+class ClearanceSearch {
   public:
     struct Settings {
         double alpha, escape, dt, joint_rate;
@@ -99,10 +102,19 @@ class Search {
     Vec lower, urgency;
     int pair[MOST_CLEARANCE_ROWS], count = 0;
 
-    // Of joints at q (M,) after a velocity (M,); a pair may take `shares` (k,) of its room, 0 where it is not looked at.
-    Search(const Clearance& of, const Joints& joints, Vec q, Vec before, const Settings& settings, const std::vector<double>& shares)
-        : of(of), scene(of.scene), joints(joints), before(before), settings(settings), states(joints, q, before, settings.dt, settings.joint_rate),
-          w(*q.w), m(joints.own), all(q.n)
+    // Of joints at q (M,) after a velocity (M,); a pair may take `shares` (k,) of its room, 0 where it is not looked
+    // at.
+    ClearanceSearch(const Clearance& of, const BrakingJoints& joints, Vec q, Vec before, const Settings& settings,
+                    const std::vector<double>& shares)
+        : of(of),
+          scene(of.scene),
+          joints(joints),
+          before(before),
+          settings(settings),
+          states(joints, q, before, settings.dt, settings.joint_rate),
+          w(*q.w),
+          m(joints.own),
+          all(q.n)
     {
         const int k = of.pairs(), n = static_cast<int>(scene.shapes.size());
         least.assign(k, INFINITY), looks.resize(k), shapes.resize(n), seen.assign(n, -1);
@@ -119,25 +131,25 @@ class Search {
 
   private:
     struct Look {
-        double share, far = 0;                      // of the room; in the first state they are at least so far apart
-        double leaves = INFINITY;                   // how fast states ahead let them come nearer
-        bool still, recedes = false;                // neither moves by itself; one comes, and the arm goes before it
+        double share, far = 0;        // of the room; in the first state they are at least so far apart
+        double leaves = INFINITY;     // how fast states ahead let them come nearer
+        bool still, recedes = false;  // neither moves by itself; one comes, and the arm goes before it
     };
     const Clearance& of;
     const ClearanceScene& scene;
-    const Joints& joints;
+    const BrakingJoints& joints;
     const Vec before;
     const Settings settings;
-    const States states;
+    const BrakingStates states;
     Workspace& w;
     const int m, all;
     bool valid = true, still = true;  // it is no deeper inside than curvature takes it; nothing moves itself
     double smallest = INFINITY;
     std::vector<Look> looks;
     std::vector<Shape> shapes;
-    std::vector<int> seen;            // in which state each shape was placed
-    std::optional<Kinematics> here;   // of the state
-    Vec approach;                     // (M,) how fast joints can turn, weighed
+    std::vector<int> seen;           // in which state each shape was placed
+    std::optional<Kinematics> here;  // of the state
+    Vec approach;                    // (M,) how fast joints can turn, weighed
 
     // How fast a pair comes nearer where it is now, at most.
     double swept(int k) const
@@ -158,12 +170,13 @@ class Search {
             const Pose& moved = here->motions[scene.shapes[i].body];
             const double time = states.at[s].time;
             shapes[i] = scene.shapes[i].shape;
-            shapes[i].at = (time > 0 && moves(of.twists[i]) ? motion(of.twists[i], time, w) * moved : moved) * of.place[i];
+            shapes[i].at =
+                (time > 0 && moves(of.twists[i]) ? motion(of.twists[i], time, w) * moved : moved) * of.place[i];
             seen[i] = s;
         }
         return shapes[i];
     }
-    void set_approach(const State& state, bool now)
+    void set_approach(const BrakingState& state, bool now)
     {
         approach = Vec(w, all);
         double more = 0;
@@ -176,11 +189,11 @@ class Search {
             approach[j] += state.longer[j] != 0 ? std::abs(state.longer[j]) * more : 0;
     }
 
-    // A pair that is so far that no row of it matters in a state is not looked at there: its distance has changed by at most
-    // what joints have turned times their levers.
+    // A pair that is so far that no row of it matters in a state is not looked at there: its distance has changed by
+    // at most what joints have turned times their levers.
     void look(int s)
     {
-        const State& state = states.at[s];
+        const BrakingState& state = states.at[s];
         const bool last = s + 1 == static_cast<int>(states.at.size()), leaving = s == 0 && !last;
         set_approach(state, s == 0);
         Vec since = approach.copy();
@@ -193,13 +206,15 @@ class Search {
             const double rate = settings.alpha * look.share;
             if (!(look.share > 0) || look.recedes)
                 continue;
-            if (s > 0 && skips && (!last || look.leaves == INFINITY) && rate * (look.far - scene.distance) > of.nearer(k, since))
+            if (s > 0 && skips && (!last || look.leaves == INFINITY)
+                && rate * (look.far - scene.distance) > of.nearer(k, since))
                 continue;
             if (!here)
                 here.emplace(scene.arms, of.first_of, state.q);
             const auto& [i, j] = scene.pairs[k].of;
             const Shape &a = placed(i, s), &b = placed(j, s);
-            const double far = at_least(a, b), room = std::min(rate * (far - scene.distance), last ? look.leaves : INFINITY);
+            const double far = at_least(a, b),
+                         room = std::min(rate * (far - scene.distance), last ? look.leaves : INFINITY);
             if (s == 0)
                 look.far = far;
             double fastest = INFINITY;
@@ -223,18 +238,19 @@ class Search {
         }
     }
 
-    // The rows of a pair in a state, kept where they are urgent; the least distance, infinite where no joint changes it.
-    // `wanted` is the distance that it keeps there, `fastest` how fast it comes nearer, at most. In the arm's own state,
-    // beside those that it would brake through, rows lead out of what is too near alone.
+    // The rows of a pair in a state, kept where they are urgent; the least distance, infinite where no joint changes
+    // it. `wanted` is the distance that it keeps there, `fastest` how fast it comes nearer, at most. In the arm's own
+    // state, beside those that it would brake through, rows lead out of what is too near alone.
     double ask(int s, int k, const Places& found, double wanted, double fastest)
     {
         Look& look = looks[k];
-        const State& state = states.at[s];
+        const BrakingState& state = states.at[s];
         const bool begins = s == 0 && states.at.size() > 1, last = s + 1 == static_cast<int>(states.at.size());
         const double alpha = settings.alpha;
         const Vec speed = joints.speed.part(0, m), brakes = joints.acceleration.part(0, m);
         bool leaving = begins;
-        double over = 0, nearest = INFINITY;  // by how much it could come nearer faster than states ahead leave room for
+        double over = 0,
+               nearest = INFINITY;  // by how much it could come nearer faster than states ahead leave room for
         Vec3 out{0, 0, 0};
         for (int f = 0; f < found.count; f++) {
             const Place& at = found.at[f];
@@ -269,7 +285,8 @@ class Search {
                 out = at.normal;
             if (leaving && room >= 0)
                 continue;
-            double may = alpha * std::min(room, look.share * room);  // come nearer so fast; of what another one leaves, too
+            double may =
+                alpha * std::min(room, look.share * room);  // come nearer so fast; of what another one leaves, too
             may = look.share == 1 || room < 0 ? may + drift : std::min(may, alpha * room + drift);
             if (first && last)
                 over = std::max(may - look.leaves, 0.0);
@@ -277,7 +294,10 @@ class Search {
                 look.leaves = std::min(look.leaves, std::max(may, 0.0) / (state.time / settings.dt + 1));
             const double y = s == 0 ? 0 : braked;  // in the state of now rows are on the velocity itself
             double low = room >= 0 ? y - (may - over)
-                                   : y + std::max(0.0, dot(at.normal, out)) * std::min(-alpha * room, settings.escape * square / largest) - drift;
+                                   : y
+                                         + std::max(0.0, dot(at.normal, out))
+                                               * std::min(-alpha * room, settings.escape * square / largest)
+                                         - drift;
             if (comes && room > 0 && states.at.size() > 1) {  // joints take time to make way, as hard as they can
                 const double slower = braking_speed(look.share * room, BRAKING * strong, settings.dt, alpha) + drift;
                 low = std::max(low, std::min(y - slower, braked + most_of(C, states.free[0], states.free[1])));
@@ -294,7 +314,10 @@ class Search {
         }
         return nearest;
     }
-    static double along(const Place& at, const Twist& s) { return dot(cross(at.point, at.normal), s.omega) + dot(at.normal, s.v); }
+    static double along(const Place& at, const Twist& s)
+    {
+        return dot(cross(at.point, at.normal), s.omega) + dot(at.normal, s.v);
+    }
     Vec slope(int k, const Place& at) const
     {
         Vec row(w, all, 0);
@@ -312,7 +335,8 @@ class Search {
         return row;
     }
 
-    // Keep a row among the most urgent, each pair's nearest before all others; of equal ones the one that asks for more.
+    // Keep a row among the most urgent, each pair's nearest before all others; of equal ones the one that asks for
+    // more.
     void keep(Vec row, double low, double urgent, int of_pair)
     {
         int at = count, last = 0;
@@ -340,13 +364,14 @@ class Search {
         C[at].set(row), lower[at] = low, urgency[at] = urgent, pair[at] = of_pair;
     }
 
-    // Rows C z >= asked, z being inside joint limits about the velocity braked for a tick. Those that ask for something lead
-    // back what curvature took of the distance: for as much as is found to be possible beside all others, by one velocity
-    // that keeps them all; z = 0 keeps what asks for nothing. They ask for as much as before where one would give up more
-    // than what curvature takes, beside something that moves by itself.
+    // Rows C z >= asked, z being inside joint limits about the velocity braked for a tick. Those that ask for
+    // something lead back what curvature took of the distance: for as much as is found to be possible beside all
+    // others, by one velocity that keeps them all; z = 0 keeps what asks for nothing. They ask for as much as before
+    // where one would give up more than what curvature takes, beside something that moves by itself.
     void ask_what_is_possible()
     {
-        const Vec y = states.y.part(0, m), low = lower.part(0, count), asked = low - C.rows_from(0, count) * y, z(w, m, 0);
+        const Vec y = states.y.part(0, m), low = lower.part(0, count), asked = low - C.rows_from(0, count) * y,
+                  z(w, m, 0);
         if (!valid || std::none_of(asked.begin(), asked.end(), [](double a) { return a > 0; }))
             return;
         bool missed = true;
@@ -356,7 +381,8 @@ class Search {
                 const double left = asked[i] - C[i].dot(z);
                 missed = missed || left > 0;
                 for (int j = 0; left > 0 && j < m; j++)
-                    z[j] = clamped(z[j] + PASSED * left / C[i].square() * C(i, j), -states.free[0][j], states.free[1][j]);
+                    z[j] =
+                        clamped(z[j] + PASSED * left / C[i].square() * C(i, j), -states.free[0][j], states.free[1][j]);
             }
         }
         const Vec got = C.rows_from(0, count) * z;
@@ -377,10 +403,11 @@ class Search {
 namespace {
 
 // What a search needs of joints: those of the arm by its limits in a loop, others by their own.
-Joints joints_of(const ClearanceScene& scene, const std::vector<int>& arm_of, const ClearanceRate& rate, int m, Workspace& w)
+BrakingJoints joints_of(const ClearanceScene& scene, const std::vector<int>& arm_of, const ClearanceRate& rate, int m,
+                        Workspace& w)
 {
     const int all = static_cast<int>(arm_of.size());
-    Joints joints{arm_of, Vec(w, all), Vec(w, all), Vec(w, all), Vec(w, all), m};
+    BrakingJoints joints{arm_of, Vec(w, all), Vec(w, all), Vec(w, all), Vec(w, all), m};
     const Vec of[] = {joints.speed, joints.acceleration, joints.lower, joints.upper};
     for (int a = 0, at = 0; a < static_cast<int>(scene.arms.size()); a++) {
         const ClearanceArm& arm = scene.arms[a];
@@ -429,7 +456,8 @@ Clearance::Clearance(ClearanceScene given) : scene(std::move(given)), m(scene.ar
             alone.from[0] = alone.from[1] = std::min(alone.to[0], alone.to[1]);
         between.push_back(alone);
     }
-    now.kept.assign(k, scene.distance), now.distances.assign(k, INFINITY), now.off.assign(k, 0), now.judged.assign(k, 0);
+    now.kept.assign(k, scene.distance), now.distances.assign(k, INFINITY), now.off.assign(k, 0),
+        now.judged.assign(k, 0);
     now.movers.resize(scene.obstacles + scene.arms.size() - 1), shift.resize(scene.obstacles);
     for (std::size_t i = 0; i < now.movers.size(); i++) {
         Mover& mover = now.movers[i];
@@ -450,8 +478,8 @@ void Clearance::start()
     judge(std::vector<double>(pairs(), -INFINITY));
 }
 
-// From the middle of a shape to a point of the axis before it, from there to one of the next, and so on: turning about these
-// axes changes none of these distances, and sliding changes them by how far a joint slides.
+// From the middle of a shape to a point of the axis before it, from there to one of the next, and so on: turning about
+// these axes changes none of these distances, and sliding changes them by how far a joint slides.
 void Clearance::set_levers(int i, const std::vector<Twist>& screws)
 {
     const int body = scene.shapes[i].body;
@@ -461,12 +489,13 @@ void Clearance::set_levers(int i, const std::vector<Twist>& screws)
     const ClearanceArm& arm = scene.arms[arm_of[body - 1]];
     const Shape& shape = scene.shapes[i].shape;
     Vec3 x = shape.at.p;
-    double reach = shape.core == Core::half_space ? INFINITY : shape.ball();
+    double reach = shape.core == ShapeCore::half_space ? INFINITY : shape.ball();
     for (int j = body - 1; j >= first; j--) {
         const double rate = norm(screws[j].omega);
         Vec3 slide = screws[j].v;
         if (rate > 0) {
-            const Vec3 axis = (1 / rate) * screws[j].omega, on_axis = (1 / (rate * rate)) * cross(screws[j].omega, slide);
+            const Vec3 axis = (1 / rate) * screws[j].omega,
+                       on_axis = (1 / (rate * rate)) * cross(screws[j].omega, slide);
             const Vec3 foot = on_axis + dot(axis, x - on_axis) * axis;
             reach += norm(x - foot);
             x = foot, slide = dot(axis, slide) * axis;
@@ -521,8 +550,9 @@ void Clearance::renew(int mover)
             now.off[k] = now.judged[k] = false;
 }
 
-// In a tick at some time: as its last two places say. Of a new speed it takes what rows at a rate alpha take of the room
-// meanwhile, so that noise in places does no more by it than by the room; it is held for twice the time between the places.
+// In a tick at some time: as its last two places say. Of a new speed it takes what rows at a rate alpha take of the
+// room meanwhile, so that noise in places does no more by it than by the room; it is held for twice the time between
+// the places.
 void Clearance::Mover::observe(double time, double alpha, const std::vector<double>& turns)
 {
     const auto rest = [](double x) { return x == 0; };
@@ -593,8 +623,8 @@ Vec Clearance::around(Vec own, double delay, Vec* velocity) const
     return q;
 }
 
-// Of the room of a pair, what this arm may take: half of it where another one makes way too, because it is said to or its
-// velocity is not known.
+// Of the room of a pair, what this arm may take: half of it where another one makes way too, because it is said to or
+// its velocity is not known.
 double Clearance::share(int k) const
 {
     if (now.off[k])
@@ -630,10 +660,12 @@ void Clearance::keep(const std::vector<double>& distances, bool first)
 double Clearance::begin(std::optional<double> last, Vec q, const ClearanceRate& rate)
 {
     bool first = !last;
-    if (first && !now.began.empty()) {  // it goes on from a tick whose limit this was alone: each is the first of a loop
+    if (first
+        && !now.began.empty()) {  // it goes on from a tick whose limit this was alone: each is the first of a loop
         first = false;
         for (int j = 0; j < m; j++)
-            first = first || !(std::abs(q[j] - now.began[j]) <= 2 * rate.dt * finite_or(scene.arms[0].speed[j], USUAL_SPEED));
+            first = first
+                    || !(std::abs(q[j] - now.began[j]) <= 2 * rate.dt * finite_or(scene.arms[0].speed[j], USUAL_SPEED));
     }
     const bool near = std::any_of(now.kept.begin(), now.kept.end(), [this](double d) { return d < scene.distance; });
     if (first || near)
@@ -643,45 +675,54 @@ double Clearance::begin(std::optional<double> last, Vec q, const ClearanceRate& 
     if (last)
         now.time = std::max(now.time, *last + rate.dt);
     for (int i = 0; i < static_cast<int>(now.movers.size()); i++)
-        now.movers[i].observe(now.time, rate.alpha, i < scene.obstacles ? std::vector<double>() : scene.arms[i - scene.obstacles + 1].turns);
+        now.movers[i].observe(now.time, rate.alpha,
+                              i < scene.obstacles ? std::vector<double>() : scene.arms[i - scene.obstacles + 1].turns);
     return now.time;
 }
 
 ClearanceRows Clearance::rows(Vec q, Vec before, const ClearanceRate& rate)
 {
     Workspace& w = *q.w;
-    const Joints joints = joints_of(scene, arm_of, rate, m, w);
+    const BrakingJoints joints = joints_of(scene, arm_of, rate, m, w);
     for (;;) {
         place_all(rate.delay);
         Vec velocity;
         const Vec there = around(q, rate.delay, &velocity);
         velocity.part(0, m).set(before);
-        const Search search(*this, joints, there, velocity, {rate.alpha, ESCAPE, rate.dt, rate.joint_rate}, shares());
+        const ClearanceSearch search(*this, joints, there, velocity, {rate.alpha, ESCAPE, rate.dt, rate.joint_rate},
+                                     shares());
         if (judge(search.least))
             continue;
         now.distances = search.least;
-        ClearanceRows found{search.C.rows_from(0, search.count), search.lower.part(0, search.count), Vec(w, search.count, INFINITY),
-                            std::vector<int>(search.pair, search.pair + search.count)};
+        ClearanceRows found{search.C.rows_from(0, search.count), search.lower.part(0, search.count),
+                            Vec(w, search.count, INFINITY), std::vector<int>(search.pair, search.pair + search.count)};
         double lacks = 0;
         for (int k = 0; k < pairs(); k++)
             lacks = std::max(lacks, now.kept[k] - now.distances[k]);
-        const Vec others = velocity.part(m, all);
-        bool moved = others.square() > 0;
+        bool moved = velocity.part(m, all).square() > 0;
         for (const int k : found.pair)
             moved = moved || moves(twists[scene.pairs[k].of[0]]) || moves(twists[scene.pairs[k].of[1]]);
-        if (!(lacks > scene.distance - enough()) || moved)
-            return found;
-        const double deep = scene.distance > 0 ? std::min(1.0, lacks / (DEEP * scene.distance)) : 1;
-        for (int j = 0; j < m; j++) {  // slowly out, but no brakes too weak for it
-            const double speed = std::max(std::max(CALM, 1 - deep) * scene.arms[0].speed[j], left_after_a_tick(rate, before, j, deep));
-            if (!std::isfinite(speed))
-                continue;
-            Mat row(w, 1, m, 0);
-            row(0, j) = 1;
-            found.C = stacked(found.C, row), found.pair.push_back(-1);
-            found.lower = joined(found.lower, Vec(w, 1, -speed)), found.upper = joined(found.upper, Vec(w, 1, speed));
-        }
+        if (lacks > scene.distance - enough() && !moved)
+            hold_back(found, lacks, before, rate);
         return found;
+    }
+}
+
+// Rows that let joints leave slowly what they are too near to, a pair lacking so much of its distance, but no slower
+// than they can brake.
+void Clearance::hold_back(ClearanceRows& rows, double lacks, Vec before, const ClearanceRate& rate) const
+{
+    Workspace& w = *before.w;
+    const double deep = scene.distance > 0 ? std::min(1.0, lacks / (DEEP * scene.distance)) : 1;
+    for (int j = 0; j < m; j++) {
+        const double speed =
+            std::max(std::max(CALM, 1 - deep) * scene.arms[0].speed[j], left_after_a_tick(rate, before, j, deep));
+        if (!std::isfinite(speed))
+            continue;
+        Mat row(w, 1, m, 0);
+        row(0, j) = 1;
+        rows.C = stacked(rows.C, row), rows.pair.push_back(-1);
+        rows.lower = joined(rows.lower, Vec(w, 1, -speed)), rows.upper = joined(rows.upper, Vec(w, 1, speed));
     }
 }
 
@@ -689,6 +730,7 @@ ClearanceRows Clearance::after(Vec q, Vec x, const ClearanceRate& rate)
 {
     Workspace& w = *q.w;
     ClearanceRows found{Mat(w, 0, m), Vec(w, 0), Vec(w, 0), {}};
+    place_all(rate.delay);
     Vec turned(w, all, 0), velocity;
     const Vec there = around(q + rate.dt * x, rate.delay, &velocity);
     for (int j = 0; j < m; j++)
@@ -702,7 +744,8 @@ ClearanceRows Clearance::after(Vec q, Vec x, const ClearanceRate& rate)
     }
     if (std::none_of(may.begin(), may.end(), [](double share) { return share > 0; }))
         return found;
-    const Search end(*this, joints_of(scene, arm_of, rate, m, w), there, velocity, {1 / rate.dt, INFINITY, 0, INFINITY}, may);
+    const ClearanceSearch end(*this, joints_of(scene, arm_of, rate, m, w), there, velocity,
+                              {1 / rate.dt, INFINITY, 0, INFINITY}, may);
     bool kept = true;
     for (int k = 0; k < pairs(); k++)
         kept = kept && (may[k] == 0 || end.least[k] - others[k] >= std::min(now.distances[k], enough()));
@@ -734,7 +777,8 @@ std::vector<double> Clearance::distances_at(Vec q)
         Vec velocity;
         const Vec there = around(q, 0, &velocity);
         velocity.part(0, m).fill(0);
-        const Search search(*this, joints_of(scene, arm_of, none, m, w), there, velocity, {0, ESCAPE, 0, INFINITY}, shares());
+        const ClearanceSearch search(*this, joints_of(scene, arm_of, none, m, w), there, velocity,
+                                     {0, ESCAPE, 0, INFINITY}, shares());
         if (!judge(search.least))
             return search.least;
     }
@@ -784,8 +828,9 @@ bool Clearance::judge(const std::vector<double>& distances)
     return found;
 }
 
-// Whether two shapes are nearer than the distance wherever the joints between them are: in other states they are at most
-// as far apart as a place of theirs is, and a joint moves that by how far it is from its axis. So some states show it.
+// Whether two shapes are nearer than the distance wherever the joints between them are: in other states they are at
+// most as far apart as a place of theirs is, and a joint moves that by how far it is from its axis. So some states
+// show it.
 bool Clearance::shows_always_near(int k, Workspace& w) const
 {
     const Workspace::Frame frame(w);
@@ -805,7 +850,8 @@ bool Clearance::shows_always_near(int k, Workspace& w) const
     std::vector<std::array<Vec, 2>> cells;
     Vec low(w, n), high(w, n);
     for (int a = 0; a < n; a++) {
-        low[a] = std::max(scene.arms[0].lower[from + a], -HALF_TURN), high[a] = std::min(scene.arms[0].upper[from + a], HALF_TURN);
+        low[a] = std::max(scene.arms[0].lower[from + a], -HALF_TURN),
+        high[a] = std::min(scene.arms[0].upper[from + a], HALF_TURN);
     }
     cells.push_back({low, high});
     const double apart = (1 - 1e-9) * scene.distance;  // at the distance, but for rounding, is not nearer

@@ -1,4 +1,4 @@
-// The links of an arm keep a distance from each other and from what is around them; control/clearance.py states the law.
+// The links of an arm keep a distance from each other and from obstacles; control/clearance.py explains the law.
 //
 //     C x >= -alpha (d - d_min) - n'v_obstacle        C = w'J on the joints between two bodies,  w = (p x n; n)
 //
@@ -31,12 +31,12 @@ struct ClearancePair {
 };
 // What of a clearance never changes.
 struct ClearanceScene {
-    double distance;                  // d_min
-    std::vector<ClearanceArm> arms;   // the arm itself is the first
+    double distance;                 // d_min
+    std::vector<ClearanceArm> arms;  // the arm itself is the first
     std::vector<ClearanceShape> shapes;
     std::vector<ClearancePair> pairs;
-    int obstacles = 0;                // how many are moved by `move`
-    bool chosen = false;              // whether somebody chose the pairs: none is left out then
+    int obstacles = 0;    // how many are moved by `move`
+    bool chosen = false;  // whether somebody chose the pairs: none is left out then
     // Places of shapes i and j of which one is a mesh.
     std::function<void(int i, const Shape&, int j, const Shape&, Places&)> meshes;
 };
@@ -65,7 +65,8 @@ class Clearance {
     // Before the first tick, what was moved is where it has always been.
     void start();
 
-    // A tick of a loop begins at q (m,). The last one began at some time, none before the first: when this one does [s].
+    // A tick of a loop begins at q (m,); the last one began at a time [s], none before the first. When this one begins
+    // [s].
     double begin(std::optional<double> last, Vec q, const ClearanceRate& rate);
     // The rows at q (m,) when the command acts, after a velocity `before` (m,).
     ClearanceRows rows(Vec q, Vec before, const ClearanceRate& rate);
@@ -76,7 +77,7 @@ class Clearance {
     // Where all shapes are.
     std::vector<Pose> placed(Vec q);
 
-    // Of the last call of `rows`: distances of pairs, infinite where they are neither the least nor near, and the nearest.
+    // Of the last call of `rows`: distances of pairs, infinite of those neither nearest nor near; and the nearest pair.
     const std::vector<double>& found() const { return now.distances; }
     int nearest() const;
     // Whether the last `begin` was the first of a loop.
@@ -98,14 +99,17 @@ class Clearance {
   private:
     // What moves by itself: an obstacle's frame, 16 numbers of a pose and a twist; or an arm's joints.
     struct Mover {
-        std::vector<double> place, speed;   // where it is, and how fast where that is declared
-        bool declared = true, fresh = true; // whether it was moved since the last tick
-        std::vector<double> last, found;    // where it was in the last tick, and how fast by then
-        double at = -INFINITY, between = 0; // when that was, and how long after the place before
+        std::vector<double> place, speed;    // where it is, and how fast where that is declared
+        bool declared = true, fresh = true;  // whether it was moved since the last tick
+        std::vector<double> last, found;     // where it was in the last tick, and how fast by then
+        double at = -INFINITY, between = 0;  // when that was, and how long after the place before
 
         const std::vector<double>& velocity() const { return declared ? speed : found; }
         void observe(double time, double alpha, const std::vector<double>& turns);
-        template <class F> void each(F f) { f(place), f(speed), f(declared), f(fresh), f(last), f(found), f(at), f(between); }
+        template <class F> void each(F f)
+        {
+            f(place), f(speed), f(declared), f(fresh), f(last), f(found), f(at), f(between);
+        }
     };
     struct Memory {
         double time = 0;                             // of all loops whose limit this is [s], by the ticks
@@ -124,17 +128,17 @@ class Clearance {
         int from[2], to[2];  // the joints that move each shape of a pair alone
     };
     ClearanceScene scene;
-    int m, all = 0;                          // joints of the arm, of all arms
-    std::vector<int> arm_of, first_of;       // (M,) which arm a joint is of; (arms,) its first joint
-    std::vector<Between> between;            // (k,)
-    std::vector<double> levers;              // (n, M)
+    int m, all = 0;                     // joints of the arm, of all arms
+    std::vector<int> arm_of, first_of;  // (M,) which arm a joint is of; (arms,) its first joint
+    std::vector<Between> between;       // (k,)
+    std::vector<double> levers;         // (n, M)
     Memory now;
     bool begins = false;
     std::vector<Pose> place;                 // (n,) of shapes at q = 0, obstacles where they are when a command acts
     std::vector<Twist> twists;               // (n,) of shapes by themselves
     std::vector<std::vector<double>> shift;  // of obstacles, by how much they will have moved by then
 
-    friend class Search;
+    friend class ClearanceSearch;
     void set_levers(int shape, const std::vector<Twist>& screws);
     void renew(int mover);
     void place_all(double delay);
@@ -144,6 +148,7 @@ class Clearance {
     Vec around(Vec own, double delay, Vec* velocity) const;
     std::vector<double> distances_at(Vec q);
     void keep(const std::vector<double>& distances, bool first);
+    void hold_back(ClearanceRows& rows, double lacks, Vec before, const ClearanceRate& rate) const;
     bool judge(const std::vector<double>& distances);
     bool shows_always_near(int pair, Workspace& w) const;
 };

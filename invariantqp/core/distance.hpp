@@ -3,21 +3,22 @@
 //     d = min |y - x| - r_a - r_b  over x in core a, y in core b       apart
 //     d = -(least way out) - r_a - r_b                                 where the cores go into each other
 //
-// Between parallel faces the nearest points jump at the slightest turn, and a limit at them alone trembles. So a pair has
-// several places: the nearest points, and the ends and corners of each core against the other one.
+// Between parallel faces the nearest points jump at the slightest turn, and a limit at them alone trembles. So a pair
+// has several places: the nearest points, and the ends and corners of each core against the other one.
 #pragma once
 #include "chain.hpp"
 
 namespace iq {
 
-constexpr double PARALLEL = 1e-14;      // a sine, or its square, below which lines have no common normal
-constexpr double NO_DIRECTION = 1e-12;  // a vector below this has no direction [length], of unit vectors no cross product
+constexpr double PARALLEL = 1e-14;  // a sine, or its square, below which lines have no common normal
+constexpr double NO_DIRECTION =
+    1e-12;  // a vector below this has no direction [length], of unit vectors no cross product
 
-enum class Core { segment, box, half_space, mesh };  // what a shape is round of; geometry/shapes.py
+enum class ShapeCore { segment, box, half_space, mesh };  // what a shape is round of; geometry/shapes.py
 
 // All points within a radius of a core: a segment along z, a box of half sizes, or what lies below the plane z = 0.
 struct Shape {
-    Core core;
+    ShapeCore core;
     double radius;
     Vec3 half;
     Pose at;
@@ -33,7 +34,8 @@ struct Place {
     Vec3 normal, point;  // a unit vector from the first to the second; the point of the first core on that line
 };
 
-// Places of two shapes: at most the edges of two boxes against the other one, twice each with its shadow, and all corners.
+// Places of two shapes: at most the edges of two boxes against the other one, twice each with its shadow, and all
+// corners.
 struct Places {
     int count = 0;
     Place at[96];
@@ -157,7 +159,7 @@ inline void point_and_box(const Vec3& y, const Shape& b, double sign, Places& fo
     if (d > NO_DIRECTION)
         found.add(d, (-sign / d) * out, sign > 0 ? x : x - out);
     else
-        way_apart({Core::segment, 0, {0, 0, 0}, {b.at.R, x}}, b, sign, found);
+        way_apart({ShapeCore::segment, 0, {0, 0, 0}, {b.at.R, x}}, b, sign, found);
 }
 
 // t in [0, 1] for which p + t u is nearest to the box |y| <= h: where a monotone slope is zero.
@@ -182,8 +184,8 @@ inline double nearest_to_box(const Vec3& p, const Vec3& u, const Vec3& h)
     return 1;
 }
 
-// A segment p + t u, in the frame of box b, against it: the nearest point, where its shadow on the nearest face begins and
-// ends, and its own `ends`. False where it goes into the box.
+// A segment p + t u, in the frame of box b, against it: the nearest point, where its shadow on the nearest face begins
+// and ends, and its own `ends`. False where it goes into the box.
 inline bool segment_and_box(const Vec3& p, const Vec3& u, const Shape& b, double sign, bool ends, Places& found)
 {
     const Vec3& h = b.half;
@@ -232,7 +234,8 @@ inline void boxes(const Shape& a, const Shape& b, Places& found)
             const Vec3 y = other.into(one.at * corner(one.half, i) - other.at.p);
             point_and_box(y, other, sign, found);
             for (int k = 0; k < 3; k++)
-                if (!(i >> k & 1) && !segment_and_box(y, 2 * one.half[k] * other.into(one.axis(k)), other, sign, false, found)) {
+                if (!(i >> k & 1)
+                    && !segment_and_box(y, 2 * one.half[k] * other.into(one.axis(k)), other, sign, false, found)) {
                     found.count = 0;
                     return way_apart(a, b, 1, found);
                 }
@@ -257,17 +260,17 @@ inline void core_and_plane(const Shape& a, const Shape& b, double sign, Places& 
 inline Places places(const Shape& a, const Shape& b)
 {
     Places found;
-    if (a.core == Core::half_space && b.core == Core::half_space)
+    if (a.core == ShapeCore::half_space && b.core == ShapeCore::half_space)
         return found;
-    if (b.core == Core::half_space)
+    if (b.core == ShapeCore::half_space)
         core_and_plane(a, b, 1, found);
-    else if (a.core == Core::half_space)
+    else if (a.core == ShapeCore::half_space)
         core_and_plane(b, a, -1, found);
-    else if (a.core == Core::segment && b.core == Core::segment)
+    else if (a.core == ShapeCore::segment && b.core == ShapeCore::segment)
         segments(a, b, found);
-    else if (a.core == Core::segment)
+    else if (a.core == ShapeCore::segment)
         round_and_box(a, b, 1, found);
-    else if (b.core == Core::segment)
+    else if (b.core == ShapeCore::segment)
         round_and_box(b, a, -1, found);
     else
         boxes(a, b, found);
@@ -278,9 +281,9 @@ inline Places places(const Shape& a, const Shape& b)
 // The distance of two shapes is at least this: that of balls about them.
 inline double at_least(const Shape& a, const Shape& b)
 {
-    if (b.core == Core::half_space)
+    if (b.core == ShapeCore::half_space)
         return dot(b.axis(2), a.at.p - b.at.p) - a.ball();
-    if (a.core == Core::half_space)
+    if (a.core == ShapeCore::half_space)
         return at_least(b, a);
     return norm(b.at.p - a.at.p) - a.ball() - b.ball();
 }

@@ -414,5 +414,6 @@ NB_MODULE(_core, m)
           "points"_a = nb::none(), "length"_a = nb::none(), "root"_a = nb::none(), "posture"_a = nb::none(),
           "metric"_a = nb::none(), "form"_a = nb::none(), "damping"_a = nb::none(), "guard"_a = nb::none(),
           "threads"_a = 1, "Velocities (N, m), residuals (N, 6) and numbers (N, 5) of many twists.");
+    nb::set_leak_warnings(false);  // objects that threads or caches still hold when Python ends
     bind_clearance(m);
 }
