@@ -1,6 +1,6 @@
 """The compiled modules: the engine in C++, `law`, and the older core in C for loops, and whether that is in use.
 
-The engine answers `solve_velocity`, `solve_velocities` and `solve_tasks`. The C core has the ticks of loops, by the law
+The engine answers `solve_velocity`, `solve_velocities` and `solve_tasks`, and has the rows of clearances. The C core has the ticks of loops, by the law
 in legacy/: it answers what that would, or hands the tick back to it. `INVARIANTQP_NATIVE=0` in the environment switches
 it off; `engine="python"` does for one loop or one robot.
 
