@@ -836,6 +836,30 @@ def test_a_target_inside_an_obstacle_and_a_fast_one_leave_joints_inside_their_li
     assert (q >= ur5.position_lower).all()
 
 
+@pytest.mark.parametrize("kind", ["twist", "goal"])
+def test_a_follower_keeps_the_distance_whichever_engine_ticks(panda, kind):
+    """Down onto the table: each tick of the core, which asks for the rows, is that of Python."""
+    ends = []
+    for engine_of_loop in ("compiled", "python"):
+        limit = Clearance(panda, HAND, [TABLE])
+        loop = iq.Controller(panda, dt=0.004, acceleration_limit=20.0, limits=[limit], engine=engine_of_loop)
+        follower, q, least = iq.Follower(loop), READY, 9.0
+        if kind == "goal":
+            follower.follow(below(panda, READY, 0.8)[None])
+        velocities, named = [], 0
+        for i in range(250):
+            if kind == "twist" and i % 10 == 0:
+                follower.twist([0.0, 0.0, 0.0, 0.0, 0.0, -0.8])
+            solution = follower.step(q)
+            q = q + 0.004 * solution.velocity
+            velocities.append(solution.velocity)
+            least, named = min(least, by_coal(limit, q)), named + ("panda_hand and table" in solution.reason)
+        assert 0.0195 < least < 0.021
+        assert named > 10
+        ends.append(np.array(velocities))
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-5)
+
+
 def test_a_path_into_a_wall_is_blocked_by_name(ur5):
     q = np.array([-0.6, -1.3, 1.9, -2.17, -1.57, 0.0])
     start = ur5.pose(q)
