@@ -159,7 +159,7 @@ class ClearanceSearch {
             const Shape& shape = shapes[scene.pairs[k].of[e]];
             for (int j = of.between[k].from[e]; j < of.between[k].to[e]; j++) {
                 const Twist& s = here->J[j];
-                most += approach[j] * (norm(s.v + cross(s.omega, shape.at.p)) + norm(s.omega) * shape.ball());
+                most += approach[j] * (norm(s.v + cross(s.omega, shape.at.p)) + norm(s.omega) * shape.ball);
             }
         }
         return most;
@@ -489,7 +489,7 @@ void Clearance::set_levers(int i, const std::vector<Twist>& screws)
     const ClearanceArm& arm = scene.arms[arm_of[body - 1]];
     const Shape& shape = scene.shapes[i].shape;
     Vec3 x = shape.at.p;
-    double reach = shape.core == ShapeCore::half_space ? INFINITY : shape.ball();
+    double reach = shape.core == ShapeCore::half_space ? INFINITY : shape.ball;
     for (int j = body - 1; j >= first; j--) {
         const double rate = norm(screws[j].omega);
         Vec3 slide = screws[j].v;

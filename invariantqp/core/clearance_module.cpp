@@ -27,15 +27,14 @@ std::vector<double> vector_of(Vec x) { return {x.begin(), x.end()}; }
 
 Shape shape_of(Vec numbers)
 {
-    Shape shape{static_cast<ShapeCore>(index(numbers[0], 0, 3, "core")),
-                numbers[1],
-                {numbers[2], numbers[3], numbers[4]},
-                Pose()};
+    Pose at;
     for (int i = 0; i < 3; i++)
-        shape.at.R[i] = {numbers[5 + 3 * i], numbers[6 + 3 * i], numbers[7 + 3 * i]}, shape.at.p[i] = numbers[14 + i];
-    if (!(shape.radius >= 0 && shape.half[0] >= 0 && shape.half[1] >= 0 && shape.half[2] >= 0))
-        refuse("a shape has a negative size");
-    return shape;
+        at.R[i] = {numbers[5 + 3 * i], numbers[6 + 3 * i], numbers[7 + 3 * i]}, at.p[i] = numbers[14 + i];
+    for (const double size : numbers.part(1, 5))
+        if (!(size >= 0))
+            refuse("a shape has a negative size");
+    const auto core = static_cast<ShapeCore>(index(numbers[0], 0, 3, "core"));
+    return {core, numbers[1], {numbers[2], numbers[3], numbers[4]}, at};
 }
 nb::object array_of(const Places& found)
 {

@@ -22,11 +22,11 @@ struct Shape {
     double radius;
     Vec3 half;
     Pose at;
+    double ball = norm(half) + radius;  // the radius of a ball about it
 
     Vec3 axis(int k) const { return {at.R[0][k], at.R[1][k], at.R[2][k]}; }
     // A direction in its own axes.
     Vec3 into(const Vec3& n) const { return n[0] * at.R[0] + n[1] * at.R[1] + n[2] * at.R[2]; }
-    double ball() const { return norm(half) + radius; }  // the radius of a ball about it
 };
 
 struct Place {
@@ -282,10 +282,10 @@ inline Places places(const Shape& a, const Shape& b)
 inline double at_least(const Shape& a, const Shape& b)
 {
     if (b.core == ShapeCore::half_space)
-        return dot(b.axis(2), a.at.p - b.at.p) - a.ball();
+        return dot(b.axis(2), a.at.p - b.at.p) - a.ball;
     if (a.core == ShapeCore::half_space)
         return at_least(b, a);
-    return norm(b.at.p - a.at.p) - a.ball() - b.ball();
+    return norm(b.at.p - a.at.p) - a.ball - b.ball;
 }
 
 }  // namespace iq

@@ -34,16 +34,17 @@ typedef struct {
 } Follow;
 
 /* The rows of a tick at q after a velocity x, or all of them where x is its answer and does not keep them to the tick's end.
-   HAND_BACK where Python has to answer, or where x is kept. */
+   HAND_BACK with an error of a function of Python's, where Python has to answer, or where x is kept. */
 Outcome rows_asked(Asked *asked, bool after, int m, const double *q, const double *x, Demand *demand)
 {
-    PyObject *found = PyObject_CallFunction(asked->who, "ONN", after ? Py_True : Py_False, new_vector(m, q), new_vector(m, x));
-    PyErr_Clear(); /* Python meets it once more */
+    PyObject *found = PyErr_Occurred() ? NULL : PyObject_CallFunction(asked->who, "ONN", after ? Py_True : Py_False, new_vector(m, q), new_vector(m, x));
+    if (found == NULL)
+        return HAND_BACK;
     if (found == Py_None && !after) {
         Py_DECREF(found);
         return DONE;
     }
-    PyArrayObject *C = found != NULL && PyTuple_CheckExact(found) && PyTuple_Size(found) == 4 ? (PyArrayObject *)PyTuple_GetItem(found, 0) : NULL;
+    PyArrayObject *C = PyTuple_CheckExact(found) && PyTuple_Size(found) == 4 ? (PyArrayObject *)PyTuple_GetItem(found, 0) : NULL;
     int rows = C != NULL && PyArray_Check(C) && PyArray_NDIM(C) == 2 && PyArray_DIM(C, 0) <= MOST_LIMITS ? (int)PyArray_DIM(C, 0) : 0;
     bool good = rows > 0 && matrix((PyObject *)C, rows, m, MOST, demand->G[0]) && vector(PyTuple_GetItem(found, 1), rows, demand->least) &&
                 vector(PyTuple_GetItem(found, 2), rows, demand->most);
@@ -53,7 +54,7 @@ Outcome rows_asked(Asked *asked, bool after, int m, const double *q, const doubl
         demand->limits = rows;
     }
     PyErr_Clear();
-    Py_XDECREF(found);
+    Py_DECREF(found);
     return good ? DONE : HAND_BACK;
 }
 
@@ -290,11 +291,12 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     if (!good || !moves(&f, arguments[15]))
         Py_RETURN_NONE;
     Outcome outcome = moved(&f);
+    outcome = PyErr_Occurred() ? HAND_BACK : outcome;
     PyObject *says = outcome == DONE ? said(&f) : NULL;
     Py_XDECREF(f.law.asked.names);
     Py_XDECREF(f.joints.asked.names);
     if (outcome == HAND_BACK)
-        Py_RETURN_NONE;
+        return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
     PyObject *way = f.joins ? new_matrix(6, m, m, f.left) : Py_NewRef(Py_None);
     PyObject *states = anew ? new_vector(states_of(m), f.states) : Py_NewRef(Py_None);
     PyObject *trouble = anew ? state_troubles(m, f.law.loop->dt, gain, f.states) : Py_NewRef(Py_None);
