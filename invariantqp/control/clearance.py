@@ -1,51 +1,53 @@
-"""Clearance: the links of an arm keep a distance from each other and from what is around them.
+"""Clearance: the links of an arm keep a distance from each other and from obstacles.
 
     C x >= -alpha (d - d_min) - n'v_obstacle        C = w'J on the joints between two bodies,  w = (p x n; n)
 
-for each place where a pair is near (`core/distance.hpp`): n from one body to the other, p a point of that line. The
-approach to d_min is exponential at the rate alpha = min(0.1 / dt, 1 / (e (D + dt/2))): a tick covers at most a tenth of
-the room, and what is decided on positions D seconds old does not overshoot.
+for each place where two bodies are near (`core/distance.hpp`): n is the direction from one body to the other, p a
+point of that line. Bodies approach d_min exponentially, at the rate alpha = min(0.1 / dt, 1 / (e (D + dt/2))): a tick
+covers at most a tenth of the room, and a command based on positions D seconds old does not overshoot.
 
-Joints with acceleration limits a do not stop at once. A velocity is then one that can still be braked from:
+**Joints with acceleration limits** a do not stop at once, so a velocity is allowed only if the arm can brake from it:
 
-    q_n(x) = q + dt (x + (1 - 1/N) x + (1 - 2/N) x + ...)     n ticks of braking x, all joints together in N(x) ticks:
-                                                              none harder than 0.7 a, but one whose range ends
-    d(q_n(x), n dt) - d_min >= (1 - alpha dt) (d(q_n(y), n dt) - d_min),    y the last velocity braked for a tick
+    q_n(x) = q + dt (x + (1 - 1/N) x + (1 - 2/N) x + ...)     n ticks of braking from x; all joints stop in N(x) ticks,
+                                                              at most at 0.7 a, except at the end of a joint's range
+    d(q_n(x), n dt) - d_min >= (1 - alpha dt) (d(q_n(y), n dt) - d_min),    y the last velocity braked for one tick
 
-to first order in x - y, N changing with x too, for the ticks n that it takes to stop, 0.7, 0.49, ... of them and 0. In
-the next tick braking on goes through the same states: where all of them kept the distance, x = y keeps every row, every
-acceleration and every joint limit. So rows contradict nothing, but where a start did or something moves otherwise than
-was declared. A way that is braked together stays along an obstacle where it was, however slow it is, so an arm that is
-held comes to rest; and no velocity comes nearer now than all of these states leave room for, whatever it would win in
-some of them by going on faster. So nothing is gained by swinging to and fro.
-What a state ahead lacks of d_min, a corner having been passed between two of them, is led back as far as limits leave.
-Two arms that do not know each other's velocity take half of the room each, or what the other one leaves as it goes.
-Another arm that brakes is in each of these states where its own joints have braked to.
+to first order in x - y, N changing with x too, for n = N, 0.7 N, 0.49 N, ... and 0. If the arm keeps braking, the next
+tick passes through the same states. Where all of them keep the distance, x = y satisfies every row, every acceleration
+limit and every joint limit, so the rows contradict nothing unless a start did, or something moves otherwise than was
+declared. Joints that brake together stay on their path, so an arm that is held against an obstacle comes to rest; and
+the approach in the present state is limited by what all braking states allow, so swinging gains nothing. If a state
+ahead is nearer than d_min, because a corner lies between two states, it is led back as far as the limits allow. Two
+arms that do not know each other's velocity take half of the room each, or what the other one leaves. Another arm that
+brakes is looked at where its own joints have braked to.
 
-What comes, by its twist or as its last two poses say, is gone before: where the arm could be as fast, it begins while
-there is room for its joints to become so, v being how fast it comes and a what they can along n; and while it moves
-away, it is looked at where it is, for it need not brake:
+**Obstacles that move** do so by their twist, or as their last two poses say. The arm makes way: if it can be as fast
+as the obstacle, it starts while its joints still have room to reach that speed. With v the speed at which the obstacle
+comes and a the acceleration of the joints along n,
 
-    C x >= v - sqrt(2 a (d - d_min)), nearly (`braking_speed`)        or as much as joints can
+    C x >= v - sqrt(2 a (d - d_min)), approximately (`braking_speed`)        or as much as the joints can
 
-Joints that stop at once may be anywhere in a tick, and rows linear about x = 0 do not see how their ways turn: at
-3 rad/s and 10 ms, by 3 mm. What that takes of d_min is led back, a tenth in a tick; an answer x that ends nearer than
-99.5 % of d_min, and than it began, is made once more, and so is that one, up to four times, beside rows
+While the arm moves away it need not brake, and only the present state is looked at.
+
+**Joints that stop at once** may go anywhere in a tick, and rows that are linear about x = 0 miss how their paths
+curve: by 3 mm at 3 rad/s and 10 ms. What curvature takes of d_min is led back, a tenth in a tick. A velocity x that
+ends nearer than 99.5 % of d_min, and nearer than it began, is computed again, up to four times, with the additional
+rows
 
     d(q + dt x) + dt C (x' - x) >= d_min,    C at q + dt x
 
-A row that no velocity can reach is left out, so there is no distance of influence; of the others the 16 most urgent are
-kept, each pair's nearest place before all others. Rows give way where they contradict joint limits, never the other way
-round.
+A row that every velocity inside the joint limits satisfies is left out, so there is no influence distance. Of the
+others the 16 most urgent are kept, the nearest place of each pair first. Rows give way where they contradict joint
+limits, never the other way round.
 
-A pair that is nearer than d_min in the first tick of a loop keeps the distance that it has, and each larger one that it
-comes to have, to 5 % of d_min, until that is d_min: an arm that is told to stay stays, with noise in its positions too.
-What gets nearer than that, because an obstacle came, is led out: all places of a pair ask for the way out of the
-nearest one, slowly; with brakes, for no more than the last velocity and a tick of 0.3 a are certain to reach.
+**A pair that is nearer than d_min in the first tick of a loop** keeps the distance that it has, and each larger one
+that it reaches, to 5 % of d_min, until that is d_min: an arm with a still target stays still, with noise in its
+positions too. A pair that gets nearer later, because an obstacle came, is led apart slowly: all its places ask for the
+way out of the nearest one; with acceleration limits, for no more than the last velocity and a tick of 0.3 a reach for
+certain.
 
-The engine does all of this (`core/clearance.hpp`); here are its arguments, and the names of what it finds.
-
-What it does not do: find a way around. An arm that is led straight into an obstacle stops before it.
+The engine computes all of this (`core/clearance.hpp`); this file has its arguments and the names of what it finds.
+Clearance does not find a way around: an arm that is led straight at an obstacle stops before it.
 """
 
 from __future__ import annotations

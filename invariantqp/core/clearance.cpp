@@ -784,7 +784,8 @@ std::vector<double> Clearance::distances_at(Vec q)
     }
 }
 
-// In a singular state a joint may move nothing for an instant: what it does move is told apart a hair beside it.
+// In a singular state joints may move nothing for an instant. A state beside it shows what they do move: a distance
+// that changes by more than they have turned, twice that for rounding.
 std::vector<double> Clearance::distances(Vec q)
 {
     Vec step(*q.w, all, 0);
@@ -793,7 +794,7 @@ std::vector<double> Clearance::distances(Vec q)
     std::vector<double> found = distances_at(q);
     const std::vector<double> aside = distances_at(q + step.part(0, m));
     for (int k = 0; k < pairs(); k++)
-        if (std::isinf(found[k]) || aside[k] < found[k] - nearer(k, step))
+        if (std::isinf(found[k]) || aside[k] < found[k] - 2 * nearer(k, step))
             found[k] = aside[k];
     return found;
 }

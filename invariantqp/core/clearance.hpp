@@ -47,11 +47,18 @@ struct ClearanceRate {
     double alpha, dt, joint_rate, delay;  // [1/s]; a tick [s]; of position limits [1/s]; dead time [s]
 };
 
-// lower <= C x <= upper: each of a pair, or -1 where it holds a joint of an arm that is too near back.
+// lower <= C x <= upper; `pair` says which pair each row is of, -1 of one that slows a joint while bodies are too near.
 struct ClearanceRows {
     Mat C;
     Vec lower, upper;
     std::vector<int> pair;
+
+    // Adds them to the rows of a tick.
+    void append_to(Mat& rows, Vec& least, Vec& most) const
+    {
+        if (!pair.empty())
+            rows = stacked(rows, C), least = joined(least, lower), most = joined(most, upper);
+    }
 };
 
 class Clearance {
