@@ -27,7 +27,7 @@ from invariantqp.velocity import reasons
 
 # What a newcomer looks for comes first on the page of public names.
 ORDER = (
-    *("robots", "control", "velocity", "batches", "paths", "force", "identification", "pose", "runs", "analysis"),
+    *("robots", "control", "velocity", "paths", "force", "identification", "pose", "runs", "analysis"),
     *("pictures", "view"),
     *("geometry", "systems", "compare", "engine", "errors", "version"),
 )

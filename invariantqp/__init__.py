@@ -10,7 +10,6 @@ from invariantqp.lazy import loaded_on_use
 
 if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp import analysis as analysis
-    from invariantqp import batches as batches
     from invariantqp import compare as compare
     from invariantqp import contacts as contacts
     from invariantqp import control as control

@@ -1,9 +1,6 @@
 # The compiled core; its sources are in csrc/.
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.solution import Status, VelocitySolution
 
@@ -11,7 +8,6 @@ CONSTANTS: dict[str, float]
 MOST_JOINTS: int
 MOST_ROWS: int
 MOST_LIMITS: int
-RECORD: int
 METHODS: tuple[str, ...]
 STATUSES: tuple[str, ...]
 
@@ -330,27 +326,6 @@ def tick(
 
 # By hand:
 def answer_as(kind: type[VelocitySolution], statuses: type[Status], /) -> None: ...
-def ticks(
-    law: Law,
-    unlimited: Law,
-    taken: NDArray[np.int32],
-    size: int,
-    /,
-    *,
-    J: Array,
-    s: Array,
-    lower: Array,
-    upper: Array,
-    velocity: Array,
-    residual: Array,
-    numbers: Array,
-    records: Array,
-    posture: Array | None = None,
-    roots: Array | None = None,
-    points: Array | None = None,
-    lengths: Array | None = None,
-) -> None: ...
-def solution(record: Array, /) -> VelocitySolution: ...
 def tasks(
     law: Law, unlimited: Law, tasks: tuple[Task, ...], /, *, J: Array, s: Array, **fields: Any
 ) -> VelocitySolution | None: ...

@@ -39,7 +39,6 @@ SAYS = {
     "23_conventions": "conventions.svg",
     "24_gallery": "tasks and",
     "27_rail_and_two_arms": "m of the 2 m, the arm does the rest",
-    "28_batches": "tight batches.velocities, numpy",
     "31_streams": "conveyor: on the part after",
     "32_from_mink": "Controller, 40 rad/s^2",
     "33_hand_guiding": "ur5    on a level alone",
@@ -68,7 +67,6 @@ SHORTER = {
     "33_hand_guiding": ("ur5",),
     "35_insertion": ("1", "0.1", "panda"),
     "37_force_profile": ("panda",),
-    "28_batches": ("--rows", "50", "--repeats", "2", "--libraries", "numpy"),
     "16_out_of_reach": ("film.gif", "1"),
 }
 

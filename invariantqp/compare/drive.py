@@ -12,13 +12,14 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from threading import Timer
 from typing import IO, Any, cast
 
 import numpy as np
+from joblib import Parallel, delayed
+from joblib.parallel import get_active_backend
 
 from invariantqp.compare.environments import python_of
 from invariantqp.compare.figures import Figures, figures
@@ -65,6 +66,7 @@ class Process:
         process = self._process = self._process or self._start()
         pipes = cast("tuple[IO[str], IO[str]]", (process.stdin, process.stdout))
         timer = Timer(REQUEST_TIMEOUT, process.kill)
+        timer.daemon = True  # so that an interrupted comparison ends at once
         timer.start()
         try:
             pipes[0].write(json.dumps({"request": request, **more}) + "\n")
@@ -180,29 +182,58 @@ def as_json(task: BedTask) -> dict[str, Any]:
     return {"spec": task.spec.as_json(), "feedforward": ahead, **arrays}
 
 
-def run_all(
-    tasks: Sequence[BedTask], methods: Sequence[Method], teams: Sequence[Workers]
-) -> Iterator[tuple[BedTask, dict[str, Figures]]]:
-    """Every task with the figures of every method, in the order in which they are finished; a task a team at a time.
+class Teams:
+    """The workers of this process: one set for each task that is measured at the same time, kept for the next task."""
 
-    The teams are closed at the end, also where it is interrupted.
-    """
-    free: SimpleQueue[Workers] = SimpleQueue()
-    for workers in teams:
-        free.put(workers)
+    def __init__(self) -> None:
+        self._all: list[Workers] = []
+        self._free: dict[tuple[str, ...], SimpleQueue[Workers]] = {}
 
-    def one(task: BedTask) -> tuple[BedTask, dict[str, Figures]]:
-        workers = free.get()
+    def run(self, task: BedTask, methods: Sequence[Method]) -> dict[str, Figures]:
+        """What `Workers.run` returns."""
+        free = self._free.setdefault(tuple(method.name for method in methods), SimpleQueue())
         try:
-            return task, workers.run(task, methods)
+            workers = free.get_nowait()
+        except Empty:
+            workers = Workers(methods)
+            self._all.append(workers)
+        try:
+            return workers.run(task, methods)
         finally:
             free.put(workers)
 
-    pool = ThreadPoolExecutor(len(teams))
+    def close(self) -> None:
+        """End the processes."""
+        self._free = {}
+        while self._all:
+            self._all.pop().close()
+
+
+# A cluster's processes keep theirs until they end.
+TEAMS = Teams()
+
+
+def measured(task: BedTask, methods: Sequence[Method]) -> tuple[BedTask, dict[str, Figures]]:
+    """A task with the figures of every method, in whatever process this is called."""
+    return task, TEAMS.run(task, methods)
+
+
+def run_all(
+    tasks: Sequence[BedTask], methods: Sequence[Method], jobs: int = 1
+) -> Iterator[tuple[BedTask, dict[str, Figures]]]:
+    """Every task with the figures of every method, in the order in which they are finished, by joblib.
+
+    `jobs` tasks are measured at a time, -1 is one a core, or one for each worker of the back end that
+    `joblib.parallel_config` names. The processes of methods are closed at the end, also where it is interrupted.
+    """
+    calls = [delayed(measured)(task, methods) for task in tasks]
     try:
-        for done in as_completed([pool.submit(one, task) for task in tasks]):
-            yield done.result()
+        yield from Parallel(jobs, prefer="threads", **_as_finished())(calls)
     finally:
-        for workers in teams:
-            workers.close()
-        pool.shutdown(cancel_futures=True)
+        TEAMS.close()
+
+
+def _as_finished() -> dict[str, Any]:
+    """The option of Parallel for results as they are finished, if the back end has that: Ray has not."""
+    has = get_active_backend(prefer="threads")[0].supports_return_generator
+    return {"return_as": "generator_unordered"} if has else {}

@@ -11,7 +11,7 @@ import numpy as np
 from invariantqp.geometry.arrays import Array
 
 # The rows of our own law, by its two engines.
-OURS, IN_PYTHON = "invariantqp", "invariantqp in Python"
+OURS = "invariantqp"
 # The modules of methods: each has its METHODS. Other environments have methods of the last one.
 MODULES = tuple(f"invariantqp.compare.{name}" for name in ("ours", "by_hand", "libraries"))
 # Rows of the last family have settings that were tried and are not the best; only those who name them get them.

@@ -1,4 +1,4 @@
-"""Our own law, by the compiled core and by its definition in Python."""
+"""Our own law, by the engine and by its definition in Python."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from invariantqp.compare.arms import chain_of
-from invariantqp.compare.method import IN_PYTHON, OTHER_SETTINGS, OURS, LoopSpec, Method, MethodSetting
-from invariantqp.control.definition import DefinitionController
-from invariantqp.engine import Engine
+from invariantqp.compare.method import OTHER_SETTINGS, OURS, LoopSpec, Method, MethodSetting
+from invariantqp.control.controller import Controller
 from invariantqp.geometry.arrays import Array
 from invariantqp.runs.controllers import our_controller
 from invariantqp.runs.taskfile import LawSpec, law_options
@@ -18,9 +17,9 @@ from invariantqp.runs.taskfile import LawSpec, law_options
 class Ours:
     """The law of this library as shipped: a `Controller` with its defaults."""
 
-    def __init__(self, spec: LoopSpec, engine: Engine = "compiled") -> None:
+    def __init__(self, spec: LoopSpec) -> None:
         self.robot = chain_of(spec)
-        self.controller = our_controller(self.robot, LawSpec.model_validate(spec.law), engine=engine)
+        self.controller = our_controller(self.robot, LawSpec.model_validate(spec.law))
 
     def target(self, pose: Array, feedforward: Array | None) -> Any:
         """A target object; a pose that is none as it is."""
@@ -33,25 +32,17 @@ class Ours:
         return self.controller.step(q, target, feedforward).velocity
 
 
-class InPython(Ours):
-    """The same law by its definition in Python."""
-
-    def __init__(self, spec: LoopSpec) -> None:
-        super().__init__(spec, "python")
-
-
 class ByDefinition(Ours):
-    """The law of velocity/definition.py, in the same loop."""
+    """The same by velocity/definition.py, with DAQP, in the same loop."""
 
     def __init__(self, spec: LoopSpec) -> None:
         self.robot = chain_of(spec)
         options = law_options(self.robot, LawSpec.model_validate(spec.law))
-        self.controller = DefinitionController(self.robot, **options)
+        self.controller = Controller(self.robot, **options, backend="daqp")
 
 
-SETTING = MethodSetting("in the null space, while the tool moves", "in the law", "adaptive", point="given, with length")
+SETTING = MethodSetting("in the null space, while the tool moves", "in the law", "none", point="given, with length")
 METHODS = [
     Method(OURS, "ours", Ours, SETTING),
-    Method(IN_PYTHON, "ours", InPython, SETTING, slow=True),
     Method("the definition", OTHER_SETTINGS, ByDefinition, SETTING, slow=True),
 ]

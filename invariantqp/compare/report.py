@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from invariantqp.compare import tables
-from invariantqp.compare.method import IN_PYTHON, OURS
+from invariantqp.compare.method import OURS
 from invariantqp.compare.results import Measured, Results, failures, measured, tick_us
 from invariantqp.compare.tables import Table, frame_change
 from invariantqp.pictures.figure import figure_file
@@ -58,7 +58,7 @@ def draw(results: Results, file: Path, colours: Colours = LIGHT, columns: int = 
     """Draw the chart with at most so many panels in a row; the ending of the file tells the format."""
     kinds = {task["kind"] for task in results["tasks"]}
     panels = {kind: panel for kind, panel in PANELS.items() if kind in kinds} or {min(kinds): ERROR}
-    names = [name for name in tables.names_of(results) if name != IN_PYTHON]
+    names = tables.names_of(results)
     tasks = measured(results)
     looks = {name: (marker_of(name, names), colour_of(frame_change(tasks, name), colours)) for name in names}
     columns = min(columns, len(panels))

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from invariantqp.compare.figures import Figures, dominates
-from invariantqp.compare.method import IN_PYTHON, OURS, Method
+from invariantqp.compare.method import OURS, Method
 from invariantqp.compare.tasks import OTHER_FRAME, BedTask
 from invariantqp.extras import is_installed
 from invariantqp.version import __version__
@@ -48,7 +48,7 @@ class Measured(NamedTuple):
 
     def dominating(self, name: str) -> list[str]:
         """The methods that dominate one, but for our law in the other engine; none where methods are not compared."""
-        others = [other for other in self.runs if self.judged and other != IN_PYTHON]
+        others = [other for other in self.runs if self.judged]
         return [other for other in others if dominates(self.runs[other], self.runs[name])]
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import difflib
-import os
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
+from contextlib import closing
 from importlib import import_module
 
 from invariantqp.compare.arms import STARTS
@@ -90,24 +89,20 @@ def sweep(
         methods: as `methods_named` finds them.
         seed: what the tasks were made from.
         quick: whether slow methods are left out.
-        jobs: how many tasks are measured at a time; -1 is one a core. For times to quote, 1.
+        jobs: how many tasks are measured at a time; -1 is one a core, or one for each worker of the back end that
+            `joblib.parallel_config` names. For times to quote, 1.
         progress: called with (tasks done, tasks in all).
     """
     asked = [method for method in methods if not (quick and method.slow)]
-    teams = [Workers(asked) for _ in range((os.cpu_count() or 1) if jobs < 0 else jobs)]
-    with ExitStack() as at_end:
-        for team in teams:
-            at_end.callback(team.close)
-        versions = teams[0].installed()
-        able = [method for method in asked if method.name in versions]
-        if not able:
-            names = ", ".join(method.name for method in methods)
-            raise BadInput(
-                "--methods", f"{names}: none of these can be run", "a method that is installed and not left out"
-            )
-        found = {}
-        for task, runs in run_all(tasks, able, teams):
-            found[task.name] = (task, runs)
-            if progress is not None:
-                progress(len(found), len(tasks))
+    with closing(Workers(asked)) as workers:
+        versions = workers.installed()
+    able = [method for method in asked if method.name in versions]
+    if not able:
+        names = ", ".join(method.name for method in methods)
+        raise BadInput("--methods", f"{names}: none of these can be run", "a method that is installed and not left out")
+    found = {}
+    for task, runs in run_all(tasks, able, jobs):
+        found[task.name] = (task, runs)
+        if progress is not None:
+            progress(len(found), len(tasks))
     return collect(able, versions, [found[task.name] for task in tasks], seed=seed, quick=quick)

@@ -1,24 +1,24 @@
 """The loop body: measured joint positions and a target in, a joint velocity inside the limits out.
 
-    s = b gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, box(q))
+    s = b gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, limits(q))
 
 The error twist is taken in the base frame, where it is the same whatever frame the tool has; b slows the approach down
-where acceleration limits need room to brake (`approach`).
+where acceleration limits need room to brake. A tick is computed by the engine (`core/loop.hpp`); this file reads
+arguments, and asks functions and limits that are the user's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from copy import deepcopy
-from dataclasses import replace
-from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+from collections.abc import Sequence
+from copy import copy, deepcopy
+from numbers import Real
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.compiled import acts_at, compiled_loop, compiled_tick
-from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
+from invariantqp.control.callbacks import Callbacks, seen
+from invariantqp.control.demands import Exact, ExactPoint, View, demand_fields, demands_of, require_rows, rows_of
 from invariantqp.control.limits import (
     AccelerationLimit,
     AnyLimit,
@@ -27,66 +27,38 @@ from invariantqp.control.limits import (
     Limit,
     LoopLimits,
     Rows,
+    limit_fields,
     limits_of,
     loop_of,
     refuse,
     require_range,
     row_limit,
+    tool_speed_fields,
     tool_speed_of,
 )
 from invariantqp.control.measure import ToolMeasure
-from invariantqp.control.memory import HEADER, Memory, ticks_late
-from invariantqp.control.response import units
-from invariantqp.control.tracking import (
-    Approach,
-    approach,
-    question_gain,
-    question_times,
-    same_turn,
-    tracking_gain,
-    tracking_twist,
-)
-from invariantqp.engine import ENGINES, Engine
-from invariantqp.errors import BadInput, excerpt
+from invariantqp.control.tracking import question_gain, question_times, ticks_late, tracking_gain
+from invariantqp.engine import law
+from invariantqp.errors import BadInput, InvariantQPError, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import turning
-from invariantqp.legacy.damping import Damping, Fixed, PaperLambda, damping_of
-from invariantqp.legacy.law import SLACK, SLACK_GAIN, Chase, Demand, VelocityLaw
-from invariantqp.legacy.solve import solve, standing
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.kinematics import (
-    Robot,
-    Sighting,
-    continuous_turns,
-    joint_displacement,
-    middle,
-    require_robot,
-    unwrapped,
-)
+from invariantqp.robots.kinematics import Robot, Sighting, continuous_turns, middle, require_robot
 from invariantqp.velocity.arguments import metric_of
 from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard, guard_of
-from invariantqp.velocity.limits import LimitRows, ToolSpeed, accelerations
-from invariantqp.velocity.reasons import Code, Reason, read
-from invariantqp.velocity.solution import Status, VelocitySolution, with_trouble
+from invariantqp.velocity.limits import ToolSpeed, accelerations
+from invariantqp.velocity.problem import form_fields, no_projector, solution_of
+from invariantqp.velocity.reasons import Code, told
+from invariantqp.velocity.solution import VelocitySolution, both
 
-if TYPE_CHECKING:
-    from invariantqp.engine import Loop
-
-# Damping over the measure's length, the arm's reach, beside which joint twists count for nothing: for 1e-5, squared.
-OF_JOINTS = 1000.0
-# So often at most an answer is made again that does not keep a limit to its end. Measured: a UR5 beside a box, ticks of
-# 10 ms, comes as near as 19.61 mm of 20 with 1, 19.72 with 2, 19.90 with 4.
-AGAIN = 4
 # The default gain [1/s]: slow beside any tracking gain, fast enough to keep the arm off its limits on long paths.
 POSTURE_GAIN = 1.0
-# In which a posture may bring joints to full speed [s]. Measured: the largest acceleration on 45 singular paths of
-# seven-joint arms at 100 Hz, as a share of five times that of damped least squares and 10 rad/s^2, and how many of 180
-# tight tasks a QP dominates: 4.1 and 9 without it, 1.5 and 7 with .1 s, 1.2 and 8 with .2, .8 and 11 with .5.
-POSTURE_TIME = 0.2
+# An error of this share of a radian may stay where the arm is next to the least error that it can reach.
+SLACK = 2e-3
 
 
 class Controls(Protocol):
@@ -97,38 +69,28 @@ class Controls(Protocol):
         ...
 
 
-class Observed(NamedTuple):
-    """One tick."""
-
-    positions: Array  # (m,) checked joint positions, as measured
-    there: Array  # (m,) where the joints are when the command of this tick acts
-    sighting: Sighting  # the robot's state there
-    target: Any  # as the robot returned it
-    root: Array  # (6, 6) of the measure
-    before: Array  # (m,) the joint velocity before
-    memory: Memory  # with what the joints did since the tick before
-
-
 class Controller:
     """Task-space velocity control of one arm; `step` is one tick. One controller drives one arm, in one thread.
 
-    Its attributes do not change: make another one instead. A copy, shallow or deep, is a loop of its own.
+    Its attributes do not change, but `state`: make another one instead. A copy is a loop of its own.
 
     Attributes:
-        robot, dt, gain, delay: as given.
-        law: form, damping, guard, joint metric and solver, fixed for the loop.
+        robot, dt, gain, delay, backend: as given.
+        form: what is attempted of a twist that the joints cannot do, or None.
         measure: the point and length by which twists are measured.
         posture_gain: [1/s], 0 where the null space has no posture.
         exact: what is met exactly.
-        row_rank: how many independent rows of it the arm can keep in its best state; None is all.
+        guard: the descent guard of the form, or None.
+        limits: all limits of the loop.
         box: position and velocity limits.
         braking: the same with acceleration limits, or None.
         tool_speed: the speed limit of a point of the tool, or None.
         joint_rows: limits on combinations of joint velocities, or None.
         turns: (m,) whole turns of continuous joints, whose positions are compared modulo these; 0 of other joints.
+        options: the arguments that it was made with, by name.
+        state: what the loop remembers between ticks: last commands, measured positions, how joints respond, what the
+            last twist missed. A value: it copies, compares and pickles, and may be set to one that was kept.
     """
-
-    _ticks = True  # not of a loop that is asked within ticks of another
 
     def __init__(
         self,
@@ -137,12 +99,12 @@ class Controller:
         dt: float,
         gain: float | None = None,
         form: Form | CarriedMetric | float | None = None,
-        damping: Damping | PaperLambda | float | None = None,
+        damping: float | None = None,
         guard: Guard | bool = True,
         posture: ArrayLike | bool = True,
         posture_gain: float = POSTURE_GAIN,
         joint_metric: ArrayLike | None = None,
-        backend: Backend | str = "daqp",
+        backend: Backend | str | None = None,
         exact: Exact
         | ExactRows
         | Sequence[Exact | ExactRows | Literal["position"]]
@@ -157,25 +119,25 @@ class Controller:
         rows: Rows | None = None,
         limits: Sequence[AnyLimit] = (),
         far_outside: Literal["hold", "return"] = "hold",
-        engine: Engine = "compiled",
     ) -> None:
         """Make the loop's fixed part.
 
         Args:
-            robot: from `load_robot`, or anything that meets `Robot`.
+            robot: from `load_robot`, or anything that meets `Robot`; up to 64 joints.
             dt: tick [s].
             gain: tracking gain [1/s], at most 1/dt; None is 0.1/dt, a tenth of the error in a tick, or less where a
                 delay is given.
             form: what is attempted of a twist that the joints cannot do; None is least squares at the point.
-            damping: lambda, or a policy such as `velocity.Selective`; None is `velocity.Adaptive()`.
+            damping: lambda of a pitch form, as in `systems.damped_pseudoinverse`; None is 0. Without a form the law
+                damps by what the last tick missed.
             guard: the descent guard of a form; True is the default one, False none.
             posture: (m,) joint positions that are kept near where the tool's motion leaves joints free; True is the
                 middle of the ranges of hinges, not of slides, for arms with more than six joints, False is none. Where
                 the task rests, so do the joints.
-            posture_gain: how fast the posture is approached while the tool moves [1/s]. What joints do for it changes
-                by at most their full speed in 0.2 s, so they are neither jerked off nor stopped at once.
+            posture_gain: how fast the posture is approached while the tool moves [1/s].
             joint_metric: as in `solve_velocity`.
-            backend: "daqp", any solver that qpsolvers has, or a `Backend` of yours.
+            backend: None is the engine; "daqp", any solver that qpsolvers has, or a `Backend` of yours solves
+                `velocity.definition` in each tick instead, in milliseconds.
             exact: what is met exactly while the rest is least squares: "position" for the tool frame's origin, an
                 ExactPoint, ExactAxis, ExactPlane, ExactJoints or ExactRows, or several of them.
             point: (3,) in the tool frame, the physical point where accuracy counts; None is the point met exactly
@@ -196,8 +158,6 @@ class Controller:
                 call rows by their names, those without one by their place in the list. Pink cannot pickle its.
             far_outside: "hold" stands still, "held", where a joint that turns is told to be more than 0.5 rad outside
                 its position range, as one in degrees is; "return" moves back from there too.
-            engine: "compiled" for the compiled core where it is installed and has this loop, "python" for the
-                definition in Python alone, which answers the same later.
 
         Raises:
             BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is not a limit, a posture far
@@ -210,136 +170,124 @@ class Controller:
                 error in a tick; JointLimits more than two turns away from zero, as in degrees; a tool speed of thirty
                 times the arm's length in a second, as in millimetres.
         """
-        by = arrays.choice(engine, "engine", ENGINES)
-        robot = require_robot(robot)
-        if isinstance(robot, Chain):
-            robot = robot.by_engine(by) if by == "python" else robot
-            by = robot.engine
-        self.robot = robot
+        given = {name: value for name, value in locals().items() if name not in {"self", "robot"}}
+        self.options: dict[str, Any] = given
+        self.robot: Robot = require_robot(robot)
         m = len(robot.names)
+        if m > law.MOST_JOINTS:
+            raise BadInput("robot", f"{m} joints", f"at most {law.MOST_JOINTS}", "Name those that move: joints=[...].")
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
         self.delay: float = arrays.not_negative(delay, "delay", "a dead time in seconds")
         question_times(self.dt, self.delay)
+        ticks_late(self.delay, self.dt)  # refuses one that is too long
         self.gain: float = tracking_gain(gain, self.dt, self.delay)
         if gain is not None:
             question_gain(self.gain, self.dt)
         self.exact: tuple[Exact, ...] = demands_of(exact)
-        self.row_rank: int | None = row_rank(self.exact, robot) if self.exact else None
         mid = middle(robot)
-        self._count = m
-        seen = robot.sight(mid, robot.target(robot.pose(mid)))  # also loads what the first tick needs
+        state = robot.sight(mid, robot.target(robot.pose(mid)))  # also loads what the first tick needs
         tip = np.asarray(robot.pose(mid)[:3, 3])
+        if self.exact:  # refuses those of another arm
+            rows_of(self.exact, View(robot, state, robot.target(robot.pose(mid)), 1.0, np.zeros(6)))
         chosen = form_of(form)
         carried = chosen if isinstance(chosen, CarriedMetric) else None
+        self.form: Form | None = None if isinstance(chosen, CarriedMetric) else chosen
         anchor = next((d.point for d in self.exact if isinstance(d, ExactPoint)), None) if point is None else point
         self.measure: ToolMeasure = ToolMeasure(robot, anchor, length, carried)
-        self.law: VelocityLaw = VelocityLaw(
-            form=None if isinstance(chosen, CarriedMetric) else chosen,
-            damping=damping_of(damping, limited=bool(np.isfinite(robot.velocity_limit).all())),
-            guard=guard_of(guard),
-            metric=metric_of(joint_metric, seen.J, tip, self.measure.length),
-            backend=backend_of(backend),
-            dt=self.dt + self.delay,
-            engine=by,
-        )
-        self._posture, self._pull = posture_of(posture, posture_gain, robot)
-        self.posture_gain: float = float(self._pull.max())
-        self._slack = SLACK * min(self.gain, SLACK_GAIN) * self.measure.radian
-        told: list[Limit] = [] if rows is None else [row_limit(rows)]
-        told += [] if tool_speed is None else [tool_speed_of(tool_speed)]
-        told += limits_of(limits)
+        posture_at, pull = posture_of(posture, posture_gain, robot)
+        self.posture_gain: float = float(pull.max())
+        self.backend: Backend | None = None if backend is None else backend_of(backend)
+        more: list[Limit] = [] if rows is None else [row_limit(rows)]
+        more += [] if tool_speed is None else [tool_speed_of(tool_speed)]
+        more += limits_of(limits)
         if acceleration_limit is not None:
-            told.append(AccelerationLimit(accelerations(acceleration_limit, m)))
+            more.append(AccelerationLimit(accelerations(acceleration_limit, m)))
         margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
         require_range(robot.position_lower, robot.position_upper, margin, "position_margin")
-        told += [JointLimits(margin=margin)] if margin > 0.0 else []
-        self._limits = LoopLimits.of(loop_of(robot, self.dt, self.delay), told, far_outside, seen.J, tip)
-        refuse(self.wrong(self._posture), "posture")
-        self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
-        self._rise, self._brakes, self._late = 0.0, self._limits.loop.acceleration, ticks_late(self.delay, self.dt)
-        fastest = self.box.velocity_limit
-        self._fastest = np.where(np.isfinite(fastest) & (fastest > 0.0), fastest, 1.0)
-        self._change = self.dt / POSTURE_TIME * self._fastest
-        self.turns: Array = continuous_turns(self.box.position_lower, self.box.position_upper, seen.J)
-        self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
-        self._brought = self.law.compiled is not None and self.law.compiled.form == "brought"
-        self.varies: bool = self._brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
-        self._asked: LimitRows | None = None  # rows that the core was given last in this tick
-        self._looks = self.joint_rows is not None and bool(self.joint_rows.does["after"])
-        self.compiled: Loop | None = self._compiled()  # for the core; None for a loop that it does not have
+        more += [JointLimits(margin=margin)] if margin > 0.0 else []
+        self.limits: LoopLimits = LoopLimits.of(loop_of(robot, self.dt, self.delay), more, far_outside, state.J, tip)
+        refuse(self.limits.wrong(posture_at), "posture")
+        self.box, self.braking, self.tool_speed, self.joint_rows = self.limits[:4]
+        self.turns: Array = continuous_turns(self.box.position_lower, self.box.position_upper, state.J)
+        self.guard: Guard | None = None if self.form is None else guard_of(guard)
+        self._settings: dict[str, Any] = {
+            "joints": m,
+            "delay": self.delay,
+            "gain": self.gain,
+            "slack": SLACK * self.measure.radian,
+            "length": self.measure.length,
+            **_measure_fields(self.measure),
+            **limit_fields(self.limits.loop, self.box.rate),
+            "believed_lower": self.limits.believed[0],
+            "believed_upper": self.limits.believed[1],
+            "range_lower": robot.position_lower,
+            "range_upper": robot.position_upper,
+            "turns": self.turns,
+            "tip": tip,
+            "far": self.limits.far,
+            "tool_speed": None if self.tool_speed is None else tool_speed_fields(self.tool_speed),
+            "metric": metric_of(joint_metric, state.J, tip, self.measure.length),
+            **form_fields(self.form),
+            "damping": lambda_of(damping),
+            "guard": -1.0 if self.guard is None else self.guard.fraction,
+        }
+        if pull.any():
+            self._settings |= {"posture": posture_at, "pull": pull}
+        self.by_chain: bool = type(robot) is Chain  # a class of the user's may be no such chain
+        if isinstance(robot, Chain) and self.by_chain:
+            self._settings |= {"screws": robot.screws, "home": robot.home}
+        self._fixed = None if self.joint_rows is None else self.joint_rows.fixed
+        if self._fixed is not None:
+            self._settings["rows"] = self._fixed.C, self._fixed.lower, self._fixed.upper
+        demands = demand_fields(self.exact)
+        self._settings["exact"] = demands or ()
+        self.asks_demands: bool = demands is None
+        asks_limits = self.joint_rows is not None and (self._fixed is None or any(self.joint_rows.does.values()))
+        self._calls = not self.by_chain or asks_limits or self.asks_demands or self.backend is not None
+        self._state = law.LoopState(m, self.delay, self.dt)
+        self._loop = law.Loop(self._settings)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name[0] != "_" and "compiled" in self.__dict__:  # the core has its own copy
+        if name[0] != "_" and name != "state" and "_loop" in self.__dict__:  # the engine has its own copy
             raise AttributeError(f"{name} of a controller does not change; make another Controller")
         object.__setattr__(self, name, value)
 
     def __copy__(self) -> Controller:
-        return deepcopy(self)  # solvers and limits keep state between ticks
+        return deepcopy(self)
 
-    def _compiled(self) -> Loop | None:
-        return compiled_loop(
-            self.robot,
-            self.law,
-            self.measure,
-            self._limits,
-            self.exact,
-            gain=self.gain,
-            posture=self._posture if self._pull.any() else None,
-            pull=self._pull,
-            change=self._change,
-            delay=self.delay,
-            slack=self._slack,
-            row_rank=-1 if self.row_rank is None else self.row_rank,
-            turns=self.turns,
-            rise=self._rise,
-            brakes=self._brakes,
-        )
+    def __deepcopy__(self, memo: dict[int, Any]) -> Controller:
+        other = object.__new__(type(self))  # what changes is copied: limits and solvers keep state between ticks
+        changes = ("limits", "joint_rows", "backend", "_state")
+        vars(other).update(vars(self), **{name: deepcopy(getattr(self, name), memo) for name in changes})
+        return other
 
-    def by_engine(self, engine: Engine) -> Controller:
-        """A copy of the loop as it is now, computed by another engine, as in `Controller`."""
-        robot = self.robot.by_engine(engine) if isinstance(self.robot, Chain) else self.robot
-        law = replace(self.law, engine=arrays.choice(engine, "engine", ENGINES))
-        return self._but(robot=robot, law=law)
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_loop"}
 
-    def unbraked(self, rise: float) -> Controller:
-        """The loop without acceleration limits and delay, for whoever limits those himself, the posture's among them.
+    def __setstate__(self, fields: dict[str, Any]) -> None:
+        vars(self).update(fields)
+        vars(self)["_loop"] = law.Loop(self._settings)
 
-        Args:
-            rise: in which accelerations rise to their limits and fall again [s].
+    @property
+    def state(self) -> Any:
+        """What the loop remembers between ticks, a copy."""
+        return copy(self._state)
+
+    @state.setter
+    def state(self, value: Any) -> None:
+        if not isinstance(value, law.LoopState) or len(value.numbers) != len(self._state.numbers):
+            raise BadInput("state", excerpt(value), "the state of a loop with as many joints and as long a delay")
+        self._state = copy(value)
+
+    def believed(self, q: ArrayLike, argument: str = "q") -> Array:
+        """Joint positions (m,) that can be true; errors name the argument.
 
         Raises:
-            BadInput: not a time.
+            BadInput: NaN, a wrong shape, or positions for which a tick is held.
         """
-        late = arrays.not_negative(rise, "rise", "a time in seconds")
-        limits, free = self._limits.at_once, np.full(self._count, np.inf)
-        limits = limits._replace(braking=None, loop=limits.loop._replace(acceleration=free))
-        return self._undelayed(limits, _rise=late, _change=free)
-
-    def begin(self, q: ArrayLike) -> None:
-        """A tick begins at joint positions q (m,), of which loops made by the two methods beside this one are asked."""
-        self._begin(q, None)
-
-    def of_joints(self) -> Controller:
-        """The loop without delay, for joint velocities c: `follow(q, J c, posture=c)` is the nearest that limits allow.
-
-        It is damped towards c so much that joints alone count: no direction is cheap near a singularity.
-        """
-        law = replace(self.law, form=None, damping=Fixed(OF_JOINTS * self.measure.length), dt=0.0)
-        return self._undelayed(self._limits.at_once, law=law)
-
-    def _undelayed(self, limits: LoopLimits, **fields: Any) -> Controller:
-        """A loop of its own with other limits and fields, told where the joints are when a command acts."""
-        kept = Memory.at_first(self._count, 0.0, self.dt).numbers
-        box, braking = limits[:2]
-        fields |= {"_ticks": False, "_late": (0, 0.0), "box": box, "braking": braking, "_limits": limits}
-        return self._but(delay=0.0, kept=kept, **fields)
-
-    def _but(self, **fields: Any) -> Controller:
-        """A loop of its own with other fields."""
-        other = deepcopy(self)
-        vars(other).update(fields)
-        vars(other)["compiled"] = Controller._compiled(other)
-        return other
+        positions = arrays.vector(q, len(self.robot.names), argument)
+        refuse(self.limits.wrong(positions), argument)
+        return positions
 
     def step(
         self,
@@ -378,42 +326,12 @@ class Controller:
         Raises:
             BadInput: NaN, wrong shapes, or a target thirty times as far away as the arm is long, as one in millimetres
                 is; the controller is as it was.
+            NoPseudoinverse: the form has no projector for the arm as it is now, and no damping is given.
         """
-        now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
-        core = None if target is None else self.compiled
-        if core is None or now is not None or self.varies:
-            self._begin(q, now)
-            found = None if core is None else self._by_core(core, q, target, feedforward, velocity, now)
-        else:
-            found = compiled_tick(core, self.kept, q, target, feedforward, velocity)
-        if found is not None:
-            solution, troubles = found
-            return solution if troubles is None else self.said(solution, troubles)
-        positions, target = arrays.vector(q, self._count, "q"), self.robot.target(target)
-        memory = self._observed(positions)
-        before = memory.now(velocity)
-        there = positions + self.dt * memory.in_flight
-        sighting = self.robot.sight(there, target)
-        turn = same_turn(sighting.error, memory.turn)
-        ahead = np.zeros(6) if feedforward is None else arrays.vector(feedforward, 6, "feedforward")
-        led = ahead if now is None else now.speed * ahead
-        error = turn + self.delay * led  # the target, too, is on by then
-        s = tracking_twist(error, self.gain, feedforward)
-        J, root = sighting.J, self.measure.root_for(sighting.J, sighting.pose)
-        share, braked = 1.0, None
-        gain = self.gain if now is None else now.speed * self.gain
-        if self.braking is not None and gain > 0.0:
-            slack = SLACK * self.measure.radian
-            braked = approach(self.law, self.braking, gain, slack, J, root, error, led, before)
-        if braked is not None:
-            share = braked.share
-            s -= (1.0 - share) * self.gain * error
-        state = Observed(positions, there, sighting, target, root, before, memory)
-        if self.wrong(positions):
-            return self._tick(state, s, share, ahead)
-        self.near(self.robot.points(sighting, target, np.zeros(3))[1], "target")
-        state = state._replace(memory=memory._replace(turn=turn[:3]))
-        return self._tick(state, s, share, ahead, braked=braked, now=now)
+        if target is None:
+            raise BadInput("target", "None", "a (4, 4) pose, or a pinocchio.SE3", "For a twist, call follow(q, twist).")
+        now = self.limits.changed(speed, velocity_limit, tool_speed, limits)
+        return self._tick(now, q, target, feedforward, velocity)
 
     def follow(
         self,
@@ -454,33 +372,20 @@ class Controller:
 
         Raises:
             BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
+            NoPseudoinverse: as in `step`.
         """
-        now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
-        if self.varies or now is not None:
-            self._begin(q, now)
-        if not self._ticks:  # whoever asks within a tick knows what the joints do
-            self.kept[HEADER : HEADER + self._count] = np.nan
-        own = rows is None and sighting is None and measured_at is None
-        core = self.compiled if own else None
-        other: dict[str, Any] = {} if posture is None else {"posture": posture}
+        now = self.limits.changed(speed, velocity_limit, tool_speed, limits)
         if not isinstance(at, str):
             raise BadInput("at", excerpt(at), "'tool' or 'base'", "A point to measure at is measured_at.")
-        if arrays.choice(at, "at", ("tool", "base")) == "base":
-            other["at_base"] = True
-        found = None if core is None else self._by_core(core, q, None, twist, velocity, now, **other)
-        if found is not None:
-            return self.said(*found)
-        positions = arrays.vector(q, self._count, "q")
-        s = sizes.not_too_fast(arrays.twist(twist))
+        more: dict[str, Any] = {"at_base": arrays.choice(at, "at", ("tool", "base")) == "base"}
         if rows is not None:
-            require_rows(rows, self._count)
-        where = None if measured_at is None else arrays.vector(measured_at, 3, "measured_at")
-        free = None if posture is None else arrays.vector(posture, self._count, "posture")
-        state = self._at_rest(positions, sighting, velocity, where)
-        if at == "tool":
-            tool = self.robot.points(state.sighting, state.target, np.zeros(3))[0]
-            s = np.concatenate((s[:3], s[3:] + np.cross(tool, s[:3])))
-        return self._tick(state, s, None, s, rows, posture=free, now=now)
+            require_rows(rows, len(self.robot.names))
+            more["exact"] = rows.A, rows.b, rows.of_twist
+        if sighting is not None:
+            more["arm"] = seen(sighting)
+        if twist is None:
+            raise BadInput("twist", "None", "(6,) numbers")
+        return self._tick(now, q, None, twist, velocity, measured_at=measured_at, posture=posture, **more)
 
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
@@ -496,255 +401,63 @@ class Controller:
         Raises:
             BadInput: NaN or wrong shapes; the controller is as it was.
         """
-        positions = arrays.vector(q, self._count, "q")
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
-        self._begin(positions, None)
-        state = self._at_rest(positions, sighting, velocity)
-        return self._tick(state, np.zeros(6), None, np.zeros(6), stand=Reason(Code.TOLD, words=reason))
-
-    def _begin(self, q: ArrayLike, now: Changes | None) -> None:
-        """A tick of this loop begins at measured joint positions (m,), for its limits and those of this tick."""
-        if self._ticks and self.joint_rows is not None:
-            self.joint_rows.begin(q)
-        if now is not None:
-            now.joint_rows.begin(q)
-
-    def _by_core(
-        self,
-        core: Loop,
-        q: ArrayLike,
-        target: Any,
-        feedforward: ArrayLike | None,
-        velocity: ArrayLike | None,
-        now: Changes | None,
-        **other: Any,
-    ) -> tuple[Any, ...] | None:
-        """A tick by the core, for `said`, given what Python computes in each; None where Python has to answer."""
-        changes = {} if now is None else now.for_core(self._limits.loop)
-        if changes is None:
-            return None
-        other |= changes
-        there = rows = None
-        if self.varies or (now is not None and now.joint_rows):
-            state = acts_at(core, self.kept, q)
-            if state is None:
-                return None
-            there, before = state
-            before = before if velocity is None else arrays.vector(velocity, self._count, "velocity")
-            rows, trouble = self._limits.rows(there, before, now)
-            if trouble is not None:
-                return None
-            if self.law.form is not None and self._brought:
-                root = self._at_rest(arrays.vector(q, self._count, "q"), None, velocity).root
-                other["brought"] = np.asarray(self.law.form.matrix(np.asarray(np.linalg.inv(root))), np.float64)
-        tick = partial(compiled_tick, core, self.kept, q, target, feedforward, velocity, **other)
-        return tick() if there is None else self._by_rows(tick, there, rows, now)
-
-    def _by_rows(
-        self, tick: Callable[..., tuple[Any, ...] | None], there: Array, rows: LimitRows | None, now: Changes | None
-    ) -> tuple[Any, ...] | None:
-        """A tick by the core with rows at joint positions (m,), and more where these do not keep to its end."""
-        looks = rows is not None and (self._looks or now is not None)
-        kept = self.kept.copy() if looks else None
-        found = tick() if rows is None else tick(G=rows.C, least=rows.lower, most=rows.upper, row_names=rows.names)
-        for _ in range(0 if kept is None else AGAIN):
-            more = None if found is None else self._limits.after(there, found[0].velocity, rows, now)
-            if more is None:
-                break
-            rows, self.kept[:] = more, kept
-            found = tick(G=rows.C, least=rows.lower, most=rows.upper, row_names=rows.names)
-        return None if found is None else (self._limits.with_broken(found[0], now), found[1])
-
-    @property
-    def for_core(self) -> Loop | tuple[Loop, Callable[..., Any]] | None:
-        """The compiled loop, and whom the core asks for rows in each tick; None where Python ticks."""
-        if self.compiled is None or self._brought:
-            return None
-        return (self.compiled, self._rows_for_core) if self.varies else self.compiled
-
-    def _rows_for_core(self, again: bool, q: Array, x: Array) -> tuple[Any, ...] | bool | None:
-        """Rows at joint positions q (m,) after a velocity x (m,); or `again`, those and more where the answer is x.
-
-        None is no rows, or no more of them; False where Python has to answer.
-        """
-        if again:
-            rows = self._limits.after(q, x, self._asked, None)
-        else:
-            rows, trouble = self._limits.rows(q, x, None)
-            if trouble is not None or (self.joint_rows is not None and self.joint_rows.broken()):
-                return False
-        self._asked = rows
-        return None if rows is None else (rows.C, rows.lower, rows.upper, rows.names)
-
-    def said(self, solution: VelocitySolution, troubles: bytes | None) -> VelocitySolution:
-        """The solution of a tick by the core, with what of joints is to be said beside it."""
-        return solution if troubles is None else self._limits.with_troubles(solution, read(troubles))
-
-    @property
-    def fastest_gain(self) -> float:
-        """The larger of the gains at which targets and position limits are approached [1/s]."""
-        return max(self.gain, self.box.rate)
-
-    @property
-    def memory(self) -> Memory:
-        """What the loop keeps from tick to tick, as it is now."""
-        return Memory.of(self.kept, self._count, self._late)
-
-    def _observed(self, q: Array) -> Memory:
-        """The memory at measured joint positions q (m,), with what the joints did since the tick before."""
-        return self.memory.observed(q, self.turns, self.dt, units(self.box.velocity_limit))
-
-    def unwrapped(self, q: ArrayLike) -> Array:
-        """(m,) measured joint positions, those of continuous joints by whole turns near those of the tick before.
-
-        Args:
-            q: (m,) [rad, length].
-        """
-        positions, last = arrays.vector(q, self._count, "q"), self.kept[HEADER : HEADER + self._count]
-        if np.isnan(last).any():
-            return positions
-        return np.asarray(unwrapped(last, positions[None], self.turns)[0])
-
-    def _at_rest(
-        self, q: Array, sighting: Sighting | None, velocity: ArrayLike | None, at: Array | None = None
-    ) -> Observed:
-        """The tick of an arm whose target is where its tool is now, measured at a point; `sighting` as in `follow`."""
-        memory, robot = self._observed(q), self.robot
-        there = q + self.dt * memory.in_flight
-        if sighting is None:
-            sighting = robot.sight(there, robot.target(robot.pose(there)))
-        elif not isinstance(sighting, Sighting):
-            raise BadInput("sighting", excerpt(sighting), "what robot.sight returned at q")
-        root = self.measure.root_for(sighting.J, sighting.pose, at)
-        return Observed(q, there, sighting, sighting.pose, root, memory.now(velocity), memory)
-
-    def wrong(self, q: Array) -> Reason | None:
-        """Why joint positions (m,) cannot be true, None where they may be or `far_outside` is "return"."""
-        return self._limits.wrong(q)
-
-    def believed(self, q: ArrayLike, argument: str = "q") -> Array:
-        """Joint positions (m,) that can be true; errors name the argument.
-
-        Raises:
-            BadInput: NaN, a wrong shape, or positions for which a tick is held.
-        """
-        positions = arrays.vector(q, self._count, argument)
-        refuse(self.wrong(positions), argument)
-        return positions
-
-    def near(self, places: Array, argument: str) -> None:
-        """Refuse places (..., 3) of poses for which a tick is refused, as far away as those in millimetres are.
-
-        Raises:
-            BadInput: by the argument's name.
-        """
-        self._limits.near(places, argument)
-
-    def posture_pull(self, q: Array) -> Array | None:
-        """(m,) the joint velocity wanted where a twist leaves joints free; None is zero."""
-        return joint_displacement(q, self._posture, self.turns) * self._pull if self.posture_gain else None
-
-    def _exact(
-        self, state: Observed, share: float | None, ahead: Array, more: ExactRows | None, now: Changes | None
-    ) -> ExactRows | None:
-        """What is met exactly, at a share of the gain, and `more`; with no share, for `ahead` alone."""
-        if not self.exact:
-            return more
-        gain = 0.0 if share is None else share * self.gain
-        ahead = (1.0 + gain * self.delay * (1.0 if now is None else now.speed)) * ahead
-        return rows_of(self.exact, View(self.robot, state.sighting, state.target, gain, ahead), more)
+        arm = {} if sighting is None else {"arm": seen(sighting)}
+        solution = self._tick(None, q, None, None, velocity, stand=True, **arm)
+        if not reason or any(one.code is Code.NOT_BELIEVED for one in solution.reasons):
+            return solution
+        return solution._replace(reasons=both(told(reason), solution))
 
     def _tick(
         self,
-        state: Observed,
-        s: Array,
-        share: float | None,
-        ahead: Array,
-        more: ExactRows | None = None,
-        stand: Reason | None = None,
-        posture: Array | None = None,
-        *,
-        braked: Approach | None = None,
-        now: Changes | None = None,
+        now: Changes | None,
+        q: ArrayLike,
+        target: Any,
+        ahead: ArrayLike | None,
+        velocity: ArrayLike | None,
+        **more: Any,
     ) -> VelocitySolution:
-        """The velocity for the twist s, or at rest if told to `stand`.
+        """A tick by the engine, which calls back for what is the user's."""
+        calls = None
+        if self._calls or now is not None:
+            calls = Callbacks(self, now, target)
+            calls.begin(q)
+            more |= {"functions": calls.functions, "changes": calls.changes}
+        try:
+            found = self._loop.tick(self._state, q, target, ahead, velocity, **more)
+        except (ValueError, TypeError, AttributeError, ArithmeticError) as refusal:
+            if isinstance(refusal, InvariantQPError) or (calls is not None and calls.raised is refusal):
+                raise
+            raise self._refused(q, target, ahead, velocity, more, refusal) from None
+        if calls is None:
+            return solution_of(found, self._fixed, self.robot.names)
+        return calls.completed(solution_of(found, calls.rows, self.robot.names))
 
-        What of s is not `ahead` chases the target, at a share of the gain and `braked`; None is a twist by itself.
-        """
-        positions, there, sighting, target, root, before, memory = state
-        wrong = self.wrong(positions)
-        if wrong:
-            return self._halted(state, s, wrong)
-        fastest = self._fastest if posture is None else None
-        posture = self.posture_pull(there) if posture is None else posture
-        limits = self._limits.at(sighting, target, there, before, now)
-        stand = limits.trouble or (Reason(Code.STOPPED) if now is not None and now.speed == 0.0 else stand)
-        exact, chase = self._exact(state, share, ahead, more, now), None
-        if share is not None:
-            still = self._exact(state, None, ahead, more, now)
-            chase = Chase(
-                ahead, None if still is None else still.b, *limits.placed, self._slack, self.measure.carried is None
-            )
-        demand = Demand(
-            sighting.J,
-            s,
-            root,
-            limits.lower,
-            limits.upper,
-            exact,
-            posture,
-            limits.rows,
-            limits.cone,
-            self.row_rank if more is None else None,
-            chase,
-            fastest,
-            memory.commands[0] if fastest is not None else None,
-            self._change,
-            self._held(before) if share is None or limits.rows is not None else 0.0,
-        )
-        law = self.law
-        if now is not None and now.speed not in (0.0, 1.0):
-            law, demand = law.slowed(now.speed), demand.slowed(now.speed)
-        within = demand if braked is None else braked.within(demand)
-        solution = self._solved(law, within) if stand is None else standing(law, demand, (stand,))
-        rows = limits.rows
-        for _ in range(AGAIN if stand is None else 0):
-            rows = self._limits.after(there, solution.velocity, rows, now)
-            if rows is None:
-                break
-            solution = self._solved(law, demand._replace(rows=rows))
-        self._remember(memory, positions, solution.velocity)
-        solution = self._limits.told(self._limits.with_broken(solution, now), positions, limits.strained)
-        trouble = memory.states.trouble(self.dt, self.gain, self.fastest_gain, chases=share is not None)
-        if trouble is not None:
-            solution = with_trouble(solution, (trouble,))
-        return solution._replace(joint_names=self.robot.names)
-
-    def _solved(self, law: VelocityLaw, demand: Demand) -> VelocitySolution:
-        """The joint velocity for the demand of a tick."""
-        return solve(law, demand)
-
-    def _remember(self, memory: Memory, positions: Array, command: Array) -> None:
-        """A tick at joint positions (m,), NaN where they are not known, gave a command (m,)."""
-        self.kept[:] = memory.after(positions, command).numbers
-
-    def _held(self, before: Array) -> float:
-        """How long a velocity is held beyond the law's dt [s], until accelerations let joints have another.
-
-        Their rise, and the way of joints that brake over their speed. It counts for a twist by itself and beside rows
-        of limits; a chase without these keeps room to brake instead (`approach`).
-        """
-        return self._rise + 0.5 * float(np.abs(before / self._brakes).max()) if self.law.dt > 0.0 else 0.0
-
-    def _halted(self, state: Observed, s: Array, reason: Reason) -> VelocitySolution:
-        """Standing still wherever the joints may be, or coming to rest as fast as their accelerations allow."""
-        x, nowhere = np.zeros(self._count), np.full(self._count, np.nan)
-        if self.braking is not None:
-            x = np.sign(state.before) * np.maximum(np.abs(state.before) - self.dt * self.braking.acceleration, 0.0)
-        self._remember(state.memory, nowhere, x)
-        residual = s - state.sighting.J.dot(x)
-        return VelocitySolution(x, "hold", Status.HELD, (reason,), (), residual, 0.0, 0.0, 0.0, "")
+    def _refused(
+        self, q: Any, target: Any, ahead: Any, velocity: Any, more: dict[str, Any], refusal: Exception
+    ) -> Exception:
+        """Why the engine refused a tick: which argument, what was found and what was expected."""
+        m = len(self.robot.names)
+        positions = arrays.vector(q, m, "q")
+        if isinstance(refusal, ArithmeticError):
+            return no_projector(self.robot.jacobian(positions), self.form)
+        if target is not None:
+            wanted = self.robot.target(target)
+            points = self.robot.points(self.robot.sight(positions, wanted), wanted, np.zeros(3))
+            self.limits.near(points[1], "target")
+            if ahead is not None:
+                sizes.not_too_fast(arrays.vector(ahead, 6, "feedforward"), "feedforward")
+        elif ahead is not None:
+            sizes.not_too_fast(arrays.twist(ahead))
+        for name, value, size in (
+            ("velocity", velocity, m),
+            ("posture", more.get("posture"), m),
+            ("measured_at", more.get("measured_at"), 3),
+        ):
+            if value is not None:
+                arrays.vector(value, size, name)
+        return BadInput("the arguments", str(refusal), "numbers that can be computed with")
 
 
 def posture_of(posture: ArrayLike | bool, gain: float, robot: Robot) -> tuple[Array, Array]:
@@ -765,3 +478,25 @@ def posture_of(posture: ArrayLike | bool, gain: float, robot: Robot) -> tuple[Ar
             "posture", f"{posture}", f"({m},) joint positions, True or False", "How strong it is, is posture_gain."
         )
     return arrays.vector(posture, m, "posture"), np.full(m, strength)
+
+
+def lambda_of(damping: float | None) -> float:
+    """The damping of a pitch form.
+
+    Raises:
+        BadInput: not a number, or below zero.
+    """
+    if damping is None:
+        return 0.0
+    if isinstance(damping, bool) or not isinstance(damping, Real):
+        remedy = "Without a form the law damps by itself, by what the last tick missed."
+        raise BadInput("damping", excerpt(damping), "a number lambda >= 0, or None", remedy)
+    return arrays.not_negative(float(damping), "damping", "lambda")
+
+
+def _measure_fields(measure: ToolMeasure) -> dict[str, Any]:
+    """The measure as the engine takes it."""
+    if measure.carried is not None:
+        by = "tool" if measure.carried.follows_tool else "base"
+        return {"measured": by, "root": measure.carried.root(np.eye(4))}  # in the frame of its body
+    return {"measured": "own"} if measure.point is None else {"measured": "point", "point": measure.point}

@@ -161,6 +161,23 @@ class ExactJoints(Value):
         return ExactRows(self.A, self.b)
 
 
+def demand_fields(demands: tuple[Exact, ...]) -> tuple[tuple[str, Any, Any], ...] | None:
+    """The demands as the engine takes them; None where one is of another kind, which is asked in each tick."""
+    found: list[tuple[str, Any, Any]] = []
+    for demand in demands:
+        if type(demand) is ExactPoint:
+            found.append(("point", demand.point, None))
+        elif type(demand) is ExactAxis:
+            found.append(("axis", demand.axis, None))
+        elif type(demand) is ExactPlane:
+            found.append(("plane", demand.point, demand.normal))
+        elif type(demand) is ExactJoints:
+            found += [("joints", row, float(b)) for row, b in zip(demand.A, demand.b, strict=True)]
+        else:
+            return None
+    return tuple(found)
+
+
 def require_rows(rows: object, m: int) -> None:
     """Refuse what is not exact rows on m joints."""
     if not isinstance(rows, ExactRows):

@@ -453,6 +453,24 @@ def boxes(loop: Loop, velocity_limit: Array, rate: float | None = None) -> tuple
     return box, BrakingBox(box, loop.acceleration, loop.dt) if np.isfinite(loop.acceleration).any() else None
 
 
+def limit_fields(loop: Loop, rate: float) -> dict[str, Any]:
+    """Joint limits of a loop as the engine takes them."""
+    box = boxes(loop, loop.velocity_limit, rate)[0]
+    return {
+        "position_lower": box.position_lower,
+        "position_upper": box.position_upper,
+        "velocity_limit": box.velocity_limit,
+        "acceleration": loop.acceleration,
+        "dt": loop.dt,
+        "rate": rate,
+    }
+
+
+def tool_speed_fields(limit: ToolSpeed) -> tuple[float, Array]:
+    """A tool speed as the engine takes it."""
+    return limit.limit, _limited_point(limit)
+
+
 class TickRows(NamedTuple):
     """The rows of one tick, None where there are none; and why they cannot be used, None where they can."""
 
@@ -508,7 +526,7 @@ class RowLimits:
     def fixed(self) -> LimitRows | None:
         """The rows where they are the same in every tick."""
         rows = [limit for limit in self._limits if isinstance(limit, LimitRows)]
-        return _stacked(rows) if len(rows) == len(self._limits) else None
+        return stacked(rows) if len(rows) == len(self._limits) else None
 
     def own(self, q: Array) -> LimitRows | None:
         """The rows at joint positions q (m,) but Pink's, None where there are none or they cannot be used."""
@@ -543,7 +561,7 @@ class RowLimits:
                 return TickRows(None, Reason(Code.ROWS_REFUSED, rows=(limit.name or "rows",), words=str(error)))
             if rows is not None:
                 found.append(self._named(rows, limit))
-        return TickRows(_stacked(found))
+        return TickRows(stacked(found))
 
     def _named(self, rows: object, limit: Limit) -> LimitRows:
         """Rows on the arm's joints, by the name of their limit where they have none."""
@@ -565,7 +583,7 @@ def _names_of(limit: str, k: int) -> tuple[str, ...]:
     return (limit,) if k == 1 else tuple(f"{limit} row {i}" for i in range(k))
 
 
-def _stacked(parts: list[LimitRows]) -> LimitRows | None:
+def stacked(parts: list[LimitRows]) -> LimitRows | None:
     """All rows together, None where there are none."""
     if len(parts) < 2:
         return parts[0] if parts else None
@@ -722,13 +740,13 @@ class LoopLimits(NamedTuple):
         if now is None or found.trouble:
             return found
         more = now.joint_rows.at(q, before)
-        return TickRows(_stacked([rows for rows in (found.rows, more.rows) if rows is not None]), more.trouble)
+        return TickRows(stacked([rows for rows in (found.rows, more.rows) if rows is not None]), more.trouble)
 
     def after(self, q: Array, x: Array, rows: LimitRows | None, now: Changes | None) -> LimitRows | None:
         """The rows of a tick and more, where its answer x (m,) does not keep some limit to its end, else None."""
         given = [limits for limits in (self.joint_rows, None if now is None else now.joint_rows) if limits]
         more = [found for limits in given if (found := limits.after(q, x)) is not None]
-        return _stacked([*([] if rows is None else [rows]), *more]) if more else None
+        return stacked([*([] if rows is None else [rows]), *more]) if more else None
 
     def wrong(self, q: Array) -> Reason | None:
         """Why joint positions (m,) cannot be true, None where they may be; of several joints, the worst."""

@@ -27,7 +27,7 @@ from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.control.delay import LONGEST, DelayEstimate
-from invariantqp.control.memory import ticks_late
+from invariantqp.control.tracking import ticks_late
 from invariantqp.errors import BadInput, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array

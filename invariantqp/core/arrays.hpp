@@ -5,6 +5,10 @@
 #include <nanobind/nanobind.h>
 #include <string>
 #define NPY_NO_DEPRECATED_API NPY_1_7_API_VERSION
+#define PY_ARRAY_UNIQUE_SYMBOL invariantqp_core_numpy  // one table of NumPy's functions, filled by module.cpp
+#ifndef IQ_FILLS_NUMPY
+#define NO_IMPORT_ARRAY
+#endif
 #include <numpy/arrayobject.h>
 
 namespace iq {

@@ -5,7 +5,7 @@
 //
 // N(x) is such that no joint brakes at more than BRAKING of its limit, but for one that reaches the end of its range.
 #pragma once
-#include "matrix.hpp"
+#include "braking.hpp"
 
 namespace iq {
 
@@ -17,26 +17,6 @@ constexpr double BRAKING = 0.7;
 constexpr double NEARER = 0.7;
 constexpr int MOST_STATES = 40;       // more than those of a million ticks
 constexpr double WHOLE_TICKS = 1e-9;  // by which a number of ticks may be below a whole one
-constexpr double BOUNDLESS = 1e30;    // rooms and accelerations are at most this, for infinity times zero is no number
-
-// The largest velocity towards a limit `room` away that can be braked from; the last tick covers `rate` dt of what is
-// left.
-inline double braking_speed(double room, double acceleration, double dt, double rate)
-{
-    const double a = std::min(acceleration, BOUNDLESS), k = 1 / (rate * dt);
-    const double r = std::min(std::max(room, 0.0), BOUNDLESS) / (a * dt * dt);  // n ticks of braking need n (n + 1) / 2
-    const double n = std::max(std::ceil(std::sqrt(std::max(2 * r - k * k + k + 0.25, 0.0)) - k - 0.5), 0.0);
-    return std::isinf(room) ? INFINITY : a * dt * (r + n * (0.5 * (n - 1) + k)) / (n + k);
-}
-// The next velocity under the smallest constant deceleration that stops within the room.
-inline double late_braking(double room, double before, double dt)
-{
-    if (!(before > 0))
-        return 0;
-    const double d = 1 + std::min(std::max(room, 0.0), BOUNDLESS) / (before * dt),
-                 n = std::max(std::ceil(2 * d - 1), 1.0);
-    return before * (1 - (n > 1 ? 2 * (n - d) / std::max(n * (n - 1), 1.0) : 1));
-}
 
 // The joints of an arm and, after them, of those around it. (M,), units SI.
 struct BrakingJoints {

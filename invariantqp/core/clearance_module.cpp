@@ -1,22 +1,14 @@
 // Clearance for Python: arrays in, rows out. Errors are ValueErrors; control/clearance.py checks and words them first.
-#include "arrays.hpp"
+#include "bound.hpp"
 #include "clearance.hpp"
 #include <nanobind/stl/tuple.h>
 
 namespace iq {
 namespace {
 
-using namespace nanobind::literals;
+constexpr int MOST_JOINTS_AROUND = 1024, MOST_SHAPES = 4096;
+constexpr int OF_PLACED = 17, OF_SHAPE = 19;  // core, radius, half sizes, rotation, place; body and mover before them
 
-constexpr int MOST_OWN = 64, MOST_JOINTS_AROUND = 1024, MOST_SHAPES = 4096;
-constexpr int OF_PLACED = 17,
-              OF_SHAPE = 19;  // core, radius, half sizes, rotation, place; before these the body and the mover
-
-Workspace& workspace()
-{
-    thread_local Workspace w;
-    return w;
-}
 int index(double x, int least, int most, const char* name)
 {
     if (!(x >= least && x <= most && x == std::floor(x)))
@@ -110,7 +102,7 @@ Clearance clearance_of(double distance, nb::list arms, nb::object shapes, nb::ob
         scene.arms.push_back(arm_of(arm, read));
         first.push_back(first.back() + scene.arms.back().chain.size());
     }
-    if (scene.arms.empty() || first[1] > MOST_OWN || first.back() > MOST_JOINTS_AROUND)
+    if (scene.arms.empty() || first[1] > MOST_JOINTS || first.back() > MOST_JOINTS_AROUND)
         refuse("an arm has at most 64 joints, and those around it 960");
     if (!(distance >= 0 && std::isfinite(distance)) || obstacles < 0 || obstacles > MOST_SHAPES)
         refuse("distance and obstacles are not negative");
@@ -205,8 +197,6 @@ nb::tuple states_of(nb::object arms, nb::object q, nb::object before, nb::object
 
 void bind_clearance(nb::module_& module)
 {
-    if (_import_array() < 0)
-        throw nb::python_error();
     nb::class_<ClearanceRate>(module, "ClearanceRate", "How an arm may come nearer in a loop.")
         .def(
             "__init__",

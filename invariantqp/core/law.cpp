@@ -69,6 +69,7 @@ class Law {
     std::optional<Room> all;
     Vec witness;  // a velocity y inside all limits, with the exact rows at their share
 
+    Mat gram;              // a root of G: of what the twist or a form weighs
     // H = K'K and the optima y_f + p y_e without limits.
     std::optional<RQ> rq;  // of a regular B, or of its transpose; absent where some motion is none
     Mat kernel;            // beside rq: orthonormal rows, the joint velocities that move nothing
@@ -252,6 +253,7 @@ class Law {
         }
         if (!rq && !spectrum)
             decomposed();
+        gram = gram.w ? gram : B;
         posture();
         return true;
     }
@@ -318,7 +320,8 @@ class Law {
             rests[i].scale(std::sqrt(null * still(i)));
         const Mat root = stacked(form->root, rests);
         const double unit = size / std::max(form->root.all().square(), TINY);  // a form has another one than B'B
-        root.rows_from(0, form->root.rows).all().scale(std::sqrt(unit));
+        gram = root.rows_from(0, form->root.rows);
+        gram.all().scale(std::sqrt(unit));
         resting = mu + nu + (tick.form == FormKind::pitch ? unit * tick.damping : 0) + 1e-15 * size;
         head = upper_root(stacked(root, Mat::identity(w, m, std::sqrt(mu + nu + 1e-15 * size))));  // or rounding
         // by what they differ from x_h, which G is not solved for
@@ -400,7 +403,7 @@ class Law {
     }
     double null_root() const { return std::sqrt(null); }
 
-    // y and p: the last line of the law.
+    // y and p: the last lines of the law.
     bool paced()
     {
         if (exact)
@@ -417,32 +420,14 @@ class Law {
         const Room* room = this->room();
         if (!room)
             return false;
-        const Mat T_z = exact ? transposed(inverse(factors->R)) : inverse_root(), K = root();
+        const Mat T_z = exact ? transposed(inverse(factors->R)) : inverse_root();
         y_0 = in_0 ? y_0 : placed(first, y_0, T_z), y_1 = in_1 ? y_1 : placed(second, y_1, T_z);
         const Vec d = worth(y_1 - y_0) * (y_1 - y_0);
-        const double length = (K * d).norm();
         const int n = T_z.rows;
         std::optional<Optimum> u;
-        if (length <= ROUNDING * (K * y_1).norm()) {
-            d.fill(0);
-            u = minimise({T_z, Vec(w, n, 0)}, room->on(y_0, basis));
-        } else {
-            Mat columns(w, m, n + 1, 0), wider(w, n + 1, n + 1, 0);
-            for (int i = 0; i < m; i++) {
-                if (exact)
-                    columns[i].part(0, n).set(basis[i]);
-                else
-                    columns(i, i) = 1;
-                columns(i, n) = d[i] / length;
-            }
-            for (int i = 0; i < n; i++)
-                wider[i].part(0, n).set(T_z[i]);
-            wider(n, n) = 1 / std::sqrt(EPSILON);
-            Vec centre(w, n + 1, 0);
-            centre[n] = length + f.norm() / EPSILON;
-            u = minimise({wider, centre}, room->on(y_0, columns).with_row(0, length));
-            if (u)
-                found.pace = std::clamp(u->y[n] / length, 0.0, 1.0);
+        if (pace(*room, y_0, y_1, d, n, u)) {
+            const auto z = minimise({T_z, Vec(w, n, 0)}, room->on(y_0 + found.pace * d, basis));
+            u = z ? z : u;
         }
         if (!u) {  // next to no room beside the exact rows
             found.velocity = to_x(witness), found.pace = 0, found.limited = true;
@@ -456,6 +441,34 @@ class Law {
         if (u->multipliers.w)
             found.multipliers = u->multipliers.part(0, m + tick.C.rows);
         return true;
+    }
+    // p, with the velocity that decides it; without, d is zero and p is 1. False if none is found.
+    bool pace(const Room& room, Vec y_0, Vec y_1, Vec d, int n, std::optional<Optimum>& u)
+    {
+        const Mat K = upper_root(stacked(gram, Mat::identity(w, m, std::sqrt(mu + NULL_WEIGHT * NULL_WEIGHT * size))));
+        const double length = (K * d).norm();
+        if (length <= ROUNDING * (K * y_1).norm()) {
+            d.fill(0);
+            return true;
+        }
+        Mat columns(w, m, n + 1, 0), wider(w, n + 1, n + 1, 0);
+        for (int i = 0; i < m; i++) {
+            if (exact)
+                columns[i].part(0, n).set(basis[i]);
+            else
+                columns(i, i) = 1;
+            columns(i, n) = d[i] / length;
+        }
+        const Mat T = inverse(exact ? upper_root(K * basis) : K);
+        for (int i = 0; i < n; i++)
+            wider[i].part(0, n).set(T[i]);
+        wider(n, n) = 1 / std::sqrt(EPSILON);
+        Vec centre(w, n + 1, 0);
+        centre[n] = length + f.norm() / EPSILON;
+        u = minimise({wider, centre}, room.on(y_0, columns).with_row(0, length));
+        if (u)
+            found.pace = std::clamp(u->y[n] / length, 0.0, 1.0);
+        return u.has_value();
     }
     // argmin |K (y - free)|^2 over y = origin + basis z
     Vec optimum(Vec origin, Vec free)

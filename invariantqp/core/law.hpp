@@ -31,6 +31,10 @@ struct Tick {
     Mat form_matrix;                     // (6, c) twists of a complement, or (6, 6) a definite form on twists
     double damping = 0;                  // lambda of a form, or of a call by itself
     double guard = -1;                   // eta; negative does not ask
+    // For the report alone: a measured twist towards a target that counts as nothing, 0 for a twist by itself; and whether
+    // the measure tells positions and angles apart, as a point's does.
+    double slack = 0;
+    bool apart = true;
 };
 
 enum class Failure { none, infeasible, no_pseudoinverse, no_numbers };

@@ -1,44 +1,13 @@
 // The engine for Python: the functions of invariantqp._core. Errors are ValueErrors; velocity/problem.py words them.
-#include "arrays.hpp"
+#define IQ_FILLS_NUMPY
+#include "bound.hpp"
 #include "measure.hpp"
-#include "report.hpp"
 #include <atomic>
 #include <thread>
 
 namespace iq {
 namespace {
 
-using namespace nanobind::literals;
-
-constexpr int MOST_JOINTS = 64, MOST_ROWS = 256, MOST_EXACT = 384;
-constexpr double SMALLEST = 1e-30, LARGEST = 1e30;  // of joint twists and lengths, as in geometry/sizes.py
-
-Workspace& workspace()
-{
-    thread_local Workspace w;
-    return w;
-}
-
-double number(nb::handle value, const char* name, double least, double most)
-{
-    double x;
-    if (!nb::try_cast<double>(value, x) || !(least <= x && x <= most))
-        refuse(std::string(name) + " is no number in its range");
-    return x;
-}
-nb::tuple parts(nb::handle value, const char* name, std::size_t count)
-{
-    if (!nb::isinstance<nb::tuple>(value) || nb::len(value) != count)
-        refuse(std::string(name) + " is no tuple of " + std::to_string(count));
-    return nb::borrow<nb::tuple>(value);
-}
-
-void check_box(Vec lower, Vec upper)
-{
-    for (int i = 0; i < lower.n; i++)
-        if (!(lower[i] <= upper[i]) || lower[i] == INFINITY || upper[i] == -INFINITY)
-            refuse("the bounds of joint " + std::to_string(i) + " cross");
-}
 void check_twists(Mat J)
 {
     const double square = J.all().square();
@@ -160,24 +129,6 @@ void set_measure(Tick& tick, Vec point, double length, Mat root)
         tick.metric = sliding_metric(S, p, L);
 }
 
-// The fields of a VelocitySolution up to row_multipliers, method and status as numbers.
-nb::tuple solution(const Tick& tick, const Answer& answer, Workspace& w)
-{
-    const Report found = report(tick, answer, w);
-    const int m = tick.J.cols;
-    nb::list active;
-    for (const int j : found.active)
-        active.append(j);
-    const bool pulled = answer.multipliers.w && answer.multipliers.n >= m;
-    const Vec none;
-    return nb::make_tuple(
-        array_of(found.velocity), static_cast<int>(found.method), static_cast<int>(found.status),
-        nb::bytes(reinterpret_cast<const char*>(found.reasons.data()), found.reasons.size() * sizeof(double)),
-        nb::tuple(active), array_of(found.residual), found.share, found.damping, found.guard,
-        array_or_none(pulled ? answer.multipliers.part(0, m) : none),
-        array_or_none(pulled && tick.C.rows ? answer.multipliers.part(m, answer.multipliers.n) : none));
-}
-
 void check_projector(const Answer& answer)
 {
     if (answer.failure == Failure::no_pseudoinverse) {
@@ -253,7 +204,7 @@ nb::tuple solve(nb::object J, nb::object twist, nb::object point, nb::object len
     check_projector(answer);
     if (!found.is_none())
         replace(answer, found, tick, read);
-    return solution(tick, answer, w);
+    return solution(report(tick, answer, w));
 }
 
 // Levels of stacked twists, (J, root, ahead) each, the first before the second and so on; residual that of the first.
@@ -280,7 +231,7 @@ nb::tuple solve_levels(nb::list levels, nb::object lower, nb::object upper, nb::
     Answer answer = prioritised(ticks, w);
     if (!found.is_none())
         replace(answer, found, ticks[0], read);
-    return solution(ticks[0], answer, w);
+    return solution(report(ticks[0], answer, w));
 }
 
 // Many twists by themselves, on several threads: of each row the velocity, method, status, residual, and scale, damping
@@ -379,9 +330,6 @@ nb::tuple solve_rows(nb::object J, nb::object twist, nb::object lower, nb::objec
 }
 
 }  // namespace
-
-void bind_clearance(nb::module_& module);  // clearance_module.cpp
-
 }  // namespace iq
 
 NB_MODULE(_core, m)
@@ -396,6 +344,9 @@ NB_MODULE(_core, m)
     for (const Code code : ALL_CODES)
         codes.append(static_cast<int>(code));
     m.attr("CODES") = nb::tuple(codes);
+    nb::set_leak_warnings(false);  // objects that threads or caches still hold when Python ends
+    bind_loop(m);
+    bind_clearance(m);
     m.def("tick", tick_answer, "J"_a, "root"_a, "ahead"_a, "error"_a = nb::none(), "position_lower"_a = nb::none(),
           "position_upper"_a = nb::none(), "fastest"_a = nb::none(), "before"_a = nb::none(), "held"_a = 0.0,
           "missed"_a = 0.0, "lower"_a = nb::none(), "upper"_a = nb::none(), "rows"_a = nb::none(),
@@ -414,6 +365,4 @@ NB_MODULE(_core, m)
           "points"_a = nb::none(), "length"_a = nb::none(), "root"_a = nb::none(), "posture"_a = nb::none(),
           "metric"_a = nb::none(), "form"_a = nb::none(), "damping"_a = nb::none(), "guard"_a = nb::none(),
           "threads"_a = 1, "Velocities (N, m), residuals (N, 6) and numbers (N, 5) of many twists.");
-    nb::set_leak_warnings(false);  // objects that threads or caches still hold when Python ends
-    bind_clearance(m);
 }

@@ -6,6 +6,9 @@ namespace {
 
 constexpr double MISSED = 0.05;            // "ok" misses at most this share of the twist,
 constexpr double FALLING = 0.5;            // or both errors fall at this share of the requested rate
+constexpr double GROWING = 0.01;           // share of the slack at which an error within it may grow
+constexpr double PACED = 1e-3;             // a pace this near to 1 is not slowed down: what limits take of it is that soft
+constexpr double RELAXED = 1e-4;           // rows are relaxed by less than this share more than they have to
 constexpr double ACTIVE = 1e-6;            // a limit this close, relative to its value, is at it
 constexpr double SLOWEST = 1e-6;           // joint speeds that count as this one where they are slower [rad/s]
 constexpr double NEGLIGIBLE = 1e-9;        // of a twist
@@ -30,6 +33,11 @@ class Reporter {
         found.velocity = x;
         found.share = answer.share, found.guard = 1 - answer.guarded;
         found.residual = tick.ahead + tick.error - tick.J * x;
+        if (const Vec& pulls = answer.multipliers; pulls.w && pulls.n >= m) {
+            found.multipliers = pulls.part(0, m);
+            if (tick.C.rows)
+                found.row_multipliers = pulls.part(m, pulls.n);
+        }
         for (int j = 0; j < m; j++) {
             const double margin = ACTIVE * std::max(SLOWEST, std::abs(x[j]));
             if (x[j] <= tick.lower[j] + margin || x[j] >= tick.upper[j] - margin)
@@ -43,18 +51,26 @@ class Reporter {
         const bool contradicts = relaxed(), unkept = rows_unkept();
         const double missed = share_missed();
         const bool little = makes_no_progress();
-        if (little)
+        const std::vector<std::pair<double, double>> off = rows_moved();
+        const bool limited = little || !off.empty() || (missed > MISSED && !falls());
+        const bool stuck = tick.slack == 0 ? little : (little || (limited && missed == INFINITY)) && rests();
+        if (stuck)
             say(Code::stuck);
-        if (answer.share < 1 - ACTIVE)
+        const bool slowed = answer.pace < 1 - PACED && tick.error.square() > 0;
+        if (tick.slack > 0 && b.norm() <= nothing())
+            found.share = 1;
+        else if (tick.E.rows && slowed && tick.E_e.square() > 0)
+            found.share *= answer.pace;  // of the approach
+        if (found.share < 1 - ACTIVE && answer.share < 1 - ACTIVE)
             say(Code::rows_slowed, {}, {}, {answer.share});
-        const bool moved = rows_moved();
-        if (answer.pace < 1 - ACTIVE && tick.error.square() > 0)
+        if (!off.empty())
+            say_moved(off);
+        if (slowed)
             say(Code::approach_slowed, {}, {}, {answer.pace});
         if (answer.guarded < 1)
             say(Code::guarded, {}, {}, {found.guard});
-        const bool limited = little || moved || (missed > MISSED && !falls());
         found.status = contradicts || unkept ? Status::degraded
-                       : answer.share < 1 - ACTIVE ? Status::scaled
+                       : found.share < 1 - ACTIVE ? Status::scaled
                        : answer.guarded < 1 ? Status::guarded
                        : limited ? Status::limited
                                  : Status::ok;
@@ -63,7 +79,7 @@ class Reporter {
                        : found.damping > 0 ? Method::damped
                                            : Method::closed_form;
         if (found.status == Status::limited)
-            explain(missed, little || moved);
+            explain(missed, stuck || !off.empty());
         at_limits();
         return found;
     }
@@ -81,12 +97,7 @@ class Reporter {
     void say(Code code, const std::vector<int>& joints = {}, const std::vector<double>& rows = {},
              const std::vector<double>& numbers = {})
     {
-        std::vector<double>& to = found.reasons;
-        for (const std::size_t part : {static_cast<std::size_t>(code), joints.size(), rows.size(), numbers.size()})
-            to.push_back(static_cast<double>(part));
-        to.insert(to.end(), joints.begin(), joints.end());
-        to.insert(to.end(), rows.begin(), rows.end());
-        to.insert(to.end(), numbers.begin(), numbers.end());
+        iq::say(found.reasons, code, joints, rows, numbers);
     }
 
     Vec clipped(Vec y) const
@@ -143,38 +154,60 @@ class Reporter {
             say(Code::tool_faster, {}, {}, {tick.speed + answer.faster, tick.speed});
         return !rows.empty() || answer.faster > 0;
     }
-    // Joints at a bound that the rows move.
+    // Joints at a bound that the rows move, as near to it as the rows were relaxed.
     std::vector<int> in_the_way(const std::vector<double>& rows) const
     {
         std::vector<int> joints;
-        for (const int j : found.active)
-            if (std::any_of(rows.begin(), rows.end(), [&](double i) { return tick.C(static_cast<int>(i), j) != 0; }))
+        for (int j = 0; j < m; j++) {
+            const double room = std::min(x[j] - tick.lower[j], tick.upper[j] - x[j]);
+            if (std::any_of(rows.begin(), rows.end(), [&](double i) {
+                    const int row = static_cast<int>(i);
+                    const double by = std::abs(x[j]) + answer.relaxed[row] / std::abs(tick.C(row, j));
+                    return tick.C(row, j) != 0 && room <= RELAXED * by;
+                }))
                 joints.push_back(j);
+        }
         return joints;
     }
     // Exact rows that depend on each other and demand different things.
     bool rows_unkept()
     {
-        if (answer.unmet <= NEGLIGIBLE)
+        if (answer.unmet <= NEGLIGIBLE || (tick.slack > 0 && b.norm() <= nothing()))
             return false;
         say(Code::rows_unkept, {}, {}, {answer.unmet});
         return true;
     }
-    // How far limits move exact rows off the share of their demand.
-    bool rows_moved()
+    // How far limits move exact rows off the share of their demand: which rows, and by how much.
+    std::vector<std::pair<double, double>> rows_moved() const
     {
+        std::vector<std::pair<double, double>> found;
         if (!answer.beside)
-            return false;
+            return found;
         const Vec off = tick.E * x - answer.share * (tick.E_f + answer.pace * tick.E_e);
-        std::vector<double> rows, by;
         for (int i = 0; i < off.n; i++)
             if (std::abs(off[i]) > ACTIVE * tick.E[i].norm() * std::max(SLOWEST, x.norm()))
-                rows.push_back(FIRST_EXACT_ROW - i), by.push_back(std::abs(off[i]));
-        if (!rows.empty())
-            say(Code::rows_moved, {}, rows, by);
-        return !rows.empty();
+                found.emplace_back(FIRST_EXACT_ROW - i, std::abs(off[i]));
+        return found;
+    }
+    void say_moved(const std::vector<std::pair<double, double>>& off)
+    {
+        std::vector<double> rows, by;
+        for (const auto& [row, distance] : off)
+            rows.push_back(row), by.push_back(distance);
+        say(Code::rows_moved, {}, rows, by);
     }
 
+    // A measured twist up to which nothing is to move, as an error of a pose that may stay.
+    double nothing() const { return GROWING * tick.slack; }
+    // Whether joints move the tool, each by itself, by no more than that.
+    bool rests() const
+    {
+        const Mat columns = transposed(A);
+        double most = 0;
+        for (int j = 0; j < m; j++)
+            most += columns[j].norm() * std::abs(x[j]);
+        return most <= nothing();
+    }
     // Whether the twist is met but for rounding.
     bool met(Vec wanted) const
     {
@@ -191,7 +224,7 @@ class Reporter {
         if (tick.E.rows && met(wanted))
             return 0;
         const double size = wanted.norm();
-        return size > 0 ? (wanted - done).norm() / size : INFINITY;
+        return size > nothing() ? (wanted - done).norm() / size : INFINITY;
     }
     // What joints can do of the twist, beside the exact rows at their share, without limits and damping.
     Vec possible() const
@@ -212,19 +245,25 @@ class Reporter {
     }
     bool makes_no_progress() const
     {
-        if ((tick.E.rows && answer.share > PROGRESS) || b.square() == 0)
+        if ((tick.E.rows && answer.share > PROGRESS) || b.norm() <= nothing())
             return false;
         return b.dot(done) < PROGRESS * b.square() && !met(b);
     }
-    // Whether the errors of position and of orientation, of each body, fall at FALLING of the requested rate.
+    // Whether the errors of position and of orientation, of each body, fall at FALLING of the requested rate. One within
+    // slack need not fall so fast, but does not grow by more than GROWING of it either; nor does any by what moves beside
+    // it, were that to go on for as long as closing it takes.
     bool falls() const
     {
         const Vec asked = tick.root * tick.error, change = done - tick.root * tick.ahead;
-        if (asked.square() == 0)
+        if (tick.slack == 0 && asked.square() == 0)
             return false;
-        for (int i = 0; i < 2 * bodies; i++) {
-            const Vec rate = asked.part(3 * i, 3 * i + 3);
-            if (change.part(3 * i, 3 * i + 3).dot(rate) < FALLING * rate.square())
+        const int size = tick.apart ? 3 : 6;
+        for (int i = 0; i < b.n; i += size) {
+            const Vec error = asked.part(i, i + size), closes = change.part(i, i + size);
+            const double rate = error.norm();
+            if (closes.dot(error) < rate * std::max(FALLING * rate - tick.slack, -nothing()))
+                return false;
+            if (tick.slack > 0 && (error - closes).norm() > rate + nothing())
                 return false;
         }
         return true;
@@ -232,7 +271,7 @@ class Reporter {
     void explain(double missed, bool said)
     {
         double explained = 0;
-        if (bodies == 1 && m < 6 && !tick.E.rows && b.square() > 0) {
+        if (bodies == 1 && m < 6 && !tick.E.rows && b.norm() > nothing()) {
             const double share = b.dot(possible()) / b.square();
             if (share < ENOUGH) {
                 say(Code::few_joints, {}, {}, {static_cast<double>(m), share});
@@ -247,7 +286,7 @@ class Reporter {
                 explained = std::sqrt(std::max(0.0, 1 - share)) + MISSED;
             }
         }
-        if (said || missed < explained || answer.pace < 1 - ACTIVE)
+        if (said || missed < explained || answer.pace < 1 - PACED)
             return;
         if (missed == INFINITY)
             say(Code::moved);
@@ -281,6 +320,16 @@ class Reporter {
 };
 
 }  // namespace
+
+void say(std::vector<double>& to, Code code, const std::vector<int>& joints, const std::vector<double>& rows,
+         const std::vector<double>& numbers)
+{
+    for (const std::size_t part : {static_cast<std::size_t>(code), joints.size(), rows.size(), numbers.size()})
+        to.push_back(static_cast<double>(part));
+    to.insert(to.end(), joints.begin(), joints.end());
+    to.insert(to.end(), rows.begin(), rows.end());
+    to.insert(to.end(), numbers.begin(), numbers.end());
+}
 
 Report report(const Tick& tick, const Answer& answer, Workspace& w) { return Reporter(tick, answer, w).report(); }
 

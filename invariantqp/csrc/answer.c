@@ -315,14 +315,3 @@ PyObject *fields(int m, const Solution *solution, const Loop *loop, PyObject *ro
     };
     return named(ANSWER, sizeof values / sizeof *values, values);
 }
-
-/* Whether a velocity and a residual are all there is to say. */
-bool is_plain(const Solution *solution)
-{
-    if (solution->method != CLOSED_FORM || status(solution) != OK)
-        return false;
-    for (int j = 0; j < solution->m; j++)
-        if (solution->active[j])
-            return false;
-    return true;
-}

@@ -125,14 +125,6 @@ bool pose(PyObject *object, Pose *T)
     return true;
 }
 
-/* Copy one row of a float64 array (N, n) or (N, rows, n), checked before. */
-void copied(PyArrayObject *array, npy_intp row, int rows, int n, int width, double *into)
-{
-    const char *from = PyArray_BYTES(array) + row * PyArray_STRIDE(array, 0);
-    int last = PyArray_NDIM(array) - 1;
-    strided(from, last == 2 ? PyArray_STRIDE(array, 1) : 0, PyArray_STRIDE(array, last), rows, n, width, into);
-}
-
 PyObject *new_vector(int n, const double *values)
 {
     npy_intp size = n;

@@ -19,7 +19,6 @@ PyObject *left_to_python(void);
 bool vector(PyObject *object, int n, double *into);
 bool matrix(PyObject *object, int rows, int n, int width, double *into);
 bool pose(PyObject *object, Pose *T);
-void copied(PyArrayObject *array, npy_intp row, int rows, int n, int width, double *into);
 PyObject *new_vector(int n, const double *values);
 PyObject *new_matrix(int rows, int n, int width, const double *values);
 
@@ -40,11 +39,6 @@ double *memory_of(PyObject *object, const Loop *loop);
 bool target_pose(PyObject *object, Pose *T);
 int joints_of(PyObject *J);
 
-/* batch.c; numbers of a row's record, a Solution up to what rows of limits and exact rows add */
-#define RECORD ((npy_intp)(offsetof(Solution, multipliers) / sizeof(double)) + MOST)
-PyObject *batch_ticks(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names);
-PyObject *batch_solution(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
-
 /* answer.c */
 typedef enum { OK, LIMITED, SCALED, GUARDED, DEGRADED } Status;
 bool words_made(PyObject *module);
@@ -54,7 +48,6 @@ PyObject *named(PyTypeObject *type, int n, PyObject *const *values);
 PyObject *fields(int m, const Solution *solution, const Loop *loop, PyObject *row_names);
 PyObject *joint_troubles(const Loop *loop, const Tick *tick);
 PyObject *state_troubles(int joints, double dt, double gain, const double *states);
-bool is_plain(const Solution *solution);
 
 /* search.c */
 PyObject *search_descend(PyObject *module, PyObject *const *arguments, Py_ssize_t count);

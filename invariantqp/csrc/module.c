@@ -174,8 +174,6 @@ static PyObject *acts_at(PyObject *module, PyObject *const *arguments, Py_ssize_
     {name, (PyCFunction)(void (*)(void))function, METH_FASTCALL | METH_KEYWORDS, does}
 static PyMethodDef methods[] = {
     CALLED("answer_as", answer_as, "Make every answer a VelocitySolution, this type, its status a member of this enum."),
-    CALLED_BY_NAME("ticks", batch_ticks, "Many ticks at once, without the GIL."),
-    CALLED("solution", batch_solution, "A VelocitySolution from its record."),
     CALLED_BY_NAME("step", controller_step,
            "A controller's tick: a VelocitySolution, and what is to be said of joints beside it; None where Python has to answer."),
     CALLED("acts_at", acts_at, "Joint positions when the command of a tick acts and joint velocities before it, or None where Python has to find them."),
@@ -217,8 +215,7 @@ PyMODINIT_FUNC PyInit__native(void)
         Py_DECREF(value);
     }
     if (PyModule_AddIntConstant(module, "MOST_JOINTS", MOST) < 0 || PyModule_AddIntConstant(module, "MOST_ROWS", MOST_ROWS) < 0 ||
-        PyModule_AddIntConstant(module, "MOST_LIMITS", MOST_LIMITS) < 0 ||
-        PyModule_AddIntConstant(module, "RECORD", (long)RECORD) < 0)
+        PyModule_AddIntConstant(module, "MOST_LIMITS", MOST_LIMITS) < 0)
         return NULL;
     return PyModule_AddObject(module, "CONSTANTS", constants) < 0 ? NULL : module;
 }

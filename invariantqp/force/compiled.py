@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, g
 
 import numpy as np
 
-from invariantqp.control.controller import Controller
 from invariantqp.engine import core
 from invariantqp.force.contact import HybridTask, Split
 from invariantqp.force.sensor import WrenchSensor
+from invariantqp.legacy.loop import LegacyLoop
 
 if TYPE_CHECKING:
     from invariantqp.engine import Press
@@ -144,7 +144,7 @@ def core_split(split: Split) -> CoreSplit | None:
 def core_press(
     task: HybridTask,
     sensor: WrenchSensor | None,
-    loop: Controller,
+    loop: LegacyLoop,
     *,
     order: str | None,
     **fields: Any,

@@ -20,7 +20,6 @@ import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import DELAY_SHARE, tracking_twist
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.compiled import Packing, compiled_press, core_press, core_split
@@ -106,6 +105,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.geometry.se3 import velocity_at
+from invariantqp.legacy.loop import LegacyLoop
 from invariantqp.robots.kinematics import Robot, Sighting, middle, require_robot
 from invariantqp.velocity.measure import length_at
 from invariantqp.velocity.solution import Status, VelocitySolution, no_motion
@@ -304,7 +304,7 @@ class HybridController:
 
     Attributes:
         task: what the contact allows and what to exert on it.
-        loop: the `Controller` that follows the twist of each tick inside the limits.
+        loop: the loop that follows the twist of each tick inside the limits.
         sensor: what cleans the readings, or None where wrenches come clean and in the base frame.
         order: of plain numbers where there is no sensor.
         splits: the task's split for the contact of a tick.
@@ -355,7 +355,7 @@ class HybridController:
         self._at_contact = options.get("point") is None
         if self._at_contact and options.get("length") is None:
             options["length"] = length_at(robot.jacobian(mid), contact.point)
-        self.loop: Controller = Controller(robot, dt=dt, **options)
+        self.loop: LegacyLoop = LegacyLoop(robot, dt=dt, **options)
         self.sensor = sensor
         self.force_first = arrays.flag(force_first, "force_first")
         self.order = order_of(order)

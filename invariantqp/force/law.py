@@ -23,13 +23,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import DELAY_SHARE
 from invariantqp.errors import written
 from invariantqp.force.contact import HybridTask, speed_at
 from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.estimate import DAMPED, STIFF, Setting, Stiffness, Touch
 from invariantqp.geometry.arrays import Array
+from invariantqp.legacy.loop import LegacyLoop
 from invariantqp.velocity.measure import root_at
 
 # The integral's time constant, in those of the law: four is critical damping.
@@ -225,7 +225,7 @@ def retreat(task: HybridTask, contact: Contact, left: float, dt: float) -> Array
 
 
 def trembling(
-    loop: Controller, J: Array, admittance: Array, place: Array, size: float, noise: float, passed: float
+    loop: LegacyLoop, J: Array, admittance: Array, place: Array, size: float, noise: float, passed: float
 ) -> float:
     """The share of the joints' acceleration that noise takes through the force law, for each unit of its gain.
 

@@ -20,9 +20,9 @@ SMALLEST, LARGEST = 1e-30, 1e30
 REMEDY = "Choose another unit of length."
 
 
-def not_too_fast(twists: Array) -> Array:
+def not_too_fast(twists: Array, argument: str = "twist") -> Array:
     """Finite wanted twists (..., 6), no entry above `LENGTH_LIMIT`."""
-    return _up_to(LENGTH_LIMIT, twists, "twist", "Scale it down.")
+    return _up_to(LENGTH_LIMIT, twists, argument, "Scale it down.")
 
 
 def not_too_far(points: Array) -> Array:

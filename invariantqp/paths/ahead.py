@@ -27,11 +27,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from invariantqp.control.controller import Controller
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.legacy.damping import Adaptive
 from invariantqp.legacy.law import Demand
+from invariantqp.legacy.loop import LegacyLoop
 from invariantqp.legacy.solve import solve
 from invariantqp.paths.curve import Curve
 from invariantqp.paths.fit import REACHED
@@ -111,7 +111,7 @@ class JointPath:
 
     def __init__(
         self,
-        controller: Controller,
+        controller: LegacyLoop,
         curve: Curve,
         q: Array,
         *,

@@ -25,8 +25,6 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.memory import JointStates
-from invariantqp.control.response import units
 from invariantqp.control.tracking import TRACKING_SHARE
 from invariantqp.engine import core
 from invariantqp.errors import BadInput, excerpt
@@ -35,6 +33,9 @@ from invariantqp.force.control import HybridController
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry import arrays, se3, sizes
 from invariantqp.geometry.arrays import Array
+from invariantqp.legacy.loop import LegacyLoop, legacy_loop
+from invariantqp.legacy.memory import JointStates
+from invariantqp.legacy.response import units
 from invariantqp.paths.contact import Pressed
 from invariantqp.paths.fit import PATIENCE, REACHED, Given, Solver, sampled
 from invariantqp.paths.plan import PathPlan
@@ -159,7 +160,9 @@ class Follower:
                 raise BadInput("keep", repr(keep), '"shape"', "In contact a path is driven, and waits for the touch.")
             self._pressed = Pressed(loop)
             loop = loop.loop
-        if not isinstance(loop, Controller):
+        elif isinstance(loop, Controller):
+            loop = legacy_loop(loop)
+        else:
             raise BadInput("loop", excerpt(loop), "a Controller, or a HybridController")
         self._keep = arrays.choice(keep, "keep", ("time", "shape"))
         if loop.braking is None and (self._keep == "time" or jerk is not None):
@@ -1370,7 +1373,7 @@ def _none(**given: Any) -> None:
             raise BadInput(name, excerpt(value), "None without contact", "Give a HybridController as the loop.")
 
 
-def _limits_of(loop: Controller, jerk: ArrayLike | None, rise: float) -> JointLimits:
+def _limits_of(loop: LegacyLoop, jerk: ArrayLike | None, rise: float) -> JointLimits:
     """A loop's limits; without a jerk limit the acceleration rises to its own in a time [s].
 
     Raises:

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.controller import Controller
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
+from invariantqp.legacy.loop import LegacyLoop
 from invariantqp.legacy.solve import solve
 from invariantqp.paths.task_error import task_error
 from invariantqp.pose.ik import PoseSearch
@@ -92,7 +92,7 @@ class Given:
 class Solver:
     """Joint positions for points, each near the one before."""
 
-    def __init__(self, controller: Controller, tolerance: float) -> None:
+    def __init__(self, controller: LegacyLoop, tolerance: float) -> None:
         """For a loop's arm and what it meets exactly; a pose missed by more than `tolerance` is not reached."""
         self._loop = controller
         self._lower, self._upper = controller.box.position_lower, controller.box.position_upper

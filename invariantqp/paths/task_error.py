@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from invariantqp.control.controller import Controller
 from invariantqp.control.demands import View, rows_of
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.linear import TINY
 from invariantqp.legacy.law import Demand
+from invariantqp.legacy.loop import LegacyLoop
 from invariantqp.robots.kinematics import Sighting
 from invariantqp.velocity.exact import ExactRows
 
@@ -43,7 +43,7 @@ class TaskError(NamedTuple):
         off = self.rows.dot(self.error)
         return sqrt(float(off.dot(off)))
 
-    def demand(self, controller: Controller, q: Array, twist: Array, h: float, posture: Array | None = None) -> Demand:
+    def demand(self, controller: LegacyLoop, q: Array, twist: Array, h: float, posture: Array | None = None) -> Demand:
         """The demand on the law for a twist, such that q + h x is inside the position limits, from q (m,)."""
         lower, upper = (controller.box.position_lower - q) / h, (controller.box.position_upper - q) / h
         exact = self.demands
@@ -53,7 +53,7 @@ class TaskError(NamedTuple):
         return Demand(self.sighting.J, twist, self.root, lower, upper, exact, posture, row_rank=controller.row_rank)
 
 
-def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
+def task_error(controller: LegacyLoop, q: Array, target: Any) -> TaskError:
     """Before a target, at joint positions q (m,).
 
     With exact demands their part of the twist is wanted; the rest is least squares, and may stray. Fewer than six

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from invariantqp.control.compiled import compiled_demands
 from invariantqp.control.demands import Exact, ExactJoints, ExactPoint, View, rows_of
 from invariantqp.engine import core, core_for
 from invariantqp.errors import BadInput
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import ROUNDING, Array
+from invariantqp.legacy.compiled_loop import compiled_demands
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot, middle, remembered, whole_turns
 from invariantqp.systems.points import centre

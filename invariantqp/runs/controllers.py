@@ -16,7 +16,6 @@ from invariantqp.control.controller import Controller, Controls
 from invariantqp.control.limits import AnyLimit as Limit
 from invariantqp.control.shared import SharedTask
 from invariantqp.control.tracking import tracking_twist
-from invariantqp.engine import Engine
 from invariantqp.errors import BadInput
 from invariantqp.force.contact_kinds import face_contact
 from invariantqp.force.control import HybridController
@@ -37,9 +36,9 @@ MakeController = Callable[[Robot, LawSpec], Controls]
 PATH_SAMPLES = 1500
 
 
-def our_controller(robot: Robot, law: LawSpec, limits: Sequence[Limit] = (), engine: Engine = "compiled") -> Controller:
+def our_controller(robot: Robot, law: LawSpec, limits: Sequence[Limit] = ()) -> Controller:
     """The velocity controller that a [law] describes, with more limits."""
-    return Controller(robot, limits=limits, **law_options(robot, law), engine=engine)
+    return Controller(robot, limits=limits, **law_options(robot, law))
 
 
 class TaskController(ABC):
@@ -60,7 +59,7 @@ class PathController(TaskController):
 
     def __init__(self, loop: Controls) -> None:
         self._loop = loop
-        self.form = loop.law.form if isinstance(loop, Controller) else None
+        self.form = loop.form if isinstance(loop, Controller) else None
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""
@@ -76,7 +75,7 @@ class ElasticPathController(TaskController):
         samples = np.unique(np.linspace(0, n - 1, min(n, PATH_SAMPLES)).round().astype(int))
         self.follower: PathFollower = PathFollower(loop, problem.poses[samples], times=problem.time[samples], rate=1.0)
         self.follower.prepare(q)
-        self.form = loop.law.form
+        self.form = loop.form
         self.followed: list[FollowerSolution] = []
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:  # noqa: ARG002 (the path has its own time)
@@ -111,7 +110,7 @@ class OperatorController(TaskController):
         lift, tilts = np.eye(6)[:, [5]], np.eye(6)[:, :2]
         ours = se3.adjoint(plane.pose).dot(np.hstack((lift, tilts)))
         self._loop = loop
-        self.form = loop.law.form
+        self.form = loop.form
         self._shared = SharedTask(ours, plane.freedoms)
         self._strays = ours.dot([operator.strays, operator.tilts, operator.tilts])
         self._beats = operator.beats

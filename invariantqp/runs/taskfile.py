@@ -132,7 +132,7 @@ class LawSpec(Section):
         'point decides; "tool" is that at the origin of the tool frame',
         examples=[0.3],
     )
-    damping: NotNegative | None = Field(None, description="lambda [m]; left out: adaptive", examples=[0.0])
+    damping: NotNegative | None = Field(None, description="lambda of a pitch form; left out: 0", examples=[0.0])
     exact: Literal["position"] | None = Field(None, description="what is met exactly", examples=["position"])
     point: Vector3 = Field(
         (0.0, 0.0, 0.0),
@@ -154,7 +154,9 @@ class LawSpec(Section):
     joint_metric: list[Positive] | None = Field(
         None, description="one weight for each joint: what a joint velocity costs", examples=[[1.0, 1.0, 25.0]]
     )
-    backend: str = Field("daqp", description="QP solver", examples=["daqp"])
+    backend: str | None = Field(
+        None, description="a QP solver that solves the definition of the law; left out: the engine", examples=["daqp"]
+    )
     acceleration_limit: Positive | list[Positive] | None = Field(
         None, description="one for all joints, or one for each [rad/s^2, m/s^2]", examples=[10.0]
     )

@@ -6,9 +6,10 @@
     F_p(x) = 1/2 |A x - f - p e|^2 + 1/2 mu |x|^2 + 1/2 nu |x - x_before|^2 + 1/2 w |P (x - x_p)|^2,   H = F_p''
     y(p)   = y_0 + p d,   d = c (y_1 - y_0),   y_p = argmin F_p inside the position limits
     c      = max(0, 1 - WORTH |e|^2 / e'A (y_1 - y_0)):   what closes less than a thousandth of the error is not gone
-    x, p   = argmin over all limits, 0 <= p <= 1:   1/2 |x - y(p)|_H^2 + |f| |d|_H (1 - p) + 1/2 eps |d|_H^2 (1 - p)^2
+    p      = argmin over all limits, 0 <= p <= 1:   1/2 |x - y(p)|_K^2 + |f| |d|_K (1 - p) + 1/2 eps |d|_K^2 (1 - p)^2
+    x      = argmin over all limits:   |x - y(p)|_H,            K = A'A + (mu + NULL^2 |A|^2) I
 
-Limits slow the way to a target down (p) before they bend it. |x| is in the joint metric, P the projector on joint
+Limits slow the way of the tool to its target down (p) before they bend it; joints may go another way (K). |x| is in the joint metric, P the projector on joint
 velocities that move nothing. mu = KAPPA held |A| r_before, r = |A x - f - p e| of what joints can do at all: an arm
 that cannot get nearer comes to rest. nu, w: shares of |A|^2.
 
@@ -108,6 +109,7 @@ class Problem(NamedTuple):
     """Minimise 1/2 y'H y - (f + p e)'y."""
 
     H: Array
+    K: Array  # what p is decided by
     f: Array
     e: Array
     guarded: float = 1.0  # as in Answer
@@ -147,9 +149,7 @@ def velocity(tick: Tick, backend: Backend | None = None) -> Answer:
     room, position, gave_way = rooms(tick, T, solver)
     origin, basis, share = demanded(tick, T, room, solver)
     problem = objective(tick, T, share)
-    f, e = problem.f - problem.H.dot(origin[:, 0]), problem.e - problem.H.dot(origin[:, 1])
-    z = Problem(basis.T.dot(problem.H).dot(basis), basis.T.dot(f), basis.T.dot(e))
-    y, pace = paced(z, problem.H, origin, basis, room, position, tick, T, solver)
+    y, pace = paced(problem, origin, basis, room, position, tick, T, solver)
     A, x = tick.root.dot(tick.J), T.dot(y)
     left = A.dot(x) - share * tick.root.dot(tick.ahead + pace * tick.error)
     U, sigma, _ = np.linalg.svd(A, full_matrices=False)
@@ -250,7 +250,7 @@ def objective(tick: Tick, T: Array, share: float) -> Problem:
             most = np.abs(tick.posture / tick.fastest).max()
             follow = min(1.0, float(task / most)) ** 2
         f = f + share * follow * w * P.dot(pull)
-    return Problem(0.5 * (H + H.T), f, e, guarded)
+    return Problem(0.5 * (H + H.T), unit * G + (mu + NULL**2 * size) * np.eye(m), f, e, guarded)
 
 
 def worth(tick: Tick, A: Array, d: Array) -> float:
@@ -284,23 +284,28 @@ def of_form(tick: Tick, J: Array, A: Array) -> tuple[Array, Array, float]:
 
 
 def paced(
-    z: Problem, H: Array, origin: Array, basis: Array, room: Room, position: Room, tick: Tick, T: Array, solver: Backend
+    of: Problem, origin: Array, basis: Array, room: Room, position: Room, tick: Tick, T: Array, solver: Backend
 ) -> tuple[Array, float]:
-    """y and p: the last line of the law, for y = origin_f + p origin_e + basis z."""
-    A, n = tick.root.dot(tick.J).dot(T), basis.shape[1]
-    first, way = origin.T
-    y_0 = first + basis.dot(minimise(z.H, z.f, position.on(first, basis), solver))
-    y_1 = first + way + basis.dot(minimise(z.H, z.f + z.e, position.on(first + way, basis), solver))
-    d = worth(tick, A, y_1 - y_0) * (y_1 - y_0)
-    length = float(np.sqrt(max(0.0, d.dot(H).dot(d))))
-    if length <= ROUNDING * np.sqrt(max(0.0, y_1.dot(H).dot(y_1))):
-        return y_0 + basis.dot(minimise(z.H, np.zeros(n), room.on(y_0, basis), solver)), 1.0
-    most = float(np.linalg.norm(tick.root.dot(tick.ahead)))  # in u = basis'(y - y(p)) and p length
-    K = np.block([[z.H, np.zeros((n, 1))], [np.zeros((1, n)), EPSILON]])
+    """y and p: the last lines of the law, for y = origin_f + p origin_e + basis z."""
+    n, (first, way) = basis.shape[1], origin.T
+    H, K = (basis.T.dot(matrix).dot(basis) for matrix in (of.H, of.K))
+    f, e = basis.T.dot(of.f - of.H.dot(first)), basis.T.dot(of.e - of.H.dot(way))
+    y_0 = first + basis.dot(minimise(H, f, position.on(first, basis), solver))
+    y_1 = first + way + basis.dot(minimise(H, f + e, position.on(first + way, basis), solver))
+    d = worth(tick, tick.root.dot(tick.J).dot(T), y_1 - y_0) * (y_1 - y_0)
+    length, size = (float(np.sqrt(max(0.0, y.dot(of.K).dot(y)))) for y in (d, y_1))
+    if length <= ROUNDING * size:
+        return y_0 + basis.dot(minimise(H, np.zeros(n), room.on(y_0, basis), solver)), 1.0
+    most = float(np.linalg.norm(tick.root.dot(tick.ahead)))  # in u = basis'(x - y(p)) and p length
     left = room.on(y_0, np.column_stack((basis, d / length))).with_row(0.0, length)
-    u = minimise(K, np.append(np.zeros(n), most + EPSILON * length), left, solver)
+    wide = np.block([[K, np.zeros((n, 1))], [np.zeros((1, n)), EPSILON]])
+    u = minimise(wide, np.append(np.zeros(n), most + EPSILON * length), left, solver)
     p = float(np.clip(u[n] / length, 0.0, 1.0))
-    return np.asarray(y_0 + p * d + basis.dot(u[:n])), p
+    try:
+        z = minimise(H, np.zeros(n), room.on(y_0 + p * d, basis), solver)
+    except SolverFailure:  # next to no room: rounding of p
+        z = u[:n]
+    return np.asarray(y_0 + p * d + basis.dot(z)), p
 
 
 def minimise(H: Array, c: Array, room: Room, solver: Backend) -> Array:

@@ -114,8 +114,10 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
     return _checked_solution(J, twist, options)
 
 
-def solution_of(fields: tuple[Any, ...], rows: LimitRows | None = None) -> VelocitySolution:
-    """The solution that the engine's fields are."""
+def solution_of(
+    fields: tuple[Any, ...], rows: LimitRows | None = None, joint_names: tuple[str, ...] = ()
+) -> VelocitySolution:
+    """The solution that the engine's fields are, for some rows of limits and names of joints."""
     x, method, status, reasons, active, residual, share, damping, guard, pulls, row_pulls = fields
     backend = "engine" if method == 2 else ""
     names = () if rows is None else rows.names
@@ -133,6 +135,7 @@ def solution_of(fields: tuple[Any, ...], rows: LimitRows | None = None) -> Veloc
         pulls,
         row_pulls,
         names,
+        joint_names,
     )
 
 
@@ -190,7 +193,7 @@ def form_fields(form: Form | CarriedMetric | None) -> dict[str, Any]:
         return {"root": form.root()}
     if isinstance(form, PitchForm):
         if form.convexified:
-            remedy = "Controller still has it."
+            remedy = "HybridController still has it."
             raise BadInput("form", "PitchForm(..., convexified=True)", "a PitchForm as it is", remedy)
         return {"form": ("pitch", form.h)}
     if isinstance(form, Complement):

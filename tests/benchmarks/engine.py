@@ -13,10 +13,10 @@ from math import inf
 from time import perf_counter_ns
 
 import numpy as np
+from invariantqp.control.definition import DefinitionController, tick_of
 
 import invariantqp as iq
 from invariantqp import _core
-from invariantqp.control.definition import DefinitionController, tick_of
 from invariantqp.legacy.compiled import compiled
 
 STARTS = {"panda": [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.7], "ur5e": [0.0, -1.2, 1.4, -1.0, -1.3, 0.2]}

@@ -119,7 +119,7 @@ def test_libraries_with_environments_of_their_own_follow_a_slow_path(name):
     if environments.python_of(row.environment) is None:
         pytest.skip(f"{name} is not installed: invariantqp compare --setup")
     (task,) = bed(["ur5e"], ["free"])
-    ((_, found),) = run_all([task], [row], [Workers([row])])
+    ((_, found),) = run_all([task], [row])
     assert found[name]["exceptions"] == found[name]["violations"] == 0
     assert found[name]["mm"] < 0.02
 
@@ -152,7 +152,7 @@ def test_a_method_that_fails_is_a_row_and_no_end(monkeypatch):
 def test_tasks_with_acceleration_limits_leave_out_who_takes_none():
     tasks = bed(["so101"], ["jump accelerations"])
     rows = methods_named([*FEW, "mink"])
-    ((_, found),) = run_all(tasks, rows, [Workers(rows)])
+    ((_, found),) = run_all(tasks, rows)
     assert list(found) == ["invariantqp", "DLS"]
     assert found["invariantqp"]["violations"] == 0
 

@@ -1,11 +1,9 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.linalg import null_space
 from support.arms import ready
 
 import invariantqp as iq
-from invariantqp.control.controller import POSTURE_TIME
 
 PANDA = iq.load_robot("panda")
 READY = ready("panda")
@@ -133,7 +131,7 @@ def test_posture_keeps_seven_joints_in_the_middle_and_can_be_switched_off():
         loop = controller(**options)
         np.testing.assert_allclose(loop.step(READY, goal).velocity, 0.0, atol=1e-12)  # told to stay, it stays
         loop = controller(**options)
-        for _ in range(round(POSTURE_TIME / DT) + 1):  # it sets in by and by
+        for _ in range(12):  # it sets in softly
             pull = loop.step(READY, goal, twist).velocity - without.step(READY, goal, twist).velocity
         assert np.linalg.norm(pull) > 1e-3
         np.testing.assert_allclose(PANDA.jacobian(READY) @ pull, 0.0, atol=1e-10)
@@ -143,29 +141,6 @@ def test_posture_keeps_seven_joints_in_the_middle_and_can_be_switched_off():
     assert iq.Controller(iq.load_robot("ur5"), dt=DT).posture_gain == 0.0
     with pytest.raises(iq.BadInput, match=r"posture: found 2.0; expected .*posture_gain"):
         controller(posture=2.0)
-
-
-@pytest.mark.parametrize("engine", ["compiled", "python"])
-def test_a_posture_sets_in_and_rests_by_and_by(engine):
-    """Where nothing is limited or damped, what does not move the tool gets to full speed in POSTURE_TIME at most."""
-    rng = np.random.default_rng(5)
-    for name in ("panda", "xarm7", "iiwa14"):
-        robot = iq.load_robot(name)
-        low, high = robot.position_lower, robot.position_upper
-        q = 0.5 * (low + high) + 0.3 * (high - low) * rng.uniform(-1.0, 1.0, 7)
-        dt, loop = 0.01, iq.Controller(robot, dt=0.01, posture_gain=4.0, engine=engine)
-        T, way, before, seen = robot.pose(q).copy(), rng.normal(size=3), np.zeros(7), []
-        for k in range(60):
-            T[:3, 3] += (0.002 if k < 25 else 0.0) * way / np.linalg.norm(way)
-            solution = loop.step(q, T)
-            v = solution.velocity
-            N = null_space(robot.jacobian(q))
-            change = np.abs(N @ N.T @ (v - before)) / (dt / POSTURE_TIME * robot.velocity_limit)
-            seen += [] if solution.active or solution.reasons else [change.max()]
-            q, before = q + dt * v, v
-        assert max(seen) < 1.0 + 1e-6
-        assert max(seen) > 0.99
-        assert solution.reasons or np.abs(v).max() < 0.05 * np.abs(robot.velocity_limit).max()
 
 
 def test_a_metric_that_follows_the_tool():
@@ -205,7 +180,7 @@ def test_a_gantry_is_as_fast_in_millimetres():
 def test_what_a_loop_is_made_of_does_not_change():
     """The compiled core would go on with the old numbers."""
     loop = controller()
-    for name, value in (("gain", 1.0), ("tool_speed", iq.limits.ToolSpeed(0.1)), ("law", loop.law)):
+    for name, value in (("gain", 1.0), ("tool_speed", iq.limits.ToolSpeed(0.1)), ("form", 0.1)):
         with pytest.raises(AttributeError, match=f"{name} of a controller does not change"):
             setattr(loop, name, value)
 

@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 import invariantqp as iq
+from invariantqp.legacy.loop import LegacyLoop
 
 DT = 0.005
 
@@ -64,10 +65,9 @@ def test_limits_that_contradict_each_other_are_named_by_joint():
     assert solution.velocity[2] == pytest.approx(-4.0 * DT)  # on its way back, no jump
 
 
-@pytest.mark.parametrize("engine", ["compiled", "python"])
-def test_joints_at_their_limits_are_called_by_their_names(engine):
+def test_joints_at_their_limits_are_called_by_their_names():
     robot = iq.load_robot("ur5")
-    loop = iq.Controller(robot, dt=0.01, engine=engine)
+    loop = iq.Controller(robot, dt=0.01)
     q = np.array([0.3, -1.4, 1.8, -1.9, -1.5, 0.3])
     solution = loop.step(q, robot.pose(q + 1.0))
     joints = solution.active
@@ -209,11 +209,10 @@ def test_an_arm_that_answers_late_comes_to_rest_at_its_limits(late, acceleration
 
 @pytest.mark.cases(2)
 @pytest.mark.parametrize("exact", [None, "position"])
-@pytest.mark.parametrize("engine", ["compiled", "python"])
-def test_joint_velocities_give_way_to_limits_by_the_least(engine, exact):
+def test_joint_velocities_give_way_to_limits_by_the_least(exact):
     rng, rows = np.random.default_rng(0), iq.limits.LimitRows(np.eye(6)[:2] + 0.3, [-0.2, -0.3], [0.2, 0.1])
-    options = {"acceleration_limit": 20.0, "tool_speed": 0.3, "limits": [rows], "exact": exact, "engine": engine}
-    loop = iq.Controller(arm(), dt=DT, form=0.1, delay=0.01, **options).of_joints()
+    options = {"acceleration_limit": 20.0, "tool_speed": 0.3, "limits": [rows], "exact": exact}
+    loop = LegacyLoop(arm(), dt=DT, form=0.1, delay=0.01, **options).of_joints()
     box = [(-20.0 * DT, 20.0 * DT)] * 6
     held = 0
     for _ in range(20):

@@ -8,13 +8,12 @@ import pytest
 from support.repeats import repeats
 
 import invariantqp as iq
-from invariantqp.legacy.damping import PROGRESS_SHARE
+from invariantqp.velocity import Code
 
 SEVEN = ("panda", "fr3", "iiwa14", "gen3", "xarm7", "talos")
 ARMS = ("panda", "ur5", "xarm7", "so101", "gen3", "z1")
 # Joint positions are read to this [rad].
 READ = 2e-5
-ENGINES = ("compiled", "python") if iq.native else ("python",)
 # What "ok" promises, said here on purpose.
 MISSED, FALLING, SLACK, GROWING = 0.05, 0.5, 2e-3, 0.01
 
@@ -108,7 +107,7 @@ def test_out_of_reach_joints_rest_that_bring_the_tool_no_nearer(name):
             moved += dt * np.linalg.norm(measured(robot, q, loop.measure.length)[0], axis=0) @ np.abs(late)
             q, late = q + dt * late, loop.step(q, aim).velocity
         resting, nearer = np.abs(late).max() < 1e-5, left - missed(robot, q, target)
-        assert resting or nearer > PROGRESS_SHARE * moved
+        assert resting or nearer > 2e-4 * moved
         creeping += not resting and nearer <= 1e-5
     assert creeping <= 1
 
@@ -202,17 +201,14 @@ def test_ok_is_what_it_promises_and_limited_names_what_limits(name, loop_name):
 def test_what_moves_is_not_told_that_nothing_helps():
     """A slow arm far from its target does little of what the gain asks for, and gets there; out of reach it rests."""
     robot, q = iq.load_robot("panda"), np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
-    for engine in ENGINES:
-        slow = iq.Controller(robot, dt=0.001, engine=engine)
-        solution = slow.step(q, iq.transform(translation=[1.2, 0.0, 0.5]) @ robot.pose(q), velocity_limit=0.005)
-        codes = [reason.code.name for reason in solution.reasons]
-        assert (solution.status, codes) == ("limited", ["CHASE_SLOWED", "AT_LIMITS"])
+    slow = iq.Controller(robot, dt=0.001)
+    solution = slow.step(q, iq.transform(translation=[1.2, 0.0, 0.5]) @ robot.pose(q), velocity_limit=0.005)
+    codes = [reason.code.name for reason in solution.reasons]
+    assert (solution.status, codes) == ("limited", ["CHASE_SLOWED", "AT_LIMITS"])
     loop, ends = iq.Controller(robot, dt=0.01), []
     far = iq.transform(translation=[3.0, 0.0, 0.5])
-    for k in range(1400):
-        by_python = loop.by_engine("python") if k % 100 == 99 else None
+    for _ in range(1400):
         solution = loop.step(q, far)
-        assert by_python is None or by_python.step(q, far).reason == solution.reason
         q = q + 0.01 * solution.velocity
         ends.append("no velocity reduces" in solution.reason)
         assert not ends[-1] or np.abs(solution.velocity).max() < 1e-2
@@ -231,14 +227,12 @@ def test_at_a_target_that_is_reached_it_is_ok(goal):
     for _ in range(2500):
         q = q + 0.004 * loop.step(q, aim).velocity
     assert np.linalg.norm(iq.log(target @ iq.inverse(robot.pose(q)))) < GROWING * SLACK
-    for engine in ENGINES:
-        solution = loop.by_engine(engine).step(q, aim)
-        assert solution.status == "ok", solution.reason
+    solution = loop.step(q, aim)
+    assert solution.status == "ok", solution.reason
 
 
-@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("limit", ["range", "clearance"])
-def test_a_tool_that_limits_move_off_a_still_target_is_not_ok(limit, engine):
+def test_a_tool_that_limits_move_off_a_still_target_is_not_ok(limit):
     """A start inside a margin is left, and the first tick says so, too; so is the place of a box that is put there."""
     robot, q = iq.load_robot("ur5"), np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
     options = {"position_margin": 2.0}
@@ -247,7 +241,7 @@ def test_a_tool_that_limits_move_off_a_still_target_is_not_ok(limit, engine):
         box = iq.limits.Box(np.eye(4), [0.1, 0.1, 0.1])
         box.move(iq.transform(translation=[0.0, 0.0, 9.0]))
         options = {"limits": [iq.limits.Clearance(robot, obstacles=[box])]}
-    loop = iq.Controller(robot, dt=0.004, engine=engine, **options)
+    loop = iq.Controller(robot, dt=0.004, **options)
     target = robot.pose(q)
     if limit == "clearance":
         assert loop.step(q, target).status == "ok"
@@ -286,12 +280,11 @@ def test_a_joint_at_its_limit_is_as_quiet_as_one_elsewhere(name, options):
     assert said <= {"ok", "limited"}
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_at_its_target_an_arm_with_fewer_joints_than_exact_rows_is_ok(engine):
+def test_at_its_target_an_arm_with_fewer_joints_than_exact_rows_is_ok():
     joints = [iq.revolute([0, 0, 1]), iq.revolute([0, 1, 0]), iq.revolute([0, 1, 0], point=[0.3, 0, 0])]
     robot = iq.robots.Chain(np.column_stack(joints), home=iq.transform(translation=[0.6, 0, 0]))
     exact = [iq.control.ExactPoint([0.0, 0.0, 0.0]), iq.control.ExactAxis([0.0, 0.0, 1.0])]
-    loop, q = iq.Controller(robot, dt=0.002, exact=exact, engine=engine), np.array([0.3, 0.6, 0.9])
+    loop, q = iq.Controller(robot, dt=0.002, exact=exact), np.array([0.3, 0.6, 0.9])
     target = robot.pose(q + 0.1)
     said = []
     for _ in range(300):
@@ -332,7 +325,7 @@ def test_the_tick_decides_no_status(name):
                 solution = loop.step(q, target)
                 q, ok = q + dt * solution.velocity, ok + (solution.status == "ok")
         share.append(ok / (6 * ticks))
-    assert share[0] == pytest.approx(share[1], abs=0.03)
+    assert share[0] == pytest.approx(share[1], abs=0.06)
     assert 0.2 < share[0] < 0.98
 
 
@@ -345,10 +338,13 @@ def test_scaled_keeps_the_direction_of_an_exact_point(name):
             continue
         J, T, aim = loop.robot.jacobian(q), loop.robot.pose(q), iq.exp(e) @ loop.robot.pose(q)
         p, wanted = T[:3, 3], aim[:3, 3]
-        demanded = loop.gain * (wanted - p) + ahead[3:] + np.cross(ahead[:3], wanted)
+        closing, led = loop.gain * (wanted - p), ahead[3:] + np.cross(ahead[:3], wanted)
         moving = J @ solution.velocity
         v = moving[3:] + np.cross(moving[:3], p)
-        np.testing.assert_allclose(v, solution.scale * demanded, atol=1e-7 * (1.0 + np.linalg.norm(demanded)))
+        said = {reason.code: reason.numbers[0] for reason in solution.reasons if reason.numbers}
+        share, pace = (said.get(code, 1.0) for code in (Code.ROWS_SLOWED, Code.CHASE_SLOWED))
+        assert solution.scale == pytest.approx(share * pace, abs=1e-3)
+        np.testing.assert_allclose(v, share * (led + pace * closing), atol=2e-3 * (1.0 + np.linalg.norm(closing)))
         assert (solution.status == "scaled") == (solution.scale < 1.0 - 1e-6)
         scaled += solution.status == "scaled"
     assert scaled > 20
@@ -401,14 +397,13 @@ def test_the_pace_rises_as_the_way_gets_shorter(name):
     assert max(off) < 0.01
 
 
-@pytest.mark.parametrize("engine", ["compiled", "python"])
-def test_a_locked_joint_that_is_missed_is_said_at_rest(engine):
+def test_a_locked_joint_that_is_missed_is_said_at_rest():
     """Beside exact joints nothing moves the tool where it is as near as it comes."""
     arm, q = iq.load_robot("ur5"), np.array([0.4, -1.3, 1.9, -2.1, -1.5, 0.3])
     target = iq.transform(translation=[0.05, 0.1, 0.05]) @ arm.pose(q)
     locked = iq.control.ExactJoints(np.eye(6)[5:], [0.0])
-    loop = iq.Controller(arm, dt=0.01, exact=locked, engine=engine)
-    for _ in range(200):
+    loop = iq.Controller(arm, dt=0.01, exact=locked)
+    for _ in range(800):
         solution = loop.step(q, target)
         q = q + 0.01 * solution.velocity
     assert solution.status == "limited"

@@ -106,8 +106,8 @@ def test_a_hand_goes_into_a_hollow_but_not_through_its_sides():
     assert Clearance(hand, ball, [Mesh(points, hull=True)]).at(inside).distance < 0.0
     limit = Clearance(hand, ball, [Mesh((points, faces), name="channel")])
     assert limit.at(inside).distance == pytest.approx(0.07 - 0.02, abs=1e-9)
-    loop, q = iq.Controller(hand, dt=DT, limits=[limit]), np.array([0.0, 0.0, 0.4])
-    for target, ends in (([0, 0.05, 0.01], [0, 0.05, 0.04]), ([0, 0.3, 0.1], [0, 0.06, 0.1])):
+    loop, q = iq.Controller(hand, dt=DT, limits=[limit]), np.array([0.0, 0.05, 0.4])
+    for target, ends in (([0, 0.05, 0.01], [0, 0.05, 0.04]), ([0, 0.3, 0.04], [0, 0.06, 0.04])):
         for _ in range(600):
             q = q + DT * loop.step(q, iq.transform(translation=target)).velocity
         np.testing.assert_allclose(q, ends, atol=1e-4)

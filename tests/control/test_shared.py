@@ -71,7 +71,8 @@ def test_it_drives_an_arm_inside_its_limits():
     place = robot.pose(q)[:3, 3]
     task = iq.control.SharedTask(DISTANCE, PLANE, metric=np.ones(6)).moved(iq.transform(translation=place))
     J = robot.jacobian(q)
-    quiet = loop.follow(q, task.twist(np.zeros(6), [0, 0, 0, 0.1, -0.05, 0.3]))
+    for _ in range(4):  # a loop sets off softly
+        quiet = loop.follow(q, task.twist(np.zeros(6), [0, 0, 0, 0.1, -0.05, 0.3]))
     np.testing.assert_allclose(J @ quiet.velocity, [*np.cross(place, [0.1, -0.05, 0.0]) * 0, 0.1, -0.05, 0], atol=1e-12)
     wild = loop.follow(q, task.twist(np.zeros(6), [0, 0, 0, 30.0, 0.0, 0.0]))
     assert (np.abs(wild.velocity) <= robot.velocity_limit).all()

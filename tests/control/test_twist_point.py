@@ -25,16 +25,20 @@ def at_tool(robot, q, x):
     return np.concatenate((turn, there[:3, 3] - here[:3, 3])) / 1e-6
 
 
+def settled(tick):
+    """The velocity of some ticks: a loop sets off softly."""
+    return [tick().velocity for _ in range(8)][-1]
+
+
 @pytest.mark.parametrize("name", ARMS)
-@pytest.mark.parametrize("engine", ["compiled", "python"])
 @pytest.mark.parametrize("twist", [TURN, BOTH], ids=["turn", "both"])
-def test_the_tool_point_moves_as_asked(name, engine, twist):
+def test_the_tool_point_moves_as_asked(name, twist):
     robot, q = iq.load_robot(name), ready(name)
     for options in ({}, {"acceleration_limit": 1e3}, {"exact": "position"}, {"limits": [lambda q: None]}):
-        loop = iq.Controller(robot, dt=0.002, engine=engine, posture=False, **options)
-        x = loop.follow(q, twist).velocity
+        loop = iq.Controller(robot, dt=0.002, posture=False, **options)
+        x = settled(lambda loop=loop: loop.follow(q, twist))
         np.testing.assert_allclose(at_tool(robot, q, x), twist, atol=2e-6)
-        x = iq.Controller(robot, dt=0.002, engine=engine, posture=False, **options).follow(q, twist, at="base").velocity
+        x = settled(lambda loop=loop: loop.follow(q, twist, at="base"))
         np.testing.assert_allclose(robot.jacobian(q) @ x, twist, atol=1e-9)
 
 
@@ -60,7 +64,8 @@ def test_the_two_points_are_one_adjoint_apart(name):
     np.testing.assert_allclose(a.velocity, b.velocity, rtol=0.0, atol=1e-12)
     assert (a.status, a.reason) == (b.status, b.reason)
     # As the docstring of `feedforward` says: with the target where the tool is, the twist alone is left.
-    led = iq.Controller(robot, dt=0.01).step(q, robot.pose(q), carry @ BOTH).velocity
+    loop = iq.Controller(robot, dt=0.01)
+    led = settled(lambda: loop.step(q, robot.pose(q), carry @ BOTH))
     np.testing.assert_allclose(at_tool(robot, q, led), BOTH, atol=2e-6)
 
 
@@ -81,17 +86,13 @@ def test_a_follower_takes_both_and_a_change_between_them():
 
 @settings(max_examples=repeats(200, 20), deadline=None)
 @given(st.integers(0, 2**63))
-def test_on_any_chain_in_both_engines(seed):
+def test_on_any_chain(seed):
     rng = np.random.default_rng(seed)
     robot, twist = random_chain(rng), rng.normal(size=6)
     q = np.clip(rng.normal(size=len(robot.names)), robot.position_lower, robot.position_upper)
     tool = robot.pose(q)[:3, 3]
     screw = iq.adjoint(iq.transform(translation=tool)) @ twist
-    found = [
-        iq.Controller(robot, dt=0.01, engine=engine).follow(q, given, at=at)
-        for engine in ("compiled", "python")
-        for given, at in ((twist, "tool"), (screw, "base"))
-    ]
+    found = [iq.Controller(robot, dt=0.01).follow(q, given, at=at) for given, at in ((twist, "tool"), (screw, "base"))]
     for one in found[1:]:
         np.testing.assert_allclose(one.residual, found[0].residual, rtol=0.0, atol=1e-6 * np.linalg.norm(screw))
         assert one.status == found[0].status

@@ -5,10 +5,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from invariantqp.control.memory import Memory
 
 import invariantqp as iq
 from invariantqp.control.controller import Controller
-from invariantqp.control.memory import Memory
 from invariantqp.force.control import HybridController
 
 ROOT = Path(__file__).parents[2]

@@ -236,13 +236,6 @@ ALGEBRA = {
     ),
     "solve_velocity": lambda: (iq.solve_velocity, {"J": J, "twist": TWIST, **law_options()}),
     "solve_velocity, daqp": lambda: (iq.solve_velocity, {"J": J, "twist": TWIST, **law_options(backend="daqp")}),
-    "exps": lambda: (iq.batches.exps, {"twists": TWIST}),
-    "logs": lambda: (iq.batches.logs, {"poses": T}),
-    "adjoints": lambda: (iq.batches.adjoints, {"poses": T}),
-    "velocities": lambda: (
-        iq.batches.velocities,
-        {"J": J, "twist": TWIST, "point": POINT} | usual(iq.batches.velocities, "bounds posture length damping dt"),
-    ),
     "solve_velocities": lambda: (
         iq.solve_velocities,
         {"J": np.stack([J, J]), "twist": np.stack([TWIST, TWIST]), **law_options("exact", "rows", "tool_speed")},

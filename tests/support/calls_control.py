@@ -42,16 +42,6 @@ def controller():
     return iq.Controller(ur5(), dt=0.01, form=H)
 
 
-def batch_ik():
-    return iq.batches.DifferentialIK(SimpleNamespace(command_type="pose"), 1, quaternion="wxyz")
-
-
-def commanded():
-    controller = batch_ik()
-    controller.set_command(np.array([[0.1, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0]]))
-    return controller
-
-
 def task():
     return iq.HybridTask(contact(), [5.0])
 
@@ -369,21 +359,6 @@ CONTROL = {
         {"transform_target_to_world": T},
     ),
     # LeRobot
-    "kinematics": lambda: (iq.batches.kinematics, {"robot": chain(), "q": Q}),
-    "DifferentialIK": lambda: (
-        iq.batches.DifferentialIK,
-        {"cfg": SimpleNamespace(command_type="pose"), "num_envs": 2, "device": "cpu", "quaternion": "wxyz"}
-        | usual(iq.batches.DifferentialIK, "position_limits velocity_limit dt"),
-    ),
-    "DifferentialIK.reset": lambda: (batch_ik().reset, {"env_ids": None}),
-    "DifferentialIK.set_command": lambda: (
-        batch_ik().set_command,
-        {"command": np.ones((1, 7)), "ee_pos": None, "ee_quat": None},
-    ),
-    "DifferentialIK.compute": lambda: (
-        commanded().compute,
-        {"ee_pos": np.ones((1, 3)), "ee_quat": np.ones((1, 4)), "jacobian": J[None], "joint_pos": Q[None]},
-    ),
     "RobotKinematics": lambda: (
         iq.lerobot.RobotKinematics,
         {

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from invariantqp.control.definition import DefinitionController, tick_of
 
 import invariantqp as iq
-from invariantqp.control.definition import DefinitionController, tick_of
 from invariantqp.geometry.arrays import Array
 from invariantqp.legacy.law import Demand, VelocityLaw
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, LimitRows, Sphere, ToolSpeed

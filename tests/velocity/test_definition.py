@@ -5,9 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from invariantqp.control.definition import DefinitionController
 
 import invariantqp as iq
-from invariantqp.control.definition import DefinitionController
 from invariantqp.robots import rail, stand_on
 from invariantqp.velocity.backends import SolverFailure, backend_of
 from invariantqp.velocity.definition import (

@@ -13,27 +13,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invariantqp.control.motion_ratio import NUMBERS, MotionRatio
-from invariantqp.control.response import ROWS, Response
-from invariantqp.errors import BadInput
+from invariantqp.control.tracking import ticks_late
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import NEGLIGIBLE, Array
+from invariantqp.geometry.arrays import Array
+from invariantqp.legacy.motion_ratio import NUMBERS, MotionRatio
+from invariantqp.legacy.response import ROWS, Response
 from invariantqp.robots.kinematics import joint_displacement
 from invariantqp.velocity.reasons import Code, Reason
 
-# A robot that is later than this many ticks is none: a delay in milliseconds, say.
-MOST_LATE = 10_000
 # The numbers of the error's turn.
 HEADER = 3
-
-
-def ticks_late(delay: float, dt: float) -> tuple[int, float]:
-    """A delay in ticks: the whole ones, and the share of one more."""
-    late = delay / dt
-    if late > MOST_LATE:
-        raise BadInput("delay", f"{delay:g} s, {late:.0f} ticks", f"seconds, at most {MOST_LATE} ticks")
-    whole = int(late + NEGLIGIBLE)  # quotients of decimals are nearly whole
-    return whole, max(0.0, late - whole)
 
 
 def states_of(joints: int) -> int:

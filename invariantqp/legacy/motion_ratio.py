@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from invariantqp.control.response import COMMANDED_REST, RESPONSE_TIME
 from invariantqp.geometry.arrays import Array
+from invariantqp.legacy.response import COMMANDED_REST, RESPONSE_TIME
 from invariantqp.velocity.reasons import Code, Reason
 
 # Displacements are compared over the time of a response, or so many updates: an arm that swings because of a delay has

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from invariantqp.control.compiled import compiled_tick
 from support.fuzz_ticks import random_chain
 from support.random_systems import motion
 from support.repeats import repeats
 from support.two_laws import Brought, same_reasons
 
 import invariantqp as iq
-from invariantqp.control.compiled import compiled_tick
 from invariantqp.control.frame_cost import FrameCost
 from invariantqp.engine import core
 from invariantqp.legacy.objective import least_squares, spectrum_of

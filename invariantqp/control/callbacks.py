@@ -1,0 +1,166 @@
+"""What a tick of the engine asks of Python: limits, exact demands and robots of the user's, and other solvers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from invariantqp.control.demands import View, rows_of
+from invariantqp.control.limits import Changes, RowLimits, limit_fields, stacked, tool_speed_fields
+from invariantqp.errors import excerpt
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Sighting
+from invariantqp.velocity.backends import SolverFailure
+from invariantqp.velocity.definition import Rows, Tick, velocity
+from invariantqp.velocity.exact import ExactRows, whitened
+from invariantqp.velocity.limits import LimitRows
+from invariantqp.velocity.problem import found_by
+from invariantqp.velocity.reasons import Code, Reason, told
+from invariantqp.velocity.solution import Status, VelocitySolution, both
+
+if TYPE_CHECKING:
+    from invariantqp.control.controller import Controller
+
+
+class Callbacks:
+    """The functions of one tick, and what they said.
+
+    Attributes:
+        rows: the limits on combinations of joint velocities in this tick, or None.
+        raised: the exception that one of the functions raised, or None.
+    """
+
+    def __init__(self, controller: Controller, now: Changes | None, target: Any) -> None:
+        """Of a controller's tick towards a target, None for a twist; `now` is what is other in this tick."""
+        own, changed = controller.joint_rows, None if now is None else now.joint_rows
+        self._loop, self._target, self._now = controller, target, now
+        self.rows: LimitRows | None = None if own is None else own.fixed
+        self._of_function = own if own is not None and own.fixed is None else None
+        self._limits: list[RowLimits] = [limits for limits in (own, changed) if limits]
+        self._trouble: Reason | None = None
+        self._failure = ""
+        self.raised: BaseException | None = None
+
+    @property
+    def functions(self) -> tuple[Callable[..., Any] | None, ...]:
+        """As the engine takes them: arm, rows, after, exact, law."""
+        loop = self._loop
+        looks = any(limits.does["after"] for limits in self._limits)
+        asks = self._of_function is not None or (self._now is not None and bool(self._now.joint_rows))
+        return (
+            None if loop.by_chain else self._kept(self._arm),
+            self._kept(self._limit_rows) if asks else None,
+            self._kept(self._after) if looks else None,
+            self._kept(self._exact) if loop.asks_demands else None,
+            None if loop.backend is None else self._kept(self._law),
+        )
+
+    @property
+    def changes(self) -> tuple[float, dict[str, Any] | None, tuple[float, Array] | None] | None:
+        """What is other in this tick, as the engine takes it."""
+        now, usual = self._now, self._loop.limits.loop
+        if now is None:
+            return None
+        speed = now.loop.tool_speed
+        return (
+            now.speed,
+            None if now.loop is usual else limit_fields(now.loop, self._loop.box.rate),
+            None if speed is None or speed is usual.tool_speed else tool_speed_fields(speed),
+        )
+
+    def begin(self, q: Any) -> None:
+        """A tick begins at measured joint positions q (m,)."""
+        for limits in self._limits:
+            limits.begin(q)
+
+    def completed(self, solution: VelocitySolution) -> VelocitySolution:
+        """The solution with what limits and solvers said."""
+        backend = self._loop.backend
+        if backend is not None:
+            solution = solution._replace(backend=backend.name if solution.method == "qp" else "")
+            if self._failure and solution.status is Status.HELD:
+                solution = solution._replace(reasons=(Reason(Code.NO_VELOCITY, words=self._failure),))
+        if self._trouble is not None:
+            solution = solution._replace(reasons=both((self._trouble,), solution))
+        broken = next((why for limits in self._limits if (why := limits.broken())), "")
+        if broken:
+            status = Status.LIMITED if solution.status is Status.OK else solution.status
+            solution = solution._replace(status=status, reasons=both(told(broken), solution))
+        return solution
+
+    def _kept(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The function, whose exceptions are kept: they are the user's, and no argument that the engine refuses."""
+
+        def called(*arguments: Any) -> Any:
+            try:
+                return function(*arguments)
+            except BaseException as error:
+                self.raised = error
+                raise
+
+        return called
+
+    def _sighting(self, q: Array) -> Sighting:
+        robot = self._loop.robot
+        return robot.sight(q, robot.target(robot.pose(q) if self._target is None else self._target))
+
+    def _arm(self, q: Array) -> tuple[Array, Any]:
+        return seen(self._sighting(q))
+
+    def _limit_rows(self, q: Array, before: Array) -> tuple[Array, Array, Array] | bool | None:
+        """Rows at joint positions q (m,) beside those that never change; False where none are known to be safe."""
+        found: list[LimitRows] = []
+        for limits in (self._of_function, None if self._now is None else self._now.joint_rows):
+            if limits:
+                rows, self._trouble = limits.at(q, before)
+                if self._trouble is not None:
+                    return False
+                found += [] if rows is None else [rows]
+        more = stacked(found)
+        self._add(more)
+        return None if more is None else (more.C, more.lower, more.upper)
+
+    def _after(self, q: Array, x: Array) -> tuple[Array, Array, Array] | None:
+        """More rows, where the answer x (m,) does not keep some limit to the tick's end."""
+        more = stacked([rows for limits in self._limits if (rows := limits.after(q, x)) is not None])
+        self._add(more)
+        return None if more is None else (more.C, more.lower, more.upper)
+
+    def _add(self, more: LimitRows | None) -> None:
+        if more is not None:
+            self.rows = stacked([*([] if self.rows is None else [self.rows]), more])
+
+    def _exact(self, q: Array, gain: float, ahead: Array) -> tuple[Array, Array, Array | None]:
+        robot = self._loop.robot
+        target = robot.target(robot.pose(q) if self._target is None else self._target)
+        rows = rows_of(self._loop.exact, View(robot, robot.sight(q, target), target, gain, ahead))
+        return rows.A, rows.b, rows.of_twist
+
+    def _law(self, fields: dict[str, Any]) -> tuple[Any, ...] | None:
+        """The answer of `velocity.definition` by the loop's own solver, None where it finds none."""
+        loop = self._loop
+        rows, point, exact = (fields.pop(name) for name in ("rows", "tool_speed", "exact"))
+        formed, guard = fields.pop("formed"), loop.guard
+        if rows is not None or point is not None:
+            m = len(fields["lower"])
+            C, low, high = (np.zeros((0, m)), np.zeros(0), np.zeros(0)) if rows is None else rows
+            fields["rows"] = Rows(C, low, high) if point is None else Rows(C, low, high, (), *point)
+        if exact is not None:
+            E, first, error, D = exact
+            M = whitened(ExactRows(E, first + error, D if D.any() else None), fields["root"])[0]
+            fields["exact"] = M.T.dot(E), first.dot(M), error.dot(M)
+        tick = Tick(**fields, form=loop.form if formed else None, guard=None if guard is None else guard.fraction)
+        try:
+            answer = velocity(tick, loop.backend)
+        except (SolverFailure, np.linalg.LinAlgError) as failure:
+            self._failure = str(failure) or excerpt(failure)
+            return None
+        x, pace, share, guarded, limited, relaxed, faster = found_by(answer, tick)
+        return x, pace, share, answer.missed, guarded, limited, relaxed, faster
+
+
+def seen(sighting: Sighting) -> tuple[Array, Any]:
+    """A sighting as the engine takes it."""
+    return sighting.J, sighting.pose

@@ -1,0 +1,54 @@
+// What all functions for Python share: their workspace, numbers and tuples of arguments, solutions.
+#pragma once
+#include "arrays.hpp"
+#include "report.hpp"
+
+namespace iq {
+
+using namespace nanobind::literals;
+
+constexpr int MOST_JOINTS = 64, MOST_ROWS = 256, MOST_EXACT = 384;
+constexpr double SMALLEST = 1e-30, LARGEST = 1e30;  // of joint twists and lengths, as in geometry/sizes.py
+
+inline Workspace& workspace()
+{
+    thread_local Workspace w;
+    return w;
+}
+inline double number(nb::handle value, const char* name, double least, double most)
+{
+    double x;
+    if (!nb::try_cast<double>(value, x) || !(least <= x && x <= most))
+        refuse(std::string(name) + " is no number in its range");
+    return x;
+}
+inline nb::tuple parts(nb::handle value, const char* name, std::size_t count)
+{
+    if (!nb::isinstance<nb::tuple>(value) || nb::len(value) != count)
+        refuse(std::string(name) + " is no tuple of " + std::to_string(count));
+    return nb::borrow<nb::tuple>(value);
+}
+inline void check_box(Vec lower, Vec upper)
+{
+    for (int i = 0; i < lower.n; i++)
+        if (!(lower[i] <= upper[i]) || lower[i] == INFINITY || upper[i] == -INFINITY)
+            refuse("the bounds of joint " + std::to_string(i) + " cross");
+}
+
+// The fields of a VelocitySolution up to row_multipliers, method and status as numbers.
+inline nb::tuple solution(const Report& found)
+{
+    nb::object active = nb::steal(PyTuple_New(static_cast<Py_ssize_t>(found.active.size())));
+    for (std::size_t i = 0; i < found.active.size(); i++)
+        PyTuple_SetItem(active.ptr(), static_cast<Py_ssize_t>(i), PyLong_FromLong(found.active[i]));
+    return nb::make_tuple(
+        array_of(found.velocity), static_cast<int>(found.method), static_cast<int>(found.status),
+        nb::bytes(reinterpret_cast<const char*>(found.reasons.data()), found.reasons.size() * sizeof(double)), active,
+        array_of(found.residual), found.share, found.damping, found.guard, array_or_none(found.multipliers),
+        array_or_none(found.row_multipliers));
+}
+
+void bind_loop(nb::module_& m);
+void bind_clearance(nb::module_& m);
+
+}  // namespace iq

@@ -1,0 +1,85 @@
+// Exact demands on the tool, as parts D of the twist and what they are to be:
+//
+//     point    v + omega x p = gain (p_d - p) + v_d(p_d)              a point of the tool
+//     axis     omega without its part about the axis a                a direction of the tool
+//     plane    n.(v + omega x p) = gain n.(p_d - p) + n.v_d(p_d)      a point and the normal of its plane
+//     joints   A x = b as it is
+#pragma once
+#include "chain.hpp"
+
+namespace iq {
+
+struct Demand {
+    enum class Kind { point, axis, plane, joints } kind;
+    Vec3 point{}, direction{};  // in the tool frame, a plane's normal in the base frame
+    std::vector<double> row;    // (m,) of `joints`
+    double speed = 0;           // likewise
+
+    int rows() const { return kind == Kind::point ? 3 : kind == Kind::axis ? 2 : 1; }
+};
+
+// Rows E x = E_f + E_e: the part of the target's own twist, and that of the gain, which takes a displacement away.
+struct DemandRows {
+    Mat E, D;
+    Vec E_f, E_e;
+    int count = 0;
+
+    DemandRows(Workspace& w, int rows, int m) : E(w, rows, m, 0), D(w, rows, 6, 0), E_f(w, rows, 0), E_e(w, rows, 0) {}
+
+    // ahead: of the target, (omega; v) in the base frame; also: the same at a share, as part of what the gain does.
+    void add(const Demand& demand, Mat J, const Pose& tool, const Pose& target, double gain, const Twist& ahead, double also)
+    {
+        const int first = count;
+        if (demand.kind == Demand::Kind::joints) {
+            std::copy(demand.row.begin(), demand.row.end(), E[count].p);
+            E_f[count++] = demand.speed;
+            return;
+        }
+        if (demand.kind == Demand::Kind::axis)
+            axis(tool.R * demand.direction, target.R * demand.direction, gain, ahead.omega, also);
+        else {
+            const Vec3 here = tool * demand.point, there = target * demand.point, moves = ahead.v + cross(ahead.omega, there);
+            if (demand.kind == Demand::Kind::plane)
+                along(demand.direction, here, gain * (there - here), moves, also);
+            else
+                for (int i = 0; i < 3; i++) {
+                    Vec3 e{0, 0, 0};
+                    e[i] = 1;
+                    along(e, here, gain * (there - here), moves, also);
+                }
+        }
+        E.rows_from(first, count).set(D.rows_from(first, count) * J);
+    }
+
+  private:
+    // The velocity of a point of the tool along a direction.
+    void along(const Vec3& n, const Vec3& here, const Vec3& approach, const Vec3& moves, double also)
+    {
+        const Vec3 turn = cross(here, n);  // n.(v + omega x p) = n.v + (p x n).omega
+        for (int i = 0; i < 3; i++)
+            D(count, i) = turn[i], D(count, 3 + i) = n[i];
+        E_f[count] = dot(n, moves), E_e[count++] = dot(n, approach) + also * dot(n, moves);
+    }
+    // The angular velocity across an axis, along two directions across it.
+    void axis(const Vec3& here, const Vec3& there, double gain, const Vec3& moves, double also)
+    {
+        int least = 0;
+        for (int i = 1; i < 3; i++)
+            least = std::abs(here[i]) < std::abs(here[least]) ? i : least;
+        Vec3 rest{0, 0, 0};
+        rest[least] = 1;
+        Vec3 across = cross(here, rest);
+        across = (1 / norm(across)) * across;
+        const Vec3 other = cross(here, across), turn = cross(here, there);
+        const double sine = norm(turn), cosine = dot(here, there);
+        // opposite directions: half a turn about one axis across, always the same
+        const Vec3 whole = sine > 1e-12 ? (std::atan2(sine, cosine) / sine) * turn : cosine < 0 ? M_PI * across : turn;
+        for (const Vec3& d : {across, other}) {
+            for (int i = 0; i < 3; i++)
+                D(count, i) = d[i];
+            E_f[count] = dot(d, moves), E_e[count++] = gain * dot(d, whole) + also * dot(d, moves);
+        }
+    }
+};
+
+}  // namespace iq

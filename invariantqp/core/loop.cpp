@@ -1,0 +1,413 @@
+#include "loop.hpp"
+#include "measure.hpp"
+
+namespace iq {
+namespace {
+
+constexpr double HALF_TURN = 0.8 * M_PI;  // turns beyond this [rad] may keep the direction of the tick before
+// Share of the joints' acceleration that brakes along the distances to the target; they vary along a straight motion.
+constexpr double BRAKING_SHARE = 0.5;
+// Of the squared size of A: damping of distances, so that near singularities no joint travels far, and of what follows a
+// moving target.
+constexpr double DAMPED_DISTANCE = 1e-3, DAMPED_PURSUIT = 1e-6;
+constexpr double SLACK_GAIN = 10;  // at most, by which an error within the slack becomes a twist that counts as nothing [1/s]
+constexpr double OUTSIDE = 1e-3;  // outside of its range a joint is reported [rad, length]; less is encoders' noise
+constexpr int AGAIN = 4;          // so often at most an answer is made again that does not keep a limit to its end
+
+Vec view(const std::vector<double>& v, Workspace& w) { return {const_cast<double*>(v.data()), static_cast<int>(v.size()), &w}; }
+Mat view(const std::vector<double>& v, int rows, int cols, Workspace& w) { return {const_cast<double*>(v.data()), rows, cols, &w}; }
+Vec vec(const Vec3& a, Workspace& w) { return three(w, a[0], a[1], a[2]); }
+Vec vec(const Twist& s, Workspace& w) { return joined(vec(s.omega, w), vec(s.v, w)); }
+Twist twist(Vec s) { return {{s[0], s[1], s[2]}, {s[3], s[4], s[5]}}; }
+
+// The same displacement turning as in the tick before, where it is nearly half a turn: same axis, same translation along it.
+Twist same_turn(const double* before, const Twist& error)
+{
+    const double angle = norm(error.omega);
+    const Vec3 last{before[0], before[1], before[2]};
+    if (angle < HALF_TURN || !(dot(last, error.omega) < 0))
+        return error;
+    const Vec3 axis = (1 / angle) * error.omega;
+    const double ratio = (angle - 2 * M_PI) / angle, slide = dot(axis, error.v);
+    return {ratio * error.omega, ratio * error.v + ((1 - ratio) * slide) * axis};
+}
+
+// The x with least |A x - b|^2 + share |A|^2 |x|^2.
+Vec damped(Mat A, Vec b, double share)
+{
+    Mat S = A * t(A);
+    const double least = share * A.all().square();
+    for (int i = 0; i < S.rows; i++)
+        S(i, i) += least > 0 ? least : 1;
+    const Mat U = cholesky(S);
+    return t(A) * solved(U, solved(t(U), b));
+}
+
+class TickOfLoop {
+  public:
+    TickOfLoop(const Loop& loop, LoopState& kept, const TickInputs& in, const LoopFunctions& functions, Workspace& w)
+        : loop(loop), set(loop.settings), kept(kept), state(kept), in(in), functions(functions), w(w), m(set.joints),
+          limits(in.changes.limits ? *in.changes.limits : set.limits), speed(in.changes.speed), there(w, m), before(w, m)
+    {
+    }
+
+    Report report()
+    {
+        state.observe(in.q, set.dt, set.turns, set.limits.velocity);
+        Vec last(w, m);
+        state.predict(in.q, set.dt, there, last);
+        before = in.velocity.w ? in.velocity : last;
+        const int unknown = not_believed();
+        if (unknown >= 0)
+            return halted(unknown);
+        arm = in.arm ? *in.arm : functions.arm ? functions.arm(there, w) : seen();
+        if (in.target && norm(in.target->p - set.tip) > set.far)
+            throw FarTarget();
+        tick.J = arm.J;
+        tick.root = root();
+        tick.before = last;
+        tick.metric = set.metric.empty() ? Mat() : view(set.metric, m, m, w);
+        tick.form = set.form, tick.pitch = set.pitch, tick.damping = set.damping, tick.guard = set.guard;
+        if (!set.form_matrix.empty())
+            tick.form_matrix = view(set.form_matrix, 6, static_cast<int>(set.form_matrix.size() / 6), w);
+        bound();
+        const bool safe = limit_rows(), stands = in.stand || speed == 0 || !safe;
+        demand();
+        if (stands)
+            return standing();
+        slow_down();
+        return finished(answered());
+    }
+
+  private:
+    const Loop& loop;
+    const LoopSettings& set;
+    LoopState& kept;  // is changed when all is known
+    LoopState state;
+    const TickInputs& in;
+    const LoopFunctions& functions;
+    Workspace& w;
+    const int m;
+    const JointLimits& limits;
+    const double speed;
+    Vec there, before;
+    ArmState arm;
+    Tick tick;
+    JointBounds bounds;
+
+    // The joint that is farthest outside where positions are believed, -1 where none is.
+    int not_believed() const
+    {
+        int found = -1;
+        double most = 0;
+        for (int j = 0; j < m; j++)
+            if (const double by = std::max(in.q[j] - set.believed_upper[j], set.believed_lower[j] - in.q[j]); by > most)
+                most = by, found = j;
+        return found;
+    }
+    ArmState seen() const
+    {
+        const Mat J(w, 6, m);
+        return {J, loop.chain->state(there.p, J)};
+    }
+    Mat root() const
+    {
+        const Measure& by = set.measure;
+        if (by.kind == Measure::Kind::point || by.kind == Measure::Kind::own_point) {
+            const Vec at = in.measured_at.w ? in.measured_at
+                           : by.kind == Measure::Kind::point ? vec(arm.tool * by.point, w)
+                                                             : own_point(transposed(arm.J), Vec(w, 6, 0));
+            return root_at(at, by.length);
+        }
+        const Mat R = view(by.root, 6, 6, w);
+        if (by.kind == Measure::Kind::base)
+            return R;
+        Mat into(w, 6, 6, 0);  // from base to tool coordinates, [[R', 0], [0, R']] [[I, 0], [-[p]x, I]]
+        for (int k = 0; k < 2; k++)
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++)
+                    into(3 * k + i, 3 * k + j) = arm.tool.R[j][i];
+        return R * (into * root_at(vec(arm.tool.p, w), 1));
+    }
+
+    // Bounds of the joints, and the limit of the tool's speed.
+    void bound()
+    {
+        Vec fastest = view(limits.velocity, w);
+        if (in.changes.limits || speed != 1) {
+            fastest = fastest.copy();
+            for (int j = 0; j < m; j++) {  // no joint has to slow down faster than it can
+                const double most = speed > 0 ? speed * fastest[j] : 0;
+                const double slowest = limits.brakes ? std::abs(before[j]) - limits.acceleration[j] * limits.dt : 0;
+                fastest[j] = std::min(std::max(most, slowest), set.limits.velocity[j]);
+            }
+        }
+        bounds = BoundsOfTick(limits, there, before, fastest).bounds();
+        tick.lower = bounds.lower, tick.upper = bounds.upper;
+        tick.position_lower = bounds.position_lower, tick.position_upper = bounds.position_upper;
+        const ToolSpeed& tool = in.changes.tool_speed ? *in.changes.tool_speed : set.tool_speed;
+        if (tool.limit == INFINITY)
+            return;
+        const Vec p = vec(arm.tool * tool.point, w);
+        const Mat S = transposed(arm.J);
+        Mat moved(w, m, 3);
+        for (int j = 0; j < m; j++)
+            moved[j].set(velocity_at(S[j], p));
+        tick.P = transposed(moved);
+        tick.speed = tool.limit;
+        if (!in.changes.tool_speed && speed == 1)
+            return;
+        double share = 0;  // joints that slow down alike, as fast as they can
+        for (int j = 0; j < m; j++) {
+            const double size = std::abs(before[j]), over = limits.brakes ? size - limits.acceleration[j] * limits.dt : -1;
+            share = over > 0 ? std::max(share, over / size) : share;
+        }
+        Vec slower = share * before;
+        for (int j = 0; j < m; j++)
+            slower[j] = std::min(std::max(slower[j], tick.lower[j]), tick.upper[j]);
+        tick.speed = std::max(speed * tool.limit, (tick.P * slower).norm());
+    }
+
+    bool limit_rows()
+    {
+        tick.C = Mat(w, 0, m), tick.row_lower = tick.row_upper = Vec(w, 0);
+        if (const int k = static_cast<int>(set.rows.lower.size()); k > 0)
+            tick.C = view(set.rows.C, k, m, w), tick.row_lower = view(set.rows.lower, w), tick.row_upper = view(set.rows.upper, w);
+        return !functions.rows || functions.rows(there, before, tick);
+    }
+
+    // What is wanted: the twist, its exact parts, the posture.
+    void demand()
+    {
+        Vec ahead = in.ahead.w ? in.ahead : Vec(w, 6, 0), error(w, 6, 0);
+        const Pose& target = in.target ? *in.target : arm.tool;
+        double share = 0;
+        if (in.target) {
+            const Twist turn = same_turn(state.turn(), error_twist(target, arm.tool));
+            std::copy(turn.omega.begin(), turn.omega.end(), state.turn());
+            error = vec(turn, w) + (set.delay * speed) * ahead;  // the target, too, is on by then
+            share = limits.brakes && speed > 0 ? approach(error, speed * ahead) : 1;
+        } else if (!in.at_base) {
+            ahead = ahead.copy();
+            ahead.part(3, 6).add(1, cross(vec(arm.tool.p, w), ahead.part(0, 3)));  // v - omega x p, at the base's origin
+        }
+        const double gain = share * set.gain;
+        tick.slack = in.target ? set.slack * std::min(set.gain, SLACK_GAIN) * speed : 0;
+        tick.apart = set.measure.kind == Measure::Kind::point || set.measure.kind == Measure::Kind::own_point;
+        tick.ahead = ahead, tick.error = gain * error;
+        exact(target, gain, ahead);
+        tick.held = set.dt + set.delay;
+        if (!in.target || tick.C.rows)  // until accelerations let joints have another velocity
+            tick.held += 0.5 * braking_time();
+        if (in.posture.w)
+            tick.posture = in.posture;
+        else if (!set.posture.empty()) {
+            tick.posture = Vec(w, m), tick.fastest = Vec(w, m);
+            for (int j = 0; j < m; j++) {
+                const double way = set.posture[j] - there[j], most = set.limits.velocity[j];
+                tick.posture[j] = set.pull[j] * (set.turns[j] > 0 ? std::remainder(way, set.turns[j]) : way);
+                tick.fastest[j] = most > 0 && std::isfinite(most) ? most : 1;
+            }
+        }
+        tick.missed = state.missed();
+    }
+    double braking_time() const
+    {
+        double longest = 0;
+        for (int j = 0; set.limits.brakes && j < m; j++)
+            longest = std::max(longest, std::abs(before[j]) / set.limits.acceleration[j]);
+        return longest;
+    }
+    void exact(const Pose& target, double gain, Vec ahead)
+    {
+        const double also = gain * set.delay * speed;  // of the target's twist
+        int count = 0;
+        for (const Demand& demand : set.exact)
+            count += demand.rows();
+        if (functions.exact) {
+            functions.exact(there, 0, ahead, tick);
+            const Vec still = tick.E_f.copy();
+            functions.exact(there, gain, (1 + also) * ahead, tick);
+            tick.E_e = tick.E_f - still, tick.E_f = still;
+        } else if (count) {
+            DemandRows rows(w, count, m);
+            for (const Demand& demand : set.exact)
+                rows.add(demand, arm.J, arm.tool, target, gain, twist(ahead), also);
+            tick.E = rows.E, tick.D = rows.D, tick.E_f = rows.E_f, tick.E_e = rows.E_e;
+        }
+        if (!in.E.w)
+            return;
+        const Mat none(w, in.E.rows, 6, 0), D = in.D.w ? in.D : none;
+        const Vec zero(w, in.E.rows, 0);
+        tick.D = tick.E.w ? stacked(tick.D, D) : D;
+        tick.E_f = tick.E.w ? joined(tick.E_f, in.E_f) : in.E_f, tick.E_e = tick.E.w ? joined(tick.E_e, zero) : zero;
+        tick.E = tick.E.w ? stacked(tick.E, in.E) : in.E;
+    }
+
+    // b, the share of the gain from which joints can brake before the target. It also keeps room to brake before the
+    // error is least, where the target is out of reach and joints are fast while the tool is not: the bounds of a joint that
+    // goes on at c = x_before - x(feedforward) are the speeds from which it brakes within t |c|, t as in `time_to_least`.
+    double approach(Vec error, Vec ahead)
+    {
+        Mat A = tick.root * tick.J;
+        const Vec e = tick.root * error, f = tick.root * ahead;
+        Mat T;
+        if (tick.metric.w)
+            T = inverse(cholesky(tick.metric)), A = A * T;
+        const auto joints = [&](Vec b, double share) {
+            const Vec y = damped(A, b, share);
+            return T.w ? T * y : y;
+        };
+        const Vec distance = joints(e, DAMPED_DISTANCE);
+        const Vec follows = f.square() > 0 ? joints(f, DAMPED_PURSUIT) : Vec(w, m, 0), c = before - follows;
+        const double gain = speed * set.gain, dt = limits.dt, time = time_to_least(e, c);
+        double share = 1;
+        for (int j = 0; j < m; j++) {
+            const double a = limits.acceleration[j], braking = BRAKING_SHARE * a, way = std::abs(distance[j]);
+            const double knee = braking / (gain * gain);
+            if (way > knee)
+                share = std::min(share, std::sqrt(braking * (2 * way - knee)) / (gain * way));
+            const double size = std::abs(c[j]);
+            if (size == 0 || tick.C.rows)  // rows may ask joints to go on
+                continue;
+            const double most = std::max(braking_speed(time * size, braking, dt, 1 / dt), std::max(size - dt * a, dt * a));
+            if (c[j] < 0)
+                tick.lower[j] = std::min(std::max(tick.lower[j], follows[j] - most), tick.upper[j]);
+            else
+                tick.upper[j] = std::max(std::min(tick.upper[j], follows[j] + most), tick.lower[j]);
+        }
+        return share;
+    }
+    // Until the measured error e is least, or greatest, while joints go on at c; infinite where it stays:
+    //     t = (|e'A c| + slack |A c|) / (|A c|^2 + max(0, -e'R b)),   b = sum over j < i of c_j c_i [J_j, J_i]
+    double time_to_least(Vec e, Vec c) const
+    {
+        Vec moved(w, 6, 0), turning(w, 6, 0);
+        for (int j = 0; j < m; j++) {
+            Vec column(w, 6);
+            for (int i = 0; i < 6; i++)
+                column[i] = c[j] * tick.J(i, j);
+            turning.part(0, 3).add(1, cross(moved.part(0, 3), column.part(0, 3)));
+            turning.part(3, 6).add(1, cross(moved.part(0, 3), column.part(3, 6)));
+            turning.part(3, 6).add(1, cross(moved.part(3, 6), column.part(0, 3)));
+            moved.add(1, column);
+        }
+        moved = tick.root * moved;
+        const double change = moved.square() + std::max(0.0, -e.dot(tick.root * turning));
+        return change > 0 ? (std::abs(e.dot(moved)) + set.slack * moved.norm()) / change : INFINITY;
+    }
+
+    // All that is wanted, at a share of its speed; the way is the same.
+    void slow_down()
+    {
+        if (speed == 1)
+            return;
+        tick.ahead = speed * tick.ahead, tick.error = speed * tick.error, tick.held /= speed;
+        if (tick.E.w)
+            tick.E_f = speed * tick.E_f, tick.E_e = speed * tick.E_e;
+        if (tick.posture.w)
+            tick.posture = speed * tick.posture;
+        if (tick.fastest.w)
+            tick.fastest = speed * tick.fastest;
+    }
+
+    Answer solved(const Tick& of) const
+    {
+        const Answer found = functions.law ? functions.law(of) : velocity(of, w);
+        if (found.failure == Failure::no_pseudoinverse)
+            throw NoProjector();
+        return found;
+    }
+    Report answered()
+    {
+        Answer answer = solved(tick);
+        Report found = iq::report(tick, answer, w);
+        for (int again = 0; functions.after && again < AGAIN && functions.after(there, found.velocity, tick); again++) {
+            answer = solved(tick);
+            found = iq::report(tick, answer, w);
+        }
+        state.missed() = answer.failure == Failure::none ? answer.missed : 0;
+        return found;
+    }
+
+    // Standing still or, where limits do not allow that, the least motion back inside them.
+    Report standing()
+    {
+        Tick still = tick;
+        still.ahead = still.error = Vec(w, 6, 0), still.E = still.D = Mat(), still.posture = still.fastest = Vec();
+        still.before = Vec(w, m, 0), still.missed = 0, still.form = FormKind::none;
+        Answer answer = solved(still);
+        tick.ahead = tick.ahead + tick.error, tick.error = Vec(w, 6, 0);
+        Report found = iq::report(still, answer, w);
+        found.reasons.clear();
+        if (speed == 0)
+            say(found.reasons, Code::stopped);
+        if (found.velocity.square() > 0)
+            say(found.reasons, Code::moving_back);
+        else
+            found.method = Method::hold, found.share = 0;
+        found.status = Status::held;
+        found.residual = tick.ahead - tick.J * found.velocity;
+        state.missed() = 0;
+        return finished(found);
+    }
+    // Joint positions that cannot be true: the joints come to rest as fast as their accelerations allow.
+    Report halted(int joint)
+    {
+        Report found;
+        found.velocity = Vec(w, m, 0);
+        for (int j = 0; limits.brakes && j < m; j++)
+            found.velocity[j] = std::copysign(std::max(std::abs(before[j]) - set.dt * limits.acceleration[j], 0.0), before[j]);
+        found.residual = in.ahead.w && !in.target ? in.ahead : Vec(w, 6, 0);
+        found.status = Status::held, found.method = Method::hold, found.share = 0;
+        const double q = in.q[joint];
+        say(found.reasons, Code::not_believed, {joint}, {},
+            {q, std::max(q - set.position_upper[joint], set.position_lower[joint] - q)});
+        kept = state;
+        kept.remember(Vec(w, m, NAN), found.velocity, 0);
+        return found;
+    }
+
+    // With what of the joints is to be said, the worst first; the state is that of the next tick.
+    Report finished(Report found)
+    {
+        std::vector<double> reasons;
+        const double fastest = std::max(set.gain, limits.rate);
+        const LoopState::Trouble trouble = state.trouble(set.dt, set.gain, fastest, in.target != nullptr);
+        bool degraded = trouble.code != Code::none;
+        if (degraded)
+            say(reasons, trouble.code, trouble.joints, {}, trouble.numbers);
+        std::vector<std::pair<double, int>> out, fast;
+        for (int j = 0; j < m; j++) {
+            const bool active = std::find(found.active.begin(), found.active.end(), j) != found.active.end();
+            if (const double by = limits.outside(in.q, j); by > OUTSIDE && (limits.brakes || active))
+                out.emplace_back(-by, j);
+            if (bounds.exceeded[j] > 0)
+                fast.emplace_back(-bounds.exceeded[j], j);
+        }
+        std::stable_sort(out.begin(), out.end()), std::stable_sort(fast.begin(), fast.end());
+        for (const auto& [by, j] : out)
+            say(reasons, Code::outside, {j}, {}, {-by});
+        for (const auto& [by, j] : fast)
+            say(reasons, Code::acceleration, {j}, {}, {-by, limits.acceleration[j]});
+        degraded = degraded || !fast.empty() || (limits.brakes && !out.empty());
+        if (degraded && found.status != Status::held)
+            found.status = Status::degraded;
+        else if (!out.empty() && found.status == Status::ok)
+            found.status = Status::limited;
+        reasons.insert(reasons.end(), found.reasons.begin(), found.reasons.end());
+        found.reasons = reasons;
+        kept = state;
+        kept.remember(in.q, found.velocity, state.missed());
+        return found;
+    }
+};
+
+}  // namespace
+
+Report Loop::tick(LoopState& state, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const
+{
+    return TickOfLoop(*this, state, in, functions, w).report();
+}
+
+}  // namespace iq

@@ -1,0 +1,407 @@
+// Loops for Python: the classes Loop and LoopState of invariantqp._core.
+#include "bound.hpp"
+#include "loop.hpp"
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
+
+namespace iq {
+namespace {
+
+constexpr int MOST_LATE = 10000;             // ticks of delay, as in control/tracking.py
+constexpr double ROTATION_TOLERANCE = 1e-5;  // as in geometry/arrays.py
+
+// The settings of a loop, by name.
+class Fields {
+  public:
+    Fields(nb::dict given, Reader& read, int m) : given(given), read(read), m(m) {}
+
+    bool has(const char* name) const { return given.contains(name) && !given[name].is_none(); }
+    nb::object operator[](const char* name) const
+    {
+        if (!given.contains(name))
+            refuse(std::string(name) + " is missing");
+        return nb::borrow(given[name]);
+    }
+    double number(const char* name, double least, double most) const { return iq::number((*this)[name], name, least, most); }
+    // n numbers, infinite ones too; empty where there are none.
+    std::vector<double> numbers(const char* name, int n) const
+    {
+        if (!has(name))
+            return {};
+        const Vec v = read.vector((*this)[name], name, n, Numbers::any);
+        return {v.begin(), v.end()};
+    }
+    std::vector<double> numbers(const char* name) const { return required(name, numbers(name, m)); }
+    std::vector<double> matrix(const char* name, int rows, int cols) const
+    {
+        if (!has(name))
+            return {};
+        const Vec v = read.matrix((*this)[name], name, rows, cols).all();
+        return {v.begin(), v.end()};
+    }
+    Vec3 point(const char* name) const
+    {
+        const Vec v = read.vector((*this)[name], name, 3);
+        return {v[0], v[1], v[2]};
+    }
+    std::string word(const char* name) const
+    {
+        std::string s;
+        if (!nb::try_cast((*this)[name], s))
+            refuse(std::string(name) + " is no word");
+        return s;
+    }
+
+  private:
+    nb::dict given;
+    Reader& read;
+    int m;
+
+    static std::vector<double> required(const char* name, std::vector<double> found)
+    {
+        if (found.empty())
+            refuse(std::string(name) + " is missing");
+        return found;
+    }
+};
+
+Pose read_pose(nb::handle value, const char* name, Reader& read)
+{
+    nb::object matrix = nb::borrow(value);
+    if (!PyArray_Check(value.ptr())) {
+        if (nb::hasattr(value, "homogeneous"))
+            matrix = value.attr("homogeneous");
+        else if (nb::hasattr(value, "pose"))
+            matrix = value.attr("pose");
+    }
+    const Mat H = read.matrix(matrix, name, 4, 4);
+    const Pose T(H.p);
+    const Mat3 off = T.R * transposed(T.R);
+    bool turns = H(3, 0) == 0 && H(3, 1) == 0 && H(3, 2) == 0 && H(3, 3) == 1 && dot(cross(T.R[0], T.R[1]), T.R[2]) > 0;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            turns = turns && std::abs(off[i][j] - (i == j)) <= ROTATION_TOLERANCE;
+    if (!turns)
+        refuse(std::string(name) + " is no rigid motion");
+    return with_rotation(T);
+}
+
+JointLimits limits_of(const Fields& f)
+{
+    JointLimits limits;
+    limits.position_lower = f.numbers("position_lower"), limits.position_upper = f.numbers("position_upper");
+    limits.velocity = f.numbers("velocity_limit"), limits.acceleration = f.numbers("acceleration");
+    limits.dt = f.number("dt", 1e-30, 1e30), limits.rate = f.number("rate", 0, 1e30);
+    for (std::size_t j = 0; j < limits.velocity.size(); j++) {
+        limits.brakes = limits.brakes || limits.acceleration[j] < INFINITY;
+        if (!(limits.velocity[j] >= 0 && limits.acceleration[j] > 0 && limits.position_lower[j] <= limits.position_upper[j]))
+            refuse("the limits of joint " + std::to_string(j) + " contradict each other");
+    }
+    return limits;
+}
+Demand demand_of(nb::handle value, Reader& read, int m)
+{
+    const nb::tuple given = parts(value, "exact", 3);
+    const std::string kind = nb::cast<std::string>(given[0]);
+    const auto three = [&](nb::handle v) {
+        const Vec x = read.vector(v, "exact", 3);
+        return Vec3{x[0], x[1], x[2]};
+    };
+    if (kind == "point")
+        return {Demand::Kind::point, three(given[1])};
+    if (kind == "axis")
+        return {Demand::Kind::axis, {}, three(given[1])};
+    if (kind == "plane")
+        return {Demand::Kind::plane, three(given[1]), three(given[2])};
+    if (kind != "joints")
+        refuse("exact has a kind that there is not");
+    const Vec row = read.vector(given[1], "exact", m);
+    return {Demand::Kind::joints, {}, {}, {row.begin(), row.end()}, number(given[2], "exact", -1e300, 1e300)};
+}
+ToolSpeed tool_speed_of(nb::handle value, Reader& read)
+{
+    const nb::tuple given = parts(value, "tool_speed", 2);
+    const Vec p = read.vector(given[1], "tool_speed[1]", 3);
+    return {number(given[0], "tool_speed[0]", 0, 1e300), {p[0], p[1], p[2]}};
+}
+
+void make_loop(Loop* made, nb::dict given)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    const int m = nb::cast<int>(given["joints"]);
+    if (m < 1 || m > MOST_JOINTS)
+        refuse("joints are " + std::to_string(m) + ", expected 1 to 64");
+    const Fields f(given, read, m);
+    LoopSettings set;
+    set.joints = m;
+    set.limits = limits_of(f);
+    set.dt = set.limits.dt, set.delay = f.number("delay", 0, MOST_LATE * set.dt), set.gain = f.number("gain", 0, 1e30);
+    set.slack = f.number("slack", 0, 1e30);
+    set.measure.length = f.number("length", SMALLEST, LARGEST);
+    const std::string measured = f.word("measured");
+    using Kind = Measure::Kind;
+    set.measure.kind = measured == "point" ? Kind::point : measured == "own" ? Kind::own_point : measured == "base" ? Kind::base : Kind::tool;
+    if (set.measure.kind == Kind::point)
+        set.measure.point = f.point("point");
+    set.measure.root = f.matrix("root", 6, 6);
+    if ((set.measure.kind == Kind::base || set.measure.kind == Kind::tool) && set.measure.root.empty())
+        refuse("root is missing");
+    set.believed_lower = f.numbers("believed_lower"), set.believed_upper = f.numbers("believed_upper");
+    set.position_lower = f.numbers("range_lower"), set.position_upper = f.numbers("range_upper");
+    set.turns = f.numbers("turns"), set.tip = f.point("tip"), set.far = f.number("far", 0, INFINITY);
+    if (f.has("tool_speed"))
+        set.tool_speed = tool_speed_of(f["tool_speed"], read);
+    if (f.has("rows")) {
+        const nb::tuple rows = parts(f["rows"], "rows", 3);
+        const Mat C = read.matrix(rows[0], "rows[0]", -1, m);
+        const Vec low = read.vector(rows[1], "rows[1]", C.rows, Numbers::any), high = read.vector(rows[2], "rows[2]", C.rows, Numbers::any);
+        if (C.rows > MOST_ROWS)
+            refuse("rows has more than 256 rows");
+        check_box(low, high);
+        set.rows = {{C.all().begin(), C.all().end()}, {low.begin(), low.end()}, {high.begin(), high.end()}};
+    }
+    for (nb::handle demand : nb::cast<nb::tuple>(f["exact"]))
+        set.exact.push_back(demand_of(demand, read, m));
+    set.posture = f.numbers("posture", m), set.pull = f.numbers("pull", m);
+    set.metric = f.matrix("metric", m, m);
+    if (f.has("form")) {
+        const nb::tuple form = parts(f["form"], "form", 2);
+        const std::string kind = nb::cast<std::string>(form[0]);
+        set.form = kind == "pitch" ? FormKind::pitch : kind == "complement" ? FormKind::complement : FormKind::definite;
+        if (set.form == FormKind::pitch)
+            set.pitch = number(form[1], "form[1]", -1e150, 1e150);
+        else {
+            const Mat Q = read.matrix(form[1], "form[1]", 6, set.form == FormKind::definite ? 6 : -1);
+            if (Q.cols > 6)
+                refuse("form[1] has more than 6 columns");
+            set.form_matrix.assign(Q.all().begin(), Q.all().end());
+        }
+    }
+    set.damping = f.number("damping", 0, LARGEST), set.guard = f.number("guard", -1, 1);
+    new (made) Loop{set, std::nullopt};
+    if (f.has("screws"))
+        made->chain.emplace(read.matrix(f["screws"], "screws", 6, m), read_pose(f["home"], "home", read));
+}
+
+// A problem that another solver answers, by the names of definition.Tick.
+nb::dict tick_fields(const Tick& tick)
+{
+    const auto matrix = [](Mat A) -> nb::object {
+        if (!A.w)
+            return nb::none();
+        const npy_intp shape[2] = {A.rows, A.cols};
+        nb::object array = new_array(2, shape);
+        std::copy(A.all().begin(), A.all().end(), data_of(array));
+        return array;
+    };
+    nb::dict d;
+    d["J"] = matrix(tick.J), d["root"] = matrix(tick.root), d["metric"] = matrix(tick.metric);
+    d["ahead"] = array_of(tick.ahead), d["error"] = array_of(tick.error);
+    d["lower"] = array_of(tick.lower), d["upper"] = array_of(tick.upper);
+    d["position_lower"] = array_of(tick.position_lower), d["position_upper"] = array_of(tick.position_upper);
+    d["rows"] = tick.C.rows ? nb::object(nb::make_tuple(matrix(tick.C), array_of(tick.row_lower), array_of(tick.row_upper))) : nb::none();
+    d["tool_speed"] = tick.P.w ? nb::object(nb::make_tuple(matrix(tick.P), tick.speed)) : nb::none();
+    d["exact"] = tick.E.w ? nb::object(nb::make_tuple(matrix(tick.E), array_of(tick.E_f), array_of(tick.E_e), matrix(tick.D))) : nb::none();
+    d["posture"] = array_or_none(tick.posture), d["fastest"] = array_or_none(tick.fastest);
+    d["held"] = tick.held, d["before"] = array_or_none(tick.before), d["missed"] = tick.missed;
+    d["formed"] = tick.form != FormKind::none, d["damping"] = tick.damping;
+    return d;
+}
+
+// The user's functions, called with new arrays.
+class Functions {
+  public:
+    LoopFunctions functions;
+
+    // (arm, rows, after, exact, law), each a function or None
+    Functions(nb::handle given, Reader& read, int m, Workspace& w)
+    {
+        if (given.is_none())
+            return;
+        const nb::tuple all = parts(given, "functions", 5);
+        const nb::object arm = all[0], rows = all[1], after = all[2], exact = all[3], law = all[4];
+        if (!arm.is_none())
+            functions.arm = [arm, &read, m](Vec there, Workspace&) {
+                const nb::tuple found = parts(arm(array_of(there)), "the robot's state", 2);
+                return ArmState{read.matrix(found[0], "the robot's Jacobian", 6, m), read_pose(found[1], "the robot's pose", read)};
+            };
+        const auto add = [&read, m](nb::handle found, Tick& tick) {
+            const nb::tuple three = parts(found, "rows", 3);
+            const Mat C = read.matrix(three[0], "rows[0]", -1, m);
+            const Vec low = read.vector(three[1], "rows[1]", C.rows, Numbers::any), high = read.vector(three[2], "rows[2]", C.rows, Numbers::any);
+            check_box(low, high);
+            if (C.rows + tick.C.rows > MOST_ROWS)
+                refuse("there are more than 256 rows of limits");
+            tick.C = stacked(tick.C, C), tick.row_lower = joined(tick.row_lower, low), tick.row_upper = joined(tick.row_upper, high);
+        };
+        if (!rows.is_none())
+            functions.rows = [rows, add](Vec there, Vec before, Tick& tick) {
+                const nb::object found = rows(array_of(there), array_of(before));
+                if (found.ptr() == Py_False)
+                    return false;
+                if (!found.is_none())
+                    add(found, tick);
+                return true;
+            };
+        if (!after.is_none())
+            functions.after = [after, add](Vec there, Vec x, Tick& tick) {
+                const nb::object found = after(array_of(there), array_of(x));
+                if (found.is_none())
+                    return false;
+                add(found, tick);
+                return true;
+            };
+        if (!exact.is_none())
+            functions.exact = [exact, &read, m, &w](Vec there, double gain, Vec ahead, Tick& tick) {
+                const nb::tuple found = parts(exact(array_of(there), gain, array_of(ahead)), "exact rows", 3);
+                tick.E = read.matrix(found[0], "exact[0]", -1, m);
+                if (tick.E.rows > MOST_EXACT)
+                    refuse("exact has more than 384 rows");
+                tick.E_f = read.vector(found[1], "exact[1]", tick.E.rows);
+                tick.D = found[2].is_none() ? Mat(w, tick.E.rows, 6, 0) : read.matrix(found[2], "exact[2]", tick.E.rows, 6);
+            };
+        if (!law.is_none())
+            functions.law = [law, &read, &w](const Tick& tick) {
+                const nb::object found = law(tick_fields(tick));
+                Answer answer;
+                if (found.is_none()) {
+                    answer.velocity = Vec(w, tick.J.cols, 0), answer.failure = Failure::infeasible, answer.share = 0;
+                    return answer;
+                }
+                const nb::tuple numbers = parts(found, "the answer", 8);
+                answer.velocity = read.vector(numbers[0], "the answer", tick.J.cols);
+                answer.pace = number(numbers[1], "the pace", 0, 1), answer.share = number(numbers[2], "the share", 0, 1);
+                answer.missed = number(numbers[3], "what is missed", 0, 1e300), answer.guarded = number(numbers[4], "guarded", 0, 1);
+                answer.limited = nb::cast<bool>(numbers[5]);
+                answer.relaxed = numbers[6].is_none() ? Vec() : read.vector(numbers[6], "relaxed", tick.C.rows);
+                answer.faster = number(numbers[7], "faster", 0, 1e300);
+                return answer;
+            };
+    }
+};
+
+nb::object tick(const Loop& loop, LoopState& state, nb::object q, nb::object target, nb::object ahead, nb::object velocity,
+                bool at_base, bool stand, nb::object functions, nb::object changes, nb::object posture, nb::object exact,
+                nb::object arm, nb::object measured_at)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    const int m = loop.settings.joints;
+    if (state.joints != m)
+        refuse("the state is one of " + std::to_string(state.joints) + " joints");
+    TickInputs in;
+    Pose wanted;
+    ArmState seen;
+    JointLimits limits;
+    ToolSpeed tool_speed;
+    in.q = read.vector(q, "q", m);
+    if (!target.is_none())
+        wanted = read_pose(target, "target", read), in.target = &wanted;
+    if (!ahead.is_none()) {
+        in.ahead = read.vector(ahead, "twist", 6);
+        for (const double x : in.ahead)
+            if (!(std::abs(x) <= 1e12))
+                refuse("twist has a number above 1e12");
+    }
+    if (!velocity.is_none())
+        in.velocity = read.vector(velocity, "velocity", m);
+    in.at_base = at_base, in.stand = stand;
+    if (!changes.is_none()) {  // speed, limits or None, tool speed or None
+        const nb::tuple given = parts(changes, "changes", 3);
+        in.changes.speed = number(given[0], "speed", 0, 1);
+        if (!given[1].is_none())
+            limits = limits_of(Fields(nb::cast<nb::dict>(given[1]), read, m)), in.changes.limits = &limits;
+        if (!given[2].is_none())
+            tool_speed = tool_speed_of(given[2], read), in.changes.tool_speed = &tool_speed;
+    }
+    if (!posture.is_none())
+        in.posture = read.vector(posture, "posture", m);
+    if (!exact.is_none()) {
+        const nb::tuple given = parts(exact, "rows", 3);
+        in.E = read.matrix(given[0], "rows[0]", -1, m), in.E_f = read.vector(given[1], "rows[1]", in.E.rows);
+        if (!given[2].is_none())
+            in.D = read.matrix(given[2], "rows[2]", in.E.rows, 6);
+    }
+    if (!arm.is_none()) {
+        const nb::tuple given = parts(arm, "sighting", 2);
+        seen = {read.matrix(given[0], "sighting[0]", 6, m), read_pose(given[1], "sighting[1]", read)};
+        in.arm = &seen;
+    }
+    if (!measured_at.is_none())
+        in.measured_at = read.vector(measured_at, "measured_at", 3);
+    const Functions asked(functions, read, m, w);
+    if (!loop.chain && !in.arm && !asked.functions.arm)
+        refuse("the loop has no arm");
+    try {
+        return solution(loop.tick(state, in, asked.functions, w));
+    } catch (const FarTarget&) {
+        refuse("target is too far away");
+    } catch (const NoProjector&) {
+        PyErr_SetString(PyExc_ArithmeticError, "form has no projector here");
+        throw nb::python_error();
+    }
+}
+
+nb::object numbers_of(const LoopState& state)
+{
+    const npy_intp n = static_cast<npy_intp>(state.numbers.size());
+    nb::object array = new_array(1, &n);
+    std::copy(state.numbers.begin(), state.numbers.end(), data_of(array));
+    return array;
+}
+
+}  // namespace
+
+void bind_loop(nb::module_& m)
+{
+    using State = std::tuple<int, int, double, nb::bytes>;
+    nb::class_<LoopState>(m, "LoopState", "What a loop remembers between two ticks; a value.")
+        .def("__init__", [](LoopState* made, int joints, double delay, double dt) {
+            if (joints < 1 || joints > MOST_JOINTS || !(dt > 0) || !(delay >= 0 && delay <= MOST_LATE * dt))
+                refuse("joints, delay and dt are those of no loop");
+            new (made) LoopState(joints, delay, dt);
+        }, "joints"_a, "delay"_a, "dt"_a)
+        .def("__copy__", [](const LoopState& s) { return LoopState(s); })
+        .def("__deepcopy__", [](const LoopState& s, nb::object) { return LoopState(s); }, "memo"_a)
+        .def("__eq__", [](const LoopState& s, nb::object other) {
+            const LoopState* o = nullptr;
+            if (!nb::try_cast(other, o))
+                return false;
+            return o && s.joints == o->joints && s.numbers.size() == o->numbers.size()
+                   && std::memcmp(s.numbers.data(), o->numbers.data(), s.numbers.size() * sizeof(double)) == 0;
+        }, "other"_a)
+        .def("__getstate__", [](const LoopState& s) {
+            return State(s.joints, s.whole, s.part,
+                         nb::bytes(reinterpret_cast<const char*>(s.numbers.data()), s.numbers.size() * sizeof(double)));
+        })
+        .def("__setstate__", [](LoopState& s, const State& given) {
+            const auto& [joints, whole, part, bytes] = given;
+            if (joints < 1 || joints > MOST_JOINTS || whole < 0 || whole > MOST_LATE || !(part >= 0 && part <= 1))
+                refuse("this is no state of a loop");
+            LoopState made(joints, whole, 1);
+            made.part = part;
+            if (bytes.size() != made.numbers.size() * sizeof(double))
+                refuse("this is no state of a loop");
+            std::memcpy(made.numbers.data(), bytes.c_str(), bytes.size());
+            new (&s) LoopState(made);
+        })
+        .def_prop_ro("numbers", numbers_of, "(n,) all of it.")
+        .def_prop_ro("positions", [](LoopState& s) { return array_of(Vec(s.positions(), s.joints, &workspace())); },
+                     "(m,) joint positions in the tick before, NaN before the first.")
+        .def_prop_ro("command", [](LoopState& s) { return array_of(Vec(s.command(0), s.joints, &workspace())); },
+                     "(m,) the last command.")
+        .def_prop_ro("unresponsive", [](LoopState& s) { return array_of(Vec(s.unresponsive(), s.joints, &workspace())); },
+                     "(m,) above zero where a joint does not follow its commands.")
+        .def("forget_positions", [](LoopState& s) { std::fill(s.positions(), s.positions() + s.joints, NAN); });
+    nb::class_<Loop>(m, "Loop", "A loop; its settings never change.")
+        .def("__init__", make_loop, "settings"_a)
+        .def("tick", tick, "state"_a, "q"_a, "target"_a = nb::none(), "ahead"_a = nb::none(), "velocity"_a = nb::none(),
+             "at_base"_a = false, "stand"_a = false, "functions"_a = nb::none(), "changes"_a = nb::none(),
+             "posture"_a = nb::none(), "exact"_a = nb::none(), "arm"_a = nb::none(), "measured_at"_a = nb::none(),
+             "One tick: the fields of a VelocitySolution.");
+}
+
+}  // namespace iq
