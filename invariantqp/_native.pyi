@@ -275,19 +275,6 @@ class Press:
         at_contact: bool | None = None,
     ) -> None: ...
 
-def cost(
-    law: Law,
-    /,
-    *,
-    J: Array,
-    s: Array,
-    root: Array,
-    gain: float | None = None,
-    unit: float | None = None,
-    more: float | None = None,
-    lm_damping: float | None = None,
-    of_error: bool | None = None,
-) -> tuple[Array, Array] | None: ...
 def tick(
     law: Law,
     unlimited: Law = ...,

@@ -1,9 +1,6 @@
 """Pink's frame task, measured at one physical point of the tool; a Pink program changes in one line.
 
-    minimise 1/2 |root (J dq - gain e)|^2 + damping
-    |root e|^2 = position_cost^2 |v at the point|^2 + orientation_cost^2 |omega|^2
-
-Pink's limits, barriers and other tasks stay as they are. `control.frame_cost` has what is computed.
+Pink's limits, barriers and other tasks stay as they are. `control/frame_cost.py` has the cost and the options.
 
 Reference: Caron et al., Pink (pin-pink).
 """
@@ -11,20 +8,21 @@ Reference: Caron et al., Pink (pin-pink).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
-from numpy.typing import ArrayLike
+import numpy as np
 
-from invariantqp.control.frame_cost import FrameCost
+from invariantqp.control.frame_cost import FrameCost, FrameOptions
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 
 from invariantqp.robots.pink import Configuration, FrameTask  # isort: skip (it names the extra that brings both)
-from invariantqp.legacy.damping import Damping
+from invariantqp.robots.chain import Chain
 from invariantqp.robots.models import chain_to
 from invariantqp.robots.pinocchio import pin
-from invariantqp.velocity.forms import CarriedMetric, Form
-from invariantqp.velocity.guard import Guard
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 __all__ = ["InvariantFrameTask"]
 
@@ -43,12 +41,7 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
         orientation_cost: float | Sequence[float] | Array | None = None,
         lm_damping: float = 0.0,
         gain: float = 1.0,
-        *,
-        form: Form | CarriedMetric | float | None = None,
-        point: ArrayLike | Literal["own"] | None = None,
-        length: float | None = None,
-        damping: Damping | float | None = None,
-        guard: Guard | bool = True,
+        **options: Unpack[FrameOptions],
     ) -> None:
         """A task like `pink.FrameTask(frame, position_cost, orientation_cost, lm_damping, gain)`.
 
@@ -61,20 +54,14 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
             lm_damping: Pink's damping of large errors, mu = lm_damping |gain error|^2 in the measure. With 1 arms
                 come to rest at targets out of reach, where with 0 they oscillate at their velocity limits.
             gain: share of the error removed in a step, in [0, 1].
-            form: the `form` of `Controller`, in the world frame.
-            point: (3,) in the frame, as in `Controller`; None is the frame's origin, where Pink measures; "own" is the
-                arm's own point.
-            length: L [length/rad] instead of an orientation cost; None is the arm's reach to the point.
-            damping: more damping near singularities, as in `invariantqp.Controller`; None is none, which leaves joint
-                speeds to the velocity limits. `Selective` has its speed for a step [rad].
-            guard: as in `invariantqp.Controller`; it does not see Pink's limits.
+            options: form, point, length, damping, guard, see `FrameOptions`.
 
         Raises:
             BadInput: numbers out of range, something that is not a form, two arguments that both say what a radian
-                costs, or `PaperLambda`, which is no quadratic cost.
+                costs.
         """
         arrays.instance(frame, str, "frame", "a frame's name")
-        self._take(orientation_cost, lm_damping, gain, form, point, length, damping, guard)
+        self._take(orientation_cost, lm_damping, gain, **options)
         super().__init__(frame, position_cost, orientation_cost, lm_damping, gain)
 
     def set_target(self, transform_target_to_world: Any) -> None:
@@ -82,13 +69,18 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
         super().set_target(pin.SE3(arrays.pose(transform_target_to_world, "target")))
 
     def compute_qp_objective(self, configuration: Configuration) -> tuple[Array, Array]:
-        """(H, c) of minimise 1/2 dq'H dq + c'dq, dq (nv,) the displacement of a step, once there is a target."""
-        error = self.compute_error(configuration)
-        pose = configuration.get_transform_frame_to_world(self.frame).homogeneous
-        model = configuration.model
-        return self._quadratic(
-            model, lambda: chain_to(model, self.frame), pose, self.compute_jacobian(configuration), error
-        )
+        """(H, c) of minimise 1/2 dq'H dq + c'dq, dq (nv,) the displacement of a step, once there is a target.
+
+        Raises:
+            NoPseudoinverse: the form has no projector for this arm here, and no damping is given.
+        """
+        return self._quadratic(configuration, self.compute_error(configuration), self.compute_jacobian(configuration))
+
+    def _chain(self, model: Any) -> Chain:
+        return chain_to(model, self.frame)[0]
+
+    def _pose(self, configuration: Configuration) -> Array:
+        return np.asarray(configuration.get_transform_frame_to_world(self.frame).homogeneous)
 
     def __repr__(self) -> str:
         return f"InvariantFrameTask({self.frame!r}, {self._described()})"

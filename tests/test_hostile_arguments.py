@@ -41,13 +41,13 @@ NOT_CALLED = {
 }
 # Public methods that are not called here, and why.
 INNER = {
-    "called in a tick, with arguments that were checked before": "CarriedMetric.root Complement.matrix "
-    "PitchForm.matrix LimitRows.allow LimitRows.excess LimitRows.used PaperLambda.of_size "
+    "called in a tick, with arguments that were checked before": "CarriedMetric.root "
+    "LimitRows.allow LimitRows.excess LimitRows.used PaperLambda.of_size "
     "Controller.near Controller.posture_pull Controller.said Controller.begin Controller.unwrapped Controller.wrong "
     "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after "
     "Clearance.begin_at OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
-    "ExactPoint.rows Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called "
-    "ToolSpeed.cone ExactAxis.rows ExactPlane.rows ExactJoints.rows Chain.sight Chain.points "
+    "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called "
+    "ToolSpeed.cone Chain.sight Chain.points "
     "InvariantFrameTask.compute_qp_objective",
     "of this package's own files, with arguments of their making": "ScrewSystem.with_tolerance ScrewSystem.derived "
     "ScrewSystem.form ScrewSystem.joint_velocities",
@@ -186,13 +186,24 @@ def test_every_public_name_is_tried():
     assert words(NOT_CALLED) - public == set()
 
 
+def asked_in_a_tick(kind, name):
+    """Whether a controller asks for it in a tick: a method of limits, exact demands or forms, of which this is one."""
+    return any(
+        hasattr(asked, name) and all(hasattr(kind, method) for method in vars(asked) if not method.startswith("_"))
+        for asked in (iq.limits.Limit, iq.control.Exact, iq.forms.Form)
+    )
+
+
 def methods(kind):
     """Public methods that take arguments, other than those a tuple or a pydantic model brings."""
     for name, member in inspect.getmembers(kind, callable):
         made_here = (getattr(member, "__module__", None) or "").startswith("invariantqp")
-        if issubclass(kind, iq.limits.Limit) and hasattr(iq.limits.Limit, name):
-            continue  # what a controller asks of every limit
-        if not name.startswith("_") and made_here and len(inspect.signature(member).parameters) > 1:
+        if (
+            not name.startswith("_")
+            and not asked_in_a_tick(kind, name)
+            and made_here
+            and len(inspect.signature(member).parameters) > 1
+        ):
             yield name
 
 

@@ -1,42 +1,61 @@
-"""The cost of a frame's pose error for programs that solve their own QP, measured at a physical point of the frame.
+"""The cost of a frame's error for programs that solve their own QP, measured at a physical point of the frame.
 
-    minimise 1/2 dq'H dq + c'dq,   H = A'A + damping,   c = -A'b,   A = root J,   b = gain root e
-    |root e|^2 = position_cost^2 |v at the point|^2 + orientation_cost^2 |omega|^2
+    minimise 1/2 dq'H dq + c'dq,   H = A'A + mu I,   c = -A'b,   A = R J,   b = gain R e
+    |R e|^2 = position_cost^2 |v at the point|^2 + orientation_cost^2 |omega|^2
+    mu = (damping position_cost)^2 + lm_damping |b|^2
 
-What the adapters to Pink and to mink have in common: arguments, setters and the quadratic. Both libraries tell the
+H and c are those of the law in `velocity/definition.py` for a twist by itself, computed by `core/frame_cost.hpp`. A
+form replaces them as it does there: H = G + mu I, c = -G x_h, with the damping in G and x_h instead of mu. Joint
+velocities that do not move the frame cost 1e-10 |A|^2, so that H has an inverse.
+
+What the adapters to Pink and to mink have in common: arguments, setters and the quadratic. Both libraries give the
 error e = log(current^-1 target) and its derivative -Jlog J in the frame. A change of frame carries both like any
 twist, so with the point named the quadratic is the same in every frame on the link, also inside limits. With the costs
 of a FrameTask and its frame's origin as the point it is the FrameTask's own.
 
-Reference: Caron et al., Pink (pin-pink); Zakka, mink; [DS] Sect. 6.2 for pitch forms.
+Reference: Caron et al., Pink (pin-pink); Zakka, mink; [DS] Sect. 6.2 for forms.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from math import inf
-from typing import Literal
+from collections.abc import Sequence
+from operator import is_
+from typing import Any, Literal, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from invariantqp.control.measure import ToolMeasure, point_of
-from invariantqp.engine import Engine, core
+from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.se3 import SWAPPED, adjoint
-from invariantqp.legacy.damping import Damping, PaperLambda, damping_of
-from invariantqp.legacy.law import Demand, VelocityLaw
-from invariantqp.legacy.tick import posed
+from invariantqp.geometry.se3 import SWAPPED, adjoint, inverse
 from invariantqp.robots.chain import Chain
+from invariantqp.velocity.arguments import damping_of
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard, guard_of
-from invariantqp.velocity.measure import own_point, root_at
+from invariantqp.velocity.problem import form_fields, no_projector
 
-# The cost of a joint direction that does not move the frame, relative to the largest: a few thousandths of what a
-# posture task with Pink's usual cost of 1e-3 gives it, and enough for DAQP where there is no such task.
-NULL_WEIGHT = 3e-10
+
+class FrameOptions(TypedDict, total=False):
+    """What a frame task takes beside the arguments of the library's own.
+
+    form: what is attempted of a twist that the joints cannot do, in the world frame: None is least squares at the
+        point; a pitch h [length/rad], a PitchForm, a Complement or a definite form of yours is what `solve_velocity`
+        makes of it, where no limit is active. A CarriedMetric replaces point, length and orientation cost.
+    point: (3,) in the frame; None is the frame's origin, where the library measures; "own" is the arm's own point.
+    length: L [length/rad] instead of an orientation cost; None is the arm's reach to the point.
+    damping: lambda >= 0. Without a form lambda^2 |dq|^2 is added [length], with a pitch form it is that of
+        `systems.damped_pseudoinverse`. None is 0: near a singularity, joints are then as fast as limits allow.
+    guard: True or a `Guard` shortens what a form attempts, so that the error decreases where no limit is active.
+    """
+
+    form: Form | CarriedMetric | float | None
+    point: ArrayLike | Literal["own"] | None
+    length: float | None
+    damping: float | None
+    guard: Guard | bool
 
 
 class FrameCost:
@@ -47,56 +66,53 @@ class FrameCost:
             point.
         point: (3,) in the frame [length], or "own".
         length: L [length/rad] while there is no orientation cost; None is the arm's reach to the point.
-        damping: the policy near singularities.
+        damping: lambda.
         guard: the descent guard of a form, or None.
         cost: (6,) costs along the axes of the frame: of position [cost/length], then of orientation [cost/rad]. The
             latter are NaN until they are given or a configuration has given the reach.
         gain: share of the error removed in a step.
-        lm_damping: mu |dq|^2 is added, mu = lm_damping |b|^2.
-        engine: "compiled" for the compiled core where it is installed, "python" for Python alone.
+        lm_damping: lm_damping |b|^2 |dq|^2 is added.
     """
 
     form: Form | CarriedMetric | None
     point: Array | str
     length: float | None
-    damping: Damping
+    damping: float
     guard: Guard | None
     cost: Array
     gain: float
     lm_damping: float
-    engine: Engine = "compiled"
     _by_length: bool
-    _made: VelocityLaw | None = None
-    _known: tuple[object, ToolMeasure, NDArray[np.intp]] | None
+    _measured: tuple[tuple[object, object, object], float]  # what the length depends on, and the length
 
     def _take(
         self,
         orientation_cost: object,
         lm_damping: float,
         gain: float,
-        form: Form | CarriedMetric | float | None,
-        point: ArrayLike | Literal["own"] | None,
-        length: float | None,
-        damping: Damping | float | None,
-        guard: Guard | bool,
+        *,
+        form: Form | CarriedMetric | float | None = None,
+        point: ArrayLike | Literal["own"] | None = None,
+        length: float | None = None,
+        damping: float | None = None,
+        guard: Guard | bool = True,
     ) -> None:
         """Check and keep our own arguments; the library's constructor then sets costs, gain and lm_damping."""
         self.form = form_of(form)
+        if not isinstance(self.form, CarriedMetric):
+            form_fields(self.form)
         place = point_of(point)
         self.point = "own" if place is None else place
         self.length = None if length is None else arrays.number(length, "length", "a length", positive=True)
         if orientation_cost is not None and length is not None:
             raise BadInput("orientation_cost", "it and length", "one of them", "Both say what a radian costs.")
-        policy = damping_of(0.0 if damping is None else damping, limited=True)
-        if isinstance(policy, PaperLambda):
-            raise BadInput("damping", "PaperLambda", "a policy that only adds to the cost, such as Adaptive()")
-        self.damping = policy
+        self.damping = damping_of(damping)
         self.guard = guard_of(guard)
         arrays.not_negative(lm_damping, "lm_damping", "a scale")
         if arrays.not_negative(gain, "gain", "a share of the error") > 1.0:
             raise BadInput("gain", f"{gain:g}", "a share of the error, from 0 to 1", "A larger gain overshoots.")
         self._by_length = orientation_cost is None
-        self._known = None
+        self._measured = (None, None, None), 0.0
 
     def set_position_cost(self, position_cost: float | Sequence[float] | Array) -> None:
         """Set what a unit of length costs; what a radian costs follows as long as it was not given.
@@ -134,113 +150,60 @@ class FrameCost:
         self.cost[3:] = _costs(orientation_cost, "orientation_cost")
         self._by_length = False
 
-    def _quadratic(
-        self,
-        model: object,
-        moving: Callable[[], tuple[Chain, NDArray[np.intp]]],
-        pose: Array,
-        jacobian: Array,
-        error: Array,
-    ) -> tuple[Array, Array]:
+    def _chain(self, model: Any) -> Chain:
+        """The joints of a model that move the frame."""
+        raise NotImplementedError
+
+    def _pose(self, configuration: Any) -> Array:
+        """(4, 4) of the frame in the world."""
+        raise NotImplementedError
+
+    def _quadratic(self, configuration: Any, error: Array, jacobian: Array) -> tuple[Array, Array]:
         """(H, c) for a state.
 
         Args:
-            model: whose moving joints these are; the reach is measured anew when it is another object.
-            moving: the joints that move the frame; called for a model not seen before.
-            pose: (4, 4) of the frame in the world.
-            jacobian: (6, nv) of the error, in the frame, linear part first: minus what a joint moves it by.
-            error: (6,) log(current^-1 target), likewise.
+            configuration: the library's; the reach is measured anew when its model is another object.
+            error: (6,) log(current^-1 target), in the frame, linear part first.
+            jacobian: (6, nv) of the error, likewise: minus what a joint moves the frame by.
         """
-        measure, indices = self._measured(model, moving)
-        whole = len(indices) == jacobian.shape[1]
-        found = self._by_core(measure, jacobian, error) if whole else None
-        if found is not None:
-            return found
-        H, c = np.zeros((jacobian.shape[1],) * 2), np.zeros(jacobian.shape[1])
+        of = configuration.model, self.point, self.length
+        if not all(map(is_, self._measured[0], of)):
+            self._measured = of, ToolMeasure(self._chain(of[0]), self.point, self.length).length
+        if self._by_length:
+            self.cost[3:] = self._measured[1] * self.cost[:3]
         unit = float(self.cost[:3].max()) or float(self.cost[3:].max())
-        carry = adjoint(pose, check=False)[:, SWAPPED]
-        s = arrays.twist(carry.dot(self.gain * error), "target" if np.isfinite(pose).all() else "configuration")
-        J = arrays.columns(-carry.dot(jacobian[:, indices]), "configuration")
         if unit == 0.0:
-            return H, c
-        root = self._root(measure, J, pose, unit)
-        b = root.dot(s)
-        more = self.lm_damping * float(b.dot(b))
-        moved, pull = self._moved(J, s, root, more)
-        H += unit * unit * more * np.eye(len(c))  # joints that do not move the frame, too
-        H[np.ix_(indices, indices)] = unit * unit * moved
-        c[indices] = unit * unit * pull
+            return np.zeros((jacobian.shape[1],) * 2), np.zeros(jacobian.shape[1])
+        fields = self._fields(unit, configuration)
+        try:
+            H, c = law.frame_cost(jacobian, error, gain=self.gain, lm_damping=self.lm_damping, **fields)
+        except (ArithmeticError, ValueError) as refusal:
+            arrays.twist(error, "target" if np.isfinite(self._pose(configuration)).all() else "configuration")
+            J = arrays.columns(-jacobian[SWAPPED], "configuration")
+            if isinstance(refusal, ArithmeticError):
+                raise no_projector(J, self.form) from None
+            raise BadInput("the task", str(refusal), "numbers that can be computed with") from None
         return H, c
 
-    def _by_core(self, measure: ToolMeasure, jacobian: Array, error: Array) -> tuple[Array, Array] | None:
-        """(H, c) by the core where all joints move the frame; measured in the frame itself, where the root is fixed."""
-        unit = max(self.cost[:3].tolist()) or max(self.cost[3:].tolist())
-        fixed = self._law().compiled
-        if core is None or fixed is None or measure.carried is not None or measure.point is None or not unit > 0.0:
-            return None
-        if self.form is not None and not self.cost.all():
-            return None  # which Python refuses
-        cost = self.cost[SWAPPED] / unit  # angular parts first, as everywhere here
-        root = cost[:, None] * root_at(measure.point, 1.0)
-        fields = {"gain": self.gain, "unit": unit, "lm_damping": self.lm_damping}
-        made: tuple[Array, Array] | None
-        made = core.cost(fixed, J=np.asarray(jacobian), s=np.asarray(error), root=root, **fields, of_error=True)
-        return made
-
-    def _law(self) -> VelocityLaw:
-        """The law of this task, made anew where an attribute was changed."""
-        form = None if isinstance(self.form, CarriedMetric) else self.form
-        made = self._made
-        if made is None or not (
-            made.form is form
-            and made.damping is self.damping
-            and made.guard is self.guard
-            and made.engine == self.engine
-        ):
-            self._made = made = VelocityLaw(form=form, damping=self.damping, guard=self.guard, engine=self.engine)
-        return made
-
-    def _moved(self, J: Array, s: Array, root: Array, more: float) -> tuple[Array, Array]:
-        """H and c of the joints that move the frame, where a length costs 1; `more` is Pink's damping."""
-        law = self._law()
-        fixed = law.compiled
-        found = None if core is None or fixed is None else core.cost(fixed, J=J, s=s, root=root, more=more)
-        if found is not None:
-            H, c = found
-            return H, c
-        m = J.shape[1]
-        demand = Demand(J, s, root, np.full(m, -inf), np.full(m, inf))
-        objective = posed(law, demand, self.damping).objective(1.0)
-        weights = objective.weights + more
-        if objective.rank:  # 0 for [DS]'s own problem
-            weights[objective.rank :] = NULL_WEIGHT * objective.weights.max() + more
-        V = objective.V
-        return (V * weights).dot(V.T), -V.dot(objective.weights * objective.optimum)
-
-    def _root(self, measure: ToolMeasure, J: Array, pose: Array, unit: float) -> Array:
-        """(6, 6) root of the measure in units of the cost `unit`."""
-        if measure.carried is not None:
-            return measure.root_for(J, pose)
-        point = own_point(J) if measure.point is None else pose[:3, :3].dot(measure.point) + pose[:3, 3]
-        axes = np.zeros((6, 6))
-        axes[:3, :3] = (self.cost[3:, None] / unit) * pose[:3, :3].T
-        axes[3:, 3:] = (self.cost[:3, None] / unit) * pose[:3, :3].T
-        if self.form is not None and not self.cost.all():
+    def _fields(self, unit: float, configuration: Any) -> dict[str, Any]:
+        """Measure, form, damping and guard as the engine takes them, in the frame; a unit of length costs `unit`."""
+        if isinstance(self.form, CarriedMetric):
+            pose = self._pose(configuration)
+            root = unit * self.form.root(pose).dot(adjoint(pose, check=False))
+            return {"root": root, "damping": unit * self.damping}
+        at_point = {"costs": self.cost, "point": None if isinstance(self.point, str) else self.point}
+        if self.form is None:
+            return at_point | {"damping": unit * self.damping}
+        if not self.cost.all():
             raise BadInput("form", "a form beside a cost of zero", "costs above zero", "Leave the form out.")
-        return np.asarray(axes.dot(root_at(point, 1.0)))
-
-    def _measured(
-        self, model: object, moving: Callable[[], tuple[Chain, NDArray[np.intp]]]
-    ) -> tuple[ToolMeasure, NDArray[np.intp]]:
-        """The measure and the joints that move the frame; what a radian costs where that follows L."""
-        if self._known is None or self._known[0] is not model:
-            chain, indices = moving()
-            carried = self.form if isinstance(self.form, CarriedMetric) else None
-            self._known = model, ToolMeasure(chain, self.point, self.length, carried), indices
-        _, measure, indices = self._known
-        if self._by_length:
-            self.cost[3:] = measure.length * self.cost[:3]
-        return measure, indices
+        kind, value = form_fields(self.form)["form"]
+        if kind == "complement":
+            value = adjoint(inverse(self._pose(configuration), check=False), check=False).dot(value)
+        elif kind == "definite":
+            carry = adjoint(self._pose(configuration), check=False)
+            value = carry.T.dot(value).dot(carry)
+        guard = None if self.guard is None else self.guard.fraction
+        return at_point | {"form": (kind, value), "damping": self.damping, "guard": guard}
 
     def _described(self) -> str:
         """The arguments in short."""

@@ -22,6 +22,20 @@ inline Mat pitch_form(double h, Workspace& w)
     return Q;
 }
 
+// J'Q_h J of joint twists (6, m). Of more than six joints, J = R M with orthonormal rows M, and R'Q_h R has all that is not
+// zero.
+inline SymmetricEigen gram(Mat J, double h, Workspace& w)
+{
+    const Mat Q = pitch_form(h, w);
+    if (J.cols <= 6)
+        return SymmetricEigen(t(J) * (Q * J));
+    const RQ rq(J);
+    const SymmetricEigen small(t(rq.R) * (Q * rq.R));
+    const Mat V = rq.basis(), M = V.rows_from(rq.free, J.cols);
+    M.set(small.V * M);
+    return {V, joined(Vec(w, rq.free, 0), small.values)};
+}
+
 // The root of V' diag(sqrt(mu_i^2 + lambda^2)) V
 inline Mat weighted(const SymmetricEigen& eigen, double damping)
 {
@@ -38,7 +52,7 @@ inline std::optional<Formed> formed(const Tick& tick, Mat J, Mat B, const SVD& s
     const int r = svd.rank(INDEPENDENT);
     if (tick.form == FormKind::pitch && tick.damping > 0) {
         const Mat QJ = pitch_form(tick.pitch, w) * J;
-        const SymmetricEigen eigen(t(J) * QJ);
+        const SymmetricEigen eigen = gram(J, tick.pitch, w);
         const auto damped = [&](Vec s) {
             Vec u = eigen.V * (t(QJ) * s);
             for (int i = 0; i < u.n; i++) {
@@ -78,7 +92,7 @@ inline std::optional<Formed> formed(const Tick& tick, Mat J, Mat B, const SVD& s
         const auto attempted = [&](Vec u) { return t(across) * split.least(u, r); };
         found = {B, attempted(u_f), attempted(u_e)};
         if (tick.form == FormKind::pitch)
-            found.root = weighted(SymmetricEigen(t(J) * (pitch_form(tick.pitch, w) * J)), 0);
+            found.root = weighted(gram(J, tick.pitch, w), 0);
     }
     if (tick.guard >= 0) {
         const int few = svd.rank(ROUNDING);

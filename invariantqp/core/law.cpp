@@ -286,10 +286,7 @@ class Law {
 
     // By the singular values of B, where some of them move nothing.
     double sigma(int i) const { return i < spectrum->sigma.n ? spectrum->sigma[i] : 0; }
-    double still(int i) const
-    {
-        return std::clamp(2 - 2 * sigma(i) / (ROUNDING * std::max(spectrum->sigma[0], TINY)), 0.0, 1.0);
-    }
+    double still(int i) const { return iq::still(*spectrum, i); }
     void decomposed()
     {
         spectrum.emplace(B);

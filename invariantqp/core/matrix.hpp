@@ -465,18 +465,8 @@ inline void orthogonalise(Mat W, Mat B)
 // Fills the rows of V from `rank` on, so that all of them are orthonormal.
 inline void complete(Mat V, int rank)
 {
-    for (int k = rank; k < V.rows; k++) {
-        Vec covered(*V.w, V.cols, 0);
-        for (int i = 0; i < k; i++)
-            for (int j = 0; j < V.cols; j++)
-                covered[j] += V(i, j) * V(i, j);
-        V[k].fill(0);
-        V(k, static_cast<int>(std::min_element(covered.begin(), covered.end()) - covered.begin())) = 1;
-        for (int twice = 0; twice < 2; twice++)
-            for (int i = 0; i < k; i++)
-                V[k].add(-V[i].dot(V[k]), V[i]);
-        V[k].scale(1 / V[k].norm());
-    }
+    if (rank < V.rows)
+        V.rows_from(rank, V.rows).set(RQ(V.rows_from(0, rank)).basis().rows_from(0, V.rows - rank));
 }
 
 // A = U' diag(sigma) V, sigma in falling order; U has min(r, m) rows of length r, V is (m, m) orthonormal.
@@ -531,6 +521,7 @@ struct SymmetricEigen {
     Mat V;
     Vec values;
 
+    SymmetricEigen(Mat V, Vec values) : V(V), values(values) {}
     explicit SymmetricEigen(Mat S) : V(Mat::identity(*S.w, S.rows)), values(*S.w, S.rows)
     {
         const int n = S.rows;

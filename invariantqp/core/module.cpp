@@ -1,6 +1,7 @@
 // The engine for Python: the functions of invariantqp._core. Errors are ValueErrors; velocity/problem.py words them.
 #define IQ_FILLS_NUMPY
 #include "bound.hpp"
+#include "frame_cost.hpp"
 #include "measure.hpp"
 #include <atomic>
 #include <thread>
@@ -129,12 +130,10 @@ void set_measure(Tick& tick, Vec point, double length, Mat root)
         tick.metric = sliding_metric(S, p, L);
 }
 
-void check_projector(const Answer& answer)
+[[noreturn]] void no_projector()
 {
-    if (answer.failure == Failure::no_pseudoinverse) {
-        PyErr_SetString(PyExc_ArithmeticError, "form has no projector here");
-        throw nb::python_error();
-    }
+    PyErr_SetString(PyExc_ArithmeticError, "form has no projector here");
+    throw nb::python_error();
 }
 
 // What another solver found: velocity, pace, share, guarded, whether limits had a part, relaxed or None, faster.
@@ -201,7 +200,8 @@ nb::tuple solve(nb::object J, nb::object twist, nb::object point, nb::object len
                 length.is_none() ? 0 : number(length, "length", SMALLEST, LARGEST),
                 root.is_none() ? Mat() : read.matrix(root, "root", 6, 6));
     Answer answer = velocity(tick, w);
-    check_projector(answer);
+    if (answer.failure == Failure::no_pseudoinverse)
+        no_projector();
     if (!found.is_none())
         replace(answer, found, tick, read);
     return solution(report(tick, answer, w));
@@ -329,6 +329,64 @@ nb::tuple solve_rows(nb::object J, nb::object twist, nb::object lower, nb::objec
     return nb::make_tuple(velocities, residuals, numbers);
 }
 
+// The cost of a frame's error (6,) with derivative J (6, n), both in the frame, linear parts first, as Pink and mink have
+// them: H (n, n) and c (n,). Joints that do not move the frame have columns of zeros. Measured by `costs` (6,) at a point of
+// the frame, the arm's own where there is none, or by a root.
+nb::tuple cost_of_frame(nb::object J, nb::object error, nb::object costs, nb::object point, nb::object root, nb::object gain,
+                        nb::object lm_damping, nb::object form, nb::object damping, nb::object guard)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    const Mat of_joints = transposed(read.matrix(J, "J", 6, -1));
+    const Vec e = number(gain, "gain", 0, LARGEST) * read.vector(error, "error", 6);
+    const int n = of_joints.rows;
+    std::vector<int> moving;
+    for (int j = 0; j < n; j++)
+        if (of_joints[j].square() > 0)
+            moving.push_back(j);
+    const int m = static_cast<int>(moving.size());
+    if (m > MOST_JOINTS)
+        refuse("J has " + std::to_string(m) + " joints that move the frame, expected at most 64");
+    Tick tick;
+    tick.J = Mat(w, 6, m), tick.ahead = Vec(w, 6), tick.error = Vec(w, 6, 0);
+    for (int i = 0; i < 6; i++) {
+        const int from = (i + 3) % 6;
+        tick.ahead[i] = e[from];
+        for (int k = 0; k < m; k++)
+            tick.J(i, k) = -of_joints(moving[k], from);
+    }
+    check_twists(tick.J);
+    const npy_intp shape[2] = {n, n};
+    const nb::object H = new_array(2, shape), c = new_array(1, shape);
+    const Mat all(data_of(H), n, n, &w);
+    const Vec pull(data_of(c), n, &w);
+    all.all().fill(0), pull.fill(0);
+    if (m == 0)
+        return nb::make_tuple(H, c);
+    const nb::none none;
+    Options{none, none, none, none, none, none, none, form, damping, guard}.set(tick, read, w);
+    if (!root.is_none())
+        tick.root = read.matrix(root, "root", 6, 6);
+    else {
+        const Vec cost = read.vector(costs, "costs", 6);
+        tick.root = root_at(point.is_none() ? own_point(transposed(tick.J), tick.ahead) : read.vector(point, "point", 3), 1);
+        for (int i = 0; i < 6; i++)
+            tick.root[i].scale(cost[(i + 3) % 6]);
+    }
+    const std::optional<Cost> found = frame_cost(tick, number(lm_damping, "lm_damping", 0, LARGEST), w);
+    if (!found)
+        no_projector();
+    for (int i = 0; i < m; i++) {
+        pull[moving[i]] = found->c[i];
+        for (int k = 0; k < m; k++)
+            all(moving[i], moving[k]) = found->H(i, k);
+    }
+    for (int j = 0; j < n; j++)
+        all(j, j) += found->damping;
+    return nb::make_tuple(H, c);
+}
+
 }  // namespace
 }  // namespace iq
 
@@ -365,4 +423,7 @@ NB_MODULE(_core, m)
           "points"_a = nb::none(), "length"_a = nb::none(), "root"_a = nb::none(), "posture"_a = nb::none(),
           "metric"_a = nb::none(), "form"_a = nb::none(), "damping"_a = nb::none(), "guard"_a = nb::none(),
           "threads"_a = 1, "Velocities (N, m), residuals (N, 6) and numbers (N, 5) of many twists.");
+    m.def("frame_cost", cost_of_frame, "J"_a, "error"_a, "costs"_a = nb::none(), "point"_a = nb::none(),
+          "root"_a = nb::none(), "gain"_a = 1.0, "lm_damping"_a = 0.0, "form"_a = nb::none(), "damping"_a = nb::none(),
+          "guard"_a = nb::none(), "The cost of a frame's error: H (n, n) and c (n,) of 1/2 x'Hx + c'x.");
 }

@@ -8,6 +8,13 @@ namespace iq {
 constexpr double ROUNDING = 1e-9, ROOT_ROUNDING = 3.1622776601683795e-05;  // definition.py says of what; and its root
 constexpr double TINY = 2.2250738585072014e-308;
 
+// 1 for a direction of joint velocities that moves nothing, 0 for one that does; rounding is between them.
+inline double still(const SVD& svd, int i)
+{
+    const double sigma = i < svd.sigma.n ? svd.sigma[i] : 0;
+    return std::clamp(2 - 2 * sigma / (ROUNDING * std::max(svd.sigma[0], TINY)), 0.0, 1.0);
+}
+
 // lower <= C y <= upper, and |P y + start| <= speed.
 struct Room {
     Mat C;

@@ -415,7 +415,6 @@ Outcome slowed_point(int m, const Polytope *limits, Cone *cone, Row y, Yielded *
 Outcome solve(const Demand *demand, Solution *solution);
 Outcome solve_tasks(const Demand *demand, int count, const Task *const *tasks, Solution *solution);
 Outcome solve_measured(const Demand *demand, const Row A[6], Solution *solution);
-Outcome frame_cost(const Law *law, const FrameError *error, Row *H, Row c);
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool);
 Outcome error_twist(const Pose *target, const Pose *tool, double error[6]);
 void with_rotation(Pose *T);
@@ -438,7 +437,6 @@ extern const Constant CONSTANTS[];
 #define UNTOUCHED 1e-11
 #define NULL_RATIO 1e-12
 #define NULL_WEIGHT 1e-8
-#define FREE_WEIGHT 3e-10
 #define EASY 3.0
 #define CALM 0.25
 #define DEVIATION_SHARE 0.25

@@ -105,7 +105,6 @@ TABLE(Split, Split, SPLIT_FIELDS, "Split", "What a task needs of one kind of con
 TABLE(Press, Press, PRESS_FIELDS, "Press", "What of a hybrid controller does not change from tick to tick.", NULL)
 TABLE(now, Now, NOW_FIELDS, "step", "", NULL)
 TABLE(press, Hybrid, HYBRID_FIELDS, "press", "", NULL)
-TABLE(cost, FrameError, COST_FIELDS, "cost", "", NULL)
 TABLE(tick, Demand, TICK_FIELDS, "tick", "", NULL)
 
 /* An object of a table: its struct after the head that Python needs. */
@@ -440,7 +439,7 @@ static bool named_fields(Table *table)
 bool types_made(PyObject *module)
 {
     EMPTY = PyTuple_New(0);
-    bool good = EMPTY != NULL && named_fields(&TABLE_tick) && named_fields(&TABLE_now) && named_fields(&TABLE_press) && named_fields(&TABLE_cost);
+    bool good = EMPTY != NULL && named_fields(&TABLE_tick) && named_fields(&TABLE_now) && named_fields(&TABLE_press);
     for (int t = 0; good && t < TYPES; t++) {
         Table *table = TABLES[t];
         good = named_fields(table);

@@ -146,18 +146,6 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     MATRIX(root, 6, 6, NOTHING, "of its measure") \
     VECTOR(velocity, joints, DEFAULT(0.0), "wanted of the joints")
 
-/* control/frame_cost.py: the error of a frame. */
-#define COST_FIELDS \
-    LENGTH(m, MOST, "joints") \
-    MATRIX(J, 6, m, NEEDED, "joint twists") \
-    VECTOR(s, 6, NEEDED, "wanted twist") \
-    MATRIX(root, 6, 6, NEEDED, "of the measure") \
-    NUMBER(gain, 1.0, "of s") \
-    NUMBER(unit, 1.0, "what a length costs, beside the root") \
-    NUMBER(more, 0.0, "damping of every joint") \
-    NUMBER(lm_damping, 0.0, "likewise, times the squared measure of the wanted twist") \
-    FLAG(of_error, false, "whether J and s are an error and its derivative, linear parts first")
-
 /* force/contact.py: a Split, in the contact's own frame. */
 #define SPLIT_FIELDS \
     LENGTH(n, 6, "constraints") \
@@ -284,7 +272,6 @@ typedef struct { LAW_FIELDS } Law;
 typedef struct { WANTED_FIELDS } Wanted;
 typedef struct { LOOP_FIELDS } Loop;
 typedef struct { NOW_FIELDS } Now;
-typedef struct { COST_FIELDS } FrameError;
 typedef struct { ARM_FIELDS } Arm;
 typedef struct { TASK_FIELDS } Task;
 typedef struct { SPLIT_FIELDS } Split;

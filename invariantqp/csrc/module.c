@@ -64,24 +64,6 @@ static PyObject *tasks(PyObject *module, PyObject *const *arguments, Py_ssize_t 
                                                                                          : fields(demand.m, &solution, NULL, NULL);
 }
 
-/* cost(law, ...) with the fields of a frame's error by name: (H, c), or None where Python has to find them. */
-static PyObject *cost(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names)
-{
-    (void)module;
-    FrameError error;
-    const Law *law = count == 1 ? described(&TABLE_Law, arguments[0]) : NULL;
-    if (law == NULL)
-        return refused("cost(a Law, and the fields of a frame's error by name)");
-    Fit fit = called_by_name(&TABLE_cost, arguments + 1, names, &error);
-    Row H[MOST], c;
-    if (fit == WRONG)
-        return NULL;
-    if (fit == UNFIT || error.m == 0 || law->has_metric || law->form == BROUGHT || (error.of_error && law->form == COMPLEMENT) ||
-        frame_cost(law, &error, H, c) == HAND_BACK)
-        Py_RETURN_NONE;
-    return Py_BuildValue("(NN)", new_matrix(error.m, error.m, MOST, H[0]), new_vector(error.m, c));
-}
-
 /* The values of a Loop; NULL for anything else. */
 const Loop *loop_of(PyObject *object) { return described(&TABLE_Loop, object); }
 
@@ -184,7 +166,6 @@ static PyMethodDef methods[] = {
     CALLED("planned", planned, "Coefficients of the motion from a state that is near points with little jerk."),
     CALLED("sight", sight,
            "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."),
-    CALLED_BY_NAME("cost", cost, "H and c of a frame task, or None where Python has to find them."),
     CALLED_BY_NAME("tasks", tasks, "A VelocitySolution of several tasks, or None where Python has to answer."),
     CALLED_BY_NAME("tick", tick, "A VelocitySolution, or None where Python has to answer."),
     CALLED("pseudoinverse", pseudoinverse, "J^{+h}, or None where Python has to find it."),

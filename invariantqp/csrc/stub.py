@@ -16,7 +16,6 @@ TABLE = re.compile(r"/\* (?P<about>[^*]*?) \*/\n#define (?P<name>[A-Z]+)_FIELDS 
 LINE = re.compile(r"    (?P<kind>[A-Z_]+)\((?P<name>[\w.]+), (?P<rest>.*?), \"(?P<meaning>.*)\"\)")
 # What comes before the fields of a call, and its answer.
 CALLS = {
-    "COST": ("    law: Law,\n", "tuple[Array, Array]"),
     "TICK": ("    law: Law,\n    unlimited: Law = ...,\n", "VelocitySolution"),
 }
 TYPES = {

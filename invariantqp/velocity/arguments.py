@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from numbers import Real
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,23 @@ from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.velocity.forms import CarriedMetric, Form
 from invariantqp.velocity.measure import length_at, own_point, root_at
+
+
+def damping_of(damping: object) -> float:
+    """lambda, 0 for None.
+
+    Raises:
+        BadInput: not a number, below zero, too large.
+    """
+    if damping is None:
+        return 0.0
+    if isinstance(damping, bool) or not isinstance(damping, Real):
+        remedy = "Without one, velocity limits keep joints slow near a singularity."
+        raise BadInput("damping", excerpt(damping), "a number lambda >= 0, or None", remedy)
+    value = arrays.not_negative(cast("float", damping), "damping", "lambda")
+    if value > sizes.LARGEST:
+        raise BadInput("damping", f"{value:.3g}", f"at most {sizes.LARGEST:g}")
+    return value
 
 
 class Measure(NamedTuple):

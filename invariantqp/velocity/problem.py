@@ -11,20 +11,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 from math import inf
-from numbers import Real
-from typing import TYPE_CHECKING, Any, TypedDict, cast
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.engine import law
-from invariantqp.errors import BadInput, InvariantQPError, excerpt
+from invariantqp.errors import BadInput, InvariantQPError
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.pseudoinverses import factors, no_pseudoinverse
 from invariantqp.systems.system import ScrewSystem
-from invariantqp.velocity.arguments import measure_of, metric_of
+from invariantqp.velocity.arguments import damping_of, measure_of, metric_of
 from invariantqp.velocity.backends import Backend, SolverFailure, backend_of
 from invariantqp.velocity.definition import Answer, Rows, Tick, velocity
 from invariantqp.velocity.exact import ExactRows, whitened
@@ -212,14 +211,7 @@ def checked(m: int, options: Mapping[str, Any]) -> dict[str, Any]:
     if unknown:
         raise TypeError(f"no option {min(unknown)!r}; there are {', '.join(VelocityOptions.__annotations__)}")
     fields = _checked_limits(m, options)
-    damping, posture = options.get("damping"), options.get("posture")
-    if damping is not None:
-        if isinstance(damping, bool) or not isinstance(damping, Real):
-            remedy = "Without one, bounds keep joints slow near a singularity."
-            raise BadInput("damping", excerpt(damping), "a number lambda >= 0, or None", remedy)
-        fields["damping"] = arrays.not_negative(cast("float", damping), "damping", "lambda")
-        if fields["damping"] > sizes.LARGEST:
-            raise BadInput("damping", f"{damping:.3g}", f"at most {sizes.LARGEST:g}")
+    fields["damping"], posture = damping_of(options.get("damping")), options.get("posture")
     guard = guard_of(options.get("guard", False))
     if guard is not None:
         fields["guard"] = guard.fraction

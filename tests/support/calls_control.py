@@ -103,8 +103,8 @@ def pose_options():
 
 
 def frame_options(task):
-    names = "position_cost gain point length damping guard"
-    return {"orientation_cost": 0.5, "lm_damping": 0.2, "form": H} | usual(task, names)
+    own = {"form": H, "point": POINT, "length": None, "damping": 0.01, "guard": True}
+    return {"orientation_cost": 0.5, "lm_damping": 0.2} | own | usual(task, "position_cost gain")
 
 
 TILTS = [iq.exp([0.6 * np.cos(k), 0.6 * np.sin(k), 0.0, 0.0, 0.0, 0.0]) for k in range(5)]

@@ -166,6 +166,8 @@ def calls(rng):
     one = {"J": J, "twist": s, "point": np.zeros(3), "length": 1.0, "tool_speed": (np.zeros(3), 0.2)}
     many = {"J": rng.normal(size=(5, 6, m)), "twist": rng.normal(size=(5, 6)), "points": np.zeros((5, 3))}
     many |= {"lower": np.full((5, m), -1.0), "upper": np.full((5, m), 1.0), "posture": np.zeros((5, m))}
+    frame = {"J": J, "error": s, "gain": 0.5, "lm_damping": 0.1}
+    at_point = {"costs": np.ones(6), "point": np.zeros(3), "form": ("pitch", 0.3), "damping": 0.1, "guard": 0.5}
     levels = {"levels": [(J, np.eye(6), s), (J, np.eye(6), s)], "tool_speed": (J[3:], 0.2), "metric": np.eye(m)}
     return {
         "tick": tick | box | rows | plain | memory | demands | numbers,
@@ -175,9 +177,12 @@ def calls(rng):
         | numbers
         | {"threads": 2},
         "solve_levels": levels | box | rows | exact | {"damping": 0.1},
+        "frame_cost": frame | at_point,
+        "frame_cost by a root": frame | {"root": np.eye(6)},
     }
 
 
+NAMES = list(calls(np.random.default_rng(0)))
 BAD = {
     "a text": "seven",
     "an object": object(),
@@ -201,9 +206,9 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("name", ["tick", "solve", "solve_rows", "solve_levels"])
+@pytest.mark.parametrize("name", NAMES)
 def test_no_argument_of_another_kind_is_more_than_an_error(name, rng):
-    function, arguments = getattr(_core, name), calls(rng)[name]
+    function, arguments = getattr(_core, name.split()[0]), calls(rng)[name]
     function(**arguments)
     refused = 0
     for argument in arguments:
@@ -217,9 +222,9 @@ def test_no_argument_of_another_kind_is_more_than_an_error(name, rng):
     assert refused >= 0.8 * len(arguments) * len(BAD)
 
 
-@pytest.mark.parametrize("name", ["tick", "solve", "solve_rows", "solve_levels"])
+@pytest.mark.parametrize("name", NAMES)
 def test_arrays_of_every_layout_and_kind_are_read_alike(name, rng):
-    function, arguments = getattr(_core, name), calls(rng)[name]
+    function, arguments = getattr(_core, name.split()[0]), calls(rng)[name]
     expected = function(**arguments)[0]
     layouts = {
         "columns first": np.asfortranarray,
@@ -252,7 +257,7 @@ def test_no_nan_and_no_infinity_gets_in(value, rng):
                 changed.flat[changed.size // 2] = value
                 other = (*parts[:i], changed, *parts[i + 1 :]) if isinstance(given, tuple) else changed
                 try:
-                    found = getattr(_core, name)(**{**arguments, argument: other})
+                    found = getattr(_core, name.split()[0])(**{**arguments, argument: other})
                 except (ValueError, ArithmeticError):
                     continue
                 limits = argument in {"lower", "upper", "position_lower", "position_upper", "rows"}
