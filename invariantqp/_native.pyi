@@ -131,30 +131,6 @@ class Loop:
         row_names: tuple[str, ...] | None = None,
     ) -> None: ...
 
-class Arm:
-    screws: Array  # (6, joints) joint twists at q = 0
-    home: Array  # (4, 4) tool pose at q = 0
-    point: Array  # (3,) of the tool, where positions are compared [length]
-    length: float  # what a radian counts as there [length]
-    lower: Array  # (joints,) position limits [rad, length]
-    upper: Array  # (joints,) likewise
-    turn: Array  # (joints,) a whole turn of a hinge
-    whole: Array  # (joints,) 1 where the range of a joint holds a whole turn
-    exact: tuple[Wanted, ...]  # what is met exactly
-    def __init__(
-        self,
-        *,
-        screws: Array,
-        home: Array,
-        point: Array,
-        length: float,
-        lower: Array,
-        upper: Array,
-        turn: Array,
-        whole: Array,
-        exact: tuple[Wanted, ...] | None = None,
-    ) -> None: ...
-
 class Task:
     priority: int  # level, 0 first
     weight: float  # share in its level's sum
@@ -325,13 +301,6 @@ def acts_at(loop: Loop, memory: Array, q: Any, /) -> Array | None: ...
 def step(
     loop: Loop, memory: Array, q: Any, target: Any, feedforward: Any, velocity: Any, /
 ) -> tuple[VelocitySolution, bool] | None: ...
-def descend(
-    arm: Arm, target: Any, start: Array, goal: float, turning: bool, patient: bool, known: Array | None, /
-) -> tuple[Array, float, float, float, int, bool, bool, Array | None] | None: ...
-def misses(arm: Arm, target: Any, q: Array, /) -> tuple[float, float] | None: ...
-def descents(
-    arm: Arm, targets: Array, start: Array, goal: float, turning: bool, fastest: Array, steps: Array, /
-) -> tuple[Array, int]: ...
 def follow(
     course: Array,
     law: Loop | tuple[Any, ...],

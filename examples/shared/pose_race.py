@@ -29,7 +29,6 @@ from invariantqp.errors import BadInput
 from invariantqp.extras import is_installed
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.pose.error import pose_arm, pose_error
 from invariantqp.pose.ik import RESTARTS, solve_pose
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import load_robot
@@ -221,13 +220,12 @@ def _pink(robot: Robot, time_limit: float) -> Solver:
 
 def _tried(robot: Robot, target: Any, start: Array, step: Step, time_limit: float) -> Array:
     """Take steps from the start, then from other states spread over the joint range; returns the last q in any case."""
-    deadline = perf_counter() + time_limit
-    error = pose_error(pose_arm(robot), target, None, ())
+    deadline, goal = perf_counter() + time_limit, robot.target(target).homogeneous
     q = start
     for state in _starts(robot, start):
         q, past = state, [np.inf] * STALLED
         for _ in range(STEPS):
-            misses = error.misses(q)
+            misses = distance(robot.pose(q), goal)
             if max(misses) <= TOLERANCE or perf_counter() > deadline:
                 return q
             past.append(sum(misses))

@@ -426,4 +426,5 @@ NB_MODULE(_core, m)
     m.def("frame_cost", cost_of_frame, "J"_a, "error"_a, "costs"_a = nb::none(), "point"_a = nb::none(),
           "root"_a = nb::none(), "gain"_a = 1.0, "lm_damping"_a = 0.0, "form"_a = nb::none(), "damping"_a = nb::none(),
           "guard"_a = nb::none(), "The cost of a frame's error: H (n, n) and c (n,) of 1/2 x'Hx + c'x.");
+    bind_pose(m);
 }

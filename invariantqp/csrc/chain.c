@@ -130,13 +130,6 @@ static void rotation_vector(const double R[3][3], double w[3])
         w[i] = share * q[i];
 }
 
-void turn_to(const Pose *target, const Pose *tool, double w[3])
-{
-    double R[3][3];
-    turned_by(target, tool, R);
-    rotation_vector((const double(*)[3])R, w);
-}
-
 /* How far R R' is from the identity at most, R R' - 1; and whether R is no mirror image, whose R R' is the identity, too. */
 static double off_rotation(const Pose *T, double off[3][3], bool *turns)
 {

@@ -2,7 +2,6 @@
 
 #include "loop.h"
 #include "paths.h"
-#include "pose.h"
 #include "press.h"
 
 #define ONE(file, name) {file "." #name, name}
@@ -102,24 +101,6 @@ const Constant CONSTANTS[] = {
     {"velocity.backends.UNBOUNDED", BOUNDLESS},
     ONE("legacy.approach", BRAKING_SHARE),
     ONE("legacy.law", SLACK_GAIN),
-    ONE("pose.newton", DAMPING),
-    ONE("pose.newton", EASED),
-    ONE("pose.newton", STIFFENED),
-    ONE("pose.newton", LEAST),
-    ONE("pose.newton", FLOOR),
-    ONE("pose.newton", QP_FLOOR),
-    ONE("pose.newton", STALLED),
-    ONE("pose.newton", FINISHED),
-    ONE("pose.newton", LONGEST),
-    ONE("pose.newton", PATIENCE),
-    ONE("pose.newton", STIFFEST),
-    {"geometry.arrays.ROUNDING", AT_REST},
-    {"velocity.exact.ROW_TOLERANCE", EXACT_ROW_TOLERANCE},
-    {"geometry.arrays.NEGLIGIBLE", ROW_FLOOR},
-    {"geometry.arrays.NEGLIGIBLE", AT_LIMIT},
-    ONE("pose.newton", DEAREST),
-    ONE("pose.newton", PENALTY_MARGIN),
-    ONE("pose.error", DIFFERENCE),
     ONE("paths.time_law", CATCH_UP_SHARE),
     ONE("paths.time_law", CATCH_UP_SPEED),
     ONE("control.tracking", TRACKING_SHARE),

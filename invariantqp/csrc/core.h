@@ -420,9 +420,7 @@ Outcome error_twist(const Pose *target, const Pose *tool, double error[6]);
 void with_rotation(Pose *T);
 #define ROTATION 1e-12
 #define ROTATION_TOLERANCE 1e-5
-void turn_to(const Pose *target, const Pose *tool, double w[3]);
 Outcome minimise_from(const Quadratic *problem, const Polytope *limits, const Row inside, Row z);
-Outcome minimise_in_box(const Quadratic *problem, const double *lower, const double *upper, Row z);
 
 /* The constants of the twins, by the names of their Python files; a test compares the two. */
 typedef struct {

@@ -122,20 +122,6 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     MAYBE_MATRIX(brought, 6, 6, has_brought, "the matrix of a form that is brought, on measured twists") \
     MAYBE_VECTOR(posture, joints, has_posture, "joint velocity wanted where the twist leaves joints free")
 
-/* pose/error.py: an arm as pose searches see it. */
-#define ARM_FIELDS \
-    LENGTH(joints, MOST, "joints") \
-    LENGTH(wanted, MOST_ROWS, "exact demands") \
-    MATRIX(screws, 6, joints, NEEDED, "joint twists at q = 0") \
-    MATRIX(home, 4, 4, NEEDED, "tool pose at q = 0") \
-    VECTOR(point, 3, NEEDED, "of the tool, where positions are compared [length]") \
-    NUMBER(length, NEEDED, "what a radian counts as there [length]") \
-    VECTOR(lower, joints, NEEDED, "position limits [rad, length]") \
-    VECTOR(upper, joints, NEEDED, "likewise") \
-    VECTOR(turn, joints, NEEDED, "a whole turn of a hinge") \
-    VECTOR(whole, joints, NEEDED, "1 where the range of a joint holds a whole turn") \
-    OBJECTS(exact, Wanted, wanted, "what is met exactly")
-
 /* velocity/tasks.py: one of several tasks. */
 #define TASK_FIELDS \
     LENGTH(joints, MOST, "joints") \
@@ -272,7 +258,6 @@ typedef struct { LAW_FIELDS } Law;
 typedef struct { WANTED_FIELDS } Wanted;
 typedef struct { LOOP_FIELDS } Loop;
 typedef struct { NOW_FIELDS } Now;
-typedef struct { ARM_FIELDS } Arm;
 typedef struct { TASK_FIELDS } Task;
 typedef struct { SPLIT_FIELDS } Split;
 typedef struct { PRESS_FIELDS } Press;

@@ -170,10 +170,6 @@ static PyMethodDef methods[] = {
     CALLED_BY_NAME("tick", tick, "A VelocitySolution, or None where Python has to answer."),
     CALLED("pseudoinverse", pseudoinverse, "J^{+h}, or None where Python has to find it."),
     CALLED("projectors", dual_projectors, "The fields of DualProjectors in order, or None where Python has to find them."),
-    CALLED("descend", search_descend,
-           "One try at a pose: (q, f, unmet, merit, steps, met, at_rest), or None where Python has to make it."),
-    CALLED("descents", search_along, "One try at each of several poses, from one to the next."),
-    CALLED("misses", search_misses, "Distance and angle of a tool from its target."),
     {NULL, NULL, 0, NULL},
 };
 

@@ -730,17 +730,3 @@ Outcome minimise_from(const Quadratic *problem, const Polytope *limits, const Ro
     memcpy(z, found.z, (size_t)problem->n * sizeof(double));
     return DONE;
 }
-
-/* The same in a box, which zero is in. */
-Outcome minimise_in_box(const Quadratic *problem, const double *lower, const double *upper, Row z)
-{
-    static const Row STILL = {0.0};
-    Polytope limits = {.count = problem->n, .box = true};
-    memcpy(limits.lower, lower, (size_t)problem->n * sizeof(double));
-    memcpy(limits.upper, upper, (size_t)problem->n * sizeof(double));
-    if (minimise_from(problem, &limits, STILL, z) == HAND_BACK)
-        return HAND_BACK;
-    for (int j = 0; j < problem->n; j++)
-        z[j] = between(z[j], lower[j], upper[j]);
-    return DONE;
-}

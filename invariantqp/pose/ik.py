@@ -1,4 +1,4 @@
-"""Joint positions for a pose, inside the joint limits: damped Newton from starts spread over the joint range.
+"""Joint positions for a pose, inside the joint limits: damped Newton from several starts, by the engine.
 
     q = argmin f(q),   q_min <= q <= q_max,   f = 1/2 |(omega; p_d - p)|_W^2       zero where the pose can be reached
 
@@ -6,48 +6,46 @@ Depending on the arm, one try in two to six ends in a local minimum; a try that 
 starts elsewhere. Where no try reaches the target the answer is the closest pose found, and its reason says so. Every
 step reads only joint limits and quantities that no choice of tool frame changes, so the answer does not depend on it.
 
-Many poses are solved each on its own, in several processes, or along a path, each from the one before.
+This file checks arguments and makes sentences; `core/pose.cpp` searches.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
-from math import sqrt
-from time import perf_counter
+from functools import lru_cache
+from math import inf
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from attrs import frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.analysis.survey import spread
-from invariantqp.control.demands import Exact, demands_of
+from invariantqp.analysis.survey import joint_ranges
+from invariantqp.control.demands import Exact, ExactAxis, ExactJoints, ExactPlane, ExactPoint, View, demands_of
 from invariantqp.control.limits import no_degrees, not_believed, refuse
-from invariantqp.engine import core
+from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
-from invariantqp.pose.error import PoseError, pose_arm, pose_error
-from invariantqp.pose.newton import Try, descend
-from invariantqp.robots.kinematics import Robot, far_away, refuse_far, require_robot
-from invariantqp.velocity.forms import Form
+from invariantqp.robots.chain import Chain
+from invariantqp.robots.kinematics import Robot, far_away, middle, refuse_far, remembered, whole_turns
+from invariantqp.systems.points import centre
+from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 
 if TYPE_CHECKING:
     from invariantqp.control.clearance import Clearance
-    from invariantqp.engine import Arm
 
-# Newton goes on to this share of the tolerance, so that a tool frame far from the last link meets it too, and the tool
-# frame does not decide which step is the last.
-GOAL_SHARE = 1e-3
-# Share of the time that is spent on tries, without and with exact demands; the rest is for the last digits of the
-# closest few, which take longer with exact demands.
-SEARCH_SHARE, EXACT_SHARE, CLOSEST = 0.8, 0.6, 4
-# The last digits are begun again at most so often, while that brings the merit below this share of itself.
-AGAIN, GAIN = 8, 0.999
-# Tries after the first, by default: of 4 000 random targets on each of five arms, half of them with two
-# joints at their limits, 4 were not reached with as many.
-RESTARTS = 100
+# Tries after the first, by default: of 20 000 random targets on each of eight arms, half of them with two joints at
+# their limits, at most 5 were not reached with as many.
+RESTARTS = 300
+# How a search ended, as the engine numbers it (`PoseOutcome`).
+REACHED, CLOSEST, LATE, OUT_OF_REACH = range(4)
+# Arguments of searches that are kept once they are checked; and searches without more, kept with a robot.
+KEPT, SEARCHES = 256, 16
+# What a robot has to have.
+NEEDED = ("names", "position_lower", "position_upper", "pose", "jacobian")
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -59,11 +57,16 @@ class PoseSolution(Compared):
         success: whether position and orientation are within the tolerance; with exact demands, whether these are within
             it and no step was found that brings the rest nearer.
         position_error: distance of the tool frame's origin from its target [length].
-        orientation_error: angle from the target [rad].
+        orientation_error: angle from the target [rad]; 0 where the target is a point.
         error: |(omega; p_d - p)|_W, the measure of what is closest [length].
         iterations: Newton steps, of all tries.
         restarts: tries after the first.
         active: joints at a position limit.
+        displacement: max |q_i - q0_i|, how far the farthest joint is from `q0` put inside its limits, or without one
+            from the middle of the range [rad, length].
+        other_branch: True where the joints do not get to `q` on the descent from `q0`: a restart found it, or limits
+            made a joint that can turn over turn the other way round, by more than half a turn. A target nearby may
+            then be far in the joints. Without `q0` it is the descent from the middle of the range.
         reason: "" where the target is met; otherwise what is missing, and why.
     """
 
@@ -75,6 +78,8 @@ class PoseSolution(Compared):
     iterations: int
     restarts: int
     active: tuple[int, ...]
+    displacement: float
+    other_branch: bool
     reason: str
 
 
@@ -94,172 +99,217 @@ class PoseSearch:
         clearance: Clearance | None = None,
     ) -> None:
         """As `solve_pose`."""
-        self._robot = require_robot(robot)
+        self._robot = robot
+        self._arm = remembered(robot, "pose search", pose_arm)
         if clearance is not None:
             if not hasattr(clearance, "require"):
                 raise BadInput("clearance", excerpt(clearance), "a limits.Clearance of this robot, or None")
-            clearance.require(self._robot, "clearance")
+            clearance.require(robot, "clearance")
         self._clearance = clearance
-        self._arm = pose_arm(robot)
-        self._space = self._arm.space
-        J, tip = robot.jacobian(self._space.middle), robot.pose(self._space.middle)[:3, 3]
-        self._believed, self._tip, self._far = no_degrees(robot, J), tip, far_away(robot, J, tip)
-        self._form = form
-        self._exact = demands_of(exact)
-        self._tolerance = arrays.number(tolerance, "tolerance", "a tolerance in radians and in lengths", positive=True)
-        self._time_limit = arrays.number(time_limit, "time_limit", "seconds or inf", positive=True, infinite=True)
-        self._restarts = arrays.count(restarts, "restarts", arrays.MANY)
-        self._seed = arrays.count(seed, "seed")
+        self._form = None if form is None else _measure_of(form)
+        self._exact = () if exact is None else demands_of(exact)
+        try:
+            self._limits = _limits(tolerance, time_limit, restarts, seed, len(robot.names))
+        except TypeError:  # no numbers that can be kept
+            self._limits = _limits.__wrapped__(tolerance, time_limit, restarts, seed, len(robot.names))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the engine's arm, for copies."""
+        return {name: value for name, value in vars(self).items() if name != "_arm"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._arm = remembered(self._robot, "pose search", pose_arm)
 
     def start(self, q0: ArrayLike) -> Array:
-        """Joint positions (m,) to begin from."""
+        """Joint positions (m,) to begin from, checked."""
         q = arrays.vector(q0, len(self._robot.names), "q0")
-        refuse(not_believed(self._robot, q, self._believed), "q0")
+        refuse(not_believed(self._robot, q, no_degrees(self._robot, self._robot.jacobian(middle(self._robot)))), "q0")
         return q
 
-    def refuse_far(self, pose: Array, argument: str) -> None:
-        """Refuse a pose (4, 4) as far away as one in millimetres."""
-        refuse_far(pose[:3, 3], self._tip, self._far, argument)
+    def target(self, target: Any, argument: str = "target") -> Array:
+        """A target, checked: a pose (4, 4) or the place (3,) of the tool."""
+        found = arrays.array(arrays.matrix_of(target), argument, "a (4, 4) pose, or a point (3,)")
+        if found.shape == (3,):
+            if self._exact or self._form is not None:
+                expected = "a (4, 4) pose beside a form or exact demands"
+                raise BadInput(argument, "a point", expected, "Of a point, nothing but the position counts.")
+            place = arrays.vector(found, 3, argument)
+        else:
+            found = arrays.pose(found, argument)
+            place = found[:3, 3]
+        mid = middle(self._robot)
+        J, tip = self._robot.jacobian(mid), self._robot.pose(mid)[:3, 3]
+        refuse_far(place, tip, far_away(self._robot, J, tip), argument)
+        return found
 
     def solve(self, target: Any, q0: ArrayLike | None = None) -> PoseSolution:
         """Joint positions for one target, from q0 first."""
-        space = self._space
-        error = pose_error(self._arm, target, self._form, self._exact)
-        self.refuse_far(error.matrix, "target")
-        start = space.middle if q0 is None else space.inside(self.start(q0))
-        error.misses(start)  # anything that loads at its first use loads now, not in this target's time
-        begun = perf_counter()
-        goal = GOAL_SHARE * self._tolerance * error.least
-        last = begun + self._time_limit
-        deadline = begun + (EXACT_SHARE if self._exact else SEARCH_SHARE) * self._time_limit
-        # An arm with joints to spare can follow a path past a limit without turning a joint by 2 pi: try that first.
-        spare = len(start) > 6 or bool(self._exact)
-        first = descend(error, space, start, goal, deadline, turning=q0 is None or not spare)
-        refined: list[Try] = []
-        downhill = q0 is not None and bool(self._exact) and not first.met
-        if downhill:
-            refined = [self._refined(error, first.q, goal, last)]
-            if refined[0].unmet <= self._tolerance and refined[0].at_rest:
-                return self._answer(error, refined[0], start, first.steps + refined[0].steps, 1, late=False)
-        tried = self._tries(error, first, goal, deadline)
-        late = perf_counter() > deadline
-        if not any(one.met for one in tried):
-            # From a given start, the closest pose is the one downhill from there.
-            alone = q0 is not None and not downhill
-            nearest = tried[:1] if alone else sorted(tried, key=self._rank)[:CLOSEST]
-            refined += [self._refined(error, one.q, goal, last) for one in nearest]
-        best = self._best(tried, refined, downhill)
-        return self._answer(error, best, start, sum(one.steps for one in (*tried, *refined)), len(tried), late=late)
+        try:
+            found = self._arm.solve(target, q0, *self._options(target))
+        except (ValueError, TypeError):
+            target, q0 = self.target(target), None if q0 is None else self.start(q0)
+            found = self._arm.solve(target, q0, *self._options(target))
+        return self._solution(found)
 
-    def _best(self, tried: list[Try], refined: list[Try], downhill: bool) -> Try:
-        """The one that met the target with most room; or of those `refined`, whose first may be downhill from q0."""
-        met = [one for one in tried if one.met]
-        if met:
-            clearance = self._clearance
-            if clearance is None or self._is_good(met[-1]):
-                return met[-1]
-            return max(met, key=lambda one: clearance.at(one.q).distance)
-        # From q0, and not to what is exact: only a try that met that is nearer.
-        some = [one for i, one in enumerate(refined) if not (downhill and i) or one.unmet <= self._tolerance]
-        least = min(map(self._rank, some))
-        # The first that is as near as the nearest: rounding does not choose between mirror images.
-        return next(one for one in some if self._rank(one) <= (least[0], (1.0 + arrays.NEGLIGIBLE) * least[1]))
+    def solve_many(self, targets: Array, q0: Array | None, *, along: bool, threads: int) -> list[PoseSolution]:
+        """Joint positions for poses (n, 4, 4), from q0 (m,) or (n, m), all checked."""
+        if isinstance(self._form, CarriedMetric):
+            found: list[PoseSolution] = []
+            for i, target in enumerate(targets):
+                near = found[-1].q if along and found else q0 if q0 is None or q0.ndim == 1 else q0[i]
+                found.append(self.solve(target, near))
+            return found
+        options = self._options(targets)
+        return [self._solution(one) for one in self._arm.solve_many(targets, q0, along, threads, *options)]
 
     def met(self, target: Array, q0: Array) -> Array | None:
-        """Joint positions (m,) on a pose (4, 4), both checked, by one try of the core from q0; None for none.
+        """Joint positions (m,) on a pose (4, 4), both checked, by one descent from q0, or None.
 
         With exact demands these are met, and the rest as well as it is downhill from q0.
         """
-        arm, goal, turning = self._of_core(target)
-        if core is None or arm is None:
-            return None
-        found = core.descend(arm, target, q0, goal, turning, False, None)
-        if found is None or not (found[5] or (self._exact and found[7] is None and found[2] <= goal)):
-            return None
-        return self._space.near(found[0], q0)
+        found = self.along(target[None], q0, np.full(len(q0), inf), np.ones(1))
+        return found[0] if len(found) else None
 
     def along(self, targets: Array, q0: Array, fastest: Array, steps: Array) -> Array:
-        """Joint positions (k, m) on the first k of poses (n, 4, 4), checked, by one try of the core each from the last.
+        """Joint positions (k, m) on the first k of poses (n, 4, 4), checked, by one descent each from the last.
 
         As far as they are met as in `met`, and joints no faster than their limits (m,) reach each in its step (n,) [s]
-        from the one before; with whole turns they are not.
+        from the one before.
         """
-        arm, goal, turning = self._of_core(targets[0]) if len(targets) else (None, 0.0, False)
-        if core is None or arm is None:
-            return np.zeros((0, len(q0)))
-        all_of_them, met = core.descents(arm, targets, q0, goal, turning, fastest, steps)
-        return np.asarray(all_of_them[:met])
+        found: Array = self._arm.descents(targets, q0, fastest, steps, *self._options(targets))
+        return found
 
-    def _of_core(self, target: Array) -> tuple[Arm | None, float, bool]:
-        """What the core needs besides targets: the arm as measured, |r| that meets one, whether joints turn over."""
-        error = pose_error(self._arm, target, self._form, self._exact)
-        goal = GOAL_SHARE * self._tolerance * error.least
-        return error.compiled, goal, len(self._robot.names) <= 6 and not self._exact
-
-    def _tries(self, error: PoseError, first: Try, goal: float, deadline: float) -> list[Try]:
-        """The first try, and others from states spread over the joint range until one is good or the time is over."""
-        tried = [first]
-        if not self._is_good(first):
-            origin = np.random.default_rng(self._seed).random(len(self._robot.names))
-            for state in spread(self._robot, self._restarts, origin):
-                if self._is_good(tried[-1]) or perf_counter() > deadline:
-                    break
-                tried.append(descend(error, self._space, state, goal, deadline))
-        return tried
-
-    def _is_good(self, one: Try) -> bool:
-        """Whether a try ended on the target, where nothing is too near."""
-        return one.met and not self._blocked(one.q)
-
-    def _blocked(self, q: Array) -> str:
-        return "" if self._clearance is None else self._clearance.blocked(q)
-
-    def _refined(self, error: PoseError, q: Array, goal: float, last: float) -> Try:
-        """The last digits from q (m,); with exact demands several times: a penalty from far away is in their way."""
-        one = descend(error, self._space, q, goal, last, patient=True)
-        for _ in range(AGAIN if self._exact and not one.met else 0):
-            again = descend(error, self._space, one.q, goal, last, patient=True)
-            gained = self._rank(again) < (one.unmet > self._tolerance, GAIN * one.merit)
-            one = (again if gained else one)._replace(steps=one.steps + again.steps)
-            if one.met or not gained:
-                break
-        return one
-
-    def _rank(self, one: Try) -> tuple[bool, float]:
-        """What is least for the best try: exact demands come before all else, and a penalty is that of its own try."""
-        return one.unmet > self._tolerance, one.merit
-
-    def _answer(self, error: PoseError, best: Try, start: Array, steps: int, tries: int, *, late: bool) -> PoseSolution:
-        """The solution for the best try."""
-        q = self._space.near(best.q, start)
-        position, orientation = error.misses(q)
-        reached = position <= self._tolerance and orientation <= self._tolerance
-        exactly = bool(self._exact) and best.unmet <= self._tolerance
-        closest = exactly and best.at_rest
-        found = f"{written(position)} in length and {written(orientation)} rad off"
-        among = "" if tries == 1 else f", the closest of {tries} tries"
-        if reached and (exactly or not self._exact):
-            reason = ""
-        elif closest:
-            reason = f"the exact demands are met; the rest is {found}{among}"
-        elif late or exactly:
-            reason = f"time over: {found}{among}"
+    def _options(self, target: Any) -> tuple[Any, ...]:
+        """The other arguments of the engine's searches."""
+        form = self._form
+        if isinstance(form, CarriedMetric):  # fixed to the body at the target; its pose is in the base frame
+            T = arrays.pose(target, "target")
+            pose, inverse = T if form.follows_tool else np.asarray(form.pose), T[:3, :3].T
+            root = np.linalg.cholesky(np.asarray(form.matrix)).T.dot(np.kron(np.eye(2), pose[:3, :3].T))
+            measure: Any = root, inverse.dot(pose[:3, 3] - T[:3, 3])
         else:
-            reason = f"out of reach: {found}{among}"
-        blocked = self._blocked(q)
-        if blocked:
-            reason = "; ".join(filter(None, (f"{blocked}{'' if reason else among}", reason)))
-        return PoseSolution(
-            q=q,
-            success=(not reason or closest) and not blocked,
-            position_error=position,
-            orientation_error=orientation,
-            error=sqrt(2.0 * best.f),
-            iterations=steps,
-            restarts=tries - 1,
-            active=self._space.at_limits(q),
-            reason=reason,
-        )
+            measure = form
+        exact = tuple([self._demand(one, target) for one in self._exact]) if self._exact else ()
+        tolerance, time_limit, restarts, origin = self._limits
+        return measure, exact, tolerance, restarts, origin, time_limit, None if self._clearance is None else self._room
+
+    def _demand(self, demand: Exact, target: Any) -> Any:
+        """A demand as the engine takes it: kind, point, direction; or rows as a function of q (m,)."""
+        if type(demand) is ExactPoint:
+            return 0, demand.point, None
+        if type(demand) is ExactAxis:
+            return 1, None, demand.axis
+        if type(demand) is ExactPlane:
+            return 2, demand.point, demand.normal
+        if isinstance(demand, ExactJoints):
+            remedy = "Joint velocities are the controller's business."
+            raise BadInput("exact", "ExactJoints", "demands on the pose", remedy)
+        robot, wanted = self._robot, self._robot.target(target)
+
+        def rows(q: Array) -> tuple[Array, Array]:
+            found = demand.rows(View(robot, robot.sight(q, wanted), wanted, 1.0, np.zeros(6)))
+            return np.asarray(found.A), np.asarray(found.b)
+
+        return rows
+
+    def _room(self, q: Array) -> float:
+        """How much room the clearance leaves at q, inf where it is kept."""
+        clearance = self._clearance
+        return inf if clearance is None or not clearance.blocked(q) else float(clearance.at(q).distance)
+
+    def _solution(self, found: tuple[Any, ...]) -> PoseSolution:
+        """The solution for what the engine found."""
+        q, outcome, position, orientation, error, iterations, tries, active, other_branch, displacement = found
+        success, reason = outcome in (REACHED, CLOSEST), ""
+        if outcome != REACHED or self._clearance is not None:
+            blocked = "" if self._clearance is None else self._clearance.blocked(q)
+            reason, success = _reason(outcome, position, orientation, tries, blocked), success and not blocked
+        solution = object.__new__(PoseSolution)
+        fields = {
+            "q": q,
+            "success": success,
+            "position_error": position,
+            "orientation_error": orientation,
+            "error": error,
+            "iterations": iterations,
+            "restarts": tries - 1,
+            "active": active,
+            "displacement": displacement,
+            "other_branch": other_branch,
+            "reason": reason,
+        }
+        object.__setattr__(solution, "__dict__", fields)  # a third of the time of attrs' own
+        return solution
+
+
+def _reason(outcome: int, position: float, orientation: float, tries: int, blocked: str) -> str:
+    """What is missing, in words."""
+    found = f"{written(position)} in length and {written(orientation)} rad off"
+    among = "" if tries == 1 else f", the closest of {tries} tries"
+    reason = {
+        REACHED: "",
+        CLOSEST: f"the exact demands are met; the rest is {found}{among}",
+        LATE: f"time over: {found}{among}",
+        OUT_OF_REACH: f"out of reach: {found}{among}",
+    }[outcome]
+    return "; ".join(filter(None, (f"{blocked}{'' if reason else among}" if blocked else "", reason)))
+
+
+def pose_arm(robot: Robot) -> Any:
+    """The arm as the engine searches with it: what depends on the robot alone."""
+    if isinstance(robot, type) or not all(hasattr(robot, name) for name in NEEDED):
+        raise BadInput("robot", excerpt(robot), "a robot, such as load_robot returns")
+    m = len(robot.names)
+    if m > law.MOST_JOINTS:
+        raise BadInput("robot", f"{m} joints", f"at most {law.MOST_JOINTS}")
+    mid = middle(robot)
+    J, here, (low, high) = robot.jacobian(mid), robot.pose(mid), joint_ranges(robot)
+    place, length = centre(J)
+    believed = no_degrees(robot, J)
+    if type(robot) is Chain:  # a class of the user's may be no such chain
+        kinematics: dict[str, Any] = {"screws": robot.screws, "home": robot.home}
+    else:
+        kinematics = {"state": lambda q: (robot.pose(q), robot.jacobian(q))}
+    phi = max(np.roots([1.0, *[0.0] * (m - 1), -1.0, -1.0]).real)  # the sequence of analysis/survey.py
+    return law.PoseArm(
+        **kinematics,
+        lower=robot.position_lower,
+        upper=robot.position_upper,
+        low=low,
+        high=high,
+        middle=mid,
+        stride=phi ** -np.arange(1.0, m + 1.0),
+        turn=whole_turns(J),
+        point=here[:3, :3].T.dot(place - here[:3, 3]),
+        length=length if 0.0 < length < inf else 1.0,
+        tip=here[:3, 3],
+        far=far_away(robot, J, here[:3, 3]),
+        believed_lower=believed[0],
+        believed_upper=believed[1],
+    )
+
+
+def _measure_of(form: Form | float) -> CarriedMetric | float:
+    """A carried metric, or the length that a radian counts as."""
+    chosen = form_of(form)
+    if isinstance(chosen, CarriedMetric):
+        return chosen
+    if not isinstance(chosen, PitchForm) or chosen.h == 0.0:
+        found = "h = 0" if isinstance(chosen, PitchForm) else "a complement"
+        raise BadInput("form", f"{found}, which measures no distance", "a pitch other than 0, or CarriedMetric")
+    return abs(chosen.h)
+
+
+@lru_cache(maxsize=KEPT, typed=True)
+def _limits(tolerance: float, time_limit: float, restarts: int, seed: int, m: int) -> tuple[float, float, int, Array]:
+    """Options, checked, and where the sequence of starts begins, in shares of the range (m,)."""
+    return (
+        arrays.number(tolerance, "tolerance", "a tolerance in radians and in lengths", positive=True),
+        arrays.number(time_limit, "time_limit", "seconds or inf", positive=True, infinite=True),
+        arrays.count(restarts, "restarts", arrays.MANY),
+        np.random.default_rng(arrays.count(seed, "seed")).random(m),
+    )
 
 
 def solve_pose(
@@ -281,21 +331,25 @@ def solve_pose(
     makes that certain.
 
     Args:
-        robot: from `load_robot`, or anything that meets `Robot`.
-        target: tool pose, (4, 4) in the base frame or a `pinocchio.SE3`.
+        robot: from `load_robot`, or anything with names, position_lower and position_upper (m,), pose(q) and
+            jacobian(q) as a `Robot` has them; at most 64 joints.
+        target: tool pose, (4, 4) in the base frame or a `pinocchio.SE3`; or a point (3,) in the base frame for the
+            tool frame's origin, whatever its orientation.
         q0: (m,) where to begin [rad, length], put inside the limits first; where it is outside them and two turns
-            from zero, as in degrees, it is refused. None is the middle of the joint range. Along
-            a path, the answer before: hinges that can turn over end as near it as whole turns bring them, and where a
-            target is out of reach the answer is the closest pose downhill from there, not the closest of all.
+            from zero, as in degrees, it is refused. None is the middle of the joint range. Restarts for a target nearby
+            are around q0 first. Along a path, the answer before: hinges that can turn over end as near it as whole
+            turns bring them, and where a target is out of reach the answer is the closest pose downhill from there, not
+            the closest of all.
         form: the measure of how close a pose is. None is diag(L^2 I, I) at the arm's own point, fixed to its last link,
             with the arm's own length L, both taken in the middle of its range; a pitch h counts a radian as |h|
             instead; a CarriedMetric (`tool_metric(robot)`, for instance) is fixed to the body at the target. Where the
             target can be reached, the measure changes only the way there.
         exact: demands met before all else, as in `Controller`: "position" for the tool frame's origin, ExactPoint,
             ExactAxis, ExactPlane or several. For arms with fewer than six joints: position first, then orientation as
-            well as the arm can. All tries are then made unless one reaches the whole pose. On arms with more than six
-            joints rounding chooses among the postures left, so a displaced tool frame may change the answer (0.002 rad
-            in one target of ten of a Panda), and `success` may be True where another posture is nearer in the rest.
+            well as the arm can. With q0 the first try that meets them ends the search; without, the best in the rest of
+            three that do. On arms with more than six joints rounding chooses among the postures left, so a displaced
+            tool frame may change the answer (0.002 rad in one target of ten of a Panda), and `success` may be True
+            where another posture is nearer in the rest.
         tolerance: of success, in lengths and in radians.
         time_limit: [s]; inf is none.
         restarts: tries after the first, at most; 0 is Newton from q0 alone.
@@ -310,6 +364,8 @@ def solve_pose(
         BadInput: NaN, wrong shapes, a start in degrees, or a target thirty times as far away as the arm is long, as one
             in millimetres is.
     """
+    if form is None and exact is None and clearance is None:
+        return _plain(robot, tolerance, time_limit, restarts, seed).solve(target, q0)
     search = PoseSearch(
         robot,
         form=form,
@@ -321,6 +377,21 @@ def solve_pose(
         clearance=clearance,
     )
     return search.solve(target, q0)
+
+
+def _plain(robot: Robot, tolerance: float, time_limit: float, restarts: int, seed: int) -> PoseSearch:
+    """A search for the whole pose; with a robot of this library it is kept."""
+    kept: dict[Any, PoseSearch] = remembered(robot, "searches", lambda _: {})
+    try:
+        found = kept.get((tolerance, time_limit, restarts, seed))
+    except TypeError:  # no numbers
+        found, kept = None, {}
+    if found is None:
+        found = PoseSearch(robot, tolerance=tolerance, time_limit=time_limit, restarts=restarts, seed=seed)
+        if len(kept) == SEARCHES:
+            kept.clear()
+        kept[tolerance, time_limit, restarts, seed] = found
+    return found
 
 
 def solve_poses(
@@ -338,33 +409,28 @@ def solve_poses(
 
     Args:
         robot: the arm.
-        targets: tool poses, as `solve_pose` takes them.
+        targets: tool poses (4, 4), as `solve_pose` takes them.
         q0: (m,) where to begin, or (n, m), one for each target; None is the middle of the joint range.
-        along: whether the targets are a path, each begun where the one before ended; on one process.
-        jobs: processes; -1 is one a core.
+        along: whether the targets are a path, each begun where the one before ended; on one thread.
+        jobs: threads; -1 is one a core. An arm, a demand or a clearance in Python is asked on one.
         options: of `solve_pose`: form, exact, tolerance, time_limit, restarts, seed.
     """
     search = PoseSearch(robot, **options)
     listed = arrays.listed(targets, "targets", "a list of poses")
-    wanted = [arrays.pose(target, f"targets[{i}]") for i, target in enumerate(listed)]
-    for i, pose in enumerate(wanted):
-        search.refuse_far(pose, f"targets[{i}]")
-    path, n, m = arrays.flag(along, "along"), len(wanted), len(robot.names)
-    starts: list[Array | None] = [None] * n
+    named = [(f"targets[{i}]", target) for i, target in enumerate(listed)]
+    wanted = np.array([search.target(arrays.pose(target, name), name) for name, target in named]).reshape(-1, 4, 4)
+    path, n, m = arrays.flag(along, "along"), len(listed), len(robot.names)
+    begin = None
     if q0 is not None:
         begin = arrays.array(q0, "q0", f"{m} joint positions, or as many for each target")
-        each = begin.ndim == 2 and not path
-        starts = [search.start(q) for q in arrays.matrix(begin, (n, m), "q0")] if each else [search.start(begin)] * n
-    processes = -1 if type(jobs) is int and jobs == -1 else arrays.count(jobs, "jobs", arrays.MANY)
-    if processes == 0:
-        raise BadInput("jobs", "0", "a number of processes, or -1 for all cores")
-    if path and processes != 1:
+        if begin.ndim == 2 and not path:
+            begin = np.array([search.start(q) for q in arrays.matrix(begin, (n, m), "q0")])
+        else:
+            begin = search.start(begin)
+    threads = -1 if type(jobs) is int and jobs == -1 else arrays.count(jobs, "jobs", arrays.MANY)
+    if threads == 0:
+        raise BadInput("jobs", "0", "a number of threads, or -1 for all cores")
+    if path and threads != 1:
         raise BadInput("jobs", f"{jobs} for a path", "1", "Each pose of a path begins where the one before ended.")
-    if processes != 1:
-        from joblib import Parallel, delayed
-
-        return list(Parallel(n_jobs=processes)(map(delayed(search.solve), wanted, starts)))
-    found: list[PoseSolution] = []
-    for target, start in zip(wanted, starts, strict=True):
-        found.append(search.solve(target, found[-1].q if path and found else start))
-    return found
+    most = os.cpu_count() or 1
+    return search.solve_many(wanted, begin, along=path, threads=most if threads == -1 else min(threads, most))

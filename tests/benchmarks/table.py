@@ -425,8 +425,7 @@ def main():
             line(title, times(calls, ticks, (controller, python), kept))
     for name, exact in (("panda", None), ("so101", None), ("so101", "position")):
         robot, targets = poses(name)
-        alone = partial(solve_pose, robot.by_engine("python"), exact)
-        took = times({OURS: partial(solve_pose, robot, exact), PYTHON: alone}, targets)
+        took = times({OURS: partial(solve_pose, robot, exact)}, targets)
         line(f"{name}, a pose{', exact position' if exact else ''}", took)
     print("\n| call | ours | theirs |\n|---|---|---|")
     for title, (ours, theirs), arguments in single_calls():

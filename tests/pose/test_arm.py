@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.pose.error import JointSpace
+from invariantqp.pose.ik import pose_arm
 
 NO_LIMIT = {"time_limit": np.inf}
 UR5 = iq.load_robot("ur5")
@@ -17,16 +17,16 @@ def test_only_hinges_whose_range_holds_a_turn_turn_over():
             iq.se3.prismatic([1, 0, 0]),
         ]
     )
-    wide = JointSpace(iq.robots.Chain(screws, np.eye(4), (), -4.0, 4.0))
-    assert wide.whole.tolist() == [True, True, False, False]
-    np.testing.assert_allclose(wide.turn[:2], [2.0 * np.pi, np.pi])  # the second screw is twice a unit one
-    assert not JointSpace(iq.robots.Chain(screws, np.eye(4), (), -1.5, 1.5)).whole.any()
+    wide = pose_arm(iq.robots.Chain(screws, np.eye(4), (), -4.0, 4.0))
+    turns = np.array([2.0 * np.pi, np.pi, 0.0, 0.0])  # the second screw is twice a unit one
+    np.testing.assert_allclose(wide.inside([5.0, 5.0, 5.0, 5.0]), [5.0 - turns[0], 5.0 - turns[1], 4.0, 4.0])
+    narrow = pose_arm(iq.robots.Chain(screws, np.eye(4), (), -1.5, 1.5))
+    np.testing.assert_array_equal(narrow.inside(np.full(4, -5.0)), np.full(4, -1.5))
 
 
 @pytest.mark.parametrize("q", [[0.0] * 6, [7.0] * 6, [-40.0, 40.0, 3.0, -9.0, 1e3, 6.5]])
 def test_shifts_end_inside_and_move_no_tool(q):
-    space = JointSpace(UR5)
-    inside = space.inside(np.array(q))
+    inside = pose_arm(UR5).inside(q)
     assert (inside >= UR5.position_lower).all()
     assert (inside <= UR5.position_upper).all()
     free = np.array(q)
@@ -37,17 +37,25 @@ def test_shifts_end_inside_and_move_no_tool(q):
 def test_a_hinge_that_can_turn_over_is_shifted_by_whole_turns():
     q = np.array([6.2, -1.0, 1.0, 0.5, 1.0, 6.0])
     past = q + np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.5])  # both beyond 2 pi
-    found = iq.solve_pose(UR5, UR5.pose(past), q0=q, restarts=0, **NO_LIMIT)
+    found = iq.solve_pose(UR5, UR5.pose(past), q0=q, **NO_LIMIT)
     assert found.success
-    np.testing.assert_allclose(found.q, past - 2.0 * np.pi * np.array([1, 0, 0, 0, 0, 1]), atol=1e-6)
+    assert found.other_branch  # two joints turn the other way round
+    assert found.displacement > np.pi
+    turned = (past - found.q) / (2.0 * np.pi)
+    alone = iq.solve_pose(UR5, UR5.pose(past), q0=past - 2.0 * np.pi * np.array([1, 0, 0, 0, 0, 1]), **NO_LIMIT)
+    np.testing.assert_allclose(alone.q, past - 2.0 * np.pi * np.array([1, 0, 0, 0, 0, 1]), atol=1e-6)
+    assert not alone.other_branch
+    assert alone.displacement < 1e-6
+    assert np.abs(turned).max() > 0.5
 
 
-def test_the_nearest_of_equal_states_is_inside_too():
-    space = JointSpace(UR5)
-    q = np.array([5.0, -5.0, 1.0, 0.5, 1.0, -5.0])
-    start = np.array([-1.0, 1.0, -3.0, 40.0, 1.5, -5.5])
-    turns = 2.0 * np.pi * np.array([-1, 1, 0, 0, 0, 0])  # 0.5 + 2 pi is beyond the limit, 1 - 2 pi beyond the elbow's
-    np.testing.assert_allclose(space.near(q, start), q + turns)
+def test_at_a_limit_a_joint_does_not_turn_over():
+    q = np.array([2.0 * np.pi, -1.0, 1.0, 0.5, 1.0, -2.0 * np.pi])
+    start = q + np.array([-0.2, 0.1, 0.1, -0.1, 0.1, 0.2])
+    found = iq.solve_pose(UR5, UR5.pose(q), q0=start, **NO_LIMIT)
+    np.testing.assert_allclose(found.q, q, atol=1e-6)
+    assert (found.q <= UR5.position_upper).all()
+    assert (found.success, found.other_branch) == (True, False)
 
 
 def test_of_equal_states_the_one_nearest_the_start_is_chosen():

@@ -71,9 +71,9 @@ class Watched:
     def __getattr__(self, name):
         return getattr(self._robot, name)
 
-    def sight(self, q, target):
+    def jacobian(self, q):
         self.seen.append(np.array(q))
-        return self._robot.sight(q, target)
+        return self._robot.jacobian(q)
 
 
 NUMBERS = st.floats(-12.5, 12.5)  # two turns from zero; further is refused
@@ -90,6 +90,7 @@ def test_no_state_on_the_way_is_outside_the_limits(name, start, twist, exact):
     robot = Watched(ROBOTS[name])
     target = iq.exp(twist) @ robot.pose(states(robot, 1, 3)[0])
     found = iq.solve_pose(robot, target, q0=start[: len(robot.names)], exact=exact, restarts=2, **NO_LIMIT)
+    assert len(robot.seen) > 1
     assert all(is_inside(robot, q) for q in robot.seen)
     assert is_inside(robot, found.q)
     assert not found.success or max(missed(robot, found.q, target)[: 1 if exact else 2]) <= 1e-6

@@ -1,9 +1,8 @@
+import copy
 import pickle
 
 import numpy as np
 import pytest
-from joblib import parallel_config
-from support.repeats import repeats
 
 import invariantqp as iq
 from invariantqp.analysis.survey import joint_ranges
@@ -44,24 +43,36 @@ def test_out_of_reach_and_back_neighbouring_targets_have_neighbouring_answers(na
     assert np.median(steps) < 0.1
 
 
-def test_a_batch_is_the_single_answers_on_any_number_of_processes():
-    targets = [PANDA.pose(q) for q in states(PANDA, 6, 50)]
-    starts = states(PANDA, 6, 51)
+def test_a_batch_is_the_single_answers_on_any_number_of_threads():
+    targets = [PANDA.pose(q) for q in states(PANDA, 40, 50)]
+    starts = states(PANDA, 40, 51)
     single = [iq.solve_pose(PANDA, t, q0=q, **NO_LIMIT) for t, q in zip(targets, starts, strict=True)]
-    batch = iq.solve_poses(PANDA, targets, q0=starts, **NO_LIMIT)
-    with parallel_config(backend=repeats("loky", "threading")):  # to start processes takes longer than to solve
-        spread = iq.solve_poses(PANDA, targets, q0=starts, jobs=2, **NO_LIMIT)
-    search = pickle.loads(pickle.dumps(PoseSearch(PANDA, **NO_LIMIT)))  # as processes are sent it
-    assert search.solve(targets[0], starts[0]) == single[0]
-    for one, two, three in zip(single, batch, spread, strict=True):
-        assert one == two == three
+    for jobs in (1, 2, -1):
+        assert iq.solve_poses(PANDA, targets, q0=starts, jobs=jobs, **NO_LIMIT) == single
+    alike = iq.solve_poses(PANDA, targets, q0=starts[0], jobs=2, **NO_LIMIT)
+    assert alike[3] == iq.solve_pose(PANDA, targets[3], q0=starts[0], **NO_LIMIT)
+    assert iq.solve_poses(PANDA, targets, jobs=2)[0] == iq.solve_pose(PANDA, targets[0])
     assert iq.solve_poses(PANDA, []) == []
+
+
+def test_a_copy_of_a_search_is_one():
+    search, target = PoseSearch(PANDA, exact="position"), PANDA.pose(np.full(7, 0.3))
+    for other in (copy.deepcopy(search), pickle.loads(pickle.dumps(search))):
+        assert other.solve(target) == search.solve(target)
+
+
+def test_a_batch_with_a_metric_at_each_target():
+    targets, metric = [PANDA.pose(q) for q in states(PANDA, 3, 52)], iq.tool_metric(PANDA)
+    for along in (False, True):
+        found = iq.solve_poses(PANDA, targets, q0=np.zeros(7), along=along, form=metric, **NO_LIMIT)
+        assert all(one.success for one in found)
 
 
 T = PANDA.pose(np.zeros(7))
 WRONG = {
     "one of many targets": (lambda: iq.solve_poses(PANDA, [T, T * np.nan]), "targets[1]"),
     "starts": (lambda: iq.solve_poses(PANDA, [T, T], q0=np.zeros((3, 7))), "q0"),
+    "a point among poses": (lambda: iq.solve_poses(PANDA, [T, T[:3, 3]]), "targets[1]"),
     "a path on two": (lambda: iq.solve_poses(PANDA, [T], along=True, jobs=2), "jobs"),
     "starts along a path": (lambda: iq.solve_poses(PANDA, [T], along=True, q0=np.zeros((1, 7))), "q0"),
 }

@@ -1,0 +1,348 @@
+// Pose searches for Python: the class PoseArm of invariantqp._core. Errors are ValueErrors; pose/ik.py words them.
+#include "bound.hpp"
+#include "pose.hpp"
+#include <atomic>
+#include <thread>
+
+namespace iq {
+namespace {
+
+constexpr double ROTATION_TOLERANCE = 1e-5;  // as in geometry/arrays.py
+
+Vec3 three(Vec x) { return {x[0], x[1], x[2]}; }
+
+// An arm, and what of targets and starts it is not believed to mean.
+struct Arm {
+    PoseArm of;
+    Vec3 tip{};
+    double far = INFINITY;  // of a target from the tip
+    std::vector<double> believed_lower, believed_upper;
+    bool by_python = false;  // whether its kinematics are a function of Python
+
+    Arm(nb::object screws, nb::object home, nb::object state, nb::object lower, nb::object upper, nb::object low,
+        nb::object high, nb::object middle, nb::object stride, nb::object turn, nb::object point, double length,
+        nb::object tip, double far, nb::object believed_lower, nb::object believed_upper)
+        : far(far)
+    {
+        Workspace& w = workspace();
+        const Workspace::Frame frame(w);
+        Reader read(w);
+        const int m = read.vector(lower, "lower", -1, Numbers::any).n;
+        if (m < 1 || m > MOST_JOINTS)
+            refuse("the arm has " + std::to_string(m) + " joints, expected 1 to 64");
+        const auto numbers = [&](nb::handle value, const char* name, Numbers kind = Numbers::finite) {
+            const Vec x = read.vector(value, name, m, kind);
+            return std::vector<double>(x.begin(), x.end());
+        };
+        of.lower = numbers(lower, "lower", Numbers::any), of.upper = numbers(upper, "upper", Numbers::any);
+        of.low = numbers(low, "low"), of.high = numbers(high, "high"), of.middle = numbers(middle, "middle");
+        of.stride = numbers(stride, "stride"), of.turn = numbers(turn, "turn");
+        of.point = three(read.vector(point, "point", 3)), of.length = length;
+        this->tip = three(read.vector(tip, "tip", 3));
+        this->believed_lower = numbers(believed_lower, "believed_lower", Numbers::any);
+        this->believed_upper = numbers(believed_upper, "believed_upper", Numbers::any);
+        if (state.is_none()) {
+            const Chain chain(read.matrix(screws, "screws", 6, m), Pose(read.matrix(home, "home", 4, 4).p));
+            of.state = [chain](const double* q, Mat J) { return chain.state(q, J); };
+            return;
+        }
+        by_python = true;
+        of.state = [state, m](const double* q, Mat J) {
+            Workspace& w = workspace();
+            const Workspace::Frame frame(w);
+            Reader read(w);
+            const nb::tuple found(state(array_of(Vec(const_cast<double*>(q), m, &w))));
+            if (nb::len(found) != 2)
+                refuse("the state of the arm is no pose and joint twists");
+            if (J.p)
+                J.set(read.matrix(found[1], "robot.jacobian(q)", 6, m));
+            return Pose(read.matrix(found[0], "robot.pose(q)", 4, 4).p);
+        };
+    }
+
+    std::vector<double> start(nb::handle q0) const
+    {
+        Workspace& w = workspace();
+        const Workspace::Frame frame(w);
+        const Vec q = Reader(w).vector(q0, "q0", of.size());
+        for (int i = 0; i < q.n; i++)
+            if (!(believed_lower[i] <= q[i] && q[i] <= believed_upper[i]))
+                refuse("q0 is not believed");
+        return {q.begin(), q.end()};
+    }
+};
+
+void check_rigid(const double* H)
+{
+    const Pose T(H);
+    const Mat3 S = transposed(T.R) * T.R;
+    bool rigid = H[12] == 0 && H[13] == 0 && H[14] == 0 && H[15] == 1 && dot(cross(T.R[0], T.R[1]), T.R[2]) > 0;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            rigid = rigid && std::abs(S[i][j] - (i == j)) <= ROTATION_TOLERANCE;
+    if (!rigid)
+        refuse("the target is no rigid motion");
+}
+
+// What is asked for, but for the target; its memory is the workspace's.
+class Options {
+  public:
+    PoseTask task;
+    bool by_python;
+
+    Options(const Arm& arm, nb::handle form, nb::handle exact, double tolerance, int restarts, nb::handle origin,
+            double time_limit, nb::object room, Reader& read)
+        : by_python(arm.by_python || !room.is_none()), arm(arm), formed(!form.is_none())
+    {
+        if (!(tolerance > 0 && tolerance < INFINITY && time_limit > 0 && restarts >= 0))
+            refuse("tolerance, time_limit or restarts are out of range");
+        task.tolerance = tolerance, task.restarts = restarts, task.time_limit = time_limit;
+        task.origin = read.vector(origin, "origin", arm.of.size()).p;
+        task.point = arm.of.point, task.length = arm.of.length;
+        for (const nb::handle one : nb::tuple(nb::borrow(exact)))
+            task.exact.push_back(demand(one, read));
+        for (auto one = task.exact.rbegin(); one != task.exact.rend(); ++one)
+            if (!one->rows && one->of.kind == Demand::Kind::point)
+                task.point = one->of.point;
+        if (nb::isinstance<nb::tuple>(form)) {
+            const nb::tuple given = nb::borrow<nb::tuple>(form);
+            task.root = read.matrix(given[0], "root", 6, 6);
+            task.point = three(read.vector(given[1], "point", 3));
+        } else if (formed)
+            task.length = number(form, "length", 1e-300, 1e300);
+        task.least = std::min(1.0, task.root.w ? SVD(task.root).sigma[5] : task.length);
+        if (!room.is_none())
+            task.room = [room, m = arm.of.size()](const double* q) {
+                Workspace& w = workspace();
+                const Workspace::Frame frame(w);
+                return nb::cast<double>(room(array_of(Vec(const_cast<double*>(q), m, &w))));
+            };
+    }
+
+    // A pose (4, 4), or the position (3,) of the tool alone.
+    PoseTask towards(nb::handle target, Reader& read) const
+    {
+        PoseTask found = task;
+        const nb::object given =
+            PyArray_Check(target.ptr()) ? nb::borrow(target) : nb::steal(PyArray_FROM_O(target.ptr()));
+        if (!given.ptr()) {
+            PyErr_Clear();
+            refuse("target is no pose");
+        }
+        if (PyArray_NDIM(reinterpret_cast<PyArrayObject*>(given.ptr())) == 1) {
+            if (!task.exact.empty() || formed)
+                refuse("a target that is a point has no room for a form and exact demands");
+            found.target.p = three(read.vector(given, "target", 3));
+            found.oriented = false, found.point = {}, found.least = 1;
+        } else
+            set(found, read.matrix(given, "target", 4, 4).p);
+        check_near(found);
+        return found;
+    }
+    PoseTask towards(const double* H) const
+    {
+        PoseTask found = task;
+        set(found, H);
+        check_near(found);
+        return found;
+    }
+
+  private:
+    const Arm& arm;
+    const bool formed;
+
+    static void set(PoseTask& task, const double* H)
+    {
+        check_rigid(H);
+        task.target = with_rotation(Pose(H));
+    }
+    void check_near(const PoseTask& task) const
+    {
+        if (norm(task.target.p - arm.tip) > arm.far)
+            refuse("the target is far away");
+    }
+    // (kind, point, direction), or a function of q to rows C and b.
+    ExactDemand demand(nb::handle given, Reader& read)
+    {
+        ExactDemand found{{Demand::Kind::joints}, {}};
+        const int m = arm.of.size();
+        if (!nb::isinstance<nb::tuple>(given)) {
+            by_python = true;
+            found.rows = [rows = nb::borrow(given), m](const double* q, Mat C, Vec b) {
+                Workspace& w = workspace();
+                const Workspace::Frame frame(w);
+                Reader read(w);
+                const nb::tuple both(rows(array_of(Vec(const_cast<double*>(q), m, &w))));
+                const Mat A = read.matrix(both[0], "rows", C.p ? C.rows : -1, m);
+                if (A.rows > MOST_EXACT)
+                    refuse("exact has more than 384 rows");
+                if (C.p)
+                    C.set(A), b.set(read.vector(both[1], "rows", C.rows));
+                return A.rows;
+            };
+            return found;
+        }
+        const nb::tuple parts = nb::borrow<nb::tuple>(given);
+        const int kind = nb::cast<int>(parts[0]);
+        if (kind < 0 || kind > 2 || nb::len(parts) != 3)
+            refuse("exact has a demand of no kind that there is");
+        found.of.kind = static_cast<Demand::Kind>(kind);
+        if (!parts[1].is_none())
+            found.of.point = three(read.vector(parts[1], "exact point", 3));
+        if (!parts[2].is_none())
+            found.of.direction = three(read.vector(parts[2], "exact direction", 3));
+        return found;
+    }
+};
+
+// q, outcome, position, orientation, error, iterations, tries, active joints, whether of another branch, displacement.
+nb::tuple told(const PoseArm& arm, const PoseAnswer& answer)
+{
+    nb::list active;
+    for (int j = 0; j < arm.size(); j++)
+        if (std::min(answer.q[j] - arm.lower[j], arm.upper[j] - answer.q[j]) <= 1e-12 * (1 + std::abs(answer.q[j])))
+            active.append(j);
+    const npy_intp m = arm.size();
+    const nb::object q = new_array(1, &m);
+    std::copy(answer.q.begin(), answer.q.end(), data_of(q));
+    return nb::make_tuple(q, static_cast<int>(answer.outcome), answer.position, answer.orientation, answer.error,
+                          answer.iterations, answer.tries, nb::tuple(active), answer.other_branch, answer.displacement);
+}
+
+PoseAnswer solved_by(const Arm& arm, const PoseTask& task, const double* start, bool by_python)
+{
+    if (by_python)
+        return solve_pose(arm.of, task, start, workspace());
+    const nb::gil_scoped_release released;
+    return solve_pose(arm.of, task, start, workspace());
+}
+
+nb::tuple solve(const Arm& arm, nb::object target, nb::object q0, nb::object form, nb::object exact, double tolerance,
+                int restarts, nb::object origin, double time_limit, nb::object room)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    const Options options(arm, form, exact, tolerance, restarts, origin, time_limit, room, read);
+    const PoseTask task = options.towards(target, read);
+    const std::vector<double> start = q0.is_none() ? std::vector<double>() : arm.start(q0);
+    return told(arm.of, solved_by(arm, task, q0.is_none() ? nullptr : start.data(), options.by_python));
+}
+
+// Many targets (n, 4, 4): from q0 (m,) or (n, m) or None; along a path each from the answer before; else on threads.
+nb::list solve_many(const Arm& arm, nb::object targets, nb::object q0, bool along, int threads, nb::object form,
+                    nb::object exact, double tolerance, int restarts, nb::object origin, double time_limit,
+                    nb::object room)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    const Options options(arm, form, exact, tolerance, restarts, origin, time_limit, room, read);
+    npy_intp shape[3] = {-1, 4, 4};
+    const double* poses = read.read(targets, "targets", 3, shape, Numbers::finite);
+    const int n = static_cast<int>(shape[0]), m = arm.of.size();
+    std::vector<PoseTask> tasks;
+    for (int i = 0; i < n; i++)
+        tasks.push_back(options.towards(poses + 16 * i));
+    std::vector<std::vector<double>> starts;
+    if (!q0.is_none()) {
+        if (PyArray_Check(q0.ptr()) && PyArray_NDIM(reinterpret_cast<PyArrayObject*>(q0.ptr())) == 2) {
+            const Mat each = read.matrix(q0, "q0", n, m);
+            for (int i = 0; i < n; i++)
+                starts.push_back(arm.start(array_of(each[i])));
+        } else
+            starts.assign(n, arm.start(q0));
+    }
+    std::vector<PoseAnswer> answers(n);
+    if (along || options.by_python || threads <= 1) {
+        for (int i = 0; i < n; i++) {
+            const double* start = along && i ? answers[i - 1].q.data() : starts.empty() ? nullptr : starts[i].data();
+            answers[i] = solved_by(arm, tasks[i], start, options.by_python);
+        }
+    } else {
+        const nb::gil_scoped_release released;
+        std::atomic<int> next{0};
+        const auto work = [&] {
+            Workspace own;
+            for (int i = next++; i < n; i = next++)
+                answers[i] = solve_pose(arm.of, tasks[i], starts.empty() ? nullptr : starts[i].data(), own);
+        };
+        std::vector<std::thread> helpers;
+        for (int k = 1; k < std::min(threads, n); k++)
+            helpers.emplace_back(work);
+        work();
+        for (std::thread& helper : helpers)
+            helper.join();
+    }
+    nb::list found;
+    for (const PoseAnswer& answer : answers)
+        found.append(told(arm.of, answer));
+    return found;
+}
+
+// Joint positions (k, m) for the first k of poses (n, 4, 4), one descent each from the one before, as far as they are met
+// (beside exact demands: these), and reached in a step (n,) [s] at speeds `fastest` (m,).
+nb::object descents(const Arm& arm, nb::object targets, nb::object q0, nb::object fastest, nb::object steps,
+                    nb::object form, nb::object exact, double tolerance, int restarts, nb::object origin,
+                    double time_limit, nb::object room)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    const Options options(arm, form, exact, tolerance, restarts, origin, time_limit, room, read);
+    npy_intp shape[3] = {-1, 4, 4};
+    const double* poses = read.read(targets, "targets", 3, shape, Numbers::finite);
+    const int n = static_cast<int>(shape[0]), m = arm.of.size();
+    const Vec speed = read.vector(fastest, "fastest", m, Numbers::any);
+    const Vec step = read.vector(steps, "steps", n, Numbers::any);
+    Mat rows(w, n, m);
+    Vec before = read.vector(q0, "q0", m);
+    int met = 0;
+    for (bool near = true; met < n; met++) {
+        rows[met].set(before);
+        near = descend_to(arm.of, options.towards(poses + 16 * met), rows[met].p, w);
+        
+        for (int j = 0; j < m && near; j++)
+            near = std::abs(rows(met, j) - before[j]) <= speed[j] * step[met];
+        if (!near)
+            break;
+        before = rows[met];
+    }
+    const npy_intp size[2] = {met, m};
+    const nb::object found = new_array(2, size);
+    std::copy(rows.p, rows.p + static_cast<std::size_t>(met) * m, data_of(found));
+    return found;
+}
+
+template <void (PoseArm::*shift)(double*) const> nb::object shifted(const Arm& arm, nb::object q)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    const Vec x = Reader(w).vector(q, "q", arm.of.size());
+    (arm.of.*shift)(x.p);
+    return array_of(x);
+}
+
+}  // namespace
+
+void bind_pose(nb::module_& m)
+{
+    nb::set_leak_warnings(false);  // robots that live as long as Python does keep one
+    const auto none = nb::none();
+    nb::class_<Arm>(m, "PoseArm", "An arm in a pose search: what depends on it alone.")
+        .def(nb::init<nb::object, nb::object, nb::object, nb::object, nb::object, nb::object, nb::object, nb::object,
+                      nb::object, nb::object, nb::object, double, nb::object, double, nb::object, nb::object>(),
+             nb::kw_only(), "screws"_a.none() = none, "home"_a.none() = none, "state"_a.none() = none, "lower"_a,
+             "upper"_a, "low"_a, "high"_a, "middle"_a, "stride"_a, "turn"_a, "point"_a, "length"_a, "tip"_a, "far"_a,
+             "believed_lower"_a, "believed_upper"_a)
+        .def("solve", solve, "target"_a, "q0"_a.none(), "form"_a.none(), "exact"_a, "tolerance"_a, "restarts"_a,
+             "origin"_a, "time_limit"_a, "room"_a.none(), "Joint positions for a pose (4, 4) or a point (3,).")
+        .def("solve_many", solve_many, "targets"_a, "q0"_a.none(), "along"_a, "threads"_a, "form"_a.none(), "exact"_a,
+             "tolerance"_a, "restarts"_a, "origin"_a, "time_limit"_a, "room"_a.none(), "The same for poses (n, 4, 4).")
+        .def("descents", descents, "targets"_a, "q0"_a, "fastest"_a, "steps"_a, "form"_a.none(), "exact"_a,
+             "tolerance"_a, "restarts"_a, "origin"_a, "time_limit"_a, "room"_a.none(),
+             "Joint positions (k, m) for the first k of poses (n, 4, 4), one descent each from the one before.")
+        .def("inside", shifted<&PoseArm::inside>, "q"_a, "q (m,) shifted by whole turns into the limits.");
+}
+
+}  // namespace iq
