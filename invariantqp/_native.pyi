@@ -1,9 +1,5 @@
 # The compiled core; its sources are in csrc/.
-from collections.abc import Callable
 from typing import Any, Literal
-
-import numpy as np
-from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity.solution import Status, VelocitySolution
@@ -331,26 +327,6 @@ def splice(course: Array, time: float, state: Array, duration: float, /) -> Arra
 def planned(
     limits: Array, state: Array, times: Array, wanted: Array, calm: float, pieces: int, /
 ) -> tuple[Array, float]: ...
-def scene(
-    screws: Array,
-    starts: Array,
-    shapes: Array,
-    twists: Array,
-    pairs: Array,
-    levers: Array,
-    unjudged: NDArray[np.bool_],
-    /,
-) -> object | None: ...
-def clearance(
-    scene: object,
-    q: Array,
-    before: Array,
-    limits: Array,
-    settings: Array,
-    shares: Array | None,
-    places: Callable[[int, int, Array, Array], Array] | None,
-    /,
-) -> tuple[Array, Array, Array, Array] | None: ...
 def sight(
     screws: Array, home: Array, q: Array, target: Array | None, /
 ) -> tuple[Array, Array, Array | None] | None: ...

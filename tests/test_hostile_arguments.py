@@ -44,8 +44,8 @@ INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root "
     "LimitRows.allow LimitRows.excess LimitRows.used PaperLambda.of_size "
     "Controller.near Controller.posture_pull Controller.said Controller.begin Controller.unwrapped Controller.wrong "
-    "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after Clearance.given "
-    "Clearance.watch OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
+    "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after "
+    "Clearance.begin_at OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
     "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called "
     "ToolSpeed.cone Chain.sight Chain.points "
     "InvariantFrameTask.compute_qp_objective",

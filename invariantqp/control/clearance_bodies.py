@@ -1,13 +1,13 @@
 """The bodies of a clearance, an arm's links, obstacles and other arms, and which of them it keeps apart.
 
-All that can touch: links on one body, neighbours at a joint, what a description excludes or a caller does, and bodies
-that are shown to be nearer than the distance wherever the joints between them are, are left out, each with its reason.
-Nothing is left out because samples did not meet.
+All that can touch: links on one body, neighbours at a joint, and what a description excludes or a caller does are left
+out, each with its reason. The engine leaves out bodies that it shows to be nearer than the distance wherever the joints
+between them are; nothing is left out because samples did not meet.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import combinations
 from os import PathLike
 from typing import Any, NamedTuple
@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.clearance_rows import OF_SHAPE, levers_of, moved_by, placed_at, starts_of
 from invariantqp.control.limits import no_degrees, not_believed, refuse
+from invariantqp.engine import law
 from invariantqp.errors import BadInput, UnknownName, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.distance import Place, Solid, places
+from invariantqp.geometry.distance import Placed, places
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
@@ -28,9 +28,6 @@ from invariantqp.robots.kinematics import Robot, continuous_turns
 from invariantqp.robots.tree import Exclusions
 from invariantqp.robots.urdf import excluded
 from invariantqp.velocity.limits import accelerations
-
-# Whether a pair is always near is looked at in so many states, at most; one that is not shown to be is kept.
-STATES = 2000
 
 
 class Part(NamedTuple):
@@ -41,6 +38,10 @@ class Part(NamedTuple):
     body: int  # moved by the first so many joints of its arm
     frame: Array | None  # (4, 4) of its link at q = 0; None for an obstacle, which is where it was moved to
     around: int = 0  # 1 for an obstacle; for a link of another arm -1, -2, ..., by which one it is
+
+    def at(self, pose: Array) -> Placed:
+        """The shape, its core at a (4, 4) pose in the base frame."""
+        return Placed(self.shape.core, self.shape.radius, self.shape.half, pose, self.shape.solid)
 
 
 class OtherArm:
@@ -53,6 +54,7 @@ class OtherArm:
         q: (m,) where its joints are.
         velocity: (m,) how fast, as it was told; zero where it was not.
         turns: (m,) whole turns of its continuous joints; 0 of other joints.
+        brakes: whether it has a clearance from this one in its own loop.
     """
 
     def __init__(
@@ -80,7 +82,7 @@ class OtherArm:
         self.bodies = shapes_of(self.robot, bodies)
         self.name = name if isinstance(name, str) else arrays.strings([name], "name")[0]
         m = len(self.robot.names)
-        self._brakes = acceleration_limit is not None
+        self.brakes = acceleration_limit is not None
         a = np.zeros(m) if acceleration_limit is None else accelerations(acceleration_limit, m)
         ranges = self.robot.position_lower, self.robot.position_upper
         self.limits = np.array((self.robot.velocity_limit, a, *ranges))
@@ -91,7 +93,7 @@ class OtherArm:
     @property
     def yields(self) -> bool:
         """Whether it makes way too, and each takes half of the room: it is said to, or its velocity is not known."""
-        return self._brakes or not self.knows_velocity
+        return self.brakes or not self.knows_velocity
 
     def move(self, q: ArrayLike, velocity: ArrayLike | None = None) -> None:
         """Say where its joints are from now on, between ticks.
@@ -207,133 +209,100 @@ class Dropped(NamedTuple):
         return f"{self.first} and {self.second}: {self.reason}"
 
 
-class Pairs:
-    """The shapes of a clearance, and which of them are kept apart."""
+def pairs_of(
+    robot: Chain,
+    parts: Sequence[Part],
+    pairs: Iterable[tuple[str, str]] | None,
+    exclude: Iterable[tuple[str, str]] | str | PathLike[str],
+) -> tuple[list[tuple[int, int]], tuple[Dropped, ...]]:
+    """The pairs of parts that are kept apart, by their numbers, and those of bodies that are not, as in `Clearance`."""
+    names = list(dict.fromkeys(part.name for part in parts))
+    wanted = None if pairs is None else {frozenset(pair) for pair in _named(pairs, "pairs", names)}
+    apart: Exclusions = excluded(robot, exclude if isinstance(exclude, (str, PathLike)) else None)
+    if not isinstance(exclude, (str, PathLike)):
+        apart = {**apart, **{frozenset(pair): "excluded" for pair in _named(exclude, "exclude", names)}}
+    dropped: dict[tuple[str, str], str] = {}
+    kept = []
+    for i, j in combinations(range(len(parts)), 2):
+        a, b = parts[i], parts[j]
+        if a.around or a.name == b.name:
+            continue
+        if reason := _needless(robot, a, b, wanted, apart):
+            dropped[a.name, b.name] = reason
+        else:
+            kept.append((i, j))
+    return kept, tuple(Dropped(*two, reason) for two, reason in dropped.items())
 
-    def __init__(
-        self,
-        robots: Sequence[Chain],
-        parts: Sequence[Part],
-        distance: float,
-        pairs: Iterable[tuple[str, str]] | None,
-        exclude: Iterable[tuple[str, str]] | str | PathLike[str],
-    ) -> None:
-        """The pairs of parts of robots, the arm and those around it; the rest is as in `Clearance`."""
-        self.parts, self.robots, self._robot, self._distance = tuple(parts), robots, robots[0], distance
-        self.screws = np.hstack([robot.screws for robot in robots])  # (6, M) of all their joints
-        self.starts = starts_of(robots).astype(float)  # (M + 1,) at which joint the arm of each body begins
-        self.moving = [i for i, part in enumerate(parts) if part.frame is None]  # which parts are obstacles
-        # (n, 18) of the shapes, as the core takes them; (n, M) how far any point of one moves at most by each joint.
-        self.numbers = np.array([self._numbers(part) for part in parts]).reshape(-1, OF_SHAPE)
-        self.levers = levers_of(robots, self.numbers)
-        solids = tuple(part.shape.solid for part in parts)  # None of what is no mesh
-        self.solids: tuple[Solid | None, ...] = solids if any(solid is not None for solid in solids) else ()
-        self._given = pairs is not None
-        self.of_shapes, self.dropped = self._chosen(pairs, exclude)
 
-    def _numbers(self, part: Part) -> Array:
-        """(18,) of a shape; bodies are numbered one arm after the other, 0 is the world."""
-        shape, before = part.shape, sum(len(robot.names) for robot in self.robots[: max(-part.around, 0)])
-        T = (shape.pose if part.frame is None else part.frame).dot(shape.place)
-        body = before + part.body if part.body else 0
-        return np.concatenate(((body, shape.core, shape.radius), shape.half, T[:3, :3].ravel(), T[:3, 3]))
+def _needless(robot: Chain, a: Part, b: Part, wanted: set[frozenset[str]] | None, apart: Exclusions) -> str:
+    """Why two bodies need not be kept apart, "" where they must be."""
+    names = frozenset((a.name, b.name))
+    if wanted is not None:
+        return apart.get(names, "") if names in wanted else "not among the pairs given"
+    if names in apart:
+        return apart[names]
+    if b.around:
+        return "" if a.body else "no joint moves it"
+    if a.body == b.body:
+        return "fixed to one another"
+    floor = Core.HALF_SPACE in (a.shape.core, b.shape.core)  # nobody's neighbour
+    return "" if floor or abs(a.body - b.body) > 1 else f"neighbours at {robot.names[max(a.body, b.body) - 1]}"
 
-    def _chosen(
-        self, pairs: Iterable[tuple[str, str]] | None, exclude: Iterable[tuple[str, str]] | str | PathLike[str]
-    ) -> tuple[list[tuple[int, int]], tuple[Dropped, ...]]:
-        """The pairs of shapes that are kept apart, and those of bodies that are not."""
-        wanted = None if pairs is None else {frozenset(pair) for pair in self._named(pairs, "pairs")}
-        apart: Exclusions = excluded(self._robot, exclude if isinstance(exclude, (str, PathLike)) else None)
-        if not isinstance(exclude, (str, PathLike)):
-            apart = {**apart, **{frozenset(pair): "excluded" for pair in self._named(exclude, "exclude")}}
-        dropped: dict[tuple[str, str], str] = {}
-        kept = []
-        for i, j in combinations(range(len(self.parts)), 2):
-            a, b = self.parts[i], self.parts[j]
-            if a.around or a.name == b.name:
-                continue
-            if reason := self._needless(a, b, wanted, apart):
-                dropped[a.name, b.name] = reason
-            else:
-                kept.append((i, j))
-        bodies = [(self.parts[i].name, self.parts[j].name) for i, j in kept]
-        for (i, j), two in zip(kept, bodies, strict=True):
-            if not self.parts[j].around and two not in dropped and (reason := self.always_near(i, j, self.numbers)):
-                dropped[two] = reason
-        kept = [pair for pair, two in zip(kept, bodies, strict=True) if two not in dropped]
-        return kept, tuple(Dropped(*two, reason) for two, reason in dropped.items())
 
-    def _needless(self, a: Part, b: Part, wanted: set[frozenset[str]] | None, apart: Exclusions) -> str:
-        """Why two bodies need not be kept apart, "" where they must be."""
-        names = frozenset((a.name, b.name))
-        if wanted is not None:
-            return apart.get(names, "") if names in wanted else "not among the pairs given"
-        if names in apart:
-            return apart[names]
-        if b.around:
-            return "" if a.body else "no joint moves it"
-        if a.body == b.body:
-            return "fixed to one another"
-        floor = Core.HALF_SPACE in (a.shape.core, b.shape.core)  # nobody's neighbour
-        return (
-            "" if floor or abs(a.body - b.body) > 1 else f"neighbours at {self._robot.names[max(a.body, b.body) - 1]}"
-        )
+def _named(pairs: Iterable[tuple[str, str]], argument: str, known: list[str]) -> list[tuple[str, str]]:
+    """Pairs of names, each of a body that is there."""
+    found = []
+    for pair in arrays.listed(pairs, argument, "pairs of names, [(link, link), (link, obstacle), ...]"):
+        if isinstance(pair, str) or not isinstance(pair, (list, tuple)) or len(pair) != 2:
+            raise BadInput(argument, excerpt(pair), "the names of two bodies")
+        for name in pair:
+            if name not in known:
+                raise UnknownName("body", str(name), [], known)
+        found.append((pair[0], pair[1]))
+    return found
 
-    def always_near(self, i: int, j: int, numbers: Array, others: Array | None = None) -> str:
-        """The reason, where two shapes are nearer than the distance wherever the joints between them are; "" else.
 
-        In other states they are at most as far apart as a place of theirs is, and a joint moves that by how far it is
-        from its axis. So some states show it. The first shape is a link's; `others` (M - m,) are the joint positions of
-        other arms.
-        """
-        m, bodies, around = len(self._robot.names), [int(numbers[k, 0]) for k in (i, j)], self.parts[j].around
-        between = np.arange(bodies[0]) if around else np.arange(min(bodies), max(bodies))
-        if self._given or not self._robot.screws[:3, between].any(axis=0).all():
-            return ""  # asked for; a slide goes as far as it goes
-        two = [i, j] if around or bodies[0] > bodies[1] else [j, i]  # the one that the joints move is the first
-        solids = [self.parts[k].shape.solid for k in two]
-        lowest, highest = np.maximum(self._robot.position_lower, -np.pi), np.minimum(self._robot.position_upper, np.pi)
-        cells = [(lowest[between], highest[between])]
-        q = np.concatenate((np.zeros(m), np.zeros(self.screws.shape[1] - m) if others is None else others))
-        apart = (1.0 - 1e-9) * self._distance  # at the distance, but for rounding, is not nearer
-        for _ in range(STATES):
-            if not cells:
-                return f"always nearer than {1e3 * self._distance:.1f} mm"
-            low, high = cells.pop()
-            q[between] = 0.5 * (low + high)
-            J, motions = moved_by(self.robots, q)
-            found = places(*placed_at(numbers[two], motions, (), solids))
-            if found[0].distance > apart:
-                return ""
-            farthest, ways = min(self._farthest(place, J[:, between], 0.5 * (high - low)) for place in found)
-            if farthest > apart:
-                axis = int(np.argmax(ways))
-                upper, lower = high.copy(), low.copy()
-                upper[axis] = lower[axis] = q[between[axis]]
-                cells += [(low, upper), (lower, high)]
-        return ""
+def engine_of(
+    robot: Chain,
+    arms: Sequence[OtherArm],
+    parts: Sequence[Part],
+    pairs: Sequence[tuple[int, int]],
+    distance: float,
+    *,
+    chosen: bool,
+) -> Any:
+    """The engine's clearance of an arm, arms around it and parts; pairs of these that somebody chose all count."""
+    m, free = len(robot.names), np.full(len(robot.names), np.inf)
+    limits = np.array((robot.velocity_limit, free, robot.position_lower, robot.position_upper))
+    moved = [(robot.screws, limits, np.zeros(m), False)]
+    moved += [(arm.robot.screws, arm.limits, arm.turns, arm.brakes) for arm in arms]
+    before = np.cumsum([0, *(len(screws[0]) for screws, *_ in moved)])
+    obstacles = sum(part.around == 1 for part in parts)
+    shapes, placed = [], 0
+    for part in parts:
+        other = max(-part.around, 0)
+        mover = placed if part.around == 1 else obstacles + other - 1 if other else -1
+        placed += part.around == 1
+        T = part.shape.place if part.frame is None else part.frame.dot(part.shape.place)
+        shapes.append((before[other] + part.body if part.body else 0, mover, *part.at(T).numbers))
+    of_bodies = {two: k for k, two in enumerate(dict.fromkeys((parts[i].name, parts[j].name) for i, j in pairs))}
+    table = [(i, j, of_bodies[parts[i].name, parts[j].name]) for i, j in pairs]
+    return law.Clearance(
+        distance,
+        moved,
+        np.array(shapes, float).reshape(-1, 19),
+        np.array(table, float).reshape(-1, 3),
+        obstacles,
+        chosen,
+        _places_of(tuple(parts)) if any(part.shape.solid is not None for part in parts) else None,
+    )
 
-    @staticmethod
-    def _farthest(place: Place, J: Array, turned: Array) -> tuple[float, list[float]]:
-        """How far a place is at most, joints having turned by so much, and what of that is by which."""
-        speed, turn = (
-            np.linalg.norm(J[3:] + np.cross(J[:3], place.point, axis=0), axis=0),
-            np.linalg.norm(J[:3], axis=0),
-        )
-        ways: list[float] = []
-        for k in reversed(range(len(turned))):  # the inner joint moves it from where the outer joint has
-            ways.insert(0, float(turned[k] * (speed[k] + turn[k] * sum(ways))))
-        return place.distance + sum(ways), ways
 
-    def _named(self, pairs: Iterable[tuple[str, str]], argument: str) -> list[tuple[str, str]]:
-        """Pairs of names, each of a body that is there."""
-        known = list(dict.fromkeys(part.name for part in self.parts))
-        found = []
-        for pair in arrays.listed(pairs, argument, "pairs of names, [(link, link), (link, obstacle), ...]"):
-            if isinstance(pair, str) or not isinstance(pair, (list, tuple)) or len(pair) != 2:
-                raise BadInput(argument, excerpt(pair), "the names of two bodies")
-            for name in pair:
-                if name not in known:
-                    raise UnknownName("body", str(name), [], known)
-            found.append((pair[0], pair[1]))
-        return found
+def _places_of(parts: tuple[Part, ...]) -> Callable[[int, int, Array, Array], Array]:
+    """What finds (k, 7) distance, normal and point of each place of two parts, one a mesh, at poses (4, 4) of both."""
+
+    def found(i: int, j: int, one: Array, other: Array) -> Array:
+        near = places(parts[i].at(one[0]), parts[j].at(other[0]))
+        return np.array([(place.distance, *place.normal, *place.point) for place in near]).reshape(-1, 7)
+
+    return found

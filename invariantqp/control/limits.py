@@ -15,7 +15,7 @@ from copy import copy
 from functools import cached_property, lru_cache
 from math import inf
 from operator import le
-from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from attrs import field, frozen
@@ -151,14 +151,6 @@ class Limit:
         """
         del q
         return ""
-
-
-@runtime_checkable
-class ForCore(Protocol):
-    """A limit whose rows the compiled core finds itself in a tick in which there are no others."""
-
-    def for_core(self) -> tuple[Any, ...] | None:
-        """What the core is given in a tick, whom it tells what it found last; None where Python has to give it rows."""
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -509,8 +501,6 @@ class RowLimits:
             name: [one for one in of_their_own if getattr(type(one), name) is not getattr(Limit, name)]
             for name in ("begin", "after", "broken")
         }
-        alone = self._limits[0] if len(self._limits) == 1 else None
-        self.alone = alone if isinstance(alone, ForCore) else None
 
     def __bool__(self) -> bool:
         return bool(self._limits)

@@ -59,14 +59,6 @@ PyObject *press(PyObject *module, PyObject *const *arguments, Py_ssize_t count, 
 PyObject *pseudoinverse(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 PyObject *dual_projectors(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 
-/* clearance.c */
-bool apart_from(PyObject *const *given, int m, Apart *apart);
-bool apart_begun(Apart *apart);
-void apart_ended(Apart *apart);
-PyObject *apart_told(const Apart *apart);
-PyObject *scene(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
-PyObject *clearance(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
-
 /* sight.c */
 PyObject *sight(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
 

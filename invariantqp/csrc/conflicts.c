@@ -177,16 +177,15 @@ static bool meets(int m, int k, const Polytope *limits, const Row y)
     return inside_limits(limits, m, y);
 }
 
-/* Rows are limits m, m + 1, ... of both; they are moved, and `yielded` says by how much. `y` is in the box, then inside all;
-   `hint` may be inside already, or NULL. */
-Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, const double *hint, Row y, Yielded *yielded)
+/* Rows are limits m, m + 1, ... of both; they are moved, and `yielded` says by how much. `y` is in the box, then inside all. */
+Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, Row y, Yielded *yielded)
 {
     Rows rows = {.m = m, .k = k};
     Polytope box = {.count = m, .box = true};
     double t[MOST_LIMITS], most = 0.0, size = 0.0;
     Optimum found;
     Row first;
-    memcpy(first, hint != NULL ? hint : y, sizeof first);
+    memcpy(first, y, sizeof first);
     if (shortest_inside(m, limits, first) == DONE && meets(m, k, limits, first)) {
         memcpy(y, first, sizeof first);
         return DONE;

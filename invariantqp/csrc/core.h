@@ -74,8 +74,6 @@ typedef struct {
     int limits;
     Row G[MOST_LIMITS];
     double least[MOST_LIMITS], most[MOST_LIMITS];
-    bool hinted; /* whether `hint` is a velocity inside joint limits and rows, as whoever made the rows knows */
-    Row hint;
     const Law *metric;    /* with T and its inverse; NULL is the identity */
     const Law *form;      /* NULL is least squares */
     bool has_brought;
@@ -412,7 +410,7 @@ Outcome answered(const Demand *demand, const Regular *regular, const Row A[6], c
 void begun(int n, double weight, const double *centre, Squares *sum);
 void add_square(Squares *sum, const Row a, double b);
 void solved_by(const Squares *sum, Quadratic *problem);
-Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, const double *hint, Row y, Yielded *yielded);
+Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, Row y, Yielded *yielded);
 Outcome slowed_point(int m, const Polytope *limits, Cone *cone, Row y, Yielded *yielded);
 Outcome solve(const Demand *demand, Solution *solution);
 Outcome solve_tasks(const Demand *demand, int count, const Task *const *tasks, Solution *solution);

@@ -8,10 +8,13 @@
 
 #include "paths.h"
 
-/* A loop for which commands are found, and a clearance of its own, or NULL. */
+/* A loop for which commands are found; where Python has rows of each tick, who is asked for them, and their names, or NULL. */
+typedef struct Asked {
+    PyObject *who, *names;
+} Asked;
 typedef struct {
     const Loop *loop;
-    Apart *apart, clearance;
+    Asked asked;
 } Bounds;
 
 /* A tick: what is followed and kept, before and after it; the source's last column then, a place; who has something to say, or
@@ -30,11 +33,36 @@ typedef struct {
     Tick tick;
 } Follow;
 
+/* The rows of a tick at q after a velocity x, or all of them where x is its answer and does not keep them to the tick's end.
+   HAND_BACK with an error of a function of Python's, where Python has to answer, or where x is kept. */
+Outcome rows_asked(Asked *asked, bool after, int m, const double *q, const double *x, Demand *demand)
+{
+    PyObject *found = PyErr_Occurred() ? NULL : PyObject_CallFunction(asked->who, "ONN", after ? Py_True : Py_False, new_vector(m, q), new_vector(m, x));
+    if (found == NULL)
+        return HAND_BACK;
+    if (found == Py_None && !after) {
+        Py_DECREF(found);
+        return DONE;
+    }
+    PyArrayObject *C = PyTuple_CheckExact(found) && PyTuple_Size(found) == 4 ? (PyArrayObject *)PyTuple_GetItem(found, 0) : NULL;
+    int rows = C != NULL && PyArray_Check(C) && PyArray_NDIM(C) == 2 && PyArray_DIM(C, 0) <= MOST_LIMITS ? (int)PyArray_DIM(C, 0) : 0;
+    bool good = rows > 0 && matrix((PyObject *)C, rows, m, MOST, demand->G[0]) && vector(PyTuple_GetItem(found, 1), rows, demand->least) &&
+                vector(PyTuple_GetItem(found, 2), rows, demand->most);
+    if (good) {
+        Py_XDECREF(asked->names);
+        asked->names = Py_NewRef(PyTuple_GetItem(found, 3));
+        demand->limits = rows;
+    }
+    PyErr_Clear();
+    Py_DECREF(found);
+    return good ? DONE : HAND_BACK;
+}
+
 /* Follower._wanted: the joint velocity that is wanted in this tick, by a twist: _going_over. */
 static Outcome towards_twist(Follow *f, Row v)
 {
     const JointLimits *limits = &f->course.limits;
-    const Beside beside = {.apart = f->law.apart, .at_base = f->at_base};
+    const Beside beside = {.at_base = f->at_base, .asked = f->law.asked.who == NULL ? NULL : &f->law.asked};
     const Now now = {.speed = f->override, .tool_speed = INFINITY};
     int m = limits->m;
     double share = INFINITY;
@@ -118,7 +146,7 @@ static Outcome nearest_allowed(Follow *f, const double *here, Row command)
     Row J[6];
     Pose tool, home;
     Tick tick;
-    const Beside beside = {.J = (const Row *)J, .tool = &tool, .posture = command, .apart = f->joints.apart, .at_base = true};
+    const Beside beside = {.J = (const Row *)J, .tool = &tool, .posture = command, .at_base = true, .asked = f->joints.asked.who == NULL ? NULL : &f->joints.asked};
     pose_from(loop->home[0], &home);
     kinematics(m, loop->screws, &home, here, J, &tool);
     for (int i = 0; i < 6; i++)
@@ -175,18 +203,13 @@ static Outcome moved(Follow *f)
     return DONE;
 }
 
-/* The loop of an argument, None for none, or a tuple of it and what the core is given of a clearance; whether it is one. */
+/* The loop of an argument, None for none, or a tuple of it and who is asked for rows; whether it is one. */
 static bool bounds_of(PyObject *object, int m, Bounds *bounds)
 {
-    PyObject *given[6];
-    bool apart = PyTuple_Check(object) && PyTuple_Size(object) == 6;
-    for (int i = 0; i < 6 && apart; i++)
-        given[i] = PyTuple_GetItem(object, i);
-    bounds->apart = NULL;
-    bounds->loop = object == Py_None ? NULL : loop_of(apart ? given[0] : object);
-    if (apart && bounds->loop != NULL && apart_from(given + 1, m, &bounds->clearance))
-        bounds->apart = &bounds->clearance;
-    return object == Py_None || (bounds->loop != NULL && bounds->loop->joints == m && apart == (bounds->apart != NULL));
+    bool asked = PyTuple_CheckExact(object) && PyTuple_Size(object) == 2;
+    *bounds = (Bounds){.loop = object == Py_None ? NULL : loop_of(asked ? PyTuple_GetItem(object, 0) : object),
+                       .asked.who = asked ? PyTuple_GetItem(object, 1) : NULL};
+    return object == Py_None || (bounds->loop != NULL && bounds->loop->joints == m);
 }
 
 /* What the loop says of the tick as `Controller.said` takes it; None where that is no more than is told anyway. */
@@ -198,9 +221,7 @@ static PyObject *said(const Follow *f)
     PyObject *found[2] = {NULL, joint_troubles(loop, &f->tick)};
     if (!f->held && found[1] == Py_None && status(&f->tick.solution) == OK)
         return found[1];
-    PyObject *rows = f->says->apart != NULL ? apart_told(f->says->apart) : NULL;
-    if (f->says->apart == NULL || rows != NULL)
-        found[0] = fields(loop->joints, &f->tick.solution, loop, rows);
+    found[0] = fields(loop->joints, &f->tick.solution, loop, Py_XNewRef(f->says->asked.names));
     return named(&PyTuple_Type, 2, found);
 }
 
@@ -230,8 +251,8 @@ static bool moves(Follow *f, PyObject *states)
    before and after, whether the joints are late, how they stop being it, a residual or None, what the loop says, or None, whether
    it does not allow what was wanted, how far a joint is from where it was sent at most, and what is wrong with the joints, or
    None. None where Python has to answer, or to say what is wrong with q. `law` is the loop without acceleration limits and delay,
-   `joints` that for joint velocities, or None where nothing but joint limits binds them; each a Loop, or a tuple of it and of what
-   the core is given of a clearance. `at_base` is whether the twist is a screw in base coordinates, and not the tool point's. Late
+   `joints` that for joint velocities, or None where nothing but joint limits binds them; each a Loop, or a tuple of it and of who
+   is asked for rows. `at_base` is whether the twist is a screw in base coordinates, and not the tool point's. Late
    joints look for a splice that takes `ease`, unless that is 0. `gain` is the largest of the loop [1/s]. `seen` is q in the tick
    before, `shown` the command that q shows now, `states` are None where they are those of this tick. */
 PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -269,17 +290,13 @@ PyObject *follow(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
     bool anew = arguments[15] != Py_None;
     if (!good || !moves(&f, arguments[15]))
         Py_RETURN_NONE;
-    bool begun = (f.law.apart == NULL || apart_begun(f.law.apart)) && (f.joints.apart == NULL || apart_begun(f.joints.apart));
-    Outcome outcome = begun ? moved(&f) : HAND_BACK;
+    Outcome outcome = moved(&f);
+    outcome = PyErr_Occurred() ? HAND_BACK : outcome;
     PyObject *says = outcome == DONE ? said(&f) : NULL;
-    if (f.law.apart != NULL)
-        apart_ended(f.law.apart);
-    if (f.joints.apart != NULL)
-        apart_ended(f.joints.apart);
-    if (!begun)
-        return PyErr_NoMemory();
+    Py_XDECREF(f.law.asked.names);
+    Py_XDECREF(f.joints.asked.names);
     if (outcome == HAND_BACK)
-        Py_RETURN_NONE;
+        return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
     PyObject *way = f.joins ? new_matrix(6, m, m, f.left) : Py_NewRef(Py_None);
     PyObject *states = anew ? new_vector(states_of(m), f.states) : Py_NewRef(Py_None);
     PyObject *trouble = anew ? state_troubles(m, f.law.loop->dt, gain, f.states) : Py_NewRef(Py_None);

@@ -29,25 +29,7 @@ typedef struct {
     double numbers[3];
 } JointTrouble;
 
-/* clearance.c: a clearance in a tick of a loop, beside arms of others, and what of it is to be told: the pair of each row and
-   its distance, and which pair is the nearest. */
-#define ALL_JOINTS (4 * MOST) /* of the arm and of those around it */
-#define APART_ROWS 16
 #define AGAIN 4 /* control/controller.py */
-typedef double Wide[ALL_JOINTS];
-typedef struct Scene Scene;
-typedef struct {
-    const Scene *scene;
-    void *tell; /* who is told what was found */
-    Wide limits[4], q, velocity;
-    double settings[6], distance[2 * APART_ROWS];
-    int count, pair[2 * APART_ROWS], nearest;
-    double *least, *ends, *shares; /* of each pair */
-    struct Pair *pairs;
-} Apart;
-Outcome apart_now(Apart *apart, const double *there, const double *before, Demand *demand);
-bool apart_after(Apart *apart, const double *there, const double *x, Demand *demand);
-
 /* control/controller.py, follow: joint twists and tool pose as the arm was seen, the point to measure at, a posture, each of
    which may be NULL, more exact rows, parts D of the twist, and whether that is a screw in base coordinates. */
 typedef struct {
@@ -57,7 +39,7 @@ typedef struct {
     int rows;
     const double (*D)[6];
     bool at_base;
-    Apart *apart;
+    struct Asked *asked; /* whoever has rows of this tick, or NULL */
 } Beside;
 
 /* control/tracking.py: how fast a loop with acceleration limits approaches its target: the share of the gain, joint velocities
@@ -85,6 +67,7 @@ bool any_unresponsive(const double *states, int joints);
 void update_states(const Loop *loop, const double *commanded, const double *moved, double *states);
 JointTrouble joint_trouble(int joints, double dt, double gain, double fastest_gain, bool chases, const double *states);
 void remembered(const Loop *loop, const double *q, const Tick *tick, double *kept);
+Outcome rows_asked(struct Asked *asked, bool after, int m, const double *q, const double *x, Demand *demand); /* follow.c */
 Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, const double *q, const Pose *target,
                     const double *feedforward, const double *before, const double *kept, Tick *tick);
 double outside_by(const Loop *loop, const double *q, int j);

@@ -96,18 +96,14 @@ bool target_pose(PyObject *object, Pose *T)
 
 /* step(loop, memory, q, target, feedforward, velocity, ...): a VelocitySolution, and what of joints is to be said beside
    its reasons, None for nothing; the memory is written. Without a target (None), `Controller.follow` for the twist `feedforward`. By name, what is other in
-   this tick. With a clearance, its scene, limits, settings and others after the velocity, and what is told of it (apart_told).
-   None, and the memory as it was, where Python has to answer, or to say what is wrong. */
+   this tick. None, and the memory as it was, where Python has to answer, or to say what is wrong. */
 static PyObject *controller_step(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names)
 {
     (void)module;
-    bool apart = count == 11;
-    const Loop *fixed = count == 6 || apart ? loop_of(arguments[0]) : NULL;
+    const Loop *fixed = count == 6 ? loop_of(arguments[0]) : NULL;
     double *kept = fixed == NULL ? NULL : memory_of(arguments[1], fixed);
-    Apart clearance;
-    Beside beside = {.apart = apart ? &clearance : NULL};
-    if (kept == NULL || (apart && !apart_from(arguments + 6, fixed->joints, &clearance)))
-        return refused("step(loop, memory, q, target, feedforward, velocity), or with a scene, its limits, settings, others and who is told");
+    if (kept == NULL)
+        return refused("step(loop, memory, q, target, feedforward, velocity)");
     Now other, *now = names == NULL ? NULL : &other;
     Fit fit = now == NULL ? FITS : called_by_name(&TABLE_now, arguments + count, names, now);
     if (fit == WRONG)
@@ -117,7 +113,7 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
         (fixed->law.form == BROUGHT && !(now != NULL && now->has_brought)))
         Py_RETURN_NONE;
     int m = fixed->joints;
-    beside.posture = now != NULL && now->has_posture ? now->posture : NULL;
+    Beside beside = {.posture = now != NULL && now->has_posture ? now->posture : NULL};
     Row q, before;
     Pose target;
     double feedforward[6];
@@ -127,20 +123,10 @@ static PyObject *controller_step(PyObject *module, PyObject *const *arguments, P
         !vector(arguments[2], m, q) || !all_finite(m, q) || (towards && !target_pose(arguments[3], &target)) ||
         (ahead && (!vector(arguments[4], 6, feedforward) || !all_finite(6, feedforward))) || (!towards && !ahead))
         Py_RETURN_NONE;
-    if (apart && !apart_begun(&clearance))
-        return PyErr_NoMemory();
     Outcome outcome = step_beside(fixed, now, &beside, q, towards ? &target : NULL, ahead ? feedforward : NULL, given ? before : NULL, kept, &tick);
-    PyObject *rows = NULL; /* what they are called, where that is not as the loop says */
-    if (outcome == DONE && apart)
-        rows = apart_told(&clearance);
-    else if (outcome == DONE && now != NULL && now->limits > 0)
-        rows = Py_NewRef(now->row_names);
-    if (apart)
-        apart_ended(&clearance);
     if (outcome == HAND_BACK)
         Py_RETURN_NONE;
-    if (apart && rows == NULL)
-        return NULL;
+    PyObject *rows = now != NULL && now->limits > 0 ? Py_NewRef(now->row_names) : NULL; /* where they are not called as the loop says */
     PyObject *found[] = {fields(m, &tick.solution, fixed, rows), joint_troubles(fixed, &tick)};
     if (found[0] != NULL)
         remembered(fixed, q, &tick, kept);
@@ -178,8 +164,6 @@ static PyMethodDef methods[] = {
     CALLED("follow", follow, "A tick of a follower in which nothing new comes, or None where Python has to answer."),
     CALLED("splice", splice, "The residual of a splice, or None where it leaves the limits."),
     CALLED("planned", planned, "Coefficients of the motion from a state that is near points with little jerk."),
-    CALLED("scene", scene, "What of a clearance does not change from tick to tick, or None where it is too large."),
-    CALLED("clearance", clearance, "Rows that keep distances of shapes, and the distances."),
     CALLED("sight", sight,
            "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."),
     CALLED_BY_NAME("tasks", tasks, "A VelocitySolution of several tasks, or None where Python has to answer."),

@@ -57,7 +57,6 @@ static bool quick(const Demand *demand, const Regular *regular, const Row A[6], 
 /* What of a demand the law decides. */
 void governed(const Law *law, Demand *demand)
 {
-    demand->hinted = false;
     demand->metric = law->has_metric ? law : NULL;
     demand->form = law->form != LEAST_SQUARES ? law : NULL;
     demand->threshold = law->threshold;

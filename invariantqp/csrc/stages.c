@@ -548,13 +548,7 @@ static Outcome roomy(Posed *problem, Share *share, Yielded *yielded)
     }
     if (demand->metric != NULL)
         transformed(m, demand->metric->inverse, share->inside, share->inside);
-    Row turned;
-    const double *hint = demand->hinted ? demand->hint : NULL;
-    if (hint != NULL && demand->metric != NULL) {
-        transformed(m, demand->metric->inverse, hint, turned);
-        hint = turned;
-    }
-    if (!kept && relaxed(m, demand->limits, &problem->limits, &problem->placed, hint, share->inside, yielded) == HAND_BACK)
+    if (!kept && relaxed(m, demand->limits, &problem->limits, &problem->placed, share->inside, yielded) == HAND_BACK)
         return HAND_BACK;
     if (problem->cone.limit > 0.0 && !(tool_speed(&problem->cone, m, share->inside) <= problem->cone.limit) &&
         slowed_point(m, &problem->limits, &problem->cone, share->inside, yielded) == HAND_BACK)

@@ -249,6 +249,7 @@ class LegacyLoop:
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
         self._brought = self.law.compiled is not None and self.law.compiled.form == "brought"
         self.varies: bool = self._brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
+        self._asked: LimitRows | None = None  # rows that the core was given last in this tick
         self._looks = self.joint_rows is not None and bool(self.joint_rows.does["after"])
         self.compiled: Loop | None = self._compiled()  # for the core; None for a loop that it does not have
 
@@ -509,11 +510,6 @@ class LegacyLoop:
         if changes is None:
             return None
         other |= changes
-        given = self._beside() if now is None and self.varies else None
-        if given is not None:
-            found = compiled_tick(core, self.kept, q, target, feedforward, velocity, *given, **other)
-            if found is not None:
-                return found
         there = rows = None
         if self.varies or (now is not None and now.joint_rows):
             state = acts_at(core, self.kept, q)
@@ -546,17 +542,25 @@ class LegacyLoop:
         return None if found is None else (self._limits.with_broken(found[0], now), found[1])
 
     @property
-    def for_core(self) -> Loop | tuple[Any, ...] | None:
-        """The compiled loop, and what the core is given of a limit whose rows it finds; None where Python ticks."""
-        if self.compiled is None or not self.varies:
-            return self.compiled
-        given = self._beside()
-        return None if given is None else (self.compiled, *given)
+    def for_core(self) -> Loop | tuple[Loop, Callable[..., Any]] | None:
+        """The compiled loop, and whom the core asks for rows in each tick; None where Python ticks."""
+        if self.compiled is None or self._brought:
+            return None
+        return (self.compiled, self._rows_for_core) if self.varies else self.compiled
 
-    def _beside(self) -> tuple[Any, ...] | None:
-        """What the core is given of a limit whose rows it finds."""
-        rows = self.joint_rows
-        return None if rows is None or rows.alone is None or self._brought else rows.alone.for_core()
+    def _rows_for_core(self, again: bool, q: Array, x: Array) -> tuple[Any, ...] | bool | None:
+        """Rows at joint positions q (m,) after a velocity x (m,); or `again`, those and more where the answer is x.
+
+        None is no rows, or no more of them; False where Python has to answer.
+        """
+        if again:
+            rows = self._limits.after(q, x, self._asked, None)
+        else:
+            rows, trouble = self._limits.rows(q, x, None)
+            if trouble is not None or (self.joint_rows is not None and self.joint_rows.broken()):
+                return False
+        self._asked = rows
+        return None if rows is None else (rows.C, rows.lower, rows.upper, rows.names)
 
     def said(self, solution: VelocitySolution, troubles: bytes | None) -> VelocitySolution:
         """The solution of a tick by the core, with what of joints is to be said beside it."""

@@ -493,10 +493,10 @@ def time():
 
 def least(call, *state, loop=None):
     """Of nine calls [us], and what the last returned; a loop's memory is what it was before each."""
-    kept, times = None if loop is None else loop.kept.copy(), []
+    kept, times = None if loop is None else loop.state, []
     for _ in range(9):
         if loop is not None:
-            loop.kept[:] = kept
+            loop.state = kept
         begun = process_time_ns()
         found = call(*state)
         times.append(1e-3 * (process_time_ns() - begun))
@@ -511,7 +511,7 @@ def timed(scene, acceleration, times):
     kept, free = iq.Controller(robot, limits=[clearance], **options), iq.Controller(robot, **options)
     brakes = np.full(m, np.inf if acceleration is None else acceleration)
     rows = clearance.for_loop(loop_of(robot, 0.002, 0.0)._replace(acceleration=brakes))
-    called = f"{len(clearance._pairs)} pairs of shapes, acceleration {acceleration}"
+    called = f"{len(clearance._of_pair)} pairs of shapes, acceleration {acceleration}"
     found = [times.setdefault(f"{what} ({called})", []) for what in ("rows", "tick without", "tick with")]
     q, x, wanted = scene.start.copy(), np.zeros(m), targets(robot, rng)
     for i in forever():

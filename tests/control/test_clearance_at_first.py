@@ -70,7 +70,7 @@ def test_they_get_no_nearer_and_keep_what_the_arm_has_parted_them_by(name, dt, a
             reached.append(limit.at(q).distance)
     turns = round(1.0 / dt), round(2.5 / dt)
     assert min(reached) > apart - SLACK - 1e-4
-    assert reached[turns[1]] > apart + 0.01
+    assert reached[turns[1]] > apart + 5e-4
     assert min(reached[turns[1] :]) > min(reached[turns[1]], 0.02) - SLACK - 1e-4
 
 

@@ -1,4 +1,4 @@
-"""Distances against coal's and MuJoCo's, where they touch, where they are degenerate, and at both engines."""
+"""Distances against coal's and MuJoCo's, where shapes touch and where they are degenerate; places and frames."""
 
 from itertools import combinations_with_replacement
 
@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from support.repeats import repeats
 
-from invariantqp.control.clearance_rows import rows_of
-from invariantqp.engine import core
-from invariantqp.geometry.distance import Placed, distance
+from invariantqp.engine import law
+from invariantqp.geometry.distance import Placed, places
 from invariantqp.geometry.se3 import transform
 from invariantqp.geometry.shapes import Box, Capsule, Core, HalfSpace, Shape, Sphere
-from invariantqp.robots.chain import Chain
 
 coal = pytest.importorskip("coal")
 mujoco = pytest.importorskip("mujoco")
@@ -74,39 +72,81 @@ def by_mujoco(a: Shape, b: Shape) -> float:
     return mujoco.mj_geomDistance(model, data, 0, 1, 10.0, np.empty(6))
 
 
-def by_core(a: Shape, b: Shape) -> float:
-    """By the compiled kernel, a on a slide so that some joint moves it; of NumPy's definition without it."""
-    slides = Chain(np.vstack((np.zeros((3, 3)), np.eye(3))), np.eye(4))
-    table = np.array([np.concatenate(((body, s.core, s.radius), s.half, T[:3, :3].ravel(), T[:3, 3]))
-                      for body, s in ((3, a), (0, b)) for T in [s.pose.dot(s.place)]])  # fmt: skip
-    free = np.full(3, np.inf)
-    pairs, limits = np.array([[0.0, 1.0, 1.0, 1.0]]), np.array((free, free, -free, free))
-    settings = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 1.0])
-    shapes, still = (table, np.zeros((2, 6)), pairs), np.zeros(3)
-    if core is None:
-        return float(rows_of([slides], still, still, *shapes, limits, settings)[3][0])
-    scene = core.scene(slides.screws, np.zeros(4), *shapes, np.full((2, 3), np.inf), np.zeros(1, bool))
-    return float(core.clearance(scene, still, still, limits, settings, None, None)[3][0])
-
-
 @pytest.mark.parametrize(("one", "other"), PAIRS)
 def test_distances_are_those_of_coal_and_mujoco(one, other):
     rng = np.random.default_rng(4 * KINDS.index(one) + KINDS.index(other))
     apart = inside = 0
     for _ in range(repeats(1000, 80)):
         a, b = made(one, rng), made(other, rng)
-        d = distance(placed(a), placed(b))
-        assert by_core(a, b) == pytest.approx(d, abs=1e-14)
-        assert distance(placed(b), placed(a)) == pytest.approx(d, abs=1e-14)
+        near = places(placed(a), placed(b))
+        d = near[0].distance
+        assert places(placed(b), placed(a))[0].distance == pytest.approx(d, abs=1e-14)
+        assert [place.distance for place in near] == sorted(place.distance for place in near)
         reference = by_coal(a, b)
-        if d > 0.0:
-            apart += 1
-            # coal's and MuJoCo's general solvers end at 1e-6 where boxes are involved.
-            assert d == pytest.approx(reference, abs=2e-6)
-            if "half-space" not in (one, other):
-                assert d == pytest.approx(by_mujoco(a, b), abs=2e-6)
-        else:
-            inside += 1
-            assert d == pytest.approx(reference, abs=2e-6)
+        # coal's and MuJoCo's general solvers end at 1e-6 where boxes are involved.
+        assert d == pytest.approx(reference, abs=2e-6)
+        apart, inside = apart + (d > 0.0), inside + (d <= 0.0)
+        if d > 0.0 and "half-space" not in (one, other):
+            assert d == pytest.approx(by_mujoco(a, b), abs=2e-6)
     assert apart > 10
     assert inside > 3
+
+
+def core_distance(placed: Placed, x: np.ndarray) -> float:
+    """How far a point is from a core, 0 inside."""
+    y = placed.pose[:3, :3].T @ (x - placed.pose[:3, 3])
+    if placed.core is Core.HALF_SPACE:
+        return max(float(y[2]), 0.0)
+    return float(np.linalg.norm(y - np.clip(y, -placed.half, placed.half)))
+
+
+@pytest.mark.parametrize(("one", "other"), PAIRS)
+def test_each_place_is_a_point_of_either_core_and_the_line_between_them(one, other):
+    rng, apart = np.random.default_rng(40 + 4 * KINDS.index(one) + KINDS.index(other)), 0
+    for _ in range(repeats(500, 40)):
+        a, b = placed(made(one, rng)), placed(made(other, rng))
+        for place in places(a, b):
+            thick = a.radius + b.radius
+            assert np.linalg.norm(place.normal) == pytest.approx(1.0, abs=1e-12)
+            if place.distance + thick <= 1e-9:
+                continue  # cores that meet: the least way out, which need not be between two points of them
+            apart += 1
+            assert core_distance(a, place.point) < 1e-12
+            assert core_distance(b, place.point + (place.distance + thick) * place.normal) < 1e-12
+    assert apart > 10
+
+
+def test_a_frame_changes_no_distance_and_turns_normals_and_points():
+    rng = np.random.default_rng(0)
+    for one, other in PAIRS * 3:
+        a, b = placed(made(one, rng)), placed(made(other, rng))
+        X = transform(rotation(rng), rng.uniform(-2.0, 2.0, 3))
+        moved = (p._replace(pose=X @ p.pose) for p in (a, b))
+        near, seen = places(a, b)[0], places(*moved)[0]
+        assert seen.distance == pytest.approx(near.distance, abs=1e-12)
+        if near.distance > 1e-3:
+            np.testing.assert_allclose(seen.normal, X[:3, :3] @ near.normal, atol=1e-9)
+
+
+def test_shapes_without_a_size_have_numbers_and_half_spaces_no_distance():
+    point, sheet = Sphere([0, 0, 0.3], 0.0), Box(np.eye(4), [0.2, 0.2, 0.0])
+    assert places(placed(point), placed(sheet))[0].distance == pytest.approx(0.3, abs=1e-15)
+    same = [point, sheet, Box(np.eye(4), [0, 0, 0]), Capsule([0, 0, 0], [0, 0, 0], 0.0)]
+    for a in same:
+        for b in same:
+            for place in places(placed(a), placed(b)):
+                assert np.isfinite((place.distance, *place.normal, *place.point)).all()
+    floor = placed(HalfSpace([0, 0, 0], [0, 0, 1]))
+    assert places(floor, floor) == []
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [np.zeros(16), np.zeros(18), np.zeros((17, 1)), np.full(17, np.nan), np.full(17, 1j), np.zeros(0), None, "shape",
+     np.r_[5.0, np.zeros(16)], np.r_[0.5, np.zeros(16)], np.r_[3.0, np.zeros(16)], np.r_[0.0, -1.0, np.zeros(15)]],
+)  # fmt: skip
+def test_what_is_no_shape_is_refused(wrong):
+    good = placed(Sphere([0, 0, 0], 0.1)).numbers
+    for two in ((wrong, good), (good, wrong)):
+        with pytest.raises((ValueError, TypeError)):
+            law.places(*two)

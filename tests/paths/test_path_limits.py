@@ -286,3 +286,45 @@ def test_what_comes_at_a_path_is_made_way_for_and_the_path_goes_on(told):
     assert least > 0.02 - speed * dt * (1.0 if told else 11.0) - speed**2 / (2.0 * 0.3 * a * 0.4)
     assert {"waiting", "done"} <= said
     np.testing.assert_allclose(arm.pose(q), end, atol=1e-9)
+
+
+class Breaks(iq.limits.Limit):
+    """A limit of one row whose functions raise an error after so many calls."""
+
+    name = "mine"
+
+    def __init__(self, method, error, calls):
+        self.method, self.error, self.left = method, error, calls
+
+    def called(self, method):
+        self.left -= method == self.method
+        if self.left == 0 and method == self.method:
+            raise self.error
+
+    def rows(self, q, velocity):
+        self.called("rows")
+        return iq.limits.LimitRows(np.eye(7)[:1], [-0.05], [0.05])
+
+    def after(self, q, velocity):
+        self.called("after")
+
+
+@pytest.mark.parametrize("method", ["rows", "after"])
+@pytest.mark.parametrize("calls", [30, 31])  # of the loop for twists, and of that for joint velocities
+@pytest.mark.parametrize("error", [RuntimeError("mine"), KeyboardInterrupt()])
+def test_what_a_limit_raises_comes_through_and_the_follower_goes_on(panda, method, calls, error):
+    limit = Breaks(method, error, calls)
+    follower = iq.Follower(iq.Controller(panda, dt=0.004, acceleration_limit=10.0, limits=[limit]))
+    q, raised, first = ready("panda"), [], []
+    for i in range(60):
+        if i % 10 == 0:
+            follower.twist([0.0, 0.0, 0.0, 0.0, 0.2, 0.0])
+        try:
+            x = follower.step(q).velocity
+        except (RuntimeError, KeyboardInterrupt) as found:
+            raised.append(found)
+            continue
+        q = q + 0.004 * x
+        first.append(x[0])
+    assert raised == [error]
+    assert np.abs(first).max() <= 0.05 + 1e-9
