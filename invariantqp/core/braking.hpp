@@ -56,8 +56,11 @@ class BoundsOfTick {
     {
         const int m = q.n;
         JointBounds found{Vec(w, m), Vec(w, m), Vec(w, m), Vec(w, m), Vec(w, m, 0)};
-        for (int j = 0; j < m; j++)
+        for (int j = 0; j < m; j++) {
             limits.brakes ? braking(j, found) : boxed(j, found);
+            if (limits.velocity[j] == 0)  // a joint that is locked has one position
+                found.position_lower[j] = found.position_upper[j] = 0;
+        }
         return found;
     }
 

@@ -166,6 +166,11 @@ void make_loop(Loop* made, nb::dict given)
         set.exact.push_back(demand_of(demand, read, m));
     set.posture = f.numbers("posture", m), set.pull = f.numbers("pull", m);
     set.metric = f.matrix("metric", m, m);
+    if (bool positive = true; !set.metric.empty()) {
+        cholesky(read.matrix(f["metric"], "metric", m, m), &positive);
+        if (!positive)
+            refuse("metric is not positive definite");
+    }
     if (f.has("form")) {
         const nb::tuple form = parts(f["form"], "form", 2);
         const std::string kind = nb::cast<std::string>(form[0]);

@@ -206,6 +206,6 @@ def test_an_arm_that_no_pitch_form_sees_needs_none():
     assert np.linalg.norm(solution.residual) < 5e-3  # a loop sets off softly
     loop = iq.Controller(planar, dt=DT, form=0.3)
     before = loop.state
-    with pytest.raises(iq.NoPseudoinverse, match="no 0.3-pseudoinverse"):
+    with pytest.raises(iq.NoPseudoinverse, match=r"no 0\.3-pseudoinverse"):
         loop.step(q, goal)
     assert loop.state == before

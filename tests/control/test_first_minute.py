@@ -276,7 +276,7 @@ def test_a_joint_at_its_limit_is_as_quiet_as_one_elsewhere(name, options):
         seen.append((solution.velocity, solution.status))
     x, said = np.array([x for x, _ in seen[-250:]]), {status for _, status in seen[-250:]}
     assert robot.position_upper[joint] - q[joint] < 0.01
-    # The noise alone gives 4, through the gain; a Panda's other joints make up for what its sixth has to leave its limit by.
+    # The noise alone gives 4, through the gain; a Panda's other joints make up for what its sixth leaves its limit by.
     assert np.abs(np.diff(x, axis=0)).max() / dt < (50.0 if name == "panda" else 6.0)
     assert said <= {"ok", "limited"}
 

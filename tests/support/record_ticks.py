@@ -12,20 +12,23 @@ import warnings
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
-from invariantqp.control.definition import DefinitionController, tick_of
 
 import invariantqp as iq
+from invariantqp.control import callbacks
+from invariantqp.errors import NoPseudoinverse
 from invariantqp.geometry.arrays import Array
-from invariantqp.legacy.law import Demand, VelocityLaw
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, LimitRows, Sphere, ToolSpeed
 from invariantqp.robots import Chain
-from invariantqp.velocity.definition import Tick
+from invariantqp.velocity.backends import Backend
+from invariantqp.velocity.definition import Answer, Tick, velocity
 from invariantqp.velocity.solution import VelocitySolution
 from support import random_ticks
 from support.arms import READY
@@ -52,19 +55,7 @@ STARTS = READY | {
 }
 SIX_OR_SEVEN = ("panda", "ur5e", "xarm7", "iiwa14")
 FEW = ("so101", "scara", "planar_3r", "arm_3r", "four hinges", "wrist")
-Command = Callable[[DefinitionController, Array, int], VelocitySolution]
-
-
-class RecordingController(DefinitionController):
-    """Keeps the ticks that the definition is given."""
-
-    def __init__(self, robot: Chain, **options: Any) -> None:
-        self._given: list[Tick] = []
-        super().__init__(robot, **options)
-
-    def _solved(self, law: VelocityLaw, demand: Demand) -> VelocitySolution:
-        self._given.append(tick_of(law, demand, self._last, self._missed))
-        return super()._solved(law, demand)
+Command = Callable[[iq.Controller, Array, int], VelocitySolution]
 
 
 @cache
@@ -114,11 +105,17 @@ def closed_loop(
 
     Measured positions may have noise [rad, length], from the same seed in each loop.
     """
-    loop = RecordingController(robot(name), **({"dt": 0.004} | options))
+    loop = iq.Controller(robot(name), backend="daqp", **({"dt": 0.004} | options))
     rng, q = np.random.default_rng(0), start(name) if q is None else q
-    for k in range(ticks):
-        q = q + loop.dt * command(loop, q + noise * rng.normal(size=len(q)), k).velocity
-    given = loop._given
+    given: list[Tick] = []
+
+    def keeping(tick: Tick, backend: Backend | None = None) -> Answer:
+        given.append(tick)
+        return velocity(tick, backend)
+
+    with patch.object(callbacks, "velocity", keeping), suppress(NoPseudoinverse):
+        for k in range(ticks):
+            q = q + loop.dt * command(loop, q + noise * rng.normal(size=len(q)), k).velocity
     return [given[i] for i in np.unique(np.linspace(0, len(given) - 1, keep).round().astype(int))] if given else []
 
 
@@ -130,7 +127,7 @@ def to(target: Array, **more: Any) -> Command:
 def along(path: Callable[[float], Array]) -> Command:
     """Follow a moving pose, with its motion as feedforward."""
 
-    def command(loop: DefinitionController, q: Array, k: int) -> VelocitySolution:
+    def command(loop: iq.Controller, q: Array, k: int) -> VelocitySolution:
         t, h = k * loop.dt, 1e-4
         ahead = iq.log(path(t + h) @ iq.se3.inverse(path(t - h))) / (2.0 * h)
         return loop.step(q, path(t), ahead)
@@ -243,7 +240,7 @@ def out_of_reach(rng: np.random.Generator) -> Iterator[list[Tick]]:
             share = np.clip(0.8 * t, 0.0, 1.0) - np.clip(0.8 * (t - 3.0), 0.0, 1.0)
             return iq.transform(translation=0.8 * share * away) @ T
 
-        def command(loop: DefinitionController, q: Array, k: int, path: Callable[[float], Array] = path) -> Any:
+        def command(loop: iq.Controller, q: Array, k: int, path: Callable[[float], Array] = path) -> Any:
             return loop.step(q, path(k * loop.dt))
 
         yield closed_loop(name, command, 550, 36, dt=0.01, **options)

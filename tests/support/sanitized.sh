@@ -15,6 +15,6 @@ ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD="$runtime" \
     tests/test_native.py::test_the_core_is_part_of_the_package tests/test_fields.py tests/legacy/test_compiled.py tests/velocity/test_compiled_law.py \
     tests/velocity/test_batch.py tests/velocity/test_several.py tests/control/test_frame_cost.py \
     tests/control/test_clearance_engine.py tests/control/test_clearance_at_first.py tests/geometry/test_distance.py \
-    tests/control/test_compiled.py tests/pose/test_search.py tests/pose/test_poses.py tests/robots/test_chain.py \
+    tests/control/test_loop.py tests/legacy/test_compiled_loop.py tests/pose/test_search.py tests/pose/test_poses.py tests/robots/test_chain.py \
     tests/systems/test_projectors.py tests/systems/test_pseudoinverses.py::test_the_core_answers_what_is_well_conditioned \
     tests/paths/test_ticks_compiled.py tests/force/test_compiled.py
