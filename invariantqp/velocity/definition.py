@@ -9,9 +9,9 @@
     p      = argmin over all limits, 0 <= p <= 1:   1/2 |x - y(p)|_K^2 + |f| |d|_K (1 - p) + 1/2 eps |d|_K^2 (1 - p)^2
     x      = argmin over all limits:   |x - y(p)|_H,            K = A'A + (mu + NULL^2 |A|^2) I
 
-Limits slow the way of the tool to its target down (p) before they bend it; joints may go another way (K). |x| is in the joint metric, P the projector on joint
-velocities that move nothing. mu = KAPPA held |A| r_before, r = |A x - f - p e| of what joints can do at all: an arm
-that cannot get nearer comes to rest. nu, w: shares of |A|^2.
+Limits slow the way of the tool to its target down (p) before they bend it; joints may go another way (K). |x| is in
+the joint metric, P the projector on joint velocities that move nothing. mu = KAPPA held |A| r_before, r what joints can
+do at all of |A x - f - p e|: an arm that cannot get nearer comes to rest. nu, w: shares of |A|^2.
 
 (a) A call by itself remembers nothing: mu = nu = 0, w = NULL^2 |A|^2: a twist that limits allow is done. `damping`
     lambda^2 |x|^2 / 2 holds a singular one. A loop remembers x_before and r_before, at first (0, 0).
@@ -23,11 +23,12 @@ that cannot get nearer comes to rest. nu, w: shares of |A|^2.
     for, shortens A x_h - A x_0 beside least squares x_0 to sqrt(1 - eta) |A x_0|: eta of what x_0 closes is kept.
 (c) x_p = min(1, t / t_p)^2 times the posture's velocity: t and t_p are the largest shares of their full speed that
     joints need for the task and for the posture. A task at rest leaves the joints at rest.
-(d) The approach to a target, with accelerations and two numbers more, is control/tracking.py's.
+(d) The approach to a target under acceleration limits, with two numbers more, is that of core/loop.cpp.
 
 Exact rows E x = a (E_f + p E_e) hold at the largest share a of their speed that limits allow, damped by r_before as
-well; twist and posture slow down with them. Where standing still is outside the limits, rows come as near to that as
-limits allow. Rows that contradict the box, and a tool speed that contradicts both, give way by the least, by name.
+well; twist and posture slow down with them, and c is of the rest. Where standing still is outside the limits, rows
+come as near to that as limits allow. Rows that contradict the box, and a tool speed that contradicts both, give way by
+the least, by name.
 Twists of several bodies are stacked, with sqrt(weight) R of each; `prioritised` keeps what the levels above achieve.
 """
 
