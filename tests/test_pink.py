@@ -410,7 +410,7 @@ def test_bad_input_is_refused_by_name(arms):
         ({"length": 0.5, "orientation_cost": 1.0}, "Both say what a radian costs"),
         ({"position_cost": [1.0, 2.0, 1.0]}, "Say orientation_cost too"),
         ({"orientation_cost": 1.0, "form": iq.CarriedMetric(np.ones(6), np.eye(4))}, "it says what a radian costs"),
-        ({"damping": iq.velocity.Adaptive()}, "damping: found Adaptive"),
+        ({"damping": iq.Guard(0.5)}, "damping: found Guard"),
         ({"damping": -0.1}, "damping"),
         ({"form": iq.PitchForm(0.3, convexified=True)}, "convexified"),
     ):

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from invariantqp.control.demands import View, rows_of
 from invariantqp.control.limits import Changes, RowLimits, limit_fields, stacked, tool_speed_fields
-from invariantqp.errors import excerpt
+from invariantqp.errors import InvariantQPError, excerpt
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.kinematics import Sighting
 from invariantqp.velocity.backends import SolverFailure
-from invariantqp.velocity.definition import Rows, Tick, velocity
+from invariantqp.velocity.definition import Answer, Rows, Tick, velocity
 from invariantqp.velocity.exact import ExactRows, whitened
 from invariantqp.velocity.limits import LimitRows
 from invariantqp.velocity.problem import found_by
@@ -153,12 +154,21 @@ class Callbacks:
             fields["exact"] = M.T.dot(E), first.dot(M), error.dot(M)
         tick = Tick(**fields, form=loop.form if formed else None, guard=None if guard is None else guard.fraction)
         try:
-            answer = velocity(tick, loop.backend)
+            answer = self._velocity(tick)
         except (SolverFailure, np.linalg.LinAlgError) as failure:
             self._failure = str(failure) or excerpt(failure)
             return None
         x, pace, share, guarded, limited, relaxed, faster = found_by(answer, tick)
         return x, pace, share, answer.missed, guarded, limited, relaxed, faster
+
+    def _velocity(self, tick: Tick) -> Answer:
+        """By the loop's own solver; where a form has no projector, its guard leaves none of it."""
+        try:
+            return velocity(tick, self._loop.backend)
+        except InvariantQPError as none:
+            if isinstance(none, SolverFailure) or tick.guard is None:
+                raise
+            return velocity(replace(tick, form=None), self._loop.backend)._replace(guarded=0.0)
 
 
 def seen(sighting: Sighting) -> tuple[Array, Any]:

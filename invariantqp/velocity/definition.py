@@ -9,9 +9,9 @@
     p      = argmin over all limits, 0 <= p <= 1:   1/2 |x - y(p)|_K^2 + |f| |d|_K (1 - p) + 1/2 eps |d|_K^2 (1 - p)^2
     x      = argmin over all limits:   |x - y(p)|_H,            K = A'A + (mu + NULL^2 |A|^2) I
 
-Limits slow the way of the tool to its target down (p) before they bend it; joints may go another way (K). |x| is in the joint metric, P the projector on joint
-velocities that move nothing. mu = KAPPA held |A| r_before, r = |A x - f - p e| of what joints can do at all: an arm
-that cannot get nearer comes to rest. nu, w: shares of |A|^2.
+Limits slow the way of the tool to its target down (p) before they bend it; joints may go another way (K). |x| is in
+the joint metric, P the projector on joint velocities that move nothing. mu = KAPPA held |A| r_before, r = |A x - f -
+p e| of what joints can do at all: an arm that cannot get nearer comes to rest. nu, w: shares of |A|^2.
 
 (a) A call by itself remembers nothing: mu = nu = 0, w = NULL^2 |A|^2: a twist that limits allow is done. `damping`
     lambda^2 |x|^2 / 2 holds a singular one. A loop remembers x_before and r_before, at first (0, 0).
