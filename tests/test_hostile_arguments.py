@@ -43,7 +43,6 @@ NOT_CALLED = {
 INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root "
     "LimitRows.allow LimitRows.excess LimitRows.used "
-    "Controller.near Controller.posture_pull Controller.said Controller.begin Controller.unwrapped Controller.wrong "
     "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after Clearance.given "
     "Clearance.watch OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
     "ExactRows.on LimitRows.called "

@@ -502,7 +502,7 @@ def lambda_of(damping: float | None) -> float:
     if isinstance(damping, bool) or not isinstance(damping, Real):
         remedy = "Without a form the law damps by itself, by what the last tick missed."
         raise BadInput("damping", excerpt(damping), "a number lambda >= 0, or None", remedy)
-    return arrays.not_negative(float(damping), "damping", "lambda")
+    return arrays.not_negative(damping, "damping", "lambda")
 
 
 def _engine(settings: dict[str, Any]) -> Any:

@@ -223,7 +223,7 @@ class LegacyLoop:
             damping=damping_of(damping, limited=bool(np.isfinite(robot.velocity_limit).all())),
             guard=guard_of(guard),
             metric=metric_of(joint_metric, seen.J, tip, self.measure.length),
-            backend=backend_of(backend or "daqp"),
+            backend=backend_of("daqp" if backend is None else backend),
             dt=self.dt + self.delay,
             engine=by,
         )

@@ -24,13 +24,13 @@ FEW = iq.robots.Chain(
     ("robot", "q", "share"),
     [(FEW, [0.0, -0.6, 0.5, 0.4], 20), (iq.load_robot("so101"), [0.0, -0.3, 0.5, 0.4, 0.1], 38)],
 )
-@pytest.mark.parametrize("engine", ["compiled", "python"])
+@pytest.mark.parametrize("backend", [None, "daqp"])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_an_arm_that_does_a_part_of_a_twist_says_how_much(robot, q, share, engine, sign):
+def test_an_arm_that_does_a_part_of_a_twist_says_how_much(robot, q, share, backend, sign):
     """30 mm/s along y for a second, as in OpenMANIPULATOR-X and SO-101; the advice is followed, too."""
     twist = [0.0, 0.0, 0.0, 0.0, sign * 0.03, 0.0]
     for exact, done in ((None, share / 100.0), ("position", 1.0)):
-        loop, at = iq.Controller(robot, dt=0.02, exact=exact, engine=engine), np.array(q)
+        loop, at = iq.Controller(robot, dt=0.02, exact=exact, backend=backend), np.array(q)
         said = set()
         for _ in range(50):
             solution = loop.follow(at, twist)
