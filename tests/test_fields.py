@@ -12,6 +12,7 @@ from support.arms import ready
 
 import invariantqp as iq
 from invariantqp.engine import core
+from invariantqp.legacy.loop import LegacyLoop
 
 SOURCES = Path(__file__).parent.parent / "invariantqp" / "csrc"
 pytestmark = pytest.mark.skipif(core is None, reason="no compiled core here")
@@ -105,9 +106,9 @@ def test_the_engine_is_an_argument_of_a_loop_of_its_robot_and_of_a_law():
     robot = iq.load_robot("panda")
     q = ready("panda")
     target = robot.pose(q + 0.3)
-    native = iq.Controller(robot, dt=0.002)
-    alone = iq.Controller(robot, dt=0.002, engine="python")
-    of_robot = iq.Controller(robot.by_engine("python").with_tool(np.eye(4)).with_limits(), dt=0.002)
+    native = LegacyLoop(robot, dt=0.002)
+    alone = LegacyLoop(robot, dt=0.002, engine="python")
+    of_robot = LegacyLoop(robot.by_engine("python").with_tool(np.eye(4)).with_limits(), dt=0.002)
     assert native.compiled is not None
     assert alone.compiled is of_robot.compiled is None
     assert (alone.law.engine, alone.robot.engine, of_robot.law.engine) == ("python",) * 3
@@ -118,6 +119,6 @@ def test_the_engine_is_an_argument_of_a_loop_of_its_robot_and_of_a_law():
     moved = native.by_engine("python")
     np.testing.assert_array_equal(moved.kept, native.kept)
     assert moved.by_engine("compiled").compiled is not None
-    for make in (native.by_engine, robot.by_engine, lambda name: iq.Controller(robot, dt=0.01, engine=name)):
+    for make in (native.by_engine, robot.by_engine, lambda name: LegacyLoop(robot, dt=0.01, engine=name)):
         with pytest.raises(iq.BadInput, match="engine"):
             make("fortran")

@@ -20,7 +20,7 @@ def words(table):
 CALLS = {**ALGEBRA, **CONTROL}
 # Every public name, of the package and of its namespaces.
 PUBLIC = {name: value for names in public_names().values() for name, value in names.items()}
-PROTOCOLS = "Backend Controls Damping Exact Form Limit Robot"
+PROTOCOLS = "Backend Controls Exact Form Limit Robot"
 # Public names that are not called here, and why.
 NOT_CALLED = {
     "a result: the library makes it": "Border Candidate Centre Identification "
@@ -42,11 +42,10 @@ NOT_CALLED = {
 # Public methods that are not called here, and why.
 INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root "
-    "LimitRows.allow LimitRows.excess LimitRows.used PaperLambda.of_size "
-    "Controller.near Controller.posture_pull Controller.said Controller.begin Controller.unwrapped Controller.wrong "
+    "LimitRows.allow LimitRows.excess LimitRows.used "
     "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after "
     "Clearance.begin_at OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
-    "Adaptive.squares Fixed.squares Selective.squares ExactRows.on LimitRows.called "
+    "ExactRows.on LimitRows.called "
     "ToolSpeed.cone Chain.sight Chain.points "
     "InvariantFrameTask.compute_qp_objective",
     "of this package's own files, with arguments of their making": "ScrewSystem.with_tolerance ScrewSystem.derived "
@@ -77,8 +76,7 @@ TAKES_NAN = words(
 TAKES_MORE = words({"rows of rows": ROWS, "changes nothing there": NOT_USED, "one for each target": "solve_poses.q0"})
 TAKES_LESS = words(
     {
-        "one for each joint of any arm": "PaperLambda.matrix JointLimits.position_upper AccelerationLimit.limit "
-        "JointTask.velocity",
+        "one for each joint of any arm": "JointLimits.position_upper AccelerationLimit.limit JointTask.velocity",
         "any number of angles": "Cylindroid.at.angles",
         "any number of rows": "ExactJoints.A DifferentialIK.compute.jacobian solve_poses.targets",
         "changes nothing there": NOT_USED,

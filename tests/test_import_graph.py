@@ -14,17 +14,6 @@ def ours():
     return import_graph(PACKAGE)
 
 
-# What of velocity/ uses the law in legacy/, until it has its own.
-LEGACY_USERS = ["invariantqp.velocity"]
-
-
-def without_legacy_law():
-    """The graph without what these import from legacy/."""
-    graph = ours()
-    legacy = {name for name in graph if name.startswith("invariantqp.legacy")}
-    return {**graph, **{name: graph[name] - legacy for name in LEGACY_USERS}}
-
-
 def written(folder, files):
     """A package p made of {"a": source, "b.c": source}."""
     for name, source in ({"": "", **files}).items():
@@ -77,7 +66,7 @@ def test_no_module_imports_the_face_of_the_package():
 
 
 def test_no_folder_imports_itself_by_way_of_others():
-    assert circle(rooms(without_legacy_law())) == []
+    assert circle(rooms(ours())) == []
     compare = {name: targets for name, targets in ours().items() if name.startswith("invariantqp.compare")}
     inside = rooms({name: targets & set(compare) for name, targets in compare.items()}, depth=2)
     assert len(inside) > 5

@@ -37,7 +37,6 @@ from invariantqp.errors import BadInput, listed, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.screws import turning
-from invariantqp.legacy.damping import Adaptive
 from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.points import centre
 from invariantqp.systems.report import SystemReport, along_axes, describe
@@ -53,6 +52,8 @@ NEARLY_ALL = 0.9
 MULTIPLES = (1.0, 1.5, 2.0, 3.0, 4.0)
 # Starts of the search for states with the tool up or down: by 500 the same is recommended for each of 20 arms.
 STARTS = 32
+# Directions of the tool that need 500 times the joint speed of the strongest one are none that an arm has.
+LEAST = 2e-3
 # Sines, and shares of the largest, that nobody asks an arm for: finer than a tool is pointed.
 SMALL = 1e-3
 # Newton's steps; four to eight are enough from anywhere for arms whose wrist can turn that far.
@@ -201,10 +202,9 @@ def _tuple(values: Array) -> str:
 
 
 def achievable(A: Array) -> Array:
-    """(6, k) orthonormal: the twists that the measured joints A (6, m) can do, damping leaves half of them and more."""
+    """(6, k) orthonormal: the twists that the measured joints A (6, m) can do at speeds that an arm has."""
     U, sigma, _ = np.linalg.svd(A, full_matrices=False)
-    damped = Adaptive().squares(sigma, np.zeros(len(sigma)), sigma[0])
-    return np.asarray(U[:, sigma * sigma >= np.maximum(damped, np.finfo(float).tiny)])
+    return np.asarray(U[:, sigma >= max(LEAST * sigma[0], np.finfo(float).tiny)])
 
 
 def projector_norms(U: Array, inverse_root: Array, pitches: Sequence[float]) -> Array:

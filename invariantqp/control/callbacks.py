@@ -3,25 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any, Protocol
 
 import numpy as np
 
-from invariantqp.control.demands import View, rows_of
-from invariantqp.control.limits import Changes, RowLimits, limit_fields, stacked, tool_speed_fields
-from invariantqp.errors import excerpt
+from invariantqp.control.demands import Exact, View, rows_of
+from invariantqp.control.limits import Changes, LoopLimits, RowLimits, limit_fields, stacked, tool_speed_fields
+from invariantqp.errors import BadInput, InvariantQPError, excerpt
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.kinematics import Sighting
-from invariantqp.velocity.backends import SolverFailure
-from invariantqp.velocity.definition import Rows, Tick, velocity
+from invariantqp.robots.kinematics import Robot, Sighting
+from invariantqp.velocity.backends import Backend, SolverFailure
+from invariantqp.velocity.definition import Answer, Rows, Tick, velocity
 from invariantqp.velocity.exact import ExactRows, whitened
-from invariantqp.velocity.limits import LimitRows
+from invariantqp.velocity.forms import Form
+from invariantqp.velocity.guard import Guard
+from invariantqp.velocity.limits import JointBox, LimitRows
 from invariantqp.velocity.problem import found_by
 from invariantqp.velocity.reasons import Code, Reason, told
 from invariantqp.velocity.solution import Status, VelocitySolution, both
 
-if TYPE_CHECKING:
-    from invariantqp.control.controller import Controller
+
+class LoopOfUser(Protocol):
+    """What is read of a controller, whose attributes these are."""
+
+    robot: Robot
+    limits: LoopLimits
+    box: JointBox
+    joint_rows: RowLimits | None
+    exact: tuple[Exact, ...]
+    form: Form | None
+    guard: Guard | None
+    backend: Backend | None
+    by_chain: bool
+    asks_demands: bool
 
 
 class Callbacks:
@@ -32,7 +47,7 @@ class Callbacks:
         raised: the exception that one of the functions raised, or None.
     """
 
-    def __init__(self, controller: Controller, now: Changes | None, target: Any) -> None:
+    def __init__(self, controller: LoopOfUser, now: Changes | None, target: Any) -> None:
         """Of a controller's tick towards a target, None for a twist; `now` is what is other in this tick."""
         own, changed = controller.joint_rows, None if now is None else now.joint_rows
         self._loop, self._target, self._now = controller, target, now
@@ -153,14 +168,29 @@ class Callbacks:
             fields["exact"] = M.T.dot(E), first.dot(M), error.dot(M)
         tick = Tick(**fields, form=loop.form if formed else None, guard=None if guard is None else guard.fraction)
         try:
-            answer = velocity(tick, loop.backend)
+            answer = self._velocity(tick)
         except (SolverFailure, np.linalg.LinAlgError) as failure:
             self._failure = str(failure) or excerpt(failure)
             return None
         x, pace, share, guarded, limited, relaxed, faster = found_by(answer, tick)
         return x, pace, share, answer.missed, guarded, limited, relaxed, faster
 
+    def _velocity(self, tick: Tick) -> Answer:
+        """By the loop's own solver; where a form has no projector, its guard leaves none of it."""
+        try:
+            return velocity(tick, self._loop.backend)
+        except InvariantQPError as none:
+            if isinstance(none, SolverFailure) or tick.guard is None:
+                raise
+            return velocity(replace(tick, form=None), self._loop.backend)._replace(guarded=0.0)
+
 
 def seen(sighting: Sighting) -> tuple[Array, Any]:
-    """A sighting as the engine takes it."""
+    """A sighting as the engine takes it.
+
+    Raises:
+        BadInput: something else.
+    """
+    if not isinstance(sighting, Sighting):
+        raise BadInput("sighting", excerpt(sighting), "what robot.sight returned")
     return sighting.J, sighting.pose

@@ -197,14 +197,7 @@ class Controller:
         posture_at, pull = posture_of(posture, posture_gain, robot)
         self.posture_gain: float = float(pull.max())
         self.backend: Backend | None = None if backend is None else backend_of(backend)
-        more: list[Limit] = [] if rows is None else [row_limit(rows)]
-        more += [] if tool_speed is None else [tool_speed_of(tool_speed)]
-        more += limits_of(limits)
-        if acceleration_limit is not None:
-            more.append(AccelerationLimit(accelerations(acceleration_limit, m)))
-        margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
-        require_range(robot.position_lower, robot.position_upper, margin, "position_margin")
-        more += [JointLimits(margin=margin)] if margin > 0.0 else []
+        more = limits_by_name(robot, acceleration_limit, position_margin, tool_speed, rows, limits)
         self.limits: LoopLimits = LoopLimits.of(loop_of(robot, self.dt, self.delay), more, far_outside, state.J, tip)
         refuse(self.limits.wrong(posture_at), "posture")
         self.box, self.braking, self.tool_speed, self.joint_rows = self.limits[:4]
@@ -237,16 +230,14 @@ class Controller:
         self.by_chain: bool = type(robot) is Chain  # a class of the user's may be no such chain
         if isinstance(robot, Chain) and self.by_chain:
             self._settings |= {"screws": robot.screws, "home": robot.home}
-        self._fixed = None if self.joint_rows is None else self.joint_rows.fixed
-        if self._fixed is not None:
-            self._settings["rows"] = self._fixed.C, self._fixed.lower, self._fixed.upper
+        fixed = self._fixed = None if self.joint_rows is None else self.joint_rows.fixed
         demands = demand_fields(self.exact)
-        self._settings["exact"] = demands or ()
+        self._settings |= {"rows": fixed and (fixed.C, fixed.lower, fixed.upper), "exact": demands or ()}
         self.asks_demands: bool = demands is None
-        asks_limits = self.joint_rows is not None and (self._fixed is None or any(self.joint_rows.does.values()))
+        asks_limits = self.joint_rows is not None and (fixed is None or any(self.joint_rows.does.values()))
         self._calls = not self.by_chain or asks_limits or self.asks_demands or self.backend is not None
         self._state = law.LoopState(m, self.delay, self.dt)
-        self._loop = law.Loop(self._settings)
+        self._loop = _engine(self._settings)
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name[0] != "_" and name != "state" and "_loop" in self.__dict__:  # the engine has its own copy
@@ -267,7 +258,7 @@ class Controller:
 
     def __setstate__(self, fields: dict[str, Any]) -> None:
         vars(self).update(fields)
-        vars(self)["_loop"] = law.Loop(self._settings)
+        vars(self)["_loop"] = _engine(self._settings)
 
     @property
     def state(self) -> Any:
@@ -327,7 +318,8 @@ class Controller:
         Raises:
             BadInput: NaN, wrong shapes, or a target thirty times as far away as the arm is long, as one in millimetres
                 is; the controller is as it was.
-            NoPseudoinverse: the form has no projector for the arm as it is now, and no damping is given.
+            NoPseudoinverse: the form has no projector for the arm as it is now, and there is neither a damping nor a
+                guard, which leaves none of the form then.
         """
         if target is None:
             raise BadInput("target", "None", "a (4, 4) pose, or a pinocchio.SE3", "For a twist, call follow(q, twist).")
@@ -462,6 +454,25 @@ class Controller:
         return BadInput("the arguments", str(refusal), "numbers that can be computed with")
 
 
+def limits_by_name(
+    robot: Robot,
+    acceleration_limit: ArrayLike | None,
+    position_margin: float,
+    tool_speed: ToolSpeed | float | None,
+    rows: Rows | None,
+    limits: Sequence[AnyLimit],
+) -> list[Limit]:
+    """The limits of a controller beside the robot's own, from the arguments of these names."""
+    more: list[Limit] = [] if rows is None else [row_limit(rows)]
+    more += [] if tool_speed is None else [tool_speed_of(tool_speed)]
+    more += limits_of(limits)
+    if acceleration_limit is not None:
+        more.append(AccelerationLimit(accelerations(acceleration_limit, len(robot.names))))
+    margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
+    require_range(robot.position_lower, robot.position_upper, margin, "position_margin")
+    return [*more, JointLimits(margin=margin)] if margin > 0.0 else more
+
+
 def posture_of(posture: ArrayLike | bool, gain: float, robot: Robot) -> tuple[Array, Array]:
     """The joint positions (m,) and the gain (m,) [1/s] of each joint, 0 where there is no posture.
 
@@ -493,7 +504,19 @@ def lambda_of(damping: float | None) -> float:
     if isinstance(damping, bool) or not isinstance(damping, Real):
         remedy = "Without a form the law damps by itself, by what the last tick missed."
         raise BadInput("damping", excerpt(damping), "a number lambda >= 0, or None", remedy)
-    return arrays.not_negative(float(damping), "damping", "lambda")
+    return arrays.not_negative(damping, "damping", "lambda")
+
+
+def _engine(settings: dict[str, Any]) -> Any:
+    """The loop of the engine.
+
+    Raises:
+        BadInput: absurdly large or small numbers.
+    """
+    try:
+        return law.Loop(settings)
+    except ValueError as refusal:
+        raise BadInput("the arguments", str(refusal), "numbers that can be computed with") from None
 
 
 def _measure_fields(measure: ToolMeasure) -> dict[str, Any]:

@@ -313,9 +313,16 @@ class TickOfLoop {
 
     Answer solved(const Tick& of) const
     {
-        const Answer found = functions.law ? functions.law(of) : velocity(of, w);
-        if (found.failure == Failure::no_pseudoinverse)
+        const auto by_law = [&](const Tick& tick) { return functions.law ? functions.law(tick) : velocity(tick, w); };
+        Answer found = by_law(of);
+        if (found.failure != Failure::no_pseudoinverse)
+            return found;
+        if (of.guard < 0)
             throw NoProjector();
+        Tick plain = of;  // the form serves nothing here, and its guard leaves none of it
+        plain.form = FormKind::none;
+        found = by_law(plain);
+        found.guarded = 0;
         return found;
     }
     Report answered()

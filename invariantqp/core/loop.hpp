@@ -99,7 +99,8 @@ class Loop {
     LoopSettings settings;
     std::optional<Chain> chain;
 
-    // One tick; the state is that of the next. Throws FarTarget, or NoProjector of a form; the state is then as it was.
+    // One tick; the state is that of the next. Throws FarTarget, or NoProjector of a form without a guard; the state is then
+    // as it was.
     Report tick(LoopState& state, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const;
 };
 

@@ -19,25 +19,25 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.controller import POSTURE_GAIN, Controller, posture_of
+from invariantqp.control.controller import POSTURE_GAIN, Controller, limits_by_name, posture_of
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
 from invariantqp.control.limits import (
-    AccelerationLimit,
     AnyLimit,
     Changes,
-    JointLimits,
-    Limit,
     LoopLimits,
     Rows,
-    limits_of,
     loop_of,
     refuse,
-    require_range,
-    row_limit,
-    tool_speed_of,
 )
 from invariantqp.control.measure import ToolMeasure
-from invariantqp.control.tracking import question_gain, question_times, same_turn, tracking_gain, tracking_twist
+from invariantqp.control.tracking import (
+    question_gain,
+    question_times,
+    same_turn,
+    ticks_late,
+    tracking_gain,
+    tracking_twist,
+)
 from invariantqp.engine import ENGINES, Engine
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, sizes
@@ -46,7 +46,7 @@ from invariantqp.legacy.approach import Approach, approach
 from invariantqp.legacy.compiled_loop import acts_at, compiled_loop, compiled_tick
 from invariantqp.legacy.damping import Damping, Fixed, PaperLambda, damping_of
 from invariantqp.legacy.law import SLACK, SLACK_GAIN, Chase, Demand, VelocityLaw
-from invariantqp.legacy.memory import HEADER, Memory, ticks_late
+from invariantqp.legacy.memory import HEADER, Memory
 from invariantqp.legacy.response import units
 from invariantqp.legacy.solve import solve, standing
 from invariantqp.robots.chain import Chain
@@ -64,7 +64,7 @@ from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard, guard_of
-from invariantqp.velocity.limits import LimitRows, ToolSpeed, accelerations
+from invariantqp.velocity.limits import LimitRows, ToolSpeed
 from invariantqp.velocity.reasons import Code, Reason, read
 from invariantqp.velocity.solution import Status, VelocitySolution, with_trouble
 
@@ -152,7 +152,7 @@ class LegacyLoop:
             gain: tracking gain [1/s], at most 1/dt; None is 0.1/dt, a tenth of the error in a tick, or less where a
                 delay is given.
             form: what is attempted of a twist that the joints cannot do; None is least squares at the point.
-            damping: lambda, or a policy such as `velocity.Selective`; None is `velocity.Adaptive()`.
+            damping: lambda, or a policy of `legacy.damping`; None is `Adaptive()`.
             guard: the descent guard of a form; True is the default one, False none.
             posture: (m,) joint positions that are kept near where the tool's motion leaves joints free; True is the
                 middle of the ranges of hinges, not of slides, for arms with more than six joints, False is none. Where
@@ -223,21 +223,14 @@ class LegacyLoop:
             damping=damping_of(damping, limited=bool(np.isfinite(robot.velocity_limit).all())),
             guard=guard_of(guard),
             metric=metric_of(joint_metric, seen.J, tip, self.measure.length),
-            backend=backend_of(backend or "daqp"),
+            backend=backend_of("daqp" if backend is None else backend),
             dt=self.dt + self.delay,
             engine=by,
         )
         self._posture, self._pull = posture_of(posture, posture_gain, robot)
         self.posture_gain: float = float(self._pull.max())
         self._slack = SLACK * min(self.gain, SLACK_GAIN) * self.measure.radian
-        told: list[Limit] = [] if rows is None else [row_limit(rows)]
-        told += [] if tool_speed is None else [tool_speed_of(tool_speed)]
-        told += limits_of(limits)
-        if acceleration_limit is not None:
-            told.append(AccelerationLimit(accelerations(acceleration_limit, m)))
-        margin = arrays.not_negative(position_margin, "position_margin", "a distance kept from position limits")
-        require_range(robot.position_lower, robot.position_upper, margin, "position_margin")
-        told += [JointLimits(margin=margin)] if margin > 0.0 else []
+        told = limits_by_name(robot, acceleration_limit, position_margin, tool_speed, rows, limits)
         self._limits = LoopLimits.of(loop_of(robot, self.dt, self.delay), told, far_outside, seen.J, tip)
         refuse(self.wrong(self._posture), "posture")
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]

@@ -159,17 +159,15 @@ class Follower:
             if keep != "shape":
                 raise BadInput("keep", repr(keep), '"shape"', "In contact a path is driven, and waits for the touch.")
             self._pressed = Pressed(loop)
-            loop = loop.loop
-        elif isinstance(loop, Controller):
-            loop = legacy_loop(loop)
-        else:
+        elif not isinstance(loop, Controller):
             raise BadInput("loop", excerpt(loop), "a Controller, or a HybridController")
+        inner = loop.loop if isinstance(loop, HybridController) else legacy_loop(loop)
         self._keep = arrays.choice(keep, "keep", ("time", "shape"))
-        if loop.braking is None and (self._keep == "time" or jerk is not None):
+        if inner.braking is None and (self._keep == "time" or jerk is not None):
             raise BadInput("loop", "one without an acceleration limit", "Controller(acceleration_limit=...)")
-        self.controller = loop
-        self._m = m = len(loop.robot.names)
-        self._limits = _limits_of(loop, jerk, rise=RISE if keep == "time" else 0.5 * loop.dt)
+        self.controller = inner
+        self._m = m = len(inner.robot.names)
+        self._limits = _limits_of(inner, jerk, rise=RISE if keep == "time" else 0.5 * inner.dt)
         self.jerk: Array = self._limits.jerk
         self._options: dict[str, Any] = {
             "joint_jerk": np.full(m, inf) if jerk is None else self.jerk,
@@ -183,17 +181,17 @@ class Follower:
         if self._share > 1.0:
             raise BadInput("approach", f"{self._share:g}", "a share of the speed limits, up to 1")
         self._drops = arrays.flag(drop_outliers, "drop_outliers")
-        least = REACHED * loop.measure.length
+        least = REACHED * inner.measure.length
         self._tolerance = (
             least if tolerance is None else arrays.number(tolerance, "tolerance", "a distance", positive=True)
         )
-        self._solver = Solver(loop, self._tolerance)
-        self._unbraked = loop.unbraked(2.0 * float((self._limits.acceleration / self.jerk).max()))
+        self._solver = Solver(inner, self._tolerance)
+        self._unbraked = inner.unbraked(2.0 * float((self._limits.acceleration / self.jerk).max()))
         # What no joint knows by itself: in each tick the loop has the last word.
-        bound = loop.tool_speed is not None or loop.joint_rows is not None
-        self._beside = loop.of_joints() if bound else None
-        self._box, braking = self._unbraked.box, loop.braking
-        self._braking = None if braking is None else BrakingBox(self._box, braking.acceleration, loop.dt)
+        bound = inner.tool_speed is not None or inner.joint_rows is not None
+        self._beside = inner.of_joints() if bound else None
+        self._box, braking = self._unbraked.box, inner.braking
+        self._braking = None if braking is None else BrakingBox(self._box, braking.acceleration, inner.dt)
         self.paused: bool = False
         self._reset()
 

@@ -5,11 +5,6 @@ from typing import TYPE_CHECKING
 from invariantqp.lazy import loaded_on_use
 
 if TYPE_CHECKING or not loaded_on_use(__name__):
-    from invariantqp.legacy.damping import Adaptive as Adaptive
-    from invariantqp.legacy.damping import Damping as Damping
-    from invariantqp.legacy.damping import Fixed as Fixed
-    from invariantqp.legacy.damping import PaperLambda as PaperLambda
-    from invariantqp.legacy.damping import Selective as Selective
     from invariantqp.velocity import definition as definition
     from invariantqp.velocity.backends import Backend as Backend
     from invariantqp.velocity.backends import BoxQP as BoxQP

@@ -14,7 +14,7 @@ from support.two_laws import Brought, disagreements, native_answer, python_answe
 
 import invariantqp as iq
 from invariantqp.engine import core
-from invariantqp.legacy.damping import Fixed
+from invariantqp.legacy.damping import Adaptive, Fixed, PaperLambda
 from invariantqp.legacy.law import Demand, VelocityLaw
 from invariantqp.legacy.problem import problem_of
 from invariantqp.legacy.solve import solve
@@ -195,7 +195,7 @@ def test_rows_hold_to_rounding_beside_a_tool_speed_that_gives_way(tick):
 
 def test_the_core_answers_most_of_them():
     ticks = [random_tick(np.random.default_rng(seed)) for seed in range(repeats(2000, 800))]
-    adaptive = [(law, demand) for law, demand in ticks if type(law.damping) is iq.velocity.Adaptive]
+    adaptive = [(law, demand) for law, demand in ticks if type(law.damping) is Adaptive]
     usual = [(law, demand) for law, demand in adaptive if demand.exact is None and demand.cone is None and not law.form]
     still = [np.clip(np.zeros(len(demand.lower)), demand.lower, demand.upper) for _, demand in usual]
     usual = [tick for tick, x in zip(usual, still, strict=True) if tick[1].rows is None or tick[1].rows.allow(x)]
@@ -248,7 +248,7 @@ def test_the_core_says_how_it_is_called(name):
         {"form": iq.PitchForm(0.1, convexified=True)},
         {"damping": Quiet()},
         {"backend": backend_of("osqp")},
-        {"damping": iq.velocity.PaperLambda(0.1)},
+        {"damping": PaperLambda(0.1)},
     ],
     ids=lambda law: next(iter(law)),
 )
@@ -488,7 +488,7 @@ def test_limits_hold_however_far_the_optimum_without_them_is(engine, size):
         C = rng.normal(size=(2, m))
         most, slow = 1e-3 * np.linalg.norm(C, axis=1), iq.limits.ToolSpeed(1e-4 * size, np.zeros(3))
         options = {
-            "damping": iq.velocity.Fixed(0.0),
+            "damping": Fixed(0.0),
             "point": np.zeros(3),
             "length": 1.0,
             "rows": iq.limits.LimitRows(C, -most, most),

@@ -14,6 +14,7 @@ from support.two_laws import Brought, same_reasons
 import invariantqp as iq
 from invariantqp.engine import core
 from invariantqp.legacy.compiled_loop import compiled_tick
+from invariantqp.legacy.damping import Selective
 from invariantqp.legacy.loop import LegacyLoop
 from invariantqp.legacy.objective import least_squares, spectrum_of
 from invariantqp.velocity.reasons import Code
@@ -38,7 +39,7 @@ LOOPS = [
     (POINT, {"acceleration_limit": 5.0, "form": iq.CarriedMetric([0.2, 0.1, 0.3, 1.0, 2.0, 1.0], ASIDE)}),
     ([POINT, AXIS], {"form": iq.CarriedMetric([0.2, 0.1, 0.3, 1.0, 2.0, 1.0])}),
     ([PLANE, AXIS], SLOW),
-    (None, {"form": 0.1, "damping": iq.velocity.Selective()}),
+    (None, {"form": 0.1, "damping": Selective()}),
     (JOINT, ROWS),
 ]
 ARMS = ("panda", "ur5", "so101")

@@ -5,7 +5,7 @@ import pytest
 from support.velocity_reference import UNLIMITED, regular_problem, root_of
 
 import invariantqp as iq
-from invariantqp.legacy.damping import damping_of
+from invariantqp.legacy.damping import Adaptive, Fixed, PaperLambda, Selective, damping_of
 from invariantqp.legacy.law import Chase, Demand, VelocityLaw
 from invariantqp.legacy.objective import least_squares, spectrum_of
 from invariantqp.legacy.problem import problem_of
@@ -17,7 +17,7 @@ def solve_velocity(J, s, **options):
 
 
 def test_adaptive_damping_is_nothing_until_the_threshold_and_continuous_there():
-    policy = iq.velocity.Adaptive(threshold=1e-3, ceiling=1e-2)
+    policy = Adaptive(threshold=1e-3, ceiling=1e-2)
     sigma = np.array([1e-3, 1e-3 * (1 - 1e-9), 0.0])
     at, just_below, zero = np.sqrt(policy.squares(sigma, np.zeros(3), 1.0))
     assert at == 0.0
@@ -31,20 +31,20 @@ def test_adaptive_damping_is_nothing_until_the_threshold_and_continuous_there():
 
 
 def test_where_a_joint_has_no_limit_the_default_is_stronger():
-    assert damping_of(None, limited=True) == iq.velocity.Adaptive()
-    assert damping_of(None, limited=False) == iq.velocity.Adaptive(*UNLIMITED)
-    assert damping_of(0.3, limited=True) == iq.velocity.Fixed(0.3)
+    assert damping_of(None, limited=True) == Adaptive()
+    assert damping_of(None, limited=False) == Adaptive(*UNLIMITED)
+    assert damping_of(0.3, limited=True) == Fixed(0.3)
 
 
 BAD = {
-    "negative": lambda: iq.velocity.Fixed(-1e-3),
-    "infinite": lambda: iq.velocity.Fixed(np.inf),
-    "threshold": lambda: iq.velocity.Adaptive(threshold=0.0),
-    "ceiling": lambda: iq.velocity.Adaptive(ceiling=-1.0),
-    "speed": lambda: iq.velocity.Selective(speed=0.0),
-    "adaptive": lambda: iq.velocity.Selective(adaptive=0.1),
+    "negative": lambda: Fixed(-1e-3),
+    "infinite": lambda: Fixed(np.inf),
+    "threshold": lambda: Adaptive(threshold=0.0),
+    "ceiling": lambda: Adaptive(ceiling=-1.0),
+    "speed": lambda: Selective(speed=0.0),
+    "adaptive": lambda: Selective(adaptive=0.1),
     "word": lambda: solve_velocity(np.ones((6, 1)), np.ones(6), damping="much"),
-    "paper": lambda: iq.velocity.PaperLambda([[0.0, 1.0], [0.0, 0.0]]),
+    "paper": lambda: PaperLambda([[0.0, 1.0], [0.0, 0.0]]),
 }
 
 
@@ -58,10 +58,10 @@ def test_bad_damping(case):
 @pytest.mark.parametrize(
     "policy",
     [
-        iq.velocity.Fixed(0.0),
-        iq.velocity.Fixed(0.2),
-        iq.velocity.Adaptive(0.05, 0.05),
-        iq.velocity.Selective(0.4, iq.velocity.Adaptive(0.05, 0.05)),
+        Fixed(0.0),
+        Fixed(0.2),
+        Adaptive(0.05, 0.05),
+        Selective(0.4, Adaptive(0.05, 0.05)),
     ],
 )
 def test_no_policy_gains_or_turns_back(policy):
@@ -87,9 +87,9 @@ def test_selective_damping_holds_every_direction_to_its_speed():
     for _ in range(300):
         A, b = rng.normal(size=(6, 5)), 10.0 * rng.normal(size=6)
         A[:, 4] = A[:, 0] + 1e-5 * A[:, 4]
-        fast = least_squares(spectrum_of(A), b, None, iq.velocity.Selective(0.4))
+        fast = least_squares(spectrum_of(A), b, None, Selective(0.4))
         assert np.abs(fast.optimum).max() <= 0.4 * (1.0 + 1e-9)
-        slow = least_squares(spectrum_of(A), 1e-4 * b, None, iq.velocity.Selective(0.4))
+        slow = least_squares(spectrum_of(A), 1e-4 * b, None, Selective(0.4))
         U, sigma, _ = np.linalg.svd(A)
         free = sigma > 0.1 * sigma[0]
         np.testing.assert_allclose(np.abs(slow.optimum[free]), np.abs(1e-4 * b @ U[:, :5] / sigma)[free], rtol=1e-9)
@@ -135,7 +135,7 @@ def test_the_papers_damping_says_what_it_does():
     s = np.ones(6)
 
     def printed(Lambda, **options):
-        return solve_velocity(J, s, damping=iq.velocity.PaperLambda(Lambda), **{"form": 0.2, **options})
+        return solve_velocity(J, s, damping=PaperLambda(Lambda), **{"form": 0.2, **options})
 
     near = printed(1.001 * pole)
     assert near.status == "degraded"

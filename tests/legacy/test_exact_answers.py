@@ -7,6 +7,7 @@ from support.velocity_reference import root_of, shipped
 
 import invariantqp as iq
 from invariantqp.analysis.survey import joint_ranges
+from invariantqp.legacy.damping import Adaptive
 from invariantqp.legacy.law import Demand, VelocityLaw
 from invariantqp.legacy.problem import problem_of
 from invariantqp.legacy.solve import solve
@@ -66,7 +67,7 @@ def test_to_rounding_damping_and_calm_included(share, last):
     U, _ = np.linalg.qr(rng.normal(size=(6, 6)))
     V, _ = np.linalg.qr(rng.normal(size=(7, 7)))
     J, s = np.linalg.solve(root, U * np.r_[np.geomspace(1.0, 0.1, 5), last] @ V[:6]), rng.normal(size=6)
-    free = solve(*problem_of(J, s, point=POINT, length=LENGTH, damping=iq.velocity.Adaptive())).velocity
+    free = solve(*problem_of(J, s, point=POINT, length=LENGTH, damping=Adaptive())).velocity
     reach = np.full(7, share * np.abs(free).max())
     x = solve(VelocityLaw(dt=0.01), Demand(J, s, root, -reach, reach)).velocity
     exact = shipped(root @ J, root @ s, 0.01, -reach, reach)

@@ -4,8 +4,9 @@ from copy import copy
 
 import numpy as np
 import pytest
-from invariantqp.control.response import RESPONSE_TIME, Response
 from support.inputs import KINDS, SIZE, TIME, Bed, cases
+
+from invariantqp.legacy.response import RESPONSE_TIME, Response
 
 CASES = pytest.mark.parametrize(("kind", "name", "dt", "sign"), cases(KINDS, 3))
 STOP = 0.4, 1.0

@@ -5,7 +5,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from invariantqp.control.memory import Memory
 
 import invariantqp as iq
 from invariantqp.control.controller import Controller
@@ -57,8 +56,7 @@ def test_no_tick_imports_anything(imports, name):
 
 def test_the_watch_sees_an_import(imports, monkeypatch):
     monkeypatch.delitem(sys.modules, "this", raising=False)
-    monkeypatch.setattr(Memory, "now", lambda memory, velocity: __import__("this") and memory.commands[0])
     robot = iq.load_robot("ur5")
     q = [0.1, -1.0, 1.2, 0.3, 0.5, 0.0]
-    iq.Controller(robot, dt=0.01, engine="python").step(q, robot.pose(q))
+    iq.Controller(robot, dt=0.01, rows=lambda _: __import__("this") and None).step(q, robot.pose(q))
     assert {name for name, _ in imports} == {"this"}

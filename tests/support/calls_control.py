@@ -79,14 +79,18 @@ def pressed():
     return iq.PathFollower(hybrid(), [start, iq.transform(translation=[0.01, 0.0, 0.0]) @ start])
 
 
+def braking():
+    return iq.Controller(chain(), dt=0.01, acceleration_limit=8.0)
+
+
 def shape_follower():
-    made = iq.Follower(iq.Controller(chain(), dt=0.01, acceleration_limit=8.0), keep="shape")
+    made = iq.Follower(braking(), keep="shape")
     made.follow([chain().pose(Q), chain().pose(np.array(Q) + 0.02)])
     return made
 
 
 def any_follower():
-    return iq.Follower(iq.Controller(chain(), dt=0.01, acceleration_limit=8.0))
+    return iq.Follower(braking())
 
 
 STEP = {"q": Q, "velocity": Q, "now": 0.0, "override": 1.0}
@@ -94,7 +98,7 @@ STEP = {"q": Q, "velocity": Q, "now": 0.0, "override": 1.0}
 
 def loop_options():
     names = "damping guard posture posture_gain joint_metric backend exact point length acceleration_limit delay"
-    more = "position_margin tool_speed rows limits far_outside engine"
+    more = "position_margin tool_speed rows limits far_outside"
     return {"dt": 0.01, "gain": 5.0, "form": H} | usual(iq.Controller, f"{names} {more}")
 
 
@@ -155,9 +159,7 @@ CONTROL = {
     **robot_calls("Chain", chain),
     # control
     "Controller": lambda: (iq.Controller, {"robot": ur5(), **loop_options()}),
-    "Controller.by_engine": lambda: (controller().by_engine, {"engine": "python"}),
     "Controller.step": lambda: (controller().step, {"q": Q, "target": T, "feedforward": TWIST, "velocity": Q, **NOW}),
-    "Controller.unbraked": lambda: (controller().unbraked, {"rise": 0.02}),
     "Controller.follow": lambda: (
         controller().follow,
         {
@@ -221,7 +223,7 @@ CONTROL = {
     "PathFollower.pose": lambda: (follower().pose, {"place": 0.5}),
     "Follower": lambda: (
         iq.Follower,
-        {"loop": any_follower().controller, "jerk": 400.0, "cutoff": 4.0, "tolerance": 1e-4}
+        {"loop": braking(), "jerk": 400.0, "cutoff": 4.0, "tolerance": 1e-4}
         | usual(iq.Follower, "keep rate timeout approach drop_outliers blocked"),
     ),
     "Follower.follow": lambda: (any_follower().follow, {"points": [Q, Q], "stamps": [0.0, 1.0], "at": 0.0}),

@@ -11,6 +11,7 @@ import numpy as np
 
 import invariantqp as iq
 from invariantqp.legacy.compiled import compiled
+from invariantqp.legacy.damping import Adaptive, Fixed, Selective
 from invariantqp.legacy.law import Chase, Demand, VelocityLaw
 from invariantqp.legacy.solve import solve
 from invariantqp.legacy.tick import posed
@@ -24,11 +25,11 @@ STILL = ACTIVE_TOLERANCE * SLOWEST
 ROUNDED, TIMES = 4 * np.finfo(float).eps, (64, 1024)
 SIZES = (1e-60, 1e-6, 1e-3, 1.0, 1.0, 1.0, 1e3, 1e60)
 DAMPINGS = (
-    iq.velocity.Adaptive(),
-    iq.velocity.Adaptive(1e-2, 1e-2),
-    iq.velocity.Fixed(0.0),
-    iq.velocity.Fixed(1e-3),
-    iq.velocity.Selective(),
+    Adaptive(),
+    Adaptive(1e-2, 1e-2),
+    Fixed(0.0),
+    Fixed(1e-3),
+    Selective(),
 )
 
 

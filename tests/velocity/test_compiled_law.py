@@ -267,6 +267,7 @@ def test_no_nan_and_no_infinity_gets_in(value, rng):
 
 
 def test_a_report_counts_its_reasons_by_the_codes_of_the_sentences():
-    names = ("NO_VELOCITY", "NO_NUMBERS", "ROWS_CONTRADICT", "TOOL_FASTER", "ROWS_UNKEPT", "STUCK", "ROWS_SLOWED")
-    names += ("ROWS_MOVED", "CHASE_SLOWED", "GUARDED", "FEW_JOINTS", "POSITION_ALONE", "MISSED", "MOVED", "AT_LIMITS")
-    assert [iq.velocity.Code[name] for name in names] == list(_core.CODES)
+    names = "NOT_BELIEVED STOPPED NO_VELOCITY NO_NUMBERS MOVING_BACK NO_MOTION STATES_ARE_OLD DT_IS_WRONG "
+    names += "NOT_FOLLOWING OUTSIDE ACCELERATION ROWS_CONTRADICT TOOL_FASTER ROWS_UNKEPT STUCK ROWS_SLOWED "
+    names += "ROWS_MOVED CHASE_SLOWED GUARDED FEW_JOINTS POSITION_ALONE MISSED MOVED AT_LIMITS"
+    assert [iq.velocity.Code[name] for name in names.split()] == list(_core.CODES)

@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from invariantqp.control.definition import DefinitionController
 
 import invariantqp as iq
 from invariantqp.robots import rail, stand_on
@@ -376,7 +375,7 @@ def test_an_arm_that_is_led_out_of_reach_rests_there_and_comes_home(exact):
     q = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
     home = robot.pose(q).copy()
     out = home[:3, 3] * (1.0, 1.0, 0.0)
-    loop = DefinitionController(robot, dt=dt, **({} if exact is None else {"exact": exact}))
+    loop = iq.Controller(robot, dt=dt, exact=exact, backend="daqp")
 
     def led(shares):
         nonlocal q
@@ -393,7 +392,7 @@ def test_an_arm_that_is_led_out_of_reach_rests_there_and_comes_home(exact):
 def test_told_to_stay_an_arm_stays():
     robot = iq.load_robot("panda")
     q = np.array([0.2, -0.5, 0.1, -2.0, 0.3, 1.6, 0.5])
-    loop, T = DefinitionController(robot, dt=0.01), robot.pose(q).copy()
+    loop, T = iq.Controller(robot, dt=0.01, backend="daqp"), robot.pose(q).copy()
     assert max(np.abs(loop.step(q, T).velocity).max() for _ in range(20)) < 1e-9
 
 
@@ -408,7 +407,7 @@ def test_a_rail_never_goes_away_from_the_target(name, start, side):
     )
     target = robot.pose(q).copy()
     target[1, 3] += side
-    loop, way = DefinitionController(robot, dt=0.01), []
+    loop, way = iq.Controller(robot, dt=0.01, backend="daqp"), []
     for _ in range(300):
         q = q + 0.01 * loop.step(q, target).velocity
         way.append((q[0] - start) * np.sign(side))

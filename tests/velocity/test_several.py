@@ -127,8 +127,8 @@ def test_bad_tasks_are_refused(rng):
             iq.velocity.TwistTask(J, s, priority=priority)
         with pytest.raises(iq.BadInput, match="priority"):
             iq.velocity.JointTask(np.zeros(4), priority=priority)
-    with pytest.raises(iq.BadInput, match="PaperLambda"):
-        iq.velocity.solve_tasks([iq.velocity.TwistTask(J, s)], damping=iq.velocity.PaperLambda(0.1))
+    with pytest.raises(iq.BadInput, match="Guard"):
+        iq.velocity.solve_tasks([iq.velocity.TwistTask(J, s)], damping=iq.Guard(0.5))
     with pytest.raises(iq.BadInput, match="zero vector"):
         iq.ExactRows.axis(J, np.zeros(3), np.zeros(3))
 
