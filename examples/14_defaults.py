@@ -2,7 +2,7 @@
 
     python examples/14_defaults.py                  everything, less than an hour on two cores
     python examples/14_defaults.py --tasks 8        a first look
-    python examples/14_defaults.py --only damping   the tables with this in their title
+    python examples/14_defaults.py --only length    the tables with this in their title
 
 The tasks are those of the comparison (`invariantqp compare`), those at which methods fail (tasks/stability), and random
 ones on ten arms: a path that is free, that leads through a singularity with feedforward and without, that is too fast
@@ -43,7 +43,6 @@ from invariantqp.compare.arms import STARTS, chain_of
 from invariantqp.compare.figures import NOT_SETTLED, figures
 from invariantqp.compare.tasks import COUNTS, BedTask, bed, from_file, minimum_jerk, spec_of, twists_of
 from invariantqp.control import controller, tracking
-from invariantqp.legacy import damping, exact, law, tick
 from invariantqp.runs.taskfile import LawSpec, law_options, load_task, shipped_tasks
 
 DT = 0.01
@@ -57,10 +56,6 @@ BETTER = 1.05
 # Gains are compared with this noise of encoders [rad] and so many ticks between a command and its effect.
 NOISE, LATE = 1e-4, (1, 4)
 SEED = 14
-
-
-class InPython(iq.velocity.Adaptive):
-    """The default damping as a policy of one's own, which the compiled core does not have: Python's constants count."""
 
 
 class Choice(NamedTuple):
@@ -95,20 +90,11 @@ def fixed(**options: Any) -> Callable[[Any], dict[str, Any]]:
     return lambda _: options
 
 
-def constants(module: Any, name: str, *values: float, **options: Any) -> tuple[Choice, ...]:
-    """The constant as it is, and its other values, in Python."""
+def constants(module: Any, name: str, *values: float) -> tuple[Choice, ...]:
+    """The constant as it is, and its other values."""
     own = getattr(module, name)
     values = (own, *(value for value in values if value != own))
-    in_python = fixed(damping=InPython(), **options)
-    return tuple(Choice(f"{value:g}", in_python, (module, name, value)) for value in values)
-
-
-def dampings() -> tuple[Choice, ...]:
-    """Thresholds and ceilings, the default first."""
-    own = damping.DEFAULT_THRESHOLD, damping.DEFAULT_CEILING
-    grid = [(t, c) for t in (5e-3, 1e-2, 2e-2) for c in (3e-4, 1e-3, 2e-3, 3e-3)]
-    pairs = (own, *(pair for pair in (*grid, law.PLANNED_DAMPING) if pair != own))
-    return tuple(Choice(f"{t:g}, {c:g}", fixed(damping=iq.velocity.Adaptive(t, c))) for t, c in pairs)
+    return tuple(Choice(f"{value:g}", constant=(module, name, value)) for value in values)
 
 
 def pitched(robot: Any) -> dict[str, Any]:
@@ -125,22 +111,11 @@ def gains(late: int) -> Study:
 
 
 STUDIES: dict[str, Study] = {
-    "damping: threshold, ceiling": Study(dampings()),
-    "SLACK: what limits may take of a twist before they slow its chase down": Study(
+    "SLACK: an error that may stay beside position limits [rad]": Study(
         constants(controller, "SLACK", 1e-3, 2e-3, 5e-3)
-    ),
-    "POSTURE_PACE: the joint speed at which half of the posture is followed": Study(
-        constants(tick, "POSTURE_PACE", 1e-3, 3e-3, 1e-2, 2e-2), joints=7
-    ),
-    "POSTURE_TIME: in which a posture may bring joints to full speed [s]": Study(
-        constants(controller, "POSTURE_TIME", 1e-3, 0.05, 0.1, 0.2, 0.5), joints=7
     ),
     "posture_gain [1/s]": Study(
         (Choice("1"), *(Choice(f"{g:g}", fixed(posture_gain=g)) for g in (0.0, 0.3, 3.0, 10.0))), joints=7
-    ),
-    "CALM: damping that grows with the residual": Study(constants(tick, "CALM", 0.0, 0.25, 0.5, 1.0, 4.0)),
-    "EXACT_CALM: the same of exact rows": Study(
-        constants(exact, "EXACT_CALM", 0.15, 0.5, 1.0, 2.0, exact="position"), joints=4
     ),
     **{f"TRACKING_SHARE: of the error in a tick; {NOISE:g} rad of noise, {n} ticks late": gains(n) for n in LATE},
     "form: what is attempted beyond the joints": Study(
@@ -149,7 +124,7 @@ STUDIES: dict[str, Study] = {
             Choice("pitch, the reach", pitched),
             Choice("pitch, four own lengths", lambda r: {"form": 4.0 * own_length(r)}),
             Choice("metric of a 1 kg tool", fixed(form=iq.CarriedMetric(np.repeat((0.0025, 1.0), 3)))),
-            Choice("[DS]'s problem, convexified", lambda r: {"form": iq.PitchForm(reach(r), convexified=True)}),
+            Choice("pitch, damping of 5 cm", lambda r: {"damping": 0.05, **pitched(r)}),
         )
     ),
     "point: where twists are measured (errors are the tool frame's)": Study(
