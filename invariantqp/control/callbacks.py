@@ -40,36 +40,34 @@ class LoopOfUser(Protocol):
 
 
 class Callbacks:
-    """The functions of one tick, and what they said.
+    """The functions that the engine calls in a tick, and what they said.
 
     Attributes:
+        functions: as the engine takes them: arm, rows, after, exact, law; None where there is none.
         rows: the limits on combinations of joint velocities in this tick, or None.
         raised: the exception that one of the functions raised, or None.
     """
 
-    def __init__(self, controller: LoopOfUser, now: Changes | None, target: Any) -> None:
-        """Of a controller's tick towards a target, None for a twist; `now` is what is other in this tick."""
+    def __init__(self, controller: LoopOfUser, now: Changes | None = None) -> None:
+        """Of a controller; `now` is what is other in one tick."""
         own, changed = controller.joint_rows, None if now is None else now.joint_rows
-        self._loop, self._target, self._now = controller, target, now
-        self.rows: LimitRows | None = None if own is None else own.fixed
-        self._of_function = own if own is not None and own.fixed is None else None
+        self._loop, self._now, self._target = controller, now, None
+        self._fixed = None if own is None else own.fixed
+        asked = own if own is not None and own.fixed is None else None
+        self._asked: list[RowLimits] = [limits for limits in (asked, changed) if limits]
         self._limits: list[RowLimits] = [limits for limits in (own, changed) if limits]
+        self.rows: LimitRows | None = self._fixed
         self._trouble: Reason | None = None
         self._failure = ""
         self.raised: BaseException | None = None
-
-    @property
-    def functions(self) -> tuple[Callable[..., Any] | None, ...]:
-        """As the engine takes them: arm, rows, after, exact, law."""
-        loop = self._loop
         looks = any(limits.does["after"] for limits in self._limits)
-        asks = self._of_function is not None or (self._now is not None and bool(self._now.joint_rows))
-        return (
-            None if loop.by_chain else self._kept(self._arm),
-            self._kept(self._limit_rows) if asks else None,
+        self._tells = any(limits.does["broken"] for limits in self._limits)
+        self.functions: tuple[Callable[..., Any] | None, ...] = (
+            None if controller.by_chain else self._kept(self._arm),
+            self._kept(self._limit_rows) if self._asked else None,
             self._kept(self._after) if looks else None,
-            self._kept(self._exact) if loop.asks_demands else None,
-            None if loop.backend is None else self._kept(self._law),
+            self._kept(self._exact) if controller.asks_demands else None,
+            None if controller.backend is None else self._kept(self._law),
         )
 
     @property
@@ -85,8 +83,9 @@ class Callbacks:
             None if speed is None or speed is usual.tool_speed else tool_speed_fields(speed),
         )
 
-    def begin(self, q: Any) -> None:
-        """A tick begins at measured joint positions q (m,)."""
+    def begin(self, q: Any, target: Any) -> None:
+        """A tick begins at measured joint positions q (m,), towards a target, None for a twist."""
+        self.rows, self._target, self._trouble, self._failure, self.raised = self._fixed, target, None, "", None
         for limits in self._limits:
             limits.begin(q)
 
@@ -99,8 +98,7 @@ class Callbacks:
                 solution = solution._replace(reasons=(Reason(Code.NO_VELOCITY, words=self._failure),))
         if self._trouble is not None:
             solution = solution._replace(reasons=both((self._trouble,), solution))
-        broken = next((why for limits in self._limits if (why := limits.broken())), "")
-        if broken:
+        if self._tells and (broken := next((why for limits in self._limits if (why := limits.broken())), "")):
             status = Status.LIMITED if solution.status is Status.OK else solution.status
             solution = solution._replace(status=status, reasons=both(told(broken), solution))
         return solution
@@ -127,12 +125,11 @@ class Callbacks:
     def _limit_rows(self, q: Array, before: Array) -> tuple[Array, Array, Array] | bool | None:
         """Rows at joint positions q (m,) beside those that never change; False where none are known to be safe."""
         found: list[LimitRows] = []
-        for limits in (self._of_function, None if self._now is None else self._now.joint_rows):
-            if limits:
-                rows, self._trouble = limits.at(q, before)
-                if self._trouble is not None:
-                    return False
-                found += [] if rows is None else [rows]
+        for limits in self._asked:
+            rows, self._trouble = limits.at(q, before)
+            if self._trouble is not None:
+                return False
+            found += [] if rows is None else [rows]
         more = stacked(found)
         self._add(more)
         return None if more is None else (more.C, more.lower, more.upper)
@@ -145,7 +142,7 @@ class Callbacks:
 
     def _add(self, more: LimitRows | None) -> None:
         if more is not None:
-            self.rows = stacked([*([] if self.rows is None else [self.rows]), more])
+            self.rows = more if self.rows is None else stacked([self.rows, more])
 
     def _exact(self, q: Array, gain: float, ahead: Array) -> tuple[Array, Array, Array | None]:
         robot = self._loop.robot

@@ -235,7 +235,8 @@ class Controller:
         self._settings |= {"rows": fixed and (fixed.C, fixed.lower, fixed.upper), "exact": demands or ()}
         self.asks_demands: bool = demands is None
         asks_limits = self.joint_rows is not None and (fixed is None or any(self.joint_rows.does.values()))
-        self._calls = not self.by_chain or asks_limits or self.asks_demands or self.backend is not None
+        self._asks = not self.by_chain or asks_limits or self.asks_demands or self.backend is not None
+        self._callbacks = Callbacks(self) if self._asks else None
         self._state = law.LoopState(m, self.delay, self.dt)
         self._loop = _engine(self._settings)
 
@@ -251,13 +252,15 @@ class Controller:
         other = object.__new__(type(self))  # what changes is copied: limits and solvers keep state between ticks
         changes = ("limits", "joint_rows", "backend", "_state")
         vars(other).update(vars(self), **{name: deepcopy(getattr(self, name), memo) for name in changes})
+        vars(other)["_callbacks"] = Callbacks(other) if self._asks else None
         return other
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name != "_loop"}
+        return {name: value for name, value in vars(self).items() if name not in {"_loop", "_callbacks"}}
 
     def __setstate__(self, fields: dict[str, Any]) -> None:
         vars(self).update(fields)
+        vars(self)["_callbacks"] = Callbacks(self) if self._asks else None
         vars(self)["_loop"] = _engine(self._settings)
 
     @property
@@ -324,8 +327,8 @@ class Controller:
         if target is None:
             raise BadInput("target", "None", "a (4, 4) pose, or a pinocchio.SE3", "For a twist, call follow(q, twist).")
         now = self.limits.changed(speed, velocity_limit, tool_speed, limits)
-        wanted = target if isinstance(target, np.ndarray) else self.robot.target(target)
-        return self._tick(now, q, wanted, feedforward, velocity)
+        known = isinstance(target, (np.ndarray, list, tuple)) or hasattr(target, "homogeneous")
+        return self._tick(now, q, target if known else self.robot.target(target), feedforward, velocity)
 
     def follow(
         self,
@@ -413,10 +416,9 @@ class Controller:
         **more: Any,
     ) -> VelocitySolution:
         """A tick by the engine, which calls back for what is the user's."""
-        calls = None
-        if self._calls or now is not None:
-            calls = Callbacks(self, now, target)
-            calls.begin(q)
+        calls = self._callbacks if now is None else Callbacks(self, now)
+        if calls is not None:
+            calls.begin(q, target)
             more |= {"functions": calls.functions, "changes": calls.changes}
         try:
             found = self._loop.tick(self._state, q, target, ahead, velocity, **more)
