@@ -433,8 +433,8 @@ class Law {
             return true;
         }
         found.limited = u->multipliers.w || found.share < 1;
-        const Vec z = u->y.part(0, n);
-        found.velocity = to_x(y_0 + found.pace * d + (exact ? basis * z : z));
+        const Vec z = u->y.part(0, n), y = y_0 + found.pace * d + (exact ? basis * z : z);
+        found.velocity = to_x(exact ? room->last_inside(witness, y) : y);
         for (int j = 0; j < m; j++)  // rounding
             found.velocity[j] = std::clamp(found.velocity[j], tick.lower[j], tick.upper[j]);
         if (u->multipliers.w)

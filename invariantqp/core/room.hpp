@@ -27,6 +27,24 @@ struct Room {
     {
         return within(lower, C * y, upper) && (!P.w || (start + P * y).norm() <= speed);
     }
+    // The last point inside, but for rounding, on the way from one inside to y.
+    Vec last_inside(Vec from, Vec y) const
+    {
+        const Vec way = y - from, value = C * y, change = C * way;
+        double share = 1;
+        for (int i = 0; i < C.rows; i++) {
+            const double over = std::max(value[i] - upper[i], lower[i] - value[i]) - ROUNDING * C[i].norm() * y.norm();
+            if (over > 0)
+                share = std::min(share, 1 - over / std::abs(change[i]));
+        }
+        const double most = speed * (1 + ROOT_ROUNDING);
+        if (P.w && (start + P * y).norm() > most) {
+            const Vec a = start + P * from, b = P * way;
+            const double half = a.dot(b), left = std::max(0.0, most * most - a.square());
+            share = std::min(share, (std::sqrt(half * half + b.square() * left) - half) / b.square());
+        }
+        return share < 1 ? from + std::max(share, 0.0) * way : y;
+    }
     // The same for y = origin + basis z; no memory of a basis is the identity.
     Room on(Vec origin, Mat basis) const
     {

@@ -136,6 +136,20 @@ class Room(NamedTuple):
         P = P * (np.linalg.norm(P, axis=0) > ROUNDING * np.linalg.norm(self.P) * np.linalg.norm(basis, axis=0))
         return room._replace(P=P, start=self.start + self.P.dot(origin), speed=self.speed)
 
+    def last_inside(self, start: Array, y: Array) -> Array:
+        """The last point inside, but for rounding, on the way from one inside to y."""
+        way, value, share = y - start, self.C.dot(y), 1.0
+        over = np.maximum(value - self.upper, self.lower - value)
+        over = over - ROUNDING * np.linalg.norm(self.C, axis=1) * np.linalg.norm(y)
+        for i in np.flatnonzero(over > 0.0):
+            share = min(share, 1.0 - float(over[i] / abs(self.C[i].dot(way))))
+        most = self.speed * (1.0 + np.sqrt(ROUNDING))
+        if self.P is not None and np.linalg.norm(self.P.dot(y)) > most:
+            a, b = self.P.dot(start), self.P.dot(way)
+            left = max(0.0, most**2 - float(a.dot(a)))
+            share = min(share, float((np.sqrt(a.dot(b) ** 2 + b.dot(b) * left) - a.dot(b)) / b.dot(b)))
+        return start + max(share, 0.0) * way if share < 1.0 else y
+
     def with_row(self, lower: float, upper: float) -> Room:
         """With bounds on the last of the variables."""
         last = np.eye(1, self.C.shape[1], self.C.shape[1] - 1)
@@ -148,10 +162,10 @@ def velocity(tick: Tick, backend: Backend | None = None) -> Answer:
     solver = Daqp() if backend is None else backend
     T = np.eye(tick.J.shape[1]) if tick.metric is None else np.linalg.inv(np.linalg.cholesky(tick.metric)).T  # x = T y
     room, position, gave_way = rooms(tick, T, solver)
-    origin, basis, share = demanded(tick, T, room, solver)
+    origin, basis, share, inside = demanded(tick, T, room, solver)
     problem = objective(tick, T, share)
     y, pace = paced(problem, origin, basis, room, position, tick, T, solver)
-    A, x = tick.root.dot(tick.J), T.dot(y)
+    A, x = tick.root.dot(tick.J), T.dot(y if inside is None else room.last_inside(inside, y))
     left = A.dot(x) - share * tick.root.dot(tick.ahead + pace * tick.error)
     U, sigma, _ = np.linalg.svd(A, full_matrices=False)
     left = U[:, sigma > ROUNDING * sigma[0]].T.dot(left)
@@ -198,10 +212,10 @@ def rooms(tick: Tick, T: Array, solver: Backend) -> tuple[Room, Room, tuple[tupl
     return room, position, tuple(gave_way)
 
 
-def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, Array, float]:
-    """The velocities that meet the exact rows, y = origin_f + p origin_e + basis z, and their share a."""
+def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, Array, float, Array | None]:
+    """The velocities that meet the exact rows, y = origin_f + p origin_e + basis z, their share a, and one inside."""
     if tick.exact is None or not len(tick.exact[0]):
-        return np.zeros((len(T), 2)), np.eye(len(T)), 1.0
+        return np.zeros((len(T), 2)), np.eye(len(T)), 1.0, None
     E, *demands = (np.asarray(part) for part in tick.exact)
     U, sigma, Vt = np.linalg.svd(E.dot(T))
     m, k = len(T), int(np.count_nonzero(sigma > ROUNDING * sigma[0]))
@@ -214,16 +228,17 @@ def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, 
     n, left = m - k, room.on(np.zeros(m), np.column_stack((basis, full))).with_row(0.0, 1.0)
     H = np.diag(np.append(np.full(n, ROUNDING / size**2 + mu), 1.0 + mu * size**2))
     try:
-        a = float(minimise(H, np.eye(n + 1)[n], left, solver)[n])
+        z = minimise(H, np.eye(n + 1)[n], left, solver)
     except SolverFailure:  # no share of the rows is inside the limits: as near as these allow
         K = np.column_stack((within.T, -within.T.dot(full)))
         H = K.T.dot(K) + ROUNDING * np.diag(np.append(np.ones(m), size**2))
         wide = room.on(np.zeros(m), np.eye(m, m + 1)).with_row(0.0, 1.0)
         found = minimise(H, ROUNDING * size**2 * np.eye(m + 1)[m], wide, solver)  # the largest share of several
         nearest, a = within.dot(within.T.dot(found[:m])), min(max(float(found[m]), 0.0), 1.0)
-        return np.column_stack((nearest, np.zeros(m))), basis, a
+        return np.column_stack((nearest, np.zeros(m))), basis, a, found[:m]
+    a, inside = float(z[n]), basis.dot(z[:n]) + z[n] * full
     a = 1.0 if a > 1.0 - 10.0 * ROUNDING else max(a, 0.0) * (1.0 - ROUNDING)
-    return a * origin, basis, a
+    return a * origin, basis, a, inside
 
 
 def objective(tick: Tick, T: Array, share: float) -> Problem:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 
 import numpy as np
@@ -94,6 +95,52 @@ def spoilt(rng, q, target, ahead):
     return q, target, ahead
 
 
+def random_limits(rng, m, dt):
+    """Options of a controller: limits that standing still meets, and a delay of some ticks."""
+    rows, k = {}, int(rng.integers(1, 6))
+    if rng.random() < 0.3:
+        C, wide = rng.normal(size=(k, m)), 10.0 ** rng.uniform(-3, 1, (2, k))
+        rows["rows"] = iq.limits.LimitRows(C, -wide[0], wide[1])
+    return rows | {
+        "acceleration_limit": 10.0 ** rng.uniform(-1, 2, m) if rng.random() < 0.4 else None,
+        "tool_speed": 10.0 ** rng.uniform(-2, 1) if rng.random() < 0.3 else None,
+        "delay": float(rng.integers(1, 5)) * dt if rng.random() < 0.2 else 0.0,
+    }
+
+
+def refuses_form(loop, error):
+    """Whether a form without a guard has no projector."""
+    formed = loop.form is not None and loop.guard is None
+    return formed and (isinstance(error, iq.NoPseudoinverse) or re.search("complement|projector", str(error)))
+
+
+def broken_limits(loop, q, x, before, solution, speed):
+    """Which limits a joint velocity at q breaks, coming from another; "" for none."""
+    fastest, robot = loop.robot.velocity_limit, loop.robot
+    moved = q + loop.dt * x
+    beyond = np.maximum(robot.position_lower - q, q - robot.position_upper).clip(0.0)
+    after = np.maximum(robot.position_lower - moved, moved - robot.position_upper)
+    if (np.abs(x) > fastest + INSIDE).any() or (after > beyond + INSIDE).any():
+        return "outside limits"
+    if loop.braking is not None:
+        most = loop.dt * loop.braking.acceleration
+        if (np.abs(x - before) > most + INSIDE * (1.0 + np.abs(before) + most)).any():
+            return "faster than it can"
+    if solution.status in {"degraded", "held"}:
+        return ""
+    rows, size = loop.options["rows"], 1e-6 * (1.0 + np.abs(x).max())
+    if rows is not None:
+        over = np.maximum(rows.lower - rows.C @ x, rows.C @ x - rows.upper)
+        if (over > size * np.linalg.norm(rows.C, axis=1)).any():
+            return f"rows {over.max():g} of {np.abs(rows.C @ x).max():g}"
+    if loop.tool_speed is not None and speed == 1.0:  # with less, a tool that is faster slows down
+        J, p = robot.jacobian(q), robot.pose(q)[:3, 3]
+        P = J[3:] + np.cross(J[:3].T, p).T
+        if np.linalg.norm(P @ x) > loop.options["tool_speed"] * (1.0 + 1e-4) + size * np.linalg.norm(P):
+            return f"tool speed {np.linalg.norm(P @ x):g} of {loop.options['tool_speed']:g}"
+    return ""
+
+
 def fuzz(ticks, seed=0):  # noqa: C901 (one loop, every way to fail)
     """(counts of what happened, descriptions of what may not)."""
     rng = np.random.default_rng(seed)
@@ -108,6 +155,8 @@ def fuzz(ticks, seed=0):  # noqa: C901 (one loop, every way to fail)
         robot = named[rng.integers(3)] if rng.random() < 0.3 else random_chain(rng)
         m = len(robot.names)
         dt = 10.0 ** rng.uniform(-4, -1)
+        limited = rng.random() < 0.5
+        limits = random_limits(rng, m, dt) if limited else {}
         loop = iq.Controller(
             robot,
             dt=dt,
@@ -115,25 +164,34 @@ def fuzz(ticks, seed=0):  # noqa: C901 (one loop, every way to fail)
             form=random_form(rng, m),
             damping=random_damping(rng),
             guard=bool(rng.random() < 0.8),
-            exact="position" if rng.random() < 0.1 else None,
+            exact=(None, None, "position", iq.control.ExactAxis([0, 0, 1]))[rng.integers(4)],
             point=(None, None, "own", rng.normal(size=3))[rng.integers(4)],
             length=10.0 ** rng.uniform(-3, 3) if rng.random() < 0.2 else None,
+            **limits,
         )
+        jumps = limits.get("acceleration_limit") is None and not limits.get("delay")
         q = random_state(rng, robot)
-        target = random_target(rng, robot, q)
+        q = q if jumps else np.clip(q, robot.position_lower, robot.position_upper)
+        target, before = random_target(rng, robot, q), np.zeros(m)
+        flying = [before] * round(limits.get("delay", 0.0) / dt)
         for _ in range(LOOP):
             if rng.random() < 0.1:
-                q, target = random_state(rng, robot), random_target(rng, robot, q)
+                q = random_state(rng, robot) if jumps else q
+                target = random_target(rng, robot, q)
             ahead = rng.normal(size=6) * 10.0 ** rng.uniform(-3, 3) if rng.random() < 0.3 else None
             done += 1
-            broken = rng.random() < 0.05
+            broken, speed = rng.random() < 0.05, rng.random() if limited and rng.random() < 0.1 else 1.0
             asked = spoilt(rng, q, target, ahead) if broken else (q, target, ahead)
             try:
-                solution = loop.step(*asked)
-            except BadInput as error:
+                if ahead is not None and not broken and rng.random() < 0.3:
+                    solution = loop.follow(q, ahead)
+                else:
+                    solution = loop.step(*asked, speed=speed)
+            except (BadInput, iq.NoPseudoinverse) as error:
                 counts["refused"] += 1
-                if not broken and "millimetres" not in str(error):  # a small arm, and a target far away
-                    wrong("refused")
+                # a small arm, and a target far away; or a form without a projector
+                if not broken and "millimetres" not in str(error) and not refuses_form(loop, error):
+                    wrong(f"refused: {error}")
                 continue
             except Exception as error:  # noqa: BLE001
                 wrong(f"{type(error).__name__} {error}")
@@ -146,11 +204,9 @@ def fuzz(ticks, seed=0):  # noqa: C901 (one loop, every way to fail)
             if not np.isfinite(x).all():
                 wrong("not finite")
                 continue
-            moved = q + dt * x
-            beyond = np.maximum(robot.position_lower - q, q - robot.position_upper).clip(0.0)
-            after = np.maximum(robot.position_lower - moved, moved - robot.position_upper)
-            if (np.abs(x) > robot.velocity_limit + INSIDE).any() or (after > beyond + INSIDE).any():
-                wrong("outside limits")
-                continue
-            q = moved
+            there = q + dt * sum(flying) if flying else q  # when the command acts
+            if what := broken_limits(loop, there, x, before, solution, speed):
+                wrong(f"{what} ({solution.status}, {solution.reason})")
+            flying.append(x)
+            q, before = q + dt * flying.pop(0), x
     return counts, failures

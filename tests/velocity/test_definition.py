@@ -62,8 +62,8 @@ def random_tick(rng, *, limits=True):
     )
 
 
-def by_cvxpy(cp, tick):
-    """The docstring's problem, written down once more."""
+def by_cvxpy(cp, tick, pace):
+    """The docstring's problem, written down once more: x at a pace, a root of H, and what that pace costs and the best."""
     m = tick.J.shape[1]
     A, M = tick.root @ tick.J, np.eye(m) if tick.metric is None else tick.metric
     f, e = tick.root @ tick.ahead, tick.root @ tick.error
@@ -95,38 +95,33 @@ def by_cvxpy(cp, tick):
         return x.value
 
     H = A.T @ A + (mu + nu) * M + w * N.T @ N
-    root = np.linalg.cholesky(H).T
+    root, root_K = (np.linalg.cholesky(S).T for S in (H, A.T @ A + (mu + NULL**2 * size) * M))
     y_0, y_1 = least(0.0), least(1.0)
     d = y_1 - y_0
     d = d * (max(0.0, 1.0 - WORTH * (e @ e) / max(e @ A @ d, 1e-300)) if e.any() else 1.0)
-    long = np.linalg.norm(root @ d)
+    long = np.linalg.norm(root_K @ d)
     x, p = cp.Variable(m), cp.Variable()
-    cost = 0.5 * cp.sum_squares(root @ (x - y_0 - p * d)) + np.linalg.norm(f) * long * (1.0 - p)
+    cost = 0.5 * cp.sum_squares(root_K @ (x - y_0 - p * d)) + np.linalg.norm(f) * long * (1.0 - p)
     cost += 0.5 * EPSILON * long**2 * cp.square(1.0 - p)
-    limits = [x >= tick.lower, x <= tick.upper, p >= 0.0, p <= 1.0]
+    limits = [x >= tick.lower, x <= tick.upper]
     if tick.rows is not None:
         if len(tick.rows.C):
             limits += [tick.rows.C @ x >= tick.rows.lower, tick.rows.C @ x <= tick.rows.upper]
         limits += [] if tick.rows.P is None else [cp.norm(tick.rows.P @ x) <= tick.rows.speed]
-    cp.Problem(cp.Minimize(cost), limits).solve("CLARABEL", **TIGHT)
-    return (
-        x.value,
-        root,
-        lambda x, p: (
-            np.sum((root @ (x - y_0 - p * d)) ** 2)
-            + long * (2.0 * np.linalg.norm(f) * (1.0 - p) + EPSILON * long * (1.0 - p) ** 2)
-        ),
-        p.value,
-    )
+    costs = [cp.Problem(cp.Minimize(cost), [*limits, *of_p]) for of_p in ([p == pace], [p >= 0.0, p <= 1.0])]
+    costs = [problem.solve("CLARABEL", **TIGHT) for problem in costs]
+    cp.Problem(cp.Minimize(cp.sum_squares(root @ (x - y_0 - pace * d))), limits).solve("CLARABEL", **TIGHT)
+    return x.value, root, *costs
 
 
 @pytest.mark.parametrize("seed", [*range(40), 178, 256])
 def test_a_tick_is_the_problem_of_the_docstring(seed):
     cp = pytest.importorskip("cvxpy")
     tick = random_tick(np.random.default_rng(seed))
-    x, root, cost, p = by_cvxpy(cp, tick)
     answer = velocity(tick)
-    assert cost(answer.velocity, answer.pace) <= cost(x, p) + 1e-9 * np.sum((root @ x) ** 2)
+    x, root, cost, best = by_cvxpy(cp, tick, answer.pace)
+    assert cost <= best + 1e-9 * np.sum((root @ x) ** 2)
+    assert np.linalg.norm(root @ (answer.velocity - x)) <= 1e-5 * np.linalg.norm(root @ x)
     assert kept(tick, answer.velocity)
 
 
