@@ -493,10 +493,10 @@ def time():
 
 def least(call, *state, loop=None):
     """Of nine calls [us], and what the last returned; a loop's memory is what it was before each."""
-    kept, times = None if loop is None else loop.kept.copy(), []
+    kept, times = None if loop is None else loop.state, []
     for _ in range(9):
         if loop is not None:
-            loop.kept[:] = kept
+            loop.state = kept
         begun = process_time_ns()
         found = call(*state)
         times.append(1e-3 * (process_time_ns() - begun))

@@ -28,7 +28,9 @@ def test_some_limit_is_near_at_every_moment_and_knots_do_not_matter(name, seed):
 
     def motion(share):
         knots = [k for k in search.knots if k.at in (0.0, search.curve.end) or rng.random() < share]
-        return plan_of(follower.controller, search.curve, knots, "", along=3 * (np.inf,), jerk=np.full(len(low), JERK)).motion
+        return plan_of(
+            follower.controller, search.curve, knots, "", along=3 * (np.inf,), jerk=np.full(len(low), JERK)
+        ).motion
 
     whole = motion(1.0)
     times = np.linspace(0.0, whole.end, 5000)[1:-1]
