@@ -207,6 +207,7 @@ class Law {
             const auto z = minimise(share, room->on(Vec(w, m, 0), columns).with_row(0, 1));
             if (!z)
                 return beside(*room, along, full);
+            found.limited = z->y[n] < a * (1 - ROOT_ROUNDING);
             a = z->y[n], witness = columns * z->y;
         }
         found.share = a > 1 - 10 * ROUNDING ? 1 : std::max(a, 0.0) * (1 - ROUNDING);
@@ -234,7 +235,7 @@ class Law {
             return false;
         origin_f = t(along) * (along * z->y.part(0, m)), origin_e = Vec(w, m, 0);
         found.share = std::clamp(z->y[m], 0.0, 1.0), witness = z->y.part(0, m);
-        found.beside = true;
+        found.beside = found.limited = true;
         return true;
     }
 
@@ -432,7 +433,7 @@ class Law {
             found.velocity = to_x(witness), found.pace = 0, found.limited = true;
             return true;
         }
-        found.limited = u->multipliers.w || found.share < 1;
+        found.limited = found.limited || u->multipliers.w;
         const Vec z = u->y.part(0, n), y = y_0 + found.pace * d + (exact ? basis * z : z);
         found.velocity = to_x(exact ? room->last_inside(witness, y) : y);
         for (int j = 0; j < m; j++)  // rounding
@@ -485,7 +486,7 @@ class Law {
     // What the answer leaves of the twist that the joints can do.
     double left()
     {
-        Vec b = A * found.velocity - found.share * (f + found.pace * e);
+        Vec b = A * found.velocity - (f + found.pace * e);
         if (spectrum)
             return (spectrum->U.rows_from(0, spectrum->rank(ROUNDING)) * b).norm();
         if (B.rows <= m)

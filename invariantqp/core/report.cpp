@@ -61,7 +61,9 @@ class Reporter {
             found.share = 1;
         else if (tick.E.rows && slowed && tick.E_e.square() > 0)
             found.share *= answer.pace;  // of the approach
-        if (found.share < 1 - ACTIVE && answer.share < 1 - ACTIVE)
+        // a little less by damping alone is as good as a little that is missed
+        const bool scaled = found.share < (answer.limited ? 1 - ACTIVE : 1 - MISSED);
+        if (scaled && answer.share < 1 - ACTIVE)
             say(Code::rows_slowed, {}, {}, {answer.share});
         if (!off.empty())
             say_moved(off);
@@ -70,7 +72,7 @@ class Reporter {
         if (answer.guarded < 1)
             say(Code::guarded, {}, {}, {found.guard});
         found.status = contradicts || unkept ? Status::degraded
-                       : found.share < 1 - ACTIVE ? Status::scaled
+                       : scaled ? Status::scaled
                        : answer.guarded < 1 ? Status::guarded
                        : limited ? Status::limited
                                  : Status::ok;

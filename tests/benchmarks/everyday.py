@@ -19,10 +19,10 @@ import numpy as np
 
 sys.path.append(str(Path(__file__).parents[2] / "examples"))
 
-from invariantqp.control.memory import ticks_late
 from shared.ten_arms import limits
 
 import invariantqp as iq
+from invariantqp.control.tracking import ticks_late
 
 ARMS = ["panda", "ur5", "ur10", "xarm7", "kinova", "z1", "so101", "talos", "iiwa14", "gen3"]
 SEED = 30

@@ -63,7 +63,7 @@ def random_tick(rng, *, limits=True):
 
 
 def by_cvxpy(cp, tick, pace):
-    """The docstring's problem, written down once more: x at a pace, a root of H, and what that pace costs and the best."""
+    """The docstring's problem, once more: x at a pace, a root of H, and what that pace costs and the best."""
     m = tick.J.shape[1]
     A, M = tick.root @ tick.J, np.eye(m) if tick.metric is None else tick.metric
     f, e = tick.root @ tick.ahead, tick.root @ tick.error
