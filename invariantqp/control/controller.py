@@ -18,7 +18,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.callbacks import Callbacks, seen
-from invariantqp.control.demands import Exact, ExactPoint, View, demand_fields, demands_of, require_rows, rows_of
+from invariantqp.control.demands import (
+    Exact,
+    ExactPoint,
+    View,
+    demand_fields,
+    demands_of,
+    require_rows,
+    row_rank,
+    rows_of,
+)
 from invariantqp.control.limits import (
     AccelerationLimit,
     AnyLimit,
@@ -223,6 +232,7 @@ class Controller:
             "metric": metric_of(joint_metric, state.J, tip, self.measure.length),
             **form_fields(self.form),
             "damping": lambda_of(damping),
+            "exact_rank": row_rank(self.exact, robot) if self.exact else 0,
             "guard": -1.0 if self.guard is None else self.guard.fraction,
         }
         if pull.any():

@@ -202,8 +202,8 @@ def demands_of(
     return demands
 
 
-def row_rank(demands: tuple[Exact, ...], robot: Robot) -> int | None:
-    """How many independent rows the arm can keep in its best state; None where that is all of them.
+def row_rank(demands: tuple[Exact, ...], robot: Robot) -> int:
+    """How many independent rows the arm can keep in its best state.
 
     A point of a hinge moves along one direction, one of a spherical wrist on a sphere, in every state: three exact rows
     are then one or two, and no singularity.
@@ -223,7 +223,7 @@ def row_rank(demands: tuple[Exact, ...], robot: Robot) -> int | None:
         row = (sizes / joint).max(axis=1, keepdims=True)
         row[row == 0.0] = 1.0
         best = max(best, int(np.linalg.matrix_rank(rows.A / joint / row, tol=ROW_TOLERANCE)))
-    return None if best == len(rows.A) else best
+    return best
 
 
 def rows_of(demands: tuple[Exact, ...], view: View, more: ExactRows | None = None) -> ExactRows:

@@ -6,7 +6,7 @@ namespace iq {
 namespace {
 
 // Numbers of the law; definition.py says what chose them.
-constexpr double KAPPA = 0.5, NU = 3e-5, NULL_WEIGHT = 1e-3, WORTH = 1e-3, EPSILON = 1e-4;
+constexpr double KAPPA = 0.5, NU = 3e-5, NULL_WEIGHT = 5e-6, WORTH = 1e-3, EPSILON = 1e-4;
 
 Answer failed(Failure failure, int m, Workspace& w)
 {
@@ -30,7 +30,7 @@ class Law {
         B = T.w ? A * T : A;
         size = B.all().square();
         size = size > 0 ? size : 1;
-        null = (tick.before.w ? NULL_WEIGHT : NULL_WEIGHT * NULL_WEIGHT) * size;
+        null = NULL_WEIGHT * size;
         if (tick.before.w)
             mu = KAPPA * tick.held * std::sqrt(size) * tick.missed, nu = NU * size;
         else
@@ -171,6 +171,8 @@ class Law {
         Mat across, along;  // orthonormal rows: that the exact rows leave free, that they decide
         Vec y_f, y_e;
         std::optional<RQ> rq;
+        int rank = E.rows;
+        bool lost = false;
         if (E.rows <= m)
             rq.emplace(E);
         if (rq && rq->regular(ROUNDING)) {
@@ -179,17 +181,18 @@ class Law {
             y_f = t(along) * solved(rq->R, rows.f), y_e = t(along) * solved(rq->R, rows.e);
         } else {
             const SVD svd(E);
-            const int rank = svd.rank(ROUNDING);
+            rank = svd.rank(ROUNDING);
+            for (lost = rank < tick.exact_rank; rank < tick.exact_rank && rank < svd.sigma.n && svd.sigma[rank] > 1e-100;)
+                rank++;  // a direction that is next to lost: a leaves next to nothing of it
             along = svd.V.rows_from(0, rank), across = svd.V.rows_from(rank, m);
             y_f = svd.least(rows.f, rank), y_e = svd.least(rows.e, rank);
         }
         basis = transposed(across);
         const Vec full = y_f + y_e, demand = rows.f + rows.e;
         const double length = std::max(full.norm(), ROOT_ROUNDING), most = demand.norm();
-        found.unmet = std::max(rows.contrary, most > 0 ? (E * full - demand).norm() / most : 0);
-        const double damped =
-            KAPPA * tick.held * A.all().norm() * tick.missed / ((f + e).square() + TINY);
-        double a = 1 / (1 + damped * length * length);
+        found.unmet = std::max(rows.contrary, most > 0 && !lost ? (E * full - demand).norm() / most : 0);
+        const double whole = (f + e).norm(), damped = KAPPA * tick.held * A.all().norm() * tick.missed / (whole + TINY);
+        double a = 1 / (1 + damped * full.square() / (most + TINY));
         if (allows(to_x(a * full)))
             witness = a * full;
         else {
@@ -202,7 +205,7 @@ class Law {
                 columns[i].part(0, n).set(basis[i]), columns(i, n) = full[i];
             Quadratic share{Mat(w, n + 1, n + 1, 0), Vec(w, n + 1, 0)};
             for (int i = 0; i < n; i++)
-                share.T(i, i) = 1 / std::sqrt(ROUNDING / (length * length) + damped);
+                share.T(i, i) = 1 / std::sqrt(ROUNDING / (length * length) + damped / (whole + TINY));
             share.T(n, n) = std::sqrt(a), share.centre[n] = a;
             const auto z = minimise(share, room->on(Vec(w, m, 0), columns).with_row(0, 1));
             if (!z)
@@ -445,7 +448,7 @@ class Law {
     // p, with the velocity that decides it; without, d is zero and p is 1. False if none is found.
     bool pace(const Room& room, Vec y_0, Vec y_1, Vec d, int n, std::optional<Optimum>& u)
     {
-        const Mat K = upper_root(stacked(gram, Mat::identity(w, m, std::sqrt(mu + NULL_WEIGHT * NULL_WEIGHT * size))));
+        const Mat K = upper_root(stacked(gram, Mat::identity(w, m, std::sqrt(mu + null))));
         const double length = (K * d).norm();
         if (length <= ROUNDING * (K * y_1).norm()) {
             d.fill(0);

@@ -19,6 +19,7 @@ struct Tick {
     double speed = INFINITY;             // |P x| <= speed
     Mat E;                               // (j, m) exact rows E x = a (E_f + p E_e)
     Vec E_f, E_e;                        // (j,)
+    int exact_rank = 0;                  // how many of them the joints can keep; next to where they lose one, a is small
     Mat D;                               // (j, 6) parts of the twist, E = D J, zero for a row that is none
     Vec posture;                         // (m,) x_p
     Vec fastest;                         // (m,) full speeds of the joints

@@ -235,6 +235,7 @@ class TickOfLoop {
                 rows.add(demand, arm.J, arm.tool, target, gain, twist(ahead), also);
             tick.E = rows.E, tick.D = rows.D, tick.E_f = rows.E_f, tick.E_e = rows.E_e;
         }
+        tick.exact_rank = in.E.w ? 0 : set.exact_rank;
         if (!in.E.w)
             return;
         const Mat none(w, in.E.rows, 6, 0), D = in.D.w ? in.D : none;

@@ -46,6 +46,7 @@ struct LoopSettings {
     ToolSpeed tool_speed;
     RowsOfLimits rows;                  // the same in every tick
     std::vector<Demand> exact;
+    int exact_rank = 0;  // of exact rows, in the arm's best state
     std::vector<double> posture, pull;  // (m,) joint positions, and gains [1/s]
     std::vector<double> metric;         // (m, m)
     FormKind form = FormKind::none;

@@ -164,6 +164,7 @@ void make_loop(Loop* made, nb::dict given)
     }
     for (nb::handle demand : nb::cast<nb::tuple>(f["exact"]))
         set.exact.push_back(demand_of(demand, read, m));
+    set.exact_rank = static_cast<int>(f.number("exact_rank", 0, MOST_EXACT));
     set.posture = f.numbers("posture", m), set.pull = f.numbers("pull", m);
     set.metric = f.matrix("metric", m, m);
     if (bool positive = true; !set.metric.empty()) {
@@ -209,6 +210,7 @@ nb::dict tick_fields(const Tick& tick)
     d["rows"] = tick.C.rows ? nb::object(nb::make_tuple(matrix(tick.C), array_of(tick.row_lower), array_of(tick.row_upper))) : nb::none();
     d["tool_speed"] = tick.P.w ? nb::object(nb::make_tuple(matrix(tick.P), tick.speed)) : nb::none();
     d["exact"] = tick.E.w ? nb::object(nb::make_tuple(matrix(tick.E), array_of(tick.E_f), array_of(tick.E_e), matrix(tick.D))) : nb::none();
+    d["exact_rank"] = tick.exact_rank;
     d["posture"] = array_or_none(tick.posture), d["fastest"] = array_or_none(tick.fastest);
     d["held"] = tick.held, d["before"] = array_or_none(tick.before), d["missed"] = tick.missed;
     d["formed"] = tick.form != FormKind::none, d["damping"] = tick.damping;

@@ -152,12 +152,14 @@ void replace(Answer& answer, nb::handle found, const Tick& tick, Reader& read)
 nb::tuple tick_answer(nb::object J, nb::object root, nb::object ahead, nb::object error, nb::object position_lower,
                       nb::object position_upper, nb::object fastest, nb::object before, double held, double missed,
                       nb::object lower, nb::object upper, nb::object rows, nb::object tool_speed, nb::object exact,
-                      nb::object posture, nb::object metric, nb::object form, nb::object damping, nb::object guard)
+                      nb::object posture, nb::object metric, nb::object form, nb::object damping, nb::object guard,
+                      int exact_rank)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     Reader read(w);
     Tick tick;
+    tick.exact_rank = exact_rank;
     set_twists(tick, J, root, ahead, error, read, w);
     const int m = tick.J.cols;
     Options{lower, upper, rows, tool_speed, exact, posture, metric, form, damping, guard}.set(tick, read, w);
@@ -409,7 +411,7 @@ NB_MODULE(_core, m)
           "position_upper"_a = nb::none(), "fastest"_a = nb::none(), "before"_a = nb::none(), "held"_a = 0.0,
           "missed"_a = 0.0, "lower"_a = nb::none(), "upper"_a = nb::none(), "rows"_a = nb::none(),
           "tool_speed"_a = nb::none(), "exact"_a = nb::none(), "posture"_a = nb::none(), "metric"_a = nb::none(),
-          "form"_a = nb::none(), "damping"_a = nb::none(), "guard"_a = nb::none(),
+          "form"_a = nb::none(), "damping"_a = nb::none(), "guard"_a = nb::none(), "exact_rank"_a = 0,
           "One tick: velocity, pace, share, missed, guarded, relaxed, faster, failure, multipliers, limited.");
     m.def("solve", solve, "J"_a, "twist"_a, "point"_a = nb::none(), "length"_a = nb::none(), "root"_a = nb::none(),
           "lower"_a = nb::none(), "upper"_a = nb::none(), "rows"_a = nb::none(), "tool_speed"_a = nb::none(),

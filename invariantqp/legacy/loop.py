@@ -209,7 +209,7 @@ class LegacyLoop:
         if gain is not None:
             question_gain(self.gain, self.dt)
         self.exact: tuple[Exact, ...] = demands_of(exact)
-        self.row_rank: int | None = row_rank(self.exact, robot) if self.exact else None
+        self.row_rank: int | None = legacy_rank(self.exact, robot)
         mid = middle(robot)
         self._count = m
         seen = robot.sight(mid, robot.target(robot.pose(mid)))  # also loads what the first tick needs
@@ -723,6 +723,17 @@ class LegacyLoop:
         self._remember(state.memory, nowhere, x)
         residual = s - state.sighting.J.dot(x)
         return VelocitySolution(x, "hold", Status.HELD, (reason,), (), residual, 0.0, 0.0, 0.0, "")
+
+
+def legacy_rank(demands: tuple[Exact, ...], robot: Robot) -> int | None:
+    """How many independent rows the arm can keep in its best state; None where that is all of them."""
+    if not demands:
+        return None
+    mid = middle(robot)
+    target = robot.target(robot.pose(mid))
+    rows = rows_of(demands, View(robot, robot.sight(mid, target), target, 1.0, np.zeros(6)))
+    best = row_rank(demands, robot)
+    return None if best == len(rows.A) else best
 
 
 def legacy_loop(controller: Controller) -> LegacyLoop:

@@ -7,13 +7,13 @@
     y(p)   = y_0 + p d,   d = c (y_1 - y_0),   y_p = argmin F_p inside the position limits
     c      = max(0, 1 - WORTH |e|^2 / e'A (y_1 - y_0)):   what closes less than a thousandth of the error is not gone
     p      = argmin over all limits, 0 <= p <= 1:   1/2 |x - y(p)|_K^2 + |f| |d|_K (1 - p) + 1/2 eps |d|_K^2 (1 - p)^2
-    x      = argmin over all limits:   |x - y(p)|_H,            K = A'A + (mu + NULL^2 |A|^2) I
+    x      = argmin over all limits:   |x - y(p)|_H,            K = A'A + (mu + w) I
 
 Limits slow the way of the tool to its target down (p) before they bend it; joints may go another way (K). |x| is in
 the joint metric, P the projector on joint velocities that move nothing. mu = KAPPA held |A| r_before, r what joints can
 do at all of |A x - f - p e|: an arm that cannot get nearer comes to rest. nu, w: shares of |A|^2.
 
-(a) A call by itself remembers nothing: mu = nu = 0, w = NULL^2 |A|^2: a twist that limits allow is done. `damping`
+(a) A call by itself remembers nothing: mu = nu = 0: a twist that limits allow is done. `damping`
     lambda^2 |x|^2 / 2 holds a singular one. A loop remembers x_before and r_before, at first (0, 0).
 (b) A form replaces |A x - b|^2 by |x - x_h|_G^2, x_h what it makes of s and G its own size; the rest stays:
         pitch h       x_h = V diag(mu_i / (mu_i^2 + lambda^2)) V'J'Q_h s, which is J^{+h} s for lambda = 0
@@ -52,10 +52,13 @@ from invariantqp.velocity.forms import Complement, Form, PitchForm
 # The numbers of the law, and what chose them: 87 tasks of `invariantqp compare`.
 KAPPA = 0.5  # mu; .25 has 1.5 times the acceleration at singularities, 1 has .7 times and is later out of reach
 NU = 3e-5  # nu / |A|^2; at 1e-3 singular paths are missed by 1.7 times as much, at 0 they have 4 times the acceleration
-NULL = 1e-3  # w / |A|^2; 1e-4 and 1e-8 have 1.2 times the acceleration at limits
+NULL = (
+    5e-6  # w / |A|^2; at 1e-3 a posture drags the tool off by 2 mm at limits; at 1e-6 a rail goes the wrong way first
+)
 WORTH = 1e-3  # of d; at 0 and 1e-4 an xArm7 led out of reach still creeps at .1 rad/s after nine seconds
 EPSILON = 1e-4  # keeps p unique; at 1e-3 turns swing by 1.6 times as much
 ROUNDING = 1e-9  # below this share of the largest, singular values move nothing, and numbers are rounding
+LOST = 1e-100  # a direction of exact rows that is as good as lost
 LEAST_POWER, MOST_POWER = -8.0, 6.0  # of ten: where the multiplier of a tool speed is looked for
 
 
@@ -84,6 +87,7 @@ class Tick:
     position_upper: Array  # (m,)
     rows: Rows | None = None
     exact: tuple[Array, Array, Array] | None = None  # E (k, m), E_f (k,), E_e (k,)
+    exact_rank: int = 0  # how many of these rows the joints can keep; next to where they lose one, a is small
     posture: Array | None = None  # (m,) x_p
     fastest: Array | None = None  # (m,) full speeds of the joints, for (c); None follows the posture as it is
     metric: Array | None = None  # (m, m) joint metric
@@ -166,7 +170,7 @@ def velocity(tick: Tick, backend: Backend | None = None) -> Answer:
     problem = objective(tick, T, share)
     y, pace = paced(problem, origin, basis, room, position, tick, T, solver)
     A, x = tick.root.dot(tick.J), T.dot(y if inside is None else room.last_inside(inside, y))
-    left = A.dot(x) - share * tick.root.dot(tick.ahead + pace * tick.error)
+    left = A.dot(x) - tick.root.dot(tick.ahead + pace * tick.error)
     U, sigma, _ = np.linalg.svd(A, full_matrices=False)
     left = U[:, sigma > ROUNDING * sigma[0]].T.dot(left)
     return Answer(x, pace, share, float(np.linalg.norm(left)), gave_way, problem.guarded)
@@ -219,14 +223,16 @@ def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, 
     E, *demands = (np.asarray(part) for part in tick.exact)
     U, sigma, Vt = np.linalg.svd(E.dot(T))
     m, k = len(T), int(np.count_nonzero(sigma > ROUNDING * sigma[0]))
+    k = max(k, min(tick.exact_rank, int(np.count_nonzero(sigma > LOST))))
     within, basis = Vt[:k].T, Vt[k:].T
     origin = (within / sigma[:k]).dot(U[:, :k].T.dot(np.column_stack(demands)))
     full = origin.sum(axis=1)
     size = max(float(np.linalg.norm(full)), np.sqrt(ROUNDING))
-    b, A = tick.root.dot(tick.ahead + tick.error), tick.root.dot(tick.J)
-    mu = KAPPA * tick.held * float(np.linalg.norm(A)) * tick.missed / (float(b.dot(b)) + TINY)
+    b, A = float(np.linalg.norm(tick.root.dot(tick.ahead + tick.error))), tick.root.dot(tick.J)
+    mu = KAPPA * tick.held * float(np.linalg.norm(A)) * tick.missed / (b + TINY)
+    slow = mu * float(full.dot(full)) / (float(np.linalg.norm(sum(demands))) + TINY)
     n, left = m - k, room.on(np.zeros(m), np.column_stack((basis, full))).with_row(0.0, 1.0)
-    H = np.diag(np.append(np.full(n, ROUNDING / size**2 + mu), 1.0 + mu * size**2))
+    H = np.diag(np.append(np.full(n, ROUNDING / size**2 + mu / (b + TINY)), 1.0 + slow))
     try:
         z = minimise(H, np.eye(n + 1)[n], left, solver)
     except SolverFailure:  # no share of the rows is inside the limits: as near as these allow
@@ -252,9 +258,9 @@ def objective(tick: Tick, T: Array, share: float) -> Problem:
     G, toward, guarded = of_form(tick, J, A)
     toward = toward - P.dot(toward)
     unit = size / max(float(np.trace(G)), TINY)  # a form has another unit than A'A
-    mu, nu, w, c = 0.0 if tick.form else tick.damping**2, 0.0, NULL**2 * size, np.asarray(np.zeros(m))
+    mu, nu, w, c = 0.0 if tick.form else tick.damping**2, 0.0, NULL * size, np.asarray(np.zeros(m))
     if tick.before is not None:
-        w, mu, nu = NULL * size, KAPPA * tick.held * np.sqrt(size) * tick.missed, NU * size
+        mu, nu = KAPPA * tick.held * np.sqrt(size) * tick.missed, NU * size
         c = np.asarray(nu * np.linalg.solve(T, tick.before))
     H = unit * G + (mu + nu) * np.eye(m) + w * P
     f, e = c + unit * share * toward.dot(tick.ahead), unit * share * toward.dot(tick.error)
@@ -266,7 +272,7 @@ def objective(tick: Tick, T: Array, share: float) -> Problem:
             most = np.abs(tick.posture / tick.fastest).max()
             follow = min(1.0, float(task / most)) ** 2
         f = f + share * follow * w * P.dot(pull)
-    return Problem(0.5 * (H + H.T), unit * G + (mu + NULL**2 * size) * np.eye(m), f, e, guarded)
+    return Problem(0.5 * (H + H.T), unit * G + (mu + w) * np.eye(m), f, e, guarded)
 
 
 def worth(tick: Tick, A: Array, d: Array) -> float:

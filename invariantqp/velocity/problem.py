@@ -36,6 +36,8 @@ from invariantqp.velocity.solution import ACTIVE_TOLERANCE, Status, VelocitySolu
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+# A pace this near to 1 is not slowed down: what limits take of it is that soft.
+WHOLE_PACE = 1.0 - 1e-3
 # What the engine's numbers stand for.
 METHODS = ("closed-form", "damped", "qp", "hold")
 STATUSES = (Status.OK, Status.LIMITED, Status.GUARDED, Status.SCALED, Status.DEGRADED, Status.HELD)
@@ -336,7 +338,7 @@ def found_by(answer: Answer, tick: Tick) -> tuple[Any, ...]:
         elif tick.rows is not None:
             relaxed = np.zeros(len(tick.rows.C)) if relaxed is None else relaxed
             relaxed[int(name.removeprefix("row "))] = by
-    limited = bool(at_bounds(x, tick.lower, tick.upper).any()) or answer.pace < 1.0
+    limited = bool(at_bounds(x, tick.lower, tick.upper).any()) or answer.pace < WHOLE_PACE
     if tick.rows is not None:
         C, lower, upper, _, P, speed = tick.rows
         limited = limited or bool(at_bounds(C.dot(x), lower, upper).any())

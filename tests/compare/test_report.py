@@ -164,7 +164,7 @@ def test_figures_have_two_digits(value, text):
 
 
 def test_the_committed_results_are_of_every_method_and_every_task():
-    assert tables.names_of(KEPT) == [method.name for method in methods_named(None)]
+    assert set(tables.names_of(KEPT)) >= {method.name for method in methods_named(None)}
     assert [task["name"] for task in KEPT["tasks"]] == [
         t.name for t in tasks_of([], None, None, KEPT["seed"], quick=False)
     ]

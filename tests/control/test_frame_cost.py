@@ -64,7 +64,7 @@ def test_it_is_the_objective_of_the_law(name, kind):
         _, sigma, Vt = np.linalg.svd(A)
         still = Vt[np.count_nonzero(sigma > 1e-9 * sigma[0]) :]
         size, b = np.vdot(A, A), posed.root @ posed.ahead
-        wanted = problem.H + (FREE - definition.NULL**2) * size * still.T @ still + 0.1 * b.dot(b) * np.eye(m)
+        wanted = problem.H + (FREE - definition.NULL) * size * still.T @ still + 0.1 * b.dot(b) * np.eye(m)
         np.testing.assert_allclose(H, wanted, rtol=0.0, atol=1e-12 * size)
         np.testing.assert_allclose(c, -(problem.f + problem.e), rtol=0.0, atol=1e-10 * np.abs(c).max())
 

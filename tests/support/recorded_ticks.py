@@ -142,7 +142,7 @@ def _packed(recorded: Recorded, words: dict[str, int]) -> dict[str, Array | None
     fields |= dict.fromkeys(("velocity", "result", "gave_way", "gave_way_names", "failure"))
     fields |= dict.fromkeys(("pitch", "Z", "Q", "guard"))
     fields["kind"] = coded([kind])
-    fields["scalars"] = np.array([tick.held, tick.missed, tick.damping, sensitivity])
+    fields["scalars"] = np.array([tick.held, tick.missed, tick.damping, tick.exact_rank, sensitivity])
     if tick.rows is not None:
         rows = tick.rows
         fields |= {"C": rows.C, "C_lower": rows.lower, "C_upper": rows.upper, "C_names": coded(rows.names)}
@@ -186,10 +186,20 @@ def _unpacked(fields: dict[str, Any], words: list[str]) -> Recorded:
         form = iq.Complement(fields["Z"])
     elif fields["Q"] is not None:
         form = UserForm(fields["Q"])
-    held, missed, damping, sensitivity = fields["scalars"].tolist()
+    held, missed, damping, exact_rank, sensitivity = fields["scalars"].tolist()
     guard = None if fields["guard"] is None else float(fields["guard"][0])
     given = {name: fields[name] for name in ARRAYS}
-    tick = Tick(**given, rows=rows, exact=exact, held=held, missed=missed, form=form, damping=damping, guard=guard)
+    tick = Tick(
+        **given,
+        rows=rows,
+        exact=exact,
+        exact_rank=int(exact_rank),
+        held=held,
+        missed=missed,
+        form=form,
+        damping=damping,
+        guard=guard,
+    )
     if fields["failure"] is not None:
         return Recorded(*decoded("kind"), tick, *decoded("failure"), sensitivity)
     pace, share, left, guarded = fields["result"].tolist()

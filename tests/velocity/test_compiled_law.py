@@ -33,6 +33,7 @@ def fields(tick):
             given["tool_speed"] = tick.rows.P, tick.rows.speed
     if tick.exact is not None:
         given["exact"] = tuple(tick.exact)
+        given["exact_rank"] = tick.exact_rank
     if isinstance(tick.form, PitchForm):
         given["form"] = "pitch", tick.form.h
     elif isinstance(tick.form, Complement):

@@ -40,7 +40,7 @@ def objective(J, s, damping=0.0, metric=None, posture=None):
     A, M = root_of(POINT, LENGTH) @ J, np.eye(J.shape[1]) if metric is None else metric
     T = np.linalg.inv(np.linalg.cholesky(M)).T
     N = np.linalg.svd(A @ T)[2][6:] @ np.linalg.inv(T)
-    pull = NULL**2 * np.linalg.norm(A @ T) ** 2 * N.T @ N
+    pull = NULL * np.linalg.norm(A @ T) ** 2 * N.T @ N
     wanted = np.zeros(len(M)) if posture is None else posture
     return A.T @ A + damping**2 * M + pull, A.T @ root_of(POINT, LENGTH) @ s + pull @ wanted
 
