@@ -61,9 +61,9 @@ class Law {
     double size = 1, mu = 0, nu = 0, null = 0;  // |B|^2; null: w
     Answer found;
 
-    // Exact rows: y = a (origin_f + p origin_e) + basis z.
+    // Exact rows: y = origin + basis z.
     bool exact = false;
-    Vec origin_f, origin_e;
+    Vec origin;
     Mat basis;
 
     std::optional<Room> all;
@@ -168,8 +168,9 @@ class Law {
             return true;
         const ExactRows rows = whitened(tick, w);
         const Mat E = T.w ? rows.E * T : rows.E;
+        const Vec demand = rows.f + rows.e;
         Mat across, along;  // orthonormal rows: that the exact rows leave free, that they decide
-        Vec y_f, y_e;
+        Vec full;
         std::optional<RQ> rq;
         int rank = E.rows;
         bool lost = false;
@@ -178,17 +179,16 @@ class Law {
         if (rq && rq->regular(ROUNDING)) {
             const Mat Q = rq->basis();
             across = Q.rows_from(0, m - E.rows), along = Q.rows_from(m - E.rows, m);
-            y_f = t(along) * solved(rq->R, rows.f), y_e = t(along) * solved(rq->R, rows.e);
+            full = t(along) * solved(rq->R, demand);
         } else {
             const SVD svd(E);
             rank = svd.rank(ROUNDING);
             for (lost = rank < tick.exact_rank; rank < tick.exact_rank && rank < svd.sigma.n && svd.sigma[rank] > 1e-100;)
                 rank++;  // a direction that is next to lost: a leaves next to nothing of it
             along = svd.V.rows_from(0, rank), across = svd.V.rows_from(rank, m);
-            y_f = svd.least(rows.f, rank), y_e = svd.least(rows.e, rank);
+            full = svd.least(demand, rank);
         }
         basis = transposed(across);
-        const Vec full = y_f + y_e, demand = rows.f + rows.e;
         const double length = std::max(full.norm(), ROOT_ROUNDING), most = demand.norm();
         found.unmet = std::max(rows.contrary, most > 0 && !lost ? (E * full - demand).norm() / most : 0);
         const double whole = (f + e).norm(), damped = KAPPA * tick.held * A.all().norm() * tick.missed / (whole + TINY);
@@ -214,7 +214,7 @@ class Law {
             a = z->y[n], witness = columns * z->y;
         }
         found.share = a > 1 - 10 * ROUNDING ? 1 : std::max(a, 0.0) * (1 - ROUNDING);
-        origin_f = found.share * y_f, origin_e = found.share * y_e;
+        origin = found.share * full;
         return true;
     }
 
@@ -236,7 +236,7 @@ class Law {
         const auto z = minimise(near, room.on(Vec(w, m, 0), columns).with_row(0, 1));
         if (!z)
             return false;
-        origin_f = t(along) * (along * z->y.part(0, m)), origin_e = Vec(w, m, 0);
+        origin = t(along) * (along * z->y.part(0, m));
         found.share = std::clamp(z->y[m], 0.0, 1.0), witness = z->y.part(0, m);
         found.beside = found.limited = true;
         return true;
@@ -364,8 +364,6 @@ class Law {
         y_f.add(follow, pull);
     }
 
-    // d: all of what exact rows demand, and c of the rest.
-    Vec gone(Vec d, Vec demanded) const { return demanded + worth(d) * (d - demanded); }
     double worth(Vec d) const
     {
         if (!tick.before.w || !toward)
@@ -411,12 +409,12 @@ class Law {
     {
         if (exact)
             factors.emplace(transposed(root() * basis));  // K basis = Q [0; R']
-        const Vec first = exact ? origin_f : Vec(w, m, 0), second = exact ? origin_f + origin_e : first;
-        Vec y_0 = optimum(first, y_f), y_1 = optimum(second, y_f + y_e);
+        const Vec start = exact ? origin : Vec(w, m, 0);
+        Vec y_0 = optimum(start, y_f), y_1 = optimum(start, y_f + y_e);
         const bool in_0 = within(tick.position_lower, to_x(y_0), tick.position_upper);
         const bool in_1 = within(tick.position_lower, to_x(y_1), tick.position_upper);
         if (in_0 && in_1) {
-            found.velocity = to_x(y_0 + gone(y_1 - y_0, second - first));
+            found.velocity = to_x(y_0 + worth(y_1 - y_0) * (y_1 - y_0));
             if (allows(found.velocity))
                 return true;
         }
@@ -424,8 +422,8 @@ class Law {
         if (!room)
             return false;
         const Mat T_z = exact ? transposed(inverse(factors->R)) : inverse_root();
-        y_0 = in_0 ? y_0 : placed(first, y_0, T_z), y_1 = in_1 ? y_1 : placed(second, y_1, T_z);
-        const Vec d = gone(y_1 - y_0, second - first);
+        y_0 = in_0 ? y_0 : placed(start, y_0, T_z), y_1 = in_1 ? y_1 : placed(start, y_1, T_z);
+        const Vec d = worth(y_1 - y_0) * (y_1 - y_0);
         const int n = T_z.rows;
         std::optional<Optimum> u;
         if (pace(*room, y_0, y_1, d, n, u)) {

@@ -17,7 +17,7 @@ struct Tick {
     Vec row_lower, row_upper;            // (k,)
     Mat P;                               // (3, m) joint velocities to the velocity of a point of the tool
     double speed = INFINITY;             // |P x| <= speed
-    Mat E;                               // (j, m) exact rows E x = a (E_f + p E_e)
+    Mat E;                               // (j, m) exact rows E x = a (E_f + E_e)
     Vec E_f, E_e;                        // (j,)
     int exact_rank = 0;                  // how many of them the joints can keep; next to where they lose one, a is small
     Mat D;                               // (j, 6) parts of the twist, E = D J, zero for a row that is none

@@ -59,8 +59,6 @@ class Reporter {
         const bool slowed = answer.pace < 1 - PACED && tick.error.square() > 0;
         if (tick.slack > 0 && b.norm() <= nothing())
             found.share = 1;
-        else if (tick.E.rows && slowed && tick.E_e.square() > 0)
-            found.share *= answer.pace;  // of the approach
         // a little less by damping alone is as good as a little that is missed
         const bool scaled = found.share < (answer.limited ? 1 - ACTIVE : 1 - MISSED);
         if (scaled && answer.share < 1 - ACTIVE)
@@ -185,7 +183,7 @@ class Reporter {
         std::vector<std::pair<double, double>> found;
         if (!answer.beside)
             return found;
-        const Vec off = tick.E * x - answer.share * (tick.E_f + answer.pace * tick.E_e);
+        const Vec off = tick.E * x - answer.share * (tick.E_f + tick.E_e);
         for (int i = 0; i < off.n; i++)
             if (std::abs(off[i]) > ACTIVE * tick.E[i].norm() * std::max(SLOWEST, x.norm()))
                 found.emplace_back(FIRST_EXACT_ROW - i, std::abs(off[i]));

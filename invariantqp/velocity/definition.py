@@ -25,8 +25,8 @@ do at all of |A x - f - p e|: an arm that cannot get nearer comes to rest. nu, w
     joints need for the task and for the posture. A task at rest leaves the joints at rest.
 (d) The approach to a target under acceleration limits, with two numbers more, is that of core/loop.cpp.
 
-Exact rows E x = a (E_f + p E_e) hold at the largest share a of their speed that limits allow, damped by r_before as
-well; twist and posture slow down with them, and c is of the rest. Where standing still is outside the limits, rows
+Exact rows E x = a (E_f + E_e) hold at the largest share a of their speed that limits allow, damped by r_before as
+well; twist and posture slow down with them; p and c are of the rest. Where standing still is outside the limits, rows
 come as near to that as limits allow. Rows that contradict the box, and a tool speed that contradicts both, give way by
 the least, by name.
 Twists of several bodies are stacked, with sqrt(weight) R of each; `prioritised` keeps what the levels above achieve.
@@ -217,20 +217,19 @@ def rooms(tick: Tick, T: Array, solver: Backend) -> tuple[Room, Room, tuple[tupl
 
 
 def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, Array, float, Array | None]:
-    """The velocities that meet the exact rows, y = origin_f + p origin_e + basis z, their share a, and one inside."""
+    """The velocities that meet the exact rows, y = origin + basis z, their share a, and one inside."""
     if tick.exact is None or not len(tick.exact[0]):
-        return np.zeros((len(T), 2)), np.eye(len(T)), 1.0, None
-    E, *demands = (np.asarray(part) for part in tick.exact)
+        return np.zeros(len(T)), np.eye(len(T)), 1.0, None
+    E, demand = np.asarray(tick.exact[0]), np.asarray(tick.exact[1]) + np.asarray(tick.exact[2])
     U, sigma, Vt = np.linalg.svd(E.dot(T))
     m, k = len(T), int(np.count_nonzero(sigma > ROUNDING * sigma[0]))
     k = max(k, min(tick.exact_rank, int(np.count_nonzero(sigma > LOST))))
     within, basis = Vt[:k].T, Vt[k:].T
-    origin = (within / sigma[:k]).dot(U[:, :k].T.dot(np.column_stack(demands)))
-    full = origin.sum(axis=1)
+    full = (within / sigma[:k]).dot(U[:, :k].T.dot(demand))
     size = max(float(np.linalg.norm(full)), np.sqrt(ROUNDING))
     b, A = float(np.linalg.norm(tick.root.dot(tick.ahead + tick.error))), tick.root.dot(tick.J)
     mu = KAPPA * tick.held * float(np.linalg.norm(A)) * tick.missed / (b + TINY)
-    slow = mu * float(full.dot(full)) / (float(np.linalg.norm(sum(demands))) + TINY)
+    slow = mu * float(full.dot(full)) / (float(np.linalg.norm(demand)) + TINY)
     n, left = m - k, room.on(np.zeros(m), np.column_stack((basis, full))).with_row(0.0, 1.0)
     H = np.diag(np.append(np.full(n, ROUNDING / size**2 + mu / (b + TINY)), 1.0 + slow))
     try:
@@ -241,10 +240,10 @@ def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, 
         wide = room.on(np.zeros(m), np.eye(m, m + 1)).with_row(0.0, 1.0)
         found = minimise(H, ROUNDING * size**2 * np.eye(m + 1)[m], wide, solver)  # the largest share of several
         nearest, a = within.dot(within.T.dot(found[:m])), min(max(float(found[m]), 0.0), 1.0)
-        return np.column_stack((nearest, np.zeros(m))), basis, a, found[:m]
+        return nearest, basis, a, found[:m]
     a, inside = float(z[n]), basis.dot(z[:n]) + z[n] * full
     a = 1.0 if a > 1.0 - 10.0 * ROUNDING else max(a, 0.0) * (1.0 - ROUNDING)
-    return a * origin, basis, a, inside
+    return a * full, basis, a, inside
 
 
 def objective(tick: Tick, T: Array, share: float) -> Problem:
@@ -308,13 +307,12 @@ def of_form(tick: Tick, J: Array, A: Array) -> tuple[Array, Array, float]:
 def paced(
     of: Problem, origin: Array, basis: Array, room: Room, position: Room, tick: Tick, T: Array, solver: Backend
 ) -> tuple[Array, float]:
-    """y and p: the last lines of the law, for y = origin_f + p origin_e + basis z."""
-    n, (first, way) = basis.shape[1], origin.T
+    """y and p: the last lines of the law, for y = origin + basis z."""
+    n = basis.shape[1]
     H, K = (basis.T.dot(matrix).dot(basis) for matrix in (of.H, of.K))
-    f, e = basis.T.dot(of.f - of.H.dot(first)), basis.T.dot(of.e - of.H.dot(way))
-    y_0 = first + basis.dot(minimise(H, f, position.on(first, basis), solver))
-    y_1 = first + way + basis.dot(minimise(H, f + e, position.on(first + way, basis), solver))
-    d = way + worth(tick, tick.root.dot(tick.J).dot(T), y_1 - y_0) * (y_1 - y_0 - way)
+    f, e, left = basis.T.dot(of.f - of.H.dot(origin)), basis.T.dot(of.e), position.on(origin, basis)
+    y_0, y_1 = (origin + basis.dot(minimise(H, right, left, solver)) for right in (f, f + e))
+    d = worth(tick, tick.root.dot(tick.J).dot(T), y_1 - y_0) * (y_1 - y_0)
     length, size = (float(np.sqrt(max(0.0, y.dot(of.K).dot(y)))) for y in (d, y_1))
     if length <= ROUNDING * size:
         return y_0 + basis.dot(minimise(H, np.zeros(n), room.on(y_0, basis), solver)), 1.0
