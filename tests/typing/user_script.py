@@ -57,14 +57,6 @@ class Table(iq.limits.Limit):
         return wall(q) if velocity.any() else None
 
 
-class Halfway:
-    """A damping policy of the user's."""
-
-    def squares(self, sigma: Vector, wanted: Vector, largest: float) -> Vector:
-        """Half of what each direction is short of the strongest."""
-        return 0.25 * (largest - sigma) ** 2
-
-
 class Descent:
     """A solver of the user's."""
 
@@ -88,7 +80,7 @@ def loop() -> None:
         robot,
         dt=0.001,
         form=iq.CarriedMetric([0.1, 0.1, 0.1, 1.0, 1.0, 1.0], "tool"),
-        damping=Halfway(),
+        damping=1e-3,
         backend=Descent(),
         guard=iq.Guard(0.6),
         exact=[iq.control.ExactPoint(), iq.control.ExactAxis((0.0, 0.0, 1.0))],
