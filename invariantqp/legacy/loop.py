@@ -144,56 +144,11 @@ class LegacyLoop:
         far_outside: Literal["hold", "return"] = "hold",
         engine: Engine = "compiled",
     ) -> None:
-        """Make the loop's fixed part.
+        """Make the loop's fixed part; arguments, errors and warnings are `Controller`'s, but for two.
 
-        Args:
-            robot: from `load_robot`, or anything that meets `Robot`.
-            dt: tick [s].
-            gain: tracking gain [1/s], at most 1/dt; None is 0.1/dt, a tenth of the error in a tick, or less where a
-                delay is given.
-            form: what is attempted of a twist that the joints cannot do; None is least squares at the point.
-            damping: lambda, or a policy of `legacy.damping`; None is `Adaptive()`.
-            guard: the descent guard of a form; True is the default one, False none.
-            posture: (m,) joint positions that are kept near where the tool's motion leaves joints free; True is the
-                middle of the ranges of hinges, not of slides, for arms with more than six joints, False is none. Where
-                the task rests, so do the joints.
-            posture_gain: how fast the posture is approached while the tool moves [1/s]. What joints do for it changes
-                by at most their full speed in 0.2 s, so they are neither jerked off nor stopped at once.
-            joint_metric: as in `solve_velocity`.
-            backend: "daqp", any solver that qpsolvers has, or a `Backend` of yours.
-            exact: what is met exactly while the rest is least squares: "position" for the tool frame's origin, an
-                ExactPoint, ExactAxis, ExactPlane, ExactJoints or ExactRows, or several of them.
-            point: (3,) in the tool frame, the physical point where accuracy counts; None is the point met exactly
-                or, without one, the tool frame's origin; "own" is the arm's own point, which its joints move least.
-            length: as in `solve_velocity`, by default the arm's reach to the point.
-            acceleration_limit: (m,) or one for all joints [rad/s^2, length/s^2], inf where there is none; a joint then
-                also keeps room to brake before its position limits, and the tool before its target. None is no limit.
-            delay: dead time between a command and its effect on the next measurement, beyond one tick [s].
-            position_margin: distance kept from position limits [rad, length], less than half of any joint's range.
-            tool_speed: the largest speed of a point of the tool [length/s], 0.25 m/s beside a person; a number is the
-                limit of the tool frame's origin.
-            rows: LimitRows on the joint velocity, or a function of q (m,) that returns them (or None) in every tick.
-            limits: all limits beside the robot's own, in a list: JointLimits, AccelerationLimit, LimitRows or functions
-                as in `rows`, a ToolSpeed, a Clearance that keeps links from each other
-                and from obstacles, a `Limit` of your own, and limits and barriers made for Pink from
-                `robot.model`, anything with `compute_qp_inequalities(configuration, dt)`. The four arguments above are
-                short for some of them. Joint limits never give way; the others do where they contradict these. Reasons
-                call rows by their names, those without one by their place in the list. Pink cannot pickle its.
-            far_outside: "hold" stands still, "held", where a joint that turns is told to be more than 0.5 rad outside
-                its position range, as one in degrees is; "return" moves back from there too.
-            engine: "compiled" for the compiled core where it is installed and has this loop, "python" for the
-                definition in Python alone, which answers the same later.
-
-        Raises:
-            BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is not a limit, a posture far
-                outside the ranges, or an argument that `solve_velocity` would refuse.
-            UnknownName: no such back end.
-            MissingExtra: a limit of Pink's without Pink.
-
-        Warns:
-            UserWarning: a gain of at most 1 1/s beside a tick of at most 20 ms, which may be meant as a share of the
-                error in a tick; JointLimits more than two turns away from zero, as in degrees; a tool speed of thirty
-                times the arm's length in a second, as in millimetres.
+        `damping` is lambda, or a policy of `legacy.damping`; None is `Adaptive()`. `engine` is "compiled" for the
+        compiled core where it is installed and has this loop, or "python" for the definition in Python alone, which
+        answers the same later.
         """
         by = arrays.choice(engine, "engine", ENGINES)
         robot = require_robot(robot)
@@ -331,32 +286,7 @@ class LegacyLoop:
         tool_speed: float | None = None,
         limits: Sequence[AnyLimit] = (),
     ) -> VelocitySolution:
-        """One tick: the joint velocity to command until the next.
-
-        Args:
-            q: (m,) measured joint positions [rad, length].
-            target: tool pose to be at, (4, 4) in the base frame, a `pinocchio.SE3`, or what `robot.target` returned.
-            feedforward: (6,) the target's motion, a screw in base coordinates [rad/s; length/s]; None is a target at
-                rest. Of a target whose origin p moves at v and which turns at omega, both along the axes of the base
-                frame, it is (omega; v + p x omega) = iq.adjoint(iq.transform(translation=p)) @ [*omega, *v].
-            velocity: (m,) joint velocity now [rad/s, length/s], for the acceleration limits; None is the one commanded
-                last, zero before the first tick.
-            speed: an operator's slider, from 0 to 1: the joints go the same way, `speed` times as fast as they would,
-                feedforward and approach alike; 0 stands still. A target that moves on has to move so much slower too.
-            velocity_limit: (m,) or one for all joints [rad/s, length/s], in this tick; the lower of it and the arm's.
-            tool_speed: the largest speed of the controller's limited point, or of the tool frame's origin, in this tick
-                [length/s]; the lower of it and the controller's own. The slider scales limits of
-                speed too: they are those at speed=1. Joints that are faster than all this allows slow down as fast as
-                their `acceleration_limit` lets them, at once without one.
-            limits: more limits, in this tick alone, as the controller takes them; the lower of two counts.
-
-        Returns:
-            VelocitySolution: q + dt velocity is inside the position limits, or on its way back inside.
-
-        Raises:
-            BadInput: NaN, wrong shapes, or a target thirty times as far away as the arm is long, as one in millimetres
-                is; the controller is as it was.
-        """
+        """One tick: the joint velocity to command until the next, as in `Controller.step`."""
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
         core = None if target is None else self.compiled
         if core is None or now is not None or self.varies:
@@ -409,30 +339,7 @@ class LegacyLoop:
         tool_speed: float | None = None,
         limits: Sequence[AnyLimit] = (),
     ) -> VelocitySolution:
-        """One tick for a twist of the tool instead of a target; exact demands then follow that twist.
-
-        Args:
-            q: (m,) measured joint positions [rad, length].
-            twist: (6,) angular velocity, then the velocity of the tool frame's origin, both along the axes of the base
-                frame [rad/s; length/s], as MoveIt Servo and UR's `speedL` have it.
-            velocity: as in `step`.
-            at: "tool" as above; "base": a screw in base coordinates, whose linear part is the velocity of the point of
-                the tool's body at the origin of the base frame, as in [DS], `robot.jacobian` and `feedforward`.
-            rows: more exact rows, for this tick alone: parts of the screw, A = K'J and b = K'screw for some K.
-            sighting: what `robot.sight` returned at q, if it was called in this tick already.
-            measured_at: (3,) in the base frame, the point to measure at in this tick; None is the controller's own.
-            posture: (m,) joint velocity wanted where the twist leaves joints free; None is the controller's own.
-            speed: as in `step`; exact `rows` are `speed` times as fast too.
-            velocity_limit: as in `step`.
-            tool_speed: as in `step`.
-            limits: as in `step`.
-
-        Returns:
-            VelocitySolution, as from `step`; its residual is a screw in base coordinates.
-
-        Raises:
-            BadInput: NaN, wrong shapes, a twist above 1e12; the controller is as it was.
-        """
+        """One tick for a twist of the tool instead of a target, as in `Controller.follow`."""
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
         if self.varies or now is not None:
             self._begin(q, now)
@@ -463,17 +370,7 @@ class LegacyLoop:
     def rest(
         self, q: ArrayLike, reason: str, velocity: ArrayLike | None = None, sighting: Sighting | None = None
     ) -> VelocitySolution:
-        """One tick of standing still; outside its limits, an arm moves back inside.
-
-        Args:
-            q: (m,) measured joint positions [rad, length].
-            reason: why, in words; the solution repeats it.
-            velocity: as in `step`.
-            sighting: as in `follow`.
-
-        Raises:
-            BadInput: NaN or wrong shapes; the controller is as it was.
-        """
+        """One tick of standing still, as in `Controller.rest`."""
         positions = arrays.vector(q, self._count, "q")
         if not isinstance(reason, str):
             raise BadInput("reason", excerpt(reason), "a text")
