@@ -301,7 +301,6 @@ nb::object descents(const Arm& arm, nb::object targets, nb::object q0, nb::objec
     for (bool near = true; met < n; met++) {
         rows[met].set(before);
         near = descend_to(arm.of, options.towards(poses + 16 * met), rows[met].p, w);
-        
         for (int j = 0; j < m && near; j++)
             near = std::abs(rows(met, j) - before[j]) <= speed[j] * step[met];
         if (!near)
