@@ -131,24 +131,6 @@ class Loop:
         row_names: tuple[str, ...] | None = None,
     ) -> None: ...
 
-class Task:
-    priority: int  # level, 0 first
-    weight: float  # share in its level's sum
-    J: Array | None  # (6, joints) joint twists; None is a task of the joints
-    s: Array  # (6,) wanted twist
-    root: Array  # (6, 6) of its measure
-    velocity: Array  # (joints,) wanted of the joints
-    def __init__(
-        self,
-        *,
-        priority: int | None = None,
-        weight: float | None = None,
-        J: Array | None = None,
-        s: Array | None = None,
-        root: Array | None = None,
-        velocity: Array | None = None,
-    ) -> None: ...
-
 class Split:
     presses: int  # how many of the first constraints are presses
     constraints: Array  # (n, 6) W', wrenches
@@ -289,9 +271,6 @@ def tick(
 
 # By hand:
 def answer_as(kind: type[VelocitySolution], statuses: type[Status], /) -> None: ...
-def tasks(
-    law: Law, unlimited: Law, tasks: tuple[Task, ...], /, *, J: Array, s: Array, **fields: Any
-) -> VelocitySolution | None: ...
 def contact_frame(point: Any, normal: Any, tangent: Any, /) -> Array | None: ...
 def pseudoinverse(J: Array, h: float, /) -> Array | None: ...
 def projectors(

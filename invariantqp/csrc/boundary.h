@@ -28,7 +28,7 @@ static inline bool within(double x, int least, int most) { return x >= least && 
 /* fields.c */
 typedef struct Table Table;
 typedef enum { FITS, UNFIT, WRONG } Fit;
-extern Table TABLE_Law, TABLE_Wanted, TABLE_Loop, TABLE_Task, TABLE_Split, TABLE_Press, TABLE_press, TABLE_now, TABLE_tick;
+extern Table TABLE_Law, TABLE_Wanted, TABLE_Loop, TABLE_Split, TABLE_Press, TABLE_press, TABLE_now, TABLE_tick;
 const void *described(const Table *table, PyObject *object);
 Fit called_by_name(Table *table, PyObject *const *given, PyObject *names, void *into);
 bool types_made(PyObject *module);

@@ -413,7 +413,6 @@ void solved_by(const Squares *sum, Quadratic *problem);
 Outcome relaxed(int m, int k, Polytope *limits, Polytope *placed, Row y, Yielded *yielded);
 Outcome slowed_point(int m, const Polytope *limits, Cone *cone, Row y, Yielded *yielded);
 Outcome solve(const Demand *demand, Solution *solution);
-Outcome solve_tasks(const Demand *demand, int count, const Task *const *tasks, Solution *solution);
 Outcome solve_measured(const Demand *demand, const Row A[6], Solution *solution);
 void kinematics(int m, const Row screws[6], const Pose *home, const double *q, Row J[6], Pose *tool);
 Outcome error_twist(const Pose *target, const Pose *tool, double error[6]);

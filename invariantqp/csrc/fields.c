@@ -99,7 +99,6 @@ static bool loop_settled(const void *values)
 TABLE(Law, Law, LAW_FIELDS, "Law", "What of a law does not change from tick to tick.", law_settled)
 TABLE(Wanted, Wanted, WANTED_FIELDS, "Wanted", "An exact demand of a loop.", NULL)
 TABLE(Loop, Loop, LOOP_FIELDS, "Loop", "What of a controller does not change from tick to tick.", loop_settled)
-TABLE(Task, Task, TASK_FIELDS, "Task", "One of several tasks.", NULL)
 TABLE(Split, Split, SPLIT_FIELDS, "Split", "What a task needs of one kind of contact.", NULL)
 TABLE(Press, Press, PRESS_FIELDS, "Press", "What of a hybrid controller does not change from tick to tick.", NULL)
 TABLE(now, Now, NOW_FIELDS, "step", "", NULL)
@@ -287,7 +286,7 @@ Fit called_by_name(Table *table, PyObject *const *given, PyObject *names, void *
 }
 
 
-static Table *const TABLES[] = {&TABLE_Law, &TABLE_Wanted, &TABLE_Loop, &TABLE_Task, &TABLE_Split, &TABLE_Press};
+static Table *const TABLES[] = {&TABLE_Law, &TABLE_Wanted, &TABLE_Loop, &TABLE_Split, &TABLE_Press};
 #define TYPES ((int)(sizeof TABLES / sizeof *TABLES))
 
 static Table *table_of(const PyTypeObject *type)

@@ -122,16 +122,6 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     MAYBE_MATRIX(brought, 6, 6, has_brought, "the matrix of a form that is brought, on measured twists") \
     MAYBE_VECTOR(posture, joints, has_posture, "joint velocity wanted where the twist leaves joints free")
 
-/* velocity/tasks.py: one of several tasks. */
-#define TASK_FIELDS \
-    LENGTH(joints, MOST, "joints") \
-    COUNT(priority, 0, "level, 0 first") \
-    NUMBER(weight, 1.0, "share in its level's sum") \
-    MAYBE_MATRIX(J, 6, joints, of_twist, "joint twists; None is a task of the joints") \
-    VECTOR(s, 6, DEFAULT(0.0), "wanted twist") \
-    MATRIX(root, 6, 6, NOTHING, "of its measure") \
-    VECTOR(velocity, joints, DEFAULT(0.0), "wanted of the joints")
-
 /* force/contact.py: a Split, in the contact's own frame. */
 #define SPLIT_FIELDS \
     LENGTH(n, 6, "constraints") \
@@ -258,7 +248,6 @@ typedef struct { LAW_FIELDS } Law;
 typedef struct { WANTED_FIELDS } Wanted;
 typedef struct { LOOP_FIELDS } Loop;
 typedef struct { NOW_FIELDS } Now;
-typedef struct { TASK_FIELDS } Task;
 typedef struct { SPLIT_FIELDS } Split;
 typedef struct { PRESS_FIELDS } Press;
 typedef struct { HYBRID_FIELDS } Hybrid;

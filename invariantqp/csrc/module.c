@@ -43,27 +43,6 @@ static PyObject *tick(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     return fit == UNFIT || solve(&demand, &solution) == HAND_BACK ? Py_NewRef(Py_None) : fields(demand.m, &solution, NULL, NULL);
 }
 
-/* tasks(law, unlimited, (Task, ...), ...) likewise, for several tasks by their priorities; J and s are the first one's. */
-static PyObject *tasks(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names)
-{
-    (void)module;
-    Demand demand;
-    Solution solution;
-    const Task *told[MOST];
-    static const char *const USE = "tasks(a Law, another one where some joint has no limit, up to 16 Task, and the fields of a tick by name)";
-    Py_ssize_t size = count == 3 && PyTuple_Check(arguments[2]) ? PyTuple_Size(arguments[2]) : MOST + 1;
-    for (Py_ssize_t i = 0; i < size && size <= MOST; i++)
-        if ((told[i] = described(&TABLE_Task, PyTuple_GetItem(arguments[2], i))) == NULL)
-            size = MOST + 1;
-    if (size > MOST)
-        return refused(USE);
-    Fit fit = tick_read(USE, arguments, 2, arguments + count, names, &demand);
-    if (fit == WRONG)
-        return NULL;
-    return fit == UNFIT || solve_tasks(&demand, (int)size, told, &solution) == HAND_BACK ? Py_NewRef(Py_None)
-                                                                                         : fields(demand.m, &solution, NULL, NULL);
-}
-
 /* The values of a Loop; NULL for anything else. */
 const Loop *loop_of(PyObject *object) { return described(&TABLE_Loop, object); }
 
@@ -166,7 +145,6 @@ static PyMethodDef methods[] = {
     CALLED("planned", planned, "Coefficients of the motion from a state that is near points with little jerk."),
     CALLED("sight", sight,
            "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."),
-    CALLED_BY_NAME("tasks", tasks, "A VelocitySolution of several tasks, or None where Python has to answer."),
     CALLED_BY_NAME("tick", tick, "A VelocitySolution, or None where Python has to answer."),
     CALLED("pseudoinverse", pseudoinverse, "J^{+h}, or None where Python has to find it."),
     CALLED("projectors", dual_projectors, "The fields of DualProjectors in order, or None where Python has to find them."),
