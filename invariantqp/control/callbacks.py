@@ -125,6 +125,7 @@ class Callbacks:
     def _limit_rows(self, q: Array, before: Array) -> tuple[Array, Array, Array] | bool | None:
         """Rows at joint positions q (m,) beside those that never change; False where none are known to be safe."""
         found: list[LimitRows] = []
+        self.rows = self._fixed
         for limits in self._asked:
             rows, self._trouble = limits.at(q, before)
             if self._trouble is not None:

@@ -416,6 +416,33 @@ class Controller:
             return solution
         return solution._replace(reasons=both(told(reason), solution))
 
+    # What a follower drives the arm of the controller by
+
+    def engine_of_follower(self, rise: float) -> Any:
+        """The ticks of a follower in the engine.
+
+        Args:
+            rise: in which the accelerations of joints rise to their limits and fall again [s].
+        """
+        return law.Follower(self._loop, rise, self.tool_speed is not None or self.joint_rows is not None)
+
+    def asked(self, q: ArrayLike) -> tuple[Any, ...] | None:
+        """The functions that the engine asks in a tick that begins at measured joint positions q (m,)."""
+        if self._callbacks is None:
+            return None
+        self._callbacks.begin(q, None)
+        return self._callbacks.functions
+
+    def raised(self, error: BaseException) -> bool:
+        """Whether one of these functions raised the error."""
+        return self._callbacks is not None and self._callbacks.raised is error
+
+    def solution(self, fields: tuple[Any, ...]) -> VelocitySolution:
+        """The solution of a tick that asked these functions, from the engine's fields."""
+        if self._callbacks is None:
+            return solution_of(fields, self._fixed, self.robot.names)
+        return self._callbacks.completed(solution_of(fields, self._callbacks.rows, self.robot.names))
+
     def _tick(
         self,
         now: Changes | None,

@@ -79,6 +79,30 @@ class TickOfLoop {
         return finished(answered());
     }
 
+    NearestVelocity nearest(Vec wanted, bool with_share)
+    {
+        there = in.q, before = in.velocity;
+        arm = functions.arm ? functions.arm(there, w) : seen();
+        tick.J = arm.J;  // for the tool's speed
+        bound();
+        NearestVelocity found;
+        if (!limit_rows()) {
+            tick.root = root(), tick.ahead = tick.error = Vec(w, 6, 0);
+            return {standing(), 0};
+        }
+        const int size = 6 * ((m + 5) / 6);  // of so many twists, each of six joints
+        tick.J = Mat(w, size, m, 0), tick.root = Mat::identity(w, size), tick.ahead = tick.error = Vec(w, size, 0);
+        for (int j = 0; j < m; j++)
+            tick.J(j, j) = 1, tick.ahead[j] = wanted[j];
+        found.report = answered();
+        if (with_share) {
+            tick.E = Mat::identity(w, m), tick.D = Mat(w, m, 6, 0), tick.E_f = wanted, tick.E_e = Vec(w, m, 0);
+            found.share = velocity(tick, w).share;
+        }
+        found.report = finished(found.report);
+        return found;
+    }
+
   private:
     const Loop& loop;
     const LoopSettings& set;
@@ -198,7 +222,7 @@ class TickOfLoop {
         exact(target, gain, ahead);
         tick.held = set.dt + set.delay;
         if (!in.target || tick.C.rows)  // until accelerations let joints have another velocity
-            tick.held += 0.5 * braking_time();
+            tick.held += in.rise + 0.5 * braking_time();
         if (in.posture.w)
             tick.posture = in.posture;
         else if (!set.posture.empty()) {
@@ -416,6 +440,12 @@ class TickOfLoop {
 Report Loop::tick(LoopState& state, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const
 {
     return TickOfLoop(*this, state, in, functions, w).report();
+}
+
+NearestVelocity Loop::nearest(Vec wanted, bool with_share, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const
+{
+    LoopState none(settings.joints, 0, settings.dt);
+    return TickOfLoop(*this, none, in, functions, w).nearest(wanted, with_share);
 }
 
 }  // namespace iq

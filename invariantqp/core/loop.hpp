@@ -52,7 +52,6 @@ struct LoopSettings {
     FormKind form = FormKind::none;
     double pitch = 0, damping = 0, guard = -1;
     std::vector<double> form_matrix;  // (6, c)
-    bool with_targets = true;         // positions are told with a delay; false where a loop is asked within others
 };
 
 // What a tick reads of the arm.
@@ -89,7 +88,14 @@ struct TickInputs {
     Vec E_f;                             // (k,)
     const ArmState* arm = nullptr;       // as it was seen in this tick
     Vec measured_at;                     // (3,) where to measure instead
+    double rise = 0;                     // until accelerations let joints have the velocity, beside braking [s]
     TickChanges changes;
+};
+
+// The joint velocity nearest to a wanted one that the limits allow; and the share of the wanted one that they allow.
+struct NearestVelocity {
+    Report report;
+    double share = 1;
 };
 
 class FarTarget : public std::exception {};
@@ -103,6 +109,8 @@ class Loop {
     // One tick; the state is that of the next. Throws FarTarget, or NoProjector of a form without a guard; the state is then
     // as it was.
     Report tick(LoopState& state, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const;
+    // From joint positions `in.q` after the velocity `in.velocity`; `with_share` asks for the share, too.
+    NearestVelocity nearest(Vec wanted, bool with_share, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const;
 };
 
 }  // namespace iq

@@ -1,6 +1,6 @@
 // Loops for Python: the classes Loop and LoopState of invariantqp._core.
 #include "bound.hpp"
-#include "loop.hpp"
+#include "loop_module.hpp"
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 
@@ -361,6 +361,8 @@ nb::object numbers_of(const LoopState& state)
 }
 
 }  // namespace
+
+LoopFunctions loop_functions(nb::handle given, Reader& read, int m, Workspace& w) { return Functions(given, read, m, w).functions; }
 
 void bind_loop(nb::module_& m)
 {

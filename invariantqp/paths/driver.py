@@ -13,7 +13,6 @@ override's share of the speed that was requested of it since the arm fell behind
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from functools import partial
@@ -26,16 +25,13 @@ from scipy.interpolate import CubicSpline
 
 from invariantqp.control.controller import Controller
 from invariantqp.control.tracking import TRACKING_SHARE
-from invariantqp.engine import core
+from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.control import HybridController
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry import arrays, se3, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.legacy.loop import LegacyLoop, legacy_loop
-from invariantqp.legacy.memory import JointStates
-from invariantqp.legacy.response import units
 from invariantqp.paths.contact import Pressed
 from invariantqp.paths.fit import PATIENCE, REACHED, Given, Solver, sampled
 from invariantqp.paths.plan import PathPlan
@@ -63,9 +59,7 @@ from invariantqp.paths.stamps import ANOTHER_CLOCK, LONG, Arrivals, increasing, 
 from invariantqp.paths.task_error import STILL, task_error
 from invariantqp.paths.time_law import AT_LIMIT, AT_REST, JointLimits, usual
 from invariantqp.robots.kinematics import unwrapped
-from invariantqp.velocity.exact import ExactRows
-from invariantqp.velocity.limits import BrakingBox
-from invariantqp.velocity.reasons import Code, Reason, read, row_name
+from invariantqp.velocity.reasons import read, row_name
 from invariantqp.velocity.solution import Status, VelocitySolution
 
 # Without a jerk limit of its own a joint reaches its full acceleration in this time [s], a usual setting of a UR5.
@@ -98,10 +92,10 @@ NOT_DUE = "the next points are not due yet"
 
 
 class Course(NamedTuple):
-    """What the core follows while nothing new comes."""
+    """What is followed while nothing new comes."""
 
     reference: Reference
-    numbers: Array
+    followed: Any  # as the engine takes it
     until: float  # by the stamps' clock
     told: float  # up to which place `Shape.told_by_core` tells of a tick
 
@@ -161,7 +155,7 @@ class Follower:
             self._pressed = Pressed(loop)
         elif not isinstance(loop, Controller):
             raise BadInput("loop", excerpt(loop), "a Controller, or a HybridController")
-        inner = loop.loop if isinstance(loop, HybridController) else legacy_loop(loop)
+        inner = planning(loop) if isinstance(loop, HybridController) else loop
         self._keep = arrays.choice(keep, "keep", ("time", "shape"))
         if inner.braking is None and (self._keep == "time" or jerk is not None):
             raise BadInput("loop", "one without an acceleration limit", "Controller(acceleration_limit=...)")
@@ -186,12 +180,8 @@ class Follower:
             least if tolerance is None else arrays.number(tolerance, "tolerance", "a distance", positive=True)
         )
         self._solver = Solver(inner, self._tolerance)
-        self._unbraked = inner.unbraked(2.0 * float((self._limits.acceleration / self.jerk).max()))
-        # What no joint knows by itself: in each tick the loop has the last word.
-        bound = inner.tool_speed is not None or inner.joint_rows is not None
-        self._beside = inner.of_joints() if bound else None
-        self._box, braking = self._unbraked.box, inner.braking
-        self._braking = None if braking is None else BrakingBox(self._box, braking.acceleration, inner.dt)
+        self._rise = 2.0 * float((self._limits.acceleration / self.jerk).max())
+        self._engine = inner.engine_of_follower(self._rise)
         self.paused: bool = False
         self._reset()
 
@@ -202,17 +192,11 @@ class Follower:
         self._start: Array | None = None  # (m,) of its joints
         self._astray = False  # whether it waits for joints that are not where they were sent
         self._off = 0.0  # how far one of them is from there at most
-        self._command = self._pace = np.zeros(m)  # in the last tick, and what it had changed by, over the tick
         self._course: Course | None = None
         self._time = 0.0  # when the next tick begins, by the stamps' clock
-        ticks = round(loop.delay / loop.dt) + 1
-        self._sent: deque[Array] = deque(maxlen=ticks)
-        self._issued: deque[Array] = deque(maxlen=ticks)  # the last commands
-        self._seen: Array | None = None  # (m,) joint positions in the last tick, continuous joints without their turns
-        self._states = JointStates.at_first(m).numbers
-        self._trouble: Reason | None = None  # what is wrong with the joints
+        self._state = law.FollowerState(m, loop.delay, loop.dt)  # of the joints
+        self._trouble: bytes | None = None  # what is wrong with the joints
         self._reference: Reference | None = None
-        self._q = self._v = self._a = np.zeros(m)  # of the commanded motion, when the next tick begins
         self._source: Source | None = None  # what is wanted
         self._given: tuple[Given, Array] | None = None  # the points of the source
         self._missed: Array | None = None  # by how much points are out of reach, where one is
@@ -239,10 +223,16 @@ class Follower:
         self._why = "nothing to follow yet"
         self._answer: VelocitySolution | None = None  # what the law made of a twist, or the loop of a command
         self._bound = False  # whether that is a command that the loop's rows or tool speed do not allow
-        self._late = False  # whether the joints cannot be where they are wanted, and catch up
 
     def __copy__(self) -> Follower:
         return deepcopy(self)  # with a state of its own
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name not in {"_engine", "_course"}}
+
+    def __setstate__(self, fields: dict[str, Any]) -> None:
+        vars(self).update(fields, _course=None)
+        self._engine = self.controller.engine_of_follower(self._rise)
 
     # What comes in
 
@@ -417,34 +407,30 @@ class Follower:
         Raises:
             BadInput: NaN, wrong shapes; the follower is as it was.
         """
-        loop = self.controller
         clock = None if now is None else arrays.number(now, "now", "a time in seconds")
-        course = self._course if velocity is None and override == self._override and self._runs(clock) else None
-        if course is not None and loop.varies:
-            loop.begin(q)
-        found = None if course is None else self._by_core(course, q)
-        if found is not None:
-            return found
+        if velocity is None and override == self._override and self._runs(clock):
+            found = self._going_on(q)
+            if found is not None:
+                return found
         self._course = None
         share = self._override_of(override)
         if self._pressed is None:
             _none(wrench=wrench, contact=contact, wanted=wanted)
+        state = self._state
         measured, before, wrong = self._observed(q, velocity)
         if self._pressed is not None:
             return self._in_contact(self._pressed, measured, before, clock, share, (wrench, contact, wanted))
-        shape, another = self._shape, np.abs(before - self._command) > self._limits.dt * self._limits.acceleration
-        self._command = before
+        shape, another = self._shape, np.abs(before - state.command) > self._limits.dt * self._limits.acceleration
+        state.command = before
         if wrong:
             return self._held(wrong, clock)
-        anew, leaves = self._unresponsive != (), shape is None and bool(another.any())
+        anew, leaves = state.unresponsive != (), shape is None and bool(another.any())
         if leaves or anew:  # joints cannot have it by what was commanded
-            self._reference, self._pace = None if leaves else self._reference, np.zeros(self._m)
-        if shape is not None and shape.motion is None and (self._reference is None or not self._v.any()):
+            self._reference, state.change = None if leaves else self._reference, np.zeros(self._m)
+        if shape is not None and shape.motion is None and (self._reference is None or not state.velocity.any()):
             if shape.plan is None:
                 return self._setting_out(shape, measured, clock, share)
             measured = self._on_path(shape, measured, clock)
-        if course is None:
-            loop.begin(measured)
         reference = self._begin(measured, clock, anew=anew)
         self._take_in(reference, share)
         return self._driven(reference, measured)
@@ -459,67 +445,80 @@ class Follower:
         self._source = shape.begin(self._time if clock is None else clock)
         self._reference = self._twist = None
         there = shape.driven.joints(0.0)
-        self._seen = unwrapped(there, q[None], self.controller.turns)[0]
-        return self._seen
+        self._state.measured = unwrapped(there, q[None], self.controller.turns)[0]
+        return np.asarray(self._state.measured)
 
     def _observed(self, given: ArrayLike, velocity: ArrayLike | None) -> tuple[Array, Array, str]:
         """(m,) joint positions and velocity when a tick begins, and why positions cannot be true, "" if they can.
 
         Positions of continuous joints are by whole turns near those of the tick before; unresponsive ones are at rest.
         """
-        q, before = arrays.vector(given, self._m, "q").copy(), self._command
-        if velocity is not None:
-            before = arrays.vector(velocity, self._m, "velocity")
-        loop, wrong, before_this = self.controller, self.controller.wrong(q), self._unresponsive
-        states = JointStates.at_first(self._m)
-        seen = None if wrong else self._seen
-        if seen is not None:
-            q = unwrapped(seen, q[None], loop.turns)[0]
-        if seen is not None and velocity is None:
-            states = JointStates.of(self._states, self._m)
-            states = states.after(loop.dt * self._shown, q - seen, loop.dt, units(self._limits.velocity))
-        self._states = states.numbers
-        self._trouble = states.trouble(loop.dt, loop.gain, loop.fastest_gain, chases=False)
-        responds = [j for j in before_this if j not in self._unresponsive]
-        # A joint that begins to respond does so at the same command as in the ticks before.
-        self._a, self._pace = _at_rest(self._a, responds), _at_rest(self._pace, responds)
-        self._seen = None if wrong else q
-        return q, _at_rest(before, self._unresponsive), str(wrong) if wrong else ""
-
-    @property
-    def _unresponsive(self) -> tuple[int, ...]:
-        """The joints that do not move although they are commanded to."""
-        trouble = self._trouble
-        return () if trouble is None or trouble.code is not Code.NO_MOTION else trouble.joints
-
-    @property
-    def _shown(self) -> Array:
-        """(m,) the command that joint positions show now."""
-        full = len(self._issued) == self._issued.maxlen
-        return self._issued[0] if full else np.zeros(self._m)
+        state, q = self._state, arrays.vector(given, self._m, "q")
+        before = state.command if velocity is None else arrays.vector(velocity, self._m, "velocity").copy()
+        wrong = self.controller.limits.wrong(q)
+        measured = self._engine.observe(state, q, velocity is not None)
+        self._trouble = self._engine.trouble(state)
+        before[list(state.unresponsive)] = 0.0
+        return measured, before, str(wrong) if wrong else ""
 
     def _driven(self, reference: Reference, measured: Array) -> FollowerSolution:
         """A tick along a reference."""
-        self._course = course = self._made_course(reference)
-        found = None if course is None or self._unresponsive else self._by_core(course, measured, begun=True)
-        if found is not None:
-            return found
-        if self._late and self._twist is None and not self._changing:
-            self._late = not reference.splice(reference.source, self._time, self._state, EASE_SAMPLE)
-        command = self._moved(reference, measured)
+        command = self._moved(reference, measured, self._ease)
         self._time += self.controller.dt
         self._course = self._made_course(reference)
         return self._reported(reference, measured, command)
 
+    @property
+    def _ease(self) -> float:
+        """How long a splice takes that late joints look for [s], 0 where they do not."""
+        looks = self._state.late and self._twist is None and not self._changing
+        return max(EASE_SAMPLE, SHORTEST_STOP * self.controller.dt) if looks else 0.0
+
+    def _wish(self, ease: float) -> tuple[Any, ...]:
+        """What is wanted in a tick, as the engine takes it."""
+        kind, wanted, share = "course", None, 1.0
+        if self._chases and self._override > 0.0 and not self.paused:
+            kind, wanted = "velocity", self._by_the_law()
+        elif self._twist is not None:
+            kind, wanted, share = "twist", self._twist if self._twist.any() else None, self._override
+        return kind, wanted, self._twist_at == "base", share, ease, self._time
+
+    def _moved(self, reference: Reference, measured: Array, ease: float = 0.0) -> Array:
+        """(m,) the command of a tick along a reference, inside the limits; the joints are sent so far."""
+        shape, functions = self._shape, self.controller.asked(measured)
+        wish, course = self._wish(ease), self._course_of(reference)
+        found = self._engine.drive(self._state, course, wish, measured, functions, False)
+        if found[0] is None and shape is not None:  # the path waits
+            reference.source = self._source = shape.delayed((1.0 - found[5]) * self.controller.dt)
+            found = self._engine.drive(self._state, self._course_of(reference), wish, measured, functions, True)
+        self._keep_told(found, reference, ease)
+        return np.asarray(found[0])
+
+    def _keep_told(self, found: tuple[Any, ...], reference: Reference, ease: float) -> None:
+        """Keep what a tick found beside its command."""
+        _, _, _, residual, self._bound, _, answer = found
+        self._answer = None if answer is None else self.controller.solution(answer)
+        if residual is not None:
+            reference.joins(self._time, residual, ease)
+        elif ease and self._time < reference.joined:
+            reference.joins(self._time, np.zeros((6, self._m)), 0.0)
+
+    def _course_of(self, reference: Reference) -> Any:
+        """What is followed, as the engine takes it."""
+        shape = self._shape is not None
+        return reference.course(self._bounds, self.controller.gain if shape else self._gain, shape=shape)
+
     def _made_course(self, reference: Reference) -> Course | None:
-        """What the core follows, and until when nothing new comes; None where Python has to."""
-        loop, shape = self.controller, self._shape
-        if core is None or loop.for_core is None:
-            return None
+        """What the next ticks follow, and until when nothing new comes; None where something is to be decided."""
+        shape = self._shape
         if self._samples or self._chases or (shape is None and self._source is None and self._twist is None):
             return None
         if shape is not None and (
-            self._late or reference.source is not shape.motion or self._time <= reference.joined or self._astray
+            self._state.late
+            or reference.source is not shape.motion
+            or self._time <= reference.joined
+            or self._astray
+            or self._state.unresponsive
         ):
             return None
         until, told = self._when(self._looked + 0.5 * AHEAD) if self._function else inf, -inf
@@ -527,7 +526,7 @@ class Follower:
             until, told = min(until, shape.until), shape.usual
         elif self._twist is None:
             ends = reference.end if self._last is None else self._when(self._due)
-            until = min(until, inf if self._late and self._last is None else ends)
+            until = min(until, inf if self._state.late and self._last is None else ends)
         if self._next is not None:
             until = min(until, self._next[2] if self._next[4] is None else self._when(self._next[2]))
         if self._turns:
@@ -535,9 +534,7 @@ class Follower:
         elif self._twist is None and self._samples.newest is not None:
             arrivals = self._samples.arrivals
             until = min(until, arrivals.last + arrivals.timeout)
-        gain = self._gain if shape is None else loop.gain
-        numbers = reference.course(gain=gain, shape=shape is not None)
-        return None if numbers is None or until <= self._time else Course(reference, numbers, until, told)
+        return None if until <= self._time else Course(reference, self._course_of(reference), until, told)
 
     @property
     def _gain(self) -> float:
@@ -561,117 +558,29 @@ class Follower:
             return place
         return clock.start + (place - clock.first) / clock.final if clock.final > 0.0 else inf
 
-    def _by_core(self, course: Course, q: ArrayLike, *, begun: bool = False) -> FollowerSolution | None:
-        """A tick in which nothing new comes, or all of it is taken in, by the core; None where Python has to answer.
-
-        `begun` is whether the positions sent are those of this tick.
-        """
-        reference, numbers, _, told = course
-        time, sent, shape, loop, ease = self._time, self._sent, self._shape, self.controller, 0.0
-        full = not begun and len(sent) == sent.maxlen  # the first goes as this tick's positions come
-        position = self._q
-        shown = sent[full] if full < len(sent) else position
-        if self._late and self._twist is None and not self._changing:
-            ease = max(EASE_SAMPLE, SHORTEST_STOP * loop.dt)
-        found = core.follow(  # type: ignore[union-attr]
-            numbers,
-            self._unbraked.for_core,
-            None if self._beside is None else self._beside.for_core,
-            self._unbraked.kept,
-            self._twist,
-            self._twist_at == "base",
-            self._override,
-            self._late,
-            ease,
-            time,
-            loop.fastest_gain,
-            q,
-            shown,
-            q if self._seen is None else self._seen,
-            self._shown,
-            None if begun else self._states,
-            position,
-            self._v,
-            self._a,
-            self._command,
-            self._pace,
-        )
+    def _going_on(self, q: ArrayLike) -> FollowerSolution | None:
+        """A tick in which nothing new comes; None where there is something to decide, and nothing has changed."""
+        if self._course is None:
+            return None
+        reference, course, _, told = self._course
+        time, shape, ease, state = self._time, self._shape, self._ease, self._state
+        functions = self.controller.asked(q)
+        try:
+            found = self._engine.step(state, course, self._wish(ease), q, functions)
+        except (ValueError, TypeError) as refusal:
+            if self.controller.raised(refusal):
+                raise
+            return None  # q is no joint positions
         if found is None:
             return None
-        states, self._q, self._v, self._a, self._command, self._pace, command, measured, before, after, *more = found
-        self._seen = measured
-        self._issued.append(self._command)
-        self._late, way, answer, self._bound, self._off, troubles = more
-        if not begun:
-            sent.append(position)
-            self._states, self._trouble = states, None if troubles is None else read(troubles)[0]
-        self._time += loop.dt
-        self._answer = None
-        if answer is not None:
-            self._answer = (self._beside if self._bound and self._beside is not None else self._unbraked).said(*answer)
-        if way is not None or (ease and time < reference.joined):
-            reference.joins(time, *((np.zeros((6, self._m)), 0.0) if way is None else (way, ease)))
+        tick, measured, self._off, self._trouble = found
+        self._keep_told(tick, reference, ease)
+        self._time += self.controller.dt
+        if tick[3] is not None or (ease and time < reference.joined):
             self._course = self._made_course(reference)
-        if shape is not None and after < told and self._trouble is None:
-            return shape.told_by_core(command, measured, before, after, self._override)
-        return self._reported(reference, measured, command)
-
-    def _moved(self, reference: Reference, measured: Array) -> Array:
-        """(m,) the command of a tick along a reference, inside the limits; the joints are sent so far."""
-        dt, shape = self.controller.dt, self._shape
-        along = shape is not None and reference.source is shape.motion and not self._late
-        self._answer = None
-        v = wanted = self._wanted(reference)
-        if not along:  # inside the limits of the joints
-            v = self._bounds.nearest(self._q, self._v, self._a, wanted)
-            self._late = self._late or (self._twist is None and bool((dt * np.abs(v - wanted) > AT_LIMIT).any()))
-        wanted = self._corrected(measured, v)
-        command = self._nearest(measured, wanted)
-        if self._bound and along and shape is not None and (loop := self._beside) is not None:  # the path waits
-            q, rows = self._here(measured), ExactRows(np.eye(self._m), wanted)
-            share = loop.follow(q, loop.robot.jacobian(q).dot(wanted), self._command, at="base", rows=rows).scale
-            reference.source = self._source = shape.delayed((1.0 - share) * dt)
-            v = self._wanted(reference)
-            wanted = self._corrected(measured, v)
-            command = self._nearest(measured, wanted)
-        if self._bound and not along:
-            v = v + command - wanted
-            self._late = self._twist is None
-        probing = self._probing(command, measured)
-        v, command = v if along else v + probing - command, probing
-        self._pace, self._command = (command - self._command) / dt, command
-        self._issued.append(command)
-        self._q, self._v, self._a = self._q + dt * v, v, (v - self._v) / dt
-        if self._bound:  # how hard the loop braked is nothing to go on with
-            self._pace = self._a = np.zeros(self._m)
-        return command
-
-    def _nearest(self, measured: Array, wanted: Array) -> Array:
-        """(m,) the command nearest the wanted one (m,) that rows and tool speed of the loop allow: argmin |x - c|."""
-        loop, self._bound = self._beside, False
-        if loop is None:
-            return wanted
-        q = self._here(measured)
-        answer = loop.follow(q, loop.robot.jacobian(q).dot(wanted), self._command, at="base", posture=wanted)
-        other = np.abs(answer.velocity - wanted).max() > arrays.NEGLIGIBLE * np.abs(wanted).max()
-        if not other and answer.status not in (Status.DEGRADED, Status.HELD):
-            return wanted
-        self._answer, self._bound = answer, True
-        return np.array(answer.velocity)
-
-    def _probing(self, command: Array, q: Array) -> Array:
-        """The command (m,) at q (m,); of unresponsive joints fast enough to show that they move again.
-
-        The first one from rest is nearly zero where jerk is limited. This is half of what accelerations allow.
-        """
-        joints, limits = list(self._unresponsive), self._limits
-        share = float((np.abs(command) / (0.5 * limits.dt * limits.acceleration))[joints].max(initial=0.0))
-        if not 0.0 < share < 1.0:
-            return command
-        faster = command.copy()
-        faster[joints] /= share
-        low, high = ((end - q) / limits.dt for end in (limits.lower, limits.upper))
-        return np.clip(faster, np.minimum(low, command), np.maximum(high, command))
+        if shape is not None and tick[2] < told and self._trouble is None:
+            return shape.told_by_core(tick[0], measured, tick[1], tick[2], self._override)
+        return self._reported(reference, measured, tick[0])
 
     def _override_of(self, value: float) -> float:
         most = 1.0 if self._shape is None else MOST_OVERRIDE
@@ -682,52 +591,58 @@ class Follower:
 
     def _held(self, reason: str, clock: float | None) -> FollowerSolution:
         """A tick of joint positions that cannot be true: wherever they may be, to rest as soon as they may."""
-        dt, shape, v = self.controller.dt, self._shape, self._command
+        dt, shape, state = self.controller.dt, self._shape, self._state
         self._reference = None
         self._time = (self._time if clock is None else clock) + dt
         place = nan
         if shape is not None:
             place = shape.place(self._time - dt)
             self._source = None if shape.motion is None else shape.still(self._time)
-        limit = self.controller.braking
+        limit, v = self.controller.braking, state.command
         step = np.full(self._m, inf) if limit is None else dt * limit.acceleration
-        self._pace = np.zeros(self._m)
-        self._v = self._command = np.sign(v) * np.maximum(np.abs(v) - step, 0.0)
-        self._issued.append(self._command)
-        return FollowerSolution(self._v.copy(), Status.HELD, reason, (place, 0.0, 0.0), lambda: inf, "joint positions")
+        v = np.sign(v) * np.maximum(np.abs(v) - step, 0.0)
+        self._commanded(v)
+        state.velocity = v
+        return FollowerSolution(v, Status.HELD, reason, (place, 0.0, 0.0), lambda: inf, "joint positions")
+
+    def _commanded(self, command: Array) -> None:
+        """A tick that the engine did not make gave a command (m,)."""
+        self._state.command, self._state.change = command, np.zeros(self._m)
+        self._state.commanded(command)
 
     def _setting_out(self, shape: Shape, measured: Array, clock: float | None, override: float) -> FollowerSolution:
         """A tick on the way to a path whose shape is kept."""
-        before = self._command
+        before = self._state.command
         share, limited = 0.0 if self.paused else min(override, 1.0), np.isfinite(self._options["joint_jerk"]).all()
         found = self._approaching(shape, measured, before, share) if limited else None
         told = shape.set_out(measured, before, share) if found is None else found
         self._time = (self._time if clock is None else clock) + self.controller.dt
-        self._command, self._pace = told.velocity.copy(), np.zeros(self._m)
         if found is None:
-            self._issued.append(self._command)
+            self._commanded(told.velocity)
         self._reference = None
         return told
 
     def _approaching(self, shape: Shape, measured: Array, before: Array, share: float) -> FollowerSolution | None:
         """As `Shape.set_out`, inside limits of jerk, by the joints; None at the path's start, or where that fails."""
-        if self._start is None or self._unresponsive or np.abs(self._sent[0] - measured).max() > DISPLACED:
+        state = self._state
+        if self._start is None or state.unresponsive or np.abs(state.sent - measured).max() > DISPLACED:
             there, missed = self._solver.pose(shape.given.curve.pose(0.0), measured, self._time, inf)
             if missed > REACHED * self.controller.measure.length:
                 return None
             if self._start is not None:  # pushed
-                self._a = np.zeros(self._m)
-            self._start, self._q, self._v = there, measured, before
-            self._sent.clear()
-        self._sent.append(self._q)
-        self._twist, self._late = None, bool(np.abs(self._start - self._q).max() > AT_LIMIT) or not self._still
-        if not self._late:
+                state.acceleration = np.zeros(self._m)
+            self._start, state.position, state.velocity = there, measured, before
+            state.begin(measured)
+        else:
+            state.send()
+        self._twist, state.late = None, bool(np.abs(self._start - state.position).max() > AT_LIMIT) or not self._still
+        if not state.late:
             return None
         self._bounds = self._limits.slowed(np.full(self._m, share))
         if share == 0.0:
             self._twist = STILL
         command = self._moved(Reference(self._limits, self._start, self._time), measured)
-        return shape.on_the_way(measured, command.copy())
+        return shape.on_the_way(measured, command)
 
     def _in_contact(
         self,
@@ -747,29 +662,15 @@ class Follower:
         except BadInput:  # the follower is as it was
             shape.motion, shape.plan = kept
             raise
-        self._time, self._command = time + self.controller.dt, told.velocity
-        self._issued.append(self._command)
+        self._time = time + self.controller.dt
+        self._commanded(told.velocity)
         return told
 
-    def _corrected(self, measured: Array, v: Array) -> Array:
-        """(m,) the velocity to command: the wanted one, and the way back to where joints were sent.
-
-        Where time is kept, `w` is the part that leads back, and the sum keeps all limits as what is wanted does.
-        """
-        loop, limits, off, before = self.controller, self._bounds, self._sent[0] - measured, self._command
-        if self._shape is not None:
-            v = v + np.copysign(limits.homing(off, loop.gain), off)
-            bounds = self._box.at(measured) if self._braking is None else self._braking.at(measured, before)
-            return np.clip(v, *bounds[:2])
-        here = np.clip(self._q - off, limits.lower, limits.upper)
-        w, back = before - self._v, np.copysign(limits.homing(off, self._gain), off)
-        x = limits.nearest(here, before, self._pace, v + w + limits.dt * limits.towards(w, back))
-        return x if self._braking is None else np.clip(x, *self._braking.at(here, before)[:2])
-
     @property
-    def _state(self) -> Array:
+    def _through_ticks(self) -> Array:
         """(3, m) position, velocity and acceleration of the motion through the ends of the last three ticks."""
-        return np.vstack((self._q, self._v + 0.5 * self.controller.dt * self._a, self._a))
+        state, dt = self._state, self.controller.dt
+        return np.vstack((state.position, state.velocity + 0.5 * dt * state.acceleration, state.acceleration))
 
     def _kept_shape(self, name: str) -> Shape:
         if self._shape is None:
@@ -778,8 +679,8 @@ class Follower:
 
     def _motion(self, reference: Reference) -> Array:
         """(3, m) the same, as exactly as it is known."""
-        exact = not self._late and self._twist is None
-        return reference.at(np.array((self._time,)))[0, :3] if exact else self._state
+        exact = not self._state.late and self._twist is None
+        return reference.at(self._time)[:3] if exact else self._through_ticks
 
     def _open(self, argument: str) -> None:
         self._course = None
@@ -789,7 +690,7 @@ class Follower:
     def _believed(self, given: Given, argument: str) -> Given:
         """What was given, if it can be true; degrees cannot, nor millimetres."""
         if given.poses is not None:
-            self.controller.near(given.poses[:, :3, 3], argument)
+            self.controller.limits.near(given.poses[:, :3, 3], argument)
         for q in () if given.joints is None else (given.joints.min(axis=0), given.joints.max(axis=0)):
             self.controller.believed(q, argument)
         return given
@@ -803,7 +704,7 @@ class Follower:
 
     def _halt(self) -> None:
         """Come to rest from the motion that the arm has now."""
-        self._twist, self._turns, self._shape, self._late = STILL, False, None, False
+        self._twist, self._turns, self._shape, self._state.late = STILL, False, None, False
         self._source = self._given = self._last = self._was = None
         self._bounds = self._limits
 
@@ -821,15 +722,15 @@ class Follower:
                 return begun
         if self._shape is not None and self._shape.motion is not None:
             self._source = self._shape.still(self._time)
-        self._q = np.clip(measured, self._limits.lower, self._limits.upper)
-        self._a, speed = self._pace, self._limits.velocity
-        self._command = self._v = np.clip(self._command, -speed, speed)
-        self._sent.clear()
-        self._sent.append(measured)
+        state, speed = self._state, self._limits.velocity
+        state.position = np.clip(measured, self._limits.lower, self._limits.upper)
+        state.command = state.velocity = np.clip(state.command, -speed, speed)
+        state.acceleration = state.change
+        state.begin(measured)
         self._off = 0.0
-        self._reference = new = Reference(self._limits, self._q, self._time)
+        self._reference = new = Reference(self._limits, state.position, self._time)
         if self._shape is not None and self._source is not None:  # a path that was left is gone back to
-            self._late = not new.splice(self._source, self._time, self._state, EASE)
+            self._state.late = not new.splice(self._source, self._time, self._through_ticks, EASE)
         elif not self._turns:  # and so is what is wanted, from rest or the motion that the arm has
             self._twist, self._samples.far, self._was = STILL, self._samples.newest is not None, None
             if self._source is not None:
@@ -840,31 +741,31 @@ class Follower:
         """Whether a reference is followed on from where the arm is; if it begins `anew`, along a path from rest."""
         if clock is not None and abs(clock - self._time) > SKEW:
             self._leap_to(clock, reference)
-        self._sent.append(self._q)
+        self._state.send()
         shape = self._shape
         if self._displaced(measured):
             return False
-        if anew and shape is not None and shape.motion is not None and not self._late:
+        if anew and shape is not None and shape.motion is not None and not self._state.late:
             reference.source = self._source = shape.still(self._time)
             return True
         return not anew
 
     def _displaced(self, measured: Array) -> bool:
         """Whether joints are so far from where they were sent that they have been pushed."""
-        self._off, shape = float(np.abs(self._sent[0] - measured).max()), self._shape
+        self._off, shape = float(np.abs(self._state.sent - measured).max()), self._shape
         if shape is not None and self._off > STRAYED and shape.is_off(measured, self._time):
             return True
         return self._off > DISPLACED
 
     def _begun(self, measured: Array, source: Source) -> Reference | None:
         """What is followed along a path whose shape is kept, where the joints are where that has them."""
-        self._q = source.at(np.array((self._time,)))[0, 0]
-        self._v = self._a = np.zeros(self._m)
-        self._sent.clear()
-        self._sent.append(self._q)
+        state = self._state
+        state.position = there = source.at(np.array((self._time,)))[0, 0]
+        state.velocity = state.acceleration = np.zeros(self._m)
+        state.begin(there)
         if self._displaced(measured):
             return None
-        self._reference = Reference(self._limits, self._q, self._time)
+        self._reference = Reference(self._limits, there, self._time)
         self._reference.source = source
         return self._reference
 
@@ -876,19 +777,19 @@ class Follower:
 
     def _leap_to(self, clock: float, reference: Reference) -> None:
         """The clock says another time than the ticks."""
-        state = self._state
+        state = self._through_ticks
         before = self._time
         self._set_clock(clock)
         if self._shape is not None and self._shape.motion is not None:
             reference.source = self._source = self._shape.delayed(clock - before)
         elif self._twist is None:
-            self._late = not reference.splice(reference.source, clock, state, EASE)
+            self._state.late = not reference.splice(reference.source, clock, state, EASE)
 
     def _take_in(self, reference: Reference, override: float) -> None:
         """All that came since the last tick, and what is due."""
         now, shape = self._time, self._shape
         if shape is not None and shape.motion is not None:
-            away = self._late or now < reference.joined
+            away = self._state.late or now < reference.joined
             self._astray = away or self._off > (0.5 if self._astray else 1.0) * STRAYED
             share = 0.0 if self.paused or self._astray else override
             self._override = override
@@ -937,11 +838,11 @@ class Follower:
             self._twist = self._asked if override > 0.0 else STILL
             return
         if source is None or override == 0.0 or self._chases:
-            self._twist, self._late, self._bounds = STILL, False, self._limits
+            self._twist, self._state.late, self._bounds = STILL, False, self._limits
             return
         followed = reference.source
         same = self._twist is None and source is (followed.source if isinstance(followed, Clocked) else followed)
-        if samples.far and same and not self._late and now >= reference.joined:
+        if samples.far and same and not self._state.late and now >= reference.joined:
             samples.far, changed = False, True
         if not same or changed or override < 1.0:
             self._bounds = reference.limits = self._bounded(source, place)
@@ -950,11 +851,11 @@ class Follower:
         self._was = source
         slower = source if self._clock is None else Clocked(source, self._clock)
         state, ease = self._motion(reference), EASE_SAMPLE if stream else EASE
-        self._late = True
+        self._state.late = True
         if changing and same:  # a splice that begins anew in each tick leads nowhere
             reference.follow(slower, now)
         else:
-            self._late = not reference.splice(slower, now, state, ease)
+            self._state.late = not reference.splice(slower, now, state, ease)
         self._twist = None
 
     def _bounded(self, source: Source, place: float) -> JointLimits:
@@ -978,7 +879,7 @@ class Follower:
 
     def _leaps(self, there: Array) -> None:
         """What is wanted leaps to joint positions (m,), from where it was or the arm is."""
-        here = self._q if self._was is None else self._was.at(np.array((self._time,)))[0, 0]
+        here = self._state.position if self._was is None else self._was.at(np.array((self._time,)))[0, 0]
         way = there - here
         speeds = np.minimum(PEAK / EASE * np.abs(way), self._limits.peak(way))
         self._speeds = np.maximum(self._speeds, speeds)
@@ -986,7 +887,7 @@ class Follower:
     def _request(self, speeds: Array) -> None:
         """Joint speeds (m,) are requested, while the arm is behind beside those before."""
         joins = self._reference is not None and self._time < self._reference.joined
-        behind = self._late or joins or self._twist is not None
+        behind = self._state.late or joins or self._twist is not None
         self._requested = np.maximum(speeds, self._requested) if behind else speeds
 
     @property
@@ -1035,7 +936,7 @@ class Follower:
             self._why = f"the points begin in {stamps[0] - now:.3g} s"
             return
         whole, given, stamps = (given, stamps), given.chosen(slice(first, end)), stamps[first:end]
-        near, before, there = self._q, None, None
+        near, before, there = self._state.position, None, None
         if isinstance(followed, Motion) and len(stamps) > 1 and not alone:  # out of reach, too, they go on from there
             before = float(2.0 * stamps[0] - stamps[1])
             near, *there = followed.at(np.append(before, stamps), 1)[:, 0]
@@ -1082,16 +983,16 @@ class Follower:
         if not self.controller.exact or given.poses is None:
             return False
         due = min(due, len(joints) - 1)
-        if np.abs(joints[due] - self._q).max() <= (LEAP if self._by_law is None else STRAYED):
+        if np.abs(joints[due] - self._state.position).max() <= (LEAP if self._by_law is None else STRAYED):
             return False
         target = self.controller.robot.target(given.poses[due])
         trapped = self._by_law is not None and self._still and self._time - self._by_law[2] > PATIENCE
-        return not trapped or task_error(self.controller, self._q, target).off <= self._tolerance
+        return not trapped or task_error(self.controller, self._state.position, target).off <= self._tolerance
 
     def _take_samples(self, reference: Reference) -> None:
         """Samples of a stream."""
         samples = self._samples
-        goes_on = samples.take(self._time, self._q)
+        goes_on = samples.take(self._time, self._state.position)
         if samples.newest is None:
             return
         given, _, stamp = samples.newest
@@ -1102,27 +1003,9 @@ class Follower:
         if goes_on and samples.source is not None:
             reference.source = self._was = samples.source
 
-    def _wanted(self, reference: Reference) -> Array:
-        """(m,) the joint velocity that is wanted in this tick."""
-        dt = self.controller.dt
-        if self._chases and self._override > 0.0 and not self.paused:
-            return _going_over(self._v, self._by_the_law(), self._limits)
-        if self._twist is not None:
-            x = np.zeros(self._m)
-            if self._twist.any():
-                self._answer = self._unbraked.follow(
-                    self._q, self._twist, self._v, at=self._twist_at, speed=self._override
-                )
-                x = self._answer.velocity
-            return _going_over(self._v, x, self._limits)
-        there = reference.at(np.array((self._time + dt,)))[0]
-        if self._late:
-            return self._v + dt * self._bounds.catching_up(self._q + dt * self._v, self._v, there)
-        return np.asarray(there[0] - self._q) / dt
-
     def _by_the_law(self) -> Array:
         """(m,) joint velocity towards a sample that is far: along the law's way to it, and stopping at its end."""
-        samples, limits, solver, q = self._samples, self._limits, self._solver, self._q
+        samples, limits, solver, q = self._samples, self._limits, self._solver, self._state.position
         share, twist = self._share, samples.twist
         if self._by_law is not None:
             given, stamps, _ = self._by_law
@@ -1138,13 +1021,9 @@ class Follower:
             most = self._override * np.clip((self._requested / full).max(), AT_REST, 1.0) * full
         if (moves := way != 0.0).any():
             brakes = limits._replace(acceleration=FIRST_ORDER * limits.acceleration)
-            speed = np.minimum(brakes.homing(way, TRACKING_SHARE / limits.dt), most)
+            speed = np.minimum(brakes.approach_speed(way, TRACKING_SHARE / limits.dt), most)
             x = x + float((speed[moves] / np.abs(way[moves])).min()) * way
         return x / max(float((np.abs(x) / most).max()), 1.0)
-
-    def _here(self, measured: Array) -> Array:
-        """(m,) where the joints are, by those sent and how far off the measured ones are."""
-        return self._q - (self._sent[0] - measured)
 
     # What is told
 
@@ -1154,7 +1033,7 @@ class Follower:
         if shape is not None and shape.motion is not None:
             why = ASTRAY if self._astray else PAUSE if self.paused or self._override == 0.0 else ""
             told = shape.told(measured, command.copy(), self._time, self._override, why=why)
-            found = self._by_loop(streams=False) if self._late else None
+            found = self._by_loop(streams=False) if self._state.late else None
             if (found := self._joint_trouble() or found) is not None:
                 told.status, told.reason = found
             return told
@@ -1166,13 +1045,13 @@ class Follower:
             place = self._place
             late = self._time - place
         where = place, late, 1.0
-        across = partial(self._across, self._q, self._sent[0], measured, place, self._given)
+        across = partial(self._across, self._state.position, self._state.sent, measured, place, self._given)
         return FollowerSolution(command.copy(), *self._status(reference, place), where, across)
 
     @property
     def _still(self) -> bool:
         """Whether the commanded motion rests."""
-        return bool((np.abs(self._v) <= AT_REST * usual(self._limits.velocity)).all())
+        return bool((np.abs(self._state.velocity) <= AT_REST * usual(self._limits.velocity)).all())
 
     def _status(self, reference: Reference, place: float) -> tuple[Status, Why]:
         """The status of a tick at a place, and its reason."""
@@ -1203,11 +1082,10 @@ class Follower:
 
     def _joint_trouble(self) -> tuple[Status, Why] | None:
         """What is said of joints that do not do what they are commanded to, None where all do."""
-        trouble = self._trouble
-        if trouble is None:
+        if self._trouble is None:
             return None
-        names = tuple(self.controller.robot.names[j] for j in trouble.joints)
-        return Status.DEGRADED, str(trouble._replace(names=names))
+        names, trouble = self.controller.robot.names, read(self._trouble)[0]
+        return Status.DEGRADED, str(trouble._replace(names=tuple(names[j] for j in trouble.joints)))
 
     def _by_loop(self, streams: bool) -> tuple[Status, Why] | None:
         """What the loop says of the tick, None where nothing; a stream that its limits hold back is late instead."""
@@ -1226,7 +1104,7 @@ class Follower:
         if several and self._last is not None and self._last[1] <= self._place < self._due:
             return Status.WAITING, "for newer points"
         missed = self._missed_at(place)
-        stands = self._time >= end and self._still and not self._late
+        stands = self._time >= end and self._still and not self._state.late
         if stands and self._next is None:
             far = f"the end is out of reach, by {missed:.3g} [length]"
             return (Status.BLOCKED, far) if missed > self._tolerance else (Status.DONE, "")
@@ -1234,7 +1112,7 @@ class Follower:
             return Status.LEFT, f"out of reach, by {missed:.3g} [length]"
         if stands:
             return Status.WAITING, NOT_DUE
-        if not (self._late or (several and isinstance(self._source, Motion) and place < self._source.eased)):
+        if not (self._state.late or (several and isinstance(self._source, Motion) and place < self._source.eased)):
             return Status.MOVING, ""
         held = None if self._answer is None or not self._bound else partial(_held_by, self._answer)
         return Status.LATE, held or (LATE if self._override == 1.0 else SLOWER)
@@ -1336,32 +1214,10 @@ def _spline(stamps: Array, joints: Array) -> Motion:
     return Motion(stamps, np.moveaxis(CubicSpline(stamps, joints).c[::-1], 0, 1))
 
 
-def _at_rest(x: Array, joints: Sequence[int]) -> Array:
-    """(m,) velocities or accelerations, zero of these joints."""
-    x = x.copy()
-    x[list(joints)] = 0.0
-    return x
-
-
 def _along(stamps: Array, joints: Array, now: float) -> Array:
     """(3, m) the motion at a time straight from point to point (n, m), at rest before the first and after the last."""
     there = np.array([[np.interp(t, stamps, q) for q in joints.T] for t in (now - SAMPLING, now, now + SAMPLING)])
     return np.vstack((there[1], (there[2] - there[0]) / (2.0 * SAMPLING), np.zeros(joints.shape[1])))
-
-
-def _going_over(v: Array, x: Array, limits: JointLimits) -> Array:
-    """(m,) joint velocity of the next tick, at v (m,) now, on the way to x (m,), what a loop makes of a twist.
-
-        dv/dt = min(A / |d|, sqrt(2 J / |d|)) d,   d = x - v
-
-    All joints change together, along d: the direction of what is done goes straight from one twist to the next.
-    """
-    d, a = x - v, limits.towards(v, x)
-    away = d != 0.0
-    if not away.any():
-        return x
-    share = float((a[away] / d[away]).min())
-    return x if share * limits.dt >= 1.0 else v + limits.dt * share * d
 
 
 def _none(**given: Any) -> None:
@@ -1371,7 +1227,7 @@ def _none(**given: Any) -> None:
             raise BadInput(name, excerpt(value), "None without contact", "Give a HybridController as the loop.")
 
 
-def _limits_of(loop: LegacyLoop, jerk: ArrayLike | None, rise: float) -> JointLimits:
+def _limits_of(loop: Controller, jerk: ArrayLike | None, rise: float) -> JointLimits:
     """A loop's limits; without a jerk limit the acceleration rises to its own in a time [s].
 
     Raises:

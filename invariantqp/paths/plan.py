@@ -31,7 +31,7 @@ from invariantqp.paths.ahead import SHORTEST, Knot
 from invariantqp.paths.curve import Curve
 from invariantqp.paths.jerk import least_time
 from invariantqp.paths.reference import Motion
-from invariantqp.paths.time_law import AT_LIMIT, AT_REST, HALVINGS, JointLimits
+from invariantqp.paths.time_law import AT_LIMIT, AT_REST, JointLimits
 from invariantqp.velocity.limits import braking_speed
 
 # Shares of the velocity and acceleration limits that a path is driven at; feedback needs the rest.
@@ -41,6 +41,8 @@ ACCELERATION, ON_TIME = "acceleration", "the rate asked for"
 # With a jerk limit: pieces of the motion, but for those in rests. A speed below this share of the largest is a rest, in
 # which the motion waits while all else is averaged.
 PIECES, REST = 600, 1e-2
+# Of the time in which a place is looked for.
+HALVINGS = 24
 
 
 class PathPlan(NamedTuple):

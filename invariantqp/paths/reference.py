@@ -3,51 +3,61 @@
     r(t) = source(t) + residual(t),     residual: a quintic from the jump in position, velocity, acceleration to zero
 
 A source may be replaced at any time: r is then continuous with its first two derivatives (a C2 splice), and jerk stays
-bounded. Sources: polynomials of time (`Motion`: points with stamps, smoothed without delay, a path, a stop), samples
-of a hand read a little late (`Stream`), either of them by another clock (`Clocked`). Each comes to rest after its end.
+bounded. Sources are polynomials of time (`Motion`: points with stamps, smoothed without delay, a path, a stop, the
+samples of a hand), by a clock of their own or not. Each comes to rest after its end. The engine computes them
+(`core/joint_motion.hpp`).
 """
 
 from __future__ import annotations
 
-from math import inf, perm
-from typing import Any, NamedTuple, Protocol
+from math import inf
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
-from scipy.linalg import solveh_banded
+from numpy.typing import ArrayLike
 
-from invariantqp.engine import core
+from invariantqp.engine import law
 from invariantqp.geometry.arrays import Array
 from invariantqp.paths.time_law import JointLimits
 
-# The share of the limits that splices and stops are made for: the rest covers what lies between the places checked.
-SHARE = 0.97
-# A splice is checked at so many places; what does not keep the limits is caught up.
-PLACES = 21
+if TYPE_CHECKING:
+
+    class Motion:
+        """Joints as polynomials of time, piece by piece; at rest before the first and after the last.
+
+        Attributes:
+            knots: (n + 1,) times [s].
+            coefficients: (n, powers, m) of the time since each piece began, from the constant on.
+            start, end: the first and the last of the knots.
+            eased: until then it is not where it is wanted to be, as joints cannot.
+        """
+
+        knots: Array
+        coefficients: Array
+        start: float
+        end: float
+        eased: float
+
+        def __init__(self, knots: ArrayLike, coefficients: Array, eased: float = -inf) -> None: ...
+        def at(self, times: ArrayLike, clock: Clock | None = None) -> Array:
+            """(k, 4, m) position, velocity, acceleration and jerk at times (k,)."""
+            ...
+else:
+    Motion = law.Motion
+
 # Gain [1/s] towards where joints were sent, where time is kept; in contact, to the plan where the path frees them.
 JOINT_GAIN = 5.0
 # Joints farther from where they were sent than this [rad, length] have been pushed: the motion goes on from there.
 # Those of a path whose shape is kept are waited for where they are farther than the second, until they are half as far.
 DISPLACED, STRAYED = 0.2, 0.02
 # Splices take no fewer ticks than the first, and plans are no less calm: a jerk that lasts less than three is none.
-# Changes of a clock's rate looked at.
-SHORTEST_STOP, TURNS = 4.0, 64
+SHORTEST_STOP = 4.0
 # Points that are planned at once: under a millisecond. A plan's knots are so far apart as a share of how calm it is
 # (its least is 1 % above that of all motions), and at most so many.
 MOST_POINTS, KNOTS, MOST_PIECES = 96, 0.5, 400
 # After the last point velocity and acceleration fade in this time [s], looked at in so many places as far apart. As the
 # stop in 0.3 s that it is like: with 0.4 and 0.5 s 3 of 20 runs of chunks were off by more than 1.1 of what those are.
 FADE, FADING = 0.075, 8
-# Points that a joint cannot be at in time weigh less until so much later at each try, and at most so often: off by at
-# most 3 % more than a QP inside the limits was, in five runs.
-EASIER, TRIES = 1.3, 12
-# Of a piece of a cubic B-spline, powers of the share of it that is over, from its four coefficients.
-PIECE: Array = (
-    np.array(((1.0, 4.0, 1.0, 0.0), (-3.0, 0.0, 3.0, 0.0), (3.0, -6.0, 3.0, 0.0), (-1.0, 3.0, -3.0, 1.0))) / 6.0
-)
-# Changes of a clock's rate take at most this [s], are checked at twice as many places, keep this share of limits.
-LONGEST_TURN, TURN_SHARE = 4.0, 0.999
-# How long such a change may wait for joints that brake [s].
-WAITS = (0.0, 0.02, 0.05, 0.1, 0.2)
 # A hand is followed this long after its samples come, times one over the cutoff: 67 ms at 3 Hz.
 DELAY = 0.2
 # A plan along samples that are all noise is as calm as this share of it: more takes longer than what is ahead. What is
@@ -56,47 +66,9 @@ CALM_OF_DELAY, APART = 0.5, 1.5
 # How fast means over samples follow what is measured, a share of the difference for each: of times, of noise. Squares
 # that count as none.
 TRANSPORT_SHARE, NOISE_SHARE, TINY = 0.02, 0.05, 1e-16
-# The d-th derivative of u^n is FACTORS[d, n] u^EXPONENTS[d, n].
-FACTORS: Array = np.array([[perm(n, d) for n in range(7)] for d in range(5)], dtype=np.float64)
-EXPONENTS = np.array([[max(n - d, 0) for n in range(7)] for d in range(5)])
-
-
-class Source(Protocol):
-    """A joint motion in stamp time."""
-
-    @property
-    def end(self) -> float:
-        """After which it is at rest."""
-        ...
-
-    def at(self, times: Array) -> Array:
-        """(k, 4, m) position, velocity, acceleration and jerk at times (k,)."""
-        ...
-
-
-class Motion:
-    """Joints as polynomials of time, piece by piece; at rest before the first and after the last."""
-
-    def __init__(self, knots: Array, coefficients: Array, eased: float = -inf) -> None:
-        """Pieces between knots (n + 1,): powers (n, k, m) of the time since each began, from the constant on.
-
-        Until `eased` it is not where it is wanted to be, as joints cannot.
-        """
-        self.knots, self.coefficients, self.eased = knots, coefficients, eased
-        self.start, self.end = float(knots[0]), float(knots[-1])
-
-    def at(self, times: Array, derivatives: int = 4) -> Array:
-        """As `Source.at`, or the first of its rows alone."""
-        i = np.minimum(np.maximum(self.knots.searchsorted(times, side="right") - 1, 0), len(self.coefficients) - 1)
-        u, c = np.minimum(np.maximum(times, self.start), self.end) - self.knots[i], self.coefficients[i]
-        answer: Array = _powers(u, c.shape[1], derivatives) @ c
-        answer[(times >= self.end) | (times < self.start), 1:] = 0.0
-        return answer
-
-
 def resting(position: Array, time: float) -> Motion:
     """At a position (m,), always."""
-    return Motion(np.array((time, time)), position[None, None])
+    return Motion((time, time), position[None, None])
 
 
 def planned(state: Array, now: float, stamps: Array, points: Array, limits: JointLimits, calm: float) -> Motion:
@@ -110,15 +82,8 @@ def planned(state: Array, now: float, stamps: Array, points: Array, limits: Join
     """
     times, wanted = _going_on(stamps - now, points)
     n = min(max(int(np.ceil(float(times[-1]) / (KNOTS * calm))), 4), MOST_PIECES)
-    h = float(times[-1]) / n
-    if core is not None and points.shape[1] <= core.MOST_JOINTS:
-        pieces, eased = core.planned(limits.rows, state, times, wanted, calm, n)
-    else:
-        each = [_eased(state, times, wanted, limits, calm, n, j) for j in range(points.shape[1])]
-        c, eased = np.stack([c for c, _ in each], axis=1), max(later for _, later in each)
-        pieces = PIECE @ np.stack((c[:-3], c[1:-2], c[2:-1], c[3:]), axis=1) / h ** np.arange(4.0)[:, None]
-    knots: Array = now + h * np.arange(n + 1.0)
-    return Motion(knots, pieces, now + eased)
+    found: Motion = law.planned(limits, state, now, times, wanted, calm, n)
+    return found
 
 
 def _going_on(times: Array, points: Array) -> tuple[Array, Array]:
@@ -141,44 +106,6 @@ def _going_on(times: Array, points: Array) -> tuple[Array, Array]:
     due, early = int(times.searchsorted(0.0, side="right")), FADE * np.arange(1, int(max(times[0], 0.0) / FADE) + 1)
     before = points[:1].repeat(len(early), axis=0)
     return np.concatenate((early, times[due:], last + over)), np.concatenate((before, points[due:], goes_on))
-
-
-def _eased(
-    state: Array, times: Array, wanted: Array, limits: JointLimits, calm: float, n: int, j: int
-) -> tuple[Array, float]:
-    """(n + 3,) coefficients of a plan for one joint: a cubic B-spline of n even pieces, the last three the same.
-
-    And until when points weigh less to it.
-    """
-    h = float(times[-1]) / n
-    piece = np.minimum((times / h).astype(np.intp), n - 1)
-    # Rows of the least squares, four coefficients each: the points, then the jerks.
-    rows = np.vstack((((times / h - piece)[:, None] ** np.arange(4.0)) @ PIECE, np.tile(6.0 * PIECE[3], (n, 1))))
-    at = np.minimum(np.append(piece, np.arange(n))[:, None] + np.arange(4), n)
-    x, v, a = state[:, j] * (1.0, h, h * h)
-    c = np.zeros(n + 3)
-    c[:3] = x - v + a / 3.0, x - a / 6.0, x + v + a / 3.0
-    away = np.append(wanted[:, j], np.zeros(n)) - (rows * c[at]).sum(axis=1)
-    eased = 0.0
-    for _ in range(TRIES):
-        weights = np.diff(times, prepend=0.0) * np.minimum(times / max(eased, times[0]), 1.0) ** 2
-        weights = np.append(weights, np.full(n, h * (calm / h) ** 6))
-        bands, right = np.zeros((4, n + 1)), np.zeros(n + 1)  # upper form
-        for i in range(4):
-            np.add.at(right, at[:, i], weights * rows[:, i] * away)
-            for k in range(4):
-                upper = at[:, i] <= at[:, k]
-                below, column = at[upper, i] - at[upper, k], at[upper, k]
-                np.add.at(bands, (3 + below, column), (weights * rows[:, i] * rows[:, k])[upper])
-        c[3 : n + 1] = solveh_banded(bands[:, 3:], right[3:])
-        c[n + 1 :] = c[n]
-        motion = (c[:-2] + 4.0 * c[1:-1] + c[2:]) / 6.0, (c[2:] - c[:-2]) / (2.0 * h), np.diff(c, 2) / h**2
-        jerk = np.append(np.diff(c, 3), 0.0) / h**3
-        share = float(limits.of(j).ratio(*(x[:, None] for x in (*motion, jerk))).max())
-        if share <= SHARE:
-            break
-        eased = max(eased, 2.0 * calm) * max(share, EASIER)
-    return c, eased
 
 
 class Stream:
@@ -258,36 +185,20 @@ class Clock(NamedTuple):
     rate: float
     slope: float  # of the rate
     final: float  # the rate in the end
-    duration: Any = 0.0  # of the change [s]; an array for several
-
-    def at(self, times: Array) -> tuple[Array, Array, Array, Array]:
-        """The source's time, rate, slope and the slope's slope at times that go with the durations."""
-        D, d = np.maximum(self.duration, 1e-300), self.final - self.rate
-        b, c = (3.0 * d / D - 2.0 * self.slope) / D, (self.slope - 2.0 * d / D) / D / D
-        u = np.clip(times - self.start, 0.0, self.duration)
-        on = times - self.start < self.duration
-        place = (
-            self.first
-            + self.rate * np.minimum(times - self.start, 0.0)
-            + u * (self.rate + u * (0.5 * self.slope + u * (b / 3.0 + u * 0.25 * c)))
-        )
-        place = place + self.final * np.maximum(times - self.start - self.duration, 0.0)
-        rate = np.where(on, self.rate + u * (self.slope + u * (b + u * c)), self.final)
-        slope = np.where(on, self.slope + u * (2.0 * b + 3.0 * u * c), 0.0)
-        return place, rate, slope, np.where(on, 2.0 * b + 6.0 * u * c, 0.0)
+    duration: float = 0.0  # of the change [s]
 
     def now(self, time: float) -> tuple[float, float, float]:
         """The source's time, rate and slope."""
-        place, rate, slope, _ = self.at(np.array(time))
-        return float(place), float(rate), float(slope)
+        found: tuple[float, float, float] = law.clock_at(self, time)
+        return found
 
 
 class Clocked(NamedTuple):
-    """A source by a clock of its own."""
+    """A motion by a clock of its own."""
 
-    source: Source
+    source: Motion
     clock: Clock
-    joints: int | None = None  # so many columns of the source; None is all
+    joints: int | None = None  # so many columns of the motion; None is all
 
     @property
     def end(self) -> float:
@@ -301,57 +212,23 @@ class Clocked(NamedTuple):
         return self.clock.now(time)[0]
 
     def last(self, time: float) -> float:
-        """The position of the source's last column, a place."""
-        return float(self.source.at(np.array((self.place(time),)))[0, 0, -1])
+        """The position of the motion's last column, a place."""
+        return float(self.source.at((self.place(time),))[0, 0, -1])
 
     def at(self, times: Array) -> Array:
-        """As `Source.at`."""
-        place, rate, slope, bend = (x[:, None] for x in self.clock.at(times))
-        r = self.source.at(place[:, 0])[:, :, : self.joints]
-        v, a, j = r[:, 1], r[:, 2], r[:, 3]
-        return np.stack(
-            (
-                r[:, 0],
-                rate * v,
-                rate**2 * a + slope * v,
-                rate**3 * j + 3.0 * rate * slope * a + bend * v,
-            ),
-            axis=1,
-        )
+        """As `Motion.at`."""
+        found: Array = self.source.at(times, self.clock)[:, :, : self.joints]
+        return found
 
     def turned(self, time: float, final: float, limits: JointLimits) -> Clocked:
         """The same with a clock that goes over to another rate, and has it as soon as limits of all columns allow.
 
         Joints that brake at their limit already cannot stop sooner: a steady clock then goes on till there is room.
         """
-        place, rate, slope = self.clock.now(time)
-        best, soonest = None, inf
-        for wait in WAITS if slope == 0.0 else WAITS[:1]:
-            if wait >= soonest:
-                break
-            clock = Clock(time + wait, place + rate * wait, rate, slope, final)
-            D, worst = self._turn(clock, limits)
-            if best is None or (worst <= TURN_SHARE and wait + D < soonest):
-                best = clock._replace(duration=D)
-                soonest = wait + D if worst <= TURN_SHARE else inf
-        return self._replace(clock=best or self.clock)
+        return self._replace(clock=Clock(*law.turned(self.source, self.clock, limits, time, final)))
 
-    def _turn(self, clock: Clock, limits: JointLimits) -> tuple[float, float]:
-        """The shortest change of rate that keeps the limits, or else that with the least excess; its share of them."""
-        D, worst = np.geomspace(SHORTEST_STOP * limits.dt, LONGEST_TURN, TURNS), np.zeros(0)
-        for some in np.split(D[:, None], TURNS // 8):  # the shortest first
-            times = clock.start + np.linspace(0.0, 1.0, 2 * PLACES - 1) * some
-            place, rate, slope, bend = (x.ravel()[:, None] for x in clock._replace(duration=some).at(times))
-            r = self.source.at(place[:, 0])
-            v, a, j = r[:, 1], r[:, 2], r[:, 3]
-            jerk = rate**3 * j + 3.0 * rate * slope * a + bend * v
-            ratio = limits.ratio(r[:, 0], rate * v, rate**2 * a + slope * v, jerk).reshape(times.shape)
-            worst = np.append(worst, ratio.max(axis=1))
-            if worst.min() <= TURN_SHARE:
-                break
-        # What it was going to do anyway is not to be made worse.
-        i = int((worst <= max(TURN_SHARE, 1.0001 * float(worst.min()))).argmax())
-        return float(D[i]), float(worst[i])
+
+Source: TypeAlias = "Motion | Clocked"
 
 
 class Reference:
@@ -366,7 +243,7 @@ class Reference:
         """At rest."""
         self.limits = limits
         self.source: Source = resting(position, time)
-        self._residual = np.zeros((6, len(position)))
+        self._residual: Array = np.zeros((6, len(position)))
         self._start, self._duration = time, 0.0
 
     @property
@@ -379,35 +256,19 @@ class Reference:
         """When all is at rest."""
         return max(self.joined, self.source.end)
 
-    def at(self, times: Array) -> Array:
-        """(k, 4, m) position, velocity, acceleration and jerk at times (k,)."""
-        answer = self.source.at(times)
-        if times[0] < self.joined:
-            u = times - self._start
-            left = _powers(np.clip(u, 0.0, self._duration), 6) @ self._residual
-            left[u >= self._duration] = 0.0
-            answer = answer + left
-        return answer
+    def at(self, time: float) -> Array:
+        """(4, m) position, velocity, acceleration and jerk at a time."""
+        found: Array = self.course(self.limits).at(time)[:, : len(self.limits.lower)]
+        return found
 
-    def course(self, source: Source | None = None, gain: float = JOINT_GAIN, *, shape: bool = False) -> Array | None:
-        """What is followed, or would be with a source, as the compiled core takes it; None for what it does not have.
+    def course(self, limits: JointLimits, gain: float = 0.0, *, shape: bool = False) -> Any:
+        """What is followed inside limits, as the engine takes it.
 
         `gain` [1/s] leads joints back to where they were sent; `shape` says whether a path's shape is kept.
         """
-        source = self.source if source is None else source
-        limits = self.limits
-        m = len(limits.lower)
-        clock = Clock(0.0, 0.0, 1.0, 0.0, 1.0)
-        if isinstance(source, Clocked):
-            source, clock, _ = source
-        if core is None or m > core.MOST_JOINTS:
-            return None
-        if not isinstance(source, Motion):
-            return None
-        n, k, columns = source.coefficients.shape
-        kept = gain, shape, 0.5 * STRAYED if shape else DISPLACED
-        head = m, columns, n, k, limits.dt, *kept, *clock, self._start, self._duration
-        return np.concatenate((head, self._residual.ravel(), *limits[:5], source.knots, source.coefficients.ravel()))
+        motion, clock = _by_clock(self.source)
+        pushed = 0.5 * STRAYED if shape else DISPLACED
+        return law.Course(limits, motion, clock, self._residual, self._start, self._duration, gain, shape, pushed)
 
     def joins(self, time: float, residual: Array, duration: float) -> None:
         """The splice from a time on: a residual (6, m), zero after a duration."""
@@ -425,31 +286,12 @@ class Reference:
             Whether that keeps the limits together with the source; if not, the source is followed without a splice,
             which the joints cannot do.
         """
-        numbers = self.course(source)
         D = max(duration, SHORTEST_STOP * self.limits.dt)
         self.source = source
-        if core is not None and numbers is not None:
-            found = core.splice(numbers, time, state, D)
-        else:
-            here = source.at(np.array((time,)))[0]
-            residual = _residual(state - here[:3], D)
-            u = np.linspace(0.0, D, PLACES)
-            worst = self.limits.ratio(*np.moveaxis(source.at(time + u) + _powers(u, 6) @ residual, 1, 0)).max()
-            found = residual if worst <= SHARE else None
+        found = law.splice(*_by_clock(source), self.limits, time, state, D)
         self.joins(time, *((self._residual, 0.0) if found is None else (found, D)))
         return found is not None
 
 
-def _residual(e: Array, D: float) -> Array:
-    """(6, m) the quintic from (3, m) position, velocity and acceleration to zero in a duration."""
-    x, v, a = e
-    c3 = -(20.0 * x + 12.0 * v * D + 3.0 * a * D**2) / (2.0 * D**3)
-    c4 = (30.0 * x + 16.0 * v * D + 3.0 * a * D**2) / (2.0 * D**4)
-    c5 = -(12.0 * x + 6.0 * v * D + a * D**2) / (2.0 * D**5)
-    return np.stack((x, v, 0.5 * a, c3, c4, c5))
-
-
-def _powers(u: Array, count: int, derivatives: int = 4) -> Array:
-    """(..., derivatives, count) powers of u (...), and what they become by differentiating once, twice, ..."""
-    answer: Array = FACTORS[:derivatives, :count] * u[..., None, None] ** EXPONENTS[:derivatives, :count]
-    return answer
+def _by_clock(source: Source) -> tuple[Motion, Clock | None]:
+    return (source.source, source.clock) if isinstance(source, Clocked) else (source, None)
