@@ -36,7 +36,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.legacy.loop import LegacyLoop, legacy_loop
 from invariantqp.legacy.memory import JointStates
 from invariantqp.legacy.response import units
-from invariantqp.paths.contact import Pressed
+from invariantqp.paths.contact import Pressed, planner_of
 from invariantqp.paths.fit import PATIENCE, REACHED, Given, Solver, sampled
 from invariantqp.paths.plan import PathPlan
 from invariantqp.paths.reference import (
@@ -158,8 +158,11 @@ class Follower:
         if isinstance(loop, HybridController):
             if keep != "shape":
                 raise BadInput("keep", repr(keep), '"shape"', "In contact a path is driven, and waits for the touch.")
-            self._pressed = Pressed(loop)
-        elif not isinstance(loop, Controller):
+            self._arm = planner_of(loop)
+            self._pressed = Pressed(loop, self._arm)
+        elif isinstance(loop, Controller):
+            self._arm = Controller(loop.robot, **loop.options)
+        else:
             raise BadInput("loop", excerpt(loop), "a Controller, or a HybridController")
         inner = loop.loop if isinstance(loop, HybridController) else legacy_loop(loop)
         self._keep = arrays.choice(keep, "keep", ("time", "shape"))
@@ -185,7 +188,7 @@ class Follower:
         self._tolerance = (
             least if tolerance is None else arrays.number(tolerance, "tolerance", "a distance", positive=True)
         )
-        self._solver = Solver(inner, self._tolerance)
+        self._solver = Solver(self._arm, self._tolerance)
         self._unbraked = inner.unbraked(2.0 * float((self._limits.acceleration / self.jerk).max()))
         # What no joint knows by itself: in each tick the loop has the last word.
         bound = inner.tool_speed is not None or inner.joint_rows is not None
@@ -221,7 +224,7 @@ class Follower:
         self._next: tuple[Given, Array | None, float, bool, float | None] | None = None
         self._function: Callable[[float], Any] | None = None
         self._looked = 0.0
-        self._samples = Samples(loop, self._solver, cutoff=self.cutoff, timeout=self.timeout, drops=self._drops)
+        self._samples = Samples(self._arm, self._solver, cutoff=self.cutoff, timeout=self.timeout, drops=self._drops)
         self._by_law: tuple[Given, Array, float] | None = None  # points approached by the law, with stamps; since when
         self._twists = Arrivals(self.timeout, self.timeout)
         self._asked: Array = STILL  # the twist
@@ -278,7 +281,7 @@ class Follower:
                 raise BadInput("points", excerpt(points), 'two poses (n, 4, 4) or more with keep="shape"')
             times = None if stamps is None else increasing(stamps, len(given))
             rate = None if stamps is None else self._rate
-            shape = Shape(self.controller, given.poses, times=times, rate=rate, **self._options)
+            shape = Shape(self._arm, given.poses, times=times, rate=rate, **self._options)
             self._forget()
             self._halt()
             self._shape, self._start = shape, None
@@ -1086,7 +1089,7 @@ class Follower:
             return False
         target = self.controller.robot.target(given.poses[due])
         trapped = self._by_law is not None and self._still and self._time - self._by_law[2] > PATIENCE
-        return not trapped or task_error(self.controller, self._q, target).off <= self._tolerance
+        return not trapped or task_error(self._arm, self._q, target).off <= self._tolerance
 
     def _take_samples(self, reference: Reference) -> None:
         """Samples of a stream."""
@@ -1307,7 +1310,7 @@ class PathFollower(Follower):
         super().__init__(loop, keep="shape", jerk=joint_jerk, blocked=blocked, tolerance=tolerance)
         along: dict[str, Any] = {"end": end, "times": times, "rate": rate, "acceleration": acceleration, "jerk": jerk}
         along["corners"] = arrays.flag(corners, "corners")
-        self._shape = Shape(self.controller, path, **along, **self._options)
+        self._shape = Shape(self._arm, path, **along, **self._options)
 
     @property
     def plan(self) -> PathPlan | None:
