@@ -53,7 +53,14 @@ from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import turning
 from invariantqp.robots.chain import Chain
-from invariantqp.robots.kinematics import Robot, Sighting, continuous_turns, middle, require_robot
+from invariantqp.robots.kinematics import (
+    Robot,
+    Sighting,
+    continuous_turns,
+    joint_displacement,
+    middle,
+    require_robot,
+)
 from invariantqp.velocity.arguments import metric_of
 from invariantqp.velocity.backends import Backend, backend_of
 from invariantqp.velocity.exact import ExactRows
@@ -283,6 +290,20 @@ class Controller:
         if not isinstance(value, law.LoopState) or len(value.numbers) != len(self._state.numbers):
             raise BadInput("state", excerpt(value), "the state of a loop with as many joints and as long a delay")
         self._state = copy(value)
+
+    @property
+    def law_options(self) -> dict[str, Any]:
+        """What of the law is the same in every tick, as the engine takes it: form, damping, guard, joint metric."""
+        guard = None if self.guard is None else self.guard.fraction
+        metric, damping = self._settings["metric"], self._settings["damping"]
+        return {**form_fields(self.form), "damping": damping, "guard": guard, "metric": metric}
+
+    def posture_pull(self, q: Array) -> Array | None:
+        """(m,) the joint velocity from q (m,) towards the posture; None where the null space has none."""
+        if not self.posture_gain:
+            return None
+        pull: Array = self._settings["pull"] * joint_displacement(q, self._settings["posture"], self.turns)
+        return pull
 
     def believed(self, q: ArrayLike, argument: str = "q") -> Array:
         """Joint positions (m,) that can be true; errors name the argument.

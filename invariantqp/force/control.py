@@ -304,6 +304,7 @@ class HybridController:
 
     Attributes:
         task: what the contact allows and what to exert on it.
+        options: the loop's arguments, by name.
         loop: the loop that follows the twist of each tick inside the limits.
         sensor: what cleans the readings, or None where wrenches come clean and in the base frame.
         order: of plain numbers where there is no sensor.
@@ -355,7 +356,8 @@ class HybridController:
         self._at_contact = options.get("point") is None
         if self._at_contact and options.get("length") is None:
             options["length"] = length_at(robot.jacobian(mid), contact.point)
-        self.loop: LegacyLoop = LegacyLoop(robot, dt=dt, **options)
+        self.options: dict[str, Any] = {"dt": dt, **options}
+        self.loop: LegacyLoop = LegacyLoop(robot, **self.options)
         self.sensor = sensor
         self.force_first = arrays.flag(force_first, "force_first")
         self.order = order_of(order)

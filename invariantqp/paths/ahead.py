@@ -21,28 +21,23 @@ q'_rows meets the rows as far as damped least squares do, q'_least is damped lea
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from invariantqp.control.controller import Controller
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.legacy.damping import Adaptive
-from invariantqp.legacy.law import Demand
-from invariantqp.legacy.loop import LegacyLoop
-from invariantqp.legacy.solve import solve
 from invariantqp.paths.curve import Curve
 from invariantqp.paths.fit import REACHED
 from invariantqp.paths.task_error import TaskError, task_error
 from invariantqp.paths.time_law import AT_LIMIT, usual
-from invariantqp.velocity.exact import ExactRows
 
 # Where a path is left, and of what strays beside exact rows: the damping, and the share of the longest step by which
 # damping grows with the distance (`calm`), beside exact rows the second. So an arm that stretches out goes on smoothly
 # and bends again in time.
-PASSING, CALMING, CALMING_ROWS = Adaptive(1e-2, 3e-3), 0.1, 0.5
+KAPPA, CALMING, SINGULAR = 0.5, 0.1, 1e-2
 # The share of the path over which the distance falls to 1/e on the way back; nearer than NEAR, relative, this share
 # shrinks with the root of the distance, to LAST of itself.
 REJOIN, NEAR, LAST = 0.02, 1e-2, 0.1
@@ -93,14 +88,6 @@ def _ratio(seen: TaskError) -> float:
     return float(sigma[-1] / sigma[0]) if sigma[0] > 0.0 else 0.0
 
 
-def _joint_rows(exact: ExactRows) -> ExactRows | None:
-    """Those of exact rows that are no parts of the twist; None where there are none."""
-    if exact.of_twist is None:
-        return exact
-    own = ~np.asarray(exact.of_twist).any(axis=1)
-    return ExactRows(exact.A[own], exact.b[own]) if own.any() else None
-
-
 class JointPath:
     """Knots from the start on; `extend` finds the next one.
 
@@ -111,7 +98,7 @@ class JointPath:
 
     def __init__(
         self,
-        controller: LegacyLoop,
+        controller: Controller,
         curve: Curve,
         q: Array,
         *,
@@ -137,12 +124,9 @@ class JointPath:
         self._reachable = OFF_PATH * self._length
         self._scale: float = curve.end
         self._longest = self._scale / LEAST_STEPS
-        self._law = self._back = controller.law.planned
-        if controller.exact or not stops:
-            calming = CALMING_ROWS if controller.exact else CALMING
-            self._law = replace(controller.law, dt=calming * self._longest, damping=PASSING)
-        if controller.exact:
-            self._back = self._law
+        self._exact = bool(controller.exact)
+        import os
+        self._calming = float(os.environ.get("CALM","0.1")) * (5.0 if self._exact else 1.0)
         self._pace = 0.0 if rate is None else 1.0 / rate  # time per unit of the parameter
         self._step = self._longest
         self._first = q.copy()
@@ -242,16 +226,16 @@ class JointPath:
         if not self._stops:  # what little a correction leaves to a limit would make the slope go to and fro
             q = np.where(q < box.position_lower + AT_LIMIT, box.position_lower, q)
             q = np.where(q > box.position_upper - AT_LIMIT, box.position_upper, q)
-        _, root, demands, _, part, error = seen
+        root, part, error = seen.root, seen.part, seen.error
         tangent = self.curve.tangent(at)
-        if demands is not None or not self._stops:  # back to the path a little at a time
-            met = error if demands is None else part.dot(error)
+        if self._exact or not self._stops:  # back to the path a little at a time
+            met = part.dot(error) if self._exact else error
             share = TURNING if self._stops else REJOIN * max(sqrt(min(size / (NEAR * self._length), 1.0)), LAST)
             tangent = tangent + (met / share + (error - met) / TURNING) / self._scale
         ahead = self._answer(q, seen, tangent, step, None) if before is None else before.slope
         slope = self._answer(q, seen, tangent, step, self._posture(q, ahead))
         unmet = root.dot(error)
-        if self._stops and demands is None and sqrt(float(unmet.dot(unmet))) > UNMET * self._length:
+        if self._stops and not self._exact and sqrt(float(unmet.dot(unmet))) > UNMET * self._length:
             slope = self._bent(at, q, slope, self._answer(q, seen, error, 1.0, None))
         return Knot(at, q, slope, size, _ratio(seen))
 
@@ -262,19 +246,19 @@ class JointPath:
         seen = task_error(self.controller, q, target)
         size = seen.off
         given = q, seen, size
-        if not self._stops and (size > close * self._length or _ratio(seen) < PASSING.threshold):
+        if not self._stops and (size > close * self._length or _ratio(seen) < SINGULAR):
             return given
         for k in range(CORRECTIONS):
             if size <= arrays.ROUNDING * self._length:
                 return q, seen, size
-            few = seen.demands is not None and len(seen.rows) < 6
-            demand = seen.demand(self.controller, q, seen.part.dot(seen.error) if few else seen.error, 1.0)
+            few = self._exact and len(seen.rows) < 6
+            lower, upper = box.position_lower - q, box.position_upper - q
             if few and k < CORRECTIONS // 2:
                 # A correction turns the tool the least, and takes a joint off its limit only where nothing else does:
                 # turning towards the path is up to the slope.
-                lower, upper = np.where(at_limit, 0.0, demand.lower), np.where(at_limit, 0.0, demand.upper)
-                demand = demand._replace(lower=lower, upper=upper)
-            q = q + solve(self._back, demand).velocity
+                lower, upper = np.where(at_limit, 0.0, lower), np.where(at_limit, 0.0, upper)
+            twist = seen.part.dot(seen.error) if few else seen.error
+            q = q + seen.velocity(self.controller, q, twist, 1.0, lower=lower, upper=upper)
             seen = task_error(self.controller, q, target)
             size = seen.off
         return (q, seen, size) if self._stops or size <= arrays.ROUNDING * self._length else given
@@ -309,21 +293,29 @@ class JointPath:
 
     def _answer(self, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None) -> Array:
         """The law's answer (m,) for a twist, such that q + h x is inside the position limits."""
-        demand = seen.demand(self.controller, q, twist, h, posture)
-        if demand.exact is None or self._stops:
-            return solve(self._law, demand).velocity
-        return self._passing(demand, demand.exact, seen.rows, seen.part)
+        if self._stops or not self._exact:
+            return self._damped(q, seen, twist, h, posture)
+        return self._passing(q, seen, twist, h, posture)
 
-    def _passing(self, demand: Demand, exact: ExactRows, rows: Array, part: Array) -> Array:
-        """The law's answer (m,) where exact rows need not be met; in the measure they are `rows`."""
-        alone = demand._replace(exact=_joint_rows(exact), row_rank=None)
+    def _damped(self, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None, **more: Any) -> Array:
+        """The law's answer, where the path may be left damped by what it misses."""
+        x, missed = seen.answer(self.controller, q, twist, h, posture, **more)
+        if self._stops and not self._exact:
+            return x
+        A = more.get("root", seen.root).dot(seen.sighting.J)
+        mu = KAPPA * self._calming * self._longest * float(np.linalg.norm(A)) * missed
+        return seen.velocity(self.controller, q, twist, h, posture, damping=sqrt(mu), **more)
+
+    def _passing(self, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None) -> Array:
+        """The law's answer (m,) where exact rows need not be met."""
+        rows, part, J = seen.rows, seen.part, seen.sighting.J
         only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
-        nearest = solve(replace(self._law, form=None), alone._replace(root=only, posture=None)).velocity
-        wanted = rows.dot(demand.s)
-        missed = wanted - rows.dot(demand.J.dot(nearest))
+        nearest = self._damped(q, seen, twist, h, None, exact=False, root=only, form=None)
+        wanted = rows.dot(twist)
+        missed = wanted - rows.dot(J.dot(nearest))
         size = float(np.linalg.norm(wanted))
         t = min(float(np.linalg.norm(missed)) / size, 1.0) if size > 0.0 else 0.0
-        met = ExactRows(exact.A, np.asarray(exact.A).dot(nearest), exact.of_twist)
-        weighted = demand.root.dot(part + REST * (np.eye(6) - part))
-        x: Array = (1.0 - t) * solve(self._law, demand._replace(exact=met)).velocity
-        return x + t * solve(self._law, alone._replace(root=weighted)).velocity if t > 0.0 else x
+        met = twist + part.dot(J.dot(nearest) - twist)
+        weighted = seen.root.dot(part + REST * (np.eye(6) - part))
+        x: Array = (1.0 - t) * self._damped(q, seen, met, h, posture)
+        return x + t * self._damped(q, seen, twist, h, posture, exact=False, root=weighted) if t > 0.0 else x

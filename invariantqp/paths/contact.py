@@ -7,11 +7,14 @@ tick      HybridController.step towards it, ahead at the clock's rate, joints to
 from __future__ import annotations
 
 from math import inf, sqrt
+from numbers import Real
+from types import NoneType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.control.controller import Controller
 from invariantqp.force.contact import contact_now
 from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.control import HybridController, HybridSolution
@@ -58,12 +61,23 @@ class Beside(NamedTuple):
     astray: Array  # (m,) the way back of the joints to the plan
 
 
+def planner_of(hybrid: HybridController) -> Controller:
+    """The controller of the same arm, made with the same options but for those that it does not have."""
+    options = {name: value for name, value in hybrid.options.items() if name != "engine"}
+    if not isinstance(options.get("damping"), (Real, NoneType)):
+        del options["damping"]
+    if getattr(options.get("form"), "convexified", False):
+        del options["form"]
+    return Controller(hybrid.robot, **options)
+
+
 class Pressed:
     """The drive of a hybrid controller along a path."""
 
-    def __init__(self, hybrid: HybridController) -> None:
-        """Not touching yet."""
+    def __init__(self, hybrid: HybridController, controller: Controller) -> None:
+        """Not touching yet; the controller, of the same arm, is what paths are planned with."""
         self.hybrid = hybrid
+        self.controller = controller
         self._touching = self._pushed = False
         self._place = 0.0
         self._stood: tuple[float, float, float] | None = None  # where, for how long, and how far it was driven there
@@ -80,10 +94,10 @@ class Pressed:
         paused: bool,
     ) -> FollowerSolution:
         """A tick from a time on, from q (m,) and the velocity (m,) before; `given` are wrench, contact and wanted."""
-        hybrid, loop, curve = self.hybrid, self.hybrid.loop, shape.given.curve
+        hybrid, loop, curve = self.hybrid, self.controller, shape.given.curve
         wrench, contact, wanted = given
         here = contact_now(hybrid.task, hybrid.robot.pose(q), contact)
-        if loop.wrong(q):
+        if loop.limits.wrong(q):
             answer = hybrid.step(q, curve.pose(self._place), wrench, None, None, before, wanted)
             return self._told(answer, shape, answer.status, answer.reason, inf, "joint positions")
         if shape.motion is None and shape.plan is not None:
@@ -115,7 +129,7 @@ class Pressed:
         paused: bool,
     ) -> FollowerSolution:
         """A tick along the path."""
-        hybrid, loop, curve, plan = self.hybrid, self.hybrid.loop, shape.given.curve, shape.driven
+        hybrid, loop, curve, plan = self.hybrid, self.controller, shape.given.curve, shape.driven
         dt, (wrench, here, wanted) = loop.dt, given
         why = NO_TOUCH if not self._touching else PAUSE if paused else ""
         # Before what blocks the path, at the edge of its reach, a pressed tool never has the plan's joints: they rest.
@@ -160,7 +174,7 @@ class Pressed:
 
     def _beside(self, shape: Shape, q: Array, contact: Contact) -> Beside:
         """Where the tool of q (m,) is, seen along S."""
-        hybrid, loop, curve, plan = self.hybrid, self.hybrid.loop, shape.given.curve, shape.plan
+        hybrid, loop, curve, plan = self.hybrid, self.controller, shape.given.curve, shape.plan
         way = task_error(loop, q, loop.robot.target(curve.pose(self._place)))
         P = hybrid.splits.at(contact, hybrid.robot.pose(q)).projectors.motion
         R = way.rows.dot(contact.adjoint).dot(P).dot(contact.coadjoint.T)
@@ -193,7 +207,7 @@ class Pressed:
 
     def _stalls(self, place: float, rate: float, end: float, *, waits: bool) -> bool:
         """Whether the tool comes no farther: pressed, it may not have what is planned."""
-        dt, near, stood = self.hybrid.loop.dt, STOPPED * end, self._stood
+        dt, near, stood = self.controller.dt, STOPPED * end, self._stood
         if waits or stood is None or abs(place - stood[0]) > near:
             self._stood = None if waits else (place, 0.0, 0.0)
             return False

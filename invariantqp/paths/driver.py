@@ -32,7 +32,7 @@ from invariantqp.force.control import HybridController
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry import arrays, se3, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.contact import Pressed
+from invariantqp.paths.contact import Pressed, planner_of
 from invariantqp.paths.fit import PATIENCE, REACHED, Given, Solver, sampled
 from invariantqp.paths.plan import PathPlan
 from invariantqp.paths.reference import (
@@ -152,10 +152,12 @@ class Follower:
         if isinstance(loop, HybridController):
             if keep != "shape":
                 raise BadInput("keep", repr(keep), '"shape"', "In contact a path is driven, and waits for the touch.")
-            self._pressed = Pressed(loop)
-        elif not isinstance(loop, Controller):
+            inner = planner_of(loop)
+            self._pressed = Pressed(loop, inner)
+        elif isinstance(loop, Controller):
+            inner = Controller(loop.robot, **loop.options)
+        else:
             raise BadInput("loop", excerpt(loop), "a Controller, or a HybridController")
-        inner = planning(loop) if isinstance(loop, HybridController) else loop
         self._keep = arrays.choice(keep, "keep", ("time", "shape"))
         if inner.braking is None and (self._keep == "time" or jerk is not None):
             raise BadInput("loop", "one without an acceleration limit", "Controller(acceleration_limit=...)")
@@ -205,7 +207,7 @@ class Follower:
         self._next: tuple[Given, Array | None, float, bool, float | None] | None = None
         self._function: Callable[[float], Any] | None = None
         self._looked = 0.0
-        self._samples = Samples(loop, self._solver, cutoff=self.cutoff, timeout=self.timeout, drops=self._drops)
+        self._samples = Samples(self.controller, self._solver, cutoff=self.cutoff, timeout=self.timeout, drops=self._drops)
         self._by_law: tuple[Given, Array, float] | None = None  # points approached by the law, with stamps; since when
         self._twists = Arrivals(self.timeout, self.timeout)
         self._asked: Array = STILL  # the twist

@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.control.controller import Controller
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.legacy.loop import LegacyLoop
-from invariantqp.legacy.solve import solve
 from invariantqp.paths.task_error import task_error
 from invariantqp.pose.ik import PoseSearch
 from invariantqp.robots.kinematics import Robot, unwrapped
@@ -92,7 +91,7 @@ class Given:
 class Solver:
     """Joint positions for points, each near the one before."""
 
-    def __init__(self, controller: LegacyLoop, tolerance: float) -> None:
+    def __init__(self, controller: Controller, tolerance: float) -> None:
         """For a loop's arm and what it meets exactly; a pose missed by more than `tolerance` is not reached."""
         self._loop = controller
         self._lower, self._upper = controller.box.position_lower, controller.box.position_upper
@@ -101,6 +100,7 @@ class Solver:
         self._random = np.random.default_rng(0)
         self._stalled: tuple[float, float] | None = None  # since when a pose is missed, and by how much at most
         self._tried = 0
+        self._before = np.zeros(len(self._lower)), 0.0  # velocity and what it missed, of the last step out of reach
 
     def pose(self, target: Array, near: Array, time: float, step: float) -> tuple[Array, float]:
         """(m,) joint positions for a pose that is wanted at a time [s], and by how much it is missed [length].
@@ -114,6 +114,7 @@ class Solver:
         close = bool((np.abs(reached - near) <= self._loop.box.velocity_limit * step).all())
         if missed <= self._tolerance and (close or self._stalled is None):
             self._stalled = None
+            self._before = np.zeros(len(near)), 0.0
             return reached, 0.0
         if step == inf:
             other = next((q for _ in ELSEWHERE if (q := self._elsewhere(target, near)) is not None), None)
@@ -168,24 +169,27 @@ class Solver:
     def way(self, target: Array, q: Array, twist: Array | None = None) -> Array:
         """(m,) the joint displacement by which the law leads from q (m,) to a pose (4, 4), to first order.
 
-        It is damped as in a tick of the loop. With a twist (6,), the joint velocity for that instead; both keep exact
+        It is damped as in a loop's first tick. With a twist (6,), the joint velocity for that instead; both keep exact
         demands.
         """
         loop = self._loop
         seen = task_error(loop, q, loop.robot.target(target))
+        still: dict[str, Any] = {"before": np.zeros(len(q))}
         if twist is not None:
-            return solve(loop.law, seen.demand(loop, q, twist, 1.0)).velocity
-        return solve(loop.law, seen.demand(loop, q, loop.gain * seen.error, 1.0 / loop.gain)).velocity / loop.gain
+            return seen.velocity(loop, q, twist, 1.0, **still)
+        return seen.velocity(loop, q, loop.gain * seen.error, 1.0 / loop.gain, **still) / loop.gain
 
     def _nearer(self, target: Array, q: Array, step: float) -> Array:
         """(m,) joint positions as near a pose as the joints get in a step [s] by the loop's law."""
         loop = self._loop
         seen = task_error(loop, q, loop.robot.target(target))
-        demand = seen.demand(loop, q, CALM / step * seen.error, step)
         speed = OUTSIDE_SHARE * loop.box.velocity_limit
-        lower, upper = np.clip(demand.lower, -speed, 0.0), np.clip(demand.upper, 0.0, speed)
-        demand = demand._replace(lower=lower, upper=upper, held=max(step - loop.law.dt, 0.0))
-        return np.asarray(q + step * solve(loop.law, demand).velocity)
+        lower = np.clip((self._lower - q) / step, -speed, 0.0)
+        upper = np.clip((self._upper - q) / step, 0.0, speed)
+        before, missed = self._before
+        bounds: dict[str, Any] = {"lower": lower, "upper": upper, "before": before, "missed": missed, "held": step}
+        self._before = x, _ = seen.answer(loop, q, CALM / step * seen.error, step, **bounds)
+        return np.asarray(q + step * x)
 
     def _missed(self, found: Any) -> float:
         """How far a solution is from what is wanted of the pose [length]; a turn counts as in the loop's measure."""

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
+from invariantqp.control.controller import Controller
 from invariantqp.geometry import sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.se3 import velocity_at
-from invariantqp.legacy.loop import LegacyLoop
 from invariantqp.paths.ahead import SHORTEST, Knot
 from invariantqp.paths.curve import Curve
 from invariantqp.paths.jerk import least_time
@@ -89,7 +89,7 @@ class PathPlan(NamedTuple):
 
 
 def plan_of(
-    controller: LegacyLoop,
+    controller: Controller,
     curve: Curve,
     knots: list[Knot],
     blocked: str,
@@ -204,7 +204,7 @@ def _with_jerk(at: Array, q: Array, slopes: Array, top: Array, limits: JointLimi
 
 
 def _top(
-    controller: LegacyLoop, curve: Curve, at: Array, q: Array, slopes: Array, acceleration: Array
+    controller: Controller, curve: Curve, at: Array, q: Array, slopes: Array, acceleration: Array
 ) -> tuple[Array, list[str]]:
     """(n,) the largest speed at each knot but for accelerations, and what limits it, in words."""
     names = controller.robot.names

@@ -11,9 +11,9 @@ from collections import deque
 
 import numpy as np
 
+from invariantqp.control.controller import Controller
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.legacy.loop import LegacyLoop
 from invariantqp.paths.fit import Given, Solver
 from invariantqp.paths.reference import STRAYED, Motion, Stream
 from invariantqp.paths.stamps import FIRST_TIMEOUT, Arrivals, SampleClock
@@ -38,7 +38,7 @@ class Samples:
         dropped: why the last sample was dropped, "" where it was believed.
     """
 
-    def __init__(self, loop: LegacyLoop, solver: Solver, *, cutoff: float, timeout: float, drops: bool) -> None:
+    def __init__(self, loop: Controller, solver: Solver, *, cutoff: float, timeout: float, drops: bool) -> None:
         """No samples yet; `drops` says whether outliers are dropped, the rest is as in `Follower`."""
         self._loop, self._solver, self._cutoff, self._drops = loop, solver, cutoff, drops
         self._fastest = usual(loop.box.velocity_limit)

@@ -16,10 +16,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.control.controller import Controller
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.legacy.loop import LegacyLoop
 from invariantqp.paths.ahead import OFF_PATH, SHORTEST, JointPath
 from invariantqp.paths.curve import SLOW, GivenPath, given_path
 from invariantqp.paths.fit import REACHED
@@ -63,7 +63,7 @@ class Shape:
 
     def __init__(
         self,
-        loop: LegacyLoop,
+        loop: Controller,
         path: Any,
         *,
         end: float = 1.0,

@@ -13,14 +13,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from invariantqp.control.controller import Controller
 from invariantqp.control.demands import View, rows_of
+from invariantqp.engine import law
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.linear import TINY
-from invariantqp.legacy.law import Demand
-from invariantqp.legacy.loop import LegacyLoop
 from invariantqp.robots.kinematics import Sighting
-from invariantqp.velocity.exact import ExactRows
 
+# Of the engine's tick: fields of its answer, and the failure of a form without a projector.
+VELOCITY, MISSED, FAILURE = 0, 3, 7
+NO_PROJECTOR = 2
 # Rows of the twist that are dependent but for this share are one.
 ROW_RATIO = 1e-10
 # The twist of what stands: a target of which only the error counts, an arm that is to stop.
@@ -32,10 +34,11 @@ class TaskError(NamedTuple):
 
     sighting: Sighting  # of the arm
     root: Array  # (6, 6) of the measure
-    demands: ExactRows | None  # the exact rows, which ask for their own error; None where there are none
     rows: Array  # (k, 6) R, what is wanted, orthonormal in the measure
     part: Array  # (6, 6) the projector on what exact rows ask for
     error: Array  # (6,) the twist that leads to the target
+    exact: bool  # whether exact demands ask for the rows
+    joint_rows: tuple[Array, Array] | None  # exact rows (k, m) and (k,) that are no part of the twist
 
     @property
     def off(self) -> float:
@@ -43,17 +46,62 @@ class TaskError(NamedTuple):
         off = self.rows.dot(self.error)
         return sqrt(float(off.dot(off)))
 
-    def demand(self, controller: LegacyLoop, q: Array, twist: Array, h: float, posture: Array | None = None) -> Demand:
-        """The demand on the law for a twist, such that q + h x is inside the position limits, from q (m,)."""
-        lower, upper = (controller.box.position_lower - q) / h, (controller.box.position_upper - q) / h
-        exact = self.demands
-        if exact is not None and exact.of_twist is not None:
-            D = exact.of_twist
-            exact = exact.demanding(np.where(D.any(axis=1), D.dot(twist), exact.b))
-        return Demand(self.sighting.J, twist, self.root, lower, upper, exact, posture, row_rank=controller.row_rank)
+    def velocity(
+        self,
+        controller: Controller,
+        q: Array,
+        twist: Array,
+        h: float,
+        posture: Array | None = None,
+        *,
+        exact: bool = True,
+        **more: Any,
+    ) -> Array:
+        """(m,) the law's joint velocity for a twist, such that q + h x is inside the position limits, from q (m,).
+
+        Args:
+            controller: whose law it is.
+            q: (m,) joint positions.
+            twist: (6,).
+            h: how long the velocity is held.
+            posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
+            exact: whether exact rows on the twist are met.
+            more: other fields of the law's tick, root and bounds among them.
+        """
+        return self.answer(controller, q, twist, h, posture, exact=exact, **more)[0]
+
+    def answer(
+        self,
+        controller: Controller,
+        q: Array,
+        twist: Array,
+        h: float,
+        posture: Array | None = None,
+        *,
+        exact: bool = True,
+        **more: Any,
+    ) -> tuple[Array, float]:
+        """The same, and what of the twist it misses, in the measure."""
+        J, box = self.sighting.J, controller.box
+        fields = controller.law_options | {
+            "root": self.root,
+            "ahead": twist,
+            "lower": (box.position_lower - q) / h,
+            "upper": (box.position_upper - q) / h,
+            "posture": posture,
+        }
+        E, b = (self.rows.dot(J), self.rows.dot(twist)) if exact and self.exact else (np.zeros((0, len(q))), np.zeros(0))
+        if self.joint_rows is not None:
+            E, b = np.vstack((E, self.joint_rows[0])), np.append(b, self.joint_rows[1])
+        if len(b):
+            fields["exact"] = E, b, None
+        found = law.tick(J, **(fields | more))
+        if found[FAILURE] == NO_PROJECTOR and controller.guard is not None:  # which leaves none of the form then
+            found = law.tick(J, **(fields | more | {"form": None}))
+        return found[VELOCITY], found[MISSED]
 
 
-def task_error(controller: LegacyLoop, q: Array, target: Any) -> TaskError:
+def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
     """Before a target, at joint positions q (m,).
 
     With exact demands their part of the twist is wanted; the rest is least squares, and may stray. Fewer than six
@@ -64,16 +112,17 @@ def task_error(controller: LegacyLoop, q: Array, target: Any) -> TaskError:
     root, error = controller.measure.root_for(sighting.J, sighting.pose), sighting.error
     if controller.exact:
         demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, STILL))
-        D = demands.of_twist
+        D, A, b = demands.of_twist, np.asarray(demands.A), np.asarray(demands.b)
         if D is None:  # joint rows ask for nothing of the twist
-            return TaskError(sighting, root, demands, np.zeros((0, 6)), np.zeros((6, 6)), error)
+            return TaskError(sighting, root, np.zeros((0, 6)), np.zeros((6, 6)), error, False, (A, b))
+        own = ~D.any(axis=1)
         inverse = np.linalg.inv(root)
         U, sigma, Vt = np.linalg.svd(D.dot(inverse), full_matrices=False)
         k = np.count_nonzero(sigma > ROW_RATIO * max(float(sigma[0]), TINY))
         rows, back = Vt[:k].dot(root), inverse.dot(Vt[:k].T)
-        error = error + back.dot((demands.b - D.dot(error)).dot(U[:, :k] / sigma[:k]))
-        return TaskError(sighting, root, demands, rows, back.dot(rows), error)
+        error = error + back.dot((b - D.dot(error)).dot(U[:, :k] / sigma[:k]))
+        return TaskError(sighting, root, rows, back.dot(rows), error, True, (A[own], b[own]) if own.any() else None)
     asked = root
     if sighting.J.shape[1] < 6:  # all of them, however weak: at the edge of its reach an arm is still asked to go on
         asked = np.linalg.svd(root.dot(sighting.J), full_matrices=False)[0].T.dot(root)
-    return TaskError(sighting, root, None, asked, np.eye(6), error)
+    return TaskError(sighting, root, asked, np.eye(6), error, False, None)
