@@ -130,7 +130,7 @@ class TickOfFollower {
             at[j] = std::min(std::max(here[j], limits.lower[j]), limits.upper[j]);
             x[j] = limits.nearest(j, at[j], command[j], change[j], v[j] + before + dt * limits.towards(j, before, back));
         }
-        const JointLimits& of = loop.settings.limits;
+        const JointLimits& of = follower.braked;
         Vec speeds(w, m);
         std::copy(of.velocity.begin(), of.velocity.end(), speeds.begin());
         if (!course.shape && !of.brakes)
@@ -146,7 +146,7 @@ class TickOfFollower {
         if (!follower.beside)
             return c;
         TickInputs in;
-        in.q = here, in.velocity = command;
+        in.q = here, in.velocity = command, in.changes.limits = &follower.braked;
         const NearestVelocity near = loop.nearest(c, along && !wish.waited, in, functions, w);
         double most = 0, size = 0;
         for (int j = 0; j < m; j++)
@@ -188,7 +188,7 @@ void Course::at(double time, Mat r) const
         add_polynomial({const_cast<double*>(residual.data()), 6, m, r.w}, std::max(u, 0.0), r);
 }
 
-void FollowerState::send(const double* to)
+void FollowerState::send_to(const double* to)
 {
     const int kept = std::min(static_cast<int>(number(SENT)), ticks - 1), first = static_cast<int>(number(SENT)) - kept;
     std::copy(row(ROWS + first), row(ROWS + first + kept), row(ROWS));

@@ -51,19 +51,19 @@ class FollowerState {
     void set_late(bool late) { number(LATE) = late; }
 
     // The joints are sent to their position in this tick.
-    void send() { send(position()); }
+    void send() { send_to(position()); }
     // They are at other positions (m,), and were sent nowhere else.
     void begin(Vec at)
     {
         number(SENT) = 0;
-        send(at.p);
+        send_to(at.p);
     }
 
   private:
     static constexpr int ROWS = 5;
     enum { SENT, LATE, NUMBERS };  // how many positions were sent, of the last `ticks`
     double* row(int k) { return numbers.data() + k * m; }
-    void send(const double* to);
+    void send_to(const double* to);
     double& number(int which) { return numbers[numbers.size() - NUMBERS + which]; }
 };
 
@@ -91,8 +91,10 @@ class Follower {
   public:
     // rise: in which accelerations rise to their limits and fall again [s]; beside: whether limits beside those of joints
     // may forbid a velocity.
-    Follower(const Loop& loop, double rise, bool beside) : loop(loop), rise(rise), beside(beside), free(loop.settings.limits)
+    Follower(const Loop& loop, double rise, bool beside) : loop(loop), rise(rise), beside(beside), braked(loop.settings.limits)
     {
+        braked.rate = 1 / braked.dt;  // the joints are where they are said to be
+        free = braked;
         free.brakes = false;
         std::fill(free.acceleration.begin(), free.acceleration.end(), INFINITY);
     }
@@ -105,7 +107,7 @@ class Follower {
     const Loop& loop;
     const double rise;
     const bool beside;
-    JointLimits free;  // the loop's without those of acceleration, which the follower keeps itself
+    JointLimits braked, free;  // the loop's; and without those of acceleration, which the follower keeps itself
 };
 
 }  // namespace iq

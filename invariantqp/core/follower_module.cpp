@@ -333,7 +333,7 @@ void bind_follower(nb::module_& m)
         .def_prop_ro("start", [](const Motion& s) { return s.knots.front(); })
         .def_prop_ro("end", [](const Motion& s) { return s.knots.back(); });
     nb::class_<Course>(m, "Course", "What is followed.")
-        .def("__init__", make_course, "limits"_a, "motion"_a, "clock"_a, "residual"_a, "joins"_a, "joining"_a, "gain"_a, "shape"_a,
+        .def("__init__", make_course, "limits"_a, "motion"_a, "clock"_a.none(), "residual"_a, "joins"_a, "joining"_a, "gain"_a, "shape"_a,
              "displaced"_a)
         .def("__deepcopy__", [](nb::object self, nb::object) { return self; }, "memo"_a)
         .def("at", [](const Course& course, double time) {
@@ -347,16 +347,16 @@ void bind_follower(nb::module_& m)
     nb::class_<Follower>(m, "Follower", "The ticks of a follower; its loop never changes.")
         .def(nb::init<const Loop&, double, bool>(), "loop"_a, "rise"_a, "beside"_a, nb::keep_alive<1, 2>())
         .def("observe", observe, "state"_a, "q"_a, "moved"_a)
-        .def("step", step, "state"_a, "course"_a, "wish"_a, "q"_a, "functions"_a)
-        .def("drive", drive, "state"_a, "course"_a, "wish"_a, "q"_a, "functions"_a, "waited"_a)
+        .def("step", step, "state"_a, "course"_a, "wish"_a, "q"_a, "functions"_a.none())
+        .def("drive", drive, "state"_a, "course"_a, "wish"_a, "q"_a, "functions"_a.none(), "waited"_a)
         .def("trouble", trouble, "state"_a);
-    m.def("splice", splice_to, "motion"_a, "clock"_a, "limits"_a, "time"_a, "state"_a, "duration"_a);
+    m.def("splice", splice_to, "motion"_a, "clock"_a.none(), "limits"_a, "time"_a, "state"_a, "duration"_a);
     m.def("planned", plan, "limits"_a, "state"_a, "now"_a, "times"_a, "points"_a, "calm"_a, "pieces"_a);
-    m.def("turned", turn, "motion"_a, "clock"_a, "limits"_a, "time"_a, "final"_a);
+    m.def("turned", turn, "motion"_a, "clock"_a.none(), "limits"_a, "time"_a, "final"_a);
     m.def("clock_at", [](nb::handle clock, double time) {
         const auto now = clock_of(clock).at(time);
         return nb::make_tuple(now[0], now[1], now[2]);
-    }, "clock"_a, "time"_a);
+    }, "clock"_a.none(), "time"_a);
     m.def("within_limits", [](nb::handle limits, nb::handle q, nb::handle v, nb::handle a, nb::handle wanted) {
         return by_joint(limits, {q, v, a, wanted}, [](const Limits& by, int j, Mat x) { return by.within(j, x(0, j), x(1, j), x(2, j), x(3, j)); });
     }, "limits"_a, "q"_a, "velocity"_a, "acceleration"_a, "wanted"_a);

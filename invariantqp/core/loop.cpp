@@ -90,14 +90,17 @@ class TickOfLoop {
             tick.root = root(), tick.ahead = tick.error = Vec(w, 6, 0);
             return {standing(), 0};
         }
-        const int size = 6 * ((m + 5) / 6);  // of so many twists, each of six joints
-        tick.J = Mat(w, size, m, 0), tick.root = Mat::identity(w, size), tick.ahead = tick.error = Vec(w, size, 0);
+        exact(arm.tool, 0, arm.J * wanted);
+        tick.D = Mat();  // no parts of what follows, which are joint velocities: twists, each of six joints
+        const int size = 6 * ((m + 5) / 6);
+        tick.J = Mat(w, size, m, 0), tick.root = Mat::identity(w, size), tick.ahead = Vec(w, size, 0), tick.error = Vec(w, size, 0);
         for (int j = 0; j < m; j++)
             tick.J(j, j) = 1, tick.ahead[j] = wanted[j];
         found.report = answered();
         if (with_share) {
-            tick.E = Mat::identity(w, m), tick.D = Mat(w, m, 6, 0), tick.E_f = wanted, tick.E_e = Vec(w, m, 0);
-            found.share = velocity(tick, w).share;
+            Tick all = tick;
+            all.E = Mat::identity(w, m), all.E_f = wanted, all.E_e = Vec(w, m, 0);
+            found.share = velocity(all, w).share;
         }
         found.report = finished(found.report);
         return found;

@@ -478,11 +478,11 @@ class Follower:
 
     def _wish(self, ease: float) -> tuple[Any, ...]:
         """What is wanted in a tick, as the engine takes it."""
-        kind, wanted, share = "course", None, 1.0
+        kind, wanted, share = "course", self._twist, 1.0
         if self._chases and self._override > 0.0 and not self.paused:
             kind, wanted = "velocity", self._by_the_law()
-        elif self._twist is not None:
-            kind, wanted, share = "twist", self._twist if self._twist.any() else None, self._override
+        elif wanted is not None:
+            kind, share, wanted = "twist", self._override, wanted if wanted.any() else None
         return kind, wanted, self._twist_at == "base", share, ease, self._time
 
     def _moved(self, reference: Reference, measured: Array, ease: float = 0.0) -> Array:
@@ -941,7 +941,7 @@ class Follower:
         near, before, there = self._state.position, None, None
         if isinstance(followed, Motion) and len(stamps) > 1 and not alone:  # out of reach, too, they go on from there
             before = float(2.0 * stamps[0] - stamps[1])
-            near, *there = followed.at(np.append(before, stamps), 1)[:, 0]
+            near, *there = followed.at(np.append(before, stamps))[:, 0]
         joints, missed = self._solver.points(given, near, stamps, before)
         self._speeds = np.abs(np.diff(joints, axis=0) / np.diff(stamps)[:, None]).max(axis=0, initial=0.0)
         self._leaps(joints[min(int(stamps.searchsorted(now)), len(stamps) - 1)])
@@ -1014,7 +1014,7 @@ class Follower:
             target, soon = (given.pose_at(self._place + t, stamps, self.controller.robot) for t in (0.0, limits.dt))
             share, twist = 1.0, se3.displacement(target, soon) / limits.dt
         elif samples.newest is not None:
-            target = np.asarray(samples.newest[0].poses)[0]
+            target = samples.pose
         way = solver.way(target, q)
         x = solver.way(target, q, twist) if twist.any() else np.zeros(self._m)
         most = self._override * np.maximum(share * limits.velocity, OVERTAKES * np.abs(x))

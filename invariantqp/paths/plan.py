@@ -190,7 +190,7 @@ def _with_jerk(at: Array, q: Array, slopes: Array, top: Array, limits: JointLimi
     motion = _timed(at, CubicHermiteSpline(at, q, slopes), speeds)
     step = motion.end / PIECES
     n = max(round(min(window / step, PIECES)), 1)
-    places, speed = motion.at(np.linspace(0.0, motion.end, PIECES + 1), 2)[:, :, -1].T
+    places, speed = motion.at(np.linspace(0.0, motion.end, PIECES + 1))[:, :2, -1].T
     slow = np.flatnonzero(speed <= REST * speed.max())
     rests = [i[speed[i].argmin()] for i in np.split(slow, np.flatnonzero(np.diff(slow) > 1) + 1)]
     waits = np.repeat(rests, n)

@@ -86,6 +86,11 @@ class Samples:
         return goes_on
 
     @property
+    def pose(self) -> Array:
+        """(4, 4) of the newest sample."""
+        return np.asarray(None if self.newest is None else self.newest[0].poses)[0]
+
+    @property
     def by_law(self) -> bool:
         """Whether the newest sample is approached by the law, which keeps exact demands on the way."""
         return self.far and bool(self._loop.exact) and self.newest is not None and self.newest[0].poses is not None

@@ -66,7 +66,7 @@ def test_the_place_never_goes_back_and_rests_at_both_ends(seed):
     assert np.diff(r[:, 0, -1]).min() >= -1e-13 * at[-1]
     for k, limit in ((1, robot.velocity_limit), (2, ACCELERATION), (3, jerk)):
         assert np.abs(r[:, k, :-1] / limit).max() <= 1.0 + 1e-9
-    ends = motion.at(np.array((0.0, (1.0 - 1e-9) * motion.end)), 3)[:, 1:]
+    ends = motion.at((0.0, (1.0 - 1e-9) * motion.end))[:, 1:3]
     assert np.abs(ends / np.abs(r[:, 1:3]).max(axis=0)).max() < 1e-4
 
 
