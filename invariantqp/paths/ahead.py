@@ -79,6 +79,7 @@ class Knot(NamedTuple):
     q: Array  # (m,) joint positions
     slope: Array  # (m,) q', per unit of the path's parameter
     off: float  # how far the tool is off the path in what is wanted of it, in the measure
+    missed: tuple[float, float]
     ratio: float  # smallest singular value of the measured joint twists over the largest: how far from a singularity
 
 
@@ -126,7 +127,10 @@ class JointPath:
         self._longest = self._scale / LEAST_STEPS
         self._exact = bool(controller.exact)
         import os
-        self._calming = float(os.environ.get("CALM","0.1")) * (5.0 if self._exact else 1.0)
+        self._calming = float(os.environ.get("CALM","0.1"))
+        self._calms = (float(os.environ.get("CALM","0.5")) if self._exact else .1), float(os.environ.get("CALMR",".1"))
+        global REST
+        REST = float(os.environ.get("REST","0.05")) 
         self._pace = 0.0 if rate is None else 1.0 / rate  # time per unit of the parameter
         self._step = self._longest
         self._first = q.copy()
@@ -237,7 +241,7 @@ class JointPath:
         unmet = root.dot(error)
         if self._stops and not self._exact and sqrt(float(unmet.dot(unmet))) > UNMET * self._length:
             slope = self._bent(at, q, slope, self._answer(q, seen, error, 1.0, None))
-        return Knot(at, q, slope, size, _ratio(seen))
+        return Knot(at, q, slope, size, self._missed, _ratio(seen))
 
     def _corrected(self, q: Array, target: Any, close: float) -> tuple[Array, TaskError, float]:
         """Joint positions with the tool on its target, or near it; the arm there, and how far off it is."""
@@ -293,29 +297,25 @@ class JointPath:
 
     def _answer(self, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None) -> Array:
         """The law's answer (m,) for a twist, such that q + h x is inside the position limits."""
-        if self._stops or not self._exact:
-            return self._damped(q, seen, twist, h, posture)
-        return self._passing(q, seen, twist, h, posture)
-
-    def _damped(self, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None, **more: Any) -> Array:
-        """The law's answer, where the path may be left damped by what it misses."""
-        x, missed = seen.answer(self.controller, q, twist, h, posture, **more)
-        if self._stops and not self._exact:
+        last = self.knots[-1] if self.knots else None
+        memory: list[dict[str, Any]] = [{}, {}]
+        if last is not None and (self._exact or not self._stops):
+            held = self._calming * self._longest
+            memory = [{"before": last.slope, "missed": r, "held": c * self._longest} for r, c in zip(last.missed, self._calms)]
+        controller = self.controller
+        if not self._exact:
+            x, r = seen.answer(controller, q, twist, h, posture, **memory[0])
+            self._missed = r, 0.0
             return x
-        A = more.get("root", seen.root).dot(seen.sighting.J)
-        mu = KAPPA * self._calming * self._longest * float(np.linalg.norm(A)) * missed
-        return seen.velocity(self.controller, q, twist, h, posture, damping=sqrt(mu), **more)
-
-    def _passing(self, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None) -> Array:
-        """The law's answer (m,) where exact rows need not be met."""
         rows, part, J = seen.rows, seen.part, seen.sighting.J
-        only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
-        nearest = self._damped(q, seen, twist, h, None, exact=False, root=only, form=None)
-        wanted = rows.dot(twist)
-        missed = wanted - rows.dot(J.dot(nearest))
-        size = float(np.linalg.norm(wanted))
-        t = min(float(np.linalg.norm(missed)) / size, 1.0) if size > 0.0 else 0.0
-        met = twist + part.dot(J.dot(nearest) - twist)
         weighted = seen.root.dot(part + REST * (np.eye(6) - part))
-        x: Array = (1.0 - t) * self._damped(q, seen, met, h, posture)
-        return x + t * self._damped(q, seen, twist, h, posture, exact=False, root=weighted) if t > 0.0 else x
+        x, r = seen.answer(controller, q, twist, h, posture, exact=False, root=weighted, **memory[0])
+        wanted, r_rows = twist, 0.0
+        if not self._stops:
+            only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
+            y, r_rows = seen.answer(controller, q, twist, h, exact=False, root=only, form=None, **memory[1])
+            wanted = J.dot(y)
+        self._missed = r, r_rows
+        size = float(np.linalg.norm(rows.dot(twist)))
+        t = min(r_rows / size, 1.0) if size > 0.0 else 0.0
+        return t * x + (1.0 - t) * seen.nearest(controller, q, x, wanted, h)

@@ -90,15 +90,34 @@ class TaskError(NamedTuple):
             "upper": (box.position_upper - q) / h,
             "posture": posture,
         }
-        E, b = (self.rows.dot(J), self.rows.dot(twist)) if exact and self.exact else (np.zeros((0, len(q))), np.zeros(0))
-        if self.joint_rows is not None:
-            E, b = np.vstack((E, self.joint_rows[0])), np.append(b, self.joint_rows[1])
-        if len(b):
-            fields["exact"] = E, b, None
+        fields["exact"] = self._exact_rows(twist, exact)
         found = law.tick(J, **(fields | more))
         if found[FAILURE] == NO_PROJECTOR and controller.guard is not None:  # which leaves none of the form then
             found = law.tick(J, **(fields | more | {"form": None}))
         return found[VELOCITY], found[MISSED]
+
+    def nearest(self, controller: Controller, q: Array, x: Array, twist: Array, h: float) -> Array:
+        """The joint velocity (m,) nearest to x (m,) that meets the exact rows for a twist, inside the position limits."""
+        box, m = controller.box, len(q)
+        n = 6 * (1 + (m - 1) // 6)
+        J, ahead = np.eye(n, m), np.append(x, np.zeros(n - m))
+        return law.tick(
+            J,
+            np.eye(n),
+            ahead,
+            lower=(box.position_lower - q) / h,
+            upper=(box.position_upper - q) / h,
+            exact=self._exact_rows(twist, True),
+            metric=controller.law_options["metric"],
+        )[VELOCITY]
+
+    def _exact_rows(self, twist, exact):
+        E, b = (self.rows.dot(self.sighting.J), self.rows.dot(twist)) if exact and self.exact else (None, None)
+        if self.joint_rows is None:
+            return None if E is None else (E, b, None)
+        if E is None:
+            return (*self.joint_rows, None)
+        return np.vstack((E, self.joint_rows[0])), np.append(b, self.joint_rows[1]), None
 
 
 def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
