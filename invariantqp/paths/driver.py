@@ -1015,7 +1015,7 @@ class Follower:
             share, twist = 1.0, se3.displacement(target, soon) / limits.dt
         elif samples.newest is not None:
             target = samples.pose
-        way = solver.way(target, q)
+        way = solver.lead(target, q)
         x = solver.way(target, q, twist) if twist.any() else np.zeros(self._m)
         most = self._override * np.maximum(share * limits.velocity, OVERTAKES * np.abs(x))
         if self._by_law is not None and self._override < 1.0:
