@@ -443,7 +443,7 @@ class Controller:
         """The ticks of a follower in the engine.
 
         Args:
-            rise: in which the accelerations of joints rise to their limits and fall again [s].
+            rise: in which the accelerations of joints rise to their limits [s].
         """
         return law.Follower(self._loop, rise, self.tool_speed is not None or self.joint_rows is not None)
 

@@ -34,7 +34,7 @@ inline double late_braking(double room, double before, double dt)
 struct JointLimits {
     std::vector<double> position_lower, position_upper, velocity, acceleration;
     double dt = 0, rate = 0;  // of the tick [s]; at which position limits are approached where nothing brakes [1/s]
-    bool brakes = false;      // whether some acceleration is limited
+    bool brakes = false;      // whether some acceleration is limited; where it is not, positions still leave room to stop
 
     // How far joint j is outside its range, negative inside.
     double outside(Vec q, int j) const { return std::max(q[j] - position_upper[j], position_lower[j] - q[j]); }
@@ -71,10 +71,15 @@ class BoundsOfTick {
 
     void boxed(int j, JointBounds& to) const
     {
-        const double most = speeds[j], low = limits.rate * (limits.position_lower[j] - q[j]);
-        const double high = limits.rate * (limits.position_upper[j] - q[j]);
+        const double most = speeds[j], low = -stopping(q[j] - limits.position_lower[j], limits.acceleration[j]);
+        const double high = stopping(limits.position_upper[j] - q[j], limits.acceleration[j]);
         to.lower[j] = std::min(std::max(low, -most), most), to.upper[j] = std::max(std::min(high, most), -most);
         to.position_lower[j] = std::min(low, most), to.position_upper[j] = std::max(high, -most);
+    }
+    // Towards a position limit, or back inside where the room is below zero.
+    double stopping(double room, double a) const
+    {
+        return a < INFINITY && room > 0 ? braked(room, a) : limits.rate * room;
     }
     double braked(double room, double a) const { return braking_speed(room, a, limits.dt, limits.rate); }
     // The least and the largest velocity towards a limit `room` away, `behind` from the opposite one.

@@ -68,14 +68,17 @@ class TickOfFollower {
     {
         if (by_course())
             return towards_motion();
-        const bool twists = wish.kind == Wish::Kind::twist;
-        return going_over(!wish.wanted.w ? Vec(w, m, 0) : twists ? by_law() : wish.wanted);
+        return going_over(wish.twist.w || wish.target ? by_law() : Vec(w, m, 0));
     }
     Vec by_law()
     {
         TickInputs in;
-        in.q = position, in.ahead = wish.wanted, in.at_base = wish.at_base, in.velocity = velocity, in.rise = follower.rise;
-        in.changes.speed = wish.speed, in.changes.limits = &follower.free;
+        in.q = position, in.ahead = wish.twist, in.at_base = wish.at_base, in.velocity = velocity, in.rise = follower.rise;
+        in.changes.speed = wish.speed;
+        in.target = wish.target ? &*wish.target : nullptr;
+        JointLimits free = follower.free;
+        free.velocity = limits.velocity;
+        in.changes.limits = &free;
         std::fill(state.law.positions(), state.law.positions() + m, NAN);  // the joints are not seen to follow the law
         found.report = loop.tick(state.law, in, functions, w);
         return found.report->velocity;

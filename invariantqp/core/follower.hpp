@@ -69,10 +69,11 @@ class FollowerState {
 
 // What a follower is asked to do in a tick.
 struct Wish {
-    enum class Kind { course, twist, velocity } kind = Kind::course;
-    Vec wanted;             // (6,) a twist, absent for zero; or (m,) a joint velocity
+    enum class Kind { course, twist, target } kind = Kind::course;
+    Vec twist;              // (6,) that is wanted, or of the target; absent for zero
     bool at_base = false;   // whether the twist is a screw in base coordinates
     double speed = 1;       // the share of a twist's speed
+    std::optional<Pose> target;
     double ease = 0;        // how long a splice takes that late joints look for, 0 where they do not [s]
     double time = 0;        // when the tick begins [s]
     bool waited = false;    // whether a path has waited for the limits already
@@ -89,14 +90,15 @@ struct FollowerTick {
 
 class Follower {
   public:
-    // rise: in which accelerations rise to their limits and fall again [s]; beside: whether limits beside those of joints
+    // rise: in which accelerations rise to their limits [s]; beside: whether limits beside those of joints
     // may forbid a velocity.
     Follower(const Loop& loop, double rise, bool beside) : loop(loop), rise(rise), beside(beside), braked(loop.settings.limits)
     {
-        braked.rate = 1 / braked.dt;  // the joints are where they are said to be
         free = braked;
         free.brakes = false;
-        std::fill(free.acceleration.begin(), free.acceleration.end(), INFINITY);
+        braked.rate = 1 / braked.dt;  // the joints are where they are said to be
+        for (double& a : free.acceleration)
+            a *= 0.5;  // it takes a while to rise
     }
     // Measured positions q (m,), by whole turns near those of the tick before; false where they cannot be true.
     bool observe(FollowerState& state, Vec q, bool moved_by_others) const;

@@ -160,17 +160,19 @@ void make_course(Course* made, nb::handle limits, std::shared_ptr<Motion> motion
     new (made) Course(std::move(course));
 }
 
-// kind ("course", "twist" or "velocity"), what is wanted or None, at_base, speed, ease, time
-Wish wish_of(nb::handle value, Reader& read, int m)
+// kind ("course", "twist" or "target"), twist or None, at_base, speed, ease, time, target or None
+Wish wish_of(nb::handle value, Reader& read)
 {
-    const nb::tuple given = parts(value, "wish", 6);
+    const nb::tuple given = parts(value, "wish", 7);
     const std::string kind = nb::cast<std::string>(given[0]);
     Wish wish;
-    wish.kind = kind == "twist" ? Wish::Kind::twist : kind == "velocity" ? Wish::Kind::velocity : Wish::Kind::course;
+    wish.kind = kind == "twist" ? Wish::Kind::twist : kind == "target" ? Wish::Kind::target : Wish::Kind::course;
     if (!given[1].is_none())
-        wish.wanted = read.vector(given[1], "wanted", wish.kind == Wish::Kind::twist ? 6 : m);
+        wish.twist = read.vector(given[1], "twist", 6);
     wish.at_base = nb::cast<bool>(given[2]), wish.speed = number(given[3], "speed", 0, 1);
     wish.ease = number(given[4], "ease", 0, 1e30), wish.time = number(given[5], "time", -1e300, 1e300);
+    if (wish.kind == Wish::Kind::target)
+        wish.target = with_rotation(Pose(read.matrix(given[6], "target", 4, 4).p));
     return wish;
 }
 // command, place before and after, residual or None, held, share, and what the loop says: None where there is nothing to say.
@@ -202,7 +204,7 @@ nb::object step(const Follower& follower, FollowerState& kept, const Course& cou
     FollowerState state = kept;
     const int m = state.m;
     const Vec measured = read.vector(q, "q", m);
-    const Wish wanted = wish_of(wish, read, m);
+    const Wish wanted = wish_of(wish, read);
     const LoopFunctions asked = loop_functions(functions, read, m, w);
     const bool stuck = state.joints.any_unresponsive();
     state.send();
@@ -237,7 +239,7 @@ nb::tuple drive(const Follower& follower, FollowerState& kept, const Course& cou
     Reader read(w);
     FollowerState state = kept;
     const int m = state.m;
-    Wish wanted = wish_of(wish, read, m);
+    Wish wanted = wish_of(wish, read);
     wanted.waited = waited;
     const LoopFunctions asked = loop_functions(functions, read, m, w);
     const FollowerTick found = follower.tick(state, course, wanted, read.vector(q, "q", m), asked, w);

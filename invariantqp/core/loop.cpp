@@ -47,7 +47,8 @@ class TickOfLoop {
   public:
     TickOfLoop(const Loop& loop, LoopState& kept, const TickInputs& in, const LoopFunctions& functions, Workspace& w)
         : loop(loop), set(loop.settings), kept(kept), state(kept), in(in), functions(functions), w(w), m(set.joints),
-          limits(in.changes.limits ? *in.changes.limits : set.limits), speed(in.changes.speed), there(w, m), before(w, m)
+          limits(in.changes.limits ? *in.changes.limits : set.limits), brakes(limits.brakes ? limits : set.limits),
+          speed(in.changes.speed), there(w, m), before(w, m)
     {
     }
 
@@ -115,7 +116,7 @@ class TickOfLoop {
     const LoopFunctions& functions;
     Workspace& w;
     const int m;
-    const JointLimits& limits;
+    const JointLimits &limits, &brakes;  // of this tick; and by which joints brake, which a follower does itself
     const double speed;
     Vec there, before;
     ArmState arm;
@@ -212,8 +213,8 @@ class TickOfLoop {
         if (in.target) {
             const Twist turn = same_turn(state.turn(), error_twist(target, arm.tool));
             std::copy(turn.omega.begin(), turn.omega.end(), state.turn());
-            error = vec(turn, w) + (set.delay * speed) * ahead;  // the target, too, is on by then
-            share = limits.brakes && speed > 0 ? approach(error, speed * ahead) : 1;
+            error = vec(turn, w) + (late() * speed) * ahead;  // the target, too, is on by then
+            share = brakes.brakes && speed > 0 ? approach(error, speed * ahead) : 1;
         } else if (!in.at_base) {
             ahead = ahead.copy();
             ahead.part(3, 6).add(1, cross(vec(arm.tool.p, w), ahead.part(0, 3)));  // v - omega x p, at the base's origin
@@ -225,7 +226,7 @@ class TickOfLoop {
         exact(target, gain, ahead);
         tick.held = set.dt + set.delay;
         if (!in.target || tick.C.rows)  // until accelerations let joints have another velocity
-            tick.held += in.rise + 0.5 * braking_time();
+            tick.held += 0.5 * (in.rise + braking_time());
         if (in.posture.w)
             tick.posture = in.posture;
         else if (!set.posture.empty()) {
@@ -238,16 +239,18 @@ class TickOfLoop {
         }
         tick.missed = state.missed();
     }
+    // How long a command takes to act [s].
+    double late() const { return (state.whole + state.part) * set.dt; }
     double braking_time() const
     {
         double longest = 0;
-        for (int j = 0; set.limits.brakes && j < m; j++)
-            longest = std::max(longest, std::abs(before[j]) / set.limits.acceleration[j]);
+        for (int j = 0; brakes.brakes && j < m; j++)
+            longest = std::max(longest, std::abs(before[j]) / brakes.acceleration[j]);
         return longest;
     }
     void exact(const Pose& target, double gain, Vec ahead)
     {
-        const double also = gain * set.delay * speed;  // of the target's twist
+        const double also = gain * late() * speed;  // of the target's twist
         int count = 0;
         for (const Demand& demand : set.exact)
             count += demand.rows();
@@ -291,14 +294,15 @@ class TickOfLoop {
         const double gain = speed * set.gain, dt = limits.dt, time = time_to_least(e, c);
         double share = 1;
         for (int j = 0; j < m; j++) {
-            const double a = limits.acceleration[j], braking = BRAKING_SHARE * a, way = std::abs(distance[j]);
-            const double knee = braking / (gain * gain);
+            const double a = brakes.acceleration[j], braking = BRAKING_SHARE * a, way = std::abs(distance[j]);
+            const double knee = braking / (gain * gain), lag = 2 * braking * in.rise;
             if (way > knee)
-                share = std::min(share, std::sqrt(braking * (2 * way - knee)) / (gain * way));
+                share = std::min(share, (std::sqrt(lag * lag + braking * (2 * way - knee)) - lag) / (gain * way));
             const double size = std::abs(c[j]);
             if (size == 0 || tick.C.rows)  // rows may ask joints to go on
                 continue;
-            const double most = std::max(braking_speed(time * size, braking, dt, 1 / dt), std::max(size - dt * a, dt * a));
+            const double stops = in.rise > 0 ? std::sqrt(lag * lag + 2 * braking * time * size) - lag : braking_speed(time * size, braking, dt, 1 / dt);
+            const double most = std::max(stops, std::max(limits.brakes ? size - dt * a : 0, dt * a));
             if (c[j] < 0)
                 tick.lower[j] = std::min(std::max(tick.lower[j], follows[j] - most), tick.upper[j]);
             else

@@ -88,7 +88,7 @@ struct TickInputs {
     Vec E_f;                             // (k,)
     const ArmState* arm = nullptr;       // as it was seen in this tick
     Vec measured_at;                     // (3,) where to measure instead
-    double rise = 0;                     // until accelerations let joints have the velocity, beside braking [s]
+    double rise = 0;                     // in which accelerations rise to their limits [s]
     TickChanges changes;
 };
 

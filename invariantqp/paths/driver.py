@@ -182,7 +182,7 @@ class Follower:
             least if tolerance is None else arrays.number(tolerance, "tolerance", "a distance", positive=True)
         )
         self._solver = Solver(inner, self._tolerance)
-        self._rise = 2.0 * float((self._limits.acceleration / self.jerk).max())
+        self._rise = float((self._limits.acceleration / self.jerk).max())
         self._engine = inner.engine_of_follower(self._rise)
         self.paused: bool = False
         self._reset()
@@ -478,12 +478,15 @@ class Follower:
 
     def _wish(self, ease: float) -> tuple[Any, ...]:
         """What is wanted in a tick, as the engine takes it."""
-        kind, wanted, share = "course", self._twist, 1.0
+        kind, twist, share, target = "course", self._twist, 1.0, None
         if self._chases and self._override > 0.0 and not self.paused:
-            kind, wanted = "velocity", self._by_the_law()
-        elif wanted is not None:
-            kind, share, wanted = "twist", self._override, wanted if wanted.any() else None
-        return kind, wanted, self._twist_at == "base", share, ease, self._time
+            kind, (twist, target, speeds) = "target", self._approached()
+            self._bounds = self._limits.slowed(speeds / usual(self._limits.velocity))
+        elif twist is not None:
+            kind, share = "twist", self._override
+        twist = None if twist is None or not twist.any() else twist
+        at_base = kind == "target" or self._twist_at == "base"
+        return kind, twist, at_base, share, ease, self._time, target
 
     def _moved(self, reference: Reference, measured: Array, ease: float = 0.0) -> Array:
         """(m,) the command of a tick along a reference, inside the limits; the joints are sent so far."""
@@ -1005,27 +1008,22 @@ class Follower:
         if goes_on and samples.source is not None:
             reference.source = self._was = samples.source
 
-    def _by_the_law(self) -> Array:
-        """(m,) joint velocity towards a sample that is far: along the law's way to it, and stopping at its end."""
-        samples, limits, solver, q = self._samples, self._limits, self._solver, self._state.position
-        share, twist = self._share, samples.twist
+    def _approached(self) -> tuple[Array, Array, Array]:
+        """What the law approaches, points or samples that are far: twist (6,) and pose (4, 4), at joint speeds (m,)."""
+        samples, limits, q = self._samples, self._limits, self._state.position
         if self._by_law is not None:
             given, stamps, _ = self._by_law
             target, soon = (given.pose_at(self._place + t, stamps, self.controller.robot) for t in (0.0, limits.dt))
-            share, twist = 1.0, se3.displacement(target, soon) / limits.dt
-        elif samples.newest is not None:
-            target = samples.pose
-        way = solver.lead(target, q)
-        x = solver.way(target, q, twist) if twist.any() else np.zeros(self._m)
-        most = self._override * np.maximum(share * limits.velocity, OVERTAKES * np.abs(x))
-        if self._by_law is not None and self._override < 1.0:
-            full = usual(limits.velocity)
-            most = self._override * np.clip((self._requested / full).max(), AT_REST, 1.0) * full
-        if (moves := way != 0.0).any():
-            brakes = limits._replace(acceleration=FIRST_ORDER * limits.acceleration)
-            speed = np.minimum(brakes.approach_speed(way, TRACKING_SHARE / limits.dt), most)
-            x = x + float((speed[moves] / np.abs(way[moves])).min()) * way
-        return x / max(float((np.abs(x) / most).max()), 1.0)
+            speeds = limits.velocity
+            if self._override < 1.0:
+                full = usual(speeds)
+                speeds = self._override * np.clip((self._requested / full).max(), AT_REST, 1.0) * full
+            return se3.displacement(target, soon) / limits.dt, target, speeds
+        target, twist = samples.pose, samples.twist
+        speeds = self._share * limits.velocity
+        if twist.any():  # or joints would not reach it
+            speeds = np.maximum(speeds, OVERTAKES * np.abs(self._solver.way(target, q, twist)))
+        return twist, target, self._override * speeds
 
     # What is told
 

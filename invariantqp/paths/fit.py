@@ -100,7 +100,6 @@ class Solver:
         self._random = np.random.default_rng(0)
         self._stalled: tuple[float, float] | None = None  # since when a pose is missed, and by how much at most
         self._tried = 0
-        self._led = np.zeros(len(self._lower)), 0.0  # velocity and what it missed, of the last `lead`
         self._before = np.zeros(len(self._lower)), 0.0  # velocity and what it missed, of the last step out of reach
 
     def pose(self, target: Array, near: Array, time: float, step: float) -> tuple[Array, float]:
@@ -179,14 +178,6 @@ class Solver:
         if twist is not None:
             return seen.velocity(loop, q, twist, 1.0, **still)
         return seen.velocity(loop, q, loop.gain * seen.error, 1.0 / loop.gain, **still) / loop.gain
-
-    def lead(self, target: Array, q: Array) -> Array:
-        """(m,) as `way` to a pose, damped by what the last such step missed."""
-        loop = self._loop
-        seen, (before, missed) = task_error(loop, q, loop.robot.target(target)), self._led
-        memory: dict[str, Any] = {"before": before, "missed": missed}
-        self._led = x, _ = seen.answer(loop, q, loop.gain * seen.error, 1.0 / loop.gain, **memory)
-        return x / loop.gain
 
     def _nearer(self, target: Array, q: Array, step: float) -> Array:
         """(m,) joint positions as near a pose as the joints get in a step [s] by the loop's law."""

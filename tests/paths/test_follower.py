@@ -14,7 +14,7 @@ from support.arms import ready
 from support.streams import ARMS, Arm, chunks, driven
 
 import invariantqp as iq
-from invariantqp.paths import fit, reference
+from invariantqp.paths import fit
 
 
 def hand(arm, rng, T, f=60.0, noise=1.0, lag=0.02):
@@ -365,10 +365,7 @@ def test_an_arm_waits_at_a_first_point_that_is_due_later():
     assert np.abs(Q - again[0]).max() < 0.12
 
 
-@pytest.mark.parametrize("engine", [True, False])
-def test_an_arm_that_is_not_where_a_chunk_begins_is_late_until_it_is(monkeypatch, engine):
-    if not engine:
-        monkeypatch.setattr(reference, "core", None)
+def test_an_arm_that_is_not_where_a_chunk_begins_is_late_until_it_is():
     arm, stamps = Arm("ur5"), np.arange(30) / 20
     for away, first in ((0.5, "late"), (0.02, "moving")):
         points = arm.start + away + 0.1 * np.sin(stamps)[:, None]
