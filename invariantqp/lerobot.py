@@ -29,19 +29,16 @@ from invariantqp.control.controller import Controller
 from invariantqp.control.limits import AnyLimit
 from invariantqp.control.measure import ToolMeasure
 from invariantqp.control.tracking import same_turn
+from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import turning
 from invariantqp.geometry.se3 import cross
-from invariantqp.legacy.damping import Adaptive
-from invariantqp.legacy.law import Demand, VelocityLaw
-from invariantqp.legacy.solve import solve
 from invariantqp.paths.driver import Follower
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import read_arm
-from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.measure import root_at
 
 __all__ = ["ActionFollower", "RobotKinematics"]
@@ -110,7 +107,7 @@ class RobotKinematics:
         self.moving = np.array([self.joint_names.index(name) for name in arm.names])
         self.speed: Array = arm.velocity_limit
         self._step = period * self.speed
-        self._law = VelocityLaw(damping=Adaptive(), dt=period / TICKS)
+        self._dt = period / TICKS
         self._stride = STRIDE * ToolMeasure(arm).length
         self._turn: Array | None = None
         self._lost = 0.0
@@ -159,32 +156,52 @@ class RobotKinematics:
             way = there - here
             far = float(np.linalg.norm(way)) if weights[1] else 0.0
             share = self._stride / max(far, self._stride)
-            s = share / self._law.dt * np.concatenate((turn, way - cross(turn, here)))
-            demand = Demand(J, s, root_at(here, 1.0), (lower - q) / self._law.dt, (upper - q) / self._law.dt)
-            q = np.clip(q + self._law.dt * self._velocity(demand, here, weights, last=tick == TICKS - 1), lower, upper)
+            s = share / self._dt * np.concatenate((turn, way - cross(turn, here)))
+            bounds = (lower - q) / self._dt, (upper - q) / self._dt
+            x = self._velocity(J, s, here, weights, bounds, last=tick == TICKS - 1)
+            q = np.clip(q + self._dt * x, lower, upper)
         self.position_error = float(np.linalg.norm(self.robot.pose(q)[:3, 3] - pose[:3, 3]))
         answer = positions.copy()
         answer[self.moving] = np.degrees(q)
         return answer
 
-    def _velocity(self, demand: Demand, here: Array, weights: tuple[float, float], *, last: bool) -> Array:
+    def _velocity(
+        self,
+        J: Array,
+        s: Array,
+        here: Array,
+        weights: tuple[float, float],
+        bounds: tuple[Array, Array],
+        *,
+        last: bool,
+    ) -> Array:
         """(m,) the joint velocity of a tick: by the weights, or the point first as far as it can be brought."""
-        weighed, point = (demand.root * np.repeat(each, 3)[:, None] for each in (weights, (0.0, 1.0)))
-        x: Array = solve(self._law, demand._replace(root=weighed)).velocity
+        lower, upper = bounds
+        root = root_at(here, 1.0)
+        weighed, point = (root * np.repeat(each, 3)[:, None] for each in (weights, (0.0, 1.0)))
+        x = self._damped(J, s, weighed, lower, upper)
         if not self.position_first or not all(weights):
             return x
-        y = solve(self._law, demand._replace(root=point)).velocity
-        wanted, left = point.dot(demand.s), point.dot(demand.s - demand.J.dot(y))
+        y = self._damped(J, s, point, lower, upper)
+        wanted, left = point.dot(s), point.dot(s - J.dot(y))
         lost = float(np.linalg.norm(left)) / max(float(np.linalg.norm(wanted)), arrays.NEGLIGIBLE)
         self._lost += MEMORY * (min(1.0, lost) - self._lost)
         share = self._lost
         if last:  # the turn of the ticks before has moved the point, to second order
             return (1.0 - share) * y
-        turn = demand.s[:3] - demand.J[:3].dot(y)
-        s = np.concatenate((turn, -cross(turn, here)))
-        still = ExactRows.point(demand.J, here, np.zeros(3))
-        rest = Demand(demand.J, s, demand.root, demand.lower - y, demand.upper - y, still)
-        return share * x + (1.0 - share) * (y + solve(self._law, rest).velocity)
+        turn = s[:3] - J[:3].dot(y)
+        rest = np.concatenate((turn, -cross(turn, here)))
+        still = point[3:].dot(J), np.zeros(3), None
+        z = self._damped(J, rest, root, lower - y, upper - y, exact=still)
+        return share * x + (1.0 - share) * (y + z)
+
+    def _damped(self, J: Array, s: Array, root: Array, lower: Array, upper: Array, **more: Any) -> Array:
+        """(m,) the law's joint velocity for a twist, damped by what it misses."""
+        fields = {"lower": lower, "upper": upper, **more}
+        missed = law.tick(J, root, s, **fields)[3]
+        damping = (self._dt * float(np.linalg.norm(root.dot(J))) * missed) ** 0.5
+        x: Array = law.tick(J, root, s, damping=damping, **fields)[0]
+        return x
 
     def _positions(self, value: ArrayLike, argument: str) -> Array:
         positions = arrays.vector(value, None, argument)

@@ -34,10 +34,11 @@ from invariantqp.paths.fit import REACHED
 from invariantqp.paths.task_error import TaskError, task_error
 from invariantqp.paths.time_law import AT_LIMIT, usual
 
-# Where a path is left, and of what strays beside exact rows: the damping, and the share of the longest step by which
-# damping grows with the distance (`calm`), beside exact rows the second. So an arm that stretches out goes on smoothly
-# and bends again in time.
-KAPPA, CALMING, SINGULAR = 0.5, 0.1, 1e-2
+# Damping where a path may be left, and of what strays beside exact rows: at least this share of |A|; and what the law
+# misses, times a share of the longest step and |A|. So an arm that stretches out goes on smoothly and bends again in time.
+LEAST_DAMPING, LEAVING, STRAYING = 2e-3, 0.05, 0.25
+# An arm nearer a singularity than this is not corrected where a path may be left.
+SINGULAR = 1e-2
 # The share of the path over which the distance falls to 1/e on the way back; nearer than NEAR, relative, this share
 # shrinks with the root of the distance, to LAST of itself.
 REJOIN, NEAR, LAST = 0.02, 1e-2, 0.1
@@ -79,7 +80,6 @@ class Knot(NamedTuple):
     q: Array  # (m,) joint positions
     slope: Array  # (m,) q', per unit of the path's parameter
     off: float  # how far the tool is off the path in what is wanted of it, in the measure
-    missed: tuple[float, float]
     ratio: float  # smallest singular value of the measured joint twists over the largest: how far from a singularity
 
 
@@ -126,11 +126,6 @@ class JointPath:
         self._scale: float = curve.end
         self._longest = self._scale / LEAST_STEPS
         self._exact = bool(controller.exact)
-        import os
-        self._calming = float(os.environ.get("CALM","0.1"))
-        self._calms = (float(os.environ.get("CALM","0.5")) if self._exact else .1), float(os.environ.get("CALMR",".1"))
-        global REST
-        REST = float(os.environ.get("REST","0.05")) 
         self._pace = 0.0 if rate is None else 1.0 / rate  # time per unit of the parameter
         self._step = self._longest
         self._first = q.copy()
@@ -241,7 +236,7 @@ class JointPath:
         unmet = root.dot(error)
         if self._stops and not self._exact and sqrt(float(unmet.dot(unmet))) > UNMET * self._length:
             slope = self._bent(at, q, slope, self._answer(q, seen, error, 1.0, None))
-        return Knot(at, q, slope, size, self._missed, _ratio(seen))
+        return Knot(at, q, slope, size, _ratio(seen))
 
     def _corrected(self, q: Array, target: Any, close: float) -> tuple[Array, TaskError, float]:
         """Joint positions with the tool on its target, or near it; the arm there, and how far off it is."""
@@ -297,25 +292,29 @@ class JointPath:
 
     def _answer(self, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None) -> Array:
         """The law's answer (m,) for a twist, such that q + h x is inside the position limits."""
-        last = self.knots[-1] if self.knots else None
-        memory: list[dict[str, Any]] = [{}, {}]
-        if last is not None and (self._exact or not self._stops):
-            held = self._calming * self._longest
-            memory = [{"before": last.slope, "missed": r, "held": c * self._longest} for r, c in zip(last.missed, self._calms)]
-        controller = self.controller
         if not self._exact:
-            x, r = seen.answer(controller, q, twist, h, posture, **memory[0])
-            self._missed = r, 0.0
-            return x
-        rows, part, J = seen.rows, seen.part, seen.sighting.J
-        weighted = seen.root.dot(part + REST * (np.eye(6) - part))
-        x, r = seen.answer(controller, q, twist, h, posture, exact=False, root=weighted, **memory[0])
-        wanted, r_rows = twist, 0.0
-        if not self._stops:
-            only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
-            y, r_rows = seen.answer(controller, q, twist, h, exact=False, root=only, form=None, **memory[1])
-            wanted = J.dot(y)
-        self._missed = r, r_rows
+            if self._stops:
+                return seen.velocity(self.controller, q, twist, h, posture)
+            return self._damped(LEAVING, q, seen, twist, h, posture)[0]
+        weighted = seen.root.dot(seen.part + REST * (np.eye(6) - seen.part))
+        if self._stops:
+            return self._damped(STRAYING, q, seen, twist, h, posture, root=weighted)[0]
+        rows, J = seen.rows, seen.sighting.J
+        only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
+        nearest, missed = self._damped(LEAVING, q, seen, twist, h, exact=False, root=only, form=None)
         size = float(np.linalg.norm(rows.dot(twist)))
-        t = min(r_rows / size, 1.0) if size > 0.0 else 0.0
-        return t * x + (1.0 - t) * seen.nearest(controller, q, x, wanted, h)
+        t = min(missed / size, 1.0) if size > 0.0 else 0.0
+        met = twist + seen.part.dot(J.dot(nearest) - twist)
+        x, _ = self._damped(STRAYING, q, seen, met, h, posture, root=weighted)
+        least, _ = self._damped(STRAYING, q, seen, twist, h, posture, exact=False, root=weighted)
+        return (1.0 - t) * x + t * least
+
+    def _damped(
+        self, share: float, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None = None, **more: Any
+    ) -> tuple[Array, float]:
+        """The law's answer (m,), damped by what it misses as well; and that, in the measure."""
+        size = float(np.linalg.norm(more.get("root", seen.root).dot(seen.sighting.J)))
+        least = LEAST_DAMPING * size
+        _, missed = seen.answer(self.controller, q, twist, h, posture, damping=least, **more)
+        damping = sqrt(least * least + share * self._longest * size * missed)
+        return seen.answer(self.controller, q, twist, h, posture, damping=damping, **more)

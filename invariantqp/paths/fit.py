@@ -20,7 +20,7 @@ from invariantqp.control.controller import Controller
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.task_error import task_error
+from invariantqp.paths.task_error import TaskError, task_error
 from invariantqp.pose.ik import PoseSearch
 from invariantqp.robots.kinematics import Robot, unwrapped
 
@@ -33,8 +33,6 @@ ELSEWHERE = (0.3, 0.6, 1.0, 1.5, 2.2)
 PROGRESS = 0.9
 # Out of reach joints go no faster than this share of their limits: accelerations have to follow.
 OUTSIDE_SHARE = 0.4
-# The share of the way to a pose out of reach that is gone in a step: all of it would chatter.
-CALM = 0.5
 # Tries from elsewhere for each pose, at most.
 TRIES = 3
 
@@ -100,7 +98,6 @@ class Solver:
         self._random = np.random.default_rng(0)
         self._stalled: tuple[float, float] | None = None  # since when a pose is missed, and by how much at most
         self._tried = 0
-        self._before = np.zeros(len(self._lower)), 0.0  # velocity and what it missed, of the last step out of reach
 
     def pose(self, target: Array, near: Array, time: float, step: float) -> tuple[Array, float]:
         """(m,) joint positions for a pose that is wanted at a time [s], and by how much it is missed [length].
@@ -114,7 +111,6 @@ class Solver:
         close = bool((np.abs(reached - near) <= self._loop.box.velocity_limit * step).all())
         if missed <= self._tolerance and (close or self._stalled is None):
             self._stalled = None
-            self._before = np.zeros(len(near)), 0.0
             return reached, 0.0
         if step == inf:
             other = next((q for _ in ELSEWHERE if (q := self._elsewhere(target, near)) is not None), None)
@@ -169,15 +165,20 @@ class Solver:
     def way(self, target: Array, q: Array, twist: Array | None = None) -> Array:
         """(m,) the joint displacement by which the law leads from q (m,) to a pose (4, 4), to first order.
 
-        It is damped as in a loop's first tick. With a twist (6,), the joint velocity for that instead; both keep exact
+        It is damped as in a tick of the loop. With a twist (6,), the joint velocity for that instead; both keep exact
         demands.
         """
         loop = self._loop
         seen = task_error(loop, q, loop.robot.target(target))
-        still: dict[str, Any] = {"before": np.zeros(len(q))}
         if twist is not None:
-            return seen.velocity(loop, q, twist, 1.0, **still)
-        return seen.velocity(loop, q, loop.gain * seen.error, 1.0 / loop.gain, **still) / loop.gain
+            return self._from_rest(seen, q, twist, 1.0)
+        return self._from_rest(seen, q, loop.gain * seen.error, 1.0 / loop.gain) / loop.gain
+
+    def _from_rest(self, seen: TaskError, q: Array, twist: Array, h: float, **bounds: Array) -> Array:
+        """(m,) the joint velocity of a loop's first tick for a twist, damped by what it misses."""
+        first: dict[str, Any] = {"before": np.zeros(len(q)), **bounds}
+        _, missed = seen.answer(self._loop, q, twist, h, **first)
+        return seen.velocity(self._loop, q, twist, h, missed=missed, held=self._loop.dt, **first)
 
     def _nearer(self, target: Array, q: Array, step: float) -> Array:
         """(m,) joint positions as near a pose as the joints get in a step [s] by the loop's law."""
@@ -186,9 +187,7 @@ class Solver:
         speed = OUTSIDE_SHARE * loop.box.velocity_limit
         lower = np.clip((self._lower - q) / step, -speed, 0.0)
         upper = np.clip((self._upper - q) / step, 0.0, speed)
-        before, missed = self._before
-        bounds: dict[str, Any] = {"lower": lower, "upper": upper, "before": before, "missed": missed, "held": step}
-        self._before = x, _ = seen.answer(loop, q, CALM / step * seen.error, step, **bounds)
+        x = self._from_rest(seen, q, seen.error / step, step, lower=lower, upper=upper)
         return np.asarray(q + step * x)
 
     def _missed(self, found: Any) -> float:
