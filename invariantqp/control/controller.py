@@ -60,7 +60,7 @@ from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard, guard_of
 from invariantqp.velocity.limits import ToolSpeed, accelerations
-from invariantqp.velocity.problem import form_fields, no_projector, solution_of
+from invariantqp.velocity.problem import form_fields, names_of, no_projector, solution_of
 from invariantqp.velocity.reasons import Code, told
 from invariantqp.velocity.solution import VelocitySolution, both
 
@@ -240,7 +240,7 @@ class Controller:
         self.by_chain: bool = type(robot) is Chain  # a class of the user's may be no such chain
         if isinstance(robot, Chain) and self.by_chain:
             self._settings |= {"screws": robot.screws, "home": robot.home}
-        fixed = self._fixed = None if self.joint_rows is None else self.joint_rows.fixed
+        self._row_names = names_of(fixed := None if self.joint_rows is None else self.joint_rows.fixed)
         demands = demand_fields(self.exact)
         self._settings |= {"rows": fixed and (fixed.C, fixed.lower, fixed.upper), "exact": demands or ()}
         self.asks_demands: bool = demands is None
@@ -431,14 +431,14 @@ class Controller:
             calls.begin(q, target)
             more |= {"functions": calls.functions, "changes": calls.changes}
         try:
-            found = self._loop.tick(self._state, q, target, ahead, velocity, **more)
+            found, rows, too_near = self._loop.tick(self._state, q, target, ahead, velocity, **more)
         except (ValueError, TypeError, AttributeError, ArithmeticError) as refusal:
             if isinstance(refusal, InvariantQPError) or (calls is not None and calls.raised is refusal):
                 raise
             raise self._refused(q, target, ahead, velocity, more, refusal) from None
         if calls is None:
-            return solution_of(found, self._fixed, self.robot.names)
-        return calls.completed(solution_of(found, calls.rows, self.robot.names))
+            return solution_of(found, self._row_names, self.robot.names)
+        return calls.completed(solution_of(found, calls.row_names(rows), self.robot.names), too_near)
 
     def _refused(
         self, q: Any, target: Any, ahead: Any, velocity: Any, more: dict[str, Any], refusal: Exception
