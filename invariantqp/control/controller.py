@@ -431,14 +431,15 @@ class Controller:
             calls.begin(q, target)
             more |= {"functions": calls.functions, "changes": calls.changes}
         try:
-            found, rows, too_near = self._loop.tick(self._state, q, target, ahead, velocity, **more)
+            found = self._loop.tick(self._state, q, target, ahead, velocity, **more)
         except (ValueError, TypeError, AttributeError, ArithmeticError) as refusal:
             if isinstance(refusal, InvariantQPError) or (calls is not None and calls.raised is refusal):
                 raise
             raise self._refused(q, target, ahead, velocity, more, refusal) from None
         if calls is None:
             return solution_of(found, self._row_names, self.robot.names)
-        return calls.completed(solution_of(found, calls.row_names(rows), self.robot.names), too_near)
+        fields, rows, too_near = found
+        return calls.completed(solution_of(fields, calls.row_names(rows), self.robot.names), too_near)
 
     def _refused(
         self, q: Any, target: Any, ahead: Any, velocity: Any, more: dict[str, Any], refusal: Exception

@@ -317,7 +317,7 @@ nb::object bytes_of(const std::vector<RowOrigin>& rows)
     return nb::bytes(reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(double));
 }
 
-nb::tuple tick(const Loop& loop, LoopState& state, nb::object q, nb::object target, nb::object ahead, nb::object velocity,
+nb::object tick(const Loop& loop, LoopState& state, nb::object q, nb::object target, nb::object ahead, nb::object velocity,
                 bool at_base, bool stand, nb::object functions, nb::object changes, nb::object posture, nb::object exact,
                 nb::object arm, nb::object measured_at)
 {
@@ -372,6 +372,8 @@ nb::tuple tick(const Loop& loop, LoopState& state, nb::object q, nb::object targ
         refuse("the loop has no arm");
     try {
         const LoopReport found = loop.tick(state, in, asked.functions, w);
+        if (functions.is_none())
+            return solution(found.report);
         return nb::make_tuple(solution(found.report), bytes_of(found.rows), asked.too_near());
     } catch (const FarTarget&) {
         refuse("target is too far away");
@@ -437,8 +439,8 @@ void bind_loop(nb::module_& m)
         .def("tick", tick, "state"_a, "q"_a, "target"_a = nb::none(), "ahead"_a = nb::none(), "velocity"_a = nb::none(),
              "at_base"_a = false, "stand"_a = false, "functions"_a = nb::none(), "changes"_a = nb::none(),
              "posture"_a = nb::none(), "exact"_a = nb::none(), "arm"_a = nb::none(), "measured_at"_a = nb::none(),
-             "One tick: the fields of a VelocitySolution; of each row that limits gave in this tick, as doubles: which limit, "
-             "which pair of bodies and their distance, or None; and the same of a clearance that is not kept, or None.");
+             "One tick: the fields of a VelocitySolution. With functions also the origins of rows as doubles, or None: which "
+             "limit, which pair of bodies and their distance; and the same of a clearance that is not kept, or None.");
 }
 
 }  // namespace iq
