@@ -142,11 +142,10 @@ class ActiveSet {
     // r, with d Q = sum of r_j times the active normals.
     void directions()
     {
+        r.part(0, k).set(d.part(0, k));
         for (int j = k - 1; j >= 0; j--) {
-            double left = d[j];
-            for (int i = j + 1; i < k; i++)
-                left -= L(i, j) * r[i];
-            r[j] = left / L(j, j);
+            r[j] /= L(j, j);
+            r.part(0, j).add(-r[j], L[j].part(0, j));
         }
     }
     double bound(int row, int side) const { return side > 0 ? upper[row] : -lower[row]; }
@@ -167,11 +166,11 @@ class ActiveSet {
         x.fill(0);
         for (int j = 0; j < k; j++)
             x.add(w[j], Q[j]);
+        for (int j = 0; j < k; j++)
+            pull[j] = -w[j];
         for (int j = k - 1; j >= 0; j--) {
-            double left = -w[j];
-            for (int i = j + 1; i < k; i++)
-                left -= L(i, j) * pull[i];
-            pull[j] = std::max(0.0, left / L(j, j));
+            pull[j] = std::max(0.0, pull[j] / L(j, j));
+            pull.part(0, j).add(-pull[j], L[j].part(0, j));
         }
     }
     void remove(int j)
