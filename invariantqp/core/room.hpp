@@ -151,7 +151,10 @@ inline std::optional<Optimum> minimise(const Quadratic& of, const Room& room)
             for (int j = 0; j < root.rows; j++)
                 root(j, i) /= std::sqrt(weight);
         }
-        return polytope_optimum({root, of.centre + T * e}, room);
+        std::optional<Optimum> found = polytope_optimum({root, of.centre + T * e}, room);
+        if (found && !found->multipliers.w)
+            found->multipliers = Vec(*M.w, room.C.rows, 0);
+        return found;
     };
     // 1 / speed grows almost in proportion to k while the active limits stay.
     const double unit = 1 / M.all().square();
@@ -162,8 +165,6 @@ inline std::optional<Optimum> minimise(const Quadratic& of, const Room& room)
             return {};
         const double now = speed(next->y);
         found = next;
-        if (!found->multipliers.w)
-            found->multipliers = Vec(*M.w, room.C.rows, 0);
         if (std::abs(now - room.speed) <= 1e-13 * room.speed || (now <= room.speed && k <= 1e-9 * unit))
             return found;
         (now > room.speed ? below : above) = k;
