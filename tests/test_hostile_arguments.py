@@ -44,7 +44,8 @@ INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root "
     "LimitRows.allow LimitRows.excess LimitRows.used "
     "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after "
-    "Clearance.begin_at OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
+    "Clearance.engine_in_loop Clearance.row_name Clearance.too_near "
+    "OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
     "ExactRows.on LimitRows.called "
     "ToolSpeed.cone Chain.sight Chain.points "
     "InvariantFrameTask.compute_qp_objective",

@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
+from itertools import chain
 from typing import Any, Protocol
 
 import numpy as np
 
 from invariantqp.control.demands import Exact, View, rows_of
-from invariantqp.control.limits import Changes, LoopLimits, RowLimits, limit_fields, stacked, tool_speed_fields
+from invariantqp.control.limits import (
+    Changes,
+    Limit,
+    LimitInEngine,
+    LoopLimits,
+    RowLimits,
+    limit_fields,
+    overrides,
+    tool_speed_fields,
+)
 from invariantqp.errors import BadInput, InvariantQPError, excerpt
-from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.arrays import Array, vector
 from invariantqp.robots.kinematics import Robot, Sighting
 from invariantqp.velocity.backends import Backend, SolverFailure
 from invariantqp.velocity.definition import Answer, Rows, Tick, velocity
@@ -39,12 +51,43 @@ class LoopOfUser(Protocol):
     asks_demands: bool
 
 
+class RowNames:
+    """What the rows of a tick are called, made when they are read; none where no row has a name."""
+
+    __slots__ = ("_fixed", "_limits", "_rows", "_user_rows")
+
+    def __init__(
+        self, fixed: LimitRows | None, limits: Sequence[Limit | LimitRows], rows: bytes, user_rows: Sequence[LimitRows]
+    ) -> None:
+        """Of rows that never change, and of those of limits: their origins as the engine says them."""
+        self._fixed, self._limits, self._rows, self._user_rows = fixed, limits, rows, user_rows
+
+    def __iter__(self) -> Iterator[str]:
+        names = [] if self._fixed is None else list(_names(self._fixed))
+        of_users = chain.from_iterable(map(_names, self._user_rows))
+        numbers = iter(array("d", self._rows))
+        for i, pair, distance in zip(numbers, numbers, numbers, strict=True):
+            limit = self._limits[int(i)]
+            if isinstance(limit, LimitInEngine):
+                names.append(limit.clearance.row_name(int(pair), distance))
+            else:
+                names.append(next(of_users))
+        return iter(names if any(names) else ())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return tuple, (tuple(self),)
+
+
+def _names(rows: LimitRows) -> Sequence[str]:
+    return rows.names or ("",) * len(rows.C)
+
+
 class Callbacks:
     """The functions that the engine calls in a tick, and what they said.
 
     Attributes:
-        functions: as the engine takes them: arm, rows, after, exact, law; None where there is none.
-        rows: the limits on combinations of joint velocities in this tick, or None.
+        functions: as the engine takes them: arm, limits, exact, law; None where there is none. Each of the limits is
+            the engine's own, or its functions (rows, after).
         raised: the exception that one of the functions raised, or None.
     """
 
@@ -53,22 +96,30 @@ class Callbacks:
         own, changed = controller.joint_rows, None if now is None else now.joint_rows
         self._loop, self._now, self._target = controller, now, None
         self._fixed = None if own is None else own.fixed
-        asked = own if own is not None and own.fixed is None else None
-        self._asked: list[RowLimits] = [limits for limits in (asked, changed) if limits]
-        self._limits: list[RowLimits] = [limits for limits in (own, changed) if limits]
-        self.rows: LimitRows | None = self._fixed
+        groups = [limits for limits in (own if self._fixed is None else None, changed) if limits]
+        self._limits: list[Limit | LimitRows] = [limit for limits in groups for limit in limits]
+        self._clearances = [limit.clearance for limit in self._limits if isinstance(limit, LimitInEngine)]
+        users = [limit for limit in self._limits if isinstance(limit, Limit) and not isinstance(limit, LimitInEngine)]
+        self._first = next((x for x in self._limits if not isinstance(x, LimitInEngine)), None)
+        self._begin = [limit.begin for limit in users if overrides(limit, "begin")]
+        self._tells = any(overrides(limit, "broken") for limit in users)
+        self._user_rows: list[LimitRows] = []
         self._trouble: Reason | None = None
         self._failure = ""
         self.raised: BaseException | None = None
-        looks = any(limits.does["after"] for limits in self._limits)
-        self._tells = any(limits.does["broken"] for limits in self._limits)
-        self.functions: tuple[Callable[..., Any] | None, ...] = (
+        self.functions: tuple[Any, ...] = (
             None if controller.by_chain else self._kept(self._arm),
-            self._kept(self._limit_rows) if self._asked else None,
-            self._kept(self._after) if looks else None,
+            tuple(self._limit(limit, limits) for limits in groups for limit in limits),
             self._kept(self._exact) if controller.asks_demands else None,
             None if controller.backend is None else self._kept(self._law),
         )
+
+    def _limit(self, limit: Limit | LimitRows, limits: RowLimits) -> Any:
+        """One of some limits as the engine takes it."""
+        if isinstance(limit, LimitInEngine):
+            return limit.engine
+        after = self._kept(partial(self._after, limit, limits)) if overrides(limit, "after") else None
+        return self._kept(partial(self._limit_rows, limit, limits)), after
 
     @property
     def changes(self) -> tuple[float, dict[str, Any] | None, tuple[float, Array] | None] | None:
@@ -85,12 +136,20 @@ class Callbacks:
 
     def begin(self, q: Any, target: Any) -> None:
         """A tick begins at measured joint positions q (m,), towards a target, None for a twist."""
-        self.rows, self._target, self._trouble, self._failure, self.raised = self._fixed, target, None, "", None
-        for limits in self._limits:
-            limits.begin(q)
+        self._user_rows, self._target, self._trouble, self._failure, self.raised = [], target, None, "", None
+        for clearance in self._clearances:
+            clearance.update()
+        for begin in self._begin:
+            begin(vector(q, len(self._loop.robot.names), "q"))
 
-    def completed(self, solution: VelocitySolution) -> VelocitySolution:
-        """The solution with what limits and solvers said."""
+    def row_names(self, rows: bytes | None) -> Iterable[str]:
+        """What the rows of this tick are called; `rows` are their origins as the engine says them."""
+        if rows is not None:
+            return RowNames(self._fixed, self._limits, rows, self._user_rows)
+        return () if self._fixed is None else self._fixed.names
+
+    def completed(self, solution: VelocitySolution, too_near: tuple[int, int, float] | None) -> VelocitySolution:
+        """The solution with what limits and solvers said; and a clearance that is not kept, as the engine says it."""
         backend = self._loop.backend
         if backend is not None:
             solution = solution._replace(backend=backend.name if solution.method == "qp" else "")
@@ -98,10 +157,20 @@ class Callbacks:
                 solution = solution._replace(reasons=(Reason(Code.NO_VELOCITY, words=self._failure),))
         if self._trouble is not None:
             solution = solution._replace(reasons=both((self._trouble,), solution))
-        if self._tells and (broken := next((why for limits in self._limits if (why := limits.broken())), "")):
+        if (too_near is not None or self._tells) and (broken := self._broken(too_near)):
             status = Status.LIMITED if solution.status is Status.OK else solution.status
             solution = solution._replace(status=status, reasons=both(told(broken), solution))
         return solution
+
+    def _broken(self, too_near: tuple[int, int, float] | None) -> str:
+        """What of the first limit does not hold that is broken, "" where all hold."""
+        for i, limit in enumerate(self._limits):
+            if isinstance(limit, LimitInEngine):
+                if too_near is not None and too_near[0] == i:
+                    return str(limit.clearance.too_near(*too_near[1:]))
+            elif isinstance(limit, Limit) and (why := limit.broken()):
+                return why
+        return ""
 
     def _kept(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """The function, whose exceptions are kept: they are the user's, and no argument that the engine refuses."""
@@ -122,28 +191,22 @@ class Callbacks:
     def _arm(self, q: Array) -> tuple[Array, Any]:
         return seen(self._sighting(q))
 
-    def _limit_rows(self, q: Array, before: Array) -> tuple[Array, Array, Array] | bool | None:
-        """Rows at joint positions q (m,) beside those that never change; False where none are known to be safe."""
-        found: list[LimitRows] = []
-        self.rows = self._fixed
-        for limits in self._asked:
-            rows, self._trouble = limits.at(q, before)
-            if self._trouble is not None:
-                return False
-            found += [] if rows is None else [rows]
-        more = stacked(found)
-        self._add(more)
-        return None if more is None else (more.C, more.lower, more.upper)
+    def _limit_rows(self, limit: Limit | LimitRows, limits: RowLimits, q: Array, before: Array) -> Any:
+        """Rows of one of some limits at joint positions q (m,), or None; False where none are known to be safe."""
+        if limit is self._first:  # a follower asks for them twice
+            self._user_rows = []
+        rows, self._trouble = limits.answers("rows", [limit], q, before)
+        return False if self._trouble is not None else self._added(rows)
 
-    def _after(self, q: Array, x: Array) -> tuple[Array, Array, Array] | None:
-        """More rows, where the answer x (m,) does not keep some limit to the tick's end."""
-        more = stacked([rows for limits in self._limits if (rows := limits.after(q, x)) is not None])
-        self._add(more)
-        return None if more is None else (more.C, more.lower, more.upper)
+    def _after(self, limit: Limit | LimitRows, limits: RowLimits, q: Array, x: Array) -> Any:
+        """More rows of one of some limits, where the answer x (m,) does not keep it to the tick's end, or None."""
+        return self._added(limits.answers("after", [limit], q, x).rows)
 
-    def _add(self, more: LimitRows | None) -> None:
-        if more is not None:
-            self.rows = more if self.rows is None else stacked([self.rows, more])
+    def _added(self, rows: LimitRows | None) -> tuple[Array, Array, Array] | None:
+        if rows is None:
+            return None
+        self._user_rows.append(rows)
+        return rows.C, rows.lower, rows.upper
 
     def _exact(self, q: Array, gain: float, ahead: Array) -> tuple[Array, Array, Array | None]:
         robot = self._loop.robot

@@ -63,7 +63,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.clearance_bodies import Dropped, OtherArm, chain_of, engine_of, pairs_of, parts_of, shapes_of
-from invariantqp.control.limits import Limit, Loop, boxes
+from invariantqp.control.limits import Limit, LimitInEngine, Loop, boxes
 from invariantqp.control.tracking import TRACKING_SHARE
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt
@@ -280,16 +280,13 @@ class Clearance(Limit):
                 argument, f"{self!r} of another robot", "one made with this robot, of the same base= and offset="
             )
 
-    def begin_at(self, last: float | None, q: Array, rate: Any) -> float:
-        """A tick of a loop begins at joint positions q (m,), the `last` one at some time [s], None before the first.
+    def engine_in_loop(self, rate: Any) -> Any:
+        """The engine's clearance in a loop of some rate."""
+        return law.ClearanceInLoop(self._engine, rate, self._report)
 
-        Returns:
-            float: when this one does [s], by the ticks of all loops whose turn it is.
-        """
-        time, begins = self._tell(self._engine).begin(last, q, rate)
-        if begins:
-            self._report(q)
-        return float(time)
+    def update(self) -> None:
+        """Tell the engine where obstacles and other arms are now."""
+        self._tell(self._engine)
 
     def _report(self, q: Array) -> None:
         """Warn of what is too near at joint positions q (m,), where a loop begins."""
@@ -300,7 +297,7 @@ class Clearance(Limit):
                 "coming nearer, and the arm does not move to part them. If they may be near each other, leave them "
                 f"out: exclude={list(near)}",
                 UserWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
 
     def in_loop(self, loop: Loop) -> Any:
@@ -333,16 +330,21 @@ class Clearance(Limit):
         if rows is None:
             return None
         C, lower, upper, pairs, distances = rows
-        names = [
-            f"clearance: {self._near(k, d)}" if k >= 0 else "clearance: slowly out"
-            for k, d in zip(pairs, distances, strict=True)
-        ]
-        return LimitRows.trusted(C, lower, upper, names)
+        return LimitRows.trusted(C, lower, upper, list(map(self.row_name, pairs, distances)))
+
+    def row_name(self, pair: int, distance: float) -> str:
+        """What reasons call a row for a pair of bodies at some distance, -1 for a row that slows a joint."""
+        return f"clearance: {self._near(pair, distance)}" if pair >= 0 else "clearance: slowly out"
+
+    def too_near(self, pair: int, distance: float) -> str:
+        """That the bodies of a pair are nearer than the distance, in words."""
+        first, second, _ = self._near(pair, distance)
+        return f"{first} and {second} are nearer than {1e3 * self.distance:.1f} mm"
 
     def broken(self) -> str:
         """Which bodies were too near in the last tick that asked for rows, "" where none were."""
-        k, distance = self._engine.nearest
-        return self._too_near(self._near(k, distance)) if distance < self._engine.enough else ""
+        pair, distance = self._engine.nearest
+        return self.too_near(pair, distance) if distance < self._engine.enough else ""
 
     def at(self, q: ArrayLike) -> Near:
         """The least distance at joint positions q (m,).
@@ -361,9 +363,9 @@ class Clearance(Limit):
             BadInput: NaN or a wrong length.
         """
         still = [not (self._parts[j].around < 0 or self._parts[j].shape.twist.any()) for _, j in self._of_pair]
-        near = self._near(*self._least(np.where(still, self._distances(q), inf)))
+        pair, distance = self._least(np.where(still, self._distances(q), inf))
         rounding = ACTIVE_TOLERANCE * max(self.distance, 1.0)
-        return self._too_near(near) if near.distance < self.distance - rounding else ""
+        return self.too_near(pair, distance) if distance < self.distance - rounding else ""
 
     def distances(self, q: ArrayLike) -> dict[tuple[str, str], float]:
         """The distance of each pair of bodies at joint positions q (m,) [length]; negative inside.
@@ -394,9 +396,6 @@ class Clearance(Limit):
             for part, pose in zip(self._parts, poses, strict=True)
         ]
 
-    def _too_near(self, near: Near) -> str:
-        return f"{near.first} and {near.second} are nearer than {1e3 * self.distance:.1f} mm"
-
     def _near(self, k: int, d: float) -> Near:
         return Near(*self._bodies[k], d) if k >= 0 else Near("", "", inf)
 
@@ -412,27 +411,36 @@ class Clearance(Limit):
         return found
 
 
-class _InLoop(Limit):
+class _InLoop(LimitInEngine):
     """A clearance at the rate of a loop."""
 
     name = "clearance"
+    clearance: Clearance
 
     def __init__(self, clearance: Clearance, rate: Any) -> None:
-        self._clearance, self._rate = clearance, rate
-        self._last: float | None = None  # when its last tick began [s]
+        self.clearance, self._rate = clearance, rate
+        self.engine = clearance.engine_in_loop(rate)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"clearance": self.clearance, "rate": self._rate, "last": self.engine.last}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["clearance"], state["rate"])  # type: ignore[misc]
+        self.engine.last = state["last"]
+
+    def begin(self, q: Array) -> None:
+        self.clearance.update()
+        self.engine.begin(q)
 
     def rows(self, q: Array, velocity: Array) -> LimitRows | None:
-        return self._clearance.rows_at(q, self._rate, velocity)
+        return self.clearance.rows_at(q, self._rate, velocity)
 
     def after(self, q: Array, velocity: Array) -> LimitRows | None:
         # Velocities of joints with brakes are so near the last one that rows about that one will do.
-        return self._clearance.rows_after(q, velocity, self._rate) if self._rate.stops_at_once else None
+        return self.clearance.rows_after(q, velocity, self._rate) if self._rate.stops_at_once else None
 
     def broken(self) -> str:
-        return self._clearance.broken()
+        return self.clearance.broken()
 
     def blocked(self, q: Array) -> str:
-        return self._clearance.blocked(q)
-
-    def begin(self, q: Array) -> None:
-        self._last = self._clearance.begin_at(self._last, q, self._rate)
+        return self.clearance.blocked(q)

@@ -67,7 +67,7 @@ from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard, guard_of
 from invariantqp.velocity.limits import ToolSpeed, accelerations
-from invariantqp.velocity.problem import form_fields, no_projector, solution_of
+from invariantqp.velocity.problem import form_fields, names_of, no_projector, solution_of
 from invariantqp.velocity.reasons import Code, told
 from invariantqp.velocity.solution import VelocitySolution, both
 
@@ -247,7 +247,7 @@ class Controller:
         self.by_chain: bool = type(robot) is Chain  # a class of the user's may be no such chain
         if isinstance(robot, Chain) and self.by_chain:
             self._settings |= {"screws": robot.screws, "home": robot.home}
-        fixed = self._fixed = None if self.joint_rows is None else self.joint_rows.fixed
+        self._row_names = names_of(fixed := None if self.joint_rows is None else self.joint_rows.fixed)
         demands = demand_fields(self.exact)
         self._settings |= {"rows": fixed and (fixed.C, fixed.lower, fixed.upper), "exact": demands or ()}
         self.asks_demands: bool = demands is None
@@ -458,11 +458,13 @@ class Controller:
         """Whether one of these functions raised the error."""
         return self._callbacks is not None and self._callbacks.raised is error
 
-    def solution(self, fields: tuple[Any, ...]) -> VelocitySolution:
-        """The solution of a tick that asked these functions, from the engine's fields."""
-        if self._callbacks is None:
-            return solution_of(fields, self._fixed, self.robot.names)
-        return self._callbacks.completed(solution_of(fields, self._callbacks.rows, self.robot.names))
+    def solution(self, found: tuple[Any, ...], calls: Callbacks | None = None) -> VelocitySolution:
+        """The solution of a tick that asked these functions, or `calls`, from what the engine found."""
+        calls = self._callbacks if calls is None else calls
+        if calls is None:
+            return solution_of(found, self._row_names, self.robot.names)
+        fields, rows, too_near = found
+        return calls.completed(solution_of(fields, calls.row_names(rows), self.robot.names), too_near)
 
     def _tick(
         self,
@@ -484,9 +486,7 @@ class Controller:
             if isinstance(refusal, InvariantQPError) or (calls is not None and calls.raised is refusal):
                 raise
             raise self._refused(q, target, ahead, velocity, more, refusal) from None
-        if calls is None:
-            return solution_of(found, self._fixed, self.robot.names)
-        return calls.completed(solution_of(found, calls.rows, self.robot.names))
+        return self.solution(found, calls)
 
     def _refused(
         self, q: Any, target: Any, ahead: Any, velocity: Any, more: dict[str, Any], refusal: Exception

@@ -10,7 +10,7 @@ class with one method. Where limits contradict each other, they give way by the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from functools import cached_property, lru_cache
 from math import inf
@@ -151,6 +151,18 @@ class Limit:
         """
         del q
         return ""
+
+
+class LimitInEngine(Limit):
+    """A clearance in a loop: a controller's tick asks the engine for its rows, without Python.
+
+    Attributes:
+        engine: the engine's `ClearanceInLoop`.
+        clearance: the `Clearance`, which knows where obstacles are now and how pairs of bodies are called.
+    """
+
+    engine: Any
+    clearance: Any
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -496,14 +508,16 @@ class RowLimits:
                 raise BadInput(
                     "limits", excerpt(limit), "a Limit that has rows, narrowed or for_loop: this limits nothing"
                 )
-        of_their_own = [one for one in self._limits if isinstance(one, Limit)]
         self.does = {  # which limits do more in a tick than answer with rows: nobody else is asked
-            name: [one for one in of_their_own if getattr(type(one), name) is not getattr(Limit, name)]
+            name: [one for one in self._limits if isinstance(one, Limit) and overrides(one, name)]
             for name in ("begin", "after", "broken")
         }
 
     def __bool__(self) -> bool:
         return bool(self._limits)
+
+    def __iter__(self) -> Iterator[Limit | LimitRows]:
+        return iter(self._limits)
 
     def begin(self, q: ArrayLike) -> None:
         """A tick begins at measured joint positions q (m,)."""
@@ -516,11 +530,11 @@ class RowLimits:
 
     def at(self, q: Array, velocity: Array) -> TickRows:
         """The rows at joint positions q (m,), coming from a joint velocity (m,)."""
-        return self._asked("rows", self._limits, q, velocity)
+        return self.answers("rows", self._limits, q, velocity)
 
     def after(self, q: Array, x: Array) -> LimitRows | None:
         """More rows, where the answer x (m,) of a tick at q (m,) does not keep some limit to its end."""
-        return self._asked("after", self.does["after"], q, x).rows
+        return self.answers("after", self.does["after"], q, x).rows
 
     @cached_property
     def fixed(self) -> LimitRows | None:
@@ -531,7 +545,7 @@ class RowLimits:
     def own(self, q: Array) -> LimitRows | None:
         """The rows at joint positions q (m,) but Pink's, None where there are none or they cannot be used."""
         known = [limit for limit in self._limits if not isinstance(limit, PinkLimit)]
-        return self._asked("rows", known, q, np.zeros(self._m)).rows
+        return self.answers("rows", known, q, np.zeros(self._m)).rows
 
     def broken(self) -> str:
         """What of some limit does not hold where rows were last asked for, "" where all do."""
@@ -542,10 +556,10 @@ class RowLimits:
         limits = (limit for limit in self._limits if isinstance(limit, Limit))
         return next((why for limit in limits if (why := limit.blocked(q))), "")
 
-    def _asked(
+    def answers(
         self, method: Literal["rows", "after"], limits: Sequence[Limit | LimitRows], q: Array, velocity: Array
     ) -> TickRows:
-        """What a method of limits answers, together."""
+        """What a method of some of these limits answers, together."""
         found = []
         for limit in limits:
             if isinstance(limit, LimitRows):
@@ -575,6 +589,11 @@ class RowLimits:
         if rows.names or not limit.name:
             return rows
         return rows.called(_names_of(limit.name, k))
+
+
+def overrides(limit: Limit | LimitRows, method: str) -> bool:
+    """Whether a limit has a method of its own of a name."""
+    return isinstance(limit, Limit) and getattr(type(limit), method) is not getattr(Limit, method)
 
 
 @lru_cache

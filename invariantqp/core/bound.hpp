@@ -7,7 +7,7 @@ namespace iq {
 
 using namespace nanobind::literals;
 
-constexpr int MOST_JOINTS = 64, MOST_ROWS = 256, MOST_EXACT = 384;
+constexpr int MOST_JOINTS = 64, MOST_EXACT = 384;
 constexpr double SMALLEST = 1e-30, LARGEST = 1e30;  // of joint twists and lengths, as in geometry/sizes.py
 
 inline Workspace& workspace()

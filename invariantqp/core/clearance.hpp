@@ -2,11 +2,12 @@
 //
 //     C x >= -alpha (d - d_min) - n'v_obstacle        C = w'J on the joints between two bodies,  w = (p x n; n)
 //
-// A Clearance is a value. In a loop, each tick calls begin, rows and, with the velocity found, after.
+// In a loop, each tick calls begin, rows and, with the velocity found, after.
 #pragma once
 #include "braking_states.hpp"
 #include "distance.hpp"
 #include <functional>
+#include <memory>
 #include <optional>
 
 namespace iq {
@@ -45,6 +46,11 @@ struct ClearanceScene {
 struct ClearanceRate {
     std::vector<double> speed, acceleration, lower, upper;
     double alpha, dt, joint_rate, delay;  // [1/s]; a tick [s]; of position limits [1/s]; dead time [s]
+
+    bool stops_at_once() const
+    {
+        return std::all_of(acceleration.begin(), acceleration.end(), [](double a) { return std::isinf(a); });
+    }
 };
 
 // lower <= C x <= upper; `pair` says which pair each row is of, -1 of one that slows a joint while bodies are too near.
@@ -52,13 +58,6 @@ struct ClearanceRows {
     Mat C;
     Vec lower, upper;
     std::vector<int> pair;
-
-    // Adds them to the rows of a tick.
-    void append_to(Mat& rows, Vec& least, Vec& most) const
-    {
-        if (!pair.empty())
-            rows = stacked(rows, C), least = joined(least, lower), most = joined(most, upper);
-    }
 };
 
 class Clearance {
@@ -158,6 +157,25 @@ class Clearance {
     void hold_back(ClearanceRows& rows, double lacks, Vec before, const ClearanceRate& rate) const;
     bool judge(const std::vector<double>& distances);
     bool shows_always_near(int pair, Workspace& w) const;
+};
+
+// A clearance in one loop, at the rate of that loop.
+struct ClearanceInLoop {
+    std::shared_ptr<Clearance> clearance;
+    ClearanceRate rate;
+    std::function<void(Vec q)> begun;  // called with q (m,) in the first tick of a loop
+    std::optional<double> last;        // when its last tick began [s]
+
+    void begin(Vec q)
+    {
+        const double time = clearance->begin(last, q, rate);
+        if (clearance->begun())
+            begun(q);
+        last = time;
+    }
+    ClearanceRows rows(Vec q, Vec before) { return clearance->rows(q, before, rate); }
+    // None for joints with acceleration limits: they stay so near the last velocity that rows about that one are enough.
+    ClearanceRows after(Vec q, Vec x) { return rate.stops_at_once() ? clearance->after(q, x, rate) : ClearanceRows(); }
 };
 
 }  // namespace iq

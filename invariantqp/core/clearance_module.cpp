@@ -1,6 +1,8 @@
 // Clearance for Python: arrays in, rows out. Errors are ValueErrors; control/clearance.py checks and words them first.
 #include "bound.hpp"
 #include "clearance.hpp"
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/tuple.h>
 
 namespace iq {
@@ -220,10 +222,7 @@ void bind_clearance(nb::module_& module)
              })
         .def_ro("alpha", &ClearanceRate::alpha)
         .def_ro("dt", &ClearanceRate::dt)
-        .def_prop_ro("stops_at_once", [](const ClearanceRate& rate) {
-            return std::all_of(rate.acceleration.begin(), rate.acceleration.end(),
-                               [](double a) { return std::isinf(a); });
-        });
+        .def_prop_ro("stops_at_once", &ClearanceRate::stops_at_once);
     using Given = nb::object;
     nb::class_<Clearance>(module, "Clearance", "Distances that an arm keeps; control/clearance.py.")
         .def(
@@ -256,17 +255,6 @@ void bind_clearance(nb::module_& module)
             },
             "arm"_a, "q"_a, "velocity"_a = nb::none())
         .def("start", &Clearance::start)
-        .def(
-            "begin",
-            [](Clearance& c, nb::object last, Given q, const ClearanceRate& rate) {
-                const Workspace::Frame frame(workspace());
-                check(c, rate);
-                const Vec at = Reader(workspace()).vector(q, "q", joints_of(c));
-                const double time =
-                    c.begin(last.is_none() ? std::nullopt : std::optional<double>(nb::cast<double>(last)), at, rate);
-                return nb::make_tuple(time, c.begun());
-            },
-            "last"_a.none(), "q"_a, "rate"_a)
         .def(
             "rows",
             [](Clearance& c, Given q, Given before, const ClearanceRate& rate) {
@@ -338,6 +326,22 @@ void bind_clearance(nb::module_& module)
             const Workspace::Frame frame(workspace());
             c.remember(vector_of(Reader(workspace()).vector(numbers, "numbers", -1, Numbers::any)));
         });
+    nb::class_<ClearanceInLoop>(module, "ClearanceInLoop", "A Clearance in one loop.")
+        .def(
+            "__init__",
+            [](ClearanceInLoop* at, std::shared_ptr<Clearance> of, const ClearanceRate& rate, nb::callable begun) {
+                check(*of, rate);
+                new (at) ClearanceInLoop{std::move(of), rate, [begun](Vec q) { begun(array_of(q)); }, std::nullopt};
+            },
+            "clearance"_a, "rate"_a, "begun"_a)
+        .def_rw("last", &ClearanceInLoop::last, nb::arg().none(), "When its last tick began [s], None before the first.")
+        .def(
+            "begin",
+            [](ClearanceInLoop& c, Given q) {
+                const Workspace::Frame frame(workspace());
+                c.begin(Reader(workspace()).vector(q, "q", joints_of(*c.clearance)));
+            },
+            "q"_a);
     module.def(
         "places",
         [](Given one, Given other) {

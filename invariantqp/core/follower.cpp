@@ -81,7 +81,7 @@ class TickOfFollower {
         in.changes.limits = &free;
         std::fill(state.law.positions(), state.law.positions() + m, NAN);  // the joints are not seen to follow the law
         found.report = loop.tick(state.law, in, functions, w);
-        return found.report->velocity;
+        return found.report->report.velocity;
     }
     // On the way from the velocity now to another one: dv/dt = min(A / |d|, sqrt(2 J / |d|)) d, d = x - v. All joints
     // change together, so that the direction goes straight from one twist to the next.
@@ -151,14 +151,15 @@ class TickOfFollower {
         TickInputs in;
         in.q = here, in.velocity = command, in.changes.limits = &follower.braked;
         const NearestVelocity near = loop.nearest(c, along && !wish.waited, in, functions, w);
+        const Report& report = near.found.report;
         double most = 0, size = 0;
         for (int j = 0; j < m; j++)
-            most = std::max(most, std::abs(near.report.velocity[j] - c[j])), size = std::max(size, std::abs(c[j]));
-        found.held = most > SAME * size || near.report.status == Status::degraded || near.report.status == Status::held;
+            most = std::max(most, std::abs(report.velocity[j] - c[j])), size = std::max(size, std::abs(c[j]));
+        found.held = most > SAME * size || report.status == Status::degraded || report.status == Status::held;
         if (!found.held)
             return c;
-        found.report = near.report, found.share = near.share;
-        return near.report.velocity;
+        found.report = near.found, found.share = near.share;
+        return report.velocity;
     }
     // Of joints that do not respond, fast enough to show that they move again: the first command from rest is nearly zero
     // where jerk is limited.

@@ -82,7 +82,7 @@ struct Wish {
 struct FollowerTick {
     Vec command;           // (m,)
     Mat residual;          // (6, m) of a splice that ends being late; absent where there is none
-    std::optional<Report> report;  // of the law or, where limits forbid what is wanted, of those
+    std::optional<LoopReport> report;  // of the law or, where limits forbid what is wanted, of those
     bool held = false;     // whether limits beside those of joints forbid what is wanted
     double share = 1;      // a path whose shape is kept has to wait: limits allow this share; nothing is commanded yet
     double from = 0, to = 0;  // the motion's last column, a place, before and after the tick

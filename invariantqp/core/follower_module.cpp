@@ -176,11 +176,11 @@ Wish wish_of(nb::handle value, Reader& read)
     return wish;
 }
 // command, place before and after, residual or None, held, share, and what the loop says: None where there is nothing to say.
-nb::tuple told(const FollowerTick& tick, const LoopFunctions& functions)
+nb::tuple told(const FollowerTick& tick, const LoopFunctions& functions, bool asked)
 {
-    const bool says = tick.report && (tick.held || tick.report->status != Status::ok || functions.rows || functions.after);
+    const bool says = tick.report && (tick.held || tick.report->report.status != Status::ok || !functions.limits.empty());
     return nb::make_tuple(tick.command.w ? array_of(tick.command) : nb::none(), tick.from, tick.to, matrix_or_none(tick.residual),
-                          tick.held, tick.share, says ? nb::object(solution(*tick.report)) : nb::none());
+                          tick.held, tick.share, says ? loop_solution(*tick.report, functions, asked) : nb::none());
 }
 // What is said of joints that do not do what they are commanded, as bytes of reasons; None where nothing is.
 nb::object trouble(const Follower& follower, FollowerState& state)
@@ -206,6 +206,7 @@ nb::object step(const Follower& follower, FollowerState& kept, const Course& cou
     const Vec measured = read.vector(q, "q", m);
     const Wish wanted = wish_of(wish, read);
     const LoopFunctions asked = loop_functions(functions, read, m, w);
+    asked.begin(measured);
     const bool stuck = state.joints.any_unresponsive();
     state.send();
     if (!follower.observe(state, measured, false) || stuck || state.joints.any_unresponsive())
@@ -220,7 +221,7 @@ nb::object step(const Follower& follower, FollowerState& kept, const Course& cou
         return nb::none();
     const nb::object why = trouble(follower, state);
     kept = state;
-    return nb::make_tuple(told(found, asked), array_of(measured), off, why);
+    return nb::make_tuple(told(found, asked, !functions.is_none()), array_of(measured), off, why);
 }
 nb::object observe(const Follower& follower, FollowerState& state, nb::handle q, bool moved)
 {
@@ -242,10 +243,13 @@ nb::tuple drive(const Follower& follower, FollowerState& kept, const Course& cou
     Wish wanted = wish_of(wish, read);
     wanted.waited = waited;
     const LoopFunctions asked = loop_functions(functions, read, m, w);
-    const FollowerTick found = follower.tick(state, course, wanted, read.vector(q, "q", m), asked, w);
+    const Vec measured = read.vector(q, "q", m);
+    if (!waited)
+        asked.begin(measured);
+    const FollowerTick found = follower.tick(state, course, wanted, measured, asked, w);
     if (found.command.w)
         kept = state;
-    return told(found, asked);
+    return told(found, asked, !functions.is_none());
 }
 using Row = double* (FollowerState::*)();
 template <Row row> nb::object get(FollowerState& s) { return array_of(Vec((s.*row)(), s.m, &workspace())); }

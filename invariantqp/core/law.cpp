@@ -280,11 +280,24 @@ class Law {
         Mat H = t(B) * B;
         for (int i = 0; i < m; i++)
             H(i, i) += mu + nu;
-        for (int i = 0; i < kernel.rows; i++)
-            for (int j = 0; j < m; j++)
-                H[j].add(null * kernel(i, j), kernel[i]);
+        add_null(H);
         head = cholesky(H);
         y_f = solved_dense(t(B) * (found.share * f) + memory()), y_e = solved_dense(t(B) * (found.share * e));
+    }
+    // H += w P, P = N'N of the kernel N or, with fewer rows, P = I - S'S of the orthonormal rows S that move something.
+    void add_null(Mat H) const
+    {
+        const int free = kernel.rows, rank = m - free;
+        const bool few = free <= rank;
+        for (int i = 0; i < (few ? free : rank); i++) {
+            Vec row = few ? kernel[i] : unit(w, m, free + i);
+            if (!few)
+                rq->turn_back(row);
+            for (int j = 0; j < m; j++)
+                H[j].add((few ? null : -null) * row[j], row);
+        }
+        for (int i = 0; !few && i < m; i++)
+            H(i, i) += null;
     }
     Vec solved_dense(Vec right) const { return solved(head, solved(t(head), right)); }
 

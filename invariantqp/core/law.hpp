@@ -4,6 +4,8 @@
 
 namespace iq {
 
+constexpr int MOST_ROWS = 256;  // of limits in a tick
+
 enum class FormKind { none, pitch, complement, definite };
 
 // Units SI, all twists in one frame; m joints, n bodies. What may be absent has no memory: Vec{}, Mat{}.

@@ -1,5 +1,6 @@
 #include "loop.hpp"
 #include "measure.hpp"
+#include <stdexcept>
 
 namespace iq {
 namespace {
@@ -52,6 +53,55 @@ class TickOfLoop {
     {
     }
 
+    LoopReport all()
+    {
+        Report found = report();
+        return {std::move(found), std::move(origins)};
+    }
+
+    NearestVelocity nearest(Vec wanted, bool with_share)
+    {
+        there = in.q, before = in.velocity;
+        arm = functions.arm ? functions.arm(there, w) : seen();
+        tick.J = arm.J;  // for the tool's speed
+        bound();
+        if (!limit_rows()) {
+            tick.root = root(), tick.ahead = tick.error = Vec(w, 6, 0);
+            return {{standing(), std::move(origins)}, 0};
+        }
+        exact(arm.tool, 0, arm.J * wanted);
+        tick.D = Mat();  // no parts of what follows, which are joint velocities: twists, each of six joints
+        const int size = 6 * ((m + 5) / 6);
+        tick.J = Mat(w, size, m, 0), tick.root = Mat::identity(w, size), tick.ahead = Vec(w, size, 0), tick.error = Vec(w, size, 0);
+        for (int j = 0; j < m; j++)
+            tick.J(j, j) = 1, tick.ahead[j] = wanted[j];
+        const Report report = answered();
+        double share = 1;
+        if (with_share) {
+            Tick all = tick;
+            all.E = Mat::identity(w, m), all.E_f = wanted, all.E_e = Vec(w, m, 0);
+            share = velocity(all, w).share;
+        }
+        return {{finished(report), std::move(origins)}, share};
+    }
+
+  private:
+    const Loop& loop;
+    const LoopSettings& set;
+    LoopState& kept;  // is changed when all is known
+    LoopState state;
+    const TickInputs& in;
+    const LoopFunctions& functions;
+    Workspace& w;
+    const int m;
+    const JointLimits &limits, &brakes;  // of this tick; and by which joints brake, which a follower does itself
+    const double speed;
+    Vec there, before;
+    ArmState arm;
+    Tick tick;
+    JointBounds bounds;
+    std::vector<RowOrigin> origins;
+
     Report report()
     {
         state.observe(in.q, set.dt, set.turns, set.limits.velocity);
@@ -79,49 +129,6 @@ class TickOfLoop {
         slow_down();
         return finished(answered());
     }
-
-    NearestVelocity nearest(Vec wanted, bool with_share)
-    {
-        there = in.q, before = in.velocity;
-        arm = functions.arm ? functions.arm(there, w) : seen();
-        tick.J = arm.J;  // for the tool's speed
-        bound();
-        NearestVelocity found;
-        if (!limit_rows()) {
-            tick.root = root(), tick.ahead = tick.error = Vec(w, 6, 0);
-            return {standing(), 0};
-        }
-        exact(arm.tool, 0, arm.J * wanted);
-        tick.D = Mat();  // no parts of what follows, which are joint velocities: twists, each of six joints
-        const int size = 6 * ((m + 5) / 6);
-        tick.J = Mat(w, size, m, 0), tick.root = Mat::identity(w, size), tick.ahead = Vec(w, size, 0), tick.error = Vec(w, size, 0);
-        for (int j = 0; j < m; j++)
-            tick.J(j, j) = 1, tick.ahead[j] = wanted[j];
-        found.report = answered();
-        if (with_share) {
-            Tick all = tick;
-            all.E = Mat::identity(w, m), all.E_f = wanted, all.E_e = Vec(w, m, 0);
-            found.share = velocity(all, w).share;
-        }
-        found.report = finished(found.report);
-        return found;
-    }
-
-  private:
-    const Loop& loop;
-    const LoopSettings& set;
-    LoopState& kept;  // is changed when all is known
-    LoopState state;
-    const TickInputs& in;
-    const LoopFunctions& functions;
-    Workspace& w;
-    const int m;
-    const JointLimits &limits, &brakes;  // of this tick; and by which joints brake, which a follower does itself
-    const double speed;
-    Vec there, before;
-    ArmState arm;
-    Tick tick;
-    JointBounds bounds;
 
     // The joint that is farthest outside where positions are believed, -1 where none is.
     int not_believed() const
@@ -196,12 +203,62 @@ class TickOfLoop {
         tick.speed = std::max(speed * tool.limit, (tick.P * slower).norm());
     }
 
+    // The rows of limits; false where one of them knows no velocity that is safe.
     bool limit_rows()
     {
-        tick.C = Mat(w, 0, m), tick.row_lower = tick.row_upper = Vec(w, 0);
-        if (const int k = static_cast<int>(set.rows.lower.size()); k > 0)
-            tick.C = view(set.rows.C, k, m, w), tick.row_lower = view(set.rows.lower, w), tick.row_upper = view(set.rows.upper, w);
-        return !functions.rows || functions.rows(there, before, tick);
+        const int k = static_cast<int>(set.rows.lower.size());
+        const Mat fixed = view(set.rows.C, k, m, w);
+        tick.C = fixed, tick.row_lower = view(set.rows.lower, w), tick.row_upper = view(set.rows.upper, w);
+        for (const RowLimit& limit : functions.limits) {
+            if (limit.clearance)
+                add(limit, limit.clearance->rows(there, before));
+            else if (const std::optional<RowsOfTick> found = limit.rows(there, before))
+                add(limit, *found);
+            else {
+                tick.C = fixed, tick.row_lower = tick.row_lower.part(0, k), tick.row_upper = tick.row_upper.part(0, k);
+                origins.clear();
+                return false;
+            }
+        }
+        return true;
+    }
+    // Whether limits have more rows, because the velocity x does not keep them to the tick's end.
+    bool more_rows(Vec x)
+    {
+        const int before = tick.C.rows;
+        for (const RowLimit& limit : functions.limits)
+            if (limit.clearance)
+                add(limit, limit.clearance->after(there, x));
+            else if (limit.after)
+                add(limit, limit.after(there, x));
+        return tick.C.rows > before;
+    }
+    void add(const RowLimit& limit, const RowsOfTick& more)
+    {
+        if (more.C.rows == 0)
+            return;
+        const int k = tick.C.rows;
+        if (k + more.C.rows > MOST_ROWS)
+            throw std::length_error("there are more than 256 rows of limits");
+        tick.C = k ? stacked(tick.C, more.C) : more.C;
+        tick.row_lower = k ? joined(tick.row_lower, more.lower) : more.lower;
+        tick.row_upper = k ? joined(tick.row_upper, more.upper) : more.upper;
+        origins.resize(origins.size() + more.C.rows, {static_cast<int>(&limit - functions.limits.data()), -1, 0});
+    }
+    void add(const RowLimit& limit, const ClearanceRows& more)
+    {
+        const int k = more.C.rows;
+        for (const double x : more.C.all())
+            if (!std::isfinite(x))
+                throw std::domain_error("rows of a clearance have NaN or infinity");
+        for (int i = 0; i < k; i++)
+            if (!(more.lower[i] <= more.upper[i] && std::abs(more.lower[i]) < INFINITY))
+                throw std::domain_error("bounds of a clearance have NaN or infinity");
+        add(limit, RowsOfTick{more.C, more.lower, more.upper});
+        for (int i = 0; i < k; i++) {
+            RowOrigin& origin = origins[origins.size() - k + i];
+            origin.pair = more.pair[i], origin.distance = more.pair[i] < 0 ? 0 : limit.clearance->clearance->found()[more.pair[i]];
+        }
     }
 
     // What is wanted: the twist, its exact parts, the posture.
@@ -361,7 +418,7 @@ class TickOfLoop {
     {
         Answer answer = solved(tick);
         Report found = iq::report(tick, answer, w);
-        for (int again = 0; functions.after && again < AGAIN && functions.after(there, found.velocity, tick); again++) {
+        for (int again = 0; again < AGAIN && more_rows(found.velocity); again++) {
             answer = solved(tick);
             found = iq::report(tick, answer, w);
         }
@@ -444,9 +501,9 @@ class TickOfLoop {
 
 }  // namespace
 
-Report Loop::tick(LoopState& state, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const
+LoopReport Loop::tick(LoopState& state, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const
 {
-    return TickOfLoop(*this, state, in, functions, w).report();
+    return TickOfLoop(*this, state, in, functions, w).all();
 }
 
 NearestVelocity Loop::nearest(Vec wanted, bool with_share, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const

@@ -5,6 +5,7 @@
 // b slows the approach down where acceleration limits need room to brake. All poses and twists are in the base frame.
 #pragma once
 #include "braking.hpp"
+#include "clearance.hpp"
 #include "demands.hpp"
 #include "joints.hpp"
 #include <functional>
@@ -65,16 +66,34 @@ struct TickChanges {
     const JointLimits* limits = nullptr;
     const ToolSpeed* tool_speed = nullptr;
 };
+// Rows of one limit in one tick; none where C is empty.
+struct RowsOfTick {
+    Mat C;
+    Vec lower, upper;
+};
+// A limit that has other rows in each tick: a clearance, or functions of the user's.
+struct RowLimit {
+    ClearanceInLoop* clearance = nullptr;
+    // Rows where the joints are, coming from a velocity; absent where no velocity is known to be safe.
+    std::function<std::optional<RowsOfTick>(Vec there, Vec before)> rows;
+    // More rows, where the velocity x does not keep the limit to the tick's end. May be missing.
+    std::function<RowsOfTick(Vec there, Vec x)> after;
+};
 // What the user's own functions answer. Those that are missing are not asked.
 struct LoopFunctions {
     std::function<ArmState(Vec there, Workspace&)> arm;  // of a robot that is no Chain
-    // Rows of limits where the joints are, coming from a velocity: added to a tick. False where none are known to be safe.
-    std::function<bool(Vec there, Vec before, Tick&)> rows;
-    // More rows, where an answer does not keep some limit to the tick's end: whether there are any.
-    std::function<bool(Vec there, Vec x, Tick&)> after;
+    std::vector<RowLimit> limits;                        // in the order of their rows
     // Exact rows at a gain [1/s] for a target that moves, set in E, D and E_f.
     std::function<void(Vec there, double gain, Vec ahead, Tick&)> exact;
     std::function<Answer(const Tick&)> law;  // another solver
+
+    // A tick begins at measured joint positions.
+    void begin(Vec q) const
+    {
+        for (const RowLimit& limit : limits)
+            if (limit.clearance)
+                limit.clearance->begin(q);
+    }
 };
 struct TickInputs {
     Vec q;                               // (m,) measured
@@ -92,9 +111,19 @@ struct TickInputs {
     TickChanges changes;
 };
 
+// Where a row of a tick comes from.
+struct RowOrigin {
+    int limit;        // which of `LoopFunctions::limits`
+    int pair;         // of a clearance: which pair of bodies, -1 where the row slows a joint
+    double distance;  // of that pair [length]
+};
+struct LoopReport {
+    Report report;
+    std::vector<RowOrigin> rows;  // those of `LoopFunctions::limits`, which follow the rows that never change
+};
 // The joint velocity nearest to a wanted one that the limits allow; and the share of the wanted one that they allow.
 struct NearestVelocity {
-    Report report;
+    LoopReport found;
     double share = 1;
 };
 
@@ -108,7 +137,7 @@ class Loop {
 
     // One tick; the state is that of the next. Throws FarTarget, or NoProjector of a form without a guard; the state is then
     // as it was.
-    Report tick(LoopState& state, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const;
+    LoopReport tick(LoopState& state, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const;
     // From joint positions `in.q` after the velocity `in.velocity`; `with_share` asks for the share, too.
     NearestVelocity nearest(Vec wanted, bool with_share, const TickInputs& in, const LoopFunctions& functions, Workspace& w) const;
 };

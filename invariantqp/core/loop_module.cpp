@@ -222,43 +222,19 @@ class Functions {
   public:
     LoopFunctions functions;
 
-    // (arm, rows, after, exact, law), each a function or None
+    // (arm, limits, exact, law), functions or None; each limit is a ClearanceInLoop, or its functions (rows, after)
     Functions(nb::handle given, Reader& read, int m, Workspace& w)
     {
         if (given.is_none())
             return;
-        const nb::tuple all = parts(given, "functions", 5);
-        const nb::object arm = all[0], rows = all[1], after = all[2], exact = all[3], law = all[4];
+        const nb::tuple all = parts(given, "functions", 4);
+        const nb::object arm = all[0], exact = all[2], law = all[3];
+        for (nb::handle limit : nb::cast<nb::tuple>(all[1]))
+            functions.limits.push_back(row_limit(limit, read, m));
         if (!arm.is_none())
             functions.arm = [arm, &read, m](Vec there, Workspace&) {
                 const nb::tuple found = parts(arm(array_of(there)), "the robot's state", 2);
                 return ArmState{read.matrix(found[0], "the robot's Jacobian", 6, m), read_pose(found[1], "the robot's pose", read)};
-            };
-        const auto add = [&read, m](nb::handle found, Tick& tick) {
-            const nb::tuple three = parts(found, "rows", 3);
-            const Mat C = read.matrix(three[0], "rows[0]", -1, m);
-            const Vec low = read.vector(three[1], "rows[1]", C.rows, Numbers::any), high = read.vector(three[2], "rows[2]", C.rows, Numbers::any);
-            check_box(low, high);
-            if (C.rows + tick.C.rows > MOST_ROWS)
-                refuse("there are more than 256 rows of limits");
-            tick.C = stacked(tick.C, C), tick.row_lower = joined(tick.row_lower, low), tick.row_upper = joined(tick.row_upper, high);
-        };
-        if (!rows.is_none())
-            functions.rows = [rows, add](Vec there, Vec before, Tick& tick) {
-                const nb::object found = rows(array_of(there), array_of(before));
-                if (found.ptr() == Py_False)
-                    return false;
-                if (!found.is_none())
-                    add(found, tick);
-                return true;
-            };
-        if (!after.is_none())
-            functions.after = [after, add](Vec there, Vec x, Tick& tick) {
-                const nb::object found = after(array_of(there), array_of(x));
-                if (found.is_none())
-                    return false;
-                add(found, tick);
-                return true;
             };
         if (!exact.is_none())
             functions.exact = [exact, &read, m, &w](Vec there, double gain, Vec ahead, Tick& tick) {
@@ -287,7 +263,70 @@ class Functions {
                 return answer;
             };
     }
+
+  private:
+    static RowLimit row_limit(nb::handle given, Reader& read, int m)
+    {
+        RowLimit limit;
+        if (nb::try_cast(given, limit.clearance) && limit.clearance) {
+            if (static_cast<int>(limit.clearance->rate.speed.size()) != m)
+                refuse("a clearance is of another arm");
+            return limit;
+        }
+        const nb::tuple both = parts(given, "a limit", 2);
+        const nb::object rows = both[0], after = both[1];
+        const auto told = [&read, m](nb::handle found) -> RowsOfTick {
+            if (found.is_none())
+                return {};
+            const nb::tuple three = parts(found, "rows", 3);
+            const Mat C = read.matrix(three[0], "rows[0]", -1, m);
+            const Vec low = read.vector(three[1], "rows[1]", C.rows, Numbers::any), high = read.vector(three[2], "rows[2]", C.rows, Numbers::any);
+            check_box(low, high);
+            return {C, low, high};
+        };
+        limit.rows = [rows, told](Vec there, Vec before) -> std::optional<RowsOfTick> {
+            const nb::object found = rows(array_of(there), array_of(before));
+            if (found.ptr() == Py_False)
+                return std::nullopt;
+            return told(found);
+        };
+        if (!after.is_none())
+            limit.after = [after, told](Vec there, Vec x) { return told(after(array_of(there), array_of(x))); };
+        return limit;
+    }
 };
+
+// Of the first clearance that is not kept: which limit it is, which pair of bodies, and their distance; or None.
+nb::object too_near(const LoopFunctions& functions)
+{
+    for (std::size_t i = 0; i < functions.limits.size(); i++)
+        if (const ClearanceInLoop* limit = functions.limits[i].clearance)
+            if (const int k = limit->clearance->nearest(); k >= 0 && limit->clearance->found()[k] < limit->clearance->enough())
+                return nb::make_tuple(i, k, limit->clearance->found()[k]);
+    return nb::none();
+}
+
+// (k,) limit, pair and distance of rows; None where there are none.
+nb::object bytes_of(const std::vector<RowOrigin>& rows)
+{
+    if (rows.empty())
+        return nb::none();
+    std::vector<double> numbers;
+    for (const RowOrigin& row : rows)
+        numbers.insert(numbers.end(), {static_cast<double>(row.limit), static_cast<double>(row.pair), row.distance});
+    return nb::bytes(reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(double));
+}
+
+}  // namespace
+
+LoopFunctions loop_functions(nb::handle given, Reader& read, int m, Workspace& w) { return Functions(given, read, m, w).functions; }
+
+nb::object loop_solution(const LoopReport& found, const LoopFunctions& functions, bool asked)
+{
+    return asked ? nb::object(nb::make_tuple(solution(found.report), bytes_of(found.rows), too_near(functions))) : solution(found.report);
+}
+
+namespace {
 
 nb::object tick(const Loop& loop, LoopState& state, nb::object q, nb::object target, nb::object ahead, nb::object velocity,
                 bool at_base, bool stand, nb::object functions, nb::object changes, nb::object posture, nb::object exact,
@@ -343,7 +382,8 @@ nb::object tick(const Loop& loop, LoopState& state, nb::object q, nb::object tar
     if (!loop.chain && !in.arm && !asked.functions.arm)
         refuse("the loop has no arm");
     try {
-        return solution(loop.tick(state, in, asked.functions, w));
+        asked.functions.begin(in.q);
+        return loop_solution(loop.tick(state, in, asked.functions, w), asked.functions, !functions.is_none());
     } catch (const FarTarget&) {
         refuse("target is too far away");
     } catch (const NoProjector&) {
@@ -361,8 +401,6 @@ nb::object numbers_of(const LoopState& state)
 }
 
 }  // namespace
-
-LoopFunctions loop_functions(nb::handle given, Reader& read, int m, Workspace& w) { return Functions(given, read, m, w).functions; }
 
 void bind_loop(nb::module_& m)
 {
@@ -410,7 +448,8 @@ void bind_loop(nb::module_& m)
         .def("tick", tick, "state"_a, "q"_a, "target"_a = nb::none(), "ahead"_a = nb::none(), "velocity"_a = nb::none(),
              "at_base"_a = false, "stand"_a = false, "functions"_a = nb::none(), "changes"_a = nb::none(),
              "posture"_a = nb::none(), "exact"_a = nb::none(), "arm"_a = nb::none(), "measured_at"_a = nb::none(),
-             "One tick: the fields of a VelocitySolution.");
+             "One tick: the fields of a VelocitySolution. With functions also the origins of rows as doubles, or None: which "
+             "limit, which pair of bodies and their distance; and the same of a clearance that is not kept, or None.");
 }
 
 }  // namespace iq

@@ -216,6 +216,8 @@ struct Mat {
     }
 };
 
+constexpr int MANY = 16;  // columns from which products take four rows at a time
+
 struct Transposed {
     Mat of;
 };
@@ -243,14 +245,37 @@ inline Vec operator*(Transposed A, Vec x)
         y.add(x[i], A.of[i]);
     return y;
 }
+// y += A'a, four rows of A at a time where none of their factors is zero.
+inline void add_rows(Vec y, Vec a, Mat A)
+{
+    IQ_ASSERT(y.n == A.cols && a.n == A.rows);
+    double* __restrict to = y.p;
+    int k = 0;
+    for (; k + 3 < a.n; k += 4) {
+        const double f = a[k], g = a[k + 1], h = a[k + 2], i = a[k + 3];
+        const double *p = A[k].p, *q = A[k + 1].p, *r = A[k + 2].p, *s = A[k + 3].p;
+        if (f != 0 && g != 0 && h != 0 && i != 0)
+            for (int j = 0; j < y.n; j++)
+                to[j] = (((to[j] + f * p[j]) + g * q[j]) + h * r[j]) + i * s[j];
+        else
+            for (int l = k; l < k + 4; l++)
+                if (a[l] != 0)
+                    y.add(a[l], A[l]);
+    }
+    for (; k < a.n; k++)
+        y.add(a[k], A[k]);
+}
 inline Mat operator*(Mat A, Mat B)
 {
     IQ_ASSERT(A.cols == B.rows);
     Mat P(*A.w, A.rows, B.cols, 0);
     for (int i = 0; i < A.rows; i++)
-        for (int k = 0; k < A.cols; k++)
-            if (const double a = A(i, k); a != 0)
-                P[i].add(a, B[k]);
+        if (A.cols >= MANY)
+            add_rows(P[i], A[i], B);
+        else
+            for (int k = 0; k < A.cols; k++)
+                if (const double a = A(i, k); a != 0)
+                    P[i].add(a, B[k]);
     return P;
 }
 inline Mat operator*(Mat A, Transposed B)

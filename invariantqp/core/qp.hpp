@@ -63,7 +63,7 @@ class ActiveSet {
     Vec x, w, d, z, r, pull, value;  // w: x = w Q;  pull: the multipliers, not negative
     std::vector<std::int8_t> active;  // of each row: 1 at its upper bound, -1 at its lower one, 2 where it is redundant
     std::vector<int> at;
-    int k = 0;
+    int k = 0, placed = 0;  // how many are active; of how many x has the share
     double scale = 0;
 
     double excess(int row, int& side) const
@@ -142,11 +142,10 @@ class ActiveSet {
     // r, with d Q = sum of r_j times the active normals.
     void directions()
     {
+        r.part(0, k).set(d.part(0, k));
         for (int j = k - 1; j >= 0; j--) {
-            double left = d[j];
-            for (int i = j + 1; i < k; i++)
-                left -= L(i, j) * r[i];
-            r[j] = left / L(j, j);
+            r[j] /= L(j, j);
+            r.part(0, j).add(-r[j], L[j].part(0, j));
         }
     }
     double bound(int row, int side) const { return side > 0 ? upper[row] : -lower[row]; }
@@ -164,19 +163,20 @@ class ActiveSet {
     // x = w Q, the point of the active rows that is nearest to the origin, and its multipliers -w = pull L.
     void place()
     {
-        x.fill(0);
+        if (placed == 0)
+            x.fill(0);
+        for (; placed < k; placed++)
+            x.add(w[placed], Q[placed]);
         for (int j = 0; j < k; j++)
-            x.add(w[j], Q[j]);
+            pull[j] = -w[j];
         for (int j = k - 1; j >= 0; j--) {
-            double left = -w[j];
-            for (int i = j + 1; i < k; i++)
-                left -= L(i, j) * pull[i];
-            pull[j] = std::max(0.0, left / L(j, j));
+            pull[j] = std::max(0.0, pull[j] / L(j, j));
+            pull.part(0, j).add(-pull[j], L[j].part(0, j));
         }
     }
     void remove(int j)
     {
-        active[at[j]] = 0;
+        active[at[j]] = 0, placed = 0;
         for (int i = j + 1; i < k; i++) {
             at[i - 1] = at[i], pull[i - 1] = pull[i];
             L[i - 1].part(0, i + 1).set(L[i].part(0, i + 1));

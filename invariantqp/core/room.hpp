@@ -138,13 +138,23 @@ inline std::optional<Optimum> minimise(const Quadratic& of, const Room& room)
     const Mat M = room.P * of.T;
     if (M.all().square() == 0)
         return first <= room.speed + margin ? found : std::nullopt;
-    const Vec start = room.start + room.P * of.centre;
-    const auto at = [&](double k) {  // in e, y = centre + T e: least |e|^2 + k |start + M e|^2
-        Mat rows = stacked(Mat::identity(*M.w, M.cols), M);
-        rows.rows_from(M.cols, rows.rows).all().scale(std::sqrt(k));
-        const RQ rq(transposed(rows));
-        const Vec e = rq.least_squares(joined(Vec(*M.w, M.cols, 0), (-std::sqrt(k)) * start));
-        return polytope_optimum({of.T * t(inverse(rq.R)), of.centre + of.T * e}, room);
+    // In e, y = centre + T e: least |e|^2 + k |start + M e|^2, which is diagonal along the singular directions of M.
+    const SVD svd(M);
+    const Mat T = of.T * t(svd.V);
+    const Vec start = svd.U * (room.start + room.P * of.centre);
+    const auto at = [&](double k) {
+        Mat root = T.copy();
+        Vec e(*M.w, M.cols, 0);
+        for (int i = 0; i < svd.sigma.n; i++) {
+            const double s = svd.sigma[i], weight = 1 + k * s * s;
+            e[i] = -k * s * start[i] / weight;
+            for (int j = 0; j < root.rows; j++)
+                root(j, i) /= std::sqrt(weight);
+        }
+        std::optional<Optimum> found = polytope_optimum({root, of.centre + T * e}, room);
+        if (found && !found->multipliers.w)
+            found->multipliers = Vec(*M.w, room.C.rows, 0);
+        return found;
     };
     // 1 / speed grows almost in proportion to k while the active limits stay.
     const double unit = 1 / M.all().square();
@@ -155,8 +165,6 @@ inline std::optional<Optimum> minimise(const Quadratic& of, const Room& room)
             return {};
         const double now = speed(next->y);
         found = next;
-        if (!found->multipliers.w)
-            found->multipliers = Vec(*M.w, room.C.rows, 0);
         if (std::abs(now - room.speed) <= 1e-13 * room.speed || (now <= room.speed && k <= 1e-9 * unit))
             return found;
         (now > room.speed ? below : above) = k;

@@ -8,7 +8,7 @@ Reference: [DS] Sect. 6.2.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from math import inf
 from typing import TYPE_CHECKING, Any, TypedDict
@@ -107,7 +107,7 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
     """
     if options.get("backend") is None:
         try:
-            return solution_of(law.solve(J, twist, **given(options)), options.get("rows"))
+            return solution_of(law.solve(J, twist, **given(options)), names_of(options.get("rows")))
         except (ValueError, TypeError, AttributeError, KeyError):
             pass
         except ArithmeticError:
@@ -116,12 +116,11 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
 
 
 def solution_of(
-    fields: tuple[Any, ...], rows: LimitRows | None = None, joint_names: tuple[str, ...] = ()
+    fields: tuple[Any, ...], row_names: Iterable[str] = (), joint_names: tuple[str, ...] = ()
 ) -> VelocitySolution:
-    """The solution that the engine's fields are, for some rows of limits and names of joints."""
+    """The solution that the engine's fields are, for the names of rows of limits and of joints."""
     x, method, status, reasons, active, residual, share, damping, guard, pulls, row_pulls = fields
     backend = "engine" if method == 2 else ""
-    names = () if rows is None else rows.names
     return VelocitySolution(
         x,
         METHODS[method],
@@ -135,9 +134,14 @@ def solution_of(
         backend,
         pulls,
         row_pulls,
-        names,
+        row_names,
         joint_names,
     )
+
+
+def names_of(rows: LimitRows | None) -> tuple[str, ...]:
+    """The names of rows, () for none."""
+    return () if rows is None else rows.names
 
 
 def given(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -259,7 +263,7 @@ def _checked_solution(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) 
     fields |= {"point": measure.point, "length": measure.length, "metric": metric}
     try:
         if backend is None:
-            return solution_of(law.solve(twists, s, **fields), options.get("rows"))
+            return solution_of(law.solve(twists, s, **fields), names_of(options.get("rows")))
         return _by_definition(twists, s, measure.root, fields, options, backend_of(backend))
     except ArithmeticError:
         raise no_projector(twists, form) from None
@@ -362,13 +366,13 @@ def reported(
     options: Mapping[str, Any],
 ) -> VelocitySolution:
     """The solution for what the definition answers by a back end, "held" where it finds nothing."""
-    rows: LimitRows | None = options.get("rows")
+    names = names_of(options.get("rows"))
     try:
         found = answer()
     except (SolverFailure, np.linalg.LinAlgError) as failure:
         still = np.clip(np.zeros(tick.J.shape[1]), tick.lower, tick.upper)
-        held = solution_of(report(found=(still, 1.0, 0.0, 1.0, True, None, 0.0)), rows)
+        held = solution_of(report(found=(still, 1.0, 0.0, 1.0, True, None, 0.0)), names)
         why = (Reason(Code.NO_VELOCITY, words=str(failure)),)
         return held._replace(method="hold", status=Status.HELD, reasons=why, scale=0.0, backend="")
-    solution = solution_of(report(found=found_by(found, tick)), rows)
+    solution = solution_of(report(found=found_by(found, tick)), names)
     return solution._replace(backend=backend.name if solution.method == "qp" else "")

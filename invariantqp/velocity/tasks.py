@@ -30,7 +30,7 @@ from invariantqp.velocity.arguments import Measure, measure_of, metric_of
 from invariantqp.velocity.backends import backend_of
 from invariantqp.velocity.definition import prioritised
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
-from invariantqp.velocity.problem import check_joints, checked, reported, solution_of, solve_velocity, tick_of
+from invariantqp.velocity.problem import check_joints, checked, names_of, reported, solution_of, solve_velocity, tick_of
 from invariantqp.velocity.solution import VelocitySolution
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ def solve_tasks(tasks: Sequence[TwistTask | JointTask], **options: Unpack[Veloci
     levels = [_stacked(list(level), fields["metric"]) for _, level in groupby(ordered, key=lambda task: task.priority)]
     backend = options.get("backend")
     if backend is None:
-        solution = solution_of(law.solve_levels(levels, **fields), options.get("rows"))
+        solution = solution_of(law.solve_levels(levels, **fields), names_of(options.get("rows")))
     else:
         ticks, solver = [tick_of(J, s, root, fields) for J, root, s in levels], backend_of(backend)
         report = partial(law.solve_levels, levels, **fields)

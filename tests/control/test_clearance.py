@@ -1,6 +1,7 @@
 """What an arm must not touch: kept in loops, by coal's distances; named, listed, led apart."""
 
 import pickle
+import sys
 import warnings
 from copy import deepcopy
 
@@ -75,6 +76,58 @@ def run(loop, q, target, ticks, each=None):
         solutions.append(loop.step(q, target))
         q = q + loop.dt * solutions[-1].velocity
     return q, solutions
+
+
+@pytest.mark.parametrize("acceleration", [None, 10.0])
+def test_the_engine_asks_a_clearance_without_python(panda, acceleration):
+    box = Box(iq.transform(translation=[0.6, 0.0, 0.2]), [0.1, 0.1, 0.1], name="box")
+    loop = iq.Controller(panda, dt=DT, acceleration_limit=acceleration, limits=[Clearance(panda, HAND, [TABLE, box])])
+    q, target = READY, below(panda, READY, 0.6)
+    loop.step(q, target)
+    called, rows = set(), 0
+
+    def note(frame, event, _):
+        if event == "call" and frame.f_code.co_filename.endswith("clearance.py"):
+            called.add(frame.f_code.co_name)
+
+    for i in range(1000):
+        box.move(iq.transform(translation=[0.0, 1e-4 * i, 0.0]))
+        sys.setprofile(note)
+        try:
+            solution = loop.step(q, target)
+        finally:
+            sys.setprofile(None)
+        rows += len(solution.row_names) > 0
+        q = q + DT * solution.velocity
+    assert rows > 100
+    assert called == {"update", "_tell"}  # it is told where obstacles are
+
+
+def test_rows_of_users_and_of_clearances_keep_their_order_and_names(panda):
+    def narrow(q):
+        return LimitRows(np.eye(7)[:2], [-1.0, -1.0], [1.0, 1.0], ["first", "second"])
+
+    clearance = Clearance(panda, HAND, [TABLE])
+    fixed = LimitRows([np.ones(7)], [-9.0], [9.0], "sum")
+    loops = [
+        iq.Controller(panda, dt=DT, limits=[fixed, clearance, narrow]),
+        iq.Controller(panda, dt=DT, limits=[narrow, fixed]),
+    ]
+    q, target, seen = READY, below(panda, READY, 0.6), 0
+    for _ in range(1000):
+        solution = loops[0].step(q, target)
+        names, more = solution.row_names, loops[1].step(q, target, limits=[clearance]).row_names
+        assert names[0] == "sum"
+        assert names[-2:] == ("first", "second")
+        assert more[:3] == ("first", "second", "sum")
+        if len(names) > 3:
+            seen += 1
+            assert all(name.startswith("clearance: panda_") for name in (*names[1:-2], *more[3:]))
+            again = pickle.loads(pickle.dumps(solution))
+            assert again == solution
+            assert again.row_names == names
+        q = q + DT * solution.velocity
+    assert seen > 100
 
 
 def test_the_hand_stops_above_the_table_and_is_named(panda):

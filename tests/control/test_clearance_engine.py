@@ -105,7 +105,14 @@ def test_nothing_to_keep_apart_has_no_rows():
     assert one.nearest == (-1, np.inf)
     assert one.distances([0, 0, 0]).shape == (0,)
     assert one.placed([0, 0, 0]).shape == (0, 4, 4)
-    assert one.begin(None, np.zeros(3), rate_of(3)) == (0.0, True)
+    begun = []
+    loop = law.ClearanceInLoop(one, rate_of(3), begun.append)
+    assert loop.last is None
+    for time in (0.0, 0.002):
+        loop.begin(np.zeros(3))
+        assert loop.last == time
+    assert len(begun) == 1
+    np.testing.assert_array_equal(begun[0], np.zeros(3))
 
 
 SHAPES = np.array([sphere(3, -1, (0.3, 0, 0)), sphere(0, 0, (0, 0, 0)), sphere(5, 1, (0.5, 0.5, 0))])
@@ -157,10 +164,11 @@ def test_what_is_no_clearance_is_refused(other):
 def test_arguments_of_a_tick_that_are_wrong_are_refused_and_change_nothing():
     one, rate, q = made(), rate_of(3), np.array([0.1, -0.2, 0.3])
     one.start()
+    loop = law.ClearanceInLoop(one, rate, print)
     memory, pose = one.memory(), np.eye(4)
     for wrong in WRONG:
         calls = [(one.rows, wrong, q, rate), (one.after, wrong, q, rate), (one.after, q, wrong, rate),
-                 (one.distances, wrong), (one.placed, wrong), (one.begin, None, wrong, rate), (one.move, 0, wrong),
+                 (one.distances, wrong), (one.placed, wrong), (loop.begin, wrong), (one.move, 0, wrong),
                  (one.move_arm, 0, wrong, np.zeros(3)), (one.rows, q, q, wrong), (one.remember, wrong),
                  (law.ClearanceRate, wrong, 1.0)]  # fmt: skip
         calls += [] if wrong is None else [(one.rows, q, wrong, rate), (one.move, 0, pose, wrong)]
@@ -168,7 +176,8 @@ def test_arguments_of_a_tick_that_are_wrong_are_refused_and_change_nothing():
             with pytest.raises((ValueError, TypeError, IndexError)):
                 call(*given)
     for call, *given in ((one.move, 1, pose), (one.move, -1, pose), (one.move_arm, 1, [0, 0]),
-                         (one.move_arm, -1, [0, 0]),                         (one.rows, q, q, rate_of(4)),
+                         (one.move_arm, -1, [0, 0]), (one.rows, q, q, rate_of(4)),
+                         (law.ClearanceInLoop, one, rate_of(4), print), (law.ClearanceInLoop, one, rate, None),
                          (one.after, q, q, law.ClearanceRate(np.ones((4, 3)), 1.0)),
                          (rate_of, 3, -1.0), (rate_of, 3, np.nan), (rate_of, 3, 1.0, 0.1, 0.0)):  # fmt: skip
         with pytest.raises((ValueError, TypeError)):
