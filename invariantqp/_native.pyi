@@ -280,32 +280,6 @@ def acts_at(loop: Loop, memory: Array, q: Any, /) -> Array | None: ...
 def step(
     loop: Loop, memory: Array, q: Any, target: Any, feedforward: Any, velocity: Any, /
 ) -> tuple[VelocitySolution, bool] | None: ...
-def follow(
-    course: Array,
-    law: Loop | tuple[Any, ...],
-    joints: Loop | tuple[Any, ...] | None,
-    memory: Array,
-    twist: Array | None,
-    override: float,
-    late: bool,
-    ease: float,
-    time: float,
-    q: Any,
-    sent: Array,
-    seen: Array,
-    shown: Array,
-    response: Array | None,
-    position: Array,
-    velocity: Array,
-    acceleration: Array,
-    command: Array,
-    pace: Array,
-    /,
-) -> tuple[Any, ...] | None: ...
-def splice(course: Array, time: float, state: Array, duration: float, /) -> Array | None: ...
-def planned(
-    limits: Array, state: Array, times: Array, wanted: Array, calm: float, pieces: int, /
-) -> tuple[Array, float]: ...
 def sight(
     screws: Array, home: Array, q: Array, target: Array | None, /
 ) -> tuple[Array, Array, Array | None] | None: ...

@@ -1,7 +1,9 @@
 /* The constants of the twins, for the test that compares them with Python's. */
 
+#include "boundary.h"
+#include <math.h>
+#include <string.h>
 #include "loop.h"
-#include "paths.h"
 #include "press.h"
 
 #define ONE(file, name) {file "." #name, name}
@@ -101,17 +103,6 @@ const Constant CONSTANTS[] = {
     {"velocity.backends.UNBOUNDED", BOUNDLESS},
     ONE("legacy.approach", BRAKING_SHARE),
     ONE("legacy.law", SLACK_GAIN),
-    ONE("paths.time_law", CATCH_UP_SHARE),
-    ONE("paths.time_law", CATCH_UP_SPEED),
-    ONE("control.tracking", TRACKING_SHARE),
-    ONE("paths.time_law", HALVINGS),
-    {"geometry.arrays.NEGLIGIBLE", EXCESS},
-    ONE("paths.time_law", ROUNDING),
-    {"paths.time_law.AT_LIMIT", IN_PLACE},
-    ONE("paths.reference", SHARE),
-    ONE("paths.reference", PLACES),
-    ONE("paths.reference", EASIER),
-    ONE("paths.reference", TRIES),
     ONE("force.contact", SLOPE),
     ONE("force.contact", SLOW_SHARE),
     ONE("force.estimate", CERTAIN),

@@ -486,17 +486,12 @@ Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, cons
         slowed(&demand, speed);
     if (now != NULL && now->has_brought)
         memcpy(demand.brought, now->brought, sizeof demand.brought);
-    if (beside->asked != NULL && rows_asked(beside->asked, false, m, there, before, &demand) == HAND_BACK)
-        return HAND_BACK;
     if (demand.chased && demand.limits == 0)
         demand.held = 0.0; /* controller.py, _held */
     if (demand.chased && loop->has_braking)
         braked(&braking, &demand);
     if (solve_measured(&demand, (const Row *)A, &tick->solution) == HAND_BACK)
         return HAND_BACK;
-    for (int again = 0; again < AGAIN && beside->asked != NULL && rows_asked(beside->asked, true, m, there, tick->solution.velocity, &demand) == DONE; again++)
-        if (solve_measured(&demand, (const Row *)A, &tick->solution) == HAND_BACK)
-            return HAND_BACK;
     for (int j = 0; j < m && !loop->has_braking; j++) {
         double outside = tick->solution.active[j] ? outside_by(loop, q, j) : 0.0;
         tick->outside[j] = outside > OUTSIDE ? outside : 0.0;

@@ -39,7 +39,6 @@ typedef struct {
     int rows;
     const double (*D)[6];
     bool at_base;
-    struct Asked *asked; /* whoever has rows of this tick, or NULL */
 } Beside;
 
 /* control/tracking.py: how fast a loop with acceleration limits approaches its target: the share of the gain, joint velocities
@@ -67,7 +66,6 @@ bool any_unresponsive(const double *states, int joints);
 void update_states(const Loop *loop, const double *commanded, const double *moved, double *states);
 JointTrouble joint_trouble(int joints, double dt, double gain, double fastest_gain, bool chases, const double *states);
 void remembered(const Loop *loop, const double *q, const Tick *tick, double *kept);
-Outcome rows_asked(struct Asked *asked, bool after, int m, const double *q, const double *x, Demand *demand); /* follow.c */
 Outcome step_beside(const Loop *loop, const Now *now, const Beside *beside, const double *q, const Pose *target,
                     const double *feedforward, const double *before, const double *kept, Tick *tick);
 double outside_by(const Loop *loop, const double *q, int j);

@@ -1,7 +1,7 @@
 /* The functions that Python calls. Nothing is computed here. */
 
 #define IMPORTS_NUMPY
-#include "paths.h"
+#include "boundary.h"
 
 static PyObject *HOMOGENEOUS, *AS_MATRIX; /* made with the module */
 
@@ -140,9 +140,6 @@ static PyMethodDef methods[] = {
     CALLED("acts_at", acts_at, "Joint positions when the command of a tick acts and joint velocities before it, or None where Python has to find them."),
     CALLED_BY_NAME("press", press, "A hybrid controller's tick, or None where Python has to answer."),
     CALLED("contact_frame", contact_frame, "The (4, 4) frame of a contact, or None where Python has to find it."),
-    CALLED("follow", follow, "A tick of a follower in which nothing new comes, or None where Python has to answer."),
-    CALLED("splice", splice, "The residual of a splice, or None where it leaves the limits."),
-    CALLED("planned", planned, "Coefficients of the motion from a state that is near points with little jerk."),
     CALLED("sight", sight,
            "Joint twists, tool pose and error of an arm, the error None where Python has to find it; or None."),
     CALLED_BY_NAME("tick", tick, "A VelocitySolution, or None where Python has to answer."),

@@ -1,4 +1,4 @@
-"""The loop of HybridController and of followers, by the old law, until the engine has theirs.
+"""The loop of HybridController, by the old law, until the engine has its tick.
 
 The loop body: measured joint positions and a target in, a joint velocity inside the limits out.
 
@@ -113,8 +113,6 @@ class LegacyLoop:
         turns: (m,) whole turns of continuous joints, whose positions are compared modulo these; 0 of other joints.
     """
 
-    _ticks = True  # not of a loop that is asked within ticks of another
-
     def __init__(
         self,
         robot: Robot,
@@ -189,7 +187,7 @@ class LegacyLoop:
         self._limits = LoopLimits.of(loop_of(robot, self.dt, self.delay), told, far_outside, seen.J, tip)
         refuse(self.wrong(self._posture), "posture")
         self.box, self.braking, self.tool_speed, self.joint_rows = self._limits[:4]
-        self._rise, self._brakes, self._late = 0.0, self._limits.loop.acceleration, ticks_late(self.delay, self.dt)
+        self._brakes, self._late = self._limits.loop.acceleration, ticks_late(self.delay, self.dt)
         fastest = self.box.velocity_limit
         self._fastest = np.where(np.isfinite(fastest) & (fastest > 0.0), fastest, 1.0)
         self._change = self.dt / POSTURE_TIME * self._fastest
@@ -197,7 +195,6 @@ class LegacyLoop:
         self.kept: Array = Memory.at_first(m, self.delay, self.dt).numbers  # from tick to tick
         self._brought = self.law.compiled is not None and self.law.compiled.form == "brought"
         self.varies: bool = self._brought or (self.joint_rows is not None and self.joint_rows.fixed is None)
-        self._asked: LimitRows | None = None  # rows that the core was given last in this tick
         self._looks = self.joint_rows is not None and bool(self.joint_rows.does["after"])
         self.compiled: Loop | None = self._compiled()  # for the core; None for a loop that it does not have
 
@@ -224,7 +221,7 @@ class LegacyLoop:
             slack=self._slack,
             row_rank=-1 if self.row_rank is None else self.row_rank,
             turns=self.turns,
-            rise=self._rise,
+            rise=0.0,
             brakes=self._brakes,
         )
 
@@ -233,39 +230,6 @@ class LegacyLoop:
         robot = self.robot.by_engine(engine) if isinstance(self.robot, Chain) else self.robot
         law = replace(self.law, engine=arrays.choice(engine, "engine", ENGINES))
         return self._but(robot=robot, law=law)
-
-    def unbraked(self, rise: float) -> LegacyLoop:
-        """The loop without acceleration limits and delay, for whoever limits those himself, the posture's among them.
-
-        Args:
-            rise: in which accelerations rise to their limits and fall again [s].
-
-        Raises:
-            BadInput: not a time.
-        """
-        late = arrays.not_negative(rise, "rise", "a time in seconds")
-        limits, free = self._limits.at_once, np.full(self._count, np.inf)
-        limits = limits._replace(braking=None, loop=limits.loop._replace(acceleration=free))
-        return self._undelayed(limits, _rise=late, _change=free)
-
-    def begin(self, q: ArrayLike) -> None:
-        """A tick begins at joint positions q (m,), of which loops made by the two methods beside this one are asked."""
-        self._begin(q, None)
-
-    def of_joints(self) -> LegacyLoop:
-        """The loop without delay, for joint velocities c: `follow(q, J c, posture=c)` is the nearest that limits allow.
-
-        It is damped towards c so much that joints alone count: no direction is cheap near a singularity.
-        """
-        law = replace(self.law, form=None, damping=Fixed(OF_JOINTS * self.measure.length), dt=0.0)
-        return self._undelayed(self._limits.at_once, law=law)
-
-    def _undelayed(self, limits: LoopLimits, **fields: Any) -> LegacyLoop:
-        """A loop of its own with other limits and fields, told where the joints are when a command acts."""
-        kept = Memory.at_first(self._count, 0.0, self.dt).numbers
-        box, braking = limits[:2]
-        fields |= {"_ticks": False, "_late": (0, 0.0), "box": box, "braking": braking, "_limits": limits}
-        return self._but(delay=0.0, kept=kept, **fields)
 
     def _but(self, **fields: Any) -> LegacyLoop:
         """A loop of its own with other fields."""
@@ -343,8 +307,6 @@ class LegacyLoop:
         now = self._limits.changed(speed, velocity_limit, tool_speed, limits)
         if self.varies or now is not None:
             self._begin(q, now)
-        if not self._ticks:  # whoever asks within a tick knows what the joints do
-            self.kept[HEADER : HEADER + self._count] = np.nan
         own = rows is None and sighting is None and measured_at is None
         core = self.compiled if own else None
         other: dict[str, Any] = {} if posture is None else {"posture": posture}
@@ -380,7 +342,7 @@ class LegacyLoop:
 
     def _begin(self, q: ArrayLike, now: Changes | None) -> None:
         """A tick of this loop begins at measured joint positions (m,), for its limits and those of this tick."""
-        if self._ticks and self.joint_rows is not None:
+        if self.joint_rows is not None:
             self.joint_rows.begin(q)
         if now is not None:
             now.joint_rows.begin(q)
@@ -430,27 +392,6 @@ class LegacyLoop:
             rows, self.kept[:] = more, kept
             found = tick(G=rows.C, least=rows.lower, most=rows.upper, row_names=rows.names)
         return None if found is None else (self._limits.with_broken(found[0], now), found[1])
-
-    @property
-    def for_core(self) -> Loop | tuple[Loop, Callable[..., Any]] | None:
-        """The compiled loop, and whom the core asks for rows in each tick; None where Python ticks."""
-        if self.compiled is None or self._brought:
-            return None
-        return (self.compiled, self._rows_for_core) if self.varies else self.compiled
-
-    def _rows_for_core(self, again: bool, q: Array, x: Array) -> tuple[Any, ...] | bool | None:
-        """Rows at joint positions q (m,) after a velocity x (m,); or `again`, those and more where the answer is x.
-
-        None is no rows, or no more of them; False where Python has to answer.
-        """
-        if again:
-            rows = self._limits.after(q, x, self._asked, None)
-        else:
-            rows, trouble = self._limits.rows(q, x, None)
-            if trouble is not None or (self.joint_rows is not None and self.joint_rows.broken()):
-                return False
-        self._asked = rows
-        return None if rows is None else (rows.C, rows.lower, rows.upper, rows.names)
 
     def said(self, solution: VelocitySolution, troubles: bytes | None) -> VelocitySolution:
         """The solution of a tick by the core, with what of joints is to be said beside it."""
@@ -610,7 +551,7 @@ class LegacyLoop:
         Their rise, and the way of joints that brake over their speed. It counts for a twist by itself and beside rows
         of limits; a chase without these keeps room to brake instead (`approach`).
         """
-        return self._rise + 0.5 * float(np.abs(before / self._brakes).max()) if self.law.dt > 0.0 else 0.0
+        return 0.5 * float(np.abs(before / self._brakes).max()) if self.law.dt > 0.0 else 0.0
 
     def _halted(self, state: Observed, s: Array, reason: Reason) -> VelocitySolution:
         """Standing still wherever the joints may be, or coming to rest as fast as their accelerations allow."""
@@ -632,7 +573,3 @@ def legacy_rank(demands: tuple[Exact, ...], robot: Robot) -> int | None:
     best = row_rank(demands, robot)
     return None if best == len(rows.A) else best
 
-
-def legacy_loop(controller: Controller) -> LegacyLoop:
-    """The loop that a follower drives in place of a controller, made with the same arguments."""
-    return LegacyLoop(controller.robot, **controller.options)
