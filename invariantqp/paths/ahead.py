@@ -62,6 +62,8 @@ TURN = 0.005
 # A slope that changes by more than KINK of it at once, this near a singularity, is a turn to another branch:
 # no arm can take it in motion.
 KINK, BRANCH = 0.2, 1e-4
+# Where the path is left, the joint motion itself is followed, and a longer shortest step is enough.
+SHORTEST_LEFT = 1e-4
 # A step after which it differs by less than this share of TURN is followed by a longer one.
 EASY = 0.2
 # A joint motion that needs more knots has no end.
@@ -167,7 +169,8 @@ class JointPath:
         turned = float((np.abs(knot.slope - last.slope - expected) / self._speed).max())
         least = self.controller.dt / self._scale  # all of the path at full speed in a tick: no more is told apart
         share = turned / max(float((np.abs(knot.slope) / self._speed).max()), least)
-        if share > TURN and h > SHORTEST * self._scale:
+        shortest = SHORTEST_LEFT if min(last.off, knot.off) > self._reachable else SHORTEST
+        if share > TURN and h > shortest * self._scale:
             self._step = 0.5 * h
             return
         if self._stops and share > KINK and knot.ratio < BRANCH:
