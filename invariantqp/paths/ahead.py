@@ -39,9 +39,8 @@ from invariantqp.paths.time_law import AT_LIMIT, usual
 LEAST_DAMPING, LEAVING, STRAYING = 2e-3, 0.05, 0.25
 # An arm nearer a singularity than this is not corrected where a path may be left.
 SINGULAR = 1e-2
-# The share of the path over which the distance falls to 1/e on the way back; nearer than NEAR, relative, this share
-# shrinks with the root of the distance, to LAST of itself.
-REJOIN, NEAR, LAST = 0.02, 1e-2, 0.1
+# The share of the path over which the distance falls to 1/e on the way back.
+REJOIN = 0.02
 # What the rest of a twist counts beside exact rows that cannot be met.
 REST = 0.05
 # The share of the path over which a tool with exact demands turns, or moves, to the least of the error beside them.
@@ -63,10 +62,10 @@ TURN = 0.005
 # A slope that changes by more than KINK of it at once, this near a singularity, is a turn to another branch:
 # no arm can take it in motion.
 KINK, BRANCH = 0.2, 1e-4
+# Where the path is left, the joint motion itself is followed, and a longer shortest step is enough.
+SHORTEST_LEFT = 1e-4
 # A step after which it differs by less than this share of TURN is followed by a longer one.
 EASY = 0.2
-# Where the path is left, the joint motion itself is followed, and this share and a longer shortest step are enough.
-TURN_LEFT, SHORTEST_LEFT = 0.03, 1e-4
 # A joint motion that needs more knots has no end.
 MOST_KNOTS = 5000
 # An arm that is off the path at its end may take this share of the path's length, while it is held there, to come back.
@@ -170,10 +169,8 @@ class JointPath:
         turned = float((np.abs(knot.slope - last.slope - expected) / self._speed).max())
         least = self.controller.dt / self._scale  # all of the path at full speed in a tick: no more is told apart
         share = turned / max(float((np.abs(knot.slope) / self._speed).max()), least)
-        turn, shortest = TURN, SHORTEST
-        if min(last.off, knot.off) > self._reachable:
-            turn, shortest = TURN_LEFT, SHORTEST_LEFT
-        if share > turn and h > shortest * self._scale:
+        shortest = SHORTEST_LEFT if min(last.off, knot.off) > self._reachable else SHORTEST
+        if share > TURN and h > shortest * self._scale:
             self._step = 0.5 * h
             return
         if self._stops and share > KINK and knot.ratio < BRANCH:
@@ -181,7 +178,7 @@ class JointPath:
             return
         self.knots.append(knot)
         self._give_up(end)
-        if share < EASY * turn:
+        if share < EASY * TURN:
             self._step = min(2.0 * self._step, self._longest)
 
     def _give_up(self, end: float) -> None:
@@ -222,14 +219,11 @@ class JointPath:
             robot.target(self.curve.pose(at)),
             REACHED if before is None or before.off <= UNMET * self._length else UNMET,
         )
-        if not self._stops:  # what little a correction leaves to a limit would make the slope go to and fro
-            q = np.where(q < box.position_lower + AT_LIMIT, box.position_lower, q)
-            q = np.where(q > box.position_upper - AT_LIMIT, box.position_upper, q)
         root, part, error = seen.root, seen.part, seen.error
         tangent = self.curve.tangent(at)
         if self._exact or not self._stops:  # back to the path a little at a time
             met = part.dot(error) if self._exact else error
-            share = TURNING if self._stops else REJOIN * max(sqrt(min(size / (NEAR * self._length), 1.0)), LAST)
+            share = TURNING if self._stops else REJOIN
             tangent = tangent + (met / share + (error - met) / TURNING) / self._scale
         ahead = self._answer(q, seen, tangent, step, None) if before is None else before.slope
         slope = self._answer(q, seen, tangent, step, self._posture(q, ahead))
