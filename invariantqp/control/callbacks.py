@@ -22,16 +22,17 @@ from invariantqp.control.limits import (
     overrides,
     tool_speed_fields,
 )
+from invariantqp.engine import law
 from invariantqp.errors import BadInput, InvariantQPError, excerpt
 from invariantqp.geometry.arrays import Array, vector
-from invariantqp.robots.kinematics import Robot, Sighting
+from invariantqp.robots.kinematics import Robot, Sighting, joint_displacement
 from invariantqp.velocity.backends import Backend, SolverFailure
 from invariantqp.velocity.definition import Answer, Rows, Tick, velocity
 from invariantqp.velocity.exact import ExactRows, whitened
 from invariantqp.velocity.forms import Form
 from invariantqp.velocity.guard import Guard
-from invariantqp.velocity.limits import JointBox, LimitRows
-from invariantqp.velocity.problem import found_by
+from invariantqp.velocity.limits import JointBox, LimitRows, ToolSpeed
+from invariantqp.velocity.problem import found_by, names_of, solution_of
 from invariantqp.velocity.reasons import Code, Reason, told
 from invariantqp.velocity.solution import Status, VelocitySolution, both
 
@@ -43,6 +44,7 @@ class LoopOfUser(Protocol):
     limits: LoopLimits
     box: JointBox
     joint_rows: RowLimits | None
+    tool_speed: ToolSpeed | None
     exact: tuple[Exact, ...]
     form: Form | None
     guard: Guard | None
@@ -244,6 +246,74 @@ class Callbacks:
             if isinstance(none, SolverFailure) or tick.guard is None:
                 raise
             return velocity(replace(tick, form=None), self._loop.backend)._replace(guarded=0.0)
+
+
+class LoopInEngine:
+    """The loop of a controller in the engine, with what it asks of Python.
+
+    Attributes:
+        settings: what never changes, as the engine takes it.
+        loop: the engine's.
+        asks: whether a tick asks anything of Python.
+        calls: what it asks, None for nothing.
+    """
+
+    def __init__(self, controller: LoopOfUser, settings: dict[str, Any], *, asks: bool) -> None:
+        """Of a controller.
+
+        Raises:
+            BadInput: absurdly large or small numbers.
+        """
+        self._controller, self.settings, self.asks = controller, settings, asks
+        self.calls: Callbacks | None = Callbacks(controller) if asks else None
+        rows = controller.joint_rows
+        self._row_names = names_of(None if rows is None else rows.fixed)
+        try:
+            self.loop: Any = law.Loop(settings)
+        except ValueError as refusal:
+            raise BadInput("the arguments", str(refusal), "numbers that can be computed with") from None
+
+    def of(self, controller: LoopOfUser) -> LoopInEngine:
+        """The same of a copy of the controller."""
+        return LoopInEngine(controller, self.settings, asks=self.asks)
+
+    @property
+    def law(self) -> dict[str, Any]:
+        """What of the law is the same in every tick, as the engine takes it: form, damping, guard, joint metric."""
+        guard = self._controller.guard
+        fields = {name: self.settings[name] for name in ("form", "root", "damping", "metric") if name in self.settings}
+        return fields | {"guard": None if guard is None else guard.fraction}
+
+    def posture_pull(self, q: Array) -> Array | None:
+        """(m,) the joint velocity from q (m,) towards the posture; None where the null space has none."""
+        if "pull" not in self.settings:
+            return None
+        way = joint_displacement(q, self.settings["posture"], self.settings["turns"])
+        return np.asarray(self.settings["pull"] * way)
+
+    def follower(self, rise: float) -> Any:
+        """The ticks of a follower, whose accelerations rise to their limits in a time [s]."""
+        limited = self._controller.tool_speed is not None or self._controller.joint_rows is not None
+        return law.Follower(self.loop, rise, limited)
+
+    def asked(self, q: Any) -> tuple[Any, ...] | None:
+        """The functions that are asked in a tick of a follower that begins at measured joint positions q (m,)."""
+        if self.calls is None:
+            return None
+        self.calls.begin(q, None)
+        return self.calls.functions
+
+    def raised(self, error: BaseException) -> bool:
+        """Whether one of these functions raised the error."""
+        return self.calls is not None and self.calls.raised is error
+
+    def solution(self, found: tuple[Any, ...], calls: Callbacks | None = None) -> VelocitySolution:
+        """The solution of a tick from what the engine found; `calls` are other functions that it asked."""
+        calls, names = self.calls if calls is None else calls, self._controller.robot.names
+        if calls is None:
+            return solution_of(found, self._row_names, names)
+        fields, rows, too_near = found
+        return calls.completed(solution_of(fields, calls.row_names(rows), names), too_near)
 
 
 def seen(sighting: Sighting) -> tuple[Array, Any]:

@@ -17,7 +17,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.callbacks import Callbacks, seen
+from invariantqp.control.callbacks import Callbacks, LoopInEngine, seen
 from invariantqp.control.demands import (
     Exact,
     ExactPoint,
@@ -57,7 +57,6 @@ from invariantqp.robots.kinematics import (
     Robot,
     Sighting,
     continuous_turns,
-    joint_displacement,
     middle,
     require_robot,
 )
@@ -67,7 +66,7 @@ from invariantqp.velocity.exact import ExactRows
 from invariantqp.velocity.forms import CarriedMetric, Form, form_of
 from invariantqp.velocity.guard import Guard, guard_of
 from invariantqp.velocity.limits import ToolSpeed, accelerations
-from invariantqp.velocity.problem import form_fields, names_of, no_projector, solution_of
+from invariantqp.velocity.problem import form_fields, no_projector
 from invariantqp.velocity.reasons import Code, told
 from invariantqp.velocity.solution import VelocitySolution, both
 
@@ -103,6 +102,7 @@ class Controller:
         tool_speed: the speed limit of a point of the tool, or None.
         joint_rows: limits on combinations of joint velocities, or None.
         turns: (m,) whole turns of continuous joints, whose positions are compared modulo these; 0 of other joints.
+        in_engine: the loop in the engine, for followers.
         options: the arguments that it was made with, by name.
         state: what the loop remembers between ticks: last commands, measured positions, how joints respond, what the
             last twist missed. A value: it copies, compares and pickles, and may be set to one that was kept.
@@ -247,18 +247,17 @@ class Controller:
         self.by_chain: bool = type(robot) is Chain  # a class of the user's may be no such chain
         if isinstance(robot, Chain) and self.by_chain:
             self._settings |= {"screws": robot.screws, "home": robot.home}
-        self._row_names = names_of(fixed := None if self.joint_rows is None else self.joint_rows.fixed)
+        fixed = None if self.joint_rows is None else self.joint_rows.fixed
         demands = demand_fields(self.exact)
         self._settings |= {"rows": fixed and (fixed.C, fixed.lower, fixed.upper), "exact": demands or ()}
         self.asks_demands: bool = demands is None
         asks_limits = self.joint_rows is not None and (fixed is None or any(self.joint_rows.does.values()))
-        self._asks = not self.by_chain or asks_limits or self.asks_demands or self.backend is not None
-        self._callbacks = Callbacks(self) if self._asks else None
+        asks = not self.by_chain or asks_limits or self.asks_demands or self.backend is not None
         self._state = law.LoopState(m, self.delay, self.dt)
-        self._loop = _engine(self._settings)
+        self.in_engine: LoopInEngine = LoopInEngine(self, self._settings, asks=asks)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name[0] != "_" and name != "state" and "_loop" in self.__dict__:  # the engine has its own copy
+        if name[0] != "_" and name != "state" and "in_engine" in self.__dict__:  # the engine has its own copy
             raise AttributeError(f"{name} of a controller does not change; make another Controller")
         object.__setattr__(self, name, value)
 
@@ -269,16 +268,15 @@ class Controller:
         other = object.__new__(type(self))  # what changes is copied: limits and solvers keep state between ticks
         changes = ("limits", "joint_rows", "backend", "_state")
         vars(other).update(vars(self), **{name: deepcopy(getattr(self, name), memo) for name in changes})
-        vars(other)["_callbacks"] = Callbacks(other) if self._asks else None
+        vars(other)["in_engine"] = self.in_engine.of(other)
         return other
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in {"_loop", "_callbacks"}}
+        return {**vars(self), "in_engine": self.in_engine.asks}
 
     def __setstate__(self, fields: dict[str, Any]) -> None:
         vars(self).update(fields)
-        vars(self)["_callbacks"] = Callbacks(self) if self._asks else None
-        vars(self)["_loop"] = _engine(self._settings)
+        vars(self)["in_engine"] = LoopInEngine(self, self._settings, asks=fields["in_engine"])
 
     @property
     def state(self) -> Any:
@@ -290,20 +288,6 @@ class Controller:
         if not isinstance(value, law.LoopState) or len(value.numbers) != len(self._state.numbers):
             raise BadInput("state", excerpt(value), "the state of a loop with as many joints and as long a delay")
         self._state = copy(value)
-
-    @property
-    def law_options(self) -> dict[str, Any]:
-        """What of the law is the same in every tick, as the engine takes it: form, damping, guard, joint metric."""
-        guard = None if self.guard is None else self.guard.fraction
-        metric, damping = self._settings["metric"], self._settings["damping"]
-        return {**form_fields(self.form), "damping": damping, "guard": guard, "metric": metric}
-
-    def posture_pull(self, q: Array) -> Array | None:
-        """(m,) the joint velocity from q (m,) towards the posture; None where the null space has none."""
-        if not self.posture_gain:
-            return None
-        pull: Array = self._settings["pull"] * joint_displacement(q, self._settings["posture"], self.turns)
-        return pull
 
     def believed(self, q: ArrayLike, argument: str = "q") -> Array:
         """Joint positions (m,) that can be true; errors name the argument.
@@ -437,35 +421,6 @@ class Controller:
             return solution
         return solution._replace(reasons=both(told(reason), solution))
 
-    # What a follower drives the arm of the controller by
-
-    def engine_of_follower(self, rise: float) -> Any:
-        """The ticks of a follower in the engine.
-
-        Args:
-            rise: in which the accelerations of joints rise to their limits [s].
-        """
-        return law.Follower(self._loop, rise, self.tool_speed is not None or self.joint_rows is not None)
-
-    def asked(self, q: ArrayLike) -> tuple[Any, ...] | None:
-        """The functions that the engine asks in a tick that begins at measured joint positions q (m,)."""
-        if self._callbacks is None:
-            return None
-        self._callbacks.begin(q, None)
-        return self._callbacks.functions
-
-    def raised(self, error: BaseException) -> bool:
-        """Whether one of these functions raised the error."""
-        return self._callbacks is not None and self._callbacks.raised is error
-
-    def solution(self, found: tuple[Any, ...], calls: Callbacks | None = None) -> VelocitySolution:
-        """The solution of a tick that asked these functions, or `calls`, from what the engine found."""
-        calls = self._callbacks if calls is None else calls
-        if calls is None:
-            return solution_of(found, self._row_names, self.robot.names)
-        fields, rows, too_near = found
-        return calls.completed(solution_of(fields, calls.row_names(rows), self.robot.names), too_near)
-
     def _tick(
         self,
         now: Changes | None,
@@ -476,17 +431,18 @@ class Controller:
         **more: Any,
     ) -> VelocitySolution:
         """A tick by the engine, which calls back for what is the user's."""
-        calls = self._callbacks if now is None else Callbacks(self, now)
+        inner = self.in_engine
+        calls = inner.calls if now is None else Callbacks(self, now)
         if calls is not None:
             calls.begin(q, target)
             more |= {"functions": calls.functions, "changes": calls.changes}
         try:
-            found = self._loop.tick(self._state, q, target, ahead, velocity, **more)
+            found = inner.loop.tick(self._state, q, target, ahead, velocity, **more)
         except (ValueError, TypeError, AttributeError, ArithmeticError) as refusal:
             if isinstance(refusal, InvariantQPError) or (calls is not None and calls.raised is refusal):
                 raise
             raise self._refused(q, target, ahead, velocity, more, refusal) from None
-        return self.solution(found, calls)
+        return inner.solution(found, calls)
 
     def _refused(
         self, q: Any, target: Any, ahead: Any, velocity: Any, more: dict[str, Any], refusal: Exception
@@ -565,18 +521,6 @@ def lambda_of(damping: float | None) -> float:
         remedy = "Without a form the law damps by itself, by what the last tick missed."
         raise BadInput("damping", excerpt(damping), "a number lambda >= 0, or None", remedy)
     return arrays.not_negative(damping, "damping", "lambda")
-
-
-def _engine(settings: dict[str, Any]) -> Any:
-    """The loop of the engine.
-
-    Raises:
-        BadInput: absurdly large or small numbers.
-    """
-    try:
-        return law.Loop(settings)
-    except ValueError as refusal:
-        raise BadInput("the arguments", str(refusal), "numbers that can be computed with") from None
 
 
 def _measure_fields(measure: ToolMeasure) -> dict[str, Any]:

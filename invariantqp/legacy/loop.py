@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.controller import POSTURE_GAIN, Controller, limits_by_name, posture_of
+from invariantqp.control.controller import POSTURE_GAIN, limits_by_name, posture_of
 from invariantqp.control.demands import Exact, ExactPoint, View, demands_of, require_rows, row_rank, rows_of
 from invariantqp.control.limits import (
     AnyLimit,
@@ -44,7 +44,7 @@ from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
 from invariantqp.legacy.approach import Approach, approach
 from invariantqp.legacy.compiled_loop import acts_at, compiled_loop, compiled_tick
-from invariantqp.legacy.damping import Damping, Fixed, PaperLambda, damping_of
+from invariantqp.legacy.damping import Damping, PaperLambda, damping_of
 from invariantqp.legacy.law import SLACK, SLACK_GAIN, Chase, Demand, VelocityLaw
 from invariantqp.legacy.memory import HEADER, Memory
 from invariantqp.legacy.response import units
@@ -572,4 +572,3 @@ def legacy_rank(demands: tuple[Exact, ...], robot: Robot) -> int | None:
     rows = rows_of(demands, View(robot, robot.sight(mid, target), target, 1.0, np.zeros(6)))
     best = row_rank(demands, robot)
     return None if best == len(rows.A) else best
-

@@ -35,7 +35,7 @@ from invariantqp.paths.task_error import TaskError, task_error
 from invariantqp.paths.time_law import AT_LIMIT, usual
 
 # Damping where a path may be left, and of what strays beside exact rows: at least this share of |A|; and what the law
-# misses, times a share of the longest step and |A|. So an arm that stretches out goes on smoothly and bends again in time.
+# misses, times a share of the longest step and |A|. So an arm that stretches out goes on smoothly and bends again.
 LEAST_DAMPING, LEAVING, STRAYING = 2e-3, 0.05, 0.25
 # An arm nearer a singularity than this is not corrected where a path may be left.
 SINGULAR = 1e-2
@@ -277,7 +277,7 @@ class JointPath:
 
     def _posture(self, q: Array, before: Array) -> Array:
         """The posture's velocity per unit of the parameter, from the slope of the knot before."""
-        pull = self.controller.posture_pull(q)
+        pull = self.controller.in_engine.posture_pull(q)
         if pull is None:
             return before
         if self._pace == 0.0:

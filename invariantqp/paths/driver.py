@@ -13,7 +13,7 @@ override's share of the speed that was requested of it since the arm fell behind
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from copy import deepcopy
 from functools import partial
 from math import inf, nan
@@ -24,7 +24,6 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.tracking import TRACKING_SHARE
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.contact_kinds import Contact
@@ -183,7 +182,7 @@ class Follower:
         )
         self._solver = Solver(inner, self._tolerance)
         self._rise = float((self._limits.acceleration / self.jerk).max())
-        self._engine = inner.engine_of_follower(self._rise)
+        self._engine = inner.in_engine.follower(self._rise)
         self.paused: bool = False
         self._reset()
 
@@ -207,7 +206,7 @@ class Follower:
         self._next: tuple[Given, Array | None, float, bool, float | None] | None = None
         self._function: Callable[[float], Any] | None = None
         self._looked = 0.0
-        self._samples = Samples(self.controller, self._solver, cutoff=self.cutoff, timeout=self.timeout, drops=self._drops)
+        self._samples = Samples(loop, self._solver, cutoff=self.cutoff, timeout=self.timeout, drops=self._drops)
         self._by_law: tuple[Given, Array, float] | None = None  # points approached by the law, with stamps; since when
         self._twists = Arrivals(self.timeout, self.timeout)
         self._asked: Array = STILL  # the twist
@@ -234,7 +233,7 @@ class Follower:
 
     def __setstate__(self, fields: dict[str, Any]) -> None:
         vars(self).update(fields, _course=None)
-        self._engine = self.controller.engine_of_follower(self._rise)
+        self._engine = self.controller.in_engine.follower(self._rise)
 
     # What comes in
 
@@ -490,7 +489,7 @@ class Follower:
 
     def _moved(self, reference: Reference, measured: Array, ease: float = 0.0) -> Array:
         """(m,) the command of a tick along a reference, inside the limits; the joints are sent so far."""
-        shape, functions = self._shape, self.controller.asked(measured)
+        shape, functions = self._shape, self.controller.in_engine.asked(measured)
         wish, course = self._wish(ease), self._course_of(reference)
         found = self._engine.drive(self._state, course, wish, measured, functions, False)
         if found[0] is None and shape is not None:  # the path waits
@@ -502,7 +501,7 @@ class Follower:
     def _keep_told(self, found: tuple[Any, ...], reference: Reference, ease: float) -> None:
         """Keep what a tick found beside its command."""
         _, _, _, residual, self._bound, _, answer = found
-        self._answer = None if answer is None else self.controller.solution(answer)
+        self._answer = None if answer is None else self.controller.in_engine.solution(answer)
         if residual is not None:
             reference.joins(self._time, residual, ease)
         elif ease and self._time < reference.joined:
@@ -569,11 +568,11 @@ class Follower:
             return None
         reference, course, _, told = self._course
         time, shape, ease, state = self._time, self._shape, self._ease, self._state
-        functions = self.controller.asked(q)
+        functions = self.controller.in_engine.asked(q)
         try:
             found = self._engine.step(state, course, self._wish(ease), q, functions)
         except (ValueError, TypeError) as refusal:
-            if self.controller.raised(refusal):
+            if self.controller.in_engine.raised(refusal):
                 raise
             return None  # q is no joint positions
         if found is None:
@@ -854,7 +853,7 @@ class Follower:
         if same and not changed:
             return
         self._was = source
-        slower = source if self._clock is None else Clocked(source, self._clock)
+        slower = source if self._clock is None or isinstance(source, Clocked) else Clocked(source, self._clock)
         state, ease = self._motion(reference), EASE_SAMPLE if stream else EASE
         self._state.late = True
         if changing and same:  # a splice that begins anew in each tick leads nowhere

@@ -66,6 +66,8 @@ CALM_OF_DELAY, APART = 0.5, 1.5
 # How fast means over samples follow what is measured, a share of the difference for each: of times, of noise. Squares
 # that count as none.
 TRANSPORT_SHARE, NOISE_SHARE, TINY = 0.02, 0.05, 1e-16
+
+
 def resting(position: Array, time: float) -> Motion:
     """At a position (m,), always."""
     return Motion((time, time), position[None, None])
@@ -228,7 +230,7 @@ class Clocked(NamedTuple):
         return self._replace(clock=Clock(*law.turned(self.source, self.clock, limits, time, final)))
 
 
-Source: TypeAlias = "Motion | Clocked"
+Source: TypeAlias = Motion | Clocked
 
 
 class Reference:

@@ -88,7 +88,8 @@ class Samples:
     @property
     def pose(self) -> Array:
         """(4, 4) of the newest sample."""
-        return np.asarray(None if self.newest is None else self.newest[0].poses)[0]
+        pose: Array = np.asarray(None if self.newest is None else self.newest[0].poses)[0]
+        return pose
 
     @property
     def by_law(self) -> bool:

@@ -83,41 +83,40 @@ class TaskError(NamedTuple):
     ) -> tuple[Array, float]:
         """The same, and what of the twist it misses, in the measure."""
         J, box = self.sighting.J, controller.box
-        fields = controller.law_options | {
+        fields = controller.in_engine.law | {
             "root": self.root,
             "ahead": twist,
             "lower": (box.position_lower - q) / h,
             "upper": (box.position_upper - q) / h,
             "posture": posture,
         }
-        fields["exact"] = self._exact_rows(twist, exact)
+        fields["exact"] = self._exact_rows(twist, exact=exact)
         found = law.tick(J, **(fields | more))
         if found[FAILURE] == NO_PROJECTOR and controller.guard is not None:  # which leaves none of the form then
             found = law.tick(J, **(fields | more | {"form": None}))
         return found[VELOCITY], found[MISSED]
 
     def nearest(self, controller: Controller, q: Array, x: Array, twist: Array, h: float) -> Array:
-        """The joint velocity (m,) nearest to x (m,) that meets the exact rows for a twist, inside the position limits."""
+        """(m,) the joint velocity nearest to x (m,) with the exact rows for a twist, inside the position limits."""
         box, m = controller.box, len(q)
         n = 6 * (1 + (m - 1) // 6)
         J, ahead = np.eye(n, m), np.append(x, np.zeros(n - m))
-        return law.tick(
+        found: Array = law.tick(
             J,
             np.eye(n),
             ahead,
             lower=(box.position_lower - q) / h,
             upper=(box.position_upper - q) / h,
-            exact=self._exact_rows(twist, True),
-            metric=controller.law_options["metric"],
+            exact=self._exact_rows(twist, exact=True),
+            metric=controller.in_engine.law["metric"],
         )[VELOCITY]
+        return found
 
-    def _exact_rows(self, twist, exact):
-        E, b = (self.rows.dot(self.sighting.J), self.rows.dot(twist)) if exact and self.exact else (None, None)
-        if self.joint_rows is None:
-            return None if E is None else (E, b, None)
-        if E is None:
-            return (*self.joint_rows, None)
-        return np.vstack((E, self.joint_rows[0])), np.append(b, self.joint_rows[1]), None
+    def _exact_rows(self, twist: Array, *, exact: bool) -> tuple[Array, Array, None] | None:
+        """Exact rows for a twist (6,), and those that are no part of it; None where there are none."""
+        rows = [(self.rows.dot(self.sighting.J), self.rows.dot(twist))] if exact and self.exact else []
+        rows += [] if self.joint_rows is None else [self.joint_rows]
+        return (np.vstack([E for E, _ in rows]), np.concatenate([b for _, b in rows]), None) if rows else None
 
 
 def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
