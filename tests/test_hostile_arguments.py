@@ -45,7 +45,7 @@ INNER = {
     "LimitRows.allow LimitRows.excess LimitRows.used "
     "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after "
     "Clearance.begin_at OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
-    "ExactRows.on LimitRows.called "
+    "ExactRows.on LimitRows.called Controller.posture_pull "
     "ToolSpeed.cone Chain.sight Chain.points "
     "InvariantFrameTask.compute_qp_objective",
     "of this package's own files, with arguments of their making": "ScrewSystem.with_tolerance ScrewSystem.derived "
