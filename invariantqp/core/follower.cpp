@@ -76,9 +76,12 @@ class TickOfFollower {
         in.q = position, in.ahead = wish.twist, in.at_base = wish.at_base, in.velocity = velocity, in.rise = follower.rise;
         in.changes.speed = wish.speed;
         in.target = wish.target ? &*wish.target : nullptr;
-        JointLimits free = follower.free;
-        free.velocity = limits.velocity;
-        in.changes.limits = &free;
+        in.changes.limits = &follower.free;
+        JointLimits slowed;
+        if (limits.velocity != follower.free.velocity) {
+            slowed = follower.free, slowed.velocity = limits.velocity;
+            in.changes.limits = &slowed;
+        }
         std::fill(state.law.positions(), state.law.positions() + m, NAN);  // the joints are not seen to follow the law
         found.report = loop.tick(state.law, in, functions, w);
         return found.report->report.velocity;

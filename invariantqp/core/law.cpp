@@ -183,10 +183,10 @@ class Law {
         } else {
             const SVD svd(E);
             rank = svd.rank(ROUNDING);
-            for (lost = rank < tick.exact_rank; rank < tick.exact_rank && rank < svd.sigma.n && svd.sigma[rank] > 1e-100;)
-                rank++;  // a direction that is next to lost: a leaves next to nothing of it
+            lost = rank < tick.exact_rank;
+            rank = std::max(rank, std::min(tick.exact_rank, svd.sigma.n));
             along = svd.V.rows_from(0, rank), across = svd.V.rows_from(rank, m);
-            full = svd.least(demand, rank);
+            full = svd.least(demand, rank, ROUNDING);  // a direction next to lost: a leaves next to nothing of it
         }
         basis = transposed(across);
         const double length = std::max(full.norm(), ROOT_ROUNDING), most = demand.norm();

@@ -507,11 +507,11 @@ struct SVD {
         return r;
     }
     // The x of the first r singular values with A x nearest to b.
-    Vec least(Vec b, int r) const
+    Vec least(Vec b, int r, double least = 0) const
     {
         Vec u = U.rows_from(0, r) * b;
         for (int i = 0; i < r; i++)
-            u[i] /= sigma[i];
+            u[i] /= std::max(sigma[i], least * sigma[0]);
         return t(V.rows_from(0, r)) * u;
     }
 

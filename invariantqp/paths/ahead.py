@@ -12,7 +12,13 @@ Where the arm cannot do all of the path, q' is the derivative of the joint posit
 the tangent are not: the error times the bend of the tool's motion is missing. Beside exact rows q' turns the tool
 towards the least error instead, over some of the path.
 
-Where a path with exact rows is left they cannot be met, and near that edge not at a bearable joint speed:
+Where the path may be left, and beside exact rows, least squares are damped by what they miss:
+
+    |A x - b|^2 + mu |x|^2,     mu = (LEAST_DAMPING |A|)^2 + share (longest step) |A| r
+
+for r = |A x - b| with the first term of mu alone; a form is left out there.
+
+Exact rows that cannot be met are left smoothly, for near that edge they need unbounded joint speeds:
 
     q' = (1 - t) q'_rows + t q'_least,        t the share of the rows that damped least squares miss
 
@@ -34,14 +40,15 @@ from invariantqp.paths.fit import REACHED
 from invariantqp.paths.task_error import TaskError, task_error
 from invariantqp.paths.time_law import AT_LIMIT, usual
 
-# Damping where a path may be left, and of what strays beside exact rows: at least this share of |A|; and what the law
-# misses, times a share of the longest step and |A|. So an arm that stretches out goes on smoothly and bends again.
-LEAST_DAMPING, LEAVING, STRAYING = 2e-3, 0.05, 0.25
-# An arm nearer a singularity than this is not corrected where a path may be left.
+# The damping above, and its share for the path where it may be left and for the rest of the twist beside exact rows. So
+# an arm that stretches out goes on smoothly and bends again in time.
+LEAST_DAMPING, LEAVING, STRAYING = 2e-3, 0.05, 0.5
+# Where a path may be left, an arm nearer a singularity than this share is not corrected: small errors would take large
+# joint motion.
 SINGULAR = 1e-2
 # The share of the path over which the distance falls to 1/e on the way back.
 REJOIN = 0.02
-# What the rest of a twist counts beside exact rows that cannot be met.
+# The weight of the rest of a twist beside exact rows.
 REST = 0.05
 # The share of the path over which a tool with exact demands turns, or moves, to the least of the error beside them.
 TURNING = 0.1
@@ -125,6 +132,8 @@ class JointPath:
         self._scale: float = curve.end
         self._longest = self._scale / LEAST_STEPS
         self._exact = bool(controller.exact)
+        metric = controller.law_options["metric"]
+        self._to_joint: Array = np.eye(len(q)) if metric is None else np.linalg.inv(np.linalg.cholesky(metric)).T
         self._pace = 0.0 if rate is None else 1.0 / rate  # time per unit of the parameter
         self._step = self._longest
         self._first = q.copy()
@@ -295,7 +304,7 @@ class JointPath:
             return self._damped(STRAYING, q, seen, twist, h, posture, root=weighted)[0]
         rows, J = seen.rows, seen.sighting.J
         only = np.vstack((rows, np.zeros((6 - len(rows), 6))))
-        nearest, missed = self._damped(LEAVING, q, seen, twist, h, exact=False, root=only, form=None)
+        nearest, missed = self._damped(LEAVING, q, seen, twist, h, exact=False, root=only)
         size = float(np.linalg.norm(rows.dot(twist)))
         t = min(missed / size, 1.0) if size > 0.0 else 0.0
         met = twist + seen.part.dot(J.dot(nearest) - twist)
@@ -306,9 +315,9 @@ class JointPath:
     def _damped(
         self, share: float, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None = None, **more: Any
     ) -> tuple[Array, float]:
-        """The law's answer (m,), damped by what it misses as well; and that, in the measure."""
-        size = float(np.linalg.norm(more.get("root", seen.root).dot(seen.sighting.J)))
+        """The law's answer (m,) damped by a share of what it misses, and the size of what that misses."""
+        size = float(np.linalg.norm(more.get("root", seen.root).dot(seen.sighting.J).dot(self._to_joint)))
         least = LEAST_DAMPING * size
-        _, missed = seen.answer(self.controller, q, twist, h, posture, damping=least, **more)
+        _, missed = seen.answer(self.controller, q, twist, h, posture, form=None, damping=least, **more)
         damping = sqrt(least * least + share * self._longest * size * missed)
-        return seen.answer(self.controller, q, twist, h, posture, damping=damping, **more)
+        return seen.answer(self.controller, q, twist, h, posture, form=None, damping=damping, **more)

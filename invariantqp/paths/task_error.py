@@ -65,8 +65,8 @@ class TaskError(NamedTuple):
             twist: (6,).
             h: how long the velocity is held.
             posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
-            exact: whether exact rows on the twist are met.
-            more: other fields of the law's tick, root and bounds among them.
+            exact: whether exact demands on the twist are met.
+            more: other arguments of the engine's tick: damping, root, lower, upper, ...
         """
         return self.answer(controller, q, twist, h, posture, exact=exact, **more)[0]
 
@@ -81,7 +81,7 @@ class TaskError(NamedTuple):
         exact: bool = True,
         **more: Any,
     ) -> tuple[Array, float]:
-        """The same, and what of the twist it misses, in the measure."""
+        """As `velocity`, and the size of what it misses of the twist, in the measure."""
         J, box = self.sighting.J, controller.box
         fields = controller.in_engine.law | {
             "root": self.root,
@@ -90,33 +90,20 @@ class TaskError(NamedTuple):
             "upper": (box.position_upper - q) / h,
             "posture": posture,
         }
-        fields["exact"] = self._exact_rows(twist, exact=exact)
+        fields["exact"] = self._exact_rows(twist, met=exact)
         found = law.tick(J, **(fields | more))
         if found[FAILURE] == NO_PROJECTOR and controller.guard is not None:  # which leaves none of the form then
             found = law.tick(J, **(fields | more | {"form": None}))
         return found[VELOCITY], found[MISSED]
 
-    def nearest(self, controller: Controller, q: Array, x: Array, twist: Array, h: float) -> Array:
-        """(m,) the joint velocity nearest to x (m,) with the exact rows for a twist, inside the position limits."""
-        box, m = controller.box, len(q)
-        n = 6 * (1 + (m - 1) // 6)
-        J, ahead = np.eye(n, m), np.append(x, np.zeros(n - m))
-        found: Array = law.tick(
-            J,
-            np.eye(n),
-            ahead,
-            lower=(box.position_lower - q) / h,
-            upper=(box.position_upper - q) / h,
-            exact=self._exact_rows(twist, exact=True),
-            metric=controller.in_engine.law["metric"],
-        )[VELOCITY]
-        return found
-
-    def _exact_rows(self, twist: Array, *, exact: bool) -> tuple[Array, Array, None] | None:
-        """Exact rows for a twist (6,), and those that are no part of it; None where there are none."""
-        rows = [(self.rows.dot(self.sighting.J), self.rows.dot(twist))] if exact and self.exact else []
-        rows += [] if self.joint_rows is None else [self.joint_rows]
-        return (np.vstack([E for E, _ in rows]), np.concatenate([b for _, b in rows]), None) if rows else None
+    def _exact_rows(self, twist: Array, *, met: bool) -> tuple[Array, Array, None] | None:
+        """The exact rows for a twist as the engine takes them; `met` is whether parts of the twist are among them."""
+        found = [] if self.joint_rows is None else [self.joint_rows]
+        if met and self.exact:
+            found.append((self.rows.dot(self.sighting.J), self.rows.dot(twist)))
+        if not found:
+            return None
+        return np.vstack([E for E, _ in found]), np.concatenate([b for _, b in found]), None
 
 
 def task_error(controller: Controller, q: Array, target: Any) -> TaskError:

@@ -58,7 +58,6 @@ NULL = (
 WORTH = 1e-3  # of d; at 0 and 1e-4 an xArm7 led out of reach still creeps at .1 rad/s after nine seconds
 EPSILON = 1e-4  # keeps p unique; at 1e-3 turns swing by 1.6 times as much
 ROUNDING = 1e-9  # below this share of the largest, singular values move nothing, and numbers are rounding
-LOST = 1e-100  # a direction of exact rows that is as good as lost
 LEAST_POWER, MOST_POWER = -8.0, 6.0  # of ten: where the multiplier of a tool speed is looked for
 
 
@@ -223,9 +222,9 @@ def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, 
     E, demand = np.asarray(tick.exact[0]), np.asarray(tick.exact[1]) + np.asarray(tick.exact[2])
     U, sigma, Vt = np.linalg.svd(E.dot(T))
     m, k = len(T), int(np.count_nonzero(sigma > ROUNDING * sigma[0]))
-    k = max(k, min(tick.exact_rank, int(np.count_nonzero(sigma > LOST))))
+    k = max(k, min(tick.exact_rank, len(sigma)))  # a direction next to lost: a leaves next to nothing of it
     within, basis = Vt[:k].T, Vt[k:].T
-    full = (within / sigma[:k]).dot(U[:, :k].T.dot(demand))
+    full = (within / np.maximum(sigma[:k], ROUNDING * sigma[0])).dot(U[:, :k].T.dot(demand))
     size = max(float(np.linalg.norm(full)), np.sqrt(ROUNDING))
     b, A = float(np.linalg.norm(tick.root.dot(tick.ahead + tick.error))), tick.root.dot(tick.J)
     mu = KAPPA * tick.held * float(np.linalg.norm(A)) * tick.missed / (b + TINY)

@@ -125,3 +125,28 @@ def test_a_slide_beside_hinges_keeps_three_rows_in_millimetres():
         robot = iq.robots.Chain(scaled, placed, (), [-unit, -1.0, -1.0], [unit, 1.0, 1.0], [unit, 1.0, 1.0])
         solution = iq.Controller(robot, dt=0.01, exact="position").step(np.full(3, 0.1), robot.pose(np.full(3, 0.15)))
         assert solution.status == "ok"
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+@pytest.mark.parametrize(
+    ("name", "q", "out"),
+    [
+        ("ur5", [0.3, -1.2, 1.5, -1.0, 1.0, 0.3], 0.5),
+        ("ur5e", [0.0, -1.57, 1.57, -1.57, -1.57, 0.0], 0.5),
+        ("lite6", [0.0, 0.3, 1.2, 0.0, 0.9, 0.0], 0.3),
+    ],
+)
+def test_an_exact_position_led_out_of_reach_comes_home(name, q, out, noise):
+    """Stretched out to the last digit, the elbow bends again."""
+    robot, q, rng = iq.load_robot(name), np.array(q), np.random.default_rng(0)
+    home = robot.pose(q)
+    away = home[:3, 3] * [1.0, 1.0, 0.0]
+    away *= out / np.linalg.norm(away)
+    controller = iq.Controller(robot, dt=0.002, exact="position")
+    for k in range(3500):
+        goal = home.copy()
+        goal[:3, 3] += max(np.sin(np.pi * min(k / 2000, 1.0)), 0.0) * away
+        solution = controller.step(q + noise * rng.normal(size=len(q)), goal)
+        q = q + 0.002 * solution.velocity
+    assert np.linalg.norm((robot.pose(q) - home)[:3, 3]) < 1e-4
+    assert solution.status == "ok"
