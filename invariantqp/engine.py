@@ -1,8 +1,8 @@
 """The compiled modules: the engine in C++, `law`, and the older core in C for loops, and whether that is in use.
 
 The engine answers `solve_velocity`, `solve_velocities`, `solve_tasks`, `solve_pose` and tasks for Pink and mink, and
-has the rows of clearances. The C core has the ticks of loops, by the law in legacy/: it answers what that would, or
-hands the tick back to it.
+has the ticks of controllers and followers. The C core has the ticks of HybridController, by the law in legacy/: it
+answers what that would, or hands the tick back to it.
 `INVARIANTQP_NATIVE=0` in the environment switches it off; `engine="python"` does for one loop or one robot.
 
 What stays in Python, and what a tick of a Panda then costs beside a plain one of the core's (`tests/benchmarks`):

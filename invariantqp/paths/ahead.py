@@ -132,7 +132,7 @@ class JointPath:
         self._scale: float = curve.end
         self._longest = self._scale / LEAST_STEPS
         self._exact = bool(controller.exact)
-        metric = controller.law_options["metric"]
+        metric = controller.in_engine.law["metric"]
         self._to_joint: Array = np.eye(len(q)) if metric is None else np.linalg.inv(np.linalg.cholesky(metric)).T
         self._pace = 0.0 if rate is None else 1.0 / rate  # time per unit of the parameter
         self._step = self._longest
