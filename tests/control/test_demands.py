@@ -124,7 +124,7 @@ def test_a_slide_beside_hinges_keeps_three_rows_in_millimetres():
         placed[:3, 3] *= unit
         robot = iq.robots.Chain(scaled, placed, (), [-unit, -1.0, -1.0], [unit, 1.0, 1.0], [unit, 1.0, 1.0])
         solution = iq.Controller(robot, dt=0.01, exact="position").step(np.full(3, 0.1), robot.pose(np.full(3, 0.15)))
-        assert noise or solution.status == "ok"
+        assert solution.status == "ok"
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5])
