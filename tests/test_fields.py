@@ -102,23 +102,22 @@ def test_nothing_is_positional(fields):
         core.Loop(**fields)
 
 
-def test_the_engine_is_an_argument_of_a_loop_of_its_robot_and_of_a_law():
+def test_the_engine_is_an_argument_of_a_loop_and_of_a_law():
     robot = iq.load_robot("panda")
     q = ready("panda")
     target = robot.pose(q + 0.3)
     native = LegacyLoop(robot, dt=0.002)
     alone = LegacyLoop(robot, dt=0.002, engine="python")
-    of_robot = LegacyLoop(robot.by_engine("python").with_tool(np.eye(4)).with_limits(), dt=0.002)
     assert native.compiled is not None
-    assert alone.compiled is of_robot.compiled is None
-    assert (alone.law.engine, alone.robot.engine, of_robot.law.engine) == ("python",) * 3
-    steps = [loop.step(q, target) for loop in (native, alone, of_robot, native.by_engine("python"))]
-    assert [step.backend for step in steps] == ["native", *[steps[1].backend] * 3]
+    assert alone.compiled is None
+    assert alone.law.engine == "python"
+    steps = [loop.step(q, target) for loop in (native, alone, native.by_engine("python"))]
+    assert [step.backend for step in steps] == ["native", *[steps[1].backend] * 2]
     for step in steps:
         np.testing.assert_allclose(step.velocity, steps[0].velocity, rtol=0.0, atol=1e-10)
     moved = native.by_engine("python")
     np.testing.assert_array_equal(moved.kept, native.kept)
     assert moved.by_engine("compiled").compiled is not None
-    for make in (native.by_engine, robot.by_engine, lambda name: LegacyLoop(robot, dt=0.01, engine=name)):
+    for make in (native.by_engine, lambda name: LegacyLoop(robot, dt=0.01, engine=name)):
         with pytest.raises(iq.BadInput, match="engine"):
             make("fortran")

@@ -52,5 +52,6 @@ void bind_loop(nb::module_& m);
 void bind_pose(nb::module_& m);
 void bind_clearance(nb::module_& m);
 void bind_follower(nb::module_& m);
+void bind_screws(nb::module_& m);
 
 }  // namespace iq

@@ -49,7 +49,6 @@ from invariantqp.legacy.law import SLACK, SLACK_GAIN, Chase, Demand, VelocityLaw
 from invariantqp.legacy.memory import HEADER, Memory
 from invariantqp.legacy.response import units
 from invariantqp.legacy.solve import solve, standing
-from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import (
     Robot,
     Sighting,
@@ -150,9 +149,6 @@ class LegacyLoop:
         """
         by = arrays.choice(engine, "engine", ENGINES)
         robot = require_robot(robot)
-        if isinstance(robot, Chain):
-            robot = robot.by_engine(by) if by == "python" else robot
-            by = robot.engine
         self.robot = robot
         m = len(robot.names)
         self.dt: float = arrays.number(dt, "dt", "a tick in seconds", positive=True)
@@ -227,9 +223,8 @@ class LegacyLoop:
 
     def by_engine(self, engine: Engine) -> LegacyLoop:
         """A copy of the loop as it is now, computed by another engine, as in `Controller`."""
-        robot = self.robot.by_engine(engine) if isinstance(self.robot, Chain) else self.robot
         law = replace(self.law, engine=arrays.choice(engine, "engine", ENGINES))
-        return self._but(robot=robot, law=law)
+        return self._but(law=law)
 
     def _but(self, **fields: Any) -> LegacyLoop:
         """A loop of its own with other fields."""

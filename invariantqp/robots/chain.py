@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from math import hypot, inf
+from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
 from attrs import field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.engine import ENGINES, Engine, core_for
+from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt
-from invariantqp.geometry import arrays, se3
+from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.screws import axis
@@ -63,7 +63,6 @@ class Chain(Value):
         velocity_limit: (m,) [rad/s, length/s], positive, inf where there is none.
         tool: name of the tool frame.
         places: (m, 3) a point of each joint's axis at q = 0, to draw the arm by.
-        engine: what computes its kinematics: "compiled", the compiled core where there is one, or "python".
         links: the links that its description tells of, with their frames and collision geometry; of screws alone none.
     """
 
@@ -75,7 +74,6 @@ class Chain(Value):
     velocity_limit: Array = field(converter=own, repr=False)
     tool: str = field(default="tool", repr=False)
     places: Array = field(converter=own, repr=False, eq=False, kw_only=True)
-    engine: Engine = field(default="compiled", repr=False, eq=False, kw_only=True)
     links: tuple[Link, ...] = field(default=(), repr=False, eq=False, kw_only=True)
 
     def __init__(
@@ -113,11 +111,13 @@ class Chain(Value):
 
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) tool pose in the base frame."""
-        return self._evaluated(arrays.vector(q, len(self.names), "q"))[1]
+        pose: Array = self.in_engine.sight(arrays.vector(q, len(self.names), "q"), None)[1]
+        return pose
 
     def jacobian(self, q: ArrayLike) -> Array:
         """(6, m) joint twists in the base frame."""
-        return self._evaluated(arrays.vector(q, len(self.names), "q"))[0]
+        twists: Array = self.in_engine.sight(arrays.vector(q, len(self.names), "q"), None)[0]
+        return twists
 
     def origins(self, q: ArrayLike) -> Array:
         """(m, 3) a point of each joint's axis, to draw the arm by."""
@@ -131,9 +131,7 @@ class Chain(Value):
     def sight(self, q: Array, target: ArrayLike | Target) -> Sighting:
         """Joint twists and tool error, in the base frame."""
         wanted = self.target(target).pose
-        J, T, error = self._evaluated(q, wanted)
-        if error is None:
-            error = se3.displacement(T, wanted)
+        J, T, error = self.in_engine.sight(q, wanted)
         return Sighting(J, error, T)
 
     def points(self, sighting: Sighting, target: ArrayLike | Target, point: Array) -> tuple[Array, Array]:
@@ -155,16 +153,9 @@ class Chain(Value):
         given = {"position_lower": position_lower, "position_upper": position_upper, "velocity_limit": velocity_limit}
         return self._changed(**{name: value for name, value in given.items() if value is not None})
 
-    def by_engine(self, engine: Engine) -> Chain:
-        """The same chain, its kinematics, and what is made from it, by another engine: "compiled" or "python"."""
-        by = arrays.choice(engine, "engine", ENGINES)
-        return self if by == self.engine else self._changed(by)
-
-    def _changed(self, engine: Engine | None = None, /, **changes: Any) -> Chain:
-        """The same chain with other arguments of `Chain`, or by another engine."""
-        made = Chain(**{name: getattr(self, name) for name in ARGUMENTS} | changes)
-        object.__setattr__(made, "engine", engine or self.engine)
-        return made
+    def _changed(self, **changes: Any) -> Chain:
+        """The same chain with other arguments of `Chain`."""
+        return Chain(**{name: getattr(self, name) for name in ARGUMENTS} | changes)
 
     @cached_property
     def model(self) -> Any:
@@ -179,52 +170,17 @@ class Chain(Value):
         )
 
     @cached_property
-    def powers(self) -> tuple[Array, Array]:
-        """(m,) rates |omega| of the joints, 1 for slides, and (m, 3, 16) powers 1 to 3 of S / rate as 4x4 matrices."""
-        rates = np.array([hypot(*s[:3].tolist()) or 1.0 for s in self.screws.T])
-        S = np.zeros((len(rates), 4, 4))  # [[omega^, v], [0, 0]] of each
-        for matrix, s in zip(S, (self.screws / rates).T, strict=True):
-            matrix[:3, :3], matrix[:3, 3] = se3.cross_matrix(s[:3]), s[3:]
-        return rates, np.stack((S, S @ S, S @ S @ S), axis=1).reshape(-1, 3, 16)
+    def in_engine(self) -> Any:
+        """The same chain in the engine, which computes its kinematics."""
+        return law.Chain(self.screws, self.home)
 
-    def motions(self, q: Array) -> list[Array]:
-        """The m + 1 motions (4, 4) of the base and of what each joint moves, from where they are at q = 0.
+    def motions(self, q: Array) -> Array:
+        """(m + 1, 4, 4) the motions of the base and of what each joint moves, from where they are at q = 0.
 
         exp(q_1 S_1) ... exp(q_i S_i), i = 0 ... m, for a checked q (m,).
-
-        exp(tS) = 1 + tS + (1 - cos t) S^2 + (t - sin t) S^3 for a hinge or screw of rate 1, and 1 + tS for a slide.
         """
-        rates, powers = self.powers
-        t = rates * q
-        half = np.sin(0.5 * t)
-        parts = np.stack((t, 2.0 * half * half, t - np.sin(t)), axis=1)[:, None]
-        steps = np.matmul(parts, powers).reshape(-1, 4, 4)
-        T = np.eye(4)
-        motions = [T]
-        for step in steps + T:
-            T = T.dot(step)
-            motions.append(T)
-        return motions
-
-    def _evaluated(self, q: Array, wanted: Array | None = None) -> tuple[Array, Array, Array | None]:
-        """Joint twists and tool pose at a checked q, and by the compiled core the error, None where it has none."""
-        found: tuple[Array, Array, Array | None] | None
-        core = core_for(self.engine)
-        found = None if core is None else core.sight(self.screws, self.home, q, wanted)
-        return (*self._kinematics(q), None) if found is None else found
-
-    def _kinematics(self, q: Array) -> tuple[Array, Array]:
-        """Joint twists and tool pose at a checked q."""
-        motions = self.motions(q)
-        before = np.array(motions[:-1])
-        R, p = before[:, :3, :3], before[:, :3, 3].T
-        turned = np.matmul(R, self.screws.T.reshape(-1, 2, 3).transpose(0, 2, 1))
-        J = turned.transpose(2, 1, 0).reshape(6, -1)
-        w, v = J[:3], J[3:]
-        v[0] += p[1] * w[2] - p[2] * w[1]
-        v[1] += p[2] * w[0] - p[0] * w[2]
-        v[2] += p[0] * w[1] - p[1] * w[0]
-        return J, motions[-1].dot(self.home)
+        found: Array = self.in_engine.motions(q)
+        return found
 
 
 def _places(screws: Array, home: Array) -> Array:

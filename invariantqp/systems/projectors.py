@@ -22,7 +22,7 @@ import numpy as np
 from attrs import evolve, field, frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.engine import core
+from invariantqp.engine import law
 from invariantqp.errors import BadInput, NoProjectors, listed
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -31,7 +31,7 @@ from invariantqp.geometry.forms import finite_pitch
 from invariantqp.geometry.linear import orthogonal
 from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.systems.classification import classify
-from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, factors, pitches_if_decided
+from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, factors, pitches_if_decided, well_conditioned
 from invariantqp.systems.subspaces import Subspace
 
 # What a refusal offers instead of a pitch.
@@ -114,10 +114,9 @@ def dual_projectors(
         found = "neither S nor wrenches" if S is None else "both S and wrenches"
         raise BadInput("S", found, "the freedoms S or the constraint wrenches")
     name, value = one_rule(h, complement, metric)
-    if core is not None:
-        answer = core.projectors(S, wrenches, *(value if name == rule else None for rule in RULES))
-        if answer is not None:  # where it is well conditioned
-            return DualProjectors(*answer)
+    answer = well_conditioned(law.projectors, S, wrenches, *(value if name == rule else None for rule in RULES))
+    if answer is not None:
+        return DualProjectors(*answer)
     if S is not None:
         return projectors_of(Subspace(S, argument="S"), (name, value))
     given = Subspace(arrays.columns(wrenches, "wrenches"), argument="wrenches")  # type: ignore[arg-type]

@@ -15,15 +15,16 @@ Reference: [DS] Sect. 2.3 (2.12)-(2.15), (hP1)-(hP4), after Penrose 1955; Theore
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf, isfinite, nan, pi
-from typing import Literal, NamedTuple, overload
+from typing import Any, Literal, NamedTuple, overload
 
 import numpy as np
 from attrs import field, frozen
 from attrs.converters import optional
 from numpy.typing import ArrayLike
 
-from invariantqp.engine import core
+from invariantqp.engine import law
 from invariantqp.errors import BadInput, NoPseudoinverse
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import ROUNDING, Array
@@ -240,18 +241,20 @@ def pseudoinverse(
 
     Reference: [DS] Theorem 2.2, (3.1) for independent columns, (2.15) for rank 6.
     """
-    if (
-        core is not None
-        and joint_metric is None
-        and return_condition is False
-        and type(J) is np.ndarray
-        and type(h) is float
-    ):
-        inverse: Array | None = core.pseudoinverse(J, h)  # where it is well conditioned
+    if joint_metric is None and return_condition is False and type(h) is float:
+        inverse = well_conditioned(law.pseudoinverse, J, h)
         if inverse is not None:
-            return inverse
+            return np.asarray(inverse)
     found = invert(Subspace(arrays.columns(J)), h, joint_metric)
     return (found.inverse, found.condition) if arrays.flag(return_condition, "return_condition") else found.inverse
+
+
+def well_conditioned(answer: Callable[..., Any], *arguments: Any) -> Any | None:
+    """What the engine answers, None where arguments are to be checked or rounding is to be looked at."""
+    try:
+        return answer(*arguments)
+    except (ValueError, TypeError):
+        return None
 
 
 def invert(system: Subspace, h: float, joint_metric: ArrayLike | None = None) -> Factors:

@@ -1,10 +1,9 @@
-"""The product of exponentials, by numpy and by the compiled core; Pinocchio sees the same."""
+"""The product of exponentials, beside that of se3.exp; Pinocchio sees the same."""
 
 import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.engine import core
 from invariantqp.robots.pinocchio import pin
 
 
@@ -26,7 +25,7 @@ def test_poses_are_products_of_exponentials(m):
         for i, angle in enumerate(q):
             J[:, i] = iq.adjoint(T) @ arm.screws[:, i]
             T = T @ iq.exp(angle * arm.screws[:, i])
-        twists, pose = arm._kinematics(q)
+        twists, pose = arm.jacobian(q), arm.pose(q)
         scale = np.abs(J).max()
         np.testing.assert_allclose(pose, T @ arm.home, rtol=0.0, atol=1e-13 * max(1.0, np.abs(T).max()))
         np.testing.assert_allclose(twists, J, rtol=0.0, atol=1e-13 * scale * max(1.0, np.abs(T).max()))
@@ -37,32 +36,11 @@ def test_pinocchio_sees_what_the_screws_say(name):
     arm, rng = iq.load_robot(name), np.random.default_rng(0)
     data, tool = arm.model.createData(), arm.model.nframes - 1
     for q in rng.normal(size=(50, len(arm.names))):
-        J, pose = arm._kinematics(q)
+        J, pose = arm.jacobian(q), arm.pose(q)
         twists = pin.computeJointJacobians(arm.model, data, q)[[3, 4, 5, 0, 1, 2]]
         np.testing.assert_allclose(twists, J, rtol=0.0, atol=1e-14)
         seen = pin.updateFramePlacement(arm.model, data, tool).homogeneous
         np.testing.assert_allclose(seen, pose, rtol=0.0, atol=1e-14)
-
-
-@pytest.mark.skipif(core is None, reason="the compiled core is not built, or switched off")
-@pytest.mark.parametrize("name", ["panda", "so101", "tiago"])
-def test_the_core_sees_what_python_sees(name):
-    arm, rng = iq.load_robot(name), np.random.default_rng(0)
-    for turn in (0.0, 1e-9, 0.3, 3.0, np.pi):
-        q = rng.normal(size=len(arm.names))
-        target = arm.pose(q) @ iq.exp([0.0, turn, 0.0, 0.1, 0.2, 0.3])
-        one = arm.sight(q, target)
-        other = arm.by_engine("python").sight(q, target)
-        np.testing.assert_allclose(one.J, other.J, rtol=0.0, atol=1e-14)
-        np.testing.assert_allclose(one.pose, other.pose, rtol=0.0, atol=1e-14)
-        # Near half a turn both are logarithms, to the rounding of a rotation matrix.
-        np.testing.assert_allclose(iq.exp(one.error), iq.exp(other.error), rtol=0.0, atol=1e-13)
-
-
-def test_a_chain_longer_than_the_core_takes_is_seen_by_python():
-    m = 40
-    arm = iq.robots.Chain(np.tile(iq.revolute((0, 0, 1))[:, None], m), np.eye(4))
-    np.testing.assert_allclose(arm.pose(np.full(m, 0.1)), iq.exp([0, 0, 4.0, 0, 0, 0]), atol=1e-14)
 
 
 def test_a_tool_has_a_name():

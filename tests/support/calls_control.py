@@ -129,7 +129,6 @@ def robot_calls(name, robot):
         f"{name}.origins": lambda: (robot().origins, {"q": Q}),
         f"{name}.target": lambda: (robot().target, {"pose": T}),
         f"{name}.with_tool": lambda: (robot().with_tool, {"offset": T}),
-        f"{name}.by_engine": lambda: (robot().by_engine, {"engine": "python"}),
         f"{name}.with_limits": lambda: (
             robot().with_limits,
             {"position_lower": -1.0, "position_upper": 2.0, "velocity_limit": 0.5},

@@ -1,0 +1,123 @@
+// Arms and screw systems for Python: the class Chain and functions of invariantqp._core. What they do not answer is None.
+#include "bound.hpp"
+#include "chain.hpp"
+#include "screw_systems.hpp"
+
+namespace iq {
+namespace {
+
+nb::object array_of(Mat A)
+{
+    const npy_intp shape[2] = {A.rows, A.cols};
+    nb::object array = new_array(2, shape);
+    std::copy(A.all().begin(), A.all().end(), data_of(array));
+    return array;
+}
+
+void make_chain(Chain* made, nb::handle screws, nb::handle home)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    new (made) Chain(read.matrix(screws, "screws", 6, -1), Pose(read.matrix(home, "home", 4, 4).p));
+}
+// Joint twists (6, m) and tool pose (4, 4), and the error twist (6,) to a target, None without one.
+nb::tuple sight(const Chain& chain, nb::handle q, nb::handle target)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    const Mat J(w, 6, chain.size()), T(w, 4, 4);
+    const Pose tool = chain.state(read.vector(q, "q", chain.size()).p, J);
+    tool.write(T.p);
+    if (target.is_none())
+        return nb::make_tuple(array_of(J), array_of(T), nb::none());
+    const Twist error = error_twist(Pose(read.matrix(target, "target", 4, 4).p), tool);
+    Vec e(w, 6);
+    std::copy(error.omega.begin(), error.omega.end(), e.begin()), std::copy(error.v.begin(), error.v.end(), e.begin() + 3);
+    return nb::make_tuple(array_of(J), array_of(T), iq::array_of(e));
+}
+
+// (m + 1, 4, 4) motions of the base and of what each joint moves, from where they are at q = 0.
+nb::object motions(const Chain& chain, nb::handle q)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    std::vector<Pose> found(static_cast<std::size_t>(chain.size()) + 1);
+    chain.motions(read.vector(q, "q", chain.size()).p, Mat(), found.data());
+    const npy_intp shape[3] = {chain.size() + 1, 4, 4};
+    nb::object array = new_array(3, shape);
+    for (std::size_t i = 0; i < found.size(); i++)
+        found[i].write(data_of(array) + 16 * i);
+    return array;
+}
+
+// Twists of one system, or wrenches: finite numbers with which products neither vanish nor overflow.
+Mat columns_of(nb::handle value, const char* name, Reader& read)
+{
+    const Mat A = read.matrix(value, name, 6, -1);
+    for (const double x : A.all())
+        if (x != 0 && !(std::abs(x) >= SMALLEST && std::abs(x) <= LARGEST))
+            refuse(std::string(name) + " has numbers that are too small or too large");
+    return A;
+}
+nb::object pseudoinverse_of(nb::handle J, double h)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    const Mat twists = columns_of(J, "J", read);
+    if (twists.cols < 1 || twists.cols > MOST_JOINTS)
+        return nb::none();
+    const std::optional<Mat> found = pseudoinverse(twists, h);
+    return found ? array_of(*found) : nb::none();
+}
+// The fields of DualProjectors in order. One of the twists and the wrenches is None, and two of pitch, complement, metric.
+nb::object projectors_of(nb::handle twists, nb::handle wrenches, nb::handle pitch, nb::handle complement, nb::handle metric)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    using Kind = ComplementRule::Kind;
+    ComplementRule rule{Kind::pitch, 0, {}};
+    if (!pitch.is_none())
+        rule.pitch = number(pitch, "h", -LARGEST, LARGEST);
+    else if (!complement.is_none())
+        rule = {Kind::columns, 0, columns_of(complement, "complement", read)};
+    else {
+        rule.kind = Kind::metric;
+        const nb::object given = nb::borrow(metric);
+        if (PyArray_Check(given.ptr()) && PyArray_NDIM(reinterpret_cast<PyArrayObject*>(given.ptr())) == 1) {
+            const Vec diagonal = read.vector(given, "metric", 6);
+            rule.matrix = Mat(w, 6, 6, 0);
+            for (int i = 0; i < 6; i++)
+                rule.matrix(i, i) = diagonal[i];
+        } else
+            rule.matrix = read.matrix(given, "metric", 6, 6);
+    }
+    const bool dual = twists.is_none();
+    const Mat columns = columns_of(dual ? wrenches : twists, dual ? "wrenches" : "S", read);
+    if (columns.cols > MOST_JOINTS || (dual && columns.cols == 0))
+        return nb::none();
+    const std::optional<Projectors> found = projectors(columns, dual, rule);
+    if (!found)
+        return nb::none();
+    return nb::make_tuple(array_of(found->motion), array_of(found->force), array_of(found->freedoms), array_of(found->complement),
+                          array_of(found->constraints), found->norm, found->unit);
+}
+
+}  // namespace
+
+void bind_screws(nb::module_& m)
+{
+    nb::class_<Chain>(m, "Chain", "An open chain of hinges, slides and screws.")
+        .def("__init__", make_chain, "screws"_a, "home"_a)
+        .def("motions", motions, "q"_a, "(m + 1, 4, 4) of the base and of what each joint moves.")
+        .def("sight", sight, "q"_a, "target"_a.none(), "Joint twists (6, m), tool pose (4, 4), error twist (6,) or None.");
+    m.def("pseudoinverse", pseudoinverse_of, "J"_a, "h"_a, "J^{+h} (m, 6), None where it is not well conditioned.");
+    m.def("projectors", projectors_of, "S"_a.none(), "wrenches"_a.none(), "h"_a.none(), "complement"_a.none(), "metric"_a.none(),
+          "The fields of DualProjectors, None where they are not well conditioned.");
+}
+
+}  // namespace iq
