@@ -11,8 +11,8 @@ from pathlib import Path
 from types import ModuleType
 
 NOT_BUILT = (
-    "the compiled engine of invariantqp in {folder} cannot be imported ({error}). If this is the folder of its sources, "
-    "run there: pip install -e . Else install invariantqp again for this Python."
+    "the compiled engine of invariantqp in {folder} cannot be imported ({error}). If this is the folder of its "
+    "sources, run there: pip install -e . Else install invariantqp again for this Python."
 )
 
 

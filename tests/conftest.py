@@ -29,6 +29,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 # Most of what tests make is gone by reference counts: to look for circles less often saves 3 % of their time.
 gc.set_threshold(50_000, 20, 20)
 
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection_modifyitems(config, items):
     """Of cases that say the same of other arms, times or draws as many as are marked, the first and last too."""

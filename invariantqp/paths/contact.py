@@ -66,8 +66,6 @@ def planner_of(hybrid: HybridController) -> Controller:
     options = {name: value for name, value in hybrid.options.items() if name != "engine"}
     if not isinstance(options.get("damping"), (Real, NoneType)):
         del options["damping"]
-    if getattr(options.get("form"), "convexified", False):
-        del options["form"]
     return Controller(hybrid.robot, **options)
 
 

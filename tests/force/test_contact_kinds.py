@@ -8,7 +8,6 @@ from support.random_systems import distance, motion
 from support.repeats import repeats
 
 import invariantqp as iq
-from invariantqp.force import contact_kinds as contacts
 
 P, N = np.array([0.4, -0.1, 0.3]), np.array([0.2, 0.1, 1.0])
 ALL = {
