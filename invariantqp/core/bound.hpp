@@ -51,5 +51,6 @@ inline nb::tuple solution(const Report& found)
 void bind_loop(nb::module_& m);
 void bind_pose(nb::module_& m);
 void bind_clearance(nb::module_& m);
+void bind_force(nb::module_& m);
 
 }  // namespace iq
