@@ -1,4 +1,4 @@
-"""The margins of the force law: against numpy's frequency response, and the worst over bounds, contacts and lateness."""
+"""The margins of the force law: beside a frequency response of NumPy's, and the worst of them."""
 
 import numpy as np
 import pytest

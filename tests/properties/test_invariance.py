@@ -4,7 +4,6 @@ Velocities in two frames agree to 1e-10 relative to |x|; where the answer nearly
 size of what was asked. Both differ by rounding alone, multiplied by the condition of the Gram matrix.
 """
 
-
 import numpy as np
 import pytest
 from support.random_systems import motion
@@ -109,7 +108,6 @@ def test_millimetres_change_nothing(limited):
         assert (a.method, a.status) == (b.method, b.status)
         worst = max(worst, difference(a.velocity, b.velocity, J, s))
     assert worst < AGREE
-
 
 
 def test_moore_penrose_would_not_pass():
