@@ -17,6 +17,7 @@ from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.control import HybridController, HybridSolution
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry.arrays import Array
+from invariantqp.legacy.loop import LegacyLoop, legacy_loop
 from invariantqp.paths.ahead import SHORTEST
 from invariantqp.paths.curve import SLOW
 from invariantqp.paths.fit import REACHED
@@ -64,6 +65,7 @@ class Pressed:
     def __init__(self, hybrid: HybridController) -> None:
         """Not touching yet."""
         self.hybrid = hybrid
+        self.loop: LegacyLoop = legacy_loop(hybrid.loop)  # as the driver plans with it
         self._touching = self._pushed = False
         self._place = 0.0
         self._stood: tuple[float, float, float] | None = None  # where, for how long, and how far it was driven there
@@ -80,7 +82,7 @@ class Pressed:
         paused: bool,
     ) -> FollowerSolution:
         """A tick from a time on, from q (m,) and the velocity (m,) before; `given` are wrench, contact and wanted."""
-        hybrid, loop, curve = self.hybrid, self.hybrid.loop, shape.given.curve
+        hybrid, loop, curve = self.hybrid, self.loop, shape.given.curve
         wrench, contact, wanted = given
         here = contact_now(hybrid.task, hybrid.robot.pose(q), contact)
         if loop.wrong(q):
@@ -115,7 +117,7 @@ class Pressed:
         paused: bool,
     ) -> FollowerSolution:
         """A tick along the path."""
-        hybrid, loop, curve, plan = self.hybrid, self.hybrid.loop, shape.given.curve, shape.driven
+        hybrid, loop, curve, plan = self.hybrid, self.loop, shape.given.curve, shape.driven
         dt, (wrench, here, wanted) = loop.dt, given
         why = NO_TOUCH if not self._touching else PAUSE if paused else ""
         # Before what blocks the path, at the edge of its reach, a pressed tool never has the plan's joints: they rest.
@@ -160,7 +162,7 @@ class Pressed:
 
     def _beside(self, shape: Shape, q: Array, contact: Contact) -> Beside:
         """Where the tool of q (m,) is, seen along S."""
-        hybrid, loop, curve, plan = self.hybrid, self.hybrid.loop, shape.given.curve, shape.plan
+        hybrid, loop, curve, plan = self.hybrid, self.loop, shape.given.curve, shape.plan
         way = task_error(loop, q, loop.robot.target(curve.pose(self._place)))
         P = hybrid.splits.at(contact, hybrid.robot.pose(q)).projectors.motion
         R = way.rows.dot(contact.adjoint).dot(P).dot(contact.coadjoint.T)

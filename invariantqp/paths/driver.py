@@ -161,7 +161,7 @@ class Follower:
             self._pressed = Pressed(loop)
         elif not isinstance(loop, Controller):
             raise BadInput("loop", excerpt(loop), "a Controller, or a HybridController")
-        inner = loop.loop if isinstance(loop, HybridController) else legacy_loop(loop)
+        inner = legacy_loop(loop.loop if isinstance(loop, HybridController) else loop)
         self._keep = arrays.choice(keep, "keep", ("time", "shape"))
         if inner.braking is None and (self._keep == "time" or jerk is not None):
             raise BadInput("loop", "one without an acceleration limit", "Controller(acceleration_limit=...)")
