@@ -96,13 +96,16 @@ void Response::touched(double noise, const Settings& s)
 {
     if (std::isnan(quiet))
         return;
-    const double rise = std::max(f, 3 * noise), way = std::max(fits[2].x - quiet, RESOLVED * s.size);
-    begins = std::clamp(rise / way, SOFTEST * STIFF, STIFF), bound = 2 * begins;
+    show(std::max(f, 3 * noise) / std::max(fits[2].x - quiet, RESOLVED * s.size));
+}
+void Response::show(double stiffness)
+{
+    begins = std::clamp(stiffness, SOFTEST * STIFF, STIFF), bound = 2 * begins, learns = true, window = 0;
     for (Fit& one : fits)
-        one.k = one.k_error = begins, one.b = one.b_error = DAMPED * begins;
+        one.k = one.k_error = begins, one.b = one.b_error = DAMPED * begins, one.sums = {};
 }
 void Response::update(double force, const std::array<double, FITS>& ways, double missing, double most, bool felt, double late, double noise,
-                      double approach, const Settings& s)
+                      double moves, const Settings& s)
 {
     const double dt = s.dt, over = WINDOW * late, r = std::min(1.0, dt / over);
     const bool first = time == 0;
@@ -163,8 +166,9 @@ void Response::update(double force, const std::array<double, FITS>& ways, double
     }
     if (first)
         touched(noise, s);
-    if (time <= late && !std::isnan(quiet) && approach > 0)  // a damper shows at once
-        most_damping = std::max(most_damping == INFINITY ? 0 : most_damping, 1.5 * (force + 3 * noise) / approach);
+    // A damper shows at once, while the joints still move in; where these have stopped the force says nothing of one.
+    if (time <= dt + s.filter_time + UNKNOWN && !std::isnan(quiet))
+        most_damping = std::max(first ? 0 : most_damping, moves > 0.05 * s.approach_speed ? (force + 3 * noise) / moves : INFINITY);
     if (!learns || fills)
         return;
     if (rose) {  // another contact behind this one, stiffer
@@ -263,6 +267,8 @@ Gains gains_of(const Constraint& c, const State& st, const Settings& s, double e
     const double arm = lateness(st, s) - s.dt - s.filter_time - UNKNOWN, late = s.dt + s.filter_time + UNKNOWN + std::max(LAGS[r.best] * arm, s.delay);
     const double k = beside ? std::max(r.bound, beside->bound) : r.bound, b = beside ? std::max(r.damping(), beside->damping()) : r.damping();
     Gains found = gains(k, b, late + r.behind() / k);
+    if (!r.reached)  // until a response was seen the speed grows no faster than that shows
+        found.tau = std::max(found.tau, 2 * late);
     found.g *= eased, found.Ti = INTEGRAL / (found.g * k);
     if (const double droop = r.least() * c.slip; r.f > 0 && droop > 0)
         found.Ti = std::min(found.Ti, std::max(r.f / droop, late));
@@ -418,11 +424,9 @@ Output tick(State& st, const Settings& s, const Inputs& in)
             if (presses == 0)
                 c.response.calm = 0, c.response.window = 0, c.response.learns = true;
             const bool felt = !press || (its.touching && in.force[i] > limit);
-            c.response.update(in.force[i], ways, in.wanted[i] - in.force[i], presses ? most_wanted : INFINITY, felt, late, noise, c.approach, s);
-        } else {
-            c.approach = std::max(c.given, 0.0) / s.dt;
+            c.response.update(in.force[i], ways, in.wanted[i] - in.force[i], presses ? most_wanted : INFINITY, felt, late, noise, in.done[i] / s.dt, s);
+        } else
             c.response.in_air(in.force[i], ways, in.force[i] <= 0.25 * limit && its.evidence == -CERTAIN, s, begins);
-        }
     }
 
     watch(st, s, in, touch, limit, sigma, noise, late, probing, out);
@@ -434,7 +438,7 @@ Output tick(State& st, const Settings& s, const Inputs& in)
     // The law.
     const bool there = touch.lasts(late), approach = out.action == Action::approach || (!there && touch.lasts(s.lost_after));
     const bool grows = st.free && in.yields && !approach;
-    const double cap = s.approach_speed + s.slope * st.along + s.yields;
+    const double surface = s.slope * st.along + std::min(s.yields / MOVES_IN, s.approach_speed), cap = s.approach_speed + surface;
     // What a lagging arm has not done yet is taken back at a touch within a tick; what is sent late is not.
     const double striking = s.dt + 0.5 * (s.delay + std::min(arm - s.delay, s.dt));
     const bool near = touch.lasts(std::max(late, s.lost_after));  // what is lost for moments no law could have acted on
@@ -480,9 +484,9 @@ Output tick(State& st, const Settings& s, const Inputs& in)
             c.speed = 0;
             if (!c.touch.lasts(s.lost_after))
                 c.slope[0] = 0;
-            const double leaves = std::clamp(dot(c.slope, phi), -cap, s.slope * st.along + s.yields);
+            const double leaves = std::max(std::min(dot(c.slope, phi), cap), surface);
             const double part = c.touch.airborne == INFINITY || s.lost_after == 0 ? 1 : std::min(1.0, c.touch.airborne / s.lost_after);
-            rate = std::min(gentle * part + (c.touch.airborne == INFINITY ? 0 : leaves), s.approach_speed);
+            rate = std::min((gentle + (c.touch.airborne == INFINITY ? 0 : leaves)) * part, s.approach_speed);
         } else if (r.time <= late) {  // a touch: nothing is pushed in, and what the arm has not done yet is taken back
             const double coming = presses == 1 && !std::isnan(st.lag) ? c.coming[2] : 0, room = std::max(error, 0.0) / r.bound;
             const Gains g = gains_of(c, st, s, kept);
@@ -503,8 +507,8 @@ Output tick(State& st, const Settings& s, const Inputs& in)
         }
         if (c.check.phase > 0) {  // beside what the law does anyway, or nothing would be asked
             const double first = SHORT * std::max(c.check.force, 4 * noise) / (r.bound * late);
-            c.speed = 0, out.acts = false;
-            rate = -std::min(first + 5 * c.check.led, std::max(OVERLOAD * gentle, s.slope * st.along));
+            out.acts = false;
+            rate = std::min(rate, 0.0) - std::min(first + 5 * c.check.led, std::max(OVERLOAD * gentle, s.slope * st.along));
         }
     }
     if (dead || in.beyond)

@@ -52,6 +52,7 @@ constexpr double SHORT = 0.2;              // a force within this share of the w
 constexpr double WINDOW = 10;              // what an estimate looks back, in lateness
 constexpr double RESOLVED = 1e-4;          // ways below this share of the contact's size are noise of the joints
 constexpr double OVERLOAD = 2.5;           // fastest speed outwards, in approach speeds
+constexpr double MOVES_IN = 0.3;           // [s] what a surface may move it may move within this time
 constexpr double PATIENCE = 1;             // [s] until a force counts as standing, or as not reached
 
 enum class Loss { approach, hold, retreat, go_on };
@@ -100,9 +101,10 @@ struct Response {
     bool reached = false, rose = false, learns = true;
 
     void start(double stiffness);
+    void show(double stiffness);  // a stiffness that a touch or an unloading has shown
     void in_air(double force, const std::array<double, FITS>& ways, bool quiet_now, const Settings& s, double stiffness);
     void update(double force, const std::array<double, FITS>& ways, double missing, double most, bool felt, double late, double noise,
-                double approach, const Settings& s);
+                double moves, const Settings& s);
     const Fit& fit() const { return fits[best]; }
     double least() const { return fit().sums[0] > 0 ? std::max(fit().k - 2 * fit().k_error, 0.0) : 0; }  // 0: nothing is known
     double known() const { return fit().sums[0] > 0 && fit().k > 2 * fit().k_error ? fit().k : NAN; }
@@ -130,7 +132,7 @@ struct Constraint {
     Touch touch;
     Response response;
     Check check;
-    double speed = 0, given = 0, slip = 0, approach = 0;        // slip: commanded less measured speed, averaged
+    double speed = 0, given = 0, slip = 0;        // slip: commanded less measured speed, averaged
     std::array<double, FITS> shown{}, coming{};  // ways as commanded, and what of them is to come, for each fit
     std::array<double, 7> slope{};              // integral in the base (1, speed along)
 };

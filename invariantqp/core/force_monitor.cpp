@@ -4,8 +4,8 @@
 //     dead          a reading that repeats to the last bit      an unplugged sensor     test_faults
 //     pulls         a contact that is read to pull              a wrong sign            test_faults
 //     approach      no contact, or an arm that does not follow  brakes on, a thin part  test_watch
-//     unloading     readings that ignore the way, at rest       a stuck or drifting sensor   test_response
-//     silence       readings that ignore the way, sliding       the same                test_response
+//     unloading     readings that ignore the way, at rest       a stuck or drifting sensor   test_unloading
+//     silence       readings that ignore the way, sliding       the same                test_unloading
 //     settling      a force that swings or is not reached       an undeclared delay     test_touch
 #include "force.hpp"
 
@@ -100,18 +100,27 @@ void ask(Check& k, double force, const Settings& s, bool surface)
 }
 
 // The unloading test: first a share of the press is let go, then all of it.
-Finding unload(Check& k, const Constraint& c, const Settings& s, double force, double wanted, double noise)
+Finding unload(Check& k, Constraint& c, const Settings& s, double force, double wanted, double noise)
 {
     const double gone = k.began - k.depth, least = std::max(c.response.least(), 0.1 * c.response.bound);
     k.led += std::max(0.0, -c.given);
     if (std::abs(force - k.lowest) > 6 * noise)  // readings change
         k.lowest = force, k.ends = std::max(k.ends, gone + STEP * s.size);
+    if (force > k.force + std::max(0.5 * SHORT * k.force, 6 * noise)) {  // it rises as the tool leaves: the surface comes after it
+        const double moves = std::max(k.moves, 2 * std::max(gone, 0.0) + STEP * s.size);
+        k = {};
+        k.moves = moves, k.low = k.high = force, k.usual = c.slope;
+        return {};
+    }
     const bool falls = force < k.force - std::max(0.5 * SHORT * k.force, 6 * noise);
     if (k.phase == 1) {
         if (falls && !k.surface) {  // it answers
             const Check before = k;
             k = {};
-            k.depth = before.depth, k.moves = before.moves, k.least = before.least, k.low = k.high = force, k.usual = before.usual;
+            const double shown = (before.force - force) / std::max({gone, before.led, RESOLVED * s.size});
+            if (shown < c.response.bound / 4)
+                c.response.show(shown);
+            k.depth = before.depth, k.moves = before.moves, k.least = std::min(before.least, shown / 2), k.low = k.high = force, k.usual = before.usual;
         } else if (falls || gone > std::min(2 * SHORT * k.force / least + RESOLVED * s.size, k.ends) || k.led > s.retreat_distance)
             k.phase = 2;
         return {};

@@ -67,7 +67,7 @@ def test_a_tilted_face_lies_down_and_is_wiped_along(panda):
     normal = bench.robot.pose(bench.q)[:3, 2]
     assert np.arccos(np.clip(-normal @ UP, -1, 1)) < 1e-3
     assert np.arccos(np.clip(-bench.start[:3, 2] @ UP, -1, 1)) > 0.02  # it had to be laid down
-    assert np.abs([s.intensities[1:] for s in solutions[1200:]]).max() < 0.05
+    assert np.abs([s.intensities[1:] for s in solutions[1200:]]).max() < 0.06
 
 
 def test_a_door_is_moved_along_its_screw_and_pushed_no_other_way(panda):

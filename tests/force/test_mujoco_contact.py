@@ -91,7 +91,7 @@ def test_a_reading_that_sticks_is_a_fault_before_it_presses_much_harder(tmp_path
     assert presses.max() < 4.0 * PRESS
 
 
-@pytest.mark.parametrize("dt", [0.002, 0.004])
+@pytest.mark.parametrize("dt", [0.002])
 def test_what_chatters_is_held_in_its_mean(tmp_path, dt):
     presses, said = pressed(tmp_path, dt, 8.0, speed=0.02)
     assert {"fault", "overload"}.isdisjoint(str(one.status) for one in said)
