@@ -27,7 +27,7 @@ NOT_CALLED = {
     "Eigenscrews Mobility NamedScrew PrincipalPitches "
     "ContactTrace DualProjectors Existence FollowerSolution "
     "FrameCheck GibsonHunt LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
-    "Involution NullPlane PenroseConditions PointMotion PoseSolution Recommendation "
+    "Involution Margins NullPlane PenroseConditions PointMotion PoseSolution Recommendation "
     "Code Loop Reason "
     "SensorCheck Sighting StationaryPoint Status Survey "
     "SystemReport Trace VelocitySolution VelocitySolutions View",

@@ -54,6 +54,11 @@ NEAR = 0.2
 PRESSED = 1e-3
 SLOW_SHARE = 0.1
 TINY = float(np.finfo(float).tiny)
+# Overload where nothing is declared: a multiple of the wanted force, or this force where none is wanted [N]. Readings of a
+# force stay within so many standard deviations of a component.
+OVERLOAD = 2.5
+NO_FORCE = 20.0
+ABOVE_NOISE = 8.0
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -487,6 +492,23 @@ def load_at(wrench: Array, *places: Array) -> tuple[float, float]:
         i, j, k = a - y * w + z * v, b - z * u + x * w, c - x * v + y * u
         least = min(least, i * i + j * j + k * k)
     return sqrt(u * u + v * v + w * w), sqrt(least)
+
+
+def overload_of(task: HybridTask, force: float, moment: float, noise: float) -> tuple[float, float]:
+    """The force and the moment that are an overload, for the size of the wanted ones.
+
+    Args:
+        task: says them, or leaves them to what is wanted.
+        force: wanted [N].
+        moment: wanted, about the place of contact [N length].
+        noise: standard deviation of a force component [N]: readings of the wanted force stay below the limit.
+    """
+    most, turning = task.max_force, task.max_moment
+    if most is None:
+        most = max(OVERLOAD * force, force + ABOVE_NOISE * noise) if force > 0.0 else NO_FORCE
+    if turning is None:
+        turning = max(OVERLOAD * moment, moment + task.size * most)
+    return most, turning
 
 
 def larger_part(force: Array, out: Array) -> float:

@@ -20,6 +20,7 @@ from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.control import HybridController, HybridSolution
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry.arrays import Array
+from invariantqp.legacy.loop import LegacyLoop, legacy_loop
 from invariantqp.paths.ahead import SHORTEST
 from invariantqp.paths.curve import SLOW
 from invariantqp.paths.fit import REACHED
@@ -59,14 +60,6 @@ class Beside(NamedTuple):
         float  # how far a joint is off the plan by motion that moves no tool, 0 below half of STRAYED [rad, length]
     )
     astray: Array  # (m,) the way back of the joints to the plan
-
-
-def planner_of(hybrid: HybridController) -> Controller:
-    """The controller of the same arm, made with the same options but for those that it does not have."""
-    options = {name: value for name, value in hybrid.options.items() if name != "engine"}
-    if not isinstance(options.get("damping"), (Real, NoneType)):
-        del options["damping"]
-    return Controller(hybrid.robot, **options)
 
 
 class Pressed:

@@ -31,7 +31,7 @@ from invariantqp.force.control import HybridController
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry import arrays, se3, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.contact import Pressed, planner_of
+from invariantqp.paths.contact import Pressed
 from invariantqp.paths.fit import PATIENCE, REACHED, Given, Solver, sampled
 from invariantqp.paths.plan import PathPlan
 from invariantqp.paths.reference import (
@@ -151,7 +151,7 @@ class Follower:
         if isinstance(loop, HybridController):
             if keep != "shape":
                 raise BadInput("keep", repr(keep), '"shape"', "In contact a path is driven, and waits for the touch.")
-            inner = planner_of(loop)
+            inner = Controller(loop.robot, **loop.loop.options)
             self._pressed = Pressed(loop, inner)
         elif isinstance(loop, Controller):
             inner = Controller(loop.robot, **loop.options)
