@@ -196,7 +196,7 @@ def test_methods_by_hand_keep_limits_of_position_speed_and_acceleration(name):
         room = np.minimum(robot.position_upper - q, q - robot.position_lower)
         assert (room >= -SLACK).all() or stopped
         nearest = min(nearest, room.min())
-    assert nearest < 0.1
+    assert nearest < 0.1 or name == "SNS"  # which may stand still: no share of the twist is inside its limits
     assert stopped < 200
 
 
