@@ -355,13 +355,15 @@ class HybridController:
         motion = slid(task, here.contact, here.along(chase), here.along(ahead))
         if state.silent:  # it stops sliding, and is then unloaded to see whether the sensor answers
             motion = np.zeros(6)
-        if loop.braking is None:
+        if loop.acceleration_limit is None:
             motion = taken_up(task, here.contact, here.along(memory.motion), motion, dt)
         share = self._noise_share(sighting.J, here, max(self._noise, state.noise))
         at_edge = here.contact.edge is not None and here.contact.edge <= 0.0
         first = memory.tool is None or state.waited > task.lost_after
         kept = 1.0 if task.compliance is not None else kept_of(memory.gain, share)
-        rates, action, reason, lost, acts, doubts, late, gain = self._by_engine(here, state, motion, reading, kept, at_edge)
+        rates, action, reason, lost, acts, doubts, late, gain = self._by_engine(
+            here, state, motion, reading, kept, at_edge
+        )
         at_once = memory.at_once if memory.press.numbers == state.numbers else first
 
         # The twist, and what the loop makes of it.
@@ -423,7 +425,11 @@ class HybridController:
     def _gain(self, state: Any) -> float:
         """The motion's gain [1/s]: as asked, or less where what the arm lags makes the tool go to and fro."""
         late = state.lag if state.lag == state.lag else 0.0
-        return min(self.loop.gain, DELAY_SHARE / late) if self.loop.gain * (late - self.loop.delay) > 1.0 else self.loop.gain
+        return (
+            min(self.loop.gain, DELAY_SHARE / late)
+            if self.loop.gain * (late - self.loop.delay) > 1.0
+            else self.loop.gain
+        )
 
     def _placed(self, given: Contact, tool: Array, reading: Array, wanted: Any, state: Any) -> Placed:
         """What is measured and wanted with the tool at a (4, 4) pose.
@@ -450,11 +456,13 @@ class HybridController:
         A = contact.adjoint
         W = A.T.dot(measured)
         error = split.projectors.force.dot(W_d - W)
-        return Placed(contact, split, declared, tool, way_out(contact), load, raw, measured, W, A.T.dot(raw), W_d, error)
+        return Placed(
+            contact, split, declared, tool, way_out(contact), load, raw, measured, W, A.T.dot(raw), W_d, error
+        )
 
     def _noise_share(self, J: Array, here: Placed, noise: float) -> float:
         """The share of the joints' acceleration that noise takes, for each unit of the force gain."""
-        if noise == 0.0 or self.loop.braking is None:
+        if noise == 0.0 or self.loop.acceleration_limit is None:
             return 0.0
         admittance = here.contact.adjoint.dot(here.split.twist.dot(here.split.unit_parts))
         return trembling(self.loop, J, admittance, here.contact.point, self.task.size, noise, self._share)
@@ -516,7 +524,16 @@ class HybridController:
         return answer
 
     def _remembered(
-        self, here: Placed, state: Any, motion: Array, J: Array, velocity: Array, gain: float, *, free: bool, beyond: bool
+        self,
+        here: Placed,
+        state: Any,
+        motion: Array,
+        J: Array,
+        velocity: Array,
+        gain: float,
+        *,
+        free: bool,
+        beyond: bool,
     ) -> Memory:
         """What is kept after a tick with joint twists J (6, m) and velocity (m,)."""
         task, dt, memory, contact = self.task, self.loop.dt, self.memory, here.contact
@@ -560,12 +577,19 @@ class HybridController:
         if reason:
             what = messages.LEAVES if action == messages.RETREAT else messages.STANDS
             status = messages.status_of(reason)
-            why = messages.stopped(reason, state, float(here.wanted[0]) if len(here.wanted) else 0.0, memory.at_once) + what
+            why = (
+                messages.stopped(reason, state, float(here.wanted[0]) if len(here.wanted) else 0.0, memory.at_once)
+                + what
+            )
         elif edge is not None and edge <= 0.0 and action != messages.HOLD:
             status, why = Status.LOST, f"{written(-edge)} beyond the edge of the surface: not pushing"
         elif lost:
             status, why = Status.LOST, messages.lost(state, task, action)
-        trouble = messages.doubts_of(doubts, state, self._noise, self._drift, late, presses=here.presses > 0) if doubts else []
+        trouble = (
+            messages.doubts_of(doubts, state, self._noise, self._drift, late, presses=here.presses > 0)
+            if doubts
+            else []
+        )
         if status is None and edge is not None and edge < task.edge_margin:
             trouble.insert(0, f"{written(edge)} before the edge of the surface")
         gain = self._gain(state)

@@ -75,7 +75,9 @@ def lost(state: object, task: HybridTask, action: int) -> str:
     return f"no contact for {written(airborne)} s{what if task.on_loss != 'continue' else ''}"
 
 
-def doubts_of(doubts: int, state: object, declared_noise: float, drift: float, late: float, *, presses: bool) -> list[str]:
+def doubts_of(
+    doubts: int, state: object, declared_noise: float, drift: float, late: float, *, presses: bool
+) -> list[str]:
     """What is in doubt of a press, in words.
 
     Args:

@@ -74,9 +74,9 @@ def trembling(
         noise: standard deviation of a force component [force].
         passed: share of a step that the low-pass passes on in a tick.
     """
-    if loop.braking is None or noise == 0.0 or not (finite := np.isfinite(loop.braking.acceleration)).any():
+    if loop.acceleration_limit is None or noise == 0.0 or not (finite := np.isfinite(loop.acceleration_limit)).any():
         return 0.0
-    a, root = loop.braking.acceleration, root_at(place, size)
+    a, root = loop.acceleration_limit, root_at(place, size)
     most = np.where(finite, a, FREE * a[finite].max())
     shares = np.linalg.lstsq(root.dot(J) * most, root.dot(admittance[:, 3:]), rcond=SINGULAR)[0]
     change = noise * passed * sqrt(2.0 / (2.0 - passed))

@@ -7,8 +7,6 @@ tick      HybridController.step towards it, ahead at the clock's rate, joints to
 from __future__ import annotations
 
 from math import inf, sqrt
-from numbers import Real
-from types import NoneType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +18,6 @@ from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.control import HybridController, HybridSolution
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry.arrays import Array
-from invariantqp.legacy.loop import LegacyLoop, legacy_loop
 from invariantqp.paths.ahead import SHORTEST
 from invariantqp.paths.curve import SLOW
 from invariantqp.paths.fit import REACHED

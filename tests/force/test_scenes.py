@@ -1,6 +1,5 @@
 """The scenes of examples/22: the same in any frame; an edge is told before the fall, two presses are both held."""
 
-import re
 import runpy
 from pathlib import Path
 
@@ -49,7 +48,12 @@ def test_frames_of_tool_sensor_and_contact_change_nothing(arm):
             exact = {"here": iq.control.ExactPoint(), "there": iq.control.ExactPoint(iq.inverse(Y)[:3, 3])}
         here = iq.HybridController(robot, task, dt=DT, sensor=sensor, exact=exact.get("here"), tare=False)
         there = iq.HybridController(
-            robot.with_tool(Y), task.relabelled(X, Y), dt=DT, sensor=sensor.relabelled(Z, Y), exact=exact.get("there"), tare=False
+            robot.with_tool(Y),
+            task.relabelled(X, Y),
+            dt=DT,
+            sensor=sensor.relabelled(Z, Y),
+            exact=exact.get("there"),
+            tare=False,
         )
         q, twist, pressed, worst = lowered(robot, q0, 0.00199), np.zeros(6), 0, 0.0
         for k in range(25):

@@ -12,7 +12,13 @@ PRESS = 10.0
 def test_a_bias_is_no_press(share, arm, stiffness, dt):
     """A pull of half a press pressed 1.5 times as hard, "ok"; a push was a fault."""
     run = press_on_damper(
-        arm, stiffness=stiffness, damping=0.0, dt=dt, reads=lambda press, t: press + share * PRESS, since=0.0, seconds=5.0
+        arm,
+        stiffness=stiffness,
+        damping=0.0,
+        dt=dt,
+        reads=lambda press, t: press + share * PRESS,
+        since=0.0,
+        seconds=5.0,
     )
     assert run.stopped is None
     assert run.said[-1][0] in ("ok", "limited")

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from support.damped_plane import press_on_damper
 
-
 PRESS = 10.0
 
 
