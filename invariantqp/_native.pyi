@@ -131,108 +131,6 @@ class Loop:
         row_names: tuple[str, ...] | None = None,
     ) -> None: ...
 
-class Split:
-    presses: int  # how many of the first constraints are presses
-    constraints: Array  # (n, 6) W', wrenches
-    motion: Array  # (6, 6) P
-    force: Array  # (6, 6) P*
-    intensities: Array  # (n, 6) from a wrench to its parts
-    unit_parts: Array  # (n, 6) from a wrench to its unit parts
-    unit_rates: Array  # (n, 6) from a twist to its unit rates
-    twist: Array  # (6, n) from unit rates to the twist along Z
-    gain: float  # of a compliance that is given
-    exert: Array  # (6,) the task's own W_d
-    load_force: float  # of that
-    load_moment: float  # of that about the place of contact
-    out: Array | None  # (6,) unit twist that leads out
-    origin: Array  # (3,) the place of contact
-    def __init__(
-        self,
-        *,
-        presses: int | None = None,
-        constraints: Array,
-        motion: Array,
-        force: Array,
-        intensities: Array,
-        unit_parts: Array,
-        unit_rates: Array,
-        twist: Array,
-        gain: float | None = None,
-        exert: Array,
-        load_force: float | None = None,
-        load_moment: float | None = None,
-        out: Array | None = None,
-        origin: Array,
-    ) -> None: ...
-
-class Press:
-    moment_first: bool  # whether readings are
-    mount: Array | None  # (4, 4) pose of the sensor in the tool frame; None is a wrench in the base frame
-    reaction: bool  # whether it reads what the world does to the tool
-    mass: float  # of everything beyond the sensor [kg]
-    centre: Array  # (3,) of that mass [length]
-    gravity: Array  # (3,) in the base frame [length/s^2]
-    bias: Array  # (6,) reading of the unloaded sensor
-    force_deadband: float  # [N]
-    moment_deadband: float  # about `origin` [N length]
-    origin: Array  # (3,) in the sensor's frame [length]
-    noise: float  # standard deviation of a force component [N]
-    share: float  # of a step that the low-pass passes on in a tick
-    filter_time: float  # its time constant [s]
-    size: float  # over what the contact spreads [length]
-    slope: float  # how steep the surface may be beside the declared one
-    yields: float  # how far the surface may move [length]
-    stiffness: float  # where the estimate begins; 0 is none declared [force/length]
-    has_compliance: bool  # whether the gain is given
-    lost_below: float  # press below which contact is lost; -1 is a share of the wanted one [N]
-    lost_after: float  # for how long [s]
-    on_loss: Literal["approach", "hold", "retreat", "continue"]  # what is done then
-    approach_speed: float  # the most towards and into a contact [length/s]
-    approach_distance: float  # way towards the contact without feeling it [length]
-    approach_time: float  # likewise [s]
-    slide_speed: float  # of an error of the target along the contact [length/s]
-    max_force: float  # that is an overload; -1 is a multiple of the wanted one [N]
-    max_moment: float  # likewise [N length]
-    grip: Array  # (3,) where the tool holds what it moves, in the tool frame [length]
-    retreat_distance: float  # [length]
-    force_first: bool  # whether the force part of a twist is met exactly
-    at_contact: bool  # whether twists are measured at the place of contact
-    def __init__(
-        self,
-        *,
-        moment_first: bool | None = None,
-        mount: Array | None = None,
-        reaction: bool | None = None,
-        mass: float | None = None,
-        centre: Array | None = None,
-        gravity: Array | None = None,
-        bias: Array | None = None,
-        force_deadband: float | None = None,
-        moment_deadband: float | None = None,
-        origin: Array | None = None,
-        noise: float | None = None,
-        share: float | None = None,
-        filter_time: float | None = None,
-        size: float,
-        slope: float,
-        yields: float | None = None,
-        stiffness: float | None = None,
-        has_compliance: bool | None = None,
-        lost_below: float | None = None,
-        lost_after: float | None = None,
-        on_loss: Literal["approach", "hold", "retreat", "continue"] | None = None,
-        approach_speed: float,
-        approach_distance: float | None = None,
-        approach_time: float | None = None,
-        slide_speed: float | None = None,
-        max_force: float | None = None,
-        max_moment: float | None = None,
-        grip: Array | None = None,
-        retreat_distance: float,
-        force_first: bool | None = None,
-        at_contact: bool | None = None,
-    ) -> None: ...
-
 def tick(
     law: Law,
     unlimited: Law = ...,
@@ -271,7 +169,6 @@ def tick(
 
 # By hand:
 def answer_as(kind: type[VelocitySolution], statuses: type[Status], /) -> None: ...
-def contact_frame(point: Any, normal: Any, tangent: Any, /) -> Array | None: ...
 def pseudoinverse(J: Array, h: float, /) -> Array | None: ...
 def projectors(
     S: Any, wrenches: Any, h: Any, complement: Any, metric: Any, /

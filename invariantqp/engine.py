@@ -38,8 +38,6 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from invariantqp._native import Law as Law
     from invariantqp._native import Loop as Loop
-    from invariantqp._native import Press as Press
-    from invariantqp._native import Split as Split
     from invariantqp._native import Wanted as Wanted
 
 # What computes: the compiled core, or Python alone.

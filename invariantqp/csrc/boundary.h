@@ -28,7 +28,7 @@ static inline bool within(double x, int least, int most) { return x >= least && 
 /* fields.c */
 typedef struct Table Table;
 typedef enum { FITS, UNFIT, WRONG } Fit;
-extern Table TABLE_Law, TABLE_Wanted, TABLE_Loop, TABLE_Split, TABLE_Press, TABLE_press, TABLE_now, TABLE_tick;
+extern Table TABLE_Law, TABLE_Wanted, TABLE_Loop, TABLE_now, TABLE_tick;
 const void *described(const Table *table, PyObject *object);
 Fit called_by_name(Table *table, PyObject *const *given, PyObject *names, void *into);
 bool types_made(PyObject *module);
@@ -48,12 +48,6 @@ PyObject *named(PyTypeObject *type, int n, PyObject *const *values);
 PyObject *fields(int m, const Solution *solution, const Loop *loop, PyObject *row_names);
 PyObject *joint_troubles(const Loop *loop, const Tick *tick);
 PyObject *state_troubles(int joints, double dt, double gain, const double *states);
-
-/* contact.c */
-PyObject *contact_frame(PyObject *module, PyObject *const *arguments, Py_ssize_t count);
-
-/* press.c */
-PyObject *press(PyObject *module, PyObject *const *arguments, Py_ssize_t count, PyObject *names);
 
 /* pseudoinverse.c, projectors.c */
 PyObject *pseudoinverse(PyObject *module, PyObject *const *arguments, Py_ssize_t count);

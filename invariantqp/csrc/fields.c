@@ -99,10 +99,7 @@ static bool loop_settled(const void *values)
 TABLE(Law, Law, LAW_FIELDS, "Law", "What of a law does not change from tick to tick.", law_settled)
 TABLE(Wanted, Wanted, WANTED_FIELDS, "Wanted", "An exact demand of a loop.", NULL)
 TABLE(Loop, Loop, LOOP_FIELDS, "Loop", "What of a controller does not change from tick to tick.", loop_settled)
-TABLE(Split, Split, SPLIT_FIELDS, "Split", "What a task needs of one kind of contact.", NULL)
-TABLE(Press, Press, PRESS_FIELDS, "Press", "What of a hybrid controller does not change from tick to tick.", NULL)
 TABLE(now, Now, NOW_FIELDS, "step", "", NULL)
-TABLE(press, Hybrid, HYBRID_FIELDS, "press", "", NULL)
 TABLE(tick, Demand, TICK_FIELDS, "tick", "", NULL)
 
 /* An object of a table: its struct after the head that Python needs. */
@@ -286,7 +283,7 @@ Fit called_by_name(Table *table, PyObject *const *given, PyObject *names, void *
 }
 
 
-static Table *const TABLES[] = {&TABLE_Law, &TABLE_Wanted, &TABLE_Loop, &TABLE_Split, &TABLE_Press};
+static Table *const TABLES[] = {&TABLE_Law, &TABLE_Wanted, &TABLE_Loop};
 #define TYPES ((int)(sizeof TABLES / sizeof *TABLES))
 
 static Table *table_of(const PyTypeObject *type)
@@ -437,7 +434,7 @@ static bool named_fields(Table *table)
 bool types_made(PyObject *module)
 {
     EMPTY = PyTuple_New(0);
-    bool good = EMPTY != NULL && named_fields(&TABLE_tick) && named_fields(&TABLE_now) && named_fields(&TABLE_press);
+    bool good = EMPTY != NULL && named_fields(&TABLE_tick) && named_fields(&TABLE_now);
     for (int t = 0; good && t < TYPES; t++) {
         Table *table = TABLES[t];
         good = named_fields(table);

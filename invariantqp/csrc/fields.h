@@ -122,69 +122,6 @@ typedef enum { APPROACHES, HOLDS, RETREATS, CONTINUES } OnLoss;
     MAYBE_MATRIX(brought, 6, 6, has_brought, "the matrix of a form that is brought, on measured twists") \
     MAYBE_VECTOR(posture, joints, has_posture, "joint velocity wanted where the twist leaves joints free")
 
-/* force/contact.py: a Split, in the contact's own frame. */
-#define SPLIT_FIELDS \
-    LENGTH(n, 6, "constraints") \
-    COUNT(presses, 0, "how many of the first constraints are presses") \
-    MATRIX(constraints, n, 6, NEEDED, "W', wrenches") \
-    MATRIX(motion, 6, 6, NEEDED, "P") \
-    MATRIX(force, 6, 6, NEEDED, "P*") \
-    MATRIX(intensities, n, 6, NEEDED, "from a wrench to its parts") \
-    MATRIX(unit_parts, n, 6, NEEDED, "from a wrench to its unit parts") \
-    MATRIX(unit_rates, n, 6, NEEDED, "from a twist to its unit rates") \
-    MATRIX(twist, 6, n, NEEDED, "from unit rates to the twist along Z") \
-    NUMBER(gain, 1.0, "of a compliance that is given") \
-    VECTOR(exert, 6, NEEDED, "the task's own W_d") \
-    NUMBER(load_force, 0.0, "of that") \
-    NUMBER(load_moment, 0.0, "of that about the place of contact") \
-    MAYBE_VECTOR(out, 6, has_out, "unit twist that leads out") \
-    VECTOR(origin, 3, NEEDED, "the place of contact")
-
-/* force/control.py, contact.py and sensor.py: what does not change from tick to tick of a hybrid controller. */
-#define PRESS_FIELDS \
-    FLAG(moment_first, true, "whether readings are") \
-    MAYBE_MATRIX(mount, 4, 4, has_sensor, "pose of the sensor in the tool frame; None is a wrench in the base frame") \
-    FLAG(reaction, true, "whether it reads what the world does to the tool") \
-    NUMBER(mass, 0.0, "of everything beyond the sensor [kg]") \
-    VECTOR(centre, 3, DEFAULT(0.0), "of that mass [length]") \
-    VECTOR(gravity, 3, DEFAULT(0.0), "in the base frame [length/s^2]") \
-    VECTOR(bias, 6, DEFAULT(0.0), "reading of the unloaded sensor") \
-    NUMBER(force_deadband, 0.0, "[N]") \
-    NUMBER(moment_deadband, 0.0, "about `origin` [N length]") \
-    VECTOR(origin, 3, DEFAULT(0.0), "in the sensor's frame [length]") \
-    NUMBER(noise, 0.0, "standard deviation of a force component [N]") \
-    NUMBER(share, 1.0, "of a step that the low-pass passes on in a tick") \
-    NUMBER(filter_time, 0.0, "its time constant [s]") \
-    NUMBER(size, NEEDED, "over what the contact spreads [length]") \
-    NUMBER(slope, NEEDED, "how steep the surface may be beside the declared one") \
-    NUMBER(yields, 0.0, "how far the surface may move [length]") \
-    NUMBER(stiffness, 0.0, "where the estimate begins; 0 is none declared [force/length]") \
-    FLAG(has_compliance, false, "whether the gain is given") \
-    NUMBER(lost_below, -1.0, "press below which contact is lost; -1 is a share of the wanted one [N]") \
-    NUMBER(lost_after, 0.1, "for how long [s]") \
-    WORD(on_loss, LOSS_WORDS, APPROACHES, "what is done then") \
-    NUMBER(approach_speed, NEEDED, "the most towards and into a contact [length/s]") \
-    NUMBER(approach_distance, INFINITY, "way towards the contact without feeling it [length]") \
-    NUMBER(approach_time, INFINITY, "likewise [s]") \
-    NUMBER(slide_speed, INFINITY, "of an error of the target along the contact [length/s]") \
-    NUMBER(max_force, -1.0, "that is an overload; -1 is a multiple of the wanted one [N]") \
-    NUMBER(max_moment, -1.0, "likewise [N length]") \
-    VECTOR(grip, 3, DEFAULT(0.0), "where the tool holds what it moves, in the tool frame [length]") \
-    NUMBER(retreat_distance, NEEDED, "[length]") \
-    FLAG(force_first, true, "whether the force part of a twist is met exactly") \
-    FLAG(at_contact, true, "whether twists are measured at the place of contact")
-
-/* force/control.py: one tick of a hybrid controller. */
-#define HYBRID_FIELDS \
-    LENGTH(joints, MOST, "joints") \
-    MATRIX(contact, 4, 4, NEEDED, "pose of the contact") \
-    VECTOR(shows, 3, NEEDED, "way of the place of contact that shows in this tick [length]") \
-    MAYBE_VECTOR(then, joints, has_then, "joint positions when this command acts, where the arm is looked at there") \
-    MAYBE_VECTOR(feedforward, 6, has_feedforward, "twist of the target") \
-    MAYBE_VECTOR(exert, 6, has_exert, "W_d of this tick, contact frame") \
-    MAYBE_VECTOR(velocity, joints, has_velocity, "joint velocity now") \
-    MAYBE_VECTOR(posture, joints, has_posture, "joint velocity wanted where the twist leaves joints free")
-
 /* law.py: the input of a tick, a Demand (core.h); `chase_ahead` is `chase.ahead` there. */
 #define TICK_FIELDS \
     LENGTH(m, MOST, "joints") \
@@ -248,9 +185,6 @@ typedef struct { LAW_FIELDS } Law;
 typedef struct { WANTED_FIELDS } Wanted;
 typedef struct { LOOP_FIELDS } Loop;
 typedef struct { NOW_FIELDS } Now;
-typedef struct { SPLIT_FIELDS } Split;
-typedef struct { PRESS_FIELDS } Press;
-typedef struct { HYBRID_FIELDS } Hybrid;
 #undef TUPLE
 #undef NUMBER
 #undef COUNT

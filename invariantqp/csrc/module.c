@@ -138,8 +138,6 @@ static PyMethodDef methods[] = {
     CALLED_BY_NAME("step", controller_step,
            "A controller's tick: a VelocitySolution, and what is to be said of joints beside it; None where Python has to answer."),
     CALLED("acts_at", acts_at, "Joint positions when the command of a tick acts and joint velocities before it, or None where Python has to find them."),
-    CALLED_BY_NAME("press", press, "A hybrid controller's tick, or None where Python has to answer."),
-    CALLED("contact_frame", contact_frame, "The (4, 4) frame of a contact, or None where Python has to find it."),
     CALLED("follow", follow, "A tick of a follower in which nothing new comes, or None where Python has to answer."),
     CALLED("splice", splice, "The residual of a splice, or None where it leaves the limits."),
     CALLED("planned", planned, "Coefficients of the motion from a state that is near points with little jerk."),

@@ -59,7 +59,7 @@ def written(text: str) -> str:
             for name, type_, needed, _ in made
         ]
         listed = "".join(f"        {argument},\n" for argument in arguments)
-        if table["name"] in ("NOW", "HYBRID"):  # `step` and `press` are written by hand
+        if table["name"] in ("NOW",):  # `step` is written by hand
             continue
         if table["name"] in CALLS:
             given, answer = CALLS[table["name"]]
