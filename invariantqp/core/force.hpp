@@ -155,7 +155,7 @@ struct State {
     double along = 0, still = 0;
     Reason found = Reason::none;
     std::array<double, 4> numbers{};
-    double left = 0, away = 0, pushed = 0, approached = 0, out_coming = 0, out_shown = 0;
+    double left = 0, away = 0, pushed = 0, approached = 0, out_coming = 0, out_shown = 0, least = INFINITY;  // least: force since the stop
 };
 
 struct Inputs {

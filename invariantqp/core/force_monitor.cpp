@@ -174,7 +174,7 @@ Finding response(State& st, Constraint& c, const Settings& s, const Inputs& in, 
     if (k.least == 0)  // a reading that stands looks soft, too: what was shown before counts
         k.least = std::max({c.response.least(), 0.25 * c.response.bound, k.shown});
     const double least = k.least;
-    k.unexplained = least * std::max(0.0, std::abs(k.extra) - s.yields - k.moves);
+    k.unexplained = least * std::max(0.0, std::abs(k.extra) - s.yields);
     k.silent = k.silent || k.unexplained > wanted;
     const bool hidden = force < 12 * noise;  // noise would hide a fall
     if (k.silent && rests && !hidden)
@@ -197,7 +197,7 @@ Finding response(State& st, Constraint& c, const Settings& s, const Inputs& in, 
     if (k.off == 0)
         k.off_depth = k.depth;
     k.off = missing > std::max(SHORT * wanted, 6 * noise) ? k.off + s.dt : 0;
-    if (k.off > SHORT && least * std::abs(k.depth - k.off_depth) > 4 * wanted * k.off)  // no bias drifts so fast: the surface moves
+    if (k.off > SHORT && least * std::abs(k.depth - k.off_depth) > 2.5 * wanted * k.off)  // no bias drifts so fast: the surface moves
         k.moves = std::max(k.moves, 2 * std::abs(way)), k.off = k.rested = 0, k.rest_depth = NAN;
     else if (k.off > SHORT && !hidden)
         ask(k, force, s, true);
@@ -242,7 +242,7 @@ void settle(State& st, const Settings& s, const Inputs& in, bool lost, double si
 
 void stop(State& st, const Settings& s, const Finding& finding)
 {
-    st.found = finding.reason, st.numbers = finding.numbers;
+    st.found = finding.reason, st.numbers = finding.numbers, st.least = INFINITY;
     if (!std::isnan(finding.away)) {
         st.left = 0, st.away = finding.away;
         return;
@@ -291,6 +291,10 @@ void watch(State& st, const Settings& s, const Inputs& in, const Touch& touch, d
         out.doubts |= NOT_TARED;
     out.reason = st.found;
     if (st.found != Reason::none) {
+        // What comes after the tool is not held against: the retreat goes on while the force rises.
+        st.least = std::min(st.least, in.felt[0]);
+        if (!is_loss(st.found) && in.felt[0] > st.least + std::max(0.5 * (in.presses ? in.press_wanted[0] : 0.0), 10 * sigma) && in.presses > 0)
+            st.away = std::max(st.away, st.left + STEP * s.size);
         const bool retreats = is_loss(st.found) ? s.on_loss == Loss::retreat : s.fault_retreats;
         out.action = retreats && st.left < (1 - 1e-9) * st.away ? Action::retreat : Action::hold;
         return;

@@ -67,7 +67,7 @@ FAULTS = {
     "stuck above": (lambda: Held(1.4), 2.5, 1.1),
     "stuck far above": (lambda: Held(1.9), 2.5, 1.1),
     "stuck below": (lambda: Held(0.3), 2.5, 2.6),
-    "stuck just below": (lambda: Held(0.9), 2.5, 2.6),
+    "stuck just below": (lambda: Held(0.9), 2.5, 3.0),
     "stuck in the touch": (lambda: InTheTouch(0.3), 0.0, 4.0),
     "wrong sign": (lambda: lambda press, t: -press, 0.0, 2.6),
     "wrong sign, half a press of weight": (lambda: lambda press, t: 0.5 * PRESS - press, 0.0, 2.6),
