@@ -466,9 +466,7 @@ Output tick(State& st, const Settings& s, const Inputs& in)
             rate = law(c, {fixed, error, top, INFINITY, INFINITY, INFINITY, 1, grows && fixed.Ti < INFINITY}, phi, s.dt);
             rate = std::min(rate, top), out.acts = out.acts && rate < top;
             out.gain = std::max(out.gain, fixed.g);
-            continue;
-        }
-        if (!press) {
+        } else if (!press) {
             if (!there) {
                 c.speed = 0;
                 continue;
@@ -476,9 +474,7 @@ Output tick(State& st, const Settings& s, const Inputs& in)
             const Gains g = gains_of(c, st, s, kept, &st.parts[0].response);
             rate = law(c, {g, error, s.approach_speed, s.approach_speed, cap, INFINITY, 1, grows}, phi, s.dt);
             out.gain = std::max(out.gain, g.g / (1 + g.tau / s.dt));
-            continue;
-        }
-        if (!st.tared && s.tares && c.touch.airborne == INFINITY && limit > 0)
+        } else if (!st.tared && s.tares && c.touch.airborne == INFINITY && limit > 0)
             rate = 0;  // waits for the bias
         else if (!c.touch.lasts(late)) {  // as fast as is gentle, and as a surface leaves as was seen
             c.speed = 0;
