@@ -333,6 +333,13 @@ bool tare(State& st, const Settings& s, const Inputs& in, const Touch& touch, do
     }
     if (st.batch == 0)
         st.sum = {}, st.probe = 0;
+    constexpr double ENOUGH = 0.05;  // [s]
+    if (st.probe == 0 && felt && !st.tared && st.batch > ENOUGH) {  // a touch before the mean is well known
+        for (int i = 0; i < 6; i++)
+            st.bias[i] += st.sum[i] / st.batch;
+        st.tared = true, st.age = st.batch = 0;
+        return false;
+    }
     if (st.probe == 0 && felt && !st.tared)  // a press that is read from the start, of a contact or of a bias
         st.probe = 1e-12, st.probe_force = press;
     if (st.probe > 0) {

@@ -175,7 +175,7 @@ Finding response(State& st, Constraint& c, const Settings& s, const Inputs& in, 
         k.least = std::max({c.response.least(), 0.25 * c.response.bound, k.shown});
     const double least = k.least;
     k.unexplained = least * std::max(0.0, std::abs(k.extra) - s.yields);
-    k.silent = k.silent || k.unexplained > wanted;
+    k.silent = k.silent || k.unexplained > std::max(wanted, 40 * noise);  // a light press drowns
     const bool hidden = force < 12 * noise;  // noise would hide a fall
     if (k.silent && rests && !hidden)
         ask(k, force, s, false);
