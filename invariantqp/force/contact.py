@@ -54,8 +54,8 @@ NEAR = 0.2
 PRESSED = 1e-3
 SLOW_SHARE = 0.1
 TINY = float(np.finfo(float).tiny)
-# Overload where nothing is declared: a multiple of the wanted force, or this force where none is wanted [N]. Readings of a
-# force stay within so many standard deviations of a component.
+# Overload where nothing is declared: a multiple of the wanted force, or this force where none is wanted [N]. Readings
+# of a force stay within so many standard deviations of a component.
 OVERLOAD = 2.5
 NO_FORCE = 20.0
 ABOVE_NOISE = 8.0

@@ -13,7 +13,7 @@ Reference: [DS] Sect. 6.3; Raibert & Craig 1981 for what it replaces (`compare.f
 from __future__ import annotations
 
 from copy import copy, deepcopy
-from math import exp, inf, pi
+from math import exp, inf, isnan, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -279,7 +279,7 @@ class HybridController:
     def stiffness(self) -> float | None:
         """Of the contact along its first constraint [force/length], as estimated; None where it is not known."""
         k = self.memory.press.stiffness(0)
-        return k if k == k else None
+        return None if isnan(k) else k
 
     @property
     def robot(self) -> Robot:
@@ -368,16 +368,9 @@ class HybridController:
 
         # The twist, and what the loop makes of it.
         beyond = at_edge and action in (messages.FOLLOW, messages.APPROACH)
-        force = np.zeros(6)
-        if action == messages.RETREAT:
+        if action in (messages.RETREAT, messages.HOLD):
             motion = np.zeros(6)
-            force = retreat(task, here.contact, state.left + task.retreat_distance - state.away, dt)
-        elif action == messages.HOLD:
-            motion = np.zeros(6)
-        elif beyond:
-            force = memory.beyond.twist(task, here.contact, dt)
-        else:
-            force = here.contact.adjoint.dot(here.split.twist.dot(rates))
+        force = self._force_twist(here, state, action, rates, beyond)
         # What is held stays where it is: the arm is looked at where it will be when this command acts.
         then = robot.sight(sum(memory.ways, start=positions), target) if memory.ways and not here.presses else sighting
         if action == messages.HOLD:
@@ -418,13 +411,25 @@ class HybridController:
             sighting.J,
         )
 
+    def _force_twist(self, here: Placed, state: Any, action: int, rates: Array, beyond: bool) -> Array:
+        """(6,) what the force adds to the motion, base frame."""
+        task, dt = self.task, self.loop.dt
+        if action == messages.RETREAT:
+            return retreat(task, here.contact, state.left + task.retreat_distance - state.away, dt)
+        if action == messages.HOLD:
+            return np.zeros(6)
+        if beyond:
+            return self.memory.beyond.twist(task, here.contact, dt)
+        twist: Array = here.contact.adjoint.dot(here.split.twist.dot(rates))
+        return twist
+
     def _tool(self, q: ArrayLike) -> Array:
         """(4, 4) the tool's pose, where the contact depends on it."""
         return ANYWHERE if isinstance(self.task.contact, Contact) else self.loop.robot.pose(q)
 
     def _gain(self, state: Any) -> float:
         """The motion's gain [1/s]: as asked, or less where what the arm lags makes the tool go to and fro."""
-        late = state.lag if state.lag == state.lag else 0.0
+        late = 0.0 if isnan(state.lag) else state.lag
         return (
             min(self.loop.gain, DELAY_SHARE / late)
             if self.loop.gain * (late - self.loop.delay) > 1.0
@@ -575,28 +580,21 @@ class HybridController:
         task, edge, memory = self.task, here.contact.edge, self.memory
         status, why = None, ""
         if reason:
-            what = messages.LEAVES if action == messages.RETREAT else messages.STANDS
-            status = messages.status_of(reason)
-            why = (
-                messages.stopped(reason, state, float(here.wanted[0]) if len(here.wanted) else 0.0, memory.at_once)
-                + what
-            )
+            wanted = float(here.wanted[0]) if len(here.wanted) else 0.0
+            status, why = messages.status_of(reason), messages.stopped(reason, state, wanted, memory.at_once)
+            why += messages.LEAVES if action == messages.RETREAT else messages.STANDS
         elif edge is not None and edge <= 0.0 and action != messages.HOLD:
             status, why = Status.LOST, f"{written(-edge)} beyond the edge of the surface: not pushing"
         elif lost:
             status, why = Status.LOST, messages.lost(state, task, action)
-        trouble = (
-            messages.doubts_of(doubts, state, self._noise, self._drift, late, presses=here.presses > 0)
-            if doubts
-            else []
-        )
+        trouble = messages.doubts_of(doubts, state, self._noise, self._drift, late, presses=here.presses > 0)
         if status is None and edge is not None and edge < task.edge_margin:
             trouble.insert(0, f"{written(edge)} before the edge of the surface")
         gain = self._gain(state)
         if gain < self.loop.gain:
             trouble.append(
-                f"commands act {written(1e3 * (state.lag - self.loop.delay), 3)} ms later than declared: give delay=, the "
-                f"motion's gain is {written(gain, 3)} instead of {written(self.loop.gain, 3)} 1/s"
+                f"commands act {written(1e3 * (state.lag - self.loop.delay), 3)} ms later than declared: give delay=, "
+                f"the motion's gain is {written(gain, 3)} instead of {written(self.loop.gain, 3)} 1/s"
             )
         if state.touching and kept < 1.0:
             trouble += filter(None, (lowered(kept, max(self._noise, state.noise)),))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from invariantqp.errors import written
 from invariantqp.velocity.solution import Status
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 # Actions, reasons and doubts of core/force.hpp, in its order.
 FOLLOW, APPROACH, HOLD, RETREAT = range(4)
-(NONE, OVERLOAD, DEAD, PULLS, NO_RESPONSE, HELD_BACK, NOT_FOLLOWING, LOST, NO_CONTACT_WAY, NO_CONTACT_TIME) = range(10)
+NONE, OVERLOAD, DEAD, PULLS, NO_RESPONSE, HELD_BACK, NOT_FOLLOWING, LOST, NO_CONTACT_WAY, NO_CONTACT_TIME = range(10)
 SWINGS, NOT_REACHED, NOISY, UNEXPLAINED, UNLOADING, TARING, NOT_TARED = (1 << k for k in range(7))
 LOST_REASONS = (NOT_FOLLOWING, LOST, NO_CONTACT_WAY, NO_CONTACT_TIME)
 
@@ -21,13 +21,13 @@ LOST_REASONS = (NOT_FOLLOWING, LOST, NO_CONTACT_WAY, NO_CONTACT_TIME)
 DECLARED = "reads=, order=, mass= or bias="
 AT_ONCE = f", out of the air: the sensor's {DECLARED} is wrong, or something is in the way"
 NO_ANSWER = (
-    f"the readings do not answer the motion: a sensor that is stuck, drifts, is not tared or declared wrong ({DECLARED}),"
-    " a robot that stands still, or a surface that moves (yields=)"
+    "the readings do not answer the motion: a sensor that is stuck, drifts, is not tared or declared wrong "
+    f"({DECLARED}), a robot that stands still, or a surface that moves (yields=)"
 )
 STANDS, LEAVES = ": standing still until reset", ": retreating"
 
 
-def stopped(reason: int, state: object, wanted: float, at_once: bool) -> str:
+def stopped(reason: int, state: Any, wanted: float, at_once: bool) -> str:
     """Why the tool stands still or retreats until reset.
 
     Args:
@@ -36,27 +36,22 @@ def stopped(reason: int, state: object, wanted: float, at_once: bool) -> str:
         wanted: press [force].
         at_once: whether it was found out of the air.
     """
-    a, b, c, d = state.numbers  # type: ignore[attr-defined]
-    if reason == OVERLOAD:
-        force = f"{written(a)} N of {written(b)}" if a > b else ""
-        moment = f"{written(c)} N m of {written(d)}" if c > d else ""
-        return " and ".join(filter(None, (force, moment))) + (AT_ONCE if at_once else "")
-    if reason == DEAD:
-        return f"the reading has not changed for {written(a)} s: a dead sensor (one without noise: noise=0)"
-    if reason == PULLS:
-        return f"the reading says that the contact pulls with {written(a)} N: the sensor's {DECLARED} is wrong"
-    if reason == NO_RESPONSE:
-        return f"let go by {written(a, 2)}, {written(b, 3)} of {written(c or wanted, 3)} N are still read: {NO_ANSWER}"
-    if reason in (HELD_BACK, NOT_FOLLOWING):
-        what = f"told to come {written(a, 2)} nearer, the tool came {written(b, 2)}"
-        if reason == HELD_BACK:
-            return f"{what}, and nothing is felt: something holds it, or the sensor is stuck"
-        return f"{what}: the robot does not follow commands"
-    if reason == LOST:
-        return f"no contact for {written(a)} s"
-    if reason == NO_CONTACT_WAY:
-        return f"no contact within {written(a)} of approach"
-    return f"no contact within {written(a)} s of approach"
+    a, b, c, d = state.numbers
+    force = f"{written(a)} N of {written(b)}" if a > b else ""
+    moment = f"{written(c)} N m of {written(d)}" if c > d else ""
+    came = f"told to come {written(a, 2)} nearer, the tool came {written(b, 2)}"
+    held = f"{written(b, 3)} of {written(c or wanted, 3)} N are still read"
+    return {
+        OVERLOAD: " and ".join(filter(None, (force, moment))) + (AT_ONCE if at_once else ""),
+        DEAD: f"the reading has not changed for {written(a)} s: a dead sensor (one without noise: noise=0)",
+        PULLS: f"the reading says that the contact pulls with {written(a)} N: the sensor's {DECLARED} is wrong",
+        NO_RESPONSE: f"let go by {written(a, 2)}, {held}: {NO_ANSWER}",
+        HELD_BACK: f"{came}, and nothing is felt: something holds it, or the sensor is stuck",
+        NOT_FOLLOWING: f"{came}: the robot does not follow commands",
+        LOST: f"no contact for {written(a)} s",
+        NO_CONTACT_WAY: f"no contact within {written(a)} of approach",
+        NO_CONTACT_TIME: f"no contact within {written(a)} s of approach",
+    }[reason]
 
 
 def status_of(reason: int) -> Status:
@@ -66,18 +61,16 @@ def status_of(reason: int) -> Status:
     return Status.OVERLOAD if reason == OVERLOAD else Status.FAULT
 
 
-def lost(state: object, task: HybridTask, action: int) -> str:
+def lost(state: Any, task: HybridTask, action: int) -> str:
     """What is said while there is no contact."""
-    airborne = state.airborne  # type: ignore[attr-defined]
+    airborne = state.airborne
     if airborne == inf:
         return "no contact yet: approaching"
     what = {APPROACH: ": approaching", HOLD: ": standing still"}.get(action, "")
     return f"no contact for {written(airborne)} s{what if task.on_loss != 'continue' else ''}"
 
 
-def doubts_of(
-    doubts: int, state: object, declared_noise: float, drift: float, late: float, *, presses: bool
-) -> list[str]:
+def doubts_of(doubts: int, state: Any, declared_noise: float, drift: float, late: float, *, presses: bool) -> list[str]:
     """What is in doubt of a press, in words.
 
     Args:
@@ -88,28 +81,27 @@ def doubts_of(
         late: everything late [s].
         presses: whether contact can be lost.
     """
-    said = []
-    s: object = state
+    said, s = [], state
     if doubts & NOISY:
-        said.append(f"readings have {written(s.noise, 2)} N of noise, {written(declared_noise, 2)} are told (noise=)")  # type: ignore[attr-defined]
+        said.append(f"readings have {written(s.noise, 2)} N of noise, {written(declared_noise, 2)} are told (noise=)")
     if doubts & SWINGS:
         said.append(
-            f"the press swings about {written(s.wanted, 3)} N with {written(1e3 * late, 2)} ms late in all; the force "  # type: ignore[attr-defined]
-            f"gain is lowered to {written(s.eased, 2)}"  # type: ignore[attr-defined]
+            f"the press swings about {written(s.wanted, 3)} N with {written(1e3 * late, 2)} ms late in all; the force "
+            f"gain is lowered to {written(s.eased, 2)}"
         )
     if doubts & NOT_REACHED:
-        long, mean = f"for {written(s.missed, 2)} s", s.mean  # type: ignore[attr-defined]
+        long, mean = f"for {written(s.missed, 2)} s", s.mean
         if presses:
-            said.append(f"the force is not reached: {written(mean, 3)} of {written(s.wanted, 3)} N {long}")  # type: ignore[attr-defined]
+            said.append(f"the force is not reached: {written(mean, 3)} of {written(s.wanted, 3)} N {long}")
         else:
             said.append(f"force or moment is not reached: {written(100.0 * mean, 2)} % of an overload off {long}")
     if doubts & UNLOADING:
         said.append("the readings do not say what the way does: unloading to see whether they fall")
     elif doubts & UNEXPLAINED:
-        said.append(f"the force does not answer the motion: it may be off by {written(s.unexplained, 2)} N")  # type: ignore[attr-defined]
+        said.append(f"the force does not answer the motion: it may be off by {written(s.unexplained, 2)} N")
     if doubts & TARING:
         said.append("the sensor reads a press from the start: unloading to tell a contact from a bias")
     if doubts & NOT_TARED:
-        off = drift * s.age  # type: ignore[attr-defined]
-        said.append(f"not tared for {written(s.age, 2)} s: the press may be off by {written(off, 2)} N (drift=)")  # type: ignore[attr-defined]
+        off = drift * s.age
+        said.append(f"not tared for {written(s.age, 2)} s: the press may be off by {written(off, 2)} N (drift=)")
     return said

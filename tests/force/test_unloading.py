@@ -261,7 +261,7 @@ def test_a_press_that_chatters_is_held_in_its_mean(arm, dt):
 @pytest.mark.parametrize("share", [0.5, 0.9, 1.1, 1.5])
 @pytest.mark.parametrize(("speed", "stiffness"), [(0.02, 2e4), (0.06, 2e4), (0.04, 8e4)])
 def test_a_reading_that_sticks_while_the_tool_slides_stops_the_slide_and_is_a_fault(share, speed, stiffness):
-    """It pressed with up to 11 times the press, "ok". Stuck at the wanted press to a per cent it still shows nothing."""
+    """It pressed with up to 11 times the press, "ok". Stuck at 1 % of the wanted press, it still shows nothing."""
     run = press_on_damper(stiffness=stiffness, speed=speed, reads=Held(share), since=4.0, seconds=10.0)
     assert run.said[-1][0] == "fault"
     assert run.press.max() < 3.0 * PRESS
