@@ -599,8 +599,12 @@ class HybridController:
         if state.touching and kept < 1.0:
             trouble += filter(None, (lowered(kept, max(self._noise, state.noise)),))
         trouble += filter(None, (few, memory.normal.trouble()))
-        law_status = Status.DEGRADED if trouble and inner.status is not Status.HELD else inner.status
-        return status or law_status, "; ".join(words for words in (why, *trouble, inner.reason) if words)
+        law_status, reasons = inner.status, inner.reason
+        if no_motion(inner) and state.touching and state.still > 0.0 and not doubts:
+            law_status, reasons = Status.OK, ""  # motors that give way stand still against their commands as they press
+        if trouble and law_status is not Status.HELD:
+            law_status = Status.DEGRADED
+        return status or law_status, "; ".join(words for words in (why, *trouble, reasons) if words)
 
     def _halted(self, q: Array, velocity: Array | None, sighting: Sighting, here: Contact) -> HybridSolution:
         """A tick whose joint positions cannot be true, nor where wrenches act; what is kept stays."""
