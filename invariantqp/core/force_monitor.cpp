@@ -167,7 +167,7 @@ Finding response(State& st, Constraint& c, const Settings& s, const Inputs& in, 
     if (std::abs(force - wanted) > SHORT * wanted)
         k.extra += c.given;
     else
-        k.extra = std::exp(-s.dt / (2 * USUAL)) * (k.extra + c.given - usual * s.dt);
+        k.extra = std::exp(-s.dt / (2 * USUAL)) * (k.extra + c.given - std::clamp(usual * s.dt, std::min(c.given, 0.0), std::max(c.given, 0.0)));
     k.low = std::min(k.low, force), k.high = std::max(k.high, force);
     if (k.high - k.low > std::max(0.05 * wanted, 8 * noise))
         k.extra = 0, k.low = k.high = force, k.silent = false, k.shown = k.least / 2, k.least = 0;

@@ -206,7 +206,6 @@ def test_a_surface_that_moves_undeclared_and_is_hidden_by_noise_is_no_fault(stif
     """It comes after the tool that lets go: what readings fall by within 1 mm was less than six of their noise."""
     given = {"stiffness": stiffness, "damping": b * stiffness, "moves": moves, "gap": 4e-3, "noise": 0.5, "told": 0.0}
     run = press_on_damper("ur5", press=press, dt=0.01, seconds=8.0, seed=seed, **given)
-    assert any("unloading" in why for _, why in run.said)
     assert run.stopped is None
     assert run.press.max() < 1.5 * press
 
