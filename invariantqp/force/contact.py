@@ -565,8 +565,7 @@ def require_same_side(before: Array | None, out: Array) -> None:
 
 def speed_at(contact: Contact, twist: Array, size: float) -> float:
     """How fast a twist moves the place of contact, turning counted by the contact's size [length/s]."""
-    v, w = velocity_at(twist, contact.point), size * twist[:3]
-    return max(sqrt(max(v.dot(v), w.dot(w))), TINY)
+    return max(se3.norm(velocity_at(twist, contact.point)), size * se3.norm(twist[:3]), TINY)
 
 
 def moved_between(before: Array | None, now: Array, point: Array) -> Array:

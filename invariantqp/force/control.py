@@ -103,6 +103,8 @@ class Placed(NamedTuple):
         W_raw: (6,) likewise.
         W_d: (6,) wanted.
         error: (6,) P*(W_d - W).
+        slide: (6, 6) P, base frame.
+        moved: (3,) how far the tool's point at the place of contact has come since the last tick, base frame.
     """
 
     contact: Contact
@@ -117,6 +119,8 @@ class Placed(NamedTuple):
     W_raw: Array
     W_d: Array
     error: Array
+    slide: Array
+    moved: Array
 
     @property
     def presses(self) -> int:
@@ -135,8 +139,7 @@ class Placed(NamedTuple):
 
     def along(self, twist: Array) -> Array:
         """(6,) the part of a twist (6,) along S, base frame."""
-        A, B = self.contact.adjoint, self.contact.coadjoint
-        return np.asarray(A.dot(self.split.projectors.motion.dot(B.T.dot(twist))))
+        return np.asarray(self.slide.dot(twist))
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -340,10 +343,11 @@ class HybridController:
         robot, joints = loop.robot, len(loop.robot.names)
         positions, reading = arrays.vector(q, joints, "q"), wrench_of(wrench, self._order, "wrench")
         velocity = None if velocity is None else arrays.vector(velocity, joints, "velocity")
-        sighting = robot.sight(positions, target)
+        goal = robot.target(target)
+        sighting = robot.sight(positions, goal)
         if loop.limits.wrong(positions):
             return self._halted(positions, velocity, sighting, contact)
-        loop.limits.near(robot.points(sighting, robot.target(target), np.zeros(3))[1], "target")
+        loop.limits.near(robot.points(sighting, goal, np.zeros(3))[1], "target")
         ahead = np.zeros(6) if feedforward is None else arrays.vector(feedforward, 6, "feedforward")
         tool = sighting.pose if isinstance(sighting.pose, np.ndarray) else robot.pose(positions)
         state = copy(memory.press)
@@ -372,7 +376,7 @@ class HybridController:
             motion = np.zeros(6)
         force = self._force_twist(here, state, action, rates, beyond)
         # What is held stays where it is: the arm is looked at where it will be when this command acts.
-        then = robot.sight(sum(memory.ways, start=positions), target) if memory.ways and not here.presses else sighting
+        then = robot.sight(sum(memory.ways, start=positions), goal) if memory.ways and not here.presses else sighting
         if action == messages.HOLD:
             inner = loop.rest(positions, "", velocity, sighting)
         else:
@@ -461,9 +465,10 @@ class HybridController:
         A = contact.adjoint
         W = A.T.dot(measured)
         error = split.projectors.force.dot(W_d - W)
-        return Placed(
-            contact, split, declared, tool, way_out(contact), load, raw, measured, W, A.T.dot(raw), W_d, error
-        )
+        slide = A.dot(split.projectors.motion.dot(contact.coadjoint.T))
+        moved = moved_between(self.memory.tool, tool, contact.point)
+        out, W_raw = way_out(contact), A.T.dot(raw)
+        return Placed(contact, split, declared, tool, out, load, raw, measured, W, W_raw, W_d, error, slide, moved)
 
     def _noise_share(self, J: Array, here: Placed, noise: float) -> float:
         """The share of the joints' acceleration that noise takes, for each unit of the force gain."""
@@ -479,9 +484,8 @@ class HybridController:
         task, memory, split, contact = self.task, self.memory, here.split, here.contact
         parts = split.intensities[: here.presses]
         weak = weakest(parts, here.W_raw, here.W_d)
-        moved = moved_between(memory.tool, here.tool, contact.point)
-        came = -float(here.out.dot(moved))
-        across = moved + came * here.out
+        came = -float(here.out.dot(here.moved))
+        across = se3.norm(here.moved + came * here.out)
         done, along = np.zeros(len(split.unit_rates)), (0.0, 0.0)
         if memory.tool is not None:
             way = se3.log(here.tool.dot(se3.inverse(memory.tool, check=False)))
@@ -520,7 +524,7 @@ class HybridController:
             missing,
             kept,
             came,
-            float(np.sqrt(across.dot(across))),
+            across,
             split.gain if task.compliance is not None else 0.0,
             at_edge,
             can_yield(contact, len(self.loop.robot.names)),
@@ -549,7 +553,6 @@ class HybridController:
         self._press.commanded(state, given, outwards, free, beyond)
         press = (float(here.force[0]), float(here.wanted[0])) if here.presses else None
         k = (task.stiffness or state.bounds(0)[0]) if here.presses else None
-        moved = moved_between(memory.tool, here.tool, contact.point)
         ticks = round(self.loop.delay / dt)
         return Memory(
             state,
@@ -557,7 +560,7 @@ class HybridController:
             here.out if touching else None,
             motion,
             (*memory.ways, dt * velocity)[-ticks:] if ticks else (),
-            memory.normal.found(task, here.declared, moved, press, k, touching=touching),
+            memory.normal.found(task, here.declared, here.moved, press, k, touching=touching),
             memory.beyond.after(contact.point, outwards, beyond=beyond),
             gain,
         )

@@ -75,7 +75,7 @@ def test_a_position_beyond_any_scale_is_told_in_a_line(robot, loop):
 def test_a_feedforward_beyond_any_scale_is_told_by_its_name(robot, loop):
     far = iq.transform(translation=[1e200, 0.0, 0.0])
     for target, ahead, named in ((robot.pose(PANDA), 1e300 * np.eye(6)[3], "feedforward"), (far, None, "target")):
-        with pytest.raises(iq.BadInput, match=rf"{named}: found (a pose inf|an entry of size 1e\+300)"):
+        with pytest.raises(iq.BadInput, match=rf"{named}: found (a pose (inf|1e\+200)|an entry of size 1e\+300)"):
             loop().step(PANDA, target, ahead)
 
 
