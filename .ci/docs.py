@@ -21,7 +21,6 @@ import pdoc.doc
 from numpy.typing import ArrayLike
 
 import invariantqp as iq
-from invariantqp.engine import core
 from invariantqp.geometry.arrays import Array
 from invariantqp.velocity import reasons
 
@@ -51,7 +50,7 @@ def resolve(module: ModuleType) -> None:
     """Let the annotations of a module's named tuples, which are names there, be read from anywhere."""
     for value in vars(module).values():
         if isinstance(value, type) and issubclass(value, tuple) and value.__module__ == module.__name__:
-            hints = typing.get_type_hints(value.__new__, {"Array": Array} | vars(core) | vars(reasons) | vars(module))
+            hints = typing.get_type_hints(value.__new__, {"Array": Array} | vars(reasons) | vars(module))
             value.__new__.__annotations__ = hints
             value.__annotations__ = {name: hints[name] for name in value._fields if name in hints}
 

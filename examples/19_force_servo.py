@@ -61,6 +61,12 @@ def circle(time):
     return iq.transform(translation=RADIUS * np.array([np.cos(angle) - 1.0, np.sin(angle), 0.0])) @ start
 
 
+late = DT + 1.0 / (2.0 * np.pi * 50.0) + 0.003  # tick, low-pass, electronics
+found: iq.force.Margins = iq.force.margins(k=2e4, T=late)
+print(
+    f"with {1e3 * late:.0f} ms late the force has a gain margin of {found.gain:.1f} and {found.phase:.0f} deg of phase"
+)
+
 follower = iq.PathFollower(loop, circle, end=END, rate=1.0)
 follower.prepare(HOME)
 told, missed, press, off = [], 0, [], []

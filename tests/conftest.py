@@ -29,28 +29,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 # Most of what tests make is gone by reference counts: to look for circles less often saves 3 % of their time.
 gc.set_threshold(50_000, 20, 20)
 
-# The tests of the definition, the Python law, which CI runs once more without the compiled core (`-m definition`).
-DEFINITION = (
-    "tests/velocity/",
-    "tests/legacy/",
-    "tests/control/test_controller.py",
-    "tests/properties/test_invariance.py",
-)
-
-
-def pytest_ignore_collect(collection_path, config):
-    """What `-m definition` leaves out is not imported for that."""
-    if config.option.markexpr == "definition" and collection_path.suffix == ".py":
-        return not collection_path.relative_to(config.rootpath).as_posix().startswith(DEFINITION) or None
-    return None
-
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection_modifyitems(config, items):
     """Of cases that say the same of other arms, times or draws as many as are marked, the first and last too."""
-    for item in items:
-        if item.nodeid.startswith(DEFINITION):
-            item.add_marker("definition")
     result = yield  # what -k and -m leave
     cases = defaultdict(list)
     for item in items:

@@ -8,14 +8,14 @@ import invariantqp as iq
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / ".github" / "CONTRIBUTING.md").read_text(encoding="utf-8")
 QUOTED = set(re.findall(r"`([^`\s]+)`", TEXT))
-# Paths are from the root, from the package, or from one of the velocity laws.
+# Paths are from the root, from the package, or from the velocity law.
 PACKAGE = Path(iq.__file__).parent
 FILES = {word for word in QUOTED if re.fullmatch(r"(?!\.venv)[\w./]+(/|\.(py|md|toml|json|png))", word)}
 SCRIPTS = set(re.findall(r"^    (?:python )?((?:\.ci|examples|tests)/[\w./]+)", TEXT, flags=re.MULTILINE))
 
 
 def exists(name):
-    return any((folder / name).exists() for folder in (ROOT, PACKAGE, PACKAGE / "velocity", PACKAGE / "legacy"))
+    return any((folder / name).exists() for folder in (ROOT, PACKAGE, PACKAGE / "velocity"))
 
 
 def test_every_file_it_names_exists():

@@ -27,7 +27,7 @@ NOT_CALLED = {
     "Eigenscrews Mobility NamedScrew PrincipalPitches "
     "ContactTrace DualProjectors Existence FollowerSolution "
     "FrameCheck GibsonHunt LinkTick HybridSolution HyperbolicPolar HyperbolicSpectrum Inspection "
-    "Involution NullPlane PenroseConditions PointMotion PoseSolution Recommendation "
+    "Involution Margins NullPlane PenroseConditions PointMotion PoseSolution Recommendation "
     "Code Loop Reason "
     "SensorCheck Sighting StationaryPoint Status Survey "
     "SystemReport Trace VelocitySolution VelocitySolutions View",
@@ -42,12 +42,12 @@ NOT_CALLED = {
 # Public methods that are not called here, and why.
 INNER = {
     "called in a tick, with arguments that were checked before": "CarriedMetric.root "
-    "LimitRows.allow LimitRows.excess LimitRows.used "
+    "LimitRows.excess LimitRows.used "
     "Clearance.in_loop Clearance.require Clearance.rows_at Clearance.rows_after "
     "Clearance.engine_in_loop Clearance.row_name Clearance.too_near "
     "OtherArm.believed BoxQP.of Chain.motions LimitRows.trusted Candidate.frame "
     "ExactRows.on LimitRows.called "
-    "ToolSpeed.cone Chain.sight Chain.points "
+    "Chain.sight Chain.points "
     "InvariantFrameTask.compute_qp_objective",
     "of this package's own files, with arguments of their making": "ScrewSystem.with_tolerance ScrewSystem.derived "
     "ScrewSystem.form ScrewSystem.joint_velocities",

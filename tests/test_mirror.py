@@ -19,8 +19,6 @@ def test_a_test_named_as_a_file_lies_with_it():
     for file in PACKAGE.rglob("*.py"):
         folder, name = file.relative_to(PACKAGE).parent, file.name
         home.setdefault(f"test_{name}", set()).add(folder)
-        if folder.name == "legacy":  # the old loop's, whose properties the new one in control/ has
-            home[f"test_{name}"].add(folder.parent / "control")
         if name == "__init__.py":
             home.setdefault(f"test_{folder.name}.py", set()).update((folder, folder.parent))
     stray = [

@@ -1,4 +1,4 @@
-"""Which engine an installation has, and how it is switched off."""
+"""The compiled engine of an installation."""
 
 import os
 import re
@@ -12,12 +12,6 @@ import pytest
 from support.repeats import LONG
 
 import invariantqp as iq
-from invariantqp.engine import core, engine
-
-PYTHON = (
-    "import invariantqp as iq; from invariantqp.engine import engine; "
-    "print(iq.native, iq.solve_velocity([[1]] + 5 * [[0]], [1, 0, 0, 0, 0, 0]).velocity, engine)"
-)
 
 
 def run(*command, folder=None, check=True, **environment):
@@ -26,39 +20,23 @@ def run(*command, folder=None, check=True, **environment):
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=check)
 
 
-def told(*command, **environment):
-    return run(*command, **environment).stdout.strip()
+def test_the_engine_is_part_of_the_package():
+    assert iq.native is True
+    assert Path(import_module("invariantqp._core").__file__).parent == Path(iq.__file__).parent
 
 
-def test_native_tells_whether_there_is_a_core():
-    assert iq.native is (core is not None)
-    assert (engine == "compiled core") is iq.native
-
-
-def test_the_environment_switches_it_off():
-    assert told("-c", PYTHON, INVARIANTQP_NATIVE="0") == "False [1.] pure Python: INVARIANTQP_NATIVE=0"
-
-
-@pytest.mark.parametrize("name", ["_core", "_native"])
-def test_the_core_is_part_of_the_package(name):
-    assert Path(import_module(f"invariantqp.{name}").__file__).parent == Path(iq.__file__).parent
-
-
-@pytest.mark.parametrize(("name", "used"), [("_native", "solve_pose"), ("_core", "solve_velocity")])
-def test_sources_that_were_not_compiled_say_what_to_do(tmp_path, name, used):
+def test_sources_that_were_not_compiled_say_what_to_do(tmp_path):
     """As in a clone, where the folder hides what is installed; an editable installation would be found before it."""
-    without = shutil.ignore_patterns(f"{name}*.so", f"{name}*.pyd")
+    without = shutil.ignore_patterns("_core*.so", "_core*.pyd")
     shutil.copytree(Path(iq.__file__).parent, tmp_path / "invariantqp", ignore=without)
-    done = run("-c", f"import invariantqp as iq; iq.{used}", folder=tmp_path, check=False, INVARIANTQP_NATIVE="1")
-    said = f"ImportError: the compiled core of invariantqp in {tmp_path} cannot be imported (No module named "
+    done = run("-c", "import invariantqp as iq; iq.solve_velocity", folder=tmp_path, check=False)
+    said = f"ImportError: the compiled engine of invariantqp in {tmp_path} cannot be imported (No module named "
     assert said in done.stderr
     assert "run there: pip install -e . " in done.stderr
 
 
-@pytest.mark.skipif(
-    core is None or not LONG or shutil.which("valgrind") is None, reason="long; needs a core and Valgrind"
-)
-def test_the_core_decides_nothing_by_memory_that_was_never_written():
+@pytest.mark.skipif(not LONG or shutil.which("valgrind") is None, reason="long; needs Valgrind")
+def test_the_engine_decides_nothing_by_memory_that_was_never_written():
     """Sanitizers do not see it; a tick's answer once hung on what lay there. Python's own complaints are left out."""
     tests, root = Path(__file__).parent, Path(iq.__file__).parents[1]
     done = subprocess.run(
@@ -67,6 +45,6 @@ def test_the_core_decides_nothing_by_memory_that_was_never_written():
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     complaints = re.split(r"==\d+== \n", done.stderr)
-    ours = [each for each in complaints if re.search(r" at 0x\w+: \w+ \(in .*_native", each)]
+    ours = [each for each in complaints if re.search(r" at 0x\w+: \w+ \(in .*_core", each)]
     assert len(complaints) > 1
     assert not ours, ours[0]

@@ -412,7 +412,6 @@ def test_bad_input_is_refused_by_name(arms):
         ({"orientation_cost": 1.0, "form": iq.CarriedMetric(np.ones(6), np.eye(4))}, "it says what a radian costs"),
         ({"damping": iq.Guard(0.5)}, "damping: found Guard"),
         ({"damping": -0.1}, "damping"),
-        ({"form": iq.PitchForm(0.3, convexified=True)}, "convexified"),
     ):
         with pytest.raises(iq.BadInput, match=said):
             InvariantFrameTask(robot.tool, **options)

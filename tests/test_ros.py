@@ -99,7 +99,8 @@ def test_a_table_in_mujoco_is_pressed_by_topics(arm, monkeypatch):
     assert max(forces) < 9.5
     assert np.sqrt(np.mean(off[500:] ** 2)) < 0.2
     assert off[1250:1375].max() < 0.5
-    assert {said.split(":")[0] for said in node.logged} == {"lost"}
+    told = {said.split(":")[0] for said in node.logged}
+    assert "lost" in told <= {"lost", "limited"}  # as it brakes at the touch
     assert abs(cell.robot.pose(q)[1, 3] - cell.home[1, 3] - aside) < 1e-3
 
 

@@ -16,7 +16,7 @@ from invariantqp.velocity.reasons import SENTENCES
 
 PACKAGE = Path(iq.__file__).parent
 PAGE = (Path(__file__).parent.parent / "examples" / "guide" / "troubleshooting.md").read_text(encoding="utf-8")
-ROOMS = "velocity", "legacy", "control", "paths", "force", "pose"
+ROOMS = "velocity", "control", "paths", "force", "pose"
 SOURCES = [file for room in ROOMS for file in (PACKAGE / room).rglob("*.py")]
 SOURCES = sorted([*SOURCES, PACKAGE / "runs" / "run.py"])
 SOURCES.remove(PACKAGE / "force" / "contact_kinds.py")  # its messages are those of wrong arguments alone

@@ -19,7 +19,6 @@ from invariantqp.cli.console import HELP, Exit, NotAccepted, NotWritten, say, wr
 from invariantqp.cli.identify import identify
 from invariantqp.cli.inspect import inspect
 from invariantqp.cli.run import ViewAlone, run
-from invariantqp.engine import engine
 from invariantqp.errors import BadInput, InvariantQPError
 from invariantqp.version import __version__
 
@@ -71,7 +70,7 @@ def _outcome(error: BaseException) -> tuple[int, list[str]]:
             return Exit.INTERRUPTED, []
     return Exit.DEFECT, [
         "".join(traceback.format_exception(error)).rstrip(),
-        f"This is a defect of invariantqp {__version__} ({engine}), not of your input. {REPORT}",
+        f"This is a defect of invariantqp {__version__}, not of your input. {REPORT}",
         f"The command was: {' '.join(['invariantqp', *sys.argv[1:]])}",
     ]
 
@@ -102,7 +101,7 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 def _version(wanted: bool) -> None:
     if wanted:
-        print(f"invariantqp {__version__} ({engine})")
+        print(f"invariantqp {__version__}")
         raise typer.Exit
 
 

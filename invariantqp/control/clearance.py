@@ -63,7 +63,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.clearance_bodies import Dropped, OtherArm, chain_of, engine_of, pairs_of, parts_of, shapes_of
-from invariantqp.control.limits import Limit, LimitInEngine, Loop, boxes
+from invariantqp.control.limits import Limit, LimitInEngine, Loop, box_of
 from invariantqp.control.tracking import TRACKING_SHARE
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt
@@ -304,7 +304,7 @@ class Clearance(Limit):
         """The engine's rate in a loop: how fast bodies may come nearer, and what its joints brake by."""
         alpha = min(TRACKING_SHARE / loop.dt, 1.0 / (e * (loop.delay + 0.5 * loop.dt)))
         alpha = alpha if self._rate is None else min(alpha, self._rate)
-        box = boxes(loop, loop.velocity_limit)[0]
+        box = box_of(loop)
         limits = box.velocity_limit, loop.acceleration, box.position_lower, box.position_upper
         return law.ClearanceRate(np.array(limits), alpha, loop.dt, box.rate, loop.delay)
 

@@ -98,7 +98,7 @@ class Controller:
         guard: the descent guard of the form, or None.
         limits: all limits of the loop.
         box: position and velocity limits.
-        braking: the same with acceleration limits, or None.
+        acceleration_limit: (m,) [rad/s^2, length/s^2], or None where there is none.
         tool_speed: the speed limit of a point of the tool, or None.
         joint_rows: limits on combinations of joint velocities, or None.
         turns: (m,) whole turns of continuous joints, whose positions are compared modulo these; 0 of other joints.
@@ -216,7 +216,7 @@ class Controller:
         more = limits_by_name(robot, acceleration_limit, position_margin, tool_speed, rows, limits)
         self.limits: LoopLimits = LoopLimits.of(loop_of(robot, self.dt, self.delay), more, far_outside, state.J, tip)
         refuse(self.limits.wrong(posture_at), "posture")
-        self.box, self.braking, self.tool_speed, self.joint_rows = self.limits[:4]
+        self.box, self.acceleration_limit, self.tool_speed, self.joint_rows = self.limits[:4]
         self.turns: Array = continuous_turns(self.box.position_lower, self.box.position_upper, state.J)
         descent = guard_of(guard)
         self.guard: Guard | None = None if self.form is None else descent

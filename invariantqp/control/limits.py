@@ -29,16 +29,14 @@ from invariantqp.geometry.fields import Value, own
 from invariantqp.robots.kinematics import (
     QUESTIONED_TURN,
     Robot,
-    Sighting,
     far_away,
     middle,
     question_range,
     question_speed,
     refuse_far,
 )
-from invariantqp.velocity.limits import BrakingBox, Cone, JointBox, LimitRows, ToolSpeed, accelerations
-from invariantqp.velocity.reasons import Code, Reason, by_joint, told
-from invariantqp.velocity.solution import Status, VelocitySolution, both, with_trouble
+from invariantqp.velocity.limits import JointBox, LimitRows, ToolSpeed, accelerations
+from invariantqp.velocity.reasons import Code, Reason
 
 # A joint that turns is never this far outside its position range [rad]: its position is no measurement in radians.
 FAR_OUTSIDE = 0.5
@@ -455,19 +453,15 @@ def _within(loop: Loop, limits: Iterable[Limit]) -> Loop:
     return loop
 
 
-def boxes(loop: Loop, velocity_limit: Array, rate: float | None = None) -> tuple[JointBox, BrakingBox | None]:
-    """The joint limits of a loop at a velocity limit (m,); the same with room to brake, or None.
-
-    The rate [1/s] at which position limits are approached is by default that of targets.
-    """
+def box_of(loop: Loop, rate: float | None = None) -> JointBox:
+    """The joint limits of a loop; the rate [1/s] at which positions are approached is by default that of targets."""
     rate = tracking_gain(None, loop.dt, loop.delay) if rate is None else rate
-    box = JointBox(loop.position_lower, loop.position_upper, velocity_limit, rate, loop.margin)
-    return box, BrakingBox(box, loop.acceleration, loop.dt) if np.isfinite(loop.acceleration).any() else None
+    return JointBox(loop.position_lower, loop.position_upper, loop.velocity_limit, rate, loop.margin)
 
 
 def limit_fields(loop: Loop, rate: float) -> dict[str, Any]:
     """Joint limits of a loop as the engine takes them."""
-    box = boxes(loop, loop.velocity_limit, rate)[0]
+    box = box_of(loop, rate)
     return {
         "position_lower": box.position_lower,
         "position_upper": box.position_upper,
@@ -624,53 +618,12 @@ class Changes(NamedTuple):
     loop: Loop  # inside the limits of this tick, too
     joint_rows: RowLimits  # more rows
 
-    def box(self, usual: JointBox, before: Array) -> tuple[JointBox, BrakingBox | None]:
-        """Joint limits of this tick, coming from the joint velocity `before` (m,)."""
-        fastest = self.loop.velocity_limit
-        fastest = self.speed * fastest if self.speed > 0.0 else np.zeros(len(before))  # which may be infinite
-        slowest = np.maximum(np.abs(before) - self.loop.acceleration * self.loop.dt, 0.0)
-        return boxes(self.loop, np.minimum(np.maximum(fastest, slowest), usual.velocity_limit), usual.rate)
-
-    def for_core(self, usual: Loop) -> dict[str, Any] | None:
-        """The same but rows, for the core; None for ranges, accelerations or points of the tool other than usual."""
-        loop, told = self.loop, self.loop.tool_speed
-        fields = ("position_lower", "position_upper", "acceleration", "margin")
-        here, there = map(_limited_point, (told, usual.tool_speed))
-        alike = all(np.array_equal(getattr(loop, field), getattr(usual, field)) for field in fields)
-        if self.speed == 0.0 or not alike or (told is not None and not np.array_equal(here, there)):
-            return None
-        limited: dict[str, Any] = {} if told is None else {"tool_speed": told.limit}
-        return {"speed": self.speed, "velocity_limit": loop.velocity_limit, **limited}
-
-    def cone(self, point: Cone, bounds: tuple[Array, Array], before: Array) -> Cone | None:
-        """The limit of the tool's speed in this tick, of a point whose velocity is that of a cone; None for none."""
-        told = self.loop.tool_speed
-        if told is None:
-            return None
-        # All joints slower by the same share is a velocity that accelerations allow, along the way the tool goes now.
-        over = np.abs(before) - self.loop.acceleration * self.loop.dt
-        share = float((over[over > 0.0] / np.abs(before[over > 0.0])).max(initial=0.0))
-        slower = np.minimum(np.maximum(share * before, bounds[0]), bounds[1])
-        return point._replace(limit=max(self.speed * told.limit, point.speed(slower)))
-
-
-class TickLimits(NamedTuple):
-    """The limits of one tick."""
-
-    lower: Array  # (m,) of the joint velocity
-    upper: Array  # (m,)
-    rows: LimitRows | None  # on combinations of joint velocities, or None
-    cone: Cone | None  # the speed limit of a point, or None
-    strained: tuple[Reason, ...]  # what gave way at joints whose limits contradict each other
-    trouble: Reason | None  # why there is nothing to do but stand still, None for nothing
-    placed: tuple[Array, Array]  # (m,) bounds of the joint velocity by position limits alone
-
 
 class LoopLimits(NamedTuple):
     """The limits of a loop."""
 
     box: JointBox  # position and velocity limits
-    braking: BrakingBox | None  # the same with acceleration limits, or None
+    acceleration_limit: Array | None  # (m,) [rad/s^2, length/s^2], or None where there is none
     tool_speed: ToolSpeed | None  # the speed limit of a point of the tool, or None
     joint_rows: RowLimits | None  # limits on combinations of joint velocities, or None
     loop: Loop  # what limits are given of it
@@ -694,7 +647,7 @@ class LoopLimits(NamedTuple):
             if isinstance(limit, JointLimits):
                 question_range(limit.position_lower, limit.position_upper, turning, "JointLimits")
         loop = _within(loop, limits)
-        box, braking = boxes(loop, loop.velocity_limit)
+        acceleration = loop.acceleration if np.isfinite(loop.acceleration).any() else None
         rows = RowLimits(limits, loop)
         held = arrays.choice(far_outside, "far_outside", ("hold", "return")) == "hold"
         beyond = np.where(turning & held, FAR_OUTSIDE, inf)
@@ -702,13 +655,7 @@ class LoopLimits(NamedTuple):
         far = far_away(robot, J, tip)
         if loop.tool_speed is not None:
             question_speed(loop.tool_speed.limit, far, "tool_speed")
-        return cls(box, braking, loop.tool_speed, rows or None, loop, beyond, believed, tip, far)
-
-    @property
-    def at_once(self) -> LoopLimits:
-        """The same for joints that are where they are said to be: all of the way to a position limit in a tick."""
-        box, braking = boxes(self.loop, self.box.velocity_limit, 1.0 / self.loop.dt)
-        return self._replace(box=box, braking=braking)
+        return cls(box_of(loop), acceleration, loop.tool_speed, rows or None, loop, beyond, believed, tip, far)
 
     def changed(
         self, speed: float, velocity_limit: ArrayLike | None, tool_speed: float | None, limits: Sequence[AnyLimit]
@@ -733,40 +680,6 @@ class LoopLimits(NamedTuple):
             question_speed(loop.tool_speed.limit, self.far, "tool_speed")
         return Changes(share, loop, RowLimits(told, loop))
 
-    def at(self, sighting: Sighting, target: Any, q: Array, before: Array, now: Changes | None = None) -> TickLimits:
-        """The limits at joint positions q (m,), coming from the joint velocity `before` (m,), changed for `now`."""
-        strained: tuple[Reason, ...] = ()
-        box, braking = (self.box, self.braking) if now is None else now.box(self.box, before)
-        if braking is None:
-            lower, upper = box.at(q)
-            placed = box.placed(q)
-        else:
-            bounds = braking.at(q, before)
-            lower, upper, strained = bounds[:3]
-            placed = bounds[3:]
-        cone = None
-        speed = self.tool_speed if now is None else now.loop.tool_speed
-        if speed is not None:
-            point = self.loop.robot.points(sighting, target, _limited_point(speed))[0]
-            cone = speed.cone(sighting.J, point)
-            cone = cone if now is None else now.cone(cone, (lower, upper), before)
-        rows, trouble = self.rows(q, before, now)
-        return TickLimits(lower, upper, rows, cone, strained, trouble, placed)
-
-    def rows(self, q: Array, before: Array, now: Changes | None) -> TickRows:
-        """The rows of this tick: the loop's own, then those for `now`."""
-        found = TickRows(None) if self.joint_rows is None else self.joint_rows.at(q, before)
-        if now is None or found.trouble:
-            return found
-        more = now.joint_rows.at(q, before)
-        return TickRows(stacked([rows for rows in (found.rows, more.rows) if rows is not None]), more.trouble)
-
-    def after(self, q: Array, x: Array, rows: LimitRows | None, now: Changes | None) -> LimitRows | None:
-        """The rows of a tick and more, where its answer x (m,) does not keep some limit to its end, else None."""
-        given = [limits for limits in (self.joint_rows, None if now is None else now.joint_rows) if limits]
-        more = [found for limits in given if (found := limits.after(q, x)) is not None]
-        return stacked([*([] if rows is None else [rows]), *more]) if more else None
-
     def wrong(self, q: Array) -> Reason | None:
         """Why joint positions (m,) cannot be true, None where they may be; of several joints, the worst."""
         return not_believed(self.loop.robot, q, self.believed)
@@ -774,29 +687,6 @@ class LoopLimits(NamedTuple):
     def near(self, places: Array, argument: str) -> None:
         """Refuse places (..., 3) of a pose that are farther away than is believed."""
         refuse_far(places, self.tip, self.far, argument)
-
-    def told(self, solution: VelocitySolution, q: ArrayLike, strained: tuple[Reason, ...] = ()) -> VelocitySolution:
-        """The solution with what is `strained`, or with joints outside their range that are held by limits."""
-        if self.braking is None and solution.active:
-            strained = self.box.outside(q, solution.active)
-        return self.with_troubles(solution, strained) if strained else solution
-
-    def with_broken(self, solution: VelocitySolution, now: Changes | None) -> VelocitySolution:
-        """The solution with what of some limit does not hold now; it is then "limited" at least."""
-        why = "" if self.joint_rows is None else self.joint_rows.broken()
-        why = why or ("" if now is None else now.joint_rows.broken())
-        if not why:
-            return solution
-        status = Status.LIMITED if solution.status is Status.OK else solution.status
-        return solution._replace(status=status, reasons=both(told(why), solution))
-
-    def with_troubles(self, solution: VelocitySolution, found: tuple[Reason, ...]) -> VelocitySolution:
-        """The solution with reasons that name joints; one that returns from outside its range is "limited" at least."""
-        worst = by_joint(found)
-        if self.braking is None and all(reason.code is Code.OUTSIDE for reason in found):
-            status = Status.LIMITED if solution.status is Status.OK else solution.status
-            return solution._replace(reasons=both(worst, solution), status=status)
-        return with_trouble(solution, worst)
 
 
 def no_degrees(robot: Robot, J: Array) -> tuple[list[float], list[float]]:

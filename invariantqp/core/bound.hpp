@@ -53,5 +53,6 @@ void bind_pose(nb::module_& m);
 void bind_clearance(nb::module_& m);
 void bind_follower(nb::module_& m);
 void bind_screws(nb::module_& m);
+void bind_force(nb::module_& m);
 
 }  // namespace iq

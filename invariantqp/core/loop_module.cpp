@@ -392,6 +392,20 @@ nb::object tick(const Loop& loop, LoopState& state, nb::object q, nb::object tar
     }
 }
 
+// (m,) each: bounds of the joint velocity, those of position limits alone, and accelerations above a joint's limit.
+nb::tuple joint_bounds(nb::dict given, nb::handle q, nb::handle before)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    const Vec at = read.vector(q, "q", -1);
+    const JointLimits limits = limits_of(Fields(given, read, at.n));
+    Vec speeds(w, at.n);
+    std::copy(limits.velocity.begin(), limits.velocity.end(), speeds.begin());
+    const JointBounds found = BoundsOfTick(limits, at, read.vector(before, "before", at.n), speeds).bounds();
+    return nb::make_tuple(array_of(found.lower), array_of(found.upper), array_of(found.position_lower), array_of(found.position_upper),
+                          array_of(found.exceeded));
+}
 nb::object numbers_of(const LoopState& state)
 {
     const npy_intp n = static_cast<npy_intp>(state.numbers.size());
@@ -443,6 +457,7 @@ void bind_loop(nb::module_& m)
         .def_prop_ro("unresponsive", [](LoopState& s) { return array_of(Vec(s.unresponsive(), s.joints, &workspace())); },
                      "(m,) above zero where a joint does not follow its commands.")
         .def("forget_positions", [](LoopState& s) { std::fill(s.positions(), s.positions() + s.joints, NAN); });
+    m.def("joint_bounds", joint_bounds, "limits"_a, "q"_a, "before"_a, "Bounds of the joint velocity in a tick.");
     nb::class_<Loop>(m, "Loop", "A loop; its settings never change.")
         .def("__init__", make_loop, "settings"_a)
         .def("tick", tick, "state"_a, "q"_a, "target"_a = nb::none(), "ahead"_a = nb::none(), "velocity"_a = nb::none(),

@@ -409,6 +409,7 @@ NB_MODULE(_core, m)
     bind_clearance(m);
     bind_follower(m);
     bind_screws(m);
+    bind_force(m);
     m.def("tick", tick_answer, "J"_a, "root"_a, "ahead"_a, "error"_a = nb::none(), "position_lower"_a = nb::none(),
           "position_upper"_a = nb::none(), "fastest"_a = nb::none(), "before"_a = nb::none(), "held"_a = 0.0,
           "missed"_a = 0.0, "lower"_a = nb::none(), "upper"_a = nb::none(), "rows"_a = nb::none(),

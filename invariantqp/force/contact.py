@@ -54,6 +54,11 @@ NEAR = 0.2
 PRESSED = 1e-3
 SLOW_SHARE = 0.1
 TINY = float(np.finfo(float).tiny)
+# Overload where nothing is declared: a multiple of the wanted force, or this force where none is wanted [N]. Readings
+# of a force stay within so many standard deviations of a component.
+OVERLOAD = 2.5
+NO_FORCE = 20.0
+ABOVE_NOISE = 8.0
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -489,6 +494,23 @@ def load_at(wrench: Array, *places: Array) -> tuple[float, float]:
     return sqrt(u * u + v * v + w * w), sqrt(least)
 
 
+def overload_of(task: HybridTask, force: float, moment: float, noise: float) -> tuple[float, float]:
+    """The force and the moment that are an overload, for the size of the wanted ones.
+
+    Args:
+        task: says them, or leaves them to what is wanted.
+        force: wanted [N].
+        moment: wanted, about the place of contact [N length].
+        noise: standard deviation of a force component [N]: readings of the wanted force stay below the limit.
+    """
+    most, turning = task.max_force, task.max_moment
+    if most is None:
+        most = max(OVERLOAD * force, force + ABOVE_NOISE * noise) if force > 0.0 else NO_FORCE
+    if turning is None:
+        turning = max(OVERLOAD * moment, moment + task.size * most)
+    return most, turning
+
+
 def larger_part(force: Array, out: Array) -> float:
     """Of a force (3,) the larger of its parts along the way out (3,), a unit vector or zero, and across that."""
     along = float(out.dot(force))
@@ -543,8 +565,7 @@ def require_same_side(before: Array | None, out: Array) -> None:
 
 def speed_at(contact: Contact, twist: Array, size: float) -> float:
     """How fast a twist moves the place of contact, turning counted by the contact's size [length/s]."""
-    v, w = velocity_at(twist, contact.point), size * twist[:3]
-    return max(sqrt(max(v.dot(v), w.dot(w))), TINY)
+    return max(se3.norm(velocity_at(twist, contact.point)), size * se3.norm(twist[:3]), TINY)
 
 
 def moved_between(before: Array | None, now: Array, point: Array) -> Array:

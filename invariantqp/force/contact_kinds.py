@@ -28,7 +28,6 @@ from attrs import field, frozen
 from attrs.converters import optional
 from numpy.typing import ArrayLike
 
-from invariantqp.engine import core
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -324,9 +323,6 @@ def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
 
 def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None, argument: str = "tangent") -> Array:
     """The contact's own frame: z against the outward normal, x along the projection of the tangent on the surface."""
-    frame: Array | None = None if core is None else core.contact_frame(point, normal, tangent)
-    if frame is not None:
-        return frame
     z = -arrays.direction(normal, "normal")
     along = np.eye(3)[int(np.abs(z).argmin())] if tangent is None else arrays.direction(tangent, argument)
     x = along - z * z.dot(along)

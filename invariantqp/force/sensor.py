@@ -167,6 +167,8 @@ def _vector(part: Any, argument: str) -> Array:
 GRAVITY = (0.0, 0.0, -9.80665)
 # Standard deviation of a force component where nobody says it [N]: that of small wrist sensors.
 NOISE = 0.2
+# Drift of the bias where nobody says it [N/s]: 10 N an hour, warming up.
+DRIFT = 0.003
 # Readings in free air that `check` needs at least: three numbers of gravity and a bias.
 FEWEST_POSES = 3
 
@@ -202,6 +204,7 @@ class WrenchSensor(Value):
         force_deadband: forces below this count as zero [N].
         moment_deadband: moments below this, about `origin`, count as zero [N length].
         noise: standard deviation of a force component [N].
+        drift: of the bias [N/s].
         origin: (3,) the point about which the moment deadband is taken, in the sensor's frame.
     """
 
@@ -216,6 +219,7 @@ class WrenchSensor(Value):
     force_deadband: float
     moment_deadband: float
     noise: float
+    drift: float
     origin: Array = field(converter=own, repr=False)
 
     def __init__(
@@ -232,6 +236,7 @@ class WrenchSensor(Value):
         force_deadband: float = 0.0,
         moment_deadband: float = 0.0,
         noise: float = NOISE,
+        drift: float = DRIFT,
         origin: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         """A sensor. Frame, order and sign have no default: a wrong guess presses on without end.
@@ -252,6 +257,8 @@ class WrenchSensor(Value):
             moment_deadband: moments below this, about `origin`, count as zero [N length].
             noise: standard deviation of a force component [N]. Contact and its loss are decided against it, and a
                 sensor that has noise but reads the same for long is dead; 0 for a simulated sensor without noise.
+            drift: of the bias [N/s]: the press may be off by so much times the time since the sensor was tared, in the
+                air before the touch.
             origin: (3,) the point about which the moment deadband is taken, in the sensor's frame.
 
         Raises:
@@ -270,6 +277,7 @@ class WrenchSensor(Value):
             force_deadband=arrays.not_negative(force_deadband, "force_deadband", "a number in N"),
             moment_deadband=arrays.not_negative(moment_deadband, "moment_deadband", "a number in N m"),
             noise=arrays.not_negative(noise, "noise", "a number in N"),
+            drift=arrays.not_negative(drift, "drift", "a number in N/s"),
             origin=arrays.vector(origin, 3, "origin"),
         )
 

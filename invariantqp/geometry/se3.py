@@ -216,4 +216,8 @@ def rotation_vector(R: Array) -> Array:
 
 def velocity_at(twists: Array, point: Array) -> Array:
     """Velocity v + omega x p of the body point now at p (3,), for a (6,) twist or (6, k) columns."""
-    return np.asarray(twists[3:] - cross_matrix(point).dot(twists[:3]))
+    if twists.ndim > 1:
+        return np.asarray(twists[3:] - cross_matrix(point).dot(twists[:3]))
+    a, b, c, u, v, w = twists.tolist()
+    x, y, z = point.tolist()
+    return np.array((u + b * z - c * y, v + c * x - a * z, w + a * y - b * x))

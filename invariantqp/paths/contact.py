@@ -7,8 +7,6 @@ tick      HybridController.step towards it, ahead at the clock's rate, joints to
 from __future__ import annotations
 
 from math import inf, sqrt
-from numbers import Real
-from types import NoneType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,16 +57,6 @@ class Beside(NamedTuple):
         float  # how far a joint is off the plan by motion that moves no tool, 0 below half of STRAYED [rad, length]
     )
     astray: Array  # (m,) the way back of the joints to the plan
-
-
-def planner_of(hybrid: HybridController) -> Controller:
-    """The controller of the same arm, made with the same options but for those that it does not have."""
-    options = {name: value for name, value in hybrid.options.items() if name != "engine"}
-    if not isinstance(options.get("damping"), (Real, NoneType)):
-        del options["damping"]
-    if getattr(options.get("form"), "convexified", False):
-        del options["form"]
-    return Controller(hybrid.robot, **options)
 
 
 class Pressed:

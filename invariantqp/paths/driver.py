@@ -31,7 +31,7 @@ from invariantqp.force.control import HybridController
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry import arrays, se3, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.contact import Pressed, planner_of
+from invariantqp.paths.contact import Pressed
 from invariantqp.paths.fit import PATIENCE, REACHED, Given, Solver, sampled
 from invariantqp.paths.plan import PathPlan
 from invariantqp.paths.reference import (
@@ -151,14 +151,14 @@ class Follower:
         if isinstance(loop, HybridController):
             if keep != "shape":
                 raise BadInput("keep", repr(keep), '"shape"', "In contact a path is driven, and waits for the touch.")
-            inner = planner_of(loop)
+            inner = Controller(loop.robot, **loop.loop.options)
             self._pressed = Pressed(loop, inner)
         elif isinstance(loop, Controller):
             inner = Controller(loop.robot, **loop.options)
         else:
             raise BadInput("loop", excerpt(loop), "a Controller, or a HybridController")
         self._keep = arrays.choice(keep, "keep", ("time", "shape"))
-        if inner.braking is None and (self._keep == "time" or jerk is not None):
+        if inner.acceleration_limit is None and (self._keep == "time" or jerk is not None):
             raise BadInput("loop", "one without an acceleration limit", "Controller(acceleration_limit=...)")
         self.controller = inner
         self._m = m = len(inner.robot.names)
@@ -602,8 +602,8 @@ class Follower:
         if shape is not None:
             place = shape.place(self._time - dt)
             self._source = None if shape.motion is None else shape.still(self._time)
-        limit, v = self.controller.braking, state.command
-        step = np.full(self._m, inf) if limit is None else dt * limit.acceleration
+        limit, v = self.controller.acceleration_limit, state.command
+        step = np.full(self._m, inf) if limit is None else dt * limit
         v = np.sign(v) * np.maximum(np.abs(v) - step, 0.0)
         self._commanded(v)
         state.velocity = v
@@ -1234,8 +1234,8 @@ def _limits_of(loop: Controller, jerk: ArrayLike | None, rise: float) -> JointLi
     """
     m, speed = len(loop.robot.names), loop.box.velocity_limit
     acceleration = 2.0 * np.minimum(speed, FASTEST) / loop.dt
-    if loop.braking is not None:
-        acceleration = np.minimum(loop.braking.acceleration, acceleration)
+    if loop.acceleration_limit is not None:
+        acceleration = np.minimum(loop.acceleration_limit, acceleration)
     limits = acceleration / rise
     if jerk is not None:
         given = arrays.array(jerk, "jerk", "numbers above zero")

@@ -111,7 +111,7 @@ def plan_of(
         knots = [knots[0], knots[0]._replace(at=knots[0].at + SHORTEST * curve.end)]
     m = len(controller.robot.names)
     acceleration = (
-        np.full(m, inf) if controller.braking is None else ACCELERATION_SHARE * controller.braking.acceleration
+        np.full(m, inf) if controller.acceleration_limit is None else ACCELERATION_SHARE * controller.acceleration_limit
     )
     at = np.array([k.at for k in knots])
     q, slopes = np.array([k.q for k in knots]), np.array([k.slope for k in knots])
@@ -217,7 +217,7 @@ def _top(
         for i in np.flatnonzero(speed < top).tolist():
             top[i], ruling[i] = speed[i], cause[i]
 
-    if controller.braking is not None:
+    if controller.acceleration_limit is not None:
         room = np.maximum(np.where(slopes > 0.0, *controller.box.room(q)), 0.0) + AT_LIMIT
         speed, which = top_speed(slopes, braking_speed(room, acceleration, controller.dt))
         slower(speed, [f"position of joint {i} ({names[i]})" for i in which.tolist()])

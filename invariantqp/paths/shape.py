@@ -100,7 +100,9 @@ class Shape:
         m = len(joint_jerk)
         none = np.full(m + 1, inf)
         speed = np.append(loop.box.velocity_limit, inf)
-        acceleration_of = none if loop.braking is None else np.append(loop.braking.acceleration, self._along[0])
+        acceleration_of = (
+            none if loop.acceleration_limit is None else np.append(loop.acceleration_limit, self._along[0])
+        )
         # Of the joints and, last, the place; its own positions are in range.
         self._limits = JointLimits(-none, none, speed, acceleration_of, np.append(joint_jerk, self._along[1]), loop.dt)
         self._few = len(loop.robot.names) < 6 and not loop.exact

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from math import inf, pi, sqrt
+from math import dist, inf, pi, sqrt
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -191,8 +191,11 @@ def far_away(robot: Robot, J: Array, tip: Array) -> float:
 
 def refuse_far(places: Array, tip: Array, far: float, argument: str) -> None:
     """Refuse places (..., 3) of poses that are farther from a tool at `tip` (3,) than is believed."""
-    with np.errstate(over="ignore"):
-        away = float(np.linalg.norm(places - tip, axis=-1).max())
+    if places.ndim == 1:
+        away = dist(places.tolist(), tip.tolist())
+    else:
+        with np.errstate(over="ignore"):
+            away = float(np.linalg.norm(places - tip, axis=-1).max())
     if away > far:
         raise BadInput(argument, _far(away, far), "a pose in the arm's unit of length", MILLIMETRES)
 

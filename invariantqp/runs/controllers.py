@@ -92,7 +92,7 @@ class ContactController(TaskController):
 
     def __init__(self, loop: HybridController) -> None:
         self._loop = loop
-        self.form = loop.loop.law.form
+        self.form = loop.loop.form
 
     def step(self, measured: Measurement, goal: Goal) -> VelocitySolution:
         """One tick."""

@@ -93,14 +93,6 @@ class ExactRows(Value):
         made.__attrs_init__(A, b, D)
         return made
 
-    def demanding(self, b: ArrayLike) -> ExactRows:
-        """The same rows with other demands (k,).
-
-        Raises:
-            BadInput: another number of demands, NaN.
-        """
-        return self._made(self.A, arrays.vector(b, len(self.A), "b"), self.of_twist)
-
     def on(self, to_joint: Array | None) -> ExactRows:
         """The same rows on y, x = T y."""
         return self if to_joint is None else ExactRows(self.A.dot(to_joint), self.b, self.of_twist)

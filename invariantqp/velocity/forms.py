@@ -50,23 +50,17 @@ class PitchForm(Value):
     """
 
     h: float
-    convexified: bool
 
-    def __init__(self, h: float, *, convexified: bool = False) -> None:
+    def __init__(self, h: float) -> None:
         """A form.
 
         Args:
             h: pitch [length/rad], finite.
-            convexified: True for [DS]'s own problem made convex: limits and singularities are then measured by
-                |J'Q_h J| instead of a metric at a point, in all of `solve_velocity`. Kept to compare with; near
-                singularities and at limits it is far less accurate.
 
         Raises:
-            BadInput: an h that is no finite number, a convexified that is neither True nor False.
+            BadInput: an h that is no finite number.
         """
-        if not isinstance(convexified, bool):
-            raise BadInput("convexified", excerpt(convexified), "True or False")
-        self.__attrs_init__(finite_pitch(h), convexified)
+        self.__attrs_init__(finite_pitch(h))
 
     def matrix(self, inverse_root: Array) -> Array:
         """(6, 6) Q_h on measured twists."""

@@ -12,9 +12,8 @@ empty and has no jump.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from math import inf, sqrt
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from math import inf
 
 import numpy as np
 from attrs import field, frozen
@@ -23,11 +22,9 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import NEGLIGIBLE, Array
+from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.se3 import velocity_at
 from invariantqp.velocity.backends import UNBOUNDED
-from invariantqp.velocity.reasons import Code, Reason
 
 # How far outside its position range a joint is reported to be [rad, length]; less is rounding and noise of encoders.
 OUTSIDE = 1e-3
@@ -148,106 +145,22 @@ class JointBox(Value):
         fastest = self.velocity_limit
         return np.minimum(np.maximum(low, -fastest), fastest), np.maximum(np.minimum(high, fastest), -fastest)
 
-    def placed(self, q: Array) -> tuple[Array, Array]:
-        """(lower, upper), each (m,), by the position limits alone; not above what leads back from outside in time."""
-        low, high = self._speeds(q)
-        return np.minimum(low, self.velocity_limit), np.maximum(high, -self.velocity_limit)
-
     def _speeds(self, q: Array) -> tuple[Array, Array]:
         """The velocities (m,) that lead to the position limits at the rate."""
         return self.rate * (self.position_lower - q), self.rate * (self.position_upper - q)
-
-    def outside(self, q: ArrayLike, joints: Iterable[int]) -> tuple[Reason, ...]:
-        """Those of some joints that are outside their range by more than rounding and encoders make of a limit."""
-        x: Any = q
-        far = ((i, max(x[i] - self.position_upper[i], self.position_lower[i] - x[i])) for i in joints)
-        return tuple(Reason(Code.OUTSIDE, (i,), numbers=(float(by),)) for i, by in far if by > OUTSIDE)
 
     def room(self, q: Array) -> tuple[Array, Array]:
         """Distance (m,) to the upper and to the lower position limits [rad, length], negative outside."""
         return self.position_upper - q, q - self.position_lower
 
 
-class BrakingBounds(NamedTuple):
-    """A box that is never empty, and the joints at which the limits contradict each other."""
-
-    lower: Array  # (m,)
-    upper: Array  # (m,)
-    strained: tuple[Reason, ...]  # what gave way, joint by joint
-    placed_lower: Array  # (m,) by the room to the position limits alone
-    placed_upper: Array  # (m,)
-
-
-@frozen(eq=False, repr=False, slots=False)
-class BrakingBox(Value):
-    """The box of position, velocity and acceleration limits: a joint can always still brake in the room it has left.
-
-        |x - x_before| <= a dt,     D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ... ) + y / rate <= room
-
-    D is what a joint travels that moves at x for this tick and brakes at a from the next on, tick by tick, until its
-    velocity y is so low that it can cover the rest at the box's rate. If D(x) fits into the room now, D(x - a dt) fits
-    into what is left after the tick, so a joint that obeys both limits once can obey them for ever.
-
-    Where they contradict each other the box is still not empty, and reports the joint:
-        too fast for the room        the smallest deceleration, kept up, that stops inside; more than a
-        outside a position limit     not further out, and back as fast as it can stop at that limit
-        faster than v_max            v_max: velocity never gives way
-    """
-
-    box: JointBox  # position and velocity limits
-    acceleration: Array = field(converter=own)  # (m,) [rad/s^2, length/s^2], positive, inf where there is none
-    dt: float  # [s]
-
-    def at(self, q: Array, before: Array) -> BrakingBounds:
-        """The box at joint positions q (m,), coming from the joint velocity `before` (m,)."""
-        fastest = self.box.velocity_limit
-        ahead, behind = self.box.room(q)
-        # Down is the same problem as up with all signs changed.
-        (least, least_back), (most, most_back) = self._towards(np.array((ahead, behind)), np.array((before, -before)))
-        lower, upper = np.maximum(least, -most_back), np.minimum(most, -least_back)
-        lower = np.minimum(np.maximum(lower, -fastest), fastest)
-        upper = np.maximum(np.minimum(np.maximum(upper, -fastest), fastest), lower)
-        down, up = self._speed(behind), self._speed(ahead)
-        placed = np.minimum(lower, -down), np.maximum(upper, up)
-        return BrakingBounds(lower, upper, self._strained(q, before, lower, upper), *placed)
-
-    def _towards(self, room: Array, before: Array) -> tuple[Array, Array]:
-        """(least, most) velocities (2, m) towards the limits `room` (2, m) away, up and down.
-
-        `least` is what one tick of braking leaves of `before`, or `most` where that is not slow enough.
-        """
-        slowest = before - self.acceleration * self.dt
-        braking = self._speed(room)
-        # Outside: never further out, and back to the limit as fast as it can stop there, before the opposite one too.
-        back = np.maximum(-self._speed(-room), -braking[::-1])
-        inside = room >= 0.0
-        returning = np.minimum(np.maximum(back, slowest), 0.0)
-        most = np.where(inside, braking, returning)
-        late = inside & (most < slowest)
-        if late.any():
-            most = np.where(late, np.minimum(late_braking(room, before, self.dt), slowest), most)
-        return np.minimum(slowest, most), most
-
-    def _speed(self, room: Array) -> Array:
-        return braking_speed(room, self.acceleration, self.dt, self.box.rate)
-
-    def _strained(self, q: Array, before: Array, lower: Array, upper: Array) -> tuple[Reason, ...]:
-        """Joints that cannot have all their limits kept."""
-        step = self.acceleration * self.dt
-        jerked = np.maximum(lower - before, before - upper) - step
-        allowance = NEGLIGIBLE * (1.0 + np.abs(before) + np.where(np.isfinite(step), step, 0.0))
-        dt, a = self.dt, self.acceleration
-        fast = (
-            Reason(Code.ACCELERATION, (i,), numbers=(float(jerked[i] + step[i]) / dt, float(a[i])))
-            for i in np.flatnonzero(jerked > allowance).tolist()
-        )
-        return (*self.box.outside(q.tolist(), range(len(q))), *fast)
-
-
 def braking_speed(room: Array, acceleration: Array, dt: float, rate: float | None = None) -> Array:
     """The largest x >= 0 with D(x) <= room, for each joint; inf where the room is, 0 where there is none.
 
-    D is that of `BrakingBox`; without a `rate` [1/s] the last tick covers all that is left.
+        D(x) = dt (x + (x - a dt) + (x - 2 a dt) + ... ) + y / rate
+
+    D is what a joint travels that moves at x in this tick and brakes at a from the next on, tick by tick, until its
+    velocity y is so low that it can cover the rest at the rate [1/s]; without one the last tick covers what is left.
     """
     a = np.minimum(acceleration, UNBOUNDED)  # infinity times zero would be NaN
     k = 1.0 if rate is None else 1.0 / (rate * dt)  # ticks in which the rest is covered
@@ -255,19 +168,6 @@ def braking_speed(room: Array, acceleration: Array, dt: float, rate: float | Non
     r = np.minimum(np.maximum(room, 0.0), UNBOUNDED) / (a * dt * dt)
     n = np.maximum(np.ceil(np.sqrt(np.maximum(2.0 * r - k * k + k + 0.25, 0.0)) - k - 0.5), 0.0)
     return np.where(np.isinf(room), np.inf, a * dt * (r + n * (0.5 * (n - 1.0) + k)) / (n + k))
-
-
-def late_braking(room: Array, before: Array, dt: float) -> Array:
-    """The next velocity under the smallest constant deceleration that stops within the room, at each joint.
-
-    From w = `before`, ticks at w - b, w - 2b, ... sum to the room for b = 2 w (n - d) / (n (n - 1)), where
-    d = 1 + room / (w dt), n = ceil(2 d - 1) ticks; one tick, b = w, where there is no room.
-    """
-    w = np.where(before > 0.0, before, 1.0)
-    d = 1.0 + np.minimum(np.maximum(room, 0.0), UNBOUNDED) / (w * dt)
-    n = np.maximum(np.ceil(2.0 * d - 1.0), 1.0)
-    share = np.where(n > 1.0, 2.0 * (n - d) / np.maximum(n * (n - 1.0), 1.0), 1.0)
-    return np.where(before > 0.0, w * (1.0 - share), 0.0)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -330,11 +230,6 @@ class LimitRows(Value):
         vars(made).update(vars(self), names=tuple(names))
         return made
 
-    def allow(self, x: Array) -> bool:
-        """Whether C x is inside."""
-        y = self.C.dot(x)
-        return bool((y >= self.lower).all() and (y <= self.upper).all())
-
     def excess(self, x: Array) -> Array:
         """(k,) how far C x is above the upper limit (positive) or below the lower one (negative); 0 inside."""
         y = self.C.dot(x)
@@ -345,27 +240,6 @@ class LimitRows(Value):
         """(2 k,) the share that x takes of each upper limit above zero and each lower one below; 0 for the others."""
         y, lower, upper = self.C.dot(x), self.lower, self.upper
         return np.append(y / np.where(upper > 0.0, upper, np.inf), y / np.where(lower < 0.0, lower, -np.inf))
-
-
-class Cone(NamedTuple):
-    """|start + J x| <= limit: the speed of a point."""
-
-    J: Array  # (3, m)
-    limit: float  # [length/s]
-    start: Array  # (3,)
-
-    def velocity(self, x: Array) -> Array:
-        """(3,) of the point [length/s]."""
-        return np.asarray(self.start + self.J.dot(x), dtype=np.float64)
-
-    def speed(self, x: Array) -> float:
-        """|v_p| [length/s]."""
-        v = self.velocity(x)
-        return sqrt(float(v.dot(v)))
-
-    def allows(self, x: Array, tolerance: float = 0.0) -> bool:
-        """Whether the point is slow enough, but for a relative tolerance."""
-        return self.speed(x) <= self.limit * (1.0 + tolerance)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -391,7 +265,3 @@ class ToolSpeed(Value):
         speed = arrays.number(limit, "limit", "a speed", positive=True)
         where = None if point is None else arrays.vector(point, 3, "point")
         self.__attrs_init__(speed, where)
-
-    def cone(self, J: Array, point: Array) -> Cone:
-        """The cone for joint twists J (6, m) and the point (3,) in the frame of J."""
-        return Cone(velocity_at(J, point), self.limit, np.zeros(3))

@@ -187,19 +187,12 @@ TAKEN: dict[str, Callable[[Any, Mapping[str, Any]], dict[str, Any]]] = {
 
 
 def form_fields(form: Form | CarriedMetric | None) -> dict[str, Any]:
-    """A form as the engine takes it.
-
-    Raises:
-        BadInput: a convexified pitch form.
-    """
+    """A form as the engine takes it."""
     if form is None:
         return {}
     if isinstance(form, CarriedMetric):
         return {"root": form.root()}
     if isinstance(form, PitchForm):
-        if form.convexified:
-            remedy = "HybridController still has it."
-            raise BadInput("form", "PitchForm(..., convexified=True)", "a PitchForm as it is", remedy)
         return {"form": ("pitch", form.h)}
     if isinstance(form, Complement):
         return {"form": ("complement", form.Z)}

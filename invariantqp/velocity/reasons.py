@@ -1,4 +1,4 @@
-"""Why a tick is as it is: reasons as data, by either engine, and the one place where they become sentences.
+"""Why a tick is as it is: reasons as data, and the one place where they become sentences.
 
 A reason is a code, joints by index and name, limits by name and numbers. Loops and tests compare and count these; the
 sentence is made where somebody reads it. Codes stand in the order of their gravity: a solution names the worst first.
@@ -30,10 +30,6 @@ class Code(IntEnum):
     ROWS_ALLOW_NOTHING = auto()
     NO_VELOCITY = auto()
     NO_NUMBERS = auto()
-    PAPER_EXACT = auto()
-    PAPER_LIMITS = auto()
-    PAPER_FORM = auto()
-    PAPER_POLE = auto()
     MOVING_BACK = auto()
     # Something declared does not hold: "degraded".
     NO_MOTION = auto()
@@ -44,19 +40,13 @@ class Code(IntEnum):
     ACCELERATION = auto()
     ROWS_CONTRADICT = auto()
     TOOL_FASTER = auto()
-    SOLVER = auto()
     ROWS_UNKEPT = auto()
-    ROWS_TOO_MANY = auto()
-    PAPER_GAINS = auto()
-    PAPER_CLIPPED = auto()
     # What limits and singularities keep away.
     STUCK = auto()
     ROWS_SLOWED = auto()
     ROWS_MOVED = auto()
     CHASE_SLOWED = auto()
     GUARDED = auto()
-    DAMPED = auto()
-    CALMED = auto()
     FEW_JOINTS = auto()
     POSITION_ALONE = auto()
     MISSED = auto()
@@ -76,10 +66,6 @@ SENTENCES = {
     Code.ROWS_ALLOW_NOTHING: "{limits} allows no velocity at all here",
     Code.NO_VELOCITY: "no velocity found{because}",
     Code.NO_NUMBERS: "the numbers are too large or too small to compute with{because}",
-    Code.PAPER_EXACT: "PaperLambda does not support exact rows; use another damping",
-    Code.PAPER_LIMITS: "PaperLambda supports no limits but the bounds; use another damping",
-    Code.PAPER_FORM: "PaperLambda needs a pitch form: give form=h",
-    Code.PAPER_POLE: "G + Lambda is singular: this is the pole of [DS]'s formula",
     Code.MOVING_BACK: "moving back inside the limits",
     Code.NO_MOTION: "no motion measured of {joint} although it is commanded: the robot is stopped, paused or blocked, "
     "or its joint states are old; the motion starts from rest when the robot moves again",
@@ -94,19 +80,12 @@ SENTENCES = {
     Code.ACCELERATION: "{joint}: acceleration {0:.3g}, above its limit {1:.3g}",
     Code.ROWS_CONTRADICT: "rows contradict {bounds}: exceeded at {each}",
     Code.TOOL_FASTER: "the tool's speed is {0:.3g}, not {1:.3g}: other limits require it",
-    Code.SOLVER: "{words}",
     Code.ROWS_UNKEPT: "the joints cannot keep the direction of the exact rows: {0:.1e} of the demand is unmet",
-    Code.ROWS_TOO_MANY: "this arm can keep {0:.0f} of the exact rows: {1:.1e} of the demand is unmet",
-    Code.PAPER_GAINS: "[DS]'s Lambda gives closed-loop gains outside [0, 1]: {words}; "
-    "negative ones drive the tool away",
-    Code.PAPER_CLIPPED: "clipped to the bounds",
     Code.STUCK: "no velocity reduces the error: it is the least that these joints and limits allow",
     Code.ROWS_SLOWED: "limits allow {0:.3g} of the exact rows' speed",
     Code.ROWS_MOVED: "limits require motion beside the exact rows: {each}",
     Code.CHASE_SLOWED: "limits allow {0:.3g} of the approach's speed",
     Code.GUARDED: "descent guard: {0:.3g} of least squares blended in",
-    Code.DAMPED: "near a singularity: the smallest singular value is {0:.1e} of the largest; damped",
-    Code.CALMED: "damped, so that joints do not swing for the little that more speed would win",
     Code.FEW_JOINTS: "fewer than six joints ({0:.0f}) can achieve {1:.0%} of this twist",
     Code.POSITION_ALONE: 'exact="position" (in solve_velocity, ExactRows) keeps the velocity of the tool point',
     Code.MISSED: "{0:.0%} of the twist is missed",
@@ -160,16 +139,6 @@ def sentences(reasons: Iterable[Reason]) -> str:
     return "; ".join(filter(None, map(str, reasons)))
 
 
-def by_joint(reasons: Iterable[Reason]) -> tuple[Reason, ...]:
-    """Reasons that name a joint each; of one code, the largest number first."""
-    return tuple(sorted(reasons, key=lambda one: (one.code, *(-float(f"{number:.3g}") for number in one.numbers[:1]))))
-
-
-def worst_first(reasons: Iterable[Reason]) -> tuple[Reason, ...]:
-    """Reasons in the order of their gravity; of one gravity as they were."""
-    return tuple(sorted(reasons, key=lambda reason: reason.code))
-
-
 def named(joints: Sequence[int], rows: Sequence[str] = (), names: Sequence[str] = ()) -> str:
     """Limits in words: "joints 0 (base), 2 (elbow) and the cable"; of many rows, the first few and how many more.
 
@@ -198,9 +167,9 @@ def _each(reason: Reason) -> str:
     return ", ".join(words)
 
 
-# Reasons as the compiled core writes them, in doubles: of each its code, how many joints, rows and numbers, and these.
+# Reasons as the engine writes them, in doubles: of each its code, how many joints, rows and numbers, and these.
 Written: TypeAlias = bytes
-# What a solution is made with: reasons, a text of a law that has none, what the core wrote, or several of these.
+# What a solution is made with: reasons, a text of a law that has none, what the engine wrote, or several of these.
 Why: TypeAlias = "tuple[Reason | str | Written, ...] | str | Written"
 # In place of the index of a row.
 TOOL_SPEED_ROW, FIRST_EXACT_ROW = -1, -2
@@ -216,7 +185,7 @@ def row_name(i: int, names: Sequence[str] = ()) -> str:
 
 
 def read(written: Written, names: Sequence[str] = ()) -> tuple[Reason, ...]:
-    """The reasons that the core wrote; `names` (k,) are those of the rows."""
+    """The reasons that the engine wrote; `names` (k,) are those of the rows."""
     numbers = array("d", written).tolist()
     found, at = [], 0
     while at < len(numbers):

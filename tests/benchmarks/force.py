@@ -313,16 +313,16 @@ def run(scene, dt, seconds, trace=0, *, defined=False, c=None):
         solution = loop.step(q, target, reading, ahead, wanted=[wanted] if scene.steps else None)
         status = str(solution.status)
         told.statuses[status] += 1
-        if "letting go" in solution.reason:
+        if "unloading" in solution.reason:
             told.asked += 1
         elif status == "degraded":
             told.words[solution.reason.split(":")[0][:60]] += 1
         if told.stopped == inf and (status in ("fault", "overload") or "until reset" in solution.reason):
             told.stopped, told.status, told.reason = t, status, solution.reason
         if trace and i % trace == 0:
-            known = loop.memory.pressing.known
+            known = loop.memory.press.bounds()
             print(
-                f"{t:8.3f} press {force:8.3f} read {read:8.3f} depth um {1e6 * depth:9.1f} k {known[0].bound if known else 0:8.2g} {status:9s} {solution.reason[:110]}"
+                f"{t:8.3f} press {force:8.3f} read {read:8.3f} depth um {1e6 * depth:9.1f} k {known[0]:8.2g} {status:9s} {solution.reason[:110]}"
             )
         told.last = status
         commands = [*commands[1:], solution.velocity]

@@ -12,7 +12,8 @@ from support.arms import ready
 
 import invariantqp as iq
 from invariantqp import engine
-from invariantqp.control.limits import boxes, loop_of
+from invariantqp.control.limits import box_of, limit_fields, loop_of
+from invariantqp.engine import law
 from invariantqp.geometry.shapes import Core
 from invariantqp.limits import Box, Capsule, Clearance, HalfSpace, LimitRows, OtherArm, Sphere
 
@@ -401,13 +402,13 @@ def test_what_leads_back_asks_for_no_more_than_all_limits_leave_together(ur5, ob
     limit, q, before = Clearance(ur5, LINKS, [obstacle]), np.array(q), np.array(before)
     loop = loop_of(ur5, 0.001, 0.0)._replace(acceleration=np.full(6, 10.0))
     rows = limit.rows_at(q, limit.in_loop(loop), before)
-    box, brakes = boxes(loop, ur5.velocity_limit)
-    bounds = brakes.at(q, before)
+    box = box_of(loop)
+    lower, upper, *_ = law.joint_bounds(limit_fields(loop, box.rate), q, before)
     of_joints = np.array((box.velocity_limit, loop.acceleration, box.position_lower, box.position_upper))
     braked = States([0] * 6, q, before, of_joints, 0.001).y
     assert (rows.lower - rows.C @ braked).max() > 1e-3  # it does ask for something
     found = linprog(
-        np.zeros(6), -rows.C, -rows.lower, bounds=list(zip(bounds.lower, bounds.upper, strict=True)), method="highs-ds",
+        np.zeros(6), -rows.C, -rows.lower, bounds=list(zip(lower, upper, strict=True)), method="highs-ds",
         options={"primal_feasibility_tolerance": 1e-10},
     )  # fmt: skip
     assert found.success

@@ -8,8 +8,6 @@ from support.random_systems import distance, motion
 from support.repeats import repeats
 
 import invariantqp as iq
-from invariantqp.engine import core
-from invariantqp.force import contact_kinds as contacts
 
 P, N = np.array([0.4, -0.1, 0.3]), np.array([0.2, 0.1, 1.0])
 ALL = {
@@ -233,42 +231,3 @@ def test_a_frame_displaced_by_rounding_alone_changes_no_kind():
     nearly[0, 2] = 1e-19
     kind = iq.point_contact(P, N).kind
     np.testing.assert_allclose(kind.relabelled(nearly).constraints, kind.constraints, atol=1e-15)
-
-
-@pytest.mark.skipif(core is None, reason="no compiled core here")
-def test_both_engines_give_the_same_frame_and_refuse_the_same(monkeypatch):
-    rng, given = np.random.default_rng(0), []
-    for k in range(600):
-        few = [rng.integers(-1, 2, 3).astype(float) for _ in range(2)]
-        normal, tangent = few if k % 2 else (x * 10.0 ** rng.uniform(-20, 20) for x in rng.normal(size=(2, 3)))
-        given.append((rng.normal(size=3).tolist(), tuple(normal), tangent if k % 3 else None))
-    hostile = [
-        [0, 0],
-        [0, 0, "1"],
-        [False, False, True],
-        [0, 0, 10**400],
-        [0.0, 0.0, np.nan],
-        [0, np.inf, 0],
-        [0, 0, 1j],
-        None,
-    ]
-    given += [(wrong, [0, 0, 1], [1, 0, 0]) for wrong in hostile]
-    given += [([0, 0, 0], wrong, [1, 0, 0]) for wrong in hostile]
-    given += [([0, 0, 0], [0, 0, 1], wrong) for wrong in hostile[:-1]]
-
-    def found(one):
-        try:
-            return contacts.contact_frame(*one)
-        except iq.BadInput as error:
-            return str(error)
-
-    ours = [found(one) for one in given]
-    answered = sum(core.contact_frame(*one) is not None for one in given)
-    monkeypatch.setattr(contacts, "core", None)
-    for one, frame in zip(given, ours, strict=True):
-        other = found(one)
-        if isinstance(other, str):
-            assert frame == other
-        else:
-            np.testing.assert_allclose(frame, other, rtol=0.0, atol=1e-12)
-    assert answered > 500

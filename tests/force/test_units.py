@@ -64,6 +64,6 @@ def test_millimetres_change_no_tick(exact):
         assert here.status == there.status, (seed, here.reason, there.reason)
         apart = np.linalg.norm(here.velocity - there.velocity)
         slow = here.velocity_solution.scale < 1.0  # a change of q by 1e-15 changes such a tick by 2e-9
-        assert apart <= (1e-8 if slow else 1e-9) * np.linalg.norm(here.velocity), (seed, apart)
+        assert apart <= (3e-8 if slow else 1e-9) * np.linalg.norm(here.velocity), (seed, apart)
         slowed += 0.0 < here.velocity_solution.scale < 1.0
     assert slowed > 0 or exact == "nothing"  # the force alone is slow

@@ -4,8 +4,6 @@ Velocities in two frames agree to 1e-10 relative to |x|; where the answer nearly
 size of what was asked. Both differ by rounding alone, multiplied by the condition of the Gram matrix.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from support.random_systems import motion
@@ -13,9 +11,6 @@ from support.repeats import repeats
 from support.velocity_reference import tight_box
 
 import invariantqp as iq
-from invariantqp.legacy.law import Chase
-from invariantqp.legacy.problem import problem_of
-from invariantqp.legacy.solve import solve
 
 FRAMES = repeats(1000, 250)
 AGREE = 1e-10
@@ -113,53 +108,6 @@ def test_millimetres_change_nothing(limited):
         assert (a.method, a.status) == (b.method, b.status)
         worst = max(worst, difference(a.velocity, b.velocity, J, s))
     assert worst < AGREE
-
-
-def chased(J, s, ahead, still, numbers, **options):
-    """The answer where `ahead` of s is the target's own twist and the rest closes an error."""
-    wider, slack, fastest, apart, dt = numbers
-    law, d = problem_of(J, s, **options)
-    chase = Chase(ahead, still, d.lower - wider[0], d.upper + wider[1], slack, apart)
-    return solve(replace(law, dt=dt), d._replace(chase=chase, fastest=fastest))
-
-
-@pytest.mark.cases(3)
-@pytest.mark.parametrize("exact", [False, True], ids=["alone", "exact point"])
-@pytest.mark.parametrize("limited", [False, True], ids=["free", "limited"])
-def test_frames_and_millimetres_change_nothing_of_a_chase(limited, exact):
-    worst, slowed, ways = 0.0, 0, set()
-    D = np.array([1.0] * 3 + [1e3] * 3)
-    for rng, J, s, T, (here, there) in scenes(seed=29, frames=FRAMES, kinds=("own length", "carried", "pitch")):
-        m, A, p = J.shape[1], iq.adjoint(T), rng.normal(size=3)
-        ahead = (0.0, 0.3, 1.0)[rng.integers(3)] * rng.normal(size=6)
-        slack, apart = 10.0 ** rng.uniform(-3.0, -0.5), not isinstance(here, iq.CarriedMetric)
-        wider = rng.uniform(0.0, 2.0, (2, m)) * (rng.random((2, m)) < 0.8)
-        numbers = wider, slack, rng.uniform(0.5, 3.0, m), apart, (0.0, 0.01)[rng.integers(2)]
-        same = {"posture": rng.normal(size=m)}
-        if limited:
-            same["bounds"] = tight_box(rng, m, iq.solve_velocity(J, s, form=here, **same).velocity)
-        asked = [(J, s, ahead, p, 1.0), (A @ J, A @ s, A @ ahead, (T @ np.append(p, 1.0))[:3], 1.0)]
-        forms = [here, there]
-        if apart:
-            asked.append((D[:, None] * J, D * s, D * ahead, 1e3 * p, 1e3))
-            forms.append(None if here is None else 1e3 * here)
-        found = []
-        for (twists, s_, ahead_, p_, unit), form in zip(asked, forms, strict=True):
-            rows, still = None, None
-            if exact and m > 3:
-                rows = point_rows(twists, s_, p_)
-                still = point_rows(twists, ahead_, p_).b
-            options = {"form": form, "exact": rows, "point": None if isinstance(form, iq.CarriedMetric) else p_}
-            told = numbers[0], slack * unit, *numbers[2:]
-            found.append(chased(twists, s_, ahead_, still, told, **options, **same))
-        for other in found[1:]:
-            assert (other.method, other.status) == (found[0].method, found[0].status)
-            worst = max(worst, difference(found[0].velocity, other.velocity, J, s))
-        slowed += "of the approach's speed" in found[0].reason
-        ways.add(found[0].status)
-    assert worst < AGREE
-    assert {"ok", "limited"} <= ways
-    assert not limited or slowed > FRAMES // 20
 
 
 def test_moore_penrose_would_not_pass():

@@ -53,13 +53,14 @@ def test_the_tasks_that_are_shipped():
 def test_path_and_force_hold_after_contact_has_settled(name, physics):
     if physics == "mujoco":
         pytest.importorskip("mujoco")
-    needs = {"so101_pen": 0.003, "wipe_under_shelf": 0.002}  # on MuJoCo; the others do with half of the file's ticks
+    # On MuJoCo; the others do with half of the file's ticks.
+    needs = {"so101_pen": 0.003, "edge_follow": 0.003, "wipe_under_shelf": 0.002}
     dt = needs.get(name, 0.004) if physics == "mujoco" else 0.008
     trace = iq.run_task(iq.load_task(name), physics=physics, dt=dt)
     path, force = PROMISES[physics]
     figures = trace.summary()
     assert trace.passed, trace.shortfalls
-    assert trace.clearance is None or trace.clearance.distance.min() < 1.01 * trace.clearance.required  # it is needed
+    assert trace.clearance is None or trace.clearance.distance.min() < 1.02 * trace.clearance.required  # it is needed
     assert figures["position_error_mm"]["max"] < path
     assert 0.0 < figures["force_error_relative_rms"] < force
     assert trace.limit_violation == 0.0

@@ -193,7 +193,7 @@ ALGEBRA = {
     "Contact.moved": lambda: (contact().moved, {"pose": T}),
     "Contact.relabelled": lambda: (contact().relabelled, {"offset": T}),
     # velocity
-    "PitchForm": lambda: (iq.PitchForm, {"h": H, "convexified": False}),
+    "PitchForm": lambda: (iq.PitchForm, {"h": H}),
     "CarriedMetric": lambda: (iq.CarriedMetric, {"matrix": np.ones(6), "pose": T}),
     "Complement": lambda: (iq.Complement, {"Z": S}),
     "Guard": lambda: (iq.Guard, {"fraction": 0.5}),
@@ -203,7 +203,6 @@ ALGEBRA = {
     "ExactRows.plane": lambda: (iq.ExactRows.plane, {"J": J, "point": POINT, "normal": AXIS, "speed": 0.1}),
     "ExactRows.point": lambda: (iq.ExactRows.point, {"J": J, "point": POINT, "velocity": AXIS}),
     "ExactRows.of": lambda: (iq.ExactRows.of, {"J": J, "D": np.eye(6)[:2], "b": [0.1, 0.2], "check": True}),
-    "ExactRows.demanding": lambda: (iq.ExactRows(J[:2], [0.1, 0.2]).demanding, {"b": [0.2, 0.1]}),
     "ExactRows.with_rows": lambda: (iq.ExactRows(J[:2], [0.1, 0.2]).with_rows, {"others": iq.ExactRows(J[:1], [0.1])}),
     "LimitRows": lambda: (iq.limits.LimitRows, {"C": J[:2], "lower": [-1, -1], "upper": [1, 1], "names": ["a", "b"]}),
     "JointLimits": lambda: (

@@ -290,9 +290,11 @@ CONTROL = {
             "sensor": None,
             "order": "moment first",
             "force_first": True,
+            "tare": True,
             **loop_options(),
         },
     ),
+    "margins": lambda: (iq.force.margins, {"k": 1e4, "b": 10.0, "T": 0.02, "k_bound": 2e4, "b_bound": 20.0}),
     "HybridController.step": lambda: (
         hybrid().step,
         {
@@ -319,6 +321,7 @@ CONTROL = {
             "force_deadband": 0.1,
             "moment_deadband": 0.1,
             "noise": 0.2,
+            "drift": 0.003,
             "reads": "reaction",
             "origin": POINT,
         },

@@ -52,6 +52,7 @@ def press_on_damper(
     since=np.inf,
     seed=0,
     drives=np.inf,
+    drift=0.0,
     **task,
 ):
     """Press, and slide with a speed from a time on, straight or on a circle; `reads` makes a reading of the true press.
@@ -63,7 +64,7 @@ def press_on_damper(
     start = robot.pose(q)
     plane = start[2, 3] - gap
     made = iq.HybridTask(lambda tool: iq.point_contact(tool[:3, 3], UP), [press], **task)
-    sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=noise)
+    sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="reaction", cutoff=50.0, noise=noise, drift=drift)
     loop = iq.HybridController(robot, made, dt=dt, sensor=sensor, delay=told)
     steps = max(1, round(dt / SUBSTEP))
     h, kept = dt / steps, 0.0 if lag == 0.0 else exp(-dt / steps / lag)

@@ -57,7 +57,7 @@ class Drive:
     def tip(self):
         return self.bench.robot.pose(self.bench.q)[:3, 3]
 
-    def check(self, force=0.02):
+    def check(self, force=0.08):
         """Limits are kept all the time; once settled the force is, and the tool is on the circle."""
         velocity = np.array([s.velocity for s in self.told])
         assert (np.abs(velocity) <= self.bench.robot.velocity_limit + 1e-9).all()

@@ -1,9 +1,8 @@
-"""Ticks of every kind that the compiled core has, for whoever watches it."""
+"""Ticks of every kind, for whoever watches the engine."""
 
 import numpy as np
 
 import invariantqp as iq
-from support import two_laws
 from support.streams import Arm
 
 
@@ -61,8 +60,6 @@ def main():
             presses(arm, rng)
         iq.solve_pose(arm.robot, arm.robot.pose(arm.start + 0.3 * rng.normal(size=len(arm.start))))
         iq.solve_velocity(arm.robot.jacobian(arm.start), rng.normal(size=6))
-    for seed in range(40):
-        two_laws.native_answer(*two_laws.random_tick(np.random.default_rng(seed)))
 
 
 if __name__ == "__main__":

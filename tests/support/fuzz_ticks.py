@@ -122,8 +122,8 @@ def broken_limits(loop, q, x, before, solution, speed):
     after = np.maximum(robot.position_lower - moved, moved - robot.position_upper)
     if (np.abs(x) > fastest + INSIDE).any() or (after > beyond + INSIDE).any():
         return "outside limits"
-    if loop.braking is not None:
-        most = loop.dt * loop.braking.acceleration
+    if loop.acceleration_limit is not None:
+        most = loop.dt * loop.acceleration_limit
         if (np.abs(x - before) > most + INSIDE * (1.0 + np.abs(before) + most)).any():
             return "faster than it can"
     if solution.status in {"degraded", "held"}:

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The tests of the compiled core with its sources built for the address and undefined-behaviour sanitizers and with bounds
-# checks (gcc or clang).
+# The tests of the engine with its sources built for the address and undefined-behaviour sanitizers and with bounds checks
+# (gcc or clang).
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 kept=$(mktemp -d)
@@ -12,9 +12,9 @@ runtime="$(${CC:-cc} -print-file-name=libasan.so) $(${CC:-cc} -print-file-name=l
 # Python itself never frees some of what it allocates at its start, so leaks are not looked for.
 ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD="$runtime" \
     python -m pytest -q -n auto --capture=sys \
-    tests/test_native.py::test_the_core_is_part_of_the_package tests/test_fields.py tests/legacy/test_compiled.py tests/velocity/test_compiled_law.py \
+    tests/test_native.py::test_the_engine_is_part_of_the_package tests/velocity/test_compiled_law.py \
     tests/velocity/test_batch.py tests/velocity/test_several.py tests/control/test_frame_cost.py \
     tests/control/test_clearance_engine.py tests/control/test_clearance_at_first.py tests/geometry/test_distance.py \
-    tests/control/test_loop.py tests/legacy/test_compiled_loop.py tests/pose/test_search.py tests/pose/test_poses.py tests/robots/test_chain.py \
+    tests/control/test_loop.py tests/pose/test_search.py tests/pose/test_poses.py tests/robots/test_chain.py \
     tests/systems/test_projectors.py tests/systems/test_pseudoinverses.py::test_the_engine_answers_what_is_well_conditioned \
-    tests/paths/test_joint_motion.py tests/paths/test_override.py tests/force/test_compiled.py
+    tests/paths/test_joint_motion.py tests/paths/test_override.py tests/force/test_hybrid.py

@@ -23,7 +23,6 @@ DELAY = (
     "not converging: the joints do not follow their commands, joint 2 (elbow) least; the cause may be a delay (give it "
     "as delay=), a gain too high for the robot, or a robot that does not do what it is told"
 )
-GAINS = "[DS]'s Lambda gives closed-loop gains outside [0, 1]: -0.2, 1.3; negative ones drive the tool away"
 STATES_ARE_OLD = (
     "the measured joint positions change once in 33 ticks (33 ms; dt is 1 ms), too rarely for this gain: read them "
     "more often, or run the loop with dt= their period"
@@ -45,13 +44,6 @@ TABLE = {
         Reason(Code.NO_NUMBERS, words="overflow"),
         "the numbers are too large or too small to compute with: overflow",
     ),
-    Code.PAPER_EXACT: (Reason(Code.PAPER_EXACT), "PaperLambda does not support exact rows; use another damping"),
-    Code.PAPER_LIMITS: (
-        Reason(Code.PAPER_LIMITS),
-        "PaperLambda supports no limits but the bounds; use another damping",
-    ),
-    Code.PAPER_FORM: (Reason(Code.PAPER_FORM), "PaperLambda needs a pitch form: give form=h"),
-    Code.PAPER_POLE: (Reason(Code.PAPER_POLE), "G + Lambda is singular: this is the pole of [DS]'s formula"),
     Code.MOVING_BACK: (Reason(Code.MOVING_BACK), "moving back inside the limits"),
     Code.NO_MOTION: (Reason(Code.NO_MOTION, (0, 1, 2, 4), names=("base", "shoulder", "elbow", "wrist")), NO_MOTION),
     Code.STATES_ARE_OLD: (Reason(Code.STATES_ARE_OLD, numbers=(33.0, 33.0, 1.0)), STATES_ARE_OLD),
@@ -73,17 +65,10 @@ TABLE = {
         Reason(Code.TOOL_FASTER, numbers=(0.3, 0.25)),
         "the tool's speed is 0.3, not 0.25: other limits require it",
     ),
-    Code.SOLVER: (Reason(Code.SOLVER, words="osqp: exit flag 3; solved by daqp"), "osqp: exit flag 3; solved by daqp"),
     Code.ROWS_UNKEPT: (
         Reason(Code.ROWS_UNKEPT, numbers=(0.0123,)),
         "the joints cannot keep the direction of the exact rows: 1.2e-02 of the demand is unmet",
     ),
-    Code.ROWS_TOO_MANY: (
-        Reason(Code.ROWS_TOO_MANY, numbers=(5.0, 0.0123)),
-        "this arm can keep 5 of the exact rows: 1.2e-02 of the demand is unmet",
-    ),
-    Code.PAPER_GAINS: (Reason(Code.PAPER_GAINS, words="-0.2, 1.3"), GAINS),
-    Code.PAPER_CLIPPED: (Reason(Code.PAPER_CLIPPED), "clipped to the bounds"),
     Code.STUCK: (
         Reason(Code.STUCK),
         "no velocity reduces the error: it is the least that these joints and limits allow",
@@ -95,11 +80,6 @@ TABLE = {
     ),
     Code.CHASE_SLOWED: (Reason(Code.CHASE_SLOWED, numbers=(0.2468,)), "limits allow 0.247 of the approach's speed"),
     Code.GUARDED: (Reason(Code.GUARDED, numbers=(0.25,)), "descent guard: 0.25 of least squares blended in"),
-    Code.DAMPED: (
-        Reason(Code.DAMPED, numbers=(0.00123,)),
-        "near a singularity: the smallest singular value is 1.2e-03 of the largest; damped",
-    ),
-    Code.CALMED: (Reason(Code.CALMED), "damped, so that joints do not swing for the little that more speed would win"),
     Code.FEW_JOINTS: (
         Reason(Code.FEW_JOINTS, numbers=(4.0, 0.2)),
         "fewer than six joints (4) can achieve 20% of this twist",
@@ -189,12 +169,6 @@ def test_a_text_is_a_reason_too():
     assert worse.status == "degraded"
     assert with_trouble(found, "no pose").reason == "no pose; the door is open"
     assert found._replace(reasons=READ).reasons == READ
-
-
-def test_of_several_joints_the_worst_comes_first():
-    told = [Reason(Code.OUTSIDE, (i,), numbers=(by,)) for i, by in ((0, 0.1), (3, 0.5), (5, 0.2))]
-    found = reasons.by_joint([Reason(Code.ACCELERATION, (1,), numbers=(9.0, 5.0)), *told])
-    assert [r.joints for r in found] == [(3,), (5,), (0,), (1,)]
 
 
 def test_joints_have_the_names_that_a_solution_is_given():

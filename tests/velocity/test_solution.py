@@ -1,4 +1,4 @@
-"""Statuses: one enum for all loops and both engines, whose members are their own words."""
+"""Statuses: one enum for all loops, whose members are their own words."""
 
 import json
 import pickle
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.engine import core
 from invariantqp.velocity.solution import VelocitySolution
 
 
@@ -23,7 +22,7 @@ def test_a_status_is_its_own_word(status):
     assert np.array([status]).tolist() == [word]
 
 
-def test_both_engines_answer_with_members():
+def test_answers_have_members():
     robot = iq.load_robot("ur5e")
     q = np.full(6, 0.4)
     J, s = robot.jacobian(q), np.ones(6)
@@ -36,12 +35,3 @@ def test_both_engines_answer_with_members():
         assert type(again) is VelocitySolution
         assert again == solution
         assert again.status is solution.status
-
-
-@pytest.mark.skipif(core is None, reason="no compiled core here")
-def test_the_core_takes_no_other_statuses():
-    with pytest.raises(TypeError, match="enum of its statuses"):
-        core.answer_as(VelocitySolution)
-    with pytest.raises(ValueError, match="ok"):
-        core.answer_as(VelocitySolution, int)
-    assert type(iq.solve_velocity(np.eye(6), np.ones(6)).status) is iq.Status

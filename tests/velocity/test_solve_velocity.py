@@ -261,7 +261,6 @@ def test_a_solution_is_a_value():
 
 VALUES = [
     iq.PitchForm(0.3),
-    iq.PitchForm(0.3, convexified=True),
     iq.Complement(np.eye(6)[:, :2]),
     iq.CarriedMetric(np.ones(6)),
     iq.CarriedMetric(np.eye(6), np.eye(4)),
@@ -301,7 +300,6 @@ BAD = {
     "damping policy": lambda: iq.solve_velocity(J6, ONE, damping=iq.Guard(0.5)),
     "many joints": lambda: iq.solve_velocity(np.ones((6, 65)), ONE),
     "many rows": lambda: iq.solve_velocity(J6, ONE, rows=iq.limits.LimitRows(np.ones((257, 6)), [0] * 257, [1] * 257)),
-    "form convexified": lambda: iq.solve_velocity(J6, ONE, form=iq.PitchForm(0.3, convexified=True)),
     "bounds type": lambda: iq.solve_velocity(J6, ONE, bounds=(-ONE, ONE, ONE)),
     "bounds crossed": lambda: iq.solve_velocity(J6, ONE, bounds=(ONE, -ONE)),
     "bounds length": lambda: iq.solve_velocity(J6, ONE, bounds=iq.Bounds([-1.0], [1.0])),
@@ -323,7 +321,6 @@ BAD = {
     "carried nowhere": lambda: iq.solve_velocity(J6, ONE, form=iq.CarriedMetric(np.eye(6))),
     "carried indefinite": lambda: iq.CarriedMetric(iq.pitch_form(0.3), np.eye(4)),
     "complement dependent": lambda: iq.Complement(np.ones((6, 2))),
-    "convexified": lambda: iq.PitchForm(0.3, convexified=1),
 }
 
 
