@@ -21,7 +21,7 @@ the wrench of a steady press does not change while the tool travels.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import exp, inf, pi
+from math import inf
 from numbers import Real
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -391,19 +391,6 @@ def load_of(sensor: WrenchSensor, reading: Array, pose: Array) -> Array:
     return -load if sensor.reads == "reaction" else load
 
 
-def cleaned(
-    sensor: WrenchSensor | None, reading: Array, tool: Array, smoothing: Smoothing
-) -> tuple[Array, Array, Smoothing]:
-    """The (6,) wrench that the tool exerts, base frame, raw and cleaned; and the low-pass after a reading."""
-    if sensor is None:
-        return reading, reading, smoothing
-    pose = tool.dot(sensor.mount)
-    load = load_of(sensor, reading, pose)
-    smooth, after = smoothing.after(load)
-    to_base = se3.coadjoint(pose, check=False)
-    return to_base.dot(load), to_base.dot(sensor.deadband(smooth)), after
-
-
 def _unloaded(sensor: WrenchSensor, pose: Array) -> Array:
     """(6,) moment first, what the sensor at a (4, 4) pose reads with nothing touching the tool."""
     if sensor.mass == 0.0:
@@ -412,28 +399,6 @@ def _unloaded(sensor: WrenchSensor, pose: Array) -> Array:
     weight = np.concatenate((se3.cross(sensor.centre, f), f))
     reading: Array = sensor.bias + (weight if sensor.reads == "reaction" else -weight)
     return reading
-
-
-class Smoothing(NamedTuple):
-    """The state of a low-pass: its owner replaces it by what `after` returns, once in every tick.
-
-    Attributes:
-        share: of a step that one tick passes on, 1 - exp(-2 pi f_c dt).
-        value: the smoothed wrench; None before the first, which is taken as it is.
-    """
-
-    share: float
-    value: Array | None = None
-
-    @classmethod
-    def of(cls, cutoff: float, dt: float) -> Smoothing:
-        """The low-pass with a cut-off in Hz for ticks of dt seconds."""
-        return cls(1.0 - exp(-2.0 * pi * cutoff * dt))
-
-    def after(self, wrench: Array) -> tuple[Array, Smoothing]:
-        """The smoothed wrench after one more reading, and the state then."""
-        smooth = wrench if self.value is None else self.value + self.share * (wrench - self.value)
-        return smooth, self._replace(value=smooth)
 
 
 def soft(vector: Array, width: float) -> Array:

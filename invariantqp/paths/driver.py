@@ -80,9 +80,8 @@ PEAK, SPEEDS = 1.875, 65
 # On the way to a stream that is far joints may be so many times as fast as the stream, or they would not reach it.
 OVERTAKES = 1.2
 # Points farther than this [rad, length] from the joints are approached by the law where there are exact demands; so
-# often [s] it is looked whether the joints are there. The law's way is to first order: it may be shorter than that by
-# as much as braking at this share of the accelerations leaves.
-LEAP, TRIED, FIRST_ORDER = 0.1, 0.02, 0.5
+# often [s] it is looked whether the joints are there.
+LEAP, TRIED = 0.1, 0.02
 # Why joints catch up, or are elsewhere.
 LATE, SLOWER = "the joints' limits", "the override"
 ELSEWHERE = "joints are not where they were sent: they do not follow, or later than told (delay=)"

@@ -26,7 +26,6 @@ import numpy as np
 import invariantqp as iq
 from invariantqp.control.tracking import tracking_twist
 from invariantqp.force import monitor
-from invariantqp.force.sensor import Smoothing, cleaned
 from invariantqp.geometry.se3 import velocity_at
 
 ARMS = {
@@ -212,15 +211,17 @@ class OneLine:
 
     def __init__(self, robot, task, c, sensor, **options):
         self.robot, self.task, self.c, self.sensor = robot, task, c, sensor
-        self.loop, self.smooth = iq.Controller(robot, **options), Smoothing.of(sensor.cutoff, options["dt"])
+        self.loop, self.felt = iq.Controller(robot, **options), None
+        self.share = 1.0 - np.exp(-2.0 * np.pi * sensor.cutoff * options["dt"])  # of the low-pass
 
     def step(self, q, target, reading, ahead, wanted=None):
         tool = self.robot.pose(q)
-        _, felt, self.smooth = cleaned(self.sensor, np.roll(reading, 3), tool, self.smooth)
+        felt = self.sensor.wrench(reading, tool)
+        self.felt = felt if self.felt is None else self.felt + self.share * (felt - self.felt)
         twist = tracking_twist(self.robot.sight(q, target).error, self.loop.gain) + ahead
         at = tool[:3, 3]
         press = (self.task.wrench if wanted is None else wanted)[0]
-        down = velocity_at(twist, at)[2] + self.c * (press + felt[5])
+        down = velocity_at(twist, at)[2] + self.c * (press + self.felt[5])
         twist[5] -= down
         solution = self.loop.follow(q, twist, at="base", measured_at=at)
         return SimpleNamespace(velocity=solution.velocity, J=self.robot.jacobian(q), status="ok", reason="")

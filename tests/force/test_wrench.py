@@ -9,7 +9,7 @@ from support.random_systems import motion
 from support.wrist import wrist
 
 import invariantqp as iq
-from invariantqp.force.sensor import Smoothing, soft
+from invariantqp.force.sensor import soft
 
 G = np.array([0.0, 0.0, -9.80665])
 
@@ -83,25 +83,31 @@ def test_forces_and_moments_have_deadbands_of_their_own():
     np.testing.assert_allclose(measured, [0, 0, 0, 0, 2.0, 0], atol=1e-15)
 
 
+def smoothed(cutoff, dt):
+    """What a controller makes of a reading (6,), tick by tick, in the sensor's frame."""
+    robot = iq.load_robot("panda")
+    q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8])
+    sensor = iq.WrenchSensor(np.eye(4), order="moment first", reads="action", cutoff=cutoff)
+    task = iq.HybridTask(iq.point_contact(robot.pose(q)[:3, 3], [0, 0, 1]), [5.0], max_force=1e3, max_moment=1e3)
+    loop = iq.HybridController(robot, task, dt=dt, sensor=sensor, tare=False)
+    to_sensor = np.linalg.inv(iq.coadjoint(robot.pose(q)))
+    return lambda reading: to_sensor @ loop.step(q, robot.pose(q), reading).wrench
+
+
 @pytest.mark.parametrize(("cutoff", "dt"), [(10.0, 1e-3), (50.0, 2e-3), (0.5, 0.01)])
 def test_the_low_pass_is_first_order_with_its_cutoff(cutoff, dt):
-    state, unit = Smoothing.of(cutoff, dt), np.ones(6)
-    first, state = state.after(np.zeros(6))
-    np.testing.assert_array_equal(first, 0.0)
-    answers = []
-    for _ in range(200):
-        value, state = state.after(unit)
-        answers.append(value[0])
+    smooth = smoothed(cutoff, dt)
+    np.testing.assert_allclose(smooth(np.zeros(6)), 0.0, atol=1e-15)
+    answers = [smooth(np.ones(6))[0] for _ in range(200)]
     time = dt * np.arange(1, 201)
     np.testing.assert_allclose(answers, 1.0 - np.exp(-2 * np.pi * cutoff * time), atol=1e-12)
 
 
 def test_the_first_reading_is_taken_as_it_is_and_no_cutoff_is_none():
-    value, state = Smoothing.of(5.0, 0.01).after(np.arange(6.0))
-    np.testing.assert_array_equal(value, np.arange(6.0))
-    value, _ = Smoothing.of(np.inf, 0.01)._replace(value=np.zeros(6)).after(np.arange(6.0))
-    np.testing.assert_array_equal(value, np.arange(6.0))
-    assert state.value is not None
+    np.testing.assert_allclose(smoothed(5.0, 0.01)(np.arange(6.0)), np.arange(6.0), atol=1e-12)
+    smooth = smoothed(np.inf, 0.01)
+    smooth(np.zeros(6))
+    np.testing.assert_allclose(smooth(np.arange(6.0)), np.arange(6.0), atol=1e-12)
 
 
 @pytest.mark.parametrize(
