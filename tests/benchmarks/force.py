@@ -2,7 +2,6 @@
 
     python tests/benchmarks/force.py healthy --minutes 100 [--tick 0.004] [--seed 1] [--arms panda z1] [--kinds hold slide]
     python tests/benchmarks/force.py faults --each 8 [--tick 0.002] [--seed 1] [--kinds drift untared]
-    ... [--without settling]       either of them with one check switched off
     ... healthy --rival 0.25       by v = c (f_d - f), c = 0.25/(k T) of the true stiffness and of all that is late
 
 The plant is made here and knows nothing of the law: an arm whose motors lag and are commanded late, a tip on springs,
@@ -25,7 +24,7 @@ import numpy as np
 
 import invariantqp as iq
 from invariantqp.control.tracking import tracking_twist
-from invariantqp.force import monitor
+from invariantqp.force.contact import OVERLOAD
 from invariantqp.geometry.se3 import velocity_at
 
 ARMS = {
@@ -227,8 +226,8 @@ class OneLine:
         return SimpleNamespace(velocity=solution.velocity, J=self.robot.jacobian(q), status="ok", reason="")
 
 
-def run(scene, dt, seconds, trace=0, *, defined=False, c=None):
-    """The scene for some seconds, or until it was stopped for .3 s; by the law's definition, or with the rival's gain c."""
+def run(scene, dt, seconds, trace=0, *, c=None):
+    """The scene for some seconds, or until it was stopped for .3 s; or with the rival's gain c."""
     robot = ROBOTS.setdefault(scene.arm, iq.load_robot(scene.arm))
     q, random, up = np.array(ARMS[scene.arm]), np.random.default_rng(scene.seed), np.array([0.0, 0.0, 1.0])
     home = robot.pose(q)
@@ -242,8 +241,6 @@ def run(scene, dt, seconds, trace=0, *, defined=False, c=None):
     loop = iq.HybridController(robot, task, dt=dt, sensor=sensor, delay=scene.told * (scene.dead + scene.lag))
     if c is not None:
         loop = OneLine(robot, task, c, sensor, dt=dt, delay=scene.told * (scene.dead + scene.lag))
-    elif defined:
-        loop._core = None
     steps = max(1, round(dt / (SUBSTEP if dt < 0.02 else 1e-3)))
     h, ticks = dt / steps, round(2.0 * seconds / dt)
     dead = round((scene.dead + (scene.value if fault == "late untold" else 0.0)) / h)
@@ -399,21 +396,6 @@ def run(scene, dt, seconds, trace=0, *, defined=False, c=None):
     return told
 
 
-# The checks, each with a method that finds nothing: the definition runs without it.
-CHECKS = {
-    "overload": (monitor.Overload, "update", lambda check, *_: (check, None)),
-    "dead": (monitor.Dead, "update", lambda *_: (monitor.Dead(alive=True), None)),
-    "pulls": (monitor.Pulls, "update", lambda check, *_, **__: (check, None)),
-    "approach": (monitor.Approach, "update", lambda check, *_: (check, None)),
-    "answers": (monitor.Answers, "update", lambda check, *_: (check, None)),
-    "way": (monitor.Answers, "unseen", lambda *_: 0.0),
-    "account": (monitor, "PRESSES", inf),
-    "rest": (monitor.Answers, "at_rest", lambda check, *_: check),
-    "follows": (monitor, "FOLLOWED", -inf),
-    "settling": (monitor.Settling, "after", lambda check, *_, **__: check),
-}
-
-
 def scenes(maker, kinds, each, dt, seed, arms):
     """(name, scene) of each kind in turn, as many as asked for; without end where that is infinite."""
     j = 0
@@ -438,8 +420,8 @@ def healthy_minutes(a):
             continue
         late = a.tick + scene.dead + scene.lag + scene.late + 1.0 / (2.0 * pi * CUTOFF)
         c = a.rival / (min(scene.stiffness, scene.series) * late) if a.rival else None
-        told = run(scene, a.tick, a.seconds, a.trace, defined=bool(a.without), c=c)
-        told.status = "overload" if c and told.most > monitor.OVERLOAD else told.status
+        told = run(scene, a.tick, a.seconds, a.trace, c=c)
+        told.status = "overload" if c and told.most > OVERLOAD else told.status
         minutes += told.seconds / 60.0
         kind = sums[name.split(":")[0]]
         kind[0], kind[1] = kind[0] + 1, kind[1] + told.seconds / 60.0
@@ -488,7 +470,7 @@ def fault_table(a):
                 continue
             # A drift is run until it is worth one and a half presses.
             seconds = scene.since + 1.5 * scene.press / abs(scene.value) if "drift" in kind else a.seconds
-            told.append(run(scene, a.tick, seconds, a.trace, defined=bool(a.without)))
+            told.append(run(scene, a.tick, seconds, a.trace))
             if a.verbose:
                 print(
                     f"    {name} {scene}\n      {told[-1].stopped - told[-1].since:.2f} s, {told[-1].last}, {told[-1].after:.2f} presses, {1e3 * told[-1].away:.2f} mm away: {told[-1].reason[:140]} {dict(told[-1].words)}",
@@ -518,12 +500,9 @@ def main():
     p.add_argument("--arms", nargs="+", default=list(ARMS)[:6])
     p.add_argument("--kinds", nargs="+", default=None)
     p.add_argument("--rival", type=float, default=0.0)
-    p.add_argument("--without", choices=("", *CHECKS), default="")
     a = p.parse_args()
     a.kinds = a.kinds or list(KINDS if a.what == "healthy" else FAULTS)
     a.seconds = a.seconds or (60.0 if a.what == "healthy" else 20.0)
-    if a.without:
-        setattr(*CHECKS[a.without])
     if a.what == "healthy":
         healthy_minutes(a)
     else:
