@@ -125,7 +125,7 @@ Finding unload(Check& k, Constraint& c, const Settings& s, double force, double 
             k.phase = 2;
         return {};
     }
-    if (c.touch.evidence == -CERTAIN && std::isnan(k.fell))
+    if (c.touch.evidence == -CERTAIN && std::isnan(k.fell) && k.force > SHORT * wanted)  // less was hardly told from the air before
         k.fell = gone;
     if (!std::isnan(k.fell)) {
         if (k.surface && gone - k.fell < std::max(0.5 * k.fell, STEP * s.size) && k.led < k.ends + s.retreat_distance)
@@ -147,7 +147,9 @@ Finding response(State& st, Constraint& c, const Settings& s, const Inputs& in, 
     Check& k = c.check;
     const double force = in.force[i], wanted = in.press_wanted[i], done = in.done[i];
     const bool rests = st.still > REST;
-    if (!c.touch.touching && k.phase == 0) {
+    // A press that was held and that flickers with noise about what counts as contact is one; a tool that bounces at the touch is in the air.
+    const bool there = c.response.reached ? c.touch.lasts(s.lost_after) : c.touch.touching;
+    if (!there && k.phase == 0) {
         const double moves = k.moves;
         k = {};
         k.moves = moves, k.low = k.high = force, k.usual = c.slope;
@@ -176,8 +178,7 @@ Finding response(State& st, Constraint& c, const Settings& s, const Inputs& in, 
     const double least = k.least;
     k.unexplained = least * std::max(0.0, std::abs(k.extra) - s.yields);
     k.silent = k.silent || k.unexplained > std::max(wanted, 40 * noise);  // a light press drowns
-    const bool hidden = force < 12 * noise;  // noise would hide a fall
-    if (k.silent && rests && !hidden)
+    if (k.silent && rests)
         ask(k, force, s, false);
 
     // A force that stands while the way changes: a bias that drifts moves the tool, as a surface that moves would.
@@ -199,7 +200,7 @@ Finding response(State& st, Constraint& c, const Settings& s, const Inputs& in, 
     k.off = missing > std::max(SHORT * wanted, 6 * noise) ? k.off + s.dt : 0;
     if (k.off > SHORT && least * std::abs(k.depth - k.off_depth) > 2.5 * wanted * k.off)  // no bias drifts so fast: the surface moves
         k.moves = std::max(k.moves, 2 * std::abs(way)), k.off = k.rested = 0, k.rest_depth = NAN;
-    else if (k.off > SHORT && !hidden)
+    else if (k.off > SHORT && force >= 12 * noise)  // noise would hide a fall
         ask(k, force, s, true);
     return {};
 }

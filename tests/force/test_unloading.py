@@ -239,6 +239,22 @@ def test_a_reading_that_stays_above_the_wanted_press_leads_the_tool_out_by_milli
     assert 1e-3 < run.height[: stop + 1].max() < 4e-3
 
 
+@pytest.mark.parametrize("share", [0.03, 0.09, 0.105, 0.11, 0.2])
+def test_a_low_reading_that_sticks_in_noise_is_a_fault(share):
+    """About what counts as contact the press grew without end, "ok" or "lost": to 400 times what was wanted."""
+    random = np.random.default_rng(0)
+    held = Held(share)
+    run = press_on_damper(
+        stiffness=4.5e4,
+        noise=0.2,
+        reads=lambda press, t: held(press, t) + random.normal(0.0, 0.2),
+        since=4.0,
+        seconds=8.0,
+    )
+    assert run.said[-1][0] == "fault"
+    assert run.press.max() < 3.0 * PRESS
+
+
 @pytest.mark.parametrize("dt", [0.002, 0.004])
 @pytest.mark.parametrize("arm", ["ur5", "panda"])
 def test_a_press_that_chatters_is_held_in_its_mean(arm, dt):
