@@ -53,6 +53,7 @@ SAYS = {
     "42_cylindroid": "type IA: principal pitches",
     "43_pitch_field": "lies on the quadric of its pitch",
     "44_five_joints": "With the pitch h = 0.3 m/rad it changes by rounding only",
+    "45_force_margins": "100 ms        1.00     0.00            5.24         55.4 deg     1.48",
 }
 # What makes a long one short.
 ONE = ("--tasks", "1", "--jobs", "1")

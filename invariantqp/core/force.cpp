@@ -358,7 +358,7 @@ bool tare(State& st, const Settings& s, const Inputs& in, const Touch& touch, do
     for (int i = 0; i < 6; i++)
         st.sum[i] += s.dt * (in.load[i] - st.bias[i]);
     const bool in_air = st.probe > 0 ? st.probe > WAY * s.size : !felt;
-    if (in_air && st.batch >= time) {
+    if (in_air && st.batch > time - 0.5 * s.dt) {  // rounding, which a frame changes, decides no tie
         if (!st.tared || st.age > AGAIN)
             for (int i = 0; i < 6; i++)
                 st.bias[i] += st.sum[i] / st.batch;
