@@ -321,8 +321,8 @@ bool tare(State& st, const Settings& s, const Inputs& in, const Touch& touch, do
     for (int i = 0; i < in.presses; i++)
         air = air && st.parts[i].touch.evidence == -CERTAIN, felt = felt || st.parts[i].touch.touching;
     constexpr double AGAIN = 10, WAY = 0.1;  // [s], in sizes
-    // Until its mean is known to half a per cent of the press.
-    const double sigma = std::max(s.noise, st.noise), time = sigma > 0 ? std::clamp(s.dt * std::pow(sigma / (5e-3 * most_of(in) + 1e-300), 2), 0.1, 0.4) : 2 * s.dt;
+    // Until its mean is known to half a per cent of the press; half a tick more, so that rounding, which a frame changes, decides no tie.
+    const double sigma = std::max(s.noise, st.noise), time = sigma > 0 ? std::clamp(s.dt * (0.5 + std::pow(sigma / (5e-3 * most_of(in) + 1e-300), 2)), 0.1, 0.4) : 2 * s.dt;
     st.age += s.dt;
     if (!s.tares || in.presses == 0 || limit == 0)
         return false;
@@ -358,7 +358,7 @@ bool tare(State& st, const Settings& s, const Inputs& in, const Touch& touch, do
     for (int i = 0; i < 6; i++)
         st.sum[i] += s.dt * (in.load[i] - st.bias[i]);
     const bool in_air = st.probe > 0 ? st.probe > WAY * s.size : !felt;
-    if (in_air && st.batch > time - 0.5 * s.dt) {  // rounding, which a frame changes, decides no tie
+    if (in_air && st.batch >= time) {
         if (!st.tared || st.age > AGAIN)
             for (int i = 0; i < 6; i++)
                 st.bias[i] += st.sum[i] / st.batch;
