@@ -136,5 +136,14 @@ inline nb::object array_of(Vec x)
     return array;
 }
 inline nb::object array_or_none(Vec x) { return x.w ? array_of(x) : nb::none(); }
+inline nb::object matrix_or_none(Mat A)
+{
+    if (!A.w)
+        return nb::none();
+    const npy_intp shape[2] = {A.rows, A.cols};
+    nb::object array = new_array(2, shape);
+    std::copy(A.all().begin(), A.all().end(), data_of(array));
+    return array;
+}
 
 }  // namespace iq

@@ -36,16 +36,6 @@ Clock clock_of(nb::handle value)
 }
 nb::tuple clock_fields(const Clock& c) { return nb::make_tuple(c.start, c.first, c.rate, c.slope, c.final, c.duration); }
 
-nb::object matrix_or_none(Mat A)
-{
-    if (!A.w)
-        return nb::none();
-    const npy_intp shape[2] = {A.rows, A.cols};
-    nb::object array = new_array(2, shape);
-    std::copy(A.all().begin(), A.all().end(), data_of(array));
-    return array;
-}
-
 void make_motion(Motion* made, nb::handle knots, nb::handle coefficients, double eased)
 {
     Workspace& w = workspace();

@@ -194,22 +194,14 @@ void make_loop(Loop* made, nb::dict given)
 // A problem that another solver answers, by the names of definition.Tick.
 nb::dict tick_fields(const Tick& tick)
 {
-    const auto matrix = [](Mat A) -> nb::object {
-        if (!A.w)
-            return nb::none();
-        const npy_intp shape[2] = {A.rows, A.cols};
-        nb::object array = new_array(2, shape);
-        std::copy(A.all().begin(), A.all().end(), data_of(array));
-        return array;
-    };
     nb::dict d;
-    d["J"] = matrix(tick.J), d["root"] = matrix(tick.root), d["metric"] = matrix(tick.metric);
+    d["J"] = matrix_or_none(tick.J), d["root"] = matrix_or_none(tick.root), d["metric"] = matrix_or_none(tick.metric);
     d["ahead"] = array_of(tick.ahead), d["error"] = array_of(tick.error);
     d["lower"] = array_of(tick.lower), d["upper"] = array_of(tick.upper);
     d["position_lower"] = array_of(tick.position_lower), d["position_upper"] = array_of(tick.position_upper);
-    d["rows"] = tick.C.rows ? nb::object(nb::make_tuple(matrix(tick.C), array_of(tick.row_lower), array_of(tick.row_upper))) : nb::none();
-    d["tool_speed"] = tick.P.w ? nb::object(nb::make_tuple(matrix(tick.P), tick.speed)) : nb::none();
-    d["exact"] = tick.E.w ? nb::object(nb::make_tuple(matrix(tick.E), array_of(tick.E_f), array_of(tick.E_e), matrix(tick.D))) : nb::none();
+    d["rows"] = tick.C.rows ? nb::object(nb::make_tuple(matrix_or_none(tick.C), array_of(tick.row_lower), array_of(tick.row_upper))) : nb::none();
+    d["tool_speed"] = tick.P.w ? nb::object(nb::make_tuple(matrix_or_none(tick.P), tick.speed)) : nb::none();
+    d["exact"] = tick.E.w ? nb::object(nb::make_tuple(matrix_or_none(tick.E), array_of(tick.E_f), array_of(tick.E_e), matrix_or_none(tick.D))) : nb::none();
     d["exact_rank"] = tick.exact_rank;
     d["posture"] = array_or_none(tick.posture), d["fastest"] = array_or_none(tick.fastest);
     d["held"] = tick.held, d["before"] = array_or_none(tick.before), d["missed"] = tick.missed;

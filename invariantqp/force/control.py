@@ -105,6 +105,8 @@ class Placed(NamedTuple):
         error: (6,) P*(W_d - W).
         slide: (6, 6) P, base frame.
         moved: (3,) how far the tool's point at the place of contact has come since the last tick, base frame.
+        force: (n,) unit parts of W.
+        wanted: (n,) unit parts of W_d.
     """
 
     contact: Contact
@@ -121,21 +123,13 @@ class Placed(NamedTuple):
     error: Array
     slide: Array
     moved: Array
+    force: Array
+    wanted: Array
 
     @property
     def presses(self) -> int:
         """How many of the constraints are presses."""
         return self.contact.kind.presses
-
-    @property
-    def force(self) -> Array:
-        """(n,) unit parts of W."""
-        return np.asarray(self.split.unit_parts.dot(self.W))
-
-    @property
-    def wanted(self) -> Array:
-        """(n,) unit parts of W_d."""
-        return np.asarray(self.split.unit_parts.dot(self.W_d))
 
     def along(self, twist: Array) -> Array:
         """(6,) the part of a twist (6,) along S, base frame."""
@@ -434,11 +428,8 @@ class HybridController:
     def _gain(self, state: Any) -> float:
         """The motion's gain [1/s]: as asked, or less where what the arm lags makes the tool go to and fro."""
         late = 0.0 if isnan(state.lag) else state.lag
-        return (
-            min(self.loop.gain, DELAY_SHARE / late)
-            if self.loop.gain * (late - self.loop.delay) > 1.0
-            else self.loop.gain
-        )
+        gain = self.loop.gain
+        return min(gain, DELAY_SHARE / late) if gain * (late - self.loop.delay) > 1.0 else gain
 
     def _placed(self, given: Contact, tool: Array, reading: Array, wanted: Any, state: Any) -> Placed:
         """What is measured and wanted with the tool at a (4, 4) pose.
@@ -457,10 +448,11 @@ class HybridController:
         W_d = split.exert if wanted is None else split.wanted_now(wanted)
         sensor, load = self.sensor, reading
         if sensor is not None:
-            load = load_of(sensor, reading, tool.dot(sensor.mount))
+            mounted = tool.dot(sensor.mount)
+            load = load_of(sensor, reading, mounted)
         raw, measured = self._press.read(state, load)
         if sensor is not None:
-            to_base = se3.coadjoint(tool.dot(sensor.mount), check=False)
+            to_base = se3.coadjoint(mounted, check=False)
             raw, measured = to_base.dot(raw), to_base.dot(sensor.deadband(measured))
         A = contact.adjoint
         W = A.T.dot(measured)
@@ -468,7 +460,9 @@ class HybridController:
         slide = A.dot(split.projectors.motion.dot(contact.coadjoint.T))
         moved = moved_between(self.memory.tool, tool, contact.point)
         out, W_raw = way_out(contact), A.T.dot(raw)
-        return Placed(contact, split, declared, tool, out, load, raw, measured, W, W_raw, W_d, error, slide, moved)
+        force, exerted = split.unit_parts.dot(W), split.unit_parts.dot(W_d)
+        wrenches = load, raw, measured, W, W_raw, W_d, error
+        return Placed(contact, split, declared, tool, out, *wrenches, slide, moved, force, exerted)
 
     def _noise_share(self, J: Array, here: Placed, noise: float) -> float:
         """The share of the joints' acceleration that noise takes, for each unit of the force gain."""
@@ -486,19 +480,19 @@ class HybridController:
         weak = weakest(parts, here.W_raw, here.W_d)
         came = -float(here.out.dot(here.moved))
         across = se3.norm(here.moved + came * here.out)
+        grip = here.tool[:3, :3].dot(task.grip) + here.tool[:3, 3]
         done, along = np.zeros(len(split.unit_rates)), (0.0, 0.0)
         if memory.tool is not None:
             way = se3.log(here.tool.dot(se3.inverse(memory.tool, check=False)))
             done = split.unit_rates.dot(contact.coadjoint.T.dot(way))
             if not here.presses:
-                root = root_at(here.tool[:3, :3].dot(task.grip) + here.tool[:3, 3], task.size)
+                root = root_at(grip, task.size)
                 asked, came_along = root.dot(self.loop.dt * memory.motion), root.dot(here.along(way))
                 size = float(np.sqrt(asked.dot(asked)))
                 along = (size, float(asked.dot(came_along)) / size) if size > 0.0 else (0.0, 0.0)
         noise = max(self._noise, state.noise)
         force, moment = map(max, split.load, load_at(contact.coadjoint.dot(here.W_d), contact.point))
         most = overload_of(task, force, moment, noise)
-        grip = here.tool[:3, :3].dot(task.grip) + here.tool[:3, 3]
         missing = 0.0
         if weak is None:
             lacks = load_at(contact.coadjoint.dot(here.error), contact.point, grip)
@@ -510,8 +504,8 @@ class HybridController:
             state,
             len(split.unit_rates),
             here.presses,
-            split.unit_parts.dot(here.W_d),
-            split.unit_parts.dot(here.W),
+            here.wanted,
+            here.force,
             parts.dot(here.W_d),
             parts.dot(here.W_raw),
             done,

@@ -260,7 +260,7 @@ class JointPath:
                 # turning towards the path is up to the slope.
                 lower, upper = np.where(at_limit, 0.0, lower), np.where(at_limit, 0.0, upper)
             twist = seen.part.dot(seen.error) if few else seen.error
-            q = q + seen.velocity(self.controller, q, twist, 1.0, lower=lower, upper=upper)
+            q = q + seen.answer(self.controller, q, twist, 1.0, lower=lower, upper=upper)[0]
             seen = task_error(self.controller, q, target)
             size = seen.off
         return (q, seen, size) if self._stops or size <= arrays.ROUNDING * self._length else given
@@ -297,7 +297,7 @@ class JointPath:
         """The law's answer (m,) for a twist, such that q + h x is inside the position limits."""
         if not self._exact:
             if self._stops:
-                return seen.velocity(self.controller, q, twist, h, posture)
+                return seen.answer(self.controller, q, twist, h, posture)[0]
             return self._damped(LEAVING, q, seen, twist, h, posture)[0]
         weighted = seen.root.dot(seen.part + REST * (np.eye(6) - seen.part))
         if self._stops:

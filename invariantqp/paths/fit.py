@@ -178,7 +178,7 @@ class Solver:
         """(m,) the joint velocity of a loop's first tick for a twist, damped by what it misses."""
         first: dict[str, Any] = {"before": np.zeros(len(q)), **bounds}
         _, missed = seen.answer(self._loop, q, twist, h, **first)
-        return seen.velocity(self._loop, q, twist, h, missed=missed, held=self._loop.dt, **first)
+        return seen.answer(self._loop, q, twist, h, missed=missed, held=self._loop.dt, **first)[0]
 
     def _nearer(self, target: Array, q: Array, step: float) -> Array:
         """(m,) joint positions as near a pose as the joints get in a step [s] by the loop's law."""

@@ -46,30 +46,6 @@ class TaskError(NamedTuple):
         off = self.rows.dot(self.error)
         return sqrt(float(off.dot(off)))
 
-    def velocity(
-        self,
-        controller: Controller,
-        q: Array,
-        twist: Array,
-        h: float,
-        posture: Array | None = None,
-        *,
-        exact: bool = True,
-        **more: Any,
-    ) -> Array:
-        """(m,) the law's joint velocity for a twist, such that q + h x is inside the position limits, from q (m,).
-
-        Args:
-            controller: whose law it is.
-            q: (m,) joint positions.
-            twist: (6,).
-            h: how long the velocity is held.
-            posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
-            exact: whether exact demands on the twist are met.
-            more: other arguments of the engine's tick: damping, root, lower, upper, ...
-        """
-        return self.answer(controller, q, twist, h, posture, exact=exact, **more)[0]
-
     def answer(
         self,
         controller: Controller,
@@ -81,7 +57,19 @@ class TaskError(NamedTuple):
         exact: bool = True,
         **more: Any,
     ) -> tuple[Array, float]:
-        """As `velocity`, and the size of what it misses of the twist, in the measure."""
+        """The law's joint velocity (m,) for a twist, and the size of what it misses of that, in the measure.
+
+        It is such that q + h x is inside the position limits, from q (m,).
+
+        Args:
+            controller: whose law it is.
+            q: (m,) joint positions.
+            twist: (6,).
+            h: how long the velocity is held.
+            posture: (m,) joint velocity wanted where the twist leaves joints free; None is zero.
+            exact: whether exact demands on the twist are met.
+            more: other arguments of the engine's tick: damping, root, lower, upper, ...
+        """
         J, box = self.sighting.J, controller.box
         fields = controller.in_engine.law | {
             "root": self.root,
