@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -254,17 +255,18 @@ class LoopInEngine:
     Attributes:
         settings: what never changes, as the engine takes it.
         loop: the engine's.
+        state: what the loop remembers between ticks.
         asks: whether a tick asks anything of Python.
         calls: what it asks, None for nothing.
     """
 
-    def __init__(self, controller: LoopOfUser, settings: dict[str, Any], *, asks: bool) -> None:
+    def __init__(self, controller: LoopOfUser, settings: dict[str, Any], state: Any, *, asks: bool) -> None:
         """Of a controller.
 
         Raises:
             BadInput: absurdly large or small numbers.
         """
-        self._controller, self.settings, self.asks = controller, settings, asks
+        self._controller, self.settings, self.state, self.asks = controller, settings, state, asks
         self.calls: Callbacks | None = Callbacks(controller) if asks else None
         rows = controller.joint_rows
         self._row_names = names_of(None if rows is None else rows.fixed)
@@ -274,8 +276,8 @@ class LoopInEngine:
             raise BadInput("the arguments", str(refusal), "numbers that can be computed with") from None
 
     def of(self, controller: LoopOfUser) -> LoopInEngine:
-        """The same of a copy of the controller."""
-        return LoopInEngine(controller, self.settings, asks=self.asks)
+        """A copy, of a copy of the controller."""
+        return LoopInEngine(controller, self.settings, copy(self.state), asks=self.asks)
 
     @property
     def law(self) -> dict[str, Any]:
@@ -296,11 +298,11 @@ class LoopInEngine:
         limited = self._controller.tool_speed is not None or self._controller.joint_rows is not None
         return law.Follower(self.loop, rise, limited)
 
-    def asked(self, q: Any) -> tuple[Any, ...] | None:
-        """The functions that are asked in a tick of a follower that begins at measured joint positions q (m,)."""
+    def asked(self, q: Any, target: Any = None) -> tuple[Any, ...] | None:
+        """The functions that are asked in a tick that begins at measured joint positions q (m,), towards a target."""
         if self.calls is None:
             return None
-        self.calls.begin(q, None)
+        self.calls.begin(q, target)
         return self.calls.functions
 
     def raised(self, error: BaseException) -> bool:

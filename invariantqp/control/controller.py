@@ -253,8 +253,8 @@ class Controller:
         self.asks_demands: bool = demands is None
         asks_limits = self.joint_rows is not None and (fixed is None or any(self.joint_rows.does.values()))
         asks = not self.by_chain or asks_limits or self.asks_demands or self.backend is not None
-        self._state = law.LoopState(m, self.delay, self.dt)
-        self.in_engine: LoopInEngine = LoopInEngine(self, self._settings, asks=asks)
+        start = law.LoopState(m, self.delay, self.dt)
+        self.in_engine: LoopInEngine = LoopInEngine(self, self._settings, start, asks=asks)
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name[0] != "_" and name != "state" and "in_engine" in self.__dict__:  # the engine has its own copy
@@ -266,28 +266,29 @@ class Controller:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Controller:
         other = object.__new__(type(self))  # what changes is copied: limits and solvers keep state between ticks
-        changes = ("limits", "joint_rows", "backend", "_state")
+        changes = ("limits", "joint_rows", "backend")
         vars(other).update(vars(self), **{name: deepcopy(getattr(self, name), memo) for name in changes})
         vars(other)["in_engine"] = self.in_engine.of(other)
         return other
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "in_engine": self.in_engine.asks}
+        return {**vars(self), "in_engine": (self.in_engine.asks, self.in_engine.state)}
 
     def __setstate__(self, fields: dict[str, Any]) -> None:
         vars(self).update(fields)
-        vars(self)["in_engine"] = LoopInEngine(self, self._settings, asks=fields["in_engine"])
+        asks, state = fields["in_engine"]
+        vars(self)["in_engine"] = LoopInEngine(self, self._settings, state, asks=asks)
 
     @property
     def state(self) -> Any:
         """What the loop remembers between ticks, a copy."""
-        return copy(self._state)
+        return copy(self.in_engine.state)
 
     @state.setter
     def state(self, value: Any) -> None:
-        if not isinstance(value, law.LoopState) or len(value.numbers) != len(self._state.numbers):
+        if not isinstance(value, law.LoopState) or len(value.numbers) != len(self.in_engine.state.numbers):
             raise BadInput("state", excerpt(value), "the state of a loop with as many joints and as long a delay")
-        self._state = copy(value)
+        self.in_engine.state = copy(value)
 
     def believed(self, q: ArrayLike, argument: str = "q") -> Array:
         """Joint positions (m,) that can be true; errors name the argument.
@@ -437,37 +438,38 @@ class Controller:
             calls.begin(q, target)
             more |= {"functions": calls.functions, "changes": calls.changes}
         try:
-            found = inner.loop.tick(self._state, q, target, ahead, velocity, **more)
+            found = inner.loop.tick(inner.state, q, target, ahead, velocity, **more)
         except (ValueError, TypeError, AttributeError, ArithmeticError) as refusal:
             if isinstance(refusal, InvariantQPError) or (calls is not None and calls.raised is refusal):
                 raise
-            raise self._refused(q, target, ahead, velocity, more, refusal) from None
+            raise refused(self, q, target, ahead, velocity, more, refusal) from None
         return inner.solution(found, calls)
 
-    def _refused(
-        self, q: Any, target: Any, ahead: Any, velocity: Any, more: dict[str, Any], refusal: Exception
-    ) -> Exception:
-        """Why the engine refused a tick: which argument, what was found and what was expected."""
-        m = len(self.robot.names)
-        positions = arrays.vector(q, m, "q")
-        if isinstance(refusal, ArithmeticError):
-            return no_projector(self.robot.jacobian(positions), self.form)
-        if target is not None:
-            wanted = self.robot.target(target)
-            points = self.robot.points(self.robot.sight(positions, wanted), wanted, np.zeros(3))
-            self.limits.near(points[1], "target")
-            if ahead is not None:
-                sizes.not_too_fast(arrays.vector(ahead, 6, "feedforward"), "feedforward")
-        elif ahead is not None:
-            sizes.not_too_fast(arrays.twist(ahead))
-        for name, value, size in (
-            ("velocity", velocity, m),
-            ("posture", more.get("posture"), m),
-            ("measured_at", more.get("measured_at"), 3),
-        ):
-            if value is not None:
-                arrays.vector(value, size, name)
-        return BadInput("the arguments", str(refusal), "numbers that can be computed with")
+
+def refused(
+    loop: Controller, q: Any, target: Any, ahead: Any, velocity: Any, more: dict[str, Any], refusal: Exception
+) -> Exception:
+    """Why the engine refused a tick: which argument, what was found and what was expected."""
+    m = len(loop.robot.names)
+    positions = arrays.vector(q, m, "q")
+    if isinstance(refusal, ArithmeticError):
+        return no_projector(loop.robot.jacobian(positions), loop.form)
+    if target is not None:
+        wanted = loop.robot.target(target)
+        points = loop.robot.points(loop.robot.sight(positions, wanted), wanted, np.zeros(3))
+        loop.limits.near(points[1], "target")
+        if ahead is not None:
+            sizes.not_too_fast(arrays.vector(ahead, 6, "feedforward"), "feedforward")
+    elif ahead is not None:
+        sizes.not_too_fast(arrays.twist(ahead))
+    for name, value, size in (
+        ("velocity", velocity, m),
+        ("posture", more.get("posture"), m),
+        ("measured_at", more.get("measured_at"), 3),
+    ):
+        if value is not None:
+            arrays.vector(value, size, name)
+    return BadInput("the arguments", str(refusal), "numbers that can be computed with")
 
 
 def limits_by_name(

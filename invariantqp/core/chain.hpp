@@ -90,6 +90,14 @@ struct Twist {
     Vec3 omega, v;  // [rad; length], of a unit of time
 };
 
+inline Vec vec(const Vec3& a, Workspace& w)
+{
+    Vec v(w, 3);
+    std::copy(a.begin(), a.end(), v.p);
+    return v;
+}
+inline Vec vec(const Twist& s, Workspace& w) { return joined(vec(s.omega, w), vec(s.v, w)); }
+
 // The axis of a rotation times its angle in [0, pi], by its unit quaternion (Shepperd's method). At pi exactly the axis
 // is determined up to its sign: rounding chooses, and a loop keeps the turn of the tick before (control/tracking.py).
 inline Vec3 rotation_vector(const Mat3& R)

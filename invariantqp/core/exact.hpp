@@ -5,6 +5,10 @@
 
 namespace iq {
 
+// Demands of one twist within this share of their terms, with digits to spare, do not contradict each other: as in
+// velocity/exact.py.
+constexpr double TERMS = 1e-5;
+
 struct ExactRows {
     Mat E;
     Vec f, e;
@@ -23,7 +27,7 @@ inline ExactRows whitened(const Tick& tick, Workspace& w)
         (tick.D[i].square() > 0 ? parts : others).push_back(i);
     const int k = static_cast<int>(parts.size());
     Mat measured(w, k, 6), E(w, k, tick.E.cols), root(w, 6, 6);
-    Vec f(w, k), e(w, k);
+    Vec f(w, k), e(w, k), terms(w, k, 0);
     for (int i = 0; i < 6; i++)
         root[i].set(tick.root[i].part(0, 6));
     const Mat back = RQ(root).inverse();
@@ -32,11 +36,13 @@ inline ExactRows whitened(const Tick& tick, Workspace& w)
         const double size = row.norm();
         measured[i].set(row / size), E[i].set(tick.E[parts[i]] / size);
         f[i] = tick.E_f[parts[i]] / size, e[i] = tick.E_e[parts[i]] / size;
+        for (int j = 0; j < 6; j++)
+            terms[i] += std::abs(tick.D(parts[i], j) * (tick.ahead[j] + tick.error[j])) / size;
     }
     const SVD svd(measured);
     Mat M = svd.U.rows_from(0, svd.rank(ROUNDING));
     const Vec demand = f + e;
-    if (const double most = demand.norm(); most > 0)
+    if (const double most = std::max(demand.norm(), TERMS * terms.norm()); most > 0)
         rows.contrary = (demand - t(M) * (M * demand)).norm() / most;
     rows.contrary = rows.contrary > 10 * ROUNDING ? rows.contrary : 0;
     for (int i = 0; i < M.rows; i++)

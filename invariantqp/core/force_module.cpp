@@ -1,7 +1,6 @@
-// The force law and a press in a loop, for Python: force_gains, force_margins, ForceState and Press.
-#include "bound.hpp"
-#include "force.hpp"
-#include <cstring>
+// The force law and the tick of a tool in contact, for Python: force_gains, force_margins, ContactSplit, Hybrid, HybridState.
+#include "hybrid.hpp"
+#include "loop_module.hpp"
 #include <nanobind/stl/tuple.h>
 #include <type_traits>
 
@@ -9,7 +8,7 @@ namespace iq {
 namespace {
 
 using force::State;
-static_assert(std::is_trivially_copyable_v<State>, "a state is copied and pickled as its bytes");
+static_assert(std::is_trivially_copyable_v<HybridState>, "a state is copied and pickled as its bytes");
 
 std::tuple<double, double, double> gains_of(double k, double b, double late)
 {
@@ -22,68 +21,145 @@ std::tuple<double, double, double> margins_of(double g, double tau, double Ti, d
     return {found.gain, found.phase, found.sensitivity};
 }
 
-// Numbers of an argument, which may be fewer than there is room for.
-template <std::size_t N> std::array<double, N> numbers(nb::handle value, const char* name, int count, Reader& read)
+force::Settings press_of(const Fields& f)
 {
-    std::array<double, N> found{};
-    if (count > static_cast<int>(N))
-        refuse(std::string(name) + " has too many numbers");
-    const Vec v = read.vector(value, name, count, Numbers::any);
-    std::copy(v.begin(), v.end(), found.begin());
-    return found;
-}
-
-force::Settings settings_of(nb::dict given)
-{
-    const auto get = [&](const char* name) { return nb::cast<double>(given[name]); };
+    const auto get = [&](const char* name) { return nb::cast<double>(f[name]); };
     force::Settings s{};
     s.dt = get("dt"), s.noise = get("noise"), s.delay = get("delay"), s.filter_share = get("filter_share"), s.filter_time = get("filter_time");
     s.size = get("size"), s.slope = get("slope"), s.yields = get("yields"), s.stiffness = get("stiffness");
     s.lost_below = get("lost_below"), s.lost_after = get("lost_after"), s.approach_speed = get("approach_speed");
     s.approach_distance = get("approach_distance"), s.approach_time = get("approach_time"), s.retreat_distance = get("retreat_distance");
     s.drift = get("drift"), s.on_loss = static_cast<force::Loss>(static_cast<int>(get("on_loss")));
-    s.tares = nb::cast<bool>(given["tares"]), s.fault_retreats = nb::cast<bool>(given["fault_retreats"]);
+    s.tares = nb::cast<bool>(f["tares"]), s.fault_retreats = nb::cast<bool>(f["fault_retreats"]);
     return s;
 }
-
-nb::tuple read_load(const force::Settings& s, State& state, nb::object load)
+WrenchSensor sensor_of(nb::dict given, Reader& read)
+{
+    const Fields f(given, read, 6);
+    WrenchSensor s;
+    s.mount = f.pose("mount"), s.mass = f.number("mass", 0, 1e300);
+    s.centre = f.point("centre"), s.gravity = f.point("gravity"), s.origin = f.point("origin");
+    s.bias = f.numbers("bias"), s.reaction = f.word("reads") == "reaction";
+    s.force_deadband = f.number("force_deadband", 0, 1e300), s.moment_deadband = f.number("moment_deadband", 0, 1e300);
+    return s;
+}
+void make_hybrid(Hybrid* made, nb::dict given)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     Reader read(w);
-    std::array<double, 6> raw, smooth;
-    force::read(state, s, numbers<6>(load, "load", 6, read), raw, smooth);
-    return nb::make_tuple(array_of(Vec(raw.data(), 6, &w)), array_of(Vec(smooth.data(), 6, &w)));
+    const Fields f(given, read, 6);
+    HybridSettings set;
+    set.press = press_of(f);
+    if (f.has("sensor"))
+        set.sensor = sensor_of(nb::cast<nb::dict>(f["sensor"]), read);
+    set.grip = f.point("grip"), set.slide_speed = f.number("slide_speed", 0, INFINITY), set.retreat_speed = f.number("retreat_speed", 0, 1e300);
+    set.edge_margin = f.number("edge_margin", 0, 1e300);
+    if (f.has("normal_within"))
+        set.normal_within = f.number("normal_within", 0, M_PI / 4);
+    if (f.has("max_force"))
+        set.max_force = f.number("max_force", 0, INFINITY);
+    if (f.has("max_moment"))
+        set.max_moment = f.number("max_moment", 0, INFINITY);
+    set.force_first = nb::cast<bool>(f["force_first"]), set.measured_at_contact = nb::cast<bool>(f["measured_at_contact"]);
+    new (made) Hybrid{set};
+}
+void make_split(ContactSplit* made, nb::dict given)
+{
+    Workspace& w = workspace();
+    const Workspace::Frame frame(w);
+    Reader read(w);
+    const Fields f(given, read, 6);
+    ContactSplit s;
+    s.n = static_cast<int>(f.number("n", 0, 6)), s.presses = static_cast<int>(f.number("presses", 0, s.n));
+    s.motion = f.matrix("motion", 6, 6), s.force = f.matrix("force", 6, 6), s.constraints = f.matrix("constraints", s.n, 6);
+    s.intensities = f.matrix("intensities", s.n, 6), s.unit_parts = f.matrix("unit_parts", s.n, 6);
+    s.unit_rates = f.matrix("unit_rates", s.n, 6), s.twist = f.matrix("twist", 6, s.n);
+    s.out = f.numbers("out", 6), s.wrench = f.numbers("wrench"), s.origin = f.point("origin");
+    const std::vector<double> load = f.numbers("load", 2);
+    s.load[0] = load[0], s.load[1] = load[1], s.compliance = f.number("compliance", 0, 1e300);
+    new (made) ContactSplit(s);
 }
 
-nb::tuple tick_of(const force::Settings& s, State& state, int n, int presses, nb::object wanted, nb::object parts, nb::object press_wanted,
-                  nb::object press, nb::object done, nb::object reading, nb::object load, nb::object along, nb::object felt, nb::object most,
-                  double together, double missing, double noise_share, double came, double across, double compliance, bool beyond, bool yields, double along_given, double along_done)
+Vec3 direction(nb::handle value, const char* name, Reader& read)
+{
+    const Vec v = read.vector(value, name, 3);
+    const double most = std::max({std::abs(v[0]), std::abs(v[1]), std::abs(v[2])});
+    if (most == 0)
+        refuse(std::string(name) + " is zero");
+    const Vec3 scaled{v[0] / most, v[1] / most, v[2] / most};  // no square overflows or vanishes
+    return (1 / norm(scaled)) * scaled;
+}
+// (4, 4) a contact's own frame: z against the outward normal, x along the projection of a tangent on the surface.
+nb::object frame_of(nb::handle point, nb::handle normal, nb::handle tangent)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     Reader read(w);
-    if (n < 0 || n > force::MOST || presses < 0 || presses > n)
-        refuse("n and presses are those of no contact");
-    force::Inputs in{n, presses};
-    in.wanted = numbers<6>(wanted, "wanted", n, read), in.force = numbers<6>(parts, "force", n, read);
-    in.press_wanted = numbers<6>(press_wanted, "press_wanted", presses, read), in.press = numbers<6>(press, "press", presses, read);
-    in.done = numbers<6>(done, "done", n, read), in.reading = numbers<6>(reading, "reading", 6, read);
-    in.load = numbers<6>(load, "load", 6, read), in.along = numbers<6>(along, "along", 6, read);
-    in.felt = numbers<2>(felt, "felt", 2, read), in.most = numbers<2>(most, "most", 2, read);
-    in.together = together, in.missing = missing, in.noise_share = noise_share, in.came = came, in.across = across, in.compliance = compliance;
-    in.beyond = beyond, in.yields = yields, in.along_given = along_given, in.along_done = along_done;
-    force::Output out = force::tick(state, s, in);
-    return nb::make_tuple(array_of(Vec(out.rates.data(), n, &w)), static_cast<int>(out.action), static_cast<int>(out.reason), out.lost,
-                          out.acts, out.doubts, out.late, out.gain);
+    const Vec p = read.vector(point, "point", 3);
+    const Vec3 z = -1 * direction(normal, "normal", read);
+    Vec3 along{};
+    if (tangent.is_none()) {
+        const auto smaller = [](double a, double b) { return std::abs(a) < std::abs(b); };
+        along[std::min_element(z.begin(), z.end(), smaller) - z.begin()] = 1;
+    } else
+        along = direction(tangent, "tangent", read);
+    const Vec3 rest = along - dot(z, along) * z;
+    if (norm(rest) < 1e-6)
+        refuse("tangent is parallel to the normal");
+    const Vec3 x = (1 / norm(rest)) * rest, y = cross(z, x);
+    const Mat T(w, 4, 4);
+    Pose({{{x[0], y[0], z[0]}, {x[1], y[1], z[1]}, {x[2], y[2], z[2]}}}, {p[0], p[1], p[2]}).write(T.p);
+    return matrix_or_none(T);
 }
 
-void commanded_of(const force::Settings& s, State& state, nb::object given, double outwards, bool free, bool beyond)
+// What there is to say beside what the loop says; None for nothing.
+nb::object doubts_of(const HybridTick& tick)
+{
+    if (!tick.reports)
+        return nb::none();
+    const force::Output& press = tick.press;
+    return nb::make_tuple(static_cast<int>(press.action), static_cast<int>(press.reason), press.lost, press.doubts, press.late, tick.desired,
+                          tick.gain_scale, tick.unreachable, tick.motion_gain);
+}
+Vec optional(nb::handle value, const char* name, int n, Reader& read) { return value.is_none() ? Vec() : read.vector(value, name, n); }
+
+// The loop's solution, joint twists, and the rest, which is None where joint positions cannot be true; or an angle [rad].
+nb::object tick_of(const Hybrid& hybrid, HybridState& state, const Loop& loop, LoopState& joints, const ContactSplit& split, nb::handle contact,
+                   double edge, nb::handle q, nb::handle target, nb::handle reading, bool force_first, nb::handle feedforward, nb::handle velocity,
+                   nb::handle wrench, nb::handle posture, nb::handle functions)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     Reader read(w);
-    force::commanded(state, s, numbers<6>(given, "given", state.n < 0 ? 0 : state.n, read), outwards, free, beyond);
+    const int m = loop.settings.joints;
+    HybridInputs in;
+    in.q = read.vector(q, "q", m), in.reading = read.vector(reading, "wrench", 6);
+    if (force_first)
+        std::rotate(in.reading.begin(), in.reading.begin() + 3, in.reading.end());
+    in.velocity = optional(velocity, "velocity", m, read), in.target = read_pose(target, "target", read);
+    in.feedforward = optional(feedforward, "feedforward", 6, read), in.wrench = optional(wrench, "wanted", 6, read);
+    in.posture = optional(posture, "posture", m, read), in.contact = Pose(read.matrix(contact, "contact", 4, 4).p), in.edge = edge;
+    const LoopFunctions asked = loop_functions(functions, read, m, w);
+    try {
+        asked.begin(in.q);
+        const HybridTick tick = hybrid.tick(state, loop, joints, split, in, asked, w);
+        if (tick.turned > 0)
+            return nb::float_(tick.turned);
+        const nb::object found = loop_solution(tick.found, asked, !functions.is_none()), J = matrix_or_none(tick.J);
+        if (!tick.believed)
+            return nb::make_tuple(found, J, nb::none(), nb::none(), nb::none());
+        const Mat pose(w, 4, 4);
+        tick.contact.write(pose.p);
+        return nb::make_tuple(found, J, nb::make_tuple(array_of(tick.motion), array_of(tick.force), array_of(tick.wrench), array_of(tick.error),
+                              array_of(tick.intensities), array_of(tick.wanted)),
+                              hybrid.settings.normal_within > 0 ? matrix_or_none(pose) : nb::none(), doubts_of(tick));
+    } catch (const FarTarget&) {
+        refuse("target is too far away");
+    } catch (const NoProjector&) {
+        PyErr_SetString(PyExc_ArithmeticError, "form has no projector here");
+        throw nb::python_error();
+    }
 }
 
 }  // namespace
@@ -93,17 +169,9 @@ void bind_force(nb::module_& m)
     m.def("force_gains", gains_of, "k"_a, "b"_a, "late"_a, "g, tau, Ti of the force law.");
     m.def("force_margins", margins_of, "g"_a, "tau"_a, "Ti"_a, "k"_a, "b"_a, "late"_a,
           "Gain margin, phase margin [rad], largest sensitivity.");
-    nb::class_<State>(m, "ForceState", "What a press remembers between two ticks; a value.")
-        .def(nb::init<>())
-        .def("__copy__", [](const State& s) { return State(s); })
-        .def("__deepcopy__", [](const State& s, nb::object) { return State(s); }, "memo"_a)
-        .def("__getstate__", [](const State& s) { return nb::make_tuple(nb::bytes(reinterpret_cast<const char*>(&s), sizeof(State))); })
-        .def("__setstate__", [](State& s, const std::tuple<nb::bytes>& given) {
-            if (std::get<0>(given).size() != sizeof(State))
-                refuse("this is no state of a press");
-            new (&s) State();
-            std::memcpy(static_cast<void*>(&s), std::get<0>(given).c_str(), sizeof(State));
-        })
+    m.def("contact_frame", frame_of, "point"_a, "normal"_a, "tangent"_a.none(),
+          "(4, 4) z against the outward normal, x along the projection of a tangent on the surface.");
+    nb::class_<State>(m, "ForceState", "What touch, estimate, law and monitor of a press remember between two ticks.")
         .def_ro("tared", &State::tared, "Whether the bias was read in the air.")
         .def_ro("in_contact", &State::in_contact, "Whether the tool was in contact at the start.")
         .def_ro("age", &State::age, "Time since the bias was read [s].")
@@ -144,15 +212,27 @@ void bind_force(nb::module_& m)
             const force::Response& r = s.parts[std::clamp(i, 0, 5)].response;
             return nb::make_tuple(r.bound, r.damping(), static_cast<double>(r.best), r.least());
         }, "i"_a = 0, "Upper bounds of stiffness and damping, which way explains the force, a lower bound of stiffness.");
-    nb::class_<force::Settings>(m, "Press", "A press in a loop; its settings never change.")
-        .def("__init__", [](force::Settings* made, nb::dict given) { new (made) force::Settings(settings_of(given)); }, "settings"_a)
-        .def("read", read_load, "state"_a, "load"_a)
-        .def("tick", tick_of, "state"_a, "n"_a, "presses"_a, "wanted"_a, "force"_a, "press_wanted"_a, "press"_a, "done"_a, "reading"_a,
-             "load"_a, "along"_a, "felt"_a, "most"_a, "together"_a = 0.0, "missing"_a = 0.0, "noise_share"_a = 1.0, "came"_a = 0.0,
-             "across"_a = 0.0, "compliance"_a = 0.0, "beyond"_a = false, "yields"_a = true, "along_given"_a = 0.0,
-             "along_done"_a = 0.0)
-        .def("commanded", commanded_of, "state"_a, "given"_a, "outwards"_a, "free"_a, "beyond"_a = false)
-        .def("lateness", [](const force::Settings& s, const State& state) { return force::lateness(state, s); }, "state"_a);
+    nb::class_<HybridState>(m, "HybridState", "What a tool in contact remembers between two ticks; a value.")
+        .def(nb::init<>())
+        .def("__copy__", [](const HybridState& s) { return HybridState(s); })
+        .def("__deepcopy__", [](const HybridState& s, nb::object) { return HybridState(s); }, "memo"_a)
+        .def("__getstate__", [](const HybridState& s) { return nb::make_tuple(nb::bytes(reinterpret_cast<const char*>(&s), sizeof s)); })
+        .def("__setstate__", [](HybridState& s, const std::tuple<nb::bytes>& given) {
+            if (std::get<0>(given).size() != sizeof s)
+                refuse("this is no state of a tool in contact");
+            new (&s) HybridState();
+            std::memcpy(static_cast<void*>(&s), std::get<0>(given).c_str(), sizeof s);
+        })
+        .def_ro("press", &HybridState::press)
+        .def_ro("room", &HybridState::room, "Share of the joints' acceleration that noise in the force leaves to the motion.")
+        .def_ro("gain", &HybridState::gain, "Largest of the force law [length/s per force].")
+        .def_ro("at_once", &HybridState::at_once, "Whether what stopped the tool was there when it was first read.")
+        .def_prop_ro("normal_bound", [](const HybridState& s) { return s.normal.bound; }, "That holds the estimated normal back [rad], else 0.");
+    nb::class_<ContactSplit>(m, "ContactSplit", "The split of a kind of contact.").def("__init__", make_split, "fields"_a);
+    nb::class_<Hybrid>(m, "Hybrid", "The tick of a tool in contact; its settings never change.")
+        .def("__init__", make_hybrid, "settings"_a)
+        .def("tick", tick_of, "state"_a, "loop"_a, "joints"_a, "split"_a, "contact"_a, "edge"_a, "q"_a, "target"_a, "reading"_a, "force_first"_a,
+             "feedforward"_a.none(), "velocity"_a.none(), "wrench"_a.none(), "posture"_a.none(), "functions"_a.none());
 }
 
 }  // namespace iq

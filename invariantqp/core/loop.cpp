@@ -15,10 +15,6 @@ constexpr double SLACK_GAIN = 10;  // at most, by which an error within the slac
 constexpr double OUTSIDE = 1e-3;  // outside of its range a joint is reported [rad, length]; less is encoders' noise
 constexpr int AGAIN = 4;          // so often at most an answer is made again that does not keep a limit to its end
 
-Vec view(const std::vector<double>& v, Workspace& w) { return {const_cast<double*>(v.data()), static_cast<int>(v.size()), &w}; }
-Mat view(const std::vector<double>& v, int rows, int cols, Workspace& w) { return {const_cast<double*>(v.data()), rows, cols, &w}; }
-Vec vec(const Vec3& a, Workspace& w) { return three(w, a[0], a[1], a[2]); }
-Vec vec(const Twist& s, Workspace& w) { return joined(vec(s.omega, w), vec(s.v, w)); }
 Twist twist(Vec s) { return {{s[0], s[1], s[2]}, {s[3], s[4], s[5]}}; }
 
 // The same displacement turning as in the tick before, where it is nearly half a turn: same axis, same translation along it.

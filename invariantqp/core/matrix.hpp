@@ -216,6 +216,13 @@ struct Mat {
     }
 };
 
+// The numbers of a vector, which are not copied.
+inline Vec view(const std::vector<double>& v, Workspace& w) { return {const_cast<double*>(v.data()), static_cast<int>(v.size()), &w}; }
+inline Mat view(const std::vector<double>& v, int rows, int cols, Workspace& w)
+{
+    return {const_cast<double*>(v.data()), rows, cols, &w};
+}
+
 constexpr int MANY = 16;  // columns from which products take four rows at a time
 
 struct Transposed {

@@ -331,6 +331,13 @@ void say(std::vector<double>& to, Code code, const std::vector<int>& joints, con
     to.insert(to.end(), rows.begin(), rows.end());
     to.insert(to.end(), numbers.begin(), numbers.end());
 }
+bool has(const std::vector<double>& reasons, Code code)
+{
+    for (std::size_t i = 0; i < reasons.size(); i += 4 + static_cast<std::size_t>(reasons[i + 1] + reasons[i + 2] + reasons[i + 3]))
+        if (reasons[i] == static_cast<double>(code))
+            return true;
+    return false;
+}
 
 Report report(const Tick& tick, const Answer& answer, Workspace& w) { return Reporter(tick, answer, w).report(); }
 

@@ -59,6 +59,8 @@ struct Report {
 // Writes a reason at the end of others.
 void say(std::vector<double>& to, Code code, const std::vector<int>& joints = {}, const std::vector<double>& rows = {},
          const std::vector<double>& numbers = {});
+// Whether reasons have a code.
+bool has(const std::vector<double>& reasons, Code code);
 
 Report report(const Tick& tick, const Answer& answer, Workspace& w);
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from math import acos, degrees, hypot, inf, pi, sqrt, tan
+from math import hypot, inf, pi, tan
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -23,22 +23,20 @@ from attrs import evolve, field, frozen
 from attrs.converters import optional
 from numpy.typing import ArrayLike
 
-from invariantqp.errors import BadInput, excerpt, written
+from invariantqp.engine import law
+from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.contact_kinds import Contact, ContactKind
 from invariantqp.force.sensor import Wrench, by_name, wanted_of
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared, Value, own
 from invariantqp.geometry.forms import finite_pitch
-from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.projectors import DualProjectors, dual_projectors
-from invariantqp.velocity.exact import ExactRows
-from invariantqp.velocity.measure import root_at
 
 OnLoss = Literal["approach", "hold", "retreat", "continue"]
 OnOverload = Literal["hold", "retreat"]
 
-# How far a normal may be corrected [rad]: beyond it the told one says nothing.
+# How far a normal may be corrected [rad]: beyond it the declared one says nothing.
 MOST_TILT = pi / 4.0
 # The slope of a surface beside the declared one, where `normal_within` does not say it: 6 deg.
 SLOPE = 0.1
@@ -143,8 +141,8 @@ class HybridTask(Value):
                 touch is seen. A touch shows more, so that one declared wrong costs nothing else. A fixed compliance has
                 integral action where it is declared.
             size: over what length the contact spreads, which weighs moments against forces [length].
-            normal_within: corrects the told normal by how the tool moves along the surface, by this angle at most
-                [rad], up to pi/4; None trusts the told one. Friction does not disturb it. One press only.
+            normal_within: corrects the declared normal by how the tool moves along the surface, by this angle at most
+                [rad], up to pi/4; None trusts the declared one. Friction does not disturb it. One press only.
             lost_below: press [N] below which contact is lost; None is a tenth of the wanted one, 0 is never once felt.
             lost_after: for how long [s].
             on_loss: "approach" goes on, no faster than `approach_speed` towards the contact; "hold" stands still until
@@ -357,6 +355,26 @@ class Split(NamedTuple):
     exert: Array = np.zeros(6)
     load: tuple[float, float] = (0.0, 0.0)
 
+    def fields(self, *, given: bool) -> dict[str, Any]:
+        """The split as the engine takes it; `given` says whether the task declares a compliance."""
+        kind = self.kind
+        return {
+            "n": len(self.unit_parts),
+            "presses": kind.presses,
+            "motion": self.projectors.motion,
+            "force": self.projectors.force,
+            "constraints": np.asarray(kind.constraints).T,
+            "intensities": self.intensities,
+            "unit_parts": self.unit_parts,
+            "unit_rates": self.unit_rates,
+            "twist": self.twist,
+            "out": kind.out,
+            "wrench": self.exert,
+            "load": self.load,
+            "origin": kind.origin,
+            "compliance": self.gain if given else 0.0,
+        }
+
     def wanted_now(self, wrench: Any) -> Array:
         """(6,) W_d of one tick, from what its `wanted` is given, as `HybridTask` takes it."""
         return self.wanted(wanted_of(wrench, lambda: int(self.kind.constraints.shape[1]), "wanted"), "wanted")
@@ -424,7 +442,8 @@ def split_of(
         one * one,
     )
     exert = split.wanted(wrench)
-    return split._replace(exert=exert, load=load_at(exert, np.asarray(kind.origin)))
+    moment = exert[:3] - se3.cross(np.asarray(kind.origin), exert[3:])
+    return split._replace(exert=exert, load=(se3.norm(exert[3:]), se3.norm(moment)))
 
 
 def compliance_of(value: ArrayLike, size: float) -> Array:
@@ -454,7 +473,12 @@ def contact_now(task: HybridTask, tool: Array, given: Any) -> Contact:
 
 
 class KeptSplit:
-    """The last split of one task."""
+    """The last split of one task.
+
+    Attributes:
+        task: whose split it is.
+        in_engine: the split as the engine takes it.
+    """
 
     def __init__(self, task: HybridTask, kind: ContactKind) -> None:
         """Of a task and the kind of its first contact.
@@ -463,8 +487,11 @@ class KeptSplit:
             BadInput, NoProjectors: the task does not fit this contact.
         """
         self.task = task
-        self._split: Split = task.split(kind)
         self._grip: Array | None = None  # for which that is
+        self._keep(task.split(kind))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return KeptSplit, (self.task, self._split.kind)
 
     def at(self, contact: Contact, tool: Array) -> Split:
         """The split for a contact with the tool at a (4, 4) pose.
@@ -476,179 +503,12 @@ class KeptSplit:
         if task.compliance is None and kind.presses == 0:
             grip = se3.inverse(contact.pose, check=False).dot(tool.dot([*task.grip, 1.0]))[:3]
             if self._grip is None or kind != split.kind or hypot(*(grip - self._grip)) > NEAR * task.size:
-                split, self._grip = task.split(kind, grip), grip
+                self._keep(task.split(kind, grip))
+                self._grip = grip
         elif kind is not split.kind:
-            split = task.split(kind)
+            self._keep(task.split(kind))
+        return self._split
+
+    def _keep(self, split: Split) -> None:
         self._split = split
-        return split
-
-
-def load_at(wrench: Array, *places: Array) -> tuple[float, float]:
-    """|f|, and |m| about that of the places where it is least: a handle is held far from its hinge."""
-    a, b, c, u, v, w = wrench.tolist()
-    least = inf
-    for place in places:
-        x, y, z = place.tolist()
-        i, j, k = a - y * w + z * v, b - z * u + x * w, c - x * v + y * u
-        least = min(least, i * i + j * j + k * k)
-    return sqrt(u * u + v * v + w * w), sqrt(least)
-
-
-def overload_of(task: HybridTask, force: float, moment: float, noise: float) -> tuple[float, float]:
-    """The force and the moment that are an overload, for the size of the wanted ones.
-
-    Args:
-        task: says them, or leaves them to what is wanted.
-        force: wanted [N].
-        moment: wanted, about the place of contact [N length].
-        noise: standard deviation of a force component [N]: readings of the wanted force stay below the limit.
-    """
-    most, turning = task.max_force, task.max_moment
-    if most is None:
-        most = max(OVERLOAD * force, force + ABOVE_NOISE * noise) if force > 0.0 else NO_FORCE
-    if turning is None:
-        turning = max(OVERLOAD * moment, moment + task.size * most)
-    return most, turning
-
-
-def larger_part(force: Array, out: Array) -> float:
-    """Of a force (3,) the larger of its parts along the way out (3,), a unit vector or zero, and across that."""
-    along = float(out.dot(force))
-    return max(abs(along), se3.norm(force - along * out))
-
-
-def weakest(parts: Array, felt: Array, exert: Array) -> tuple[float, float, float] | None:
-    """The press that is felt and wanted, of several the one of which least is felt; and what is felt of all together.
-
-    In the unit of the smallest. One of several may read what rubs at another, all together hardly.
-
-    Args:
-        parts: (n, 6) from a wrench to its n presses; n = 0 for a contact that cannot be lost.
-        felt: (6,) wrench.
-        exert: (6,) wrench that is wanted.
-    """
-    if not len(parts):
-        return None
-    if len(parts) == 1:
-        alone = float(parts[0].dot(felt))
-        return alone, float(parts[0].dot(exert)), alone
-    here, wanted = parts.dot(felt), parts.dot(exert)
-    pressed = wanted > 0.0
-    if not pressed.any():
-        return float(here.min()), 0.0, float(here.sum())
-    here, wanted = here[pressed], wanted[pressed]
-    least = float(wanted.min())
-    return least * float((here / wanted).min()), least, least * float(here.sum() / wanted.sum())
-
-
-def way_out(contact: Contact) -> Array:
-    """(3,) the direction in which the place of contact is left, base frame; zero where it cannot be."""
-    if contact.kind.out is None:
-        return np.zeros(3)
-    out = velocity_at(contact.adjoint.dot(np.asarray(contact.kind.out)), contact.point)
-    return out / max(sqrt(out.dot(out)), TINY)
-
-
-def require_same_side(before: Array | None, out: Array) -> None:
-    """Refuse a way out (3,) that has turned by more than a right angle since the last tick, None in the air.
-
-    Such a normal presses where it should let go, and a retreat along it goes on pressing.
-
-    Raises:
-        BadInput: it has.
-    """
-    if before is not None and out.dot(before) < 0.0:
-        turned = f"a normal that turned by {degrees(acos(max(-1.0, out.dot(before)))):.0f} degrees within a tick"
-        remedy = "Check the function that gives it; to press on another surface, `reset` first."
-        raise BadInput("contact", turned, "the outward normal of the surface that is pressed", remedy)
-
-
-def speed_at(contact: Contact, twist: Array, size: float) -> float:
-    """How fast a twist moves the place of contact, turning counted by the contact's size [length/s]."""
-    return max(se3.norm(velocity_at(twist, contact.point)), size * se3.norm(twist[:3]), TINY)
-
-
-def moved_between(before: Array | None, now: Array, point: Array) -> Array:
-    """(3,) how far the tool's point that is now at `point` (3,) has come, for its (4, 4) poses; None is no motion."""
-    if before is None:
-        return np.zeros(3)
-    back: Array = before[:3, :3].dot(now[:3, :3].T.dot(point - now[:3, 3])) + before[:3, 3]
-    return point - back
-
-
-def can_yield(contact: Contact, joints: int) -> bool:
-    """Whether so many joints can move against every constraint, and still in two ways more if they are under six."""
-    return bool(joints >= 6 or len(contact.constraints.T) <= joints - 2)
-
-
-def force_rows(contact: Contact, J: Array, twist: Array) -> ExactRows | None:
-    """W'J x = W'twist where that leaves the arm at least two degrees of freedom, else None."""
-    D = contact.constraints.T
-    if not (len(D) and can_yield(contact, J.shape[1])):
-        return None
-    return ExactRows.of(J, D, D.dot(twist), check=False)
-
-
-def pressed_by(task: HybridTask, split: Split, contact: Contact, tool: Array, J: Array, motion: Array) -> str:
-    """What fewer than six joints make of a motion along the contact, in words, "" where they can do it.
-
-    Args:
-        task: its grip and size.
-        split: of the contact.
-        contact: in the base frame.
-        tool: (4, 4) pose.
-        J: (6, m) joint twists.
-        motion: (6,) twist along S.
-    """
-    if can_yield(contact, J.shape[1]):
-        return ""
-    root = root_at(tool[:3, :3].dot(task.grip) + tool[:3, 3], task.size)
-    asked = root.dot(motion)
-    speed = sqrt(asked.dot(asked))
-    if speed < SLOW_SHARE * task.approach_speed:
-        return ""
-    R = root.dot(J)
-    off = J.dot(np.linalg.lstsq(R, asked, rcond=None)[0]) - motion
-    A, B = contact.adjoint, contact.coadjoint
-    rest = root.dot(off - A.dot(split.projectors.motion.dot(B.T.dot(off))))
-    share = sqrt(rest.dot(rest)) / speed
-    if share < PRESSED:
-        return ""
-    part = f"{written(100.0 * share, 2)} % of the motion presses"
-    return f"{J.shape[1]} joints cannot move the tool along this contact ({contact.name}): {part}"
-
-
-class Beyond(NamedTuple):
-    """Beyond the edge of a surface the tool rises, so that it comes back above the surface, wherever that is.
-
-        lift = slope |p - p0|       p0 the place where the surface was left
-
-    Back at p0 the tool is as low as it was; elsewhere the contact is looked for again, as after any loss.
-
-    Attributes:
-        left: (3,) p0, base frame; None on the surface.
-        lift: how far the tool has been moved outwards since then [length].
-    """
-
-    left: Array | None = None
-    lift: float = 0.0
-
-    def twist(self, task: HybridTask, contact: Contact, dt: float) -> Array:
-        """(6,) of the tool beyond the edge, base frame; down no faster than contact is looked for.
-
-        Args:
-            task: its approach speed and size, and how wrong its normal may be.
-            contact: in the base frame.
-            dt: tick [s].
-        """
-        if self.left is None or contact.kind.out is None:
-            return np.zeros(6)
-        out, way = contact.adjoint.dot(np.asarray(contact.kind.out)), contact.point - self.left
-        speed = max((task.slope * sqrt(way.dot(way)) - self.lift) / dt, -task.approach_speed)
-        return np.asarray(speed / speed_at(contact, out, task.size) * out)
-
-    def after(self, place: Array, out: float, *, beyond: bool) -> Beyond:
-        """The same after a tick at a place (3,), in which the tool was moved outwards by a distance [length]."""
-        if not beyond:
-            return Beyond()
-        return Beyond(place, 0.0) if self.left is None else self._replace(lift=self.lift + out)
+        self.in_engine: Any = law.ContactSplit(split.fields(given=self.task.compliance is not None))

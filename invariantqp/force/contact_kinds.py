@@ -28,6 +28,7 @@ from attrs import field, frozen
 from attrs.converters import optional
 from numpy.typing import ArrayLike
 
+from invariantqp.engine import law
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -323,15 +324,14 @@ def hinge(point: ArrayLike, axis: ArrayLike, pitch: float = 0.0) -> Contact:
 
 def contact_frame(point: ArrayLike, normal: ArrayLike, tangent: ArrayLike | None, argument: str = "tangent") -> Array:
     """The contact's own frame: z against the outward normal, x along the projection of the tangent on the surface."""
-    z = -arrays.direction(normal, "normal")
-    along = np.eye(3)[int(np.abs(z).argmin())] if tangent is None else arrays.direction(tangent, argument)
-    x = along - z * z.dot(along)
-    length = se3.norm(x)
-    if length < SIX_DIGITS:
-        raise BadInput(argument, "a direction parallel to the normal", "one along the surface")
-    frame = np.eye(4)
-    frame[:3, 0], frame[:3, 1], frame[:3, 2] = x / length, se3.cross(z, x / length), z
-    frame[:3, 3] = arrays.vector(point, 3, "point")
+    try:
+        frame: Array = law.contact_frame(point, normal, tangent)
+    except ValueError:
+        arrays.vector(point, 3, "point")
+        arrays.direction(normal, "normal")
+        if tangent is not None:
+            arrays.direction(tangent, argument)
+        raise BadInput(argument, "a direction parallel to the normal", "one along the surface") from None
     return frame
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf
+from math import degrees, inf
 from typing import TYPE_CHECKING, Any
 
 from invariantqp.errors import written
@@ -16,6 +16,9 @@ FOLLOW, APPROACH, HOLD, RETREAT = range(4)
 NONE, OVERLOAD, DEAD, PULLS, NO_RESPONSE, HELD_BACK, NOT_FOLLOWING, LOST, NO_CONTACT_WAY, NO_CONTACT_TIME = range(10)
 SWINGS, NOT_REACHED, NOISY, UNEXPLAINED, UNLOADING, TARING, NOT_TARED = (1 << k for k in range(7))
 LOST_REASONS = (NOT_FOLLOWING, LOST, NO_CONTACT_WAY, NO_CONTACT_TIME)
+
+# A gain lowered for noise below this share of itself is reported, as in core/hybrid.cpp.
+LOWERED = 0.5
 
 # What a user may have declared wrong of a sensor.
 DECLARED = "reads=, order=, mass= or bias="
@@ -105,3 +108,30 @@ def doubts_of(doubts: int, state: Any, declared_noise: float, drift: float, late
         off = drift * s.age
         said.append(f"not tared for {written(s.age, 2)} s: the press may be off by {written(off, 2)} N (drift=)")
     return said
+
+
+def late(later: float, gain: float, asked: float) -> str:
+    """Of commands that act so much later than declared [s], for which the motion's gain is lowered [1/s]."""
+    return (
+        f"commands act {written(1e3 * later, 3)} ms later than declared: give delay=, the motion's gain is "
+        f"{written(gain, 3)} instead of {written(asked, 3)} 1/s"
+    )
+
+
+def lowered(gain_scale: float, noise: float) -> str:
+    """Of a force gain that is lowered to a share of itself for noise [force]."""
+    return (
+        f"{written(noise, 2)} N of noise would take the joints' acceleration: {written(gain_scale, 2)} of the force "
+        "gain is left; give the sensor a lower cutoff="
+    )
+
+
+def unreachable(share: float, joints: int, contact: str) -> str:
+    """Of a share of the motion along a contact that so few joints turn into a press."""
+    part = f"{written(100.0 * share, 2)} % of the motion presses"
+    return f"{joints} joints cannot move the tool along this contact ({contact}): {part}"
+
+
+def normal_bound(bound: float) -> str:
+    """Of an estimated normal that the bound [rad] holds back."""
+    return f"the normal is {written(degrees(bound), 3)} deg off the declared one, the most that normal_within allows"

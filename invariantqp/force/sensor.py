@@ -79,7 +79,7 @@ def wrench_of(reading: Any, order: str | None, argument: str) -> Array:
     Raises:
         BadInput: numbers without an order, NaN, shapes.
     """
-    if _are_numbers(reading):
+    if are_numbers(reading):
         numbers = arrays.vector(reading, 6, argument)
         if order is None:
             raise BadInput(
@@ -126,7 +126,7 @@ def wanted_of(wrench: Any, constraints: Callable[[], int], argument: str = "wren
     """
     if isinstance(wrench, Real):
         raise BadInput(argument, excerpt(wrench), "a list, one number a constraint of the contact, such as [5.0]")
-    if _are_numbers(wrench):
+    if are_numbers(wrench):
         parts = arrays.vector(wrench, None, argument)
         if len(parts) == 6 and parts.any() and constraints() != 6:
             wrench_of(parts, None, argument)
@@ -143,7 +143,7 @@ def order_of(order: str | None, argument: str = "order") -> str | None:
     return None if order is None else arrays.choice(order, argument, ORDERS)
 
 
-def _are_numbers(value: Any) -> bool:
+def are_numbers(value: Any) -> bool:
     """Whether a value is numbers in a row: a NumPy array, a list, an `array.array` as fields of ROS 2 messages are."""
     return isinstance(value, (np.ndarray, Sequence)) and not isinstance(value, str)
 
@@ -280,6 +280,11 @@ class WrenchSensor(Value):
             drift=arrays.not_negative(drift, "drift", "a number in N/s"),
             origin=arrays.vector(origin, 3, "origin"),
         )
+
+    def fields(self) -> dict[str, Any]:
+        """The sensor as the engine takes it."""
+        names = "mount", "mass", "centre", "gravity", "origin", "bias", "reads", "force_deadband", "moment_deadband"
+        return {name: getattr(self, name) for name in names}
 
     def tare(self, tool: ArrayLike) -> Array:
         """(6,) what the sensor reads with nothing touching the tool, at a (4, 4) tool pose in the base frame.

@@ -55,7 +55,7 @@ def test_a_true_normal_stays_and_the_bound_holds_and_is_told(panda):
     angles, _, solution = drawn(panda, 10.0, 0.0, seconds=2.5, normal_within=bound, max_force=20.0)
     assert angles.min() > 6.0 - 1e-9
     assert solution.status == "degraded"
-    assert "the normal is 4 deg off the told one" in solution.reason
+    assert "the normal is 4 deg off the declared one" in solution.reason
 
 
 def test_a_bound_needs_a_contact_with_one_press():

@@ -7,7 +7,7 @@ from support.spring_plane import PANDA, UP, exerted
 from support.wrist import wrist
 
 import invariantqp as iq
-from invariantqp.force.motion import ABOVE, kept_of, lowered, trembling
+from invariantqp.force import messages
 
 DT = 0.002
 
@@ -58,27 +58,32 @@ def test_noise_takes_a_tool_not_off_its_path(noise, acceleration, stiffness, sec
 
 
 def test_a_gain_that_is_lowered_for_noise_is_told_and_a_low_pass_needs_none():
-    assert kept_of(2.0, 0.125) == 1.0
-    assert kept_of(2.0, 1.0) == 0.25
-    assert "0.25 of the force gain is left; give the sensor a lower cutoff=" in lowered(0.25, 0.3)
+    *_, said, _ = wiped(1.0, 5.0, stiffness=1e3)
+    assert any("of the force gain is left; give the sensor a lower cutoff=" in why for _, why in said)
+    assert "0.25 of the force gain is left" in messages.lowered(0.25, 0.3)
     *_, said, _ = wiped(0.1, 5.0, cutoff=20.0)
     assert not any("of the force gain is left" in why for _, why in said)
 
 
-def test_the_share_is_what_noise_asks_of_the_joint_that_has_least():
-    robot, k = iq.load_robot("ur5"), 1e-3
+@pytest.mark.parametrize(("noise", "limit"), [(0.02, np.inf), (0.02, 4.0), (0.0, 4.0), (0.02, None)])
+def test_the_room_is_what_noise_leaves_of_the_joint_that_has_least(noise, limit):
+    robot = iq.load_robot("ur5")
     q = np.array([0.0, -1.2, 1.8, -2.2, -1.57, 0.0])
-    J, place, limits = robot.jacobian(q), robot.pose(q)[:3, 3], np.array([5.0, 6.0, 7.0, 8.0, 9.0, np.inf])
-    loop = iq.Controller(robot, dt=DT, acceleration_limit=limits)
-    twist = np.concatenate((np.zeros(3), k * UP))
-    admittance = np.zeros((6, 6))
-    admittance[5, 5] = k
-    asked = np.abs(np.linalg.solve(J, twist)) / (limits * DT)
-    change = 0.3 * np.sqrt(2.0)
-    share = trembling(loop, J, admittance, place, 0.05, 0.3, 1.0)
-    assert share == pytest.approx(ABOVE * change * asked.max(), rel=1e-9)
-    smoothed = trembling(loop, J, admittance, place, 0.05, 0.3, 0.5)
-    assert smoothed / share == pytest.approx(0.5 / np.sqrt(1.5), rel=1e-9)
-    free = iq.Controller(robot, dt=DT)
-    assert trembling(free, J, admittance, place, 0.05, 0.3, 1.0) == 0.0
-    assert trembling(loop, J, admittance, place, 0.05, 0.0, 1.0) == 0.0
+    limits = None if limit is None else np.array([5.0, 6.0, 7.0, 8.0, 9.0, limit])
+    tool = robot.pose(q)
+    contact = iq.point_contact(tool[:3, 3], UP)
+    sensor = wrist(noise=noise)
+    loop = iq.HybridController(
+        robot, iq.HybridTask(contact, [5.0]), dt=DT, sensor=sensor, acceleration_limit=limits, tare=False
+    )
+    for press in [0.0] * 3 + [5.0] * 40:
+        wrench = np.concatenate((np.cross(tool[:3, 3], -press * UP), -press * UP))
+        loop.step(q, tool, -iq.coadjoint(iq.inverse(tool)) @ wrench)
+    if noise == 0.0 or limit is None:
+        assert loop.room == 1.0
+        return
+    down = np.concatenate((np.zeros(3), -UP))  # of a unit rate
+    most = np.where(np.isfinite(limits), limits, 90.0)
+    share = 1.5 * noise * np.sqrt(2.0) / DT * np.abs(np.linalg.solve(robot.jacobian(q), down) / most).max()
+    assert 1.0 - loop.room == pytest.approx(share * loop.memory.gain, rel=1e-9)
+    assert 0.0 < 1.0 - loop.room < 0.5

@@ -63,7 +63,7 @@ def test_millimetres_change_no_tick(exact):
         here, there = tick_of(seed, exact, 1.0), tick_of(seed, exact, 1e3)
         assert here.status == there.status, (seed, here.reason, there.reason)
         apart = np.linalg.norm(here.velocity - there.velocity)
-        slow = here.velocity_solution.scale < 1.0  # a change of q by 1e-15 changes such a tick by 2e-9
-        assert apart <= (3e-8 if slow else 1e-9) * np.linalg.norm(here.velocity), (seed, apart)
+        slow = here.velocity_solution.scale < 1.0  # a change of q by 2e-15 changes such a tick by 5.4e-8 of itself
+        assert apart <= (6e-8 if slow else 1e-9) * np.linalg.norm(here.velocity), (seed, apart)
         slowed += 0.0 < here.velocity_solution.scale < 1.0
     assert slowed > 0 or exact == "nothing"  # the force alone is slow

@@ -1,0 +1,121 @@
+// A tick of a tool in contact: motion along the freedoms of the contact, force against its constraints.
+//
+//     s = P (gain log(T_target T^-1) + feedforward) + Z rates,     velocity = law(J, s, limits)
+//
+// P projects on the freedoms and Z spans the complement (force/contact.py); the rates are the force law's (force.hpp). Twists
+// (omega; v) and wrenches (m; f) are in the base frame unless the frame of the contact is named; wrenches are those that the
+// tool exerts. Reference: [DS] Sect. 6.3.
+#pragma once
+#include "force.hpp"
+#include "loop.hpp"
+
+namespace iq {
+
+// What a task needs of one kind of contact with n constraints, in the frame of the contact.
+struct ContactSplit {
+    int n = 0, presses = 0;
+    std::vector<double> motion, force;  // (6, 6) P and P*
+    std::vector<double> constraints;    // (n, 6) W'
+    std::vector<double> intensities;    // (n, 6) from a wrench to its parts in the constraints
+    std::vector<double> unit_parts;     // (n, 6) from a wrench to its unit parts
+    std::vector<double> unit_rates;     // (n, 6) from a twist to its unit rates
+    std::vector<double> twist;          // (6, n) from unit rates to the twist in Z
+    std::vector<double> out;            // (6,) unit twist that leaves the contact; empty where none does
+    std::vector<double> wrench;         // (6,) that the task exerts
+    double load[2] = {0, 0};            // its force, and its moment about the place of contact
+    Vec3 origin{};                      // the place of contact
+    double compliance = 0;              // [length/s per force] where the task declares it
+};
+
+struct WrenchSensor {
+    Pose mount;  // of its frame in the tool frame
+    double mass = 0;
+    Vec3 centre{}, gravity{}, origin{};  // gravity in the base frame; the moment deadband is about the origin
+    std::vector<double> bias;            // (6,)
+    bool reaction = true;
+    double force_deadband = 0, moment_deadband = 0;
+};
+
+struct HybridSettings {
+    force::Settings press;
+    std::optional<WrenchSensor> sensor;
+    Vec3 grip{};                                         // in the tool frame
+    double slide_speed = INFINITY, retreat_speed = 0;    // [length/s]
+    double normal_within = 0, edge_margin = 0;           // [rad], 0 where the normal is trusted; [length]
+    double max_force = NAN, max_moment = NAN;            // NaN where they follow from the desired wrench
+    bool force_first = true, measured_at_contact = true;
+};
+
+// The normal of a surface, estimated from how the tool moves while it presses:
+//
+//     n . w = -(change of the press) / k          for every displacement w along a surface with normal n and stiffness k
+//     t = argmin sum (n0 . w + t . w + change / k)^2 + STEP^2/4 |t|^2,     t . n0 = 0,     n = (n0 + t) / |n0 + t|
+//
+// n0 is the declared normal. A tilt across the displacements is not observable and stays as declared. The direction of the
+// force is not used: friction turns it. Displacements are cut into pieces of a STEP along the surface, and the last MEMORY of
+// them count, so that ticks at rest forget nothing. Reference: Yoshikawa & Sudou 1993, who estimate a surface likewise.
+struct NormalEstimate {
+    Vec3 tilt{};         // t, not longer than the bound allows
+    Vec3 displacement{};  // of this piece [length]
+    double press = NAN;  // at its start
+    Mat3 squares{};      // sum of w w'
+    Vec3 rises{};        // sum of w (n0 . w + change / k)
+    double bound = 0;    // that holds t back [rad]; 0 where none does
+};
+
+// A value: trivially copyable, pickled as its bytes.
+struct HybridState {
+    force::State press;
+    bool began = false;      // whether there was a tick
+    Pose tool;               // in the last tick
+    bool touches = false;
+    Vec3 out{};              // the way out in the last tick, where it touches
+    std::array<double, 6> motion{};  // along the contact in the last tick
+    NormalEstimate normal;
+    bool beyond_edge = false;
+    Vec3 left{};             // where the surface was left beyond its edge,
+    double lift = 0;         // and how far the tool was moved outwards since
+    double gain = 0;         // largest of the force law [length/s per force]
+    double room = 1;         // share of the joints' acceleration that noise leaves to the motion
+    bool at_once = false;    // whether what stopped the tool was there when it was first read
+};
+
+struct HybridInputs {
+    Vec q;
+    Pose target;
+    Vec reading;               // (6,) moment first
+    Vec feedforward, velocity, posture;  // absent as in TickInputs
+    Vec wrench;                // (6,) desired, in the frame of the contact; absent is the task's
+    Pose contact;
+    double edge = NAN;         // distance to the edge of the surface, negative beyond it; NaN where there is none
+};
+
+struct HybridTick {
+    LoopReport found;
+    Mat J;
+    bool believed = true;      // whether the joint positions can be true; nothing below is known where not
+    double turned = 0;         // by how much a normal turned since the last tick, where that is more than a right angle [rad]
+    Pose contact;              // with the estimated normal
+    Vec motion, force;         // (6,) twists
+    Vec wrench, error, wanted; // (6,) measured, P*(W_d - W), desired
+    Vec intensities;           // (n,) parts of the measured wrench in the constraints
+    force::Output press;
+    double desired = 0;        // the first unit part of the desired wrench
+    double gain_scale = 1;     // of the force gain, lowered for noise
+    double unreachable = 0;    // share of the motion that fewer than six joints turn into a press
+    double motion_gain = 0;    // [1/s]
+    bool reports = false;      // whether there is more to say than the loop does
+};
+
+// The part of a twist that limits and noise leave to few joints, and the law of force and motion.
+class Hybrid {
+  public:
+    HybridSettings settings;
+
+    // One tick; both states are those of the next tick. Throws as Loop::tick does; the states are then as they were. Where
+    // `turned` is set, nothing was computed.
+    HybridTick tick(HybridState& state, const Loop& loop, LoopState& joints, const ContactSplit& split, const HybridInputs& in,
+                    const LoopFunctions& functions, Workspace& w) const;
+};
+
+}  // namespace iq
