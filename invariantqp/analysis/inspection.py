@@ -285,6 +285,7 @@ class Inspection:
         norm: the smallest |P_h| of the pitches tried in this state: how many times the least-squares error it leaves.
         recommended: the pitch to split twists by, if any serves.
         unlimited: names of the joints without a velocity limit.
+        notes: what the reader of its description held still, coupled or left out.
     """
 
     robot: str
@@ -298,6 +299,7 @@ class Inspection:
     norm: float
     recommended: Recommendation
     unlimited: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     def use_words(self) -> tuple[str, ...]:
         """What to tell a controller of this arm, one fact a sentence."""
@@ -315,7 +317,7 @@ class Inspection:
             sentences.append(f"Of the joints {more} left over: posture= says where to.")
         if self.unlimited:
             sentences.append(f"No velocity limit is known for {', '.join(self.unlimited)}: say velocity_limit=.")
-        return tuple(sentences)
+        return (*sentences, *(f"Joint {note}." for note in self.notes))
 
     def state_words(self) -> tuple[str, ...]:
         """The state, one fact a sentence."""
@@ -363,6 +365,7 @@ class Inspection:
             "robot": self.robot,
             "tool": self.tool,
             "joints": list(self.joints),
+            "notes": list(self.notes),
             "q": self.q.tolist(),
             "rank": self.report.rank,
             "gibson_hunt": str(kind),
@@ -399,7 +402,7 @@ def inspect(robot: Robot, *, name: str = "robot", q: ArrayLike | None = None, sa
     mid = middle(require_robot(robot))
     state, where = mid, "in the middle of the joint range"
     if q is not None:
-        state, where = arrays.vector(q, len(robot.names), "q"), "at the joint positions given"
+        state, where = arrays.joints(q, robot.names, "q"), "at the joint positions given"
     if not arrays.count(samples, "samples", arrays.MANY):
         raise BadInput("samples", "0", "one or more")
     report = describe(robot.jacobian(state))
@@ -421,6 +424,7 @@ def inspect(robot: Robot, *, name: str = "robot", q: ArrayLike | None = None, sa
         norm=smallest_norm(robot, state, advice.length),
         recommended=advice,
         unlimited=tuple(name for name, v in zip(robot.names, robot.velocity_limit, strict=True) if not isfinite(v)),
+        notes=getattr(robot, "notes", ()),
     )
 
 

@@ -117,7 +117,7 @@ class OtherArm:
         Raises:
             BadInput: NaN, a wrong length, or a joint outside its range and two turns from zero.
         """
-        positions = np.array(arrays.vector(q, len(self.robot.names), argument))
+        positions = np.array(arrays.joints(q, self.robot.names, argument))
         refuse(not_believed(self.robot, positions, self._no_degrees), argument)
         return positions
 
@@ -169,6 +169,8 @@ def chain_of(robot: Any) -> Chain:
     """A robot that is known joint by joint."""
     if not isinstance(robot, Chain):
         raise BadInput("robot", excerpt(robot), "a robot that load_robot returned")
+    if robot.coupled is not None:
+        raise BadInput("robot", "joints that share a coordinate", "an arm without mimic joints")
     return robot
 
 

@@ -246,7 +246,7 @@ class Controller:
             self._settings |= {"posture": posture_at, "pull": pull}
         self.by_chain: bool = type(robot) is Chain  # a class of the user's may be no such chain
         if isinstance(robot, Chain) and self.by_chain:
-            self._settings |= {"screws": robot.screws, "home": robot.home}
+            self._settings["chain"] = robot.in_engine
         fixed = None if self.joint_rows is None else self.joint_rows.fixed
         demands = demand_fields(self.exact)
         self._settings |= {"rows": fixed and (fixed.C, fixed.lower, fixed.upper), "exact": demands or ()}
@@ -296,7 +296,7 @@ class Controller:
         Raises:
             BadInput: NaN, a wrong shape, or positions for which a tick is held.
         """
-        positions = arrays.vector(q, len(self.robot.names), argument)
+        positions = arrays.joints(q, self.robot.names, argument)
         refuse(self.limits.wrong(positions), argument)
         return positions
 
@@ -451,7 +451,7 @@ def refused(
 ) -> Exception:
     """Why the engine refused a tick: which argument, what was found and what was expected."""
     m = len(loop.robot.names)
-    positions = arrays.vector(q, m, "q")
+    positions = arrays.joints(q, loop.robot.names, "q")
     if isinstance(refusal, ArithmeticError):
         return no_projector(loop.robot.jacobian(positions), loop.form)
     if target is not None:

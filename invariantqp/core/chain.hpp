@@ -133,20 +133,30 @@ inline Twist log(const Pose& T)
 inline Twist error_twist(const Pose& target, const Pose& tool) { return log(target * inverse(tool)); }
 
 // An open chain of hinges, slides and screws. A value: copies share nothing, and none changes after it was made.
+// Several joints may share a coordinate, each turning by its ratio times it: those of a parallelogram, for instance.
 class Chain {
   public:
     Pose home;  // the tool pose at q = 0
 
-    // screws (6, m): joint twists at q = 0, base first; home: the tool pose there.
-    Chain(Mat screws, const Pose& home) : home(home), joints(screws.cols)
+    // screws (6, k): joint twists at q = 0, base first; home: the tool pose there.
+    Chain(Mat screws, const Pose& home) : home(home), joints(screws.cols), coordinates(screws.cols)
     {
         for (int i = 0; i < screws.cols; i++) {
             const Vec3 w{screws(0, i), screws(1, i), screws(2, i)}, v{screws(3, i), screws(4, i), screws(5, i)};
             const double rate = norm(w), share = rate > 0 ? 1 / rate : 1;
-            joints[i] = {rate, share * w, share * v, dot(share * w, share * v)};
+            joints[i] = {rate, share * w, share * v, dot(share * w, share * v), i, 1};
         }
     }
-    int size() const { return static_cast<int>(joints.size()); }
+    // The coordinate of each joint, all of 0 to the largest, and its ratio.
+    void couple(const std::vector<int>& coordinate, Vec ratio)
+    {
+        coordinates = 0;
+        for (int i = 0; i < count(); i++)
+            joints[i].coordinate = coordinate[i], joints[i].ratio = ratio[i], coordinates = std::max(coordinates, coordinate[i] + 1);
+    }
+    // Coordinates and joints.
+    int size() const { return coordinates; }
+    int count() const { return static_cast<int>(joints.size()); }
 
     // The tool pose at q (m,).
     Pose pose(const double* q) const { return state(q, Mat()); }
@@ -154,18 +164,20 @@ class Chain {
     Pose state(const double* q, Mat J) const
     {
         Pose T;
-        for (int i = 0; i < size(); i++)
-            advance(T, i, q[i], J);
+        clear(J);
+        for (const Joint& joint : joints)
+            advance(T, joint, q, J);
         return T * home;
     }
     // What each joint does to the frames behind it, exp(q_1 S_1) ... exp(q_i S_i), from where they are at q = 0;
-    // i = 0, the base, to m: motions has m + 1. Returns the tool pose.
+    // i = 0, the base, to the last joint. Returns the tool pose.
     Pose motions(const double* q, Mat J, Pose* motions) const
     {
         Pose T;
         *motions = T;
-        for (int i = 0; i < size(); i++) {
-            advance(T, i, q[i], J);
+        clear(J);
+        for (const Joint& joint : joints) {
+            advance(T, joint, q, J);
             *++motions = T;
         }
         return T * home;
@@ -176,19 +188,30 @@ class Chain {
         double rate;  // |omega|, 0 of a slide
         Vec3 n, u;    // omega and v, of unit rate
         double pitch; // n.u
+        int coordinate;
+        double ratio;
     };
     std::vector<Joint> joints;
+    int coordinates;
 
-    // T exp(q S) = T (1 + sin t U + (1 - cos t) U^2 + (t - sin t) U^3),  U = S / |omega|,  t = |omega| q;  and J_i = Ad(T) S.
-    void advance(Pose& T, int i, double q, Mat J) const
+    void clear(Mat J) const
     {
-        const Joint& joint = joints[i];
-        const double rate = joint.rate > 0 ? joint.rate : 1;
+        if (J.p && coordinates < count())
+            J.all().fill(0);
+    }
+    // T exp(q S) = T (1 + sin t U + (1 - cos t) U^2 + (t - sin t) U^3),  U = S / |omega|,  t = |omega| q;  and J_i = Ad(T) S.
+    void advance(Pose& T, const Joint& joint, const double* at, Mat J) const
+    {
+        const int i = joint.coordinate;
+        const double q = joint.ratio * at[i], rate = joint.rate > 0 ? joint.rate : 1;
         const Vec3 axis = T.R * joint.n, drift = T.R * joint.u;
         if (J.p) {
             const Vec3 moved = drift + cross(T.p, axis);
-            for (int k = 0; k < 3; k++)
-                J(k, i) = rate * axis[k], J(3 + k, i) = rate * moved[k];
+            const double turns = coordinates < count() ? joint.ratio * rate : rate;
+            for (int k = 0; k < 3; k++) {
+                J(k, i) = turns * axis[k] + (coordinates < count() ? J(k, i) : 0);
+                J(3 + k, i) = turns * moved[k] + (coordinates < count() ? J(3 + k, i) : 0);
+            }
         }
         if (joint.rate == 0) {
             T.p = T.p + q * drift;

@@ -110,8 +110,8 @@ void make_loop(Loop* made, nb::dict given)
     }
     set.damping = f.number("damping", 0, LARGEST), set.guard = f.number("guard", -1, 1);
     new (made) Loop{set, std::nullopt};
-    if (f.has("screws"))
-        made->chain.emplace(read.matrix(f["screws"], "screws", 6, m), read_pose(f["home"], "home", read));
+    if (f.has("chain"))
+        made->chain = nb::cast<const Chain&>(f["chain"]);
 }
 
 // A problem that another solver answers, by the names of definition.Tick.

@@ -19,7 +19,7 @@ struct Arm {
     std::vector<double> believed_lower, believed_upper;
     bool by_python = false;  // whether its kinematics are a function of Python
 
-    Arm(nb::object screws, nb::object home, nb::object state, nb::object lower, nb::object upper, nb::object low,
+    Arm(nb::object chain, nb::object state, nb::object lower, nb::object upper, nb::object low,
         nb::object high, nb::object middle, nb::object stride, nb::object turn, nb::object point, double length,
         nb::object tip, double far, nb::object believed_lower, nb::object believed_upper)
         : far(far)
@@ -42,8 +42,10 @@ struct Arm {
         this->believed_lower = numbers(believed_lower, "believed_lower", Numbers::any);
         this->believed_upper = numbers(believed_upper, "believed_upper", Numbers::any);
         if (state.is_none()) {
-            const Chain chain(read.matrix(screws, "screws", 6, m), Pose(read.matrix(home, "home", 4, 4).p));
-            of.state = [chain](const double* q, Mat J) { return chain.state(q, J); };
+            const Chain& arm = nb::cast<const Chain&>(chain);
+            if (arm.size() != m)
+                refuse("the chain has other joints than the limits");
+            of.state = [arm](const double* q, Mat J) { return arm.state(q, J); };
             return;
         }
         by_python = true;
@@ -330,8 +332,8 @@ void bind_pose(nb::module_& m)
     const auto none = nb::none();
     nb::class_<Arm>(m, "PoseArm", "An arm in a pose search: what depends on it alone.")
         .def(nb::init<nb::object, nb::object, nb::object, nb::object, nb::object, nb::object, nb::object, nb::object,
-                      nb::object, nb::object, nb::object, double, nb::object, double, nb::object, nb::object>(),
-             nb::kw_only(), "screws"_a.none() = none, "home"_a.none() = none, "state"_a.none() = none, "lower"_a,
+                      nb::object, nb::object, double, nb::object, double, nb::object, nb::object>(),
+             nb::kw_only(), "chain"_a.none() = none, "state"_a.none() = none, "lower"_a,
              "upper"_a, "low"_a, "high"_a, "middle"_a, "stride"_a, "turn"_a, "point"_a, "length"_a, "tip"_a, "far"_a,
              "believed_lower"_a, "believed_upper"_a)
         .def("solve", solve, "target"_a, "q0"_a.none(), "form"_a.none(), "exact"_a, "tolerance"_a, "restarts"_a,

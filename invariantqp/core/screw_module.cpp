@@ -14,12 +14,24 @@ nb::object array_of(Mat A)
     return array;
 }
 
-void make_chain(Chain* made, nb::handle screws, nb::handle home)
+// coordinates (k,) and ratios (k,) of joints that share them, or None.
+void make_chain(Chain* made, nb::handle screws, nb::handle home, nb::handle coordinates, nb::handle ratios)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     Reader read(w);
-    new (made) Chain(read.matrix(screws, "screws", 6, -1), Pose(read.matrix(home, "home", 4, 4).p));
+    Chain chain(read.matrix(screws, "screws", 6, -1), Pose(read.matrix(home, "home", 4, 4).p));
+    if (!coordinates.is_none()) {
+        const Vec of = read.vector(coordinates, "coordinates", chain.count());
+        std::vector<int> each;
+        for (const double x : of) {
+            if (!(x >= 0 && x < chain.count()))
+                refuse("coordinates has a number that is no joint's");
+            each.push_back(static_cast<int>(x));
+        }
+        chain.couple(each, read.vector(ratios, "ratios", chain.count()));
+    }
+    new (made) Chain(chain);
 }
 // Joint twists (6, m) and tool pose (4, 4), and the error twist (6,) to a target, None without one.
 nb::tuple sight(const Chain& chain, nb::handle q, nb::handle target)
@@ -38,15 +50,15 @@ nb::tuple sight(const Chain& chain, nb::handle q, nb::handle target)
     return nb::make_tuple(array_of(J), array_of(T), iq::array_of(e));
 }
 
-// (m + 1, 4, 4) motions of the base and of what each joint moves, from where they are at q = 0.
+// (k + 1, 4, 4) motions of the base and of what each joint moves, from where they are at q = 0.
 nb::object motions(const Chain& chain, nb::handle q)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     Reader read(w);
-    std::vector<Pose> found(static_cast<std::size_t>(chain.size()) + 1);
+    std::vector<Pose> found(static_cast<std::size_t>(chain.count()) + 1);
     chain.motions(read.vector(q, "q", chain.size()).p, Mat(), found.data());
-    const npy_intp shape[3] = {chain.size() + 1, 4, 4};
+    const npy_intp shape[3] = {chain.count() + 1, 4, 4};
     nb::object array = new_array(3, shape);
     for (std::size_t i = 0; i < found.size(); i++)
         found[i].write(data_of(array) + 16 * i);
@@ -112,8 +124,8 @@ nb::object projectors_of(nb::handle twists, nb::handle wrenches, nb::handle pitc
 void bind_screws(nb::module_& m)
 {
     nb::class_<Chain>(m, "Chain", "An open chain of hinges, slides and screws.")
-        .def("__init__", make_chain, "screws"_a, "home"_a)
-        .def("motions", motions, "q"_a, "(m + 1, 4, 4) of the base and of what each joint moves.")
+        .def("__init__", make_chain, "screws"_a, "home"_a, "coordinates"_a = nb::none(), "ratios"_a = nb::none())
+        .def("motions", motions, "q"_a, "(k + 1, 4, 4) of the base and of what each joint moves.")
         .def("sight", sight, "q"_a, "target"_a.none(), "Joint twists (6, m), tool pose (4, 4), error twist (6,) or None.");
     m.def("pseudoinverse", pseudoinverse_of, "J"_a, "h"_a, "J^{+h} (m, 6), None where it is not well conditioned.");
     m.def("projectors", projectors_of, "S"_a.none(), "wrenches"_a.none(), "h"_a.none(), "complement"_a.none(), "metric"_a.none(),

@@ -86,6 +86,15 @@ def vector(value: ArrayLike, size: int | None, argument: str) -> Array:
     return a if isfinite(hypot(*a.tolist())) else _finite(a, argument, "finite numbers")
 
 
+def joints(value: ArrayLike, called: Sequence[str], argument: str) -> Array:
+    """A finite vector with a number for each joint; of another length, the error names the joints."""
+    a = array(value, argument, "numbers")
+    if a.shape == (len(called),):
+        return vector(a, len(called), argument)
+    remedy = "load_robot(..., joints=[...]) chooses which joints move." if a.ndim == 1 else ""
+    raise BadInput(argument, f"shape {a.shape}", f"({len(called)},): {names(called)}", remedy)
+
+
 def direction(value: ArrayLike, argument: str) -> Array:
     """The unit vector (3,) along a finite one that is not zero."""
     a = vector(value, 3, argument)

@@ -29,7 +29,7 @@ from invariantqp.errors import BadInput, excerpt, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
-from invariantqp.robots.chain import Chain
+from invariantqp.robots.chain import Chain, shares_coordinate
 from invariantqp.robots.kinematics import Robot, far_away, middle, refuse_far, remembered, whole_turns
 from invariantqp.systems.points import centre
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
@@ -123,7 +123,7 @@ class PoseSearch:
 
     def start(self, q0: ArrayLike) -> Array:
         """Joint positions (m,) to begin from, checked."""
-        q = arrays.vector(q0, len(self._robot.names), "q0")
+        q = arrays.joints(q0, self._robot.names, "q0")
         refuse(not_believed(self._robot, q, no_degrees(self._robot, self._robot.jacobian(middle(self._robot)))), "q0")
         return q
 
@@ -268,7 +268,7 @@ def pose_arm(robot: Robot) -> Any:
     place, length = centre(J)
     believed = no_degrees(robot, J)
     if type(robot) is Chain:  # a class of the user's may be no such chain
-        kinematics: dict[str, Any] = {"screws": robot.screws, "home": robot.home}
+        kinematics: dict[str, Any] = {"chain": robot.in_engine}
     else:
         kinematics = {"state": lambda q: (robot.pose(q), robot.jacobian(q))}
     phi = max(np.roots([1.0, *[0.0] * (m - 1), -1.0, -1.0]).real)  # the sequence of analysis/survey.py
@@ -280,7 +280,7 @@ def pose_arm(robot: Robot) -> Any:
         high=high,
         middle=mid,
         stride=phi ** -np.arange(1.0, m + 1.0),
-        turn=whole_turns(J),
+        turn=np.where(shares_coordinate(robot), 0.0, whole_turns(J)),
         point=here[:3, :3].T.dot(place - here[:3, 3]),
         length=length if 0.0 < length < inf else 1.0,
         tip=here[:3, 3],

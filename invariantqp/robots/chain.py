@@ -26,7 +26,7 @@ from invariantqp.robots.kinematics import Sighting, joint_limits
 
 # What a chain is made from, besides the engine that computes it.
 LIMITS = ("position_lower", "position_upper", "velocity_limit")
-ARGUMENTS = ("screws", "home", "names", *LIMITS, "tool", "places", "links")
+ARGUMENTS = ("screws", "home", "names", *LIMITS, "tool", "places", "links", "coupled", "notes")
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -50,9 +50,27 @@ class Link(NamedTuple):
     excludes: tuple[tuple[str, str], ...] = ()  # links that its description lets it touch, and why
 
 
+class Coupled(NamedTuple):
+    """The joints of a chain of which several share a coordinate, base first: those of a parallelogram, for instance.
+
+    T(q) = exp(s_1 r_1 q_c1) ... exp(s_k r_k q_ck) T_0
+    """
+
+    screws: Array  # (6, k) their twists at q = 0
+    coordinates: tuple[int, ...]  # (k,) the joint of the chain that drives each
+    ratios: tuple[float, ...]  # (k,) by how much it moves for each unit of that
+
+    def columns(self) -> Array:
+        """(6, m) the joint twists of the chain at q = 0: each the sum of those that it drives."""
+        J = np.zeros((6, max(self.coordinates) + 1))
+        for i, ratio, screw in zip(self.coordinates, self.ratios, self.screws.T, strict=True):
+            J[:, i] += ratio * screw
+        return J
+
+
 @frozen(init=False, eq=False, repr=False, slots=False)
 class Chain(Value):
-    """An open chain of one-degree-of-freedom joints.
+    """An open chain of joints, each with a coordinate of its own unless they are `coupled`.
 
     Attributes:
         screws: (6, m) joint twists at q = 0 in the base frame, base first.
@@ -64,6 +82,8 @@ class Chain(Value):
         tool: name of the tool frame.
         places: (m, 3) a point of each joint's axis at q = 0, to draw the arm by.
         links: the links that its description tells of, with their frames and collision geometry; of screws alone none.
+        coupled: all joints, where several share a coordinate, as mimic joints do; else None.
+        notes: what the reader of a description held still or left out, and why.
     """
 
     screws: Array = field(converter=own)
@@ -75,6 +95,8 @@ class Chain(Value):
     tool: str = field(default="tool", repr=False)
     places: Array = field(converter=own, repr=False, eq=False, kw_only=True)
     links: tuple[Link, ...] = field(default=(), repr=False, eq=False, kw_only=True)
+    coupled: Coupled | None = field(default=None, repr=False, kw_only=True)
+    notes: tuple[str, ...] = field(default=(), repr=False, eq=False, kw_only=True)
 
     def __init__(
         self,
@@ -87,11 +109,14 @@ class Chain(Value):
         tool: str = "tool",
         places: ArrayLike | None = None,
         links: tuple[Link, ...] = (),
+        coupled: Coupled | None = None,
+        notes: tuple[str, ...] = (),
     ) -> None:
         """A chain from its screws.
 
         Names are "joint1", ... by default, all different; one limit may stand for all joints. Without `places` they are
-        the points of the axes that make links short. `links` are what readers of descriptions tell.
+        the points of the axes that make links short. `links`, `coupled` and `notes` are what readers of descriptions
+        tell; the screws of a coupled chain are then `coupled.columns()`.
         """
         twists, pose = arrays.columns(screws, "screws"), arrays.pose(home, "home")
         m = twists.shape[1]
@@ -107,21 +132,24 @@ class Chain(Value):
         made_of = arrays.listed(links, "links", "the links that a reader of descriptions tells of")
         if not all(isinstance(link, Link) for link in made_of):
             raise BadInput("links", excerpt(links), "the links that a reader of descriptions tells of")
-        self.__attrs_init__(twists, pose, called, *limits, tool, places=where, links=made_of)
+        more: dict[str, Any] = {"links": made_of, "coupled": coupled, "notes": tuple(notes)}
+        self.__attrs_init__(twists, pose, called, *limits, tool, places=where, **more)
 
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) tool pose in the base frame."""
-        pose: Array = self.in_engine.sight(arrays.vector(q, len(self.names), "q"), None)[1]
+        pose: Array = self.in_engine.sight(arrays.joints(q, self.names, "q"), None)[1]
         return pose
 
     def jacobian(self, q: ArrayLike) -> Array:
         """(6, m) joint twists in the base frame."""
-        twists: Array = self.in_engine.sight(arrays.vector(q, len(self.names), "q"), None)[0]
+        twists: Array = self.in_engine.sight(arrays.joints(q, self.names, "q"), None)[0]
         return twists
 
     def origins(self, q: ArrayLike) -> Array:
         """(m, 3) a point of each joint's axis, to draw the arm by."""
-        before = self.motions(arrays.vector(q, len(self.names), "q"))[:-1]
+        before = self.motions(arrays.joints(q, self.names, "q"))[:-1]
+        if self.coupled is not None:  # where the first joint of each coordinate is
+            before = before[[self.coupled.coordinates.index(i) for i in range(len(self.names))]]
         return np.array([T[:3, :3].dot(p) + T[:3, 3] for T, p in zip(before, self.places, strict=True)])
 
     def target(self, pose: ArrayLike) -> Target:
@@ -165,6 +193,9 @@ class Chain(Value):
         """
         from invariantqp.robots.pinocchio import model_of  # only where it is asked for
 
+        if self.coupled is not None:
+            raise BadInput("robot", "joints that share a coordinate", "an arm without mimic joints")
+
         return model_of(
             self.screws, self.places, self.home, self.names, [getattr(self, name) for name in LIMITS], self.tool
         )
@@ -172,12 +203,14 @@ class Chain(Value):
     @cached_property
     def in_engine(self) -> Any:
         """The same chain in the engine, which computes its kinematics."""
-        return law.Chain(self.screws, self.home)
+        if self.coupled is None:
+            return law.Chain(self.screws, self.home)
+        return law.Chain(self.coupled.screws, self.home, self.coupled.coordinates, self.coupled.ratios)
 
     def motions(self, q: Array) -> Array:
         """(m + 1, 4, 4) the motions of the base and of what each joint moves, from where they are at q = 0.
 
-        exp(q_1 S_1) ... exp(q_i S_i), i = 0 ... m, for a checked q (m,).
+        exp(q_1 S_1) ... exp(q_i S_i), i = 0 ... m, for a checked q (m,); of a coupled chain one for each of its joints.
         """
         found: Array = self.in_engine.motions(q)
         return found
@@ -200,6 +233,14 @@ def _places(screws: Array, home: Array) -> Array:
         slides = []
     found[slides] = home[:3, 3]
     return found
+
+
+def shares_coordinate(robot: object) -> Any:
+    """(m,) which joints of a robot drive several, () of one that is no coupled `Chain`."""
+    coupled = robot.coupled if isinstance(robot, Chain) else None
+    if coupled is None:
+        return False
+    return np.bincount(coupled.coordinates, minlength=len(coupled.coordinates))[: max(coupled.coordinates) + 1] > 1
 
 
 class Target(NamedTuple):

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +21,7 @@ from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import prismatic, revolute
-from invariantqp.robots.chain import LIMITS, Chain, Link
+from invariantqp.robots.chain import LIMITS, Chain, Coupled, Link
 
 A_CHAIN = "a Chain, such as load_robot returns"
 # What a chain has of each joint besides its screw and name.
@@ -78,6 +79,8 @@ def relative(arm: Chain, other: Chain) -> Chain:
     """
     arrays.instance(arm, Chain, "arm", A_CHAIN)
     arrays.instance(other, Chain, "other", A_CHAIN)
+    if other.coupled is not None:
+        raise BadInput("other", "an arm whose joints share a coordinate", "an arm without mimic joints")
     back = se3.inverse(other.home, check=False)
     names = list(_unlike(arm.names, other.names, "other/").values())
     turned = _carried(other, back)
@@ -94,7 +97,13 @@ def _carried(arm: Chain, place: Array) -> Chain:
     places = arm.places.dot(place[:3, :3].T) + place[:3, 3]
     limits = (arm.position_lower, arm.position_upper, arm.velocity_limit)
     links = tuple(link._replace(frame=place.dot(link.frame)) for link in arm.links)
-    return Chain(screws, place.dot(arm.home), arm.names, *limits, tool=arm.tool, places=places, links=links)
+    of = (
+        None
+        if arm.coupled is None
+        else arm.coupled._replace(screws=se3.adjoint(place, check=False).dot(arm.coupled.screws))
+    )
+    more: dict[str, Any] = {"places": places, "links": links, "coupled": of, "notes": arm.notes}
+    return Chain(screws, place.dot(arm.home), arm.names, *limits, tool=arm.tool, **more)
 
 
 def _chain(parts: Sequence[Chain], home: Array, tool: str) -> Chain:
@@ -103,13 +112,29 @@ def _chain(parts: Sequence[Chain], home: Array, tool: str) -> Chain:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise BadInput("base", f"a joint {twice!r} that the arm has too", "joints with names of their own")
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in OF_JOINTS}
+    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in OF_JOINTS}
     links: tuple[Link, ...] = ()
     first = 0
     for part in parts:
         links += tuple(link._replace(body=link.body + first) for link in _renamed(part.links, links, "arm/"))
-        first += len(part.names)
-    return Chain(np.hstack([part.screws for part in parts]), home, names, tool=tool, links=links, **joined)
+        first += len(part.names) if part.coupled is None else len(part.coupled.ratios)
+    notes = tuple(note for part in parts for note in part.notes)
+    more: dict[str, Any] = {"links": links, "coupled": _coupled(parts), "notes": notes}
+    return Chain(np.hstack([part.screws for part in parts]), home, names, tool=tool, **more, **joined)
+
+
+def _coupled(parts: Sequence[Chain]) -> Coupled | None:
+    """The joints of all parts, where some of them share a coordinate."""
+    if all(part.coupled is None for part in parts):
+        return None
+    each, first = [], 0
+    for part in parts:
+        m = len(part.names)
+        own = part.coupled or Coupled(part.screws, tuple(range(m)), (1.0,) * m)
+        each.append(own._replace(coordinates=tuple(first + i for i in own.coordinates)))
+        first += m
+    screws, coordinates, ratios = zip(*each, strict=True)
+    return Coupled(np.hstack(screws), sum(coordinates, ()), sum(ratios, ()))
 
 
 def _renamed(links: tuple[Link, ...], taken: tuple[Link, ...], prefix: str) -> tuple[Link, ...]:

@@ -19,10 +19,11 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.screws import turning
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.compose import stand_on
+from invariantqp.robots.description import is_text, read_xml, require_robot
 from invariantqp.robots.kinematics import question_pose, question_range
 from invariantqp.robots.published import PUBLISHED, published
 from invariantqp.robots.tree import chain_to_link
-from invariantqp.robots.urdf import disabled, is_text, joint_of_yourdfpy, joints_of, parts_of, read_xml
+from invariantqp.robots.urdf import disabled, joint_of_yourdfpy, joints_of, parts_of
 
 DATA = "example-robot-data"
 SOURCES = (
@@ -78,10 +79,10 @@ def load_robot(
             one (a `robot_description`), the path or text of an MJCF (extra `sim`), a `pinocchio.Model`, a
             `mujoco.MjModel`, a `yourdfpy.URDF`, or (6, m) joint screws at q = 0 in the base frame.
         tool: name of the tool frame: a link, or of MuJoCo a site or a body; None is the robot's usual one, for a URDF
-            or a model the link that the last joint of its longest chain moves. With screws: the (4, 4) tool pose at
-            q = 0.
+            or a model the link that the last joint of its longest chain moves, or the last link before a hand, whose
+            fingers are held. With screws: the (4, 4) tool pose at q = 0.
         joints: names of the joints that move; None is all between base and tool. The rest are held at zero, or at the
-            limit nearest to it. With screws: their names.
+            limit nearest to it. A joint that mimics one that moves moves with it. With screws: their names.
         offset: (4, 4) pose in that frame of what is to be moved: a tool, a camera, a grasped object; None is the frame.
         base: what the arm stands on: a (4, 4) pose of its base, or a chain whose joints then come first, a
             `robots.rail`, a `robots.mobile_base` or another arm; None is the arm's own base frame.
@@ -100,9 +101,10 @@ def load_robot(
         MissingExtra: a named robot without the extra `robots`.
 
     Warns:
-        UserWarning: a description without speeds for joints, or with zero for them: those have no velocity limit. One
-            whose joints turn more than two turns away from zero, as in degrees. An offset or a base that is thirty
-            times as far away as the arm is long, as one in millimetres is.
+        UserWarning: a description without speeds for joints, or with zero for them: those have no velocity limit; with
+            equal position limits, or none where they are needed: those joints cannot move. One whose joints turn more
+            than two turns away from zero, as in degrees. An offset or a base that is thirty times as far away as the
+            arm is long, as one in millimetres is.
     """
     arm = read_arm(source, tool, None if joints is None else arrays.strings(joints, "joints"))
     if velocity_limit is not None:
@@ -115,12 +117,28 @@ def load_robot(
             UserWarning,
             stacklevel=2,
         )
+    question_still(arm)
     question_range(arm.position_lower, arm.position_upper, turning(arm.screws) > 0.0, "the description's limits")
     for argument, given in (("offset", offset), ("base", base)):
         if given is not None and not isinstance(given, Chain):
             question_pose(arm, argument, arrays.pose(given, argument))
     arm = arm if offset is None else arm.with_tool(offset)
     return arm if base is None else stand_on(base, arm)
+
+
+def question_still(arm: Chain) -> None:
+    """Warn of joints whose limits leave no way, as CAD exporters write them."""
+    still = [
+        name for name, low, high in zip(arm.names, arm.position_lower, arm.position_upper, strict=True) if low == high
+    ]
+    if still:
+        warnings.warn(
+            f"{arrays.names(still)} cannot move: the description gives equal position limits, or none, which are 0. "
+            "Say robot.with_limits(position_lower=[...], position_upper=[...]), or hold them still: "
+            "load_robot(..., joints=[...])",
+            UserWarning,
+            stacklevel=3,
+        )
 
 
 def is_screws(source: object) -> bool:
@@ -149,6 +167,7 @@ def read_arm(source: Any, tool: str | ArrayLike | None, chosen: tuple[str, ...] 
 def _described(source: Path | str, tool: str | None, joints: Sequence[str] | None, srdf: str = "") -> Chain:
     """The arm of a description in XML, and of an SRDF in example-robot-data."""
     name, root = read_xml(source)
+    require_robot(name, root)
     if root.tag == "mujoco":
         from invariantqp.robots.mujoco import load_mujoco, read_mjcf
 

@@ -6,7 +6,7 @@ A model is looked at with its moving joints at zero. Velocity limits are not par
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,28 @@ from invariantqp.extras import optional
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain, Geometry, Link
-from invariantqp.robots.tree import cannot_move, excluding, selected
+from invariantqp.robots.description import including
+from invariantqp.robots.tree import (
+    MOVING,
+    Mimic,
+    TreeJoint,
+    cannot_move,
+    coupled_joints,
+    driver_of,
+    excluding,
+    followed,
+    notes_of,
+    resting,
+    selected,
+    shared_limits,
+    usual_tool,
+)
 
 with optional("sim", "mujoco"):
     import mujoco
 
 MODEL = "the MuJoCo model"
+EMPTY: Mapping[int, float] = {}
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -35,7 +51,9 @@ def read_mjcf(source: Path | str) -> Any:
             return mujoco.MjModel.from_xml_path(name)
         return mujoco.MjModel.from_xml_string(source)
     except ValueError as error:
-        raise RobotModelError(f"{name}: MuJoCo cannot make a model of it ({error})") from error
+        said = " ".join(str(error).split())
+        advice = f" If it is a part of another model: {including(name).lower()}." if isinstance(source, Path) else ""
+        raise RobotModelError(f"{name}: MuJoCo cannot make a model of it ({said}).{advice}") from error
 
 
 def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> Chain:
@@ -47,33 +65,61 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
     sites = {model.site(i).name: int(model.site_bodyid[i]) for i in range(model.nsite) if model.site(i).name}
     carriers = {name: i for i, name in enumerate(bodies)} | sites
     paths = [_joints_to(model, body) for body in range(model.nbody)]
+    tree = _tree(model, bodies)
     if tool is None:
-        tool = bodies[max(range(model.nbody), key=lambda body: len(paths[body]))]
+        tool = usual_tool({name: [tree[i] for i in path] for name, path in zip(bodies, paths, strict=True)})
     if tool not in carriers:
         raise UnknownName("frame", tool, difflib.get_close_matches(tool, carriers), list(carriers))
     body = carriers[tool]
-    names = [model.joint(i).name or f"unnamed joint {i}" for i in range(model.njnt)]
-    moving = selected(MODEL, tool, [names[i] for i in paths[body]], names, chosen)
-    joints = [i for i in paths[body] if names[i] in moving]
-    coupled = model.eq_obj1id[(model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & model.eq_active0.astype(bool)]
-    for i in joints:
-        if model.jnt_type[i] not in (HINGE, SLIDE):
-            raise cannot_move(MODEL, names[i], "has no single coordinate; only hinges and slides are modelled")
-        if i in coupled:
-            raise cannot_move(MODEL, names[i], "is coupled to another and has no coordinate of its own")
-    data = _posed(model, joints)
+    names = [joint.name for joint in tree]
+    can = [names[i] for i in paths[body] if tree[i].mimics is None]
+    moving = selected(MODEL, tool, can, tree, chosen)
+    driven = [i for i in paths[body] if driver_of(tree[i]) in moving]
+    for i in driven:
+        if tree[i].kind not in MOVING:
+            why = "has no single coordinate; only hinges and slides are modelled"
+            raise cannot_move(MODEL, names[i], why, [name for name in can if name != names[i]])
+    data = _posed(model, tree, moving)
     place = data.site(tool) if tool in sites else data.body(body)
-    lower, upper = _limits(model, joints)
+    arm = [i for i in driven if tree[i].mimics is None]
+    lower, upper, _ = zip(*(shared_limits(tree[i], [tree[k] for k in driven], MODEL) for i in arm), strict=True)
+    coupled = coupled_joints(_twists(model, data, body)[:, model.jnt_dofadr[driven]], [tree[i] for i in driven], moving)
     return Chain(
-        _twists(model, data, body)[:, model.jnt_dofadr[joints]],
+        coupled.columns(),
         se3.transform(place.xmat.reshape(3, 3), place.xpos),
         moving,
         lower,
         upper,
         tool=tool,
-        places=data.xanchor[joints],
-        links=_links(model, data, bodies, paths, joints, paths[body]),
+        places=data.xanchor[arm],
+        links=_links(model, data, bodies, paths, driven, paths[body]),
+        coupled=coupled if len(driven) > len(arm) else None,
+        notes=notes_of(tree, [tree[i] for i in paths[body]], moving, resting(tree)),
     )
+
+
+def _tree(model: Any, bodies: list[str]) -> list[TreeJoint]:
+    """The joints of a model, without their places."""
+    kinds = {HINGE: "revolute", SLIDE: "prismatic"}
+    made = []
+    for i in range(model.njnt):
+        name, body = model.joint(i).name or f"unnamed joint {i}", int(model.jnt_bodyid[i])
+        lower, upper = (float(limit[0]) for limit in _limits(model, [i]))
+        kind = kinds.get(int(model.jnt_type[i]), "floating")
+        above = bodies[int(model.body_parentid[body])]
+        made.append(TreeJoint(name, kind, above, bodies[body], np.eye(4), np.array((0.0, 0.0, 1.0)), lower, upper))
+    active = (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & model.eq_active0.astype(bool)
+    for k in np.flatnonzero(active):  # y - y0 = a0 + a1 (x - x0) + ...
+        one, driver = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        a, at = model.eq_data[k, :5], model.qpos0[model.jnt_qposadr[[one, max(driver, 0)]]]
+        if driver < 0:
+            continue
+        if a[2:].any():
+            raise cannot_move(
+                MODEL, made[one].name, f"is coupled to {made[driver].name!r} by a polynomial that is no line"
+            )
+        made[one] = made[one]._replace(mimics=Mimic(made[driver].name, float(a[1]), float(at[0] + a[0] - a[1] * at[1])))
+    return [followed(joint, made) for joint in made]
 
 
 def chain_to(model: Any, frame: str | int, kind: str) -> tuple[Chain, NDArray[np.intp]]:
@@ -82,7 +128,7 @@ def chain_to(model: Any, frame: str | int, kind: str) -> tuple[Chain, NDArray[np
     The frame is the name or id of a "body", "geom" or "site". A free joint or a ball is as many screws as it has
     degrees of freedom, without limits. A MuJoCo model has no velocity limits.
     """
-    data = _posed(model, range(model.njnt))
+    data = _neutral(model)
     place = getattr(data, kind)(frame)
     J = _twists(model, data, _body_of(model, frame, kind))
     moving = np.flatnonzero(J.any(axis=0))
@@ -150,16 +196,26 @@ def _joints_to(model: Any, body: int) -> list[int]:
     return path
 
 
-def _posed(model: Any, moving: Sequence[int]) -> Any:
-    """The model's data with the moving joints at zero and the others where they rest."""
+def _neutral(model: Any, at: Mapping[int, float] = EMPTY) -> Any:
+    """The model's data with hinges and slides at zero, or at a position each."""
     data = mujoco.MjData(model)
     for i in range(model.njnt):
         if model.jnt_type[i] in (HINGE, SLIDE):
-            held = i not in moving and model.jnt_limited[i]
-            data.qpos[model.jnt_qposadr[i]] = np.clip(0.0, *model.jnt_range[i]) if held else 0.0
+            data.qpos[model.jnt_qposadr[i]] = at.get(i, 0.0)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)  # the Jacobian needs it
     return data
+
+
+def _posed(model: Any, tree: Sequence[TreeJoint], moving: Sequence[str]) -> Any:
+    """The model's data with the moving joints at zero, those that follow them there too, and the others at rest."""
+    at, rests = {}, resting(tree)
+    for i, joint in enumerate(tree):
+        if joint.mimics is not None and joint.mimics.driver in moving:
+            at[i] = joint.mimics.offset
+        elif joint.kind in MOVING and joint.name not in moving:
+            at[i] = rests[joint.name]
+    return _neutral(model, at)
 
 
 def _body_of(model: Any, frame: str | int, kind: str) -> int:

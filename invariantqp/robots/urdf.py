@@ -2,7 +2,6 @@
 
 Read are each joint's name, type, links, origin, axis, limits and whether it mimics another, and of each link what it
 collides with and looks like. An origin is T = (Rz(yaw) Ry(pitch) Rx(roll), xyz), an axis is made a unit vector.
-Document types, where entities are declared, are refused.
 """
 
 from __future__ import annotations
@@ -19,35 +18,17 @@ import numpy as np
 from invariantqp.errors import RobotModelError
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain, Geometry
+from invariantqp.robots.description import read_xml, require_robot
 from invariantqp.robots.kinematics import UNLIMITED
-from invariantqp.robots.tree import MOVING, TYPES, Exclusions, TreeJoint, displacement, path_to, rest
-
-# What may stand before the "<" of a text.
-BLANK = "\ufeff \t\r\n"
-
-
-def is_text(source: str) -> bool:
-    """Whether this is XML rather than a name or a path."""
-    return source.lstrip(BLANK).startswith("<")
-
-
-def read_xml(source: Path | str) -> tuple[str, ET.Element]:
-    """What to call a robot in messages, and the root element of its description: the path of a file, or its text."""
-    name = str(source) if isinstance(source, Path) else "the URDF text"
-    parser = ET.XMLParser(target=_Tree(name))  # noqa: S314 (without a document type there are no entities)
-    try:
-        return name, ET.fromstring(source.read_bytes() if isinstance(source, Path) else source.lstrip(BLANK), parser)  # noqa: S314
-    except OSError as error:
-        raise RobotModelError(f"{name}: cannot be read ({error.strerror or error})") from error
-    except (ET.ParseError, ValueError) as error:  # ValueError: an encoding that text cannot declare
-        raise RobotModelError(f"{name}: not XML ({error}); expected a URDF <robot>") from error
+from invariantqp.robots.tree import MOVING, TYPES, Exclusions, Mimic, TreeJoint, displacement, path_to, rest
 
 
 def joints_of(name: str, root: ET.Element) -> list[TreeJoint]:
     """The joints of a URDF's root element, in its order; `name` is what messages call the robot."""
+    require_robot(name, root)
     elements = root.findall("joint")
-    if root.tag != "robot" or not elements:
-        raise RobotModelError(f"{name}: found <{root.tag}> without joints; expected a URDF <robot> with <joint>s")
+    if root.tag != "robot":
+        raise RobotModelError(f"{name}: found <{root.tag}>; expected a URDF <robot> with <joint>s")
     joints = [_joint(name, element) for element in elements]
     names = [joint.name for joint in joints]
     twice = next((called for called in names if names.count(called) > 1), None)
@@ -164,18 +145,6 @@ def open_limit(value: float) -> float:
     return value if abs(value) < UNLIMITED else inf if value > 0.0 else -inf
 
 
-class _Tree(ET.TreeBuilder):
-    """Elements of a document without a document type, in which entities would be declared."""
-
-    def __init__(self, name: str) -> None:
-        super().__init__()
-        self._name = name
-
-    def doctype(self, *_: Any) -> None:
-        """Refuse it."""
-        raise RobotModelError(f"{self._name}: a <!DOCTYPE>, which may declare entities; take it out of the file")
-
-
 def _joint(name: str, element: ET.Element) -> TreeJoint:
     called, kind = element.get("name", ""), element.get("type", "")
     where = f"{name}: joint {called!r}"
@@ -190,8 +159,13 @@ def _joint(name: str, element: ET.Element) -> TreeJoint:
     if kind in MOVING and length == 0.0:
         raise RobotModelError(f"{where}: an axis of length 0; expected a direction")
     mimic = element.find("mimic")
-    follows = "" if mimic is None else mimic.get("joint", "")
     limits = _limits(where, kind, element)
+    follows = None
+    if mimic is not None:
+        ratio, offset = (
+            _numbers(where, mimic, key, usual, 1)[0] for key, usual in (("multiplier", "1"), ("offset", "0"))
+        )
+        follows = Mimic(mimic.get("joint", ""), ratio, offset)
     return TreeJoint(called, kind, parent, child, origin, axis / (length or 1.0), *limits, follows)
 
 
@@ -217,8 +191,7 @@ def _numbers(where: str, element: ET.Element | None, key: str, default: str, cou
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(map(isfinite, numbers)):
-        hint = " Run xacro on the file first." if "$" in text else ""
-        raise RobotModelError(f"{where}: {key}={text!r}; expected {count} finite number{'s'[: count - 1]}.{hint}")
+        raise RobotModelError(f"{where}: {key}={text!r}; expected {count} finite number{'s'[: count - 1]}.")
     return numbers
 
 
@@ -231,7 +204,8 @@ def joint_of_yourdfpy(joint: Any) -> TreeJoint:
     lower, upper = (-inf, inf) if limit is None else (open_limit(x or 0.0) for x in (limit.lower, limit.upper))
     speed = (joint.limit and joint.limit.velocity) or inf
     length = float(np.linalg.norm(axis)) or 1.0
-    follows = "" if joint.mimic is None else joint.mimic.joint
+    mimic = joint.mimic
+    follows = None if mimic is None else Mimic(mimic.joint, mimic.multiplier or 1.0, mimic.offset or 0.0)
     return TreeJoint(
         joint.name, joint.type, joint.parent, joint.child, origin, axis / length, lower, upper, speed, follows
     )

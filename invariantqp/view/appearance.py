@@ -15,8 +15,9 @@ import numpy as np
 from invariantqp.errors import BadInput, MissingExtra, RobotModelError
 from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain, Geometry, Link
+from invariantqp.robots.description import read_xml
 from invariantqp.robots.kinematics import Robot
-from invariantqp.robots.urdf import Visual, read_xml, visuals_of
+from invariantqp.robots.urdf import Visual, visuals_of
 
 if TYPE_CHECKING:
     from invariantqp.view.meshes import Mesh

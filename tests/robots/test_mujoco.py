@@ -50,7 +50,7 @@ COUPLED = MJCF.replace("</worldbody>", '</worldbody><equality><joint joint1="tur
 REFUSED = {
     "free": (MJCF, "hand", None, "joint 'float' has no single coordinate"),
     "ball": (MJCF, "ball", ["ball"], "joint 'ball' has no single coordinate"),
-    "coupled": (COUPLED, "hand", JOINTS, "joint 'turn' is coupled to another"),
+    "coupled": (COUPLED, "hand", JOINTS, "'turn', which mimics 'swing'"),
     "no such frame": (MJCF, "tipp", None, "unknown frame 'tipp'; did you mean tip"),
     "world": (MJCF, "world", None, "no joint moves the tool frame 'world'"),
 }
@@ -59,7 +59,7 @@ REFUSED = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_is_refused(case):
     source, tool, joints, said = REFUSED[case]
-    with pytest.raises(iq.errors.RobotModelError, match=said):
+    with pytest.raises(iq.InvariantQPError, match=said):
         iq.load_robot(source, tool, joints)
 
 

@@ -23,7 +23,8 @@ def stand_in(file):
             limit=SimpleNamespace(
                 lower=joint.lower, upper=joint.upper, velocity=None if np.isinf(joint.speed) else joint.speed
             ),
-            mimic=SimpleNamespace(joint=joint.mimics) if joint.mimics else None,
+            mimic=joint.mimics
+            and SimpleNamespace(**dict(zip(("joint", "multiplier", "offset"), joint.mimics, strict=True))),
         )
         for joint in joints_of(*read_xml(file))
     ]

@@ -1,0 +1,111 @@
+"""The XML of a robot's description, from a file or from text; what is none is recognised, and what helps is said.
+
+Prefixes need no declaration: files of Drake and of CAD exporters use some without one. Document types, where entities
+are declared, are refused.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree as ET
+from xml.parsers import expat
+
+from invariantqp.errors import RobotModelError
+
+# What may stand before the "<" of a text.
+BLANK = "\ufeff \t\r\n"
+# Elements and attributes of xacro, and its $(...) and ${...}.
+XACRO = re.compile(r"\$[({]")
+# Roots of other files, and what they are.
+OTHERS = {
+    "sdf": "a world or model of Gazebo (SDF); expected a URDF or MJCF",
+    "world": "a world; expected the URDF or MJCF of a robot",
+    "package": "the manifest of a ROS package; expected the path of a URDF in it",
+    "launch": "a launch file of ROS; expected the URDF that it loads",
+    "COLLADA": "a mesh; expected the URDF or MJCF that uses it",
+}
+
+
+def is_text(source: str) -> bool:
+    """Whether this is XML rather than a name or a path."""
+    return source.lstrip(BLANK).startswith("<")
+
+
+def read_xml(source: Path | str) -> tuple[str, ET.Element]:
+    """What to call a robot in messages, and the root element of its description: the path of a file, or its text.
+
+    Raises:
+        RobotModelError: no XML, or one with a document type.
+    """
+    name = str(source) if isinstance(source, Path) else "the URDF text"
+    builder = ET.TreeBuilder()
+    parser = expat.ParserCreate(None if isinstance(source, Path) else "utf-8")
+
+    def doctype(*_: object) -> None:
+        raise RobotModelError(f"{name}: a <!DOCTYPE>, which may declare entities; take it out of the file")
+
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = builder.data, doctype
+    try:
+        parser.Parse(source.read_bytes() if isinstance(source, Path) else source.lstrip(BLANK).encode(), True)
+        return name, builder.close()
+    except OSError as error:
+        raise RobotModelError(f"{name}: cannot be read ({error.strerror or error})") from error
+    except (expat.ExpatError, AssertionError, ValueError) as error:
+        raise RobotModelError(f"{name}: not XML ({error}); expected a URDF <robot>") from error
+
+
+def require_robot(name: str, root: ET.Element) -> None:
+    """Refuse what is neither a URDF with joints nor a whole MJCF, and say what it is and what helps.
+
+    Raises:
+        RobotModelError: a xacro file, a part of an MJCF, a single body, another kind of file.
+    """
+    if root.tag == "robot":
+        if is_xacro(root):
+            file = "FILE" if name == "the URDF text" else Path(name).name
+            made = Path(file).name.split(".")[0] + ".urdf"
+            command = f"Expand it first: xacro {file} > {made} (pip install xacro, or ROS), and load {made}"
+            raise RobotModelError(f"{name}: a xacro file, which is made into a URDF. {command}")
+        if root.find("joint") is None:
+            raise RobotModelError(f"{name}: found <robot> without joints, a single body; expected a URDF of an arm")
+    elif root.tag == "mujocoinclude" or (root.tag == "mujoco" and not is_whole(root)):
+        raise RobotModelError(f"{name}: a part of an MJCF, found <{root.tag}> without <worldbody>. {including(name)}")
+    elif root.tag != "mujoco":
+        what = OTHERS.get(root.tag, "expected a URDF <robot> with <joint>s, or an MJCF <mujoco>")
+        raise RobotModelError(
+            f"{name}: found <{root.tag}>, {what}" if root.tag in OTHERS else f"{name}: found <{root.tag}>; {what}"
+        )
+
+
+def is_xacro(root: ET.Element) -> bool:
+    """Whether a <robot> has yet to be made of macros."""
+    if any(child.tag.startswith("xacro:") for child in root):
+        return True
+    elements = (element for child in root if child.tag in ("joint", "link") for element in child.iter())
+    return any(XACRO.search(value) for element in elements for value in element.attrib.values())
+
+
+def is_whole(root: ET.Element) -> bool:
+    """Whether a <mujoco> has bodies, of its own or of a file that it includes."""
+    return any(True for _ in root.iter("worldbody")) or any(True for _ in root.iter("include"))
+
+
+def including(name: str) -> str:
+    """Which files include an MJCF, of those in its folder and the one above it, in words."""
+    file = Path(name)
+    found = []
+    if file.is_file():
+        for folder in (file.parent, file.parent.parent):
+            found += [other.name for other in sorted(folder.glob("*.xml")) if other != file and _includes(other, file)]
+    return f"Load a file that includes it: {', '.join(found[:3])}" if found else "Load the file that includes it"
+
+
+def _includes(other: Path, file: Path) -> bool:
+    try:
+        return (
+            re.search(rf"<include[^>]*[\"'/]{re.escape(file.name)}[\"']", other.read_text(errors="replace")) is not None
+        )
+    except OSError:
+        return False
