@@ -16,11 +16,14 @@ from numpy.typing import NDArray
 from invariantqp.errors import RobotModelError, UnknownName
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.chain import Chain
+from invariantqp.robots.chain import Chain, Coupled
 from invariantqp.robots.kinematics import UNLIMITED
 from invariantqp.robots.pinocchio import pin
-from invariantqp.robots.tree import NOT_SINGLE, cannot_move, selected
+from invariantqp.robots.tree import NOT_SINGLE, Mimic, TreeJoint, cannot_move, selected, usual_tool
 from invariantqp.robots.urdf import excluded, open_limit
+
+# Of joints whose places do not matter.
+EYE, AXIS = np.eye(4), np.array((0.0, 0.0, 1.0))
 
 
 def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None) -> Chain:
@@ -28,9 +31,9 @@ def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None)
     arrays.instance(model, pin.Model, "source", "a pinocchio.Model")
     name = f"the model {model.name!r}"
     if tool is None:
-        tool = max(model.frames, key=lambda f: (len(_support(model, f)), f.type == pin.FrameType.BODY)).name
+        tool = _usual_tool(model)
     index = _frame(model, tool)
-    can = {model.names[i]: i for i in _support(model, model.frames[index])}
+    can = {model.names[i]: i for i in _support(model, model.frames[index]) if i not in _drivers(model)}
     moving = [can[joint] for joint in selected(name, tool, list(can), list(model.names)[1:], joints)]
     for i in moving:
         if model.nvs[i] != 1:
@@ -81,6 +84,36 @@ def chain_to(model: pin.Model, frame: str) -> tuple[Chain, NDArray[np.intp]]:
     return _chain(model, pin.neutral(model), index, joints, ())
 
 
+def _usual_tool(model: pin.Model) -> str:
+    """The link at the end of the longest chain, or the last one before a hand."""
+    links = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
+    if not links:
+        return str(max(model.frames, key=lambda frame: len(_support(model, frame))).name)
+    drivers, child = _drivers(model), {frame.parentJoint: frame.name for frame in reversed(links)}
+    tree = {}
+    for i in range(1, model.njoints):
+        above = model.frames[model.frames[model.getFrameId(model.names[i], pin.FrameType.JOINT)].parentFrame].name
+        mimic = Mimic(model.names[drivers[i]], 1.0, 0.0) if i in drivers else None
+        tree[i] = TreeJoint(model.names[i], "revolute", above, child.get(i, ""), EYE, AXIS, mimics=mimic)
+    return usual_tool({frame.name: [tree[i] for i in _support(model, frame)] for frame in links})
+
+
+def _drivers(model: pin.Model) -> dict[int, int]:
+    """The joint that drives each mimic joint; a model has these where it was built with mimic=True."""
+    return dict(zip(getattr(model, "mimicking_joints", ()), getattr(model, "mimicked_joints", ()), strict=True))
+
+
+def _coupled(model: pin.Model, J: Array, index: int, joints: Sequence[int], columns: Sequence[int]) -> Coupled | None:
+    """The joints to a frame that move with some joints, whose (6, n) twists are J; None where none mimics."""
+    drivers = _drivers(model)
+    driven = [i for i in _support(model, model.frames[index]) if drivers.get(i, i) in joints]
+    if len(driven) == len(joints):
+        return None
+    # The columns of mimic joints have their ratio already.
+    coordinates = tuple(joints.index(drivers.get(i, i)) for i in driven)
+    return Coupled(J[:, [columns[i] for i in driven]], coordinates, (1.0,) * len(driven))
+
+
 def _chain(
     model: pin.Model, q: Array, index: int, joints: Sequence[int], names: Sequence[str]
 ) -> tuple[Chain, NDArray[np.intp]]:
@@ -96,7 +129,11 @@ def _chain(
     speed = model.velocityLimit[moving]
     speed = np.where((speed > 0.0) & (speed < UNLIMITED), speed, np.inf)
     tool = model.frames[index].name
-    return Chain(J[:, moving], home, names, lower, upper, speed, tool=tool, places=places), moving
+    columns = model.idx_vExtendeds if J.shape[1] > model.nv else model.idx_vs
+    at = [column for i in joints for column in range(columns[i], columns[i] + model.nvs[i])]
+    coupled = _coupled(model, J, index, joints, columns)
+    screws = J[:, at] if coupled is None else coupled.columns()
+    return Chain(screws, home, names, lower, upper, speed, tool=tool, places=places, coupled=coupled), moving
 
 
 def _limits(model: pin.Model, joint: int) -> tuple[float, float]:

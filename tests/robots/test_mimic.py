@@ -50,6 +50,10 @@ def test_poses_and_twists_are_pinocchios(seed):
         there = data.oMf[model.getFrameId("l8")].homogeneous
         np.testing.assert_allclose(robot.pose(q), there, atol=1e-13)
         np.testing.assert_allclose(robot.jacobian(q), numeric(robot, q), atol=1e-7)
+    of_model = iq.load_robot(model, "l8", velocity_limit=1.0)
+    assert of_model.names == robot.names
+    np.testing.assert_allclose(of_model.pose(q), robot.pose(q), atol=1e-13)
+    np.testing.assert_allclose(of_model.jacobian(q), robot.jacobian(q), atol=1e-13)
     assert [note.split(":")[0] for note in robot.notes] == ["j2 mimics j0", "j4 mimics j3", "j6 mimics j0"]
 
 
