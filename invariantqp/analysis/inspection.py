@@ -317,7 +317,7 @@ class Inspection:
             sentences.append(f"Of the joints {more} left over: posture= says where to.")
         if self.unlimited:
             sentences.append(f"No velocity limit is known for {', '.join(self.unlimited)}: say velocity_limit=.")
-        return (*sentences, *(f"Joint {note}." for note in self.notes))
+        return (*sentences, *(f"{note[0].upper()}{note[1:]}." for note in self.notes))
 
     def state_words(self) -> tuple[str, ...]:
         """The state, one fact a sentence."""

@@ -19,7 +19,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain, Coupled
 from invariantqp.robots.kinematics import UNLIMITED
 from invariantqp.robots.pinocchio import pin
-from invariantqp.robots.tree import NOT_SINGLE, Mimic, TreeJoint, cannot_move, selected, usual_tool
+from invariantqp.robots.tree import NOT_SINGLE, Mimic, TreeJoint, cannot_move, selected, usual_tools
 from invariantqp.robots.urdf import excluded, open_limit
 
 # Of joints whose places do not matter.
@@ -95,7 +95,7 @@ def _usual_tool(model: pin.Model) -> str:
         above = model.frames[model.frames[model.getFrameId(model.names[i], pin.FrameType.JOINT)].parentFrame].name
         mimic = Mimic(model.names[drivers[i]], 1.0, 0.0) if i in drivers else None
         tree[i] = TreeJoint(model.names[i], "revolute", above, child.get(i, ""), EYE, AXIS, mimics=mimic)
-    return usual_tool({frame.name: [tree[i] for i in _support(model, frame)] for frame in links})
+    return usual_tools({frame.name: [tree[i] for i in _support(model, frame)] for frame in links})[0]
 
 
 def _drivers(model: pin.Model) -> dict[int, int]:

@@ -23,6 +23,7 @@ from invariantqp.robots.tree import (
     MOVING,
     Mimic,
     TreeJoint,
+    also,
     cannot_move,
     coupled_joints,
     driver_of,
@@ -32,7 +33,7 @@ from invariantqp.robots.tree import (
     resting,
     selected,
     shared_limits,
-    usual_tool,
+    usual_tools,
 )
 
 with optional("sim", "mujoco"):
@@ -66,8 +67,9 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
     carriers = {name: i for i, name in enumerate(bodies)} | sites
     paths = [_joints_to(model, body) for body in range(model.nbody)]
     tree = _tree(model, bodies)
-    if tool is None:
-        tool = usual_tool({name: [tree[i] for i in path] for name, path in zip(bodies, paths, strict=True)})
+    by_name = {name: [tree[i] for i in path] for name, path in zip(bodies, paths, strict=True)}
+    tools = usual_tools(by_name) if tool is None else [tool]
+    tool = tools[0]
     if tool not in carriers:
         raise UnknownName("frame", tool, difflib.get_close_matches(tool, carriers), list(carriers))
     body = carriers[tool]
@@ -94,7 +96,7 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
         places=data.xanchor[arm],
         links=_links(model, data, bodies, paths, driven, paths[body]),
         coupled=coupled if len(driven) > len(arm) else None,
-        notes=notes_of(tree, [tree[i] for i in paths[body]], moving, resting(tree)),
+        notes=(*also(tools, by_name), *notes_of(tree, [tree[i] for i in paths[body]], moving, resting(tree))),
     )
 
 

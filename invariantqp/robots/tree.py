@@ -78,8 +78,8 @@ def chain_to_link(
         raise RobotModelError(f"{name}: a link is moved by two joints; expected a tree of links")
     links = list(dict.fromkeys(link for joint in joints for link in (joint.parent, joint.child)))
     paths = {link: path_to(above, link, name) for link in links}
-    if tool is None:
-        tool = usual_tool(paths)
+    tools = usual_tools(paths) if tool is None else [tool]
+    tool = tools[0]
     if tool not in links:
         tool = next((joint.child for joint in joints if joint.name == tool), tool)
     if tool not in links:
@@ -115,7 +115,7 @@ def chain_to_link(
         places=[frames[joint.child][:3, 3] for joint in arm],
         links=made,
         coupled=coupled if shared else None,
-        notes=notes_of(joints, path, moving, at),
+        notes=(*also(tools, paths), *notes_of(joints, path, moving, at)),
     )
 
 
@@ -166,16 +166,20 @@ def shared_limits(joint: TreeJoint, driven: Sequence[TreeJoint], name: str) -> t
     return lower, upper, speed
 
 
-def usual_tool(paths: dict[str, list[TreeJoint]]) -> str:
-    """The link that the last joint of the longest chain moves, or the last one before a hand.
+def usual_tools(paths: dict[str, list[TreeJoint]]) -> list[str]:
+    """The link that the last joint of the longest chain moves, or the last one before a hand; then those as far away.
 
     A hand begins where the chain divides into several with joints, after three joints or more and not before more than
     that; and joints at the end are a hand's where they or their links are called fingers, for instance.
     """
-    tool = max(
-        (link for link in paths if paths[link]), key=lambda link: _length(paths[link]), default=next(iter(paths))
-    )
-    path = paths[tool]
+    moved = [link for link in paths if paths[link]] or list(paths)[:1]
+    most = max(_length(paths[link]) for link in moved)
+    return list(dict.fromkeys(_before_hand(paths, link) for link in moved if _length(paths[link]) == most))
+
+
+def _before_hand(paths: dict[str, list[TreeJoint]], link: str) -> str:
+    """A link itself, or the last one before the hand that it belongs to."""
+    path = paths[link]
     own = [i for i, joint in enumerate(path) if joint.kind != "fixed" and not joint.mimics]
     arm = len(own)
     for before in range(FEWEST, len(own)):
@@ -184,7 +188,7 @@ def usual_tool(paths: dict[str, list[TreeJoint]]) -> str:
             break
     while arm > FEWEST and _of_hand(path[own[arm - 1]]):
         arm -= 1
-    return tool if arm == len(own) else path[own[arm]].parent
+    return link if arm == len(own) else path[own[arm]].parent
 
 
 def _divides(paths: dict[str, list[TreeJoint]], link: str) -> bool:
@@ -203,6 +207,15 @@ def _of_hand(joint: TreeJoint) -> bool:
     return any(word in called for called in (joint.name.lower(), link) for word in HAND)
 
 
+def also(tools: Sequence[str], paths: dict[str, list[TreeJoint]]) -> tuple[str, ...]:
+    """Which other links may be meant as the tool, in words: those at the end of chains as long."""
+    if len(tools) == 1:
+        return ()
+    ends = {tuple(joint.name for joint in paths[tool] if joint.kind != "fixed"): tool for tool in reversed(tools)}
+    others = arrays.names([tool for tool in ends.values() if tool != tools[0]][::-1], 3)
+    return (f"the tool is {tools[0]}; chains as long end at {others}: tool= names another",) if others else ()
+
+
 def notes_of(
     joints: Sequence[TreeJoint], path: Sequence[TreeJoint], moving: Sequence[str], at: dict[str, float]
 ) -> tuple[str, ...]:
@@ -212,11 +225,13 @@ def notes_of(
         if joint.kind == "fixed" or joint.name in moving:
             continue
         if joint in path and driver_of(joint) in moving and joint.mimics:
-            made.append(f"{joint.name} mimics {joint.mimics.driver}: {joint.mimics.ratio:g} times its motion is added")
+            made.append(
+                f"joint {joint.name} mimics {joint.mimics.driver}: {joint.mimics.ratio:g} times its motion is added"
+            )
         elif joint in path:
-            made.append(f"{joint.name} is held at {at.get(joint.name, 0.0):g}")
+            made.append(f"joint {joint.name} is held at {at.get(joint.name, 0.0):g}")
         elif path and path[-1].child in {one.child for one in _above(joint, joints)}:
-            made.append(f"{joint.name} is left out: it moves what hangs on the tool")
+            made.append(f"joint {joint.name} is left out: it moves what hangs on the tool")
     return tuple(made)
 
 

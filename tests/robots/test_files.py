@@ -60,6 +60,8 @@ def test_the_usual_tool_is_the_last_link_before_a_hand(case):
     text, tool, joints = HANDS[case]
     robot = iq.load_robot(text)
     assert (robot.tool, len(robot.names)) == (tool, joints)
+    others = [note for note in robot.notes if "chains as long" in note]
+    assert bool(others) == (case == "two arms on a torso")
     left_out = [note for note in robot.notes if "left out" in note]
     assert bool(left_out) == (case in ("two fingers on a fixed palm", "a jaw", "fingers of three joints"))
 

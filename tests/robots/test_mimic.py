@@ -54,7 +54,9 @@ def test_poses_and_twists_are_pinocchios(seed):
     assert of_model.names == robot.names
     np.testing.assert_allclose(of_model.pose(q), robot.pose(q), atol=1e-13)
     np.testing.assert_allclose(of_model.jacobian(q), robot.jacobian(q), atol=1e-13)
-    assert [note.split(":")[0] for note in robot.notes] == ["j2 mimics j0", "j4 mimics j3", "j6 mimics j0"]
+    assert [note.split(":")[0] for note in robot.notes] == [
+        f"joint {words}" for words in ("j2 mimics j0", "j4 mimics j3", "j6 mimics j0")
+    ]
 
 
 def test_limits_leave_followers_inside_theirs():
@@ -83,7 +85,7 @@ def test_held_with_its_driver_it_stands_where_that_puts_it():
     q = np.linspace(-0.4, 0.6, len(whole.names))
     q[whole.names.index("j3")] = 0.0
     np.testing.assert_allclose(held.pose(np.delete(q, whole.names.index("j3"))), whole.pose(q), atol=1e-14)
-    assert "j3 is held at 0" in held.notes
+    assert "joint j3 is held at 0" in held.notes
     with pytest.raises(iq.BadInput, match=r"'j4', which mimics 'j3'.*Name 'j3'"):
         iq.load_robot(text, joints=["j4"])
 
