@@ -230,6 +230,7 @@ CONTROL = {
     "Follower.twist": lambda: (any_follower().twist, {"v": TWIST, "at": "tool"}),
     "Follower.prepare": lambda: (shape_follower().prepare, {"q": Q}),
     "Follower.step": lambda: (any_follower().step, STEP | {"wrench": None, "contact": None, "wanted": None}),
+    "ExactTwist": lambda: (iq.control.ExactTwist, {}),
     "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),
     "ExactAxis": lambda: (iq.control.ExactAxis, {"axis": AXIS}),
     "ExactPlane": lambda: (iq.control.ExactPlane, {"normal": AXIS, "point": POINT}),
