@@ -12,6 +12,7 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.control.demands import ExactJoints as ExactJoints
     from invariantqp.control.demands import ExactPlane as ExactPlane
     from invariantqp.control.demands import ExactPoint as ExactPoint
+    from invariantqp.control.demands import ExactTwist as ExactTwist
     from invariantqp.control.demands import View as View
     from invariantqp.control.passivity import LinkEnd as LinkEnd
     from invariantqp.control.passivity import LinkTick as LinkTick

@@ -21,9 +21,11 @@ from invariantqp.control.callbacks import Callbacks, LoopInEngine, seen
 from invariantqp.control.demands import (
     Exact,
     ExactPoint,
+    Named,
     View,
     demand_fields,
     demands_of,
+    require_all_directions,
     require_rows,
     row_rank,
     rows_of,
@@ -121,11 +123,7 @@ class Controller:
         posture_gain: float = POSTURE_GAIN,
         joint_metric: ArrayLike | None = None,
         backend: Backend | str | None = None,
-        exact: Exact
-        | ExactRows
-        | Sequence[Exact | ExactRows | Literal["position"]]
-        | Literal["position"]
-        | None = None,
+        exact: Exact | ExactRows | Sequence[Exact | ExactRows | Named] | Named | None = None,
         point: ArrayLike | Literal["own"] | None = None,
         length: float | None = None,
         acceleration_limit: ArrayLike | None = None,
@@ -154,8 +152,9 @@ class Controller:
             joint_metric: as in `solve_velocity`.
             backend: None is the engine; "daqp", any solver that qpsolvers has, or a `Backend` of yours solves
                 `velocity.definition` in each tick instead, in milliseconds.
-            exact: what is met exactly while the rest is least squares: "position" for the tool frame's origin, an
-                ExactPoint, ExactAxis, ExactPlane, ExactJoints or ExactRows, or several of them.
+            exact: what is met exactly while the rest is least squares: "position" for the tool frame's origin, "twist"
+                for the whole twist, which limits then scale instead of bending it, an ExactPoint, ExactAxis,
+                ExactPlane, ExactJoints or ExactRows, or several of them.
             point: (3,) in the tool frame, the physical point where accuracy counts; None is the point met exactly
                 or, without one, the tool frame's origin; "own" is the arm's own point, which its joints move least.
             length: as in `solve_velocity`, by default the arm's reach to the point.
@@ -177,7 +176,8 @@ class Controller:
 
         Raises:
             BadInput: a dt or gain that is not positive, a gain above 1/dt, something that is not a limit, a posture far
-                outside the ranges, or an argument that `solve_velocity` would refuse.
+                outside the ranges, exact="twist" of an arm that does not move its tool in all six directions, or an
+                argument that `solve_velocity` would refuse.
             UnknownName: no such back end.
             MissingExtra: a limit of Pink's without Pink.
 
@@ -205,6 +205,7 @@ class Controller:
         tip = np.asarray(robot.pose(mid)[:3, 3])
         if self.exact:  # refuses those of another arm
             rows_of(self.exact, View(robot, state, robot.target(robot.pose(mid)), 1.0, np.zeros(6)))
+            require_all_directions(self.exact, robot)
         chosen = form_of(form)
         carried = chosen if isinstance(chosen, CarriedMetric) else None
         self.form: Form | None = None if isinstance(chosen, CarriedMetric) else chosen

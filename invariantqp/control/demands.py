@@ -1,5 +1,6 @@
 """What a controller meets exactly, as values; the rest of the twist is least squares.
 
+    ExactTwist    (omega; v) = gain log(T_d T^-1) + twist_d              the whole twist, which limits scale
     ExactPoint    v + omega x p = gain (p_d - p) + v_d(p_d)              a point of the tool follows its target
     ExactAxis     omega without its part about the axis a                a direction of the tool follows its target
     ExactPlane    n.(v + omega x p) = gain n.(p_d - p) + n.v_d(p_d)      a point keeps its target's height over a plane
@@ -50,12 +51,29 @@ class View(NamedTuple):
     feedforward: Array
 
 
+# The demands that have a name.
+Named = Literal["position", "twist"]
+
+
 class Exact(Protocol):
     """A demand on the tool or the joints, met exactly in every tick; implement it to bring one."""
 
     def rows(self, view: View) -> ExactRows:
         """The rows of this tick."""
         ...
+
+
+@frozen(eq=False, repr=False, slots=False)
+class ExactTwist(Value):
+    """The whole twist is followed exactly: limits scale its speed, and the tool stays on the same screw.
+
+    It needs an arm that moves its tool in all six directions.
+    """
+
+    def rows(self, view: View) -> ExactRows:
+        """The angular velocity and the velocity at the base origin, six rows."""
+        twist = view.gain * view.sighting.error + view.feedforward
+        return ExactRows.of(view.sighting.J, np.eye(6), twist)
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
@@ -165,7 +183,9 @@ def demand_fields(demands: tuple[Exact, ...]) -> tuple[tuple[str, Any, Any], ...
     """The demands as the engine takes them; None where one is of another kind, which is asked in each tick."""
     found: list[tuple[str, Any, Any]] = []
     for demand in demands:
-        if type(demand) is ExactPoint:
+        if type(demand) is ExactTwist:
+            found.append(("twist", None, None))
+        elif type(demand) is ExactPoint:
             found.append(("point", demand.point, None))
         elif type(demand) is ExactAxis:
             found.append(("axis", demand.axis, None))
@@ -186,20 +206,37 @@ def require_rows(rows: object, m: int) -> None:
         raise BadInput("rows", f"rows on {np.shape(rows.A)[1]} joints", f"rows on {m}, one for each joint")
 
 
-def demands_of(
-    exact: Exact | ExactRows | Sequence[Exact | ExactRows | Literal["position"]] | Literal["position"] | None,
-) -> tuple[Exact, ...]:
-    """The demands as a tuple; "position" is an ExactPoint at the tool frame's origin, ExactRows are ExactJoints."""
+def demands_of(exact: Exact | ExactRows | Sequence[Exact | ExactRows | Named] | Named | None) -> tuple[Exact, ...]:
+    """The demands as a tuple.
+
+    "position" is an ExactPoint at the tool frame's origin, "twist" an ExactTwist, ExactRows are ExactJoints.
+    """
     if exact is None:
         return ()
     several: tuple[Any, ...] = tuple(exact) if isinstance(exact, (list, tuple)) else (exact,)
-    at_tool = [ExactPoint() if isinstance(one, str) and one == "position" else one for one in several]
-    demands = tuple(ExactJoints(one.A, one.b) if isinstance(one, ExactRows) else one for one in at_tool)
+    by_name: dict[str, Exact] = {"position": ExactPoint(), "twist": ExactTwist()}
+    meant: list[Any] = [by_name.get(one, one) if isinstance(one, str) else one for one in several]
+    demands = tuple(ExactJoints(one.A, one.b) if isinstance(one, ExactRows) else one for one in meant)
     for one in demands:
         if isinstance(one, type) or not hasattr(one, "rows"):
-            expected = '"position", an ExactPoint, ExactAxis, ExactRows, ... or several of them'
+            expected = '"position", "twist", an ExactPoint, ExactAxis, ExactRows, ... or several of them'
             raise BadInput("exact", excerpt(one), expected)
     return demands
+
+
+def require_all_directions(demands: tuple[Exact, ...], robot: Robot) -> None:
+    """Refuse an ExactTwist of an arm that does not move its tool in all six directions."""
+    if not any(isinstance(demand, ExactTwist) for demand in demands):
+        return
+    m, k = len(robot.names), row_rank((ExactTwist(),), robot)
+    if k < 6:
+        moves = f"{m} joints" if m < 6 else f"{m} joints that move the tool in {k} directions"
+        raise BadInput(
+            "exact",
+            f'"twist" of an arm with {moves}, which cannot follow a whole twist',
+            "an arm that moves its tool in all six directions",
+            'exact="position" follows the velocity of the tool point.',
+        )
 
 
 def row_rank(demands: tuple[Exact, ...], robot: Robot) -> int:

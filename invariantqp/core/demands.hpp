@@ -1,5 +1,6 @@
 // Exact demands on the tool, as parts D of the twist and what they are to be:
 //
+//     twist    omega; v = gain log(T_d T^-1) + twist_d                whole, so that limits scale it
 //     point    v + omega x p = gain (p_d - p) + v_d(p_d)              a point of the tool
 //     axis     omega without its part about the axis a                a direction of the tool
 //     plane    n.(v + omega x p) = gain n.(p_d - p) + n.v_d(p_d)      a point and the normal of its plane
@@ -10,12 +11,13 @@
 namespace iq {
 
 struct Demand {
-    enum class Kind { point, axis, plane, joints } kind;
+    // The first three by the numbers that pose/ik.py gives them.
+    enum class Kind { point, axis, plane, joints, twist } kind;
     Vec3 point{}, direction{};  // in the tool frame, a plane's normal in the base frame
     std::vector<double> row;    // (m,) of `joints`
     double speed = 0;           // likewise
 
-    int rows() const { return kind == Kind::point ? 3 : kind == Kind::axis ? 2 : 1; }
+    int rows() const { return kind == Kind::twist ? 6 : kind == Kind::point ? 3 : kind == Kind::axis ? 2 : 1; }
 };
 
 // Rows E x = E_f + E_e: the part of the target's own twist, and that of the gain, which takes a displacement away.
@@ -26,10 +28,22 @@ struct DemandRows {
 
     DemandRows(Workspace& w, int rows, int m) : E(w, rows, m, 0), D(w, rows, 6, 0), E_f(w, rows, 0), E_e(w, rows, 0) {}
 
-    // ahead: of the target, (omega; v) in the base frame; also: the same at a share, as part of what the gain does.
-    void add(const Demand& demand, Mat J, const Pose& tool, const Pose& target, double gain, const Twist& ahead, double also)
+    // error: the twist from the tool to the target in unit time; ahead: of the target, (omega; v) in the base frame; also:
+    // the same at a share, as part of what the gain does.
+    void add(const Demand& demand, Mat J, const Pose& tool, const Pose& target, double gain, const Twist& error,
+             const Twist& ahead, double also)
     {
         const int first = count;
+        if (demand.kind == Demand::Kind::twist) {
+            for (int i = 0; i < 3; i++) {
+                D(first + i, i) = D(first + 3 + i, 3 + i) = 1;
+                E_f[first + i] = ahead.omega[i], E_e[first + i] = gain * error.omega[i] + also * ahead.omega[i];
+                E_f[first + 3 + i] = ahead.v[i], E_e[first + 3 + i] = gain * error.v[i] + also * ahead.v[i];
+            }
+            count += 6;
+            E.rows_from(first, count).set(J);
+            return;
+        }
         if (demand.kind == Demand::Kind::joints) {
             std::copy(demand.row.begin(), demand.row.end(), E[count].p);
             E_f[count++] = demand.speed;

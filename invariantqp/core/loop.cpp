@@ -65,7 +65,7 @@ class TickOfLoop {
             tick.root = root(), tick.ahead = tick.error = Vec(w, 6, 0);
             return {{standing(), std::move(origins)}, 0};
         }
-        exact(arm.tool, 0, arm.J * wanted);
+        exact(arm.tool, 0, {}, arm.J * wanted);
         tick.D = Mat();  // no parts of what follows, which are joint velocities: twists, each of six joints
         const int size = 6 * ((m + 5) / 6);
         tick.J = Mat(w, size, m, 0), tick.root = Mat::identity(w, size), tick.ahead = Vec(w, size, 0), tick.error = Vec(w, size, 0);
@@ -263,8 +263,9 @@ class TickOfLoop {
         Vec ahead = in.ahead.w ? in.ahead : Vec(w, 6, 0), error(w, 6, 0);
         const Pose& target = in.target ? *in.target : arm.tool;
         double share = 0;
+        Twist turn{};
         if (in.target) {
-            const Twist turn = same_turn(state.turn(), error_twist(target, arm.tool));
+            turn = same_turn(state.turn(), error_twist(target, arm.tool));
             std::copy(turn.omega.begin(), turn.omega.end(), state.turn());
             error = vec(turn, w) + (late() * speed) * ahead;  // the target, too, is on by then
             share = brakes.brakes && speed > 0 ? approach(error, speed * ahead) : 1;
@@ -276,7 +277,7 @@ class TickOfLoop {
         tick.slack = in.target ? set.slack * std::min(set.gain, SLACK_GAIN) * speed : 0;
         tick.apart = set.measure.kind == Measure::Kind::point || set.measure.kind == Measure::Kind::own_point;
         tick.ahead = ahead, tick.error = gain * error;
-        exact(target, gain, ahead);
+        exact(target, gain, turn, ahead);
         tick.held = set.dt + set.delay;
         if (!in.target || tick.C.rows)  // until accelerations let joints have another velocity
             tick.held += 0.5 * (in.rise + braking_time());
@@ -301,7 +302,7 @@ class TickOfLoop {
             longest = std::max(longest, std::abs(before[j]) / brakes.acceleration[j]);
         return longest;
     }
-    void exact(const Pose& target, double gain, Vec ahead)
+    void exact(const Pose& target, double gain, const Twist& error, Vec ahead)
     {
         const double also = gain * late() * speed;  // of the target's twist
         int count = 0;
@@ -315,7 +316,7 @@ class TickOfLoop {
         } else if (count) {
             DemandRows rows(w, count, m);
             for (const Demand& demand : set.exact)
-                rows.add(demand, arm.J, arm.tool, target, gain, twist(ahead), also);
+                rows.add(demand, arm.J, arm.tool, target, gain, error, twist(ahead), also);
             tick.E = rows.E, tick.D = rows.D, tick.E_f = rows.E_f, tick.E_e = rows.E_e;
         }
         tick.exact_rank = in.E.w ? 0 : set.exact_rank;

@@ -30,6 +30,8 @@ Demand demand_of(nb::handle value, Reader& read, int m)
         const Vec x = read.vector(v, "exact", 3);
         return Vec3{x[0], x[1], x[2]};
     };
+    if (kind == "twist")
+        return {Demand::Kind::twist};
     if (kind == "point")
         return {Demand::Kind::point, three(given[1])};
     if (kind == "axis")

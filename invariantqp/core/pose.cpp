@@ -535,7 +535,7 @@ class Search {
                 continue;
             }
             DemandRows rows(w, count, m);
-            rows.add(one.of, J, tool, task.target, 1, Twist{}, 0);
+            rows.add(one.of, J, tool, task.target, 1, Twist{}, Twist{}, 0);
             to.set(rows.E), missed.set(rows.E_e);
             if (one.of.kind == Demand::Kind::axis)
                 to.all().scale(arm.length), missed.scale(arm.length);

@@ -1094,7 +1094,10 @@ class Follower:
             return None
         if answer is None or not (self._bound or (self._turns and answer.status is not Status.OK)):
             return None
-        return Status.LIMITED, partial(_held_by, answer) if self._bound else partial(getattr, answer, "reason")
+        if self._bound:
+            return Status.LIMITED, partial(_held_by, answer)
+        status = Status.SCALED if answer.status is Status.SCALED else Status.LIMITED
+        return status, partial(getattr, answer, "reason")
 
     def _on_the_way(self, end: float, place: float) -> tuple[Status, Why]:
         """The same while points or samples are followed, which end at a time."""

@@ -19,8 +19,8 @@ class FollowerSolution:
 
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
-        status: "moving", "late", "slowed", "limited", "waiting", "blocked", "left", "paused", "done", "degraded" or
-            "held": see `Status`.
+        status: "moving", "late", "slowed", "limited", "scaled", "waiting", "blocked", "left", "paused", "done",
+            "degraded" or "held": see `Status`.
         ruling: what rules the speed along a path, in words; "settling" at its end until joints rest.
         hybrid: in contact, the hybrid controller's answer, with the forces; else None.
     """

@@ -15,14 +15,24 @@ import os
 from collections.abc import Sequence
 from functools import lru_cache
 from math import inf
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from attrs import frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.analysis.survey import joint_ranges
-from invariantqp.control.demands import Exact, ExactAxis, ExactJoints, ExactPlane, ExactPoint, View, demands_of
+from invariantqp.control.demands import (
+    Exact,
+    ExactAxis,
+    ExactJoints,
+    ExactPlane,
+    ExactPoint,
+    ExactTwist,
+    Named,
+    View,
+    demands_of,
+)
 from invariantqp.control.limits import no_degrees, not_believed, refuse
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt, written
@@ -91,7 +101,7 @@ class PoseSearch:
         robot: Robot,
         *,
         form: Form | float | None = None,
-        exact: Exact | Sequence[Exact | Literal["position"]] | Literal["position"] | None = None,
+        exact: Exact | Sequence[Exact | Named] | Named | None = None,
         tolerance: float = 1e-6,
         time_limit: float = 0.05,
         restarts: int = RESTARTS,
@@ -107,7 +117,8 @@ class PoseSearch:
             clearance.require(robot, "clearance")
         self._clearance = clearance
         self._form = None if form is None else _measure_of(form)
-        self._exact = () if exact is None else demands_of(exact)
+        # a whole twist leads to the whole pose, which is what is looked for without a demand
+        self._exact = tuple(one for one in demands_of(exact) if not isinstance(one, ExactTwist))
         try:
             self._limits = _limits(tolerance, time_limit, restarts, seed, len(robot.names))
         except TypeError:  # no numbers that can be kept
@@ -318,7 +329,7 @@ def solve_pose(
     *,
     q0: ArrayLike | None = None,
     form: Form | float | None = None,
-    exact: Exact | Sequence[Exact | Literal["position"]] | Literal["position"] | None = None,
+    exact: Exact | Sequence[Exact | Named] | Named | None = None,
     tolerance: float = 1e-6,
     time_limit: float = 0.05,
     restarts: int = RESTARTS,
@@ -345,11 +356,11 @@ def solve_pose(
             instead; a CarriedMetric (`tool_metric(robot)`, for instance) is fixed to the body at the target. Where the
             target can be reached, the measure changes only the way there.
         exact: demands met before all else, as in `Controller`: "position" for the tool frame's origin, ExactPoint,
-            ExactAxis, ExactPlane or several. For arms with fewer than six joints: position first, then orientation as
-            well as the arm can. With q0 the first try that meets them ends the search; without, the best in the rest of
-            three that do. On arms with more than six joints rounding chooses among the postures left, so a displaced
-            tool frame may change the answer (0.002 rad in one target of ten of a Panda), and `success` may be True
-            where another posture is nearer in the rest.
+            ExactAxis, ExactPlane or several; "twist" is the whole pose, as None is. For arms with fewer than six
+            joints: position first, then orientation as well as the arm can. With q0 the first try that meets them ends
+            the search; without, the best in the rest of three that do. On arms with more than six joints rounding
+            chooses among the postures left, so a displaced tool frame may change the answer (0.002 rad in one target of
+            ten of a Panda), and `success` may be True where another posture is nearer in the rest.
         tolerance: of success, in lengths and in radians.
         time_limit: [s]; inf is none.
         restarts: tries after the first, at most; 0 is Newton from q0 alone.

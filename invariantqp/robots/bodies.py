@@ -45,7 +45,9 @@ STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", 
 
 
 def bodies_of(robot: Robot) -> dict[str, list[Shape]]:
-    """The shapes of each link in its frame, in the order of the links; those without geometry are left out.
+    """The shapes of each link in its frame, in the order of the links, those of `with_tool` too.
+
+    Links without geometry are left out.
 
     Those of a link are computed once in a process: capsules for meshes take a tenth of a second.
 
@@ -78,7 +80,7 @@ def _shapes(parts: tuple[Geometry, ...], _written: tuple[int, ...]) -> tuple[Sha
     triangles: list[Array] = []
     joined = {"mesh", "cylinder"} | ({"box"} if sum(part.kind != "sphere" for part in parts) > 1 else set())
     for part in parts:
-        if part.kind in joined:
+        if part.kind in joined and not part.given:
             triangles.append(_surface(part).dot(part.pose[:3, :3].T) + part.pose[:3, 3])
         else:
             made.append(_plain(part))

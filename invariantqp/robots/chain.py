@@ -22,6 +22,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.screws import axis
+from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.kinematics import Sighting, joint_limits
 
 # What a chain is made from, besides the engine that computes it.
@@ -37,6 +38,7 @@ class Geometry(Value):
     size: tuple[float, ...]  # radius; radius and length of the straight part, along z; whole edges; a mesh's scale
     pose: Array = field(converter=own)  # (4, 4) in the link's frame
     mesh: Any = None  # path of its file, or (n, 3) points of which it is the hull; of the unreadable, why
+    given: bool = False  # by `with_tool`: it stays as it is beside others
 
 
 class Link(NamedTuple):
@@ -167,9 +169,48 @@ class Chain(Value):
         T, wanted = sighting.pose, self.target(target).pose
         return T[:3, :3].dot(point) + T[:3, 3], wanted[:3, :3].dot(point) + wanted[:3, 3]
 
-    def with_tool(self, offset: ArrayLike) -> Chain:
-        """The same chain with its tool frame moved by a (4, 4) offset in the old tool frame."""
-        return self._changed(home=self.home.dot(arrays.pose(offset, "offset")), tool=f"{self.tool}+offset")
+    def with_tool(
+        self,
+        offset: ArrayLike,
+        bodies: Sequence[Shape] | Shape = (),
+        *,
+        name: str | None = None,
+        without: Sequence[str] = (),
+    ) -> Chain:
+        """The same chain with another tool: its frame, its bodies, and without the links that it replaces.
+
+        Args:
+            offset: (4, 4) pose of the new tool frame in the old one.
+            bodies: what is mounted, each a Sphere, Capsule or Box in the new tool frame. They are a link of this name,
+                fixed to what the last joint moves, and a clearance keeps it from all else.
+            name: of the tool frame; None is the old name with "+offset".
+            without: links that are not mounted any more, by name, of those that the last joint moves: the old tool's.
+
+        Raises:
+            BadInput: something that is no such shape, the name of another link, a link that the last joint does not
+                move.
+        """
+        called = f"{self.tool}+offset" if name is None else name
+        arrays.instance(called, str, "name", "the name of the tool frame")
+        home = self.home.dot(arrays.pose(offset, "offset"))
+        links = self._links_without(arrays.strings(without, "without"))
+        if parts := _geometry(bodies):
+            if any(link.name == called for link in links):
+                raise BadInput("name", f"{called!r}, which is a link", "a name of its own for the tool's bodies")
+            links += (Link(called, len(self.names), home, parts),)
+        return self._changed(home=home, tool=called, links=links)
+
+    def _links_without(self, removed: tuple[str, ...]) -> tuple[Link, ...]:
+        """The links but some that the last joint moves; what may touch these is forgotten."""
+        last = [link.name for link in self.links if link.body == len(self.names)]
+        for name in removed:
+            if name not in last:
+                movable = f"links that the last joint moves: {', '.join(last) or 'it moves none that is known'}"
+                raise BadInput("without", repr(name), movable)
+        kept = (link for link in self.links if link.name not in removed)
+        return tuple(
+            link._replace(excludes=tuple(pair for pair in link.excludes if pair[0] not in removed)) for link in kept
+        )
 
     def with_limits(
         self,
@@ -180,6 +221,21 @@ class Chain(Value):
         """The same chain with other limits, (m,) each or one for all joints; None is as it was."""
         given = {"position_lower": position_lower, "position_upper": position_upper, "velocity_limit": velocity_limit}
         return self._changed(**{name: value for name, value in given.items() if value is not None})
+
+    def __eq__(self, other: object) -> bool:
+        found = super().__eq__(other)
+        return found and self._given == other._given if isinstance(other, Chain) else found
+
+    __hash__ = Value.__hash__
+
+    @property
+    def _given(self) -> tuple[tuple[Any, ...], ...]:
+        """The links that `with_tool` mounted; what else descriptions tell of links says nothing of the arm's motion."""
+        return tuple(
+            (link.name, link.body, tuple(link.frame.ravel().tolist()), link.parts)
+            for link in self.links
+            if any(part.given for part in link.parts)
+        )
 
     def _changed(self, **changes: Any) -> Chain:
         """The same chain with other arguments of `Chain`."""
@@ -214,6 +270,22 @@ class Chain(Value):
         """
         found: Array = self.in_engine.motions(q)
         return found
+
+
+def _geometry(bodies: Sequence[Shape] | Shape) -> tuple[Geometry, ...]:
+    """Shapes as parts of a link whose frame they are given in."""
+    expected, made = "Sphere, Capsule or Box, in the new tool frame", []
+    for shape in (bodies,) if isinstance(bodies, Shape) else arrays.listed(bodies, "bodies", f"a list of {expected}"):
+        if not isinstance(shape, Shape) or shape.core not in (Core.SEGMENT, Core.BOX):
+            raise BadInput("bodies", excerpt(shape), expected)
+        length = 2.0 * float(shape.half[2])
+        if shape.core is Core.BOX:
+            made.append(Geometry("box", tuple((2.0 * shape.half).tolist()), shape.place, given=True))
+        elif length > 0.0:
+            made.append(Geometry("capsule", (shape.radius, length), shape.place, given=True))
+        else:
+            made.append(Geometry("sphere", (shape.radius,), shape.place, given=True))
+    return tuple(made)
 
 
 def _places(screws: Array, home: Array) -> Array:

@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import Field, PlainValidator, PrivateAttr, StrictBool, ValidationError, model_validator
 
 from invariantqp.control.controller import Controller
-from invariantqp.control.demands import ExactPoint
+from invariantqp.control.demands import ExactPoint, Named
 from invariantqp.control.measure import tool_metric
 from invariantqp.errors import BadInput, InvariantQPError, TaskFileError, UnknownName
 from invariantqp.geometry import arrays, screws, se3
@@ -133,7 +133,11 @@ class LawSpec(Section):
         examples=[0.3],
     )
     damping: NotNegative | None = Field(None, description="lambda of a pitch form; left out: 0", examples=[0.0])
-    exact: Literal["position"] | None = Field(None, description="what is met exactly", examples=["position"])
+    exact: Named | None = Field(
+        None,
+        description='what is met exactly: "position", or "twist", the whole twist, which limits then only slow down',
+        examples=["position"],
+    )
     point: Vector3 = Field(
         (0.0, 0.0, 0.0),
         description="the point of the tool where accuracy counts, in the tool frame [m]; left out: its origin, "
@@ -173,7 +177,7 @@ def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
     speed = None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point)
     return law.model_dump(exclude={"tool_speed_point"}) | {
         "form": tool_metric(robot) if law.form == "tool" else law.form,
-        "exact": None if law.exact is None else ExactPoint(law.point),
+        "exact": ExactPoint(law.point) if law.exact == "position" else law.exact,
         "point": law.point if any(law.point) else None,  # in contact that is the point of contact
         "tool_speed": speed,
     }

@@ -38,7 +38,8 @@ class Status(str, Enum):
     it, or back at its start), LEFT (it cannot be had here, and is passed by the least), BLOCKED (it cannot be had, or
     got to, and the tool has stopped before it), DONE, HELD (joint positions that cannot be true). A `Follower` has the
     same but SLOWED, LATE (what is wanted is faster than the joints may be, which catch up; or these are not where they
-    were sent), and of the law's LIMITED (a twist that cannot be done, or limits that move the arm) and DEGRADED.
+    were sent), and of the law's LIMITED (a twist that cannot be done, or limits that move the arm), SCALED and
+    DEGRADED.
 
     A contact: LOST (there is none), OVERLOAD (more force than allowed), FAULT (of the sensor).
     """

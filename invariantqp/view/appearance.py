@@ -73,6 +73,8 @@ def _parts(visuals: Sequence[Visual], links: dict[str, Link]) -> Iterator[Part]:
     read = cache(read_meshes)
     groups: dict[tuple[int, tuple[int, int, int]], list[Mesh]] = {}  # by joint and colour
     for name, part, colour in visuals:
+        if name not in links:  # of a tool that was taken off
+            continue
         link = links[name]
         place = link.frame.dot(part.pose)
         own: Any = None if colour is None else tuple(round(255 * each) for each in colour[:3])

@@ -1046,3 +1046,31 @@ def test_a_shape_stays_what_it_is():
     ball.move(iq.transform(translation=[0, 0, 1.0]))
     np.testing.assert_array_equal((ball.pose @ ball.place)[:3, 3], [0.1, 0, 1.0])
     assert "sphere" in repr(ball)
+
+
+def test_a_long_tool_stays_above_a_table_that_the_bare_arm_does_not_reach(panda):
+    """Its bodies are kept from the table and from the arm, but not from the link that carries it."""
+    shift = iq.transform(translation=[0.0, 0.0, 0.2])
+    shaft = [Capsule([0.0, 0.0, -0.3], [0.0, 0.0, 0.0], 0.01)]
+    old = ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
+    tip = {}
+    for name, robot in (
+        ("pen", panda.with_tool(shift, shaft, name="pen", without=old)),
+        ("bare", panda.with_tool(shift)),
+    ):
+        limit, q = Clearance(robot, obstacles=[TABLE], distance=0.02), READY
+        loop = iq.Controller(robot, dt=DT, limits=[limit])
+        target = iq.transform(translation=[0.0, 0.0, -0.35]) @ robot.pose(q)
+        for _ in range(600):
+            solution = loop.step(q, target)
+            q = q + DT * solution.velocity
+        tip[name] = robot.pose(q)[2, 3], solution.status
+        if name == "pen":
+            assert str(limit.nearest) == "pen and table, 20.0 mm"
+            assert {"panda_link6", "panda_link7"} == {a for a, b, _ in limit.dropped if b == "pen"}
+            assert {("panda_link4", "pen"), ("panda_link5", "pen"), ("pen", "table")} <= set(limit.pairs)
+            assert not {*old} & {body for pair in limit.pairs for body in pair}
+    assert tip["pen"][0] == pytest.approx(0.03, abs=1e-4)
+    assert tip["pen"][1] == "limited"
+    assert tip["bare"][0] < -0.1
+    assert tip["bare"][1] == "ok"

@@ -209,3 +209,28 @@ def test_an_arm_that_no_pitch_form_sees_needs_none():
     with pytest.raises(iq.NoPseudoinverse, match=r"no 0\.3-pseudoinverse"):
         loop.step(q, goal)
     assert loop.state == before
+
+
+@pytest.mark.parametrize("side", [-0.3, 0.3])
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_a_rail_goes_where_the_target_is_and_takes_the_share_that_it_costs(name, side):
+    """Never the other way by the default posture; little of the way if it costs much, nearly all if it costs little."""
+    robot, rng = iq.load_robot(name, base=iq.robots.rail([0.0, 1.0, 0.0], -2.0, 2.0, 0.5)), np.random.default_rng(0)
+    m, shares = len(robot.names), []
+    for _ in range(4):
+        start = np.append(0.0, ready(name) + rng.uniform(-0.4, 0.4, m - 1))
+        target = iq.transform(translation=[0.0, side, 0.0]) @ robot.pose(start)
+        went = {}
+        for cost, posture in ((None, True), (100.0, True), (0.001, False)):
+            metric = None if cost is None else [cost] + [1.0] * (m - 1)
+            loop, q, back = iq.Controller(robot, dt=0.01, joint_metric=metric, posture=posture), start, 0.0
+            for _ in range(400):
+                q = q + 0.01 * loop.step(q, target).velocity
+                back = min(back, q[0] * np.sign(side))
+            np.testing.assert_allclose(robot.pose(q), target, atol=1e-4)
+            assert back > -0.01
+            went[cost] = q[0] / side
+        assert went[100.0] < went[None]
+        assert 0.9 < went[0.001] < 1.0
+        shares.append(went[100.0])
+    assert np.median(shares) < 0.2  # more next to singularities, where the arm cannot

@@ -97,7 +97,7 @@ def test_a_displaced_tool_frame_changes_nothing(so101, exact):
 @pytest.mark.parametrize(
     ("exact", "said"),
     [
-        ("orientation", 'expected "position"'),
+        ("orientation", 'expected "position", "twist"'),
         (["position", "axis"], "found 'axis'; expected \"position\""),
         ([3.0], "found 3.0"),
         (iq.control.ExactJoints(np.ones(4)), "rows on 4 joints"),
@@ -150,3 +150,173 @@ def test_an_exact_position_led_out_of_reach_comes_home(name, q, out, noise):
         q = q + 0.002 * solution.velocity
     assert np.linalg.norm((robot.pose(q) - home)[:3, 3]) < 1e-4
     assert noise or solution.status == "ok"
+
+
+# The whole twist
+
+ARMS = {
+    "ur5e": [0.3, -1.2, 1.5, -1.0, -1.57, 0.3],
+    "lite6": [0.0, 0.3, 1.2, 0.0, 0.9, 0.0],
+    "panda": [0.1, -0.4, 0.2, -2.2, 0.1, 1.8, 0.8],
+}
+
+
+def six_hinges(rng, m):
+    """A random arm with m hinges and finite limits, and a state of it."""
+    axes, points = rng.normal(size=(m, 3)), rng.uniform(-0.7, 0.7, size=(m, 3))
+    screws = np.column_stack([iq.revolute(a / np.linalg.norm(a), p) for a, p in zip(axes, points, strict=True)])
+    robot = iq.robots.Chain(screws, iq.exp(rng.normal(size=6)), (), -2.9, 2.9, rng.uniform(0.5, 3.0, size=m))
+    return robot, rng.uniform(-2.0, 2.0, size=m)
+
+
+def mirrored(robot):
+    """The same arm seen in a mirror, the plane y = 0: hinges turn the other way about mirrored axes."""
+    M = np.diag([1.0, -1.0, 1.0])
+    screws = np.vstack((-M @ robot.screws[:3], M @ robot.screws[3:]))
+    home = robot.home.copy()
+    home[:3, :3], home[:3, 3] = M @ home[:3, :3] @ M, M @ home[:3, 3]
+    limits = robot.position_lower, robot.position_upper, robot.velocity_limit
+    return iq.robots.Chain(screws, home, robot.names, *limits)
+
+
+def limit_that_binds(kind, robot, q, needed, rng):
+    """A robot and options of a controller, such that joint velocities `needed` exceed a limit of this kind."""
+    most = np.abs(needed).max()
+    if kind == "velocity":
+        return robot.with_limits(velocity_limit=np.minimum(robot.velocity_limit, 0.2 * most)), {}
+    if kind == "position":
+        return robot.with_limits(q - 0.2 * DT * most, q + 0.2 * DT * most), {"posture": False}
+    if kind == "acceleration":
+        return robot, {"acceleration_limit": 0.2 * most / DT}
+    if kind == "tool speed":
+        twist, p = robot.jacobian(q) @ needed, robot.pose(q)[:3, 3]
+        return robot, {"tool_speed": 0.4 * np.linalg.norm(moves(twist, p))}
+    rows = rng.normal(size=(3, len(q)))
+    rows *= np.sign(rows @ needed)[:, None]
+    return robot, {"limits": [iq.limits.LimitRows(rows, np.full(3, -np.inf), 0.2 * rows @ needed)]}
+
+
+@pytest.mark.parametrize("kind", ["velocity", "position", "acceleration", "tool speed", "rows"])
+@pytest.mark.parametrize("name", [*ARMS, "six random hinges", "eight random hinges"])
+def test_limits_scale_a_whole_twist(name, kind):
+    """The tool moves along the twist in its own direction, no limit is exceeded, and the mirrored arm does the same."""
+    rng, scaled = np.random.default_rng(sum(map(ord, name + kind))), 0
+    for _ in range(6):
+        if name in ARMS:
+            robot, q = iq.load_robot(name), np.array(ARMS[name]) + rng.normal(size=len(ARMS[name])) * 0.2
+        else:
+            robot, q = six_hinges(rng, 6 if name.startswith("six") else 8)
+        twist = rng.normal(size=6) * [0.3, 0.3, 0.3, 0.1, 0.1, 0.1]
+        sign = np.repeat([-1.0, 1.0], 3) * [1.0, -1.0, 1.0, 1.0, -1.0, 1.0]
+        needed = np.linalg.lstsq(robot.jacobian(q), twist, rcond=None)[0]
+        robot, options = limit_that_binds(kind, robot, q, needed, rng)
+        loop = iq.Controller(robot, dt=DT, exact="twist", **options)
+        solution = loop.follow(q, twist, at="base")
+        x, done = solution.velocity, robot.jacobian(q) @ solution.velocity
+        size = np.linalg.norm(done)
+        assert size > 1e-4 * np.linalg.norm(twist)
+        np.testing.assert_allclose(done / size, twist / np.linalg.norm(twist), atol=1e-9)
+        assert solution.status in (("scaled",) if solution.scale < 0.9 else ("ok", "scaled"))
+        scaled += solution.scale < 0.9
+        assert (np.abs(x) <= robot.velocity_limit * (1.0 + 1e-12)).all()
+        after = q + DT * x
+        assert ((after >= robot.position_lower - 1e-12) & (after <= robot.position_upper + 1e-12)).all()
+        if "acceleration_limit" in options:
+            assert (np.abs(x) <= DT * options["acceleration_limit"] * (1.0 + 1e-12)).all()
+        if "tool_speed" in options:
+            assert np.linalg.norm(moves(done, robot.pose(q)[:3, 3])) <= options["tool_speed"] * (1.0 + 1e-9)
+        for limit in options.get("limits", ()):
+            assert (limit.C @ x <= limit.upper + 1e-12).all()
+        other = iq.Controller(mirrored(robot), dt=DT, exact="twist", **options)
+        np.testing.assert_allclose(other.follow(q, sign * twist, at="base").velocity, x, atol=1e-7)
+    assert scaled >= (1 if kind == "rows" else 5)  # redundant joints may avoid rows
+
+
+@pytest.mark.parametrize(("name", "speed"), [("ur5e", 0.15), ("lite6", 0.1)])
+def test_a_joystick_keeps_its_line_where_one_joint_is_slow(name, speed):
+    q, robot = np.array(ARMS[name]), iq.load_robot(name)
+    slow = robot.velocity_limit.copy()
+    slow[5] = 0.05
+    robot = robot.with_limits(velocity_limit=slow)
+    follower = iq.Follower(iq.Controller(robot, dt=0.01, exact="twist", acceleration_limit=10.0), jerk=500.0)
+    begin, statuses = robot.pose(q), set()
+    for _ in range(300):
+        follower.twist([0.0, 0.0, 0.0, 0.0, speed, 0.0])
+        solution = follower.step(q)
+        q = q + 0.01 * solution.velocity
+        statuses.add(solution.status)
+    end = robot.pose(q)
+    assert np.linalg.norm(iq.log(iq.inverse(begin) @ end)[:3]) < np.radians(0.1)
+    assert np.hypot(*(end - begin)[[0, 2], 3]) < 5e-4
+    assert (end - begin)[1, 3] > 0.04
+    assert statuses <= {"moving", "scaled"}
+    assert solution.status == "scaled"
+
+
+@pytest.mark.parametrize("backend", [None, "daqp"])
+@pytest.mark.parametrize("acceleration", [None, 20.0])
+def test_a_pose_is_reached_along_one_screw(acceleration, backend):
+    robot, q = iq.load_robot("ur5e"), np.array(ARMS["ur5e"])
+    slow = robot.velocity_limit.copy()
+    slow[4] = 0.2
+    options = {"exact": "twist", "gain": 4.0, "acceleration_limit": acceleration, "backend": backend}
+    loop = iq.Controller(robot.with_limits(velocity_limit=slow), dt=0.005, **options)
+    begin = robot.pose(q)
+    way = np.array([0.1, 0.2, -0.6, 0.1, 0.05, -0.1])
+    target = iq.exp(way) @ begin
+    for _ in range(600 if backend is None else 120):
+        q = q + 0.005 * loop.step(q, target).velocity
+        done = iq.log(robot.pose(q) @ iq.inverse(begin))
+        share = done @ way / (way @ way)
+        assert np.linalg.norm(done - share * way) < 2e-3 * np.linalg.norm(way)
+    if backend is None:
+        np.testing.assert_allclose(robot.pose(q), target, atol=1e-4)
+
+
+def test_another_solver_scales_a_twist_alike():
+    q, twist = np.array(ARMS["panda"]), [0.3, 0.1, -2.0, 2.4, 1.2, 0.6]
+    robot = iq.load_robot("panda")
+    ours, theirs = (
+        iq.Controller(robot, dt=DT, exact="twist", backend=backend).follow(q, twist) for backend in (None, "daqp")
+    )
+    assert ours.status == theirs.status == "scaled"
+    np.testing.assert_allclose(theirs.velocity, ours.velocity, atol=1e-6)
+
+
+class OfUser:
+    """A demand of the user's own, by the rows of ExactTwist."""
+
+    def rows(self, view):
+        return iq.control.ExactTwist().rows(view)
+
+
+def test_a_displaced_tool_frame_does_not_change_a_whole_twist():
+    robot, q = iq.load_robot("ur5e"), np.array(ARMS["ur5e"])
+    offset = iq.exp([0.4, -0.8, 0.3, 0.1, 0.2, -0.1])
+    target = iq.exp([0.05, 0.1, -0.1, 0.01, 0.02, -0.01]) @ robot.pose(q)
+    found = [
+        iq.Controller(arm, dt=DT, gain=5.0, exact=exact).step(q, T, AHEAD).velocity
+        for arm, T in ((robot, target), (robot.with_tool(offset), target @ offset))
+        for exact in ("twist", iq.control.ExactTwist(), OfUser())
+    ]
+    for other in found[1:]:
+        np.testing.assert_allclose(other, found[0], atol=1e-10)
+
+
+def test_an_arm_that_cannot_follow_a_whole_twist_is_refused(so101):
+    with pytest.raises(iq.BadInput, match=r'5 joints, which cannot follow a whole twist.*exact="position"'):
+        iq.Controller(so101, dt=DT, exact="twist")
+    planar = np.column_stack([iq.revolute([0, 0, 1], [0.2 * i, 0.1 * i**2, 0]) for i in range(6)])
+    with pytest.raises(iq.BadInput, match="6 joints that move the tool in 3 directions"):
+        iq.Controller(iq.robots.Chain(planar, np.eye(4)), dt=DT, exact=["position", iq.control.ExactTwist()])
+
+
+def test_a_whole_twist_beside_a_singularity_stays_inside_the_limits():
+    robot, q = iq.load_robot("ur5e"), np.array([0.3, -1.2, 0.02, -1.0, -1.57, 0.3])  # the elbow nearly straight
+    loop = iq.Controller(robot, dt=DT, exact="twist", acceleration_limit=20.0)
+    outwards = robot.pose(q)[:3, 3] * [1.0, 1.0, 0.0]
+    for _ in range(200):
+        solution = loop.follow(q, [0.0, 0.0, 0.0, *(0.3 * outwards / np.linalg.norm(outwards))])
+        q = q + DT * solution.velocity
+        assert (np.abs(solution.velocity) <= robot.velocity_limit).all()
+    assert np.abs(solution.velocity).max() < 0.05

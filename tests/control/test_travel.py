@@ -114,6 +114,7 @@ def contact_under(tool, normal):
 
 
 VALUES = {
+    "twist": iq.control.ExactTwist,
     "point": lambda: iq.control.ExactPoint([1, 2, 3]),
     "axis": lambda: iq.control.ExactAxis([1, 2, 3]),
     "plane": lambda: iq.control.ExactPlane([1, 2, 3], [0, 0, 1]),

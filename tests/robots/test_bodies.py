@@ -1,15 +1,17 @@
 """Shapes of links: they contain what they stand for, and descriptions say which may touch."""
 
+import copy
 import operator
+import pickle
 from itertools import chain
 
 import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.geometry.shapes import Box, Capsule, HalfSpace
+from invariantqp.geometry.shapes import Box, Capsule, HalfSpace, Sphere
 from invariantqp.robots.bodies import _read, _thinned, bodies_of, box, capsule, shapes_about
-from invariantqp.robots.urdf import disabled
+from invariantqp.robots.urdf import disabled, excluded
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody><geom name="floor" type="plane" size="1 1 .1"/>
 <body name="a" pos="0 0 .3"><joint name="j1" axis="0 0 1"/><geom type="capsule" size=".05" fromto="0 0 0 .3 0 0"/>
@@ -208,3 +210,84 @@ def test_meshes_and_balls_of_an_mjcf():
     assert np.min([off(one, corners) for one in bar], axis=0).max() < 1e-6
     assert sum(map(volume, bar)) < 1.01 * 0.3 * 0.08 * 0.08
     assert (ball.radius, ball.place[:3, 3].tolist()) == (0.05, [0.1, 0.0, 0.0])
+
+
+# Another tool
+
+PEN = [Capsule([0, 0, -0.2], [0, 0, 0], 0.01), Box(iq.transform(translation=[0, 0, -0.15]), [0.06, 0.04, 0.05])]
+GRIPPER = ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
+TIP = iq.exp([0.3, 0.2, 0.1, 0.02, -0.03, 0.2])
+
+
+def same_shape(one, other):
+    np.testing.assert_allclose(one.place, other.place, atol=1e-15)
+    np.testing.assert_allclose([*one.half, one.radius], [*other.half, other.radius], atol=1e-15)
+    return type(one) is type(other)
+
+
+def test_a_tools_bodies_are_a_link_as_they_were_given(panda):
+    pen = panda.with_tool(TIP, [*PEN, Sphere([0, 0, 0], 0.012)], name="pen", without=GRIPPER)
+    bodies, q = bodies_of(pen), np.linspace(-0.5, 0.5, 7)
+    assert pen.tool == "pen"
+    assert all(map(same_shape, bodies["pen"], [*PEN, Sphere([0, 0, 0], 0.012)]))
+    assert set(bodies) == set(bodies_of(panda)) - set(GRIPPER) | {"pen"}
+    np.testing.assert_allclose(pen.pose(q), panda.pose(q) @ TIP, atol=1e-15)
+    moved = pen.with_tool(TIP)  # the bodies stay where they are
+    assert all(map(same_shape, bodies_of(moved)["pen"], bodies["pen"]))
+    np.testing.assert_array_equal(moved.links[-1].frame, pen.home)
+    assert bodies_of(pen.with_tool(np.eye(4), without=["pen"]))  # and go
+    assert "pen" not in bodies_of(pen.with_tool(np.eye(4), without=["pen"]))
+
+
+def test_one_shape_and_no_name_will_do(panda):
+    named = panda.with_tool(TIP, Sphere([0, 0, 0], 0.1))
+    assert named.tool == "panda_hand_tcp+offset"
+    assert len(bodies_of(named)["panda_hand_tcp+offset"]) == 1
+    bare = iq.load_robot("ur5e").with_tool(TIP, PEN, name="pen")  # known without geometry
+    assert list(bodies_of(bare)) == ["pen"]
+
+
+def test_a_tool_travels_and_compares(panda):
+    pen = panda.with_tool(TIP, PEN, name="pen", without=GRIPPER)
+    for again in (pickle.loads(pickle.dumps(pen)), copy.deepcopy(pen), copy.copy(pen)):
+        assert again == pen
+        assert hash(again) == hash(pen)
+        assert all(map(same_shape, bodies_of(again)["pen"], PEN))
+    assert pen != panda.with_tool(TIP, PEN[:1], name="pen", without=GRIPPER)
+    assert pen != panda.with_tool(TIP, name="pen")
+    assert pen != 3
+
+
+def test_a_description_excludes_nothing_of_a_tool_by_an_old_name(panda):
+    """The SRDF lets the old hand touch the fifth link; a new one of the same name may not."""
+    assert frozenset(("panda_hand", "panda_link5")) in excluded(panda)
+    assert not any(
+        "panda_hand" in pair for pair in excluded(panda.with_tool(TIP, PEN, name="panda_hand", without=GRIPPER))
+    )
+
+
+def test_a_tool_is_carried_by_what_an_arm_stands_on(panda):
+    pen = panda.with_tool(TIP, PEN, name="pen", without=GRIPPER)
+    for robot in (
+        iq.robots.stand_on(iq.robots.rail([0, 1, 0]), pen),
+        iq.robots.relative(pen, iq.robots.stand_on(iq.transform(translation=[1, 0, 0]), pen)),
+    ):
+        assert all(map(same_shape, bodies_of(robot)["pen"], PEN))
+        pose, link = robot.pose(np.zeros(len(robot.names))), next(link for link in robot.links if link.name == "pen")
+        np.testing.assert_allclose(link.frame, pose, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"bodies": [HalfSpace([0, 0, 0], [0, 0, 1])]}, "bodies: .*Sphere, Capsule or Box"),
+        ({"bodies": [[0.1, 0.2]]}, "bodies: .*Sphere, Capsule or Box"),
+        ({"bodies": PEN, "name": "panda_link7"}, "name: .*a name of its own"),
+        ({"name": 3}, "name: "),
+        ({"without": ["panda_link4"]}, "without: .*links that the last joint moves: .*panda_hand"),
+        ({"without": "panda_hand"}, "without: .*a list of names"),
+    ],
+)
+def test_tools_that_are_none(panda, arguments, said):
+    with pytest.raises(iq.BadInput, match=said):
+        panda.with_tool(np.eye(4), **arguments)

@@ -290,3 +290,11 @@ def test_odd_numbers_run_or_are_told(data):
             return
     assert np.isfinite(trace.velocity).all()
     assert json.dumps(trace.as_json(), allow_nan=False)
+
+
+def test_a_run_may_follow_its_whole_twist_exactly():
+    trace = iq.run_task(task_from(content(law__exact="twist"), "t"))
+    assert trace.passed
+    assert set(trace.statuses) == {"ok"}
+    with pytest.raises(iq.BadInput, match="cannot follow a whole twist"):
+        iq.run_task(task_from(content(law__exact="twist", robot={"source": "so101", "start": [0.0] * 5}), "t"))

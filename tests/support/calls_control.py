@@ -128,7 +128,10 @@ def robot_calls(name, robot):
         f"{name}.jacobian": lambda: (robot().jacobian, {"q": Q}),
         f"{name}.origins": lambda: (robot().origins, {"q": Q}),
         f"{name}.target": lambda: (robot().target, {"pose": T}),
-        f"{name}.with_tool": lambda: (robot().with_tool, {"offset": T}),
+        f"{name}.with_tool": lambda: (
+            robot().with_tool,
+            {"offset": T, "bodies": [iq.limits.Sphere(POINT, 0.1)], "name": "pen", "without": []},
+        ),
         f"{name}.with_limits": lambda: (
             robot().with_limits,
             {"position_lower": -1.0, "position_upper": 2.0, "velocity_limit": 0.5},
@@ -230,6 +233,7 @@ CONTROL = {
     "Follower.twist": lambda: (any_follower().twist, {"v": TWIST, "at": "tool"}),
     "Follower.prepare": lambda: (shape_follower().prepare, {"q": Q}),
     "Follower.step": lambda: (any_follower().step, STEP | {"wrench": None, "contact": None, "wanted": None}),
+    "ExactTwist": lambda: (iq.control.ExactTwist, {}),
     "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),
     "ExactAxis": lambda: (iq.control.ExactAxis, {"axis": AXIS}),
     "ExactPlane": lambda: (iq.control.ExactPlane, {"normal": AXIS, "point": POINT}),

@@ -74,6 +74,8 @@ def loop() -> None:
     assert_type(robot.tool, str)
     assert_type([link.name for link in robot.links], list[str])
     assert_type(robot.with_limits(velocity_limit=1.0).with_tool(np.eye(4)), iq.robots.Chain)
+    pen = [iq.limits.Capsule((0.0, 0.0, -0.1), (0.0, 0.0, 0.0), 0.01)]
+    assert_type(robot.with_tool(np.eye(4), pen, name="pen", without=["hand"]), iq.robots.Chain)
     assert_type(iq.load_task("panda_path").load_robot(), iq.robots.Chain)
     assert_type(iq.robots.relative(robot, robot), iq.robots.Chain)
     controller = iq.Controller(
