@@ -197,12 +197,17 @@ class Chain(Value):
         if parts := _geometry(bodies):
             if any(link.name == called for link in links):
                 raise BadInput("name", f"{called!r}, which is a link", "a name of its own for the tool's bodies")
-            links += (Link(called, len(self.names), home, parts),)
+            links += (Link(called, self._last, home, parts),)
         return self._changed(home=home, tool=called, links=links)
+
+    @property
+    def _last(self) -> int:
+        """How many joints move the last body."""
+        return len(self.names) if self.coupled is None else len(self.coupled.ratios)
 
     def _links_without(self, removed: tuple[str, ...]) -> tuple[Link, ...]:
         """The links but some that the last joint moves; what may touch these is forgotten."""
-        last = [link.name for link in self.links if link.body == len(self.names)]
+        last = [link.name for link in self.links if link.body == self._last]
         for name in removed:
             if name not in last:
                 movable = f"links that the last joint moves: {', '.join(last) or 'it moves none that is known'}"
