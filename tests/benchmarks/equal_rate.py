@@ -1,10 +1,10 @@
 """Force control beside its rivals at equal rate: robosuite's Wipe with four arms, and PyBullet with an iiwa.
 
-    python tests/benchmarks/equal_rate.py wipe   [--seeds 91 92 93] [--arms Panda IIWA UR5e XArm7] [--laws ours line ...]
-    python tests/benchmarks/equal_rate.py bullet [--seeds 91 92 93] [--scenes level tilted ...] [--contacts rigid ...]
+    python tests/benchmarks/equal_rate.py wipe   [--seeds 91 92] [--arms Panda IIWA UR5e XArm7] [--laws ours line ...]
+    python tests/benchmarks/equal_rate.py bullet [--seeds 91 92] [--scenes level tilted ...] [--contacts rigid ...]
     ... --tune [--seeds 1]        the grids that chose SETTINGS, for each arm in Wipe and each contact in PyBullet
 
-Every law has the same readings, ticks of 2 ms and at most 20 mm/s along the press:
+Every law has the same readings and ticks of 2 ms, the rivals at most 20 mm/s along the press:
 
     ours        HybridController, without stiffness or delay declared
     line        v = c (f_d - f)
@@ -46,17 +46,17 @@ LAWS = ("ours", "line", "admittance", "osc")
 # A setting is c [m/s/N] and tau [s], for OSC c and kp [1/s^2].
 GRIDS = {
     "wipe": {
-        "line": [(c, 0.0) for c in (8e-4, 1.6e-3, 2.4e-3)],
-        "admittance": list(product((1.6e-3, 2.4e-3, 4e-3), (0.01,))),
-        "osc": list(product((8e-3, 1.6e-2, 3.2e-2), (150.0, 300.0))),
+        "line": [(c, 0.0) for c in (4e-4, 8e-4, 1.2e-3, 1.6e-3, 2.4e-3)],
+        "admittance": list(product((8e-4, 1.6e-3, 2.4e-3, 4e-3), (0.01, 0.04))),
+        "osc": list(product((4e-3, 8e-3, 1.6e-2, 3.2e-2), (150.0, 300.0))),
     },
     "bullet": {
-        "line": [(c, 0.0) for c in (4e-4, 8e-4, 1.6e-3, 3.2e-3, 6.4e-3)],
-        "admittance": list(product((1.6e-3, 3.2e-3, 6.4e-3), (0.005,))),
-        "osc": list(product((4e-3, 1.6e-2), (300.0, 1000.0))),
+        "line": [(c, 0.0) for c in (4e-4, 8e-4, 1.6e-3, 3.2e-3, 6.4e-3, 1.28e-2, 2.56e-2)],
+        "admittance": [(c, 0.005) for c in (1.6e-3, 3.2e-3, 6.4e-3, 1.28e-2, 2.56e-2)],
+        "osc": list(product((4e-3, 1.6e-2, 3.2e-2), (300.0, 1000.0))),
     },
 }
-# Those with the least force error on seed 1.
+# Those with the least force error on seed 1 (xArm7 on seed 2). On a rigid plate velocity motors fail with all of the grid.
 SETTINGS = {
     ("Panda", "line"): (1.6e-3, 0.0),
     ("Panda", "admittance"): (4e-3, 0.01),
@@ -70,6 +70,21 @@ SETTINGS = {
     ("XArm7", "line"): (2.4e-3, 0.0),
     ("XArm7", "admittance"): (4e-3, 0.01),
     ("XArm7", "osc"): (3.2e-2, 150.0),
+    ("1e4 N/m", "line"): (2.56e-2, 0.0),
+    ("1e4 N/m", "admittance"): (2.56e-2, 0.005),
+    ("1e4 N/m", "osc"): (3.2e-2, 300.0),
+    ("1e5 N/m", "line"): (6.4e-3, 0.0),
+    ("1e5 N/m", "admittance"): (2.56e-2, 0.005),
+    ("1e5 N/m", "osc"): (3.2e-2, 300.0),
+    ("rigid", "line"): (8e-4, 0.0),
+    ("rigid", "admittance"): (3.2e-3, 0.005),
+    ("rigid", "osc"): (3.2e-2, 300.0),
+    ("velocity motors, 1e4 N/m", "line"): (8e-4, 0.0),
+    ("velocity motors, 1e4 N/m", "admittance"): (1.6e-3, 0.005),
+    ("velocity motors, 1e5 N/m", "line"): (4e-4, 0.0),
+    ("velocity motors, 1e5 N/m", "admittance"): (1.6e-3, 0.005),
+    ("velocity motors, rigid", "line"): (4e-4, 0.0),
+    ("velocity motors, rigid", "admittance"): (1.6e-3, 0.005),
 }
 
 
@@ -460,7 +475,7 @@ def main():
         parser.add_argument(f"--{name}", nargs="+", default=list(choices), choices=list(choices))
     asked = parser.parse_args()
     (rows, run), found = runner(asked), {}
-    for row, law, seed in product(rows, asked.laws, asked.seeds or ([1] if asked.tune else [91, 92, 93])):
+    for row, law, seed in product(rows, asked.laws, asked.seeds or ([1] if asked.tune else [91, 92])):
         key = tuned_for(row), law
         if law == "osc" and "velocity motors" in row:
             continue
