@@ -489,7 +489,7 @@ def main():
             best = min((one for one in found if one[:2] == key), key=lambda one: mean_of(found[one])["rms"])
             print(f"    {key}: {best[2]},")
         return
-    print("| |", " | ".join(asked.laws), "|\n|", "---|" * (1 + len(asked.laws)), sep="")
+    print("| | ", " | ".join(asked.laws), " |\n|", "---|" * (1 + len(asked.laws)), sep="")
     for row in rows:
         cells = [cell(found[row, law]) if (row, law) in found else "-" for law in asked.laws]
         print(f"| {row} |", " | ".join(cells), "|")
