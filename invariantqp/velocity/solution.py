@@ -40,7 +40,8 @@ class Status(str, Enum):
     same but SLOWED, LATE (what is wanted is faster than the joints may be, which catch up; or these are not where they
     were sent), and of the law's LIMITED (a twist that cannot be done, or limits that move the arm) and DEGRADED.
 
-    A contact: LOST (there is none), OVERLOAD (more force than allowed), FAULT (of the sensor).
+    A contact, also of a `Follower` of streams: LOST (there is none), OVERLOAD (more force than allowed), FAULT (of the
+    sensor).
     """
 
     OK = "ok"
