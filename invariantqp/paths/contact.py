@@ -1,7 +1,8 @@
-"""A path driven in contact: motion along the surface waits for limits and for the touch, the force waits for nothing.
+"""A path or a stream driven in contact: only its motion along the freedoms S of the contact counts, not its depth.
 
-place     the one nearest the tool, seen along S alone: how deep the tool is pressed counts for nothing
-tick      HybridController.step towards it, ahead at the clock's rate, joints towards the planned ones
+path      waits for limits and for the touch: the target is the place nearest the tool
+stream    does not wait: a reference arm moves as it would without contact, and its tool pose is the target
+tick      HybridController.step to the target, with its twist as feedforward; joints towards the planned ones
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from invariantqp.force.contact_kinds import Contact
 from invariantqp.force.control import HybridController, HybridSolution
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.se3 import velocity_at
 from invariantqp.paths.ahead import SHORTEST
 from invariantqp.paths.curve import SLOW
 from invariantqp.paths.fit import REACHED
@@ -33,7 +35,7 @@ from invariantqp.paths.shape import (
     Shape,
 )
 from invariantqp.paths.solution import FollowerSolution
-from invariantqp.paths.task_error import task_error
+from invariantqp.paths.task_error import TaskError, task_error
 from invariantqp.robots.kinematics import joint_displacement
 from invariantqp.velocity.solution import Status
 
@@ -42,9 +44,21 @@ TOUCH = 0.5
 # Statuses of a hybrid tick that is not in contact.
 NO_CONTACT = (Status.LOST, Status.OVERLOAD, Status.FAULT)
 NO_TOUCH = "no contact"
-# A tool this far off, relative to the measure, slows down, and one that counts as pushed waits. Joints that are off the
+# Statuses of a hybrid tick that come before those of a stream.
+TROUBLE = (*NO_CONTACT, Status.HELD, Status.DEGRADED)
+OFF = "the tool is not where it was sent along the contact"
+# A tool this far off, relative to the measure, is late along a stream; along a path it slows down, and one that counts
+# as pushed waits. Joints that are off the
 # plan by motion that leaves the tool where it is slow it down from half of STRAYED on.
 AWAY = 5e-3
+
+
+def _along_contact(
+    hybrid: HybridController, loop: Controller, q: Array, pose: Array, contact: Contact
+) -> tuple[TaskError, Array]:
+    """The error of the tool of q (m,) to a pose (4, 4), and the projector (6, 6) of twists on S, base frame."""
+    P = hybrid.splits.at(contact, hybrid.robot.pose(q)).projectors.motion
+    return task_error(loop, q, loop.robot.target(pose)), contact.adjoint.dot(P).dot(contact.coadjoint.T)
 
 
 class Beside(NamedTuple):
@@ -163,9 +177,8 @@ class Pressed:
     def _beside(self, shape: Shape, q: Array, contact: Contact) -> Beside:
         """Where the tool of q (m,) is, seen along S."""
         hybrid, loop, curve, plan = self.hybrid, self.controller, shape.given.curve, shape.plan
-        way = task_error(loop, q, loop.robot.target(curve.pose(self._place)))
-        P = hybrid.splits.at(contact, hybrid.robot.pose(q)).projectors.motion
-        R = way.rows.dot(contact.adjoint).dot(P).dot(contact.coadjoint.T)
+        way, P = _along_contact(hybrid, loop, q, curve.pose(self._place), contact)
+        R = way.rows.dot(P)
         error = R.dot(way.error)
         away = float(np.linalg.norm(error))
         if plan is None or shape.motion is None:
@@ -201,3 +214,100 @@ class Pressed:
             return False
         self._stood = stood = stood[0], stood[1] + dt, stood[2] + dt * abs(rate)
         return stood[1] > PATIENCE and (abs(rate) * dt <= SHORTEST * end or stood[2] > 2.0 * near)
+
+
+class Tracking(NamedTuple):
+    """The pressed arm beside the reference, when a tick begins."""
+
+    measured: Array  # (m,) joint positions, of continuous joints by whole turns near where they were sent
+    astray: Array  # (m,) joint displacement from there to where they were sent [rad, length]
+    off: float  # how far the tool is from where it was sent, along S, in the measure [length]
+    begins: bool  # whether the reference begins here: at first, or where the arm was pushed or stopped
+    tool: Array  # (4, 4) its pose
+    projector: Array  # (6, 6) of twists on S, base frame
+
+
+class PressedStream:
+    """The drive of a hybrid controller by a stream: a reference arm moves, and the tool follows its tool along S.
+
+    Attributes:
+        hybrid: presses.
+        controller: of the reference arm, which is where it is sent without delay.
+        command: (m,) joint velocity of the last tick.
+        tracking: where the arm was when the last tick began.
+    """
+
+    def __init__(self, hybrid: HybridController) -> None:
+        """Nothing is followed yet."""
+        self.hybrid = hybrid
+        self.controller = Controller(hybrid.robot, **hybrid.loop.options | {"delay": 0.0})
+        self.command: Array = np.zeros(len(hybrid.robot.names))
+        self.tracking: Tracking
+        self._sent: tuple[Array, ...] = ()  # (m,) of the reference, oldest first: commands of that tick show now
+        self._contact: Contact | None = None  # of the last tick, with the normal found
+
+    def step(
+        self,
+        q: Array,
+        velocity: Array | None,
+        state: Any,
+        given: tuple[Any, Contact | None, ArrayLike | Wrench | None],
+    ) -> HybridSolution:
+        """A tick of the pressed arm, towards the reference.
+
+        Args:
+            q: (m,) measured joint positions [rad, length].
+            velocity: (m,) as in `HybridController.step`.
+            state: of the reference, a `FollowerState` of the engine.
+            given: wrench, contact and wanted.
+
+        Raises:
+            BadInput: as `HybridController.step`; nothing has changed.
+        """
+        hybrid, robot = self.hybrid, self.hybrid.robot
+        wrench, contact, wanted = given
+        before = self.command if velocity is None else velocity
+        tracking = self._track(q, before, contact)
+        at, rate = q, before
+        if not tracking.begins:  # in the coming tick, before the reference moves: input may still be refused
+            at, rate = state.position, state.velocity + hybrid.loop.dt * state.acceleration
+        target, ahead = robot.pose(q + tracking.astray), robot.jacobian(at).dot(rate)
+        posture = rate + JOINT_GAIN * tracking.astray
+        answer = hybrid.step(q, target, wrench, ahead, contact, velocity, wanted, posture)
+        self.tracking, self.command, self._contact = tracking, answer.velocity, answer.contact
+        return answer
+
+    def _track(self, q: Array, before: Array, contact: Contact | None) -> Tracking:
+        """Where the arm is at q (m,), with the velocity (m,) before the tick."""
+        hybrid, loop, tool = self.hybrid, self.controller, self.hybrid.robot.pose(q)
+        here = contact_now(hybrid.task, tool, contact) if self._contact is None else self._contact
+        sent = self._sent[0] if self._sent else q
+        astray = joint_displacement(q, sent, loop.turns)
+        way, projector = _along_contact(hybrid, loop, q, hybrid.robot.pose(sent), here)
+        off = float(np.linalg.norm(way.rows.dot(projector).dot(way.error)))
+        pushed = off > PUSHED * loop.measure.length
+        stopped = (np.abs(before - self.command) > loop.dt * np.asarray(loop.acceleration_limit)).any()
+        if pushed or stopped or not self._sent or loop.limits.wrong(q):
+            return Tracking(sent - astray, np.zeros(len(q)), 0.0, True, tool, projector)
+        return Tracking(sent - astray, astray, off, False, tool, projector)
+
+    def sent(self, *position: Array) -> None:
+        """The reference is at a position (m,) when the next tick begins; without one it begins there."""
+        loop, kept = self.hybrid.loop, () if self.tracking.begins else self._sent
+        self._sent = (*kept, *position)[-1 - round(loop.delay / loop.dt) :]
+
+    def along(self, twist: Array, *, at_base: bool) -> Array:
+        """(6,) the part of a twist (6,) along S, as a screw in base coordinates."""
+        screw = twist if at_base else np.concatenate((twist[:3], velocity_at(twist, -self.tracking.tool[:3, 3])))
+        return np.asarray(self.tracking.projector.dot(screw))
+
+    def told(self, told: FollowerSolution, answer: HybridSolution) -> FollowerSolution:
+        """The solution of a tick, from that of the reference and the hybrid controller's answer."""
+        told.velocity, told.hybrid = answer.velocity, answer
+        if answer.status in TROUBLE:
+            told.status, told.reason = answer.status, answer.reason
+        elif self.tracking.off > AWAY * self.controller.measure.length and told.status in (Status.MOVING, Status.DONE):
+            told.status, told.reason = Status.LATE, answer.reason or OFF
+        elif not told.reason:
+            told.reason = answer.reason
+        return told

@@ -31,7 +31,7 @@ from invariantqp.force.control import HybridController
 from invariantqp.force.sensor import Wrench
 from invariantqp.geometry import arrays, se3, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.contact import Pressed
+from invariantqp.paths.contact import Pressed, PressedStream
 from invariantqp.paths.fit import PATIENCE, REACHED, Given, Solver, sampled
 from invariantqp.paths.plan import PathPlan
 from invariantqp.paths.reference import (
@@ -101,6 +101,10 @@ class Course(NamedTuple):
 class Follower:
     """Drives the arm of a controller along what comes in over time; `step` is one tick.
 
+    With a hybrid controller the tool presses all the while. What is followed then counts along the freedoms of the
+    contact alone: its depth neither presses nor lifts the tool, and force and approach are the hybrid controller's. A
+    stream keeps its time and does not wait for the touch; its status is "lost" while there is no contact.
+
     Attributes:
         controller: whose arm, limits, exact demands and measure hold; nobody else may step it.
         jerk: (m,) of the joints [rad/s^3, length/s^3].
@@ -125,7 +129,8 @@ class Follower:
         """A follower of nothing yet: the arm stands still.
 
         Args:
-            loop: a controller with an acceleration limit, or for a path in contact a hybrid controller.
+            loop: a controller, or for motion in contact a hybrid controller; where time is kept with an acceleration
+                limit.
             keep: "time": what is over is skipped, points are met when their stamps say (policies, hands); "shape": the
                 tool stays on the path through the points and is late where limits make it so.
             rate: how fast stamps are driven where the shape is kept, 1 as they say.
@@ -147,18 +152,21 @@ class Follower:
                 limit, or a number that is not positive.
         """
         self._pressed: Pressed | None = None
-        if isinstance(loop, HybridController):
-            if keep != "shape":
-                raise BadInput("keep", repr(keep), '"shape"', "In contact a path is driven, and waits for the touch.")
+        self._stream: PressedStream | None = None
+        self._keep = arrays.choice(keep, "keep", ("time", "shape"))
+        if isinstance(loop, HybridController) and self._keep == "shape":
             inner = Controller(loop.robot, **loop.loop.options)
             self._pressed = Pressed(loop, inner)
+        elif isinstance(loop, HybridController):
+            self._stream = PressedStream(loop)
+            inner = self._stream.controller
         elif isinstance(loop, Controller):
             inner = Controller(loop.robot, **loop.options)
         else:
             raise BadInput("loop", excerpt(loop), "a Controller, or a HybridController")
-        self._keep = arrays.choice(keep, "keep", ("time", "shape"))
         if inner.acceleration_limit is None and (self._keep == "time" or jerk is not None):
-            raise BadInput("loop", "one without an acceleration limit", "Controller(acceleration_limit=...)")
+            expected = f"{type(loop).__name__}(acceleration_limit=...)"
+            raise BadInput("loop", "one without an acceleration limit", expected)
         self.controller = inner
         self._m = m = len(inner.robot.names)
         self._limits = _limits_of(inner, jerk, rise=RISE if keep == "time" else 0.5 * inner.dt)
@@ -313,6 +321,8 @@ class Follower:
     def twist(self, v: ArrayLike, *, at: Literal["tool", "base"] = "tool") -> None:
         """Move the tool at a twist, until the next one or the end of the stream of twists (`timeout`).
 
+        In contact it moves at the part of the twist that the contact leaves free.
+
         Args:
             v: (6,) angular velocity, then the velocity of the tool frame's origin, both along the axes of the base
                 frame [rad/s; length/s], as MoveIt Servo and UR's `speedL` have it.
@@ -325,7 +335,7 @@ class Follower:
         self._open("v")
         wanted = sizes.not_too_fast(arrays.twist(v, "v")).copy()
         if self._pressed is not None:
-            raise BadInput("v", "a twist in contact", "a path: follow(poses)")
+            raise BadInput("v", 'a twist in contact with keep="shape"', 'keep="time", or a path: follow(poses)')
         if not self._turns:
             self._forget()
             self._halt()
@@ -414,6 +424,8 @@ class Follower:
                 return found
         self._course = None
         share = self._override_of(override)
+        if self._stream is not None:
+            return self._streamed(self._stream, q, velocity, clock, share, (wrench, contact, wanted))
         if self._pressed is None:
             _none(wrench=wrench, contact=contact, wanted=wanted)
         state = self._state
@@ -484,6 +496,8 @@ class Follower:
             kind, share = "twist", self._override
         twist = None if twist is None or not twist.any() else twist
         at_base = kind == "target" or self._twist_at == "base"
+        if kind == "twist" and twist is not None and self._stream is not None:
+            twist, at_base = self._stream.along(twist, at_base=at_base), True
         return kind, twist, at_base, share, ease, self._time, target
 
     def _moved(self, reference: Reference, measured: Array, ease: float = 0.0) -> Array:
@@ -668,6 +682,35 @@ class Follower:
         self._time = time + self.controller.dt
         self._commanded(told.velocity)
         return told
+
+    def _streamed(
+        self,
+        pressed: PressedStream,
+        q: ArrayLike,
+        velocity: ArrayLike | None,
+        clock: float | None,
+        override: float,
+        given: tuple[Any, Contact | None, ArrayLike | Wrench | None],
+    ) -> FollowerSolution:
+        """A tick of a stream in contact: the pressed arm follows a reference arm, which goes on along the stream."""
+        state, positions = self._state, arrays.vector(q, self._m, "q")
+        before = None if velocity is None else arrays.vector(velocity, self._m, "velocity")
+        command = pressed.command if before is None else before
+        answer = pressed.step(positions, before, state, given)
+        at, tracking = state.position, pressed.tracking
+        if tracking.begins:
+            self._reference, at = None, tracking.measured
+            state.command, state.change = command, np.zeros(self._m)
+        if wrong := self.controller.limits.wrong(positions):
+            told = self._held(str(wrong), clock)
+            pressed.sent()
+            return pressed.told(told, answer)
+        reference = self._begin(at, clock, anew=False)
+        self._take_in(reference, override)
+        self._moved(reference, at, self._ease)
+        self._time += self.controller.dt
+        pressed.sent(state.position)
+        return pressed.told(self._reported(reference, state.sent - tracking.astray, answer.velocity), answer)
 
     @property
     def _through_ticks(self) -> Array:
@@ -1043,7 +1086,8 @@ class Follower:
             place = self._place
             late = self._time - place
         where = place, late, 1.0
-        across = partial(self._across, self._state.position, self._state.sent, measured, place, self._given)
+        along = None if self._stream is None else self._stream.tracking.projector
+        across = partial(self._across, self._state.position, self._state.sent, measured, place, self._given, along)
         return FollowerSolution(command.copy(), *self._status(reference, place), where, across)
 
     @property
@@ -1126,15 +1170,25 @@ class Follower:
         return float(self._missed[max(i - 1, 0) : i + 1].max())
 
     def _across(
-        self, q: Array, sent: Array, measured: Array, place: float, points: tuple[Given, Array] | None
+        self,
+        q: Array,
+        sent: Array,
+        measured: Array,
+        place: float,
+        points: tuple[Given, Array] | None,
+        along: Array | None,
     ) -> float:
-        """How far the tool is off the points wanted at a place, its joints as far from q (m,) as measured from sent."""
+        """How far the tool is off the points wanted at a place, its joints as far from q (m,) as measured from sent.
+
+        In contact that is along S, by a projector (6, 6).
+        """
         if points is None:
             return nan
         q, (given, stamps) = q - (sent - measured), points
         robot = self.controller.robot
         T = given.pose_at(place, stamps, robot)
         error = se3.displacement(robot.pose(q), T)
+        error = error if along is None else along.dot(error)
         J = robot.jacobian(q)
         v = self.controller.measure.root_for(J, robot.pose(q)).dot(error)
         return float(np.linalg.norm(v))

@@ -20,7 +20,7 @@ class FollowerSolution:
     Attributes:
         velocity: (m,) joint velocity [rad/s, length/s], inside the limits.
         status: "moving", "late", "slowed", "limited", "scaled", "waiting", "blocked", "left", "paused", "done",
-            "degraded" or "held": see `Status`.
+            "degraded" or "held", of a stream in contact also "lost", "overload" or "fault": see `Status`.
         ruling: what rules the speed along a path, in words; "settling" at its end until joints rest.
         hybrid: in contact, the hybrid controller's answer, with the forces; else None.
     """
@@ -78,7 +78,8 @@ class FollowerSolution:
     def across(self) -> float:
         """How far the tool is off what is wanted at `place`, all six parts of it counted in the measure [length].
 
-        Smoothing, a splice that is not over and what the joints cannot do are all in it. NaN where nothing is followed.
+        Smoothing, a splice that is not over and what the joints cannot do are all in it; in contact only what the
+        contact leaves free is. NaN where nothing is followed.
         """
         if callable(self._across):
             self._across = float(self._across())

@@ -41,7 +41,8 @@ class Status(str, Enum):
     were sent), and of the law's LIMITED (a twist that cannot be done, or limits that move the arm), SCALED and
     DEGRADED.
 
-    A contact: LOST (there is none), OVERLOAD (more force than allowed), FAULT (of the sensor).
+    A contact, also of a `Follower` of streams: LOST (there is none), OVERLOAD (more force than allowed), FAULT (of the
+    sensor).
     """
 
     OK = "ok"
