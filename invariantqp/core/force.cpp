@@ -485,6 +485,8 @@ Output tick(State& st, const Settings& s, const Inputs& in)
             rate = 0;  // waits for the bias
         else if (!c.touch.lasts(late)) {  // as fast as is gentle, and as a surface leaves as was seen
             c.speed = 0;
+            if (c.reach.held)  // errors since then are of the air, or of a sensor that fails
+                c.slope = c.reach.slope;
             if (!c.touch.lasts(s.lost_after))
                 c.slope[0] = 0;
             const double leaves = std::max(std::min(dot(c.slope, phi), cap), surface);
@@ -513,6 +515,8 @@ Output tick(State& st, const Settings& s, const Inputs& in)
             out.acts = false;
             rate = std::min(rate, 0.0) - std::min(first + 5 * c.check.led, std::max(OVERLOAD * gentle, s.slope * st.along));
         }
+        if (press && c.reach.held)
+            rate = std::min(rate, c.reach.led(slope_rate(c.reach.slope, s, in.along), in.across, s.dt, s) / s.dt + std::max(c.reach.left(s.yields + c.check.moves), 0.0) / s.dt);
     }
     if (dead || in.beyond)
         out.rates = {}, out.acts = false;
@@ -538,7 +542,7 @@ void commanded(State& st, const Settings& s, const std::array<double, MOST>& giv
     }
     if (beyond) {
         for (Constraint& c : st.parts)
-            c.check = {};
+            c.check = {}, c.reach = {};
         return;
     }
     bool touching = st.presses > 0 || st.n > 0;

@@ -119,6 +119,9 @@ struct Response {
 struct Check {
     double depth = 0, rested = 0, rest_depth = NAN, rest_force = 0, rest_wanted = 0, slid = 0, off = 0, off_depth = 0;
     double extra = 0, low = 0, high = 0;        // way beyond the usual speed, and the range of the force meanwhile
+    double across = 0;                          // way along the surface meanwhile, while the force is off
+    double before = NAN, jumps = 0;             // the reading of the last tick; for how long a jump of it counts [s]
+    bool jumped = false;                        // whether the force went off faster than the steepest slope lets it
     double least = 0, shown = 0;                // of the stiffness, as shown when the force changed last
     double unexplained = 0;                     // what that way is worth [force]
     bool silent = false;                        // the force does not answer it
@@ -128,10 +131,29 @@ struct Check {
     double began = 0, force = 0, lowest = 0, led = 0, ends = 0, fell = NAN;
     bool surface = false;                       // whether the way, not the silence, is what made it ask
 };
+// Where contact was felt last: the deepest place of the last second, as joints moved and as they were commanded. Readings
+// that then fall may be those of the air or of a sensor that fails, so nothing is approached more than half a press deeper.
+// The place moves along by the slope that is remembered; by the steepest one, too, if readings fell no faster than it lets them.
+struct Reach {
+    bool known = false, held = false;       // held: contact was lost, and the press has not been reached since
+    double done = 0, sent = 0;              // beyond that place, less the slope that is remembered
+    double slip = 0, wanted = 0, bound = 0;  // there: speed that motors lose to the press, press, stiffness,
+    std::array<double, 7> slope{};          // and slope
+    double falls = 0;                       // how much more the steepest slope would have led, since the press was reached
+    bool judged = false, sloped = false;    // whether it is known what made the readings fall, whether a slope may have
+    double stands = 0;                      // for how long too little has been felt there [s]
+    double left(double room) const { return room + 0.5 * wanted / bound - std::max(done, sent); }
+    double led(double slope, double across, double dt, const Settings& s) const
+    {
+        return sloped ? std::max(dt * slope, s.slope * across) : dt * slope;
+    }
+    bool used_up(double room) const { return held && left(room) < 0.1 * 0.5 * wanted / bound; }
+};
 struct Constraint {
     Touch touch;
     Response response;
     Check check;
+    Reach reach;
     double speed = 0, given = 0, slip = 0;        // slip: commanded less measured speed, averaged
     std::array<double, FITS> shown{}, coming{};  // ways as commanded, and what of them is to come, for each fit
     std::array<double, 7> slope{};              // integral in the base (1, speed along)
@@ -187,6 +209,8 @@ double lateness(const State& state, const Settings& s);
 constexpr double STALE = 0.012;  // [s] a reading with noise that repeats for so long is not pressed by
 // The log of how much likelier contact is than air, after one more reading.
 double weighed(double evidence, double press, double limit, double noise);
+// The rate of the slope that a motion along the contact is remembered to have.
+double slope_rate(const std::array<double, 7>& slope, const Settings& s, const std::array<double, 6>& along);
 // The monitor: what stops the tool, what is doubted, and what to do (`out`).
 void watch(State& state, const Settings& s, const Inputs& in, const Touch& touch, double limit, double sigma, double noise,
            double late, bool probing, Output& out);

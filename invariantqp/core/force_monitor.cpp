@@ -4,6 +4,7 @@
 //     dead          a reading that repeats to the last bit      an unplugged sensor     test_faults
 //     pulls         a contact that is read to pull              a wrong sign            test_faults
 //     approach      no contact, or an arm that does not follow  brakes on, a thin part  test_watch
+//     reach         too little read where contact was felt      a cable half out        test_reach
 //     unloading     readings that ignore the way, at rest       a stuck or drifting sensor   test_unloading
 //     silence       readings that ignore the way, sliding       the same                test_unloading
 //     settling      a force that swings or is not reached       an undeclared delay     test_touch
@@ -93,6 +94,37 @@ Finding approach(State& st, const Settings& s, const Inputs& in, const Touch& to
     return {};
 }
 
+// Follows the place where contact is felt; finds a press that is not read where it was reached before.
+Finding reach(Constraint& c, const Settings& s, const Inputs& in, int i)
+{
+    Reach& r = c.reach;
+    const double force = in.force[i], wanted = in.press_wanted[i];
+    if (wanted <= 0 || in.beyond) {
+        r = {};
+        return {};
+    }
+    const double slope = slope_rate(r.slope, s, in.along), led = r.led(slope, in.across, s.dt, s);
+    const bool felt = c.touch.evidence == CERTAIN, reached = felt && force >= (1 - SHORT) * wanted;
+    r.done += in.done[i] - led, r.sent += c.given - r.slip * s.dt - led;
+    r.known = r.known || (reached && !c.response.learns), r.held = r.known && !reached && (r.held || !felt);
+    if (felt && !r.held) {
+        const double kept = std::exp(-s.dt / PATIENCE);
+        r.done = std::min(kept * r.done, 0.0), r.sent = std::min(kept * r.sent, 0.0);
+        r.slip = c.slip, r.wanted = wanted, r.bound = c.response.bound, r.slope = c.check.usual;
+        r.judged = r.sloped = false;
+    }
+    r.falls = reached ? 0 : r.falls + std::max(s.slope * in.across - s.dt * slope, 0.0);
+    if (r.held && !r.judged && c.touch.evidence == -CERTAIN) {
+        r.judged = true, r.sloped = r.bound * r.falls > (1 - SHORT) * r.wanted;
+        if (r.sloped)
+            r.done -= r.falls, r.sent -= r.falls;
+    }
+    r.stands = r.held ? r.stands + (r.used_up(s.yields + c.check.moves) && c.touch.lasts(s.lost_after) ? s.dt : 0) : 0;
+    if (r.stands > PATIENCE)
+        return {Reason::no_response, {0, force, wanted}};
+    return {};
+}
+
 void ask(Check& k, double force, const Settings& s, bool surface)
 {
     k.phase = 1, k.surface = surface, k.began = k.depth, k.force = k.lowest = force, k.led = 0, k.fell = NAN;
@@ -142,7 +174,7 @@ Finding unload(Check& k, Constraint& c, const Settings& s, double force, double 
 }
 
 // Whether readings answer the way that the joints did.
-Finding response(State& st, Constraint& c, const Settings& s, const Inputs& in, int i, double noise)
+Finding response(State& st, Constraint& c, const Settings& s, const Inputs& in, int i, double noise, double sigma)
 {
     Check& k = c.check;
     const double force = in.force[i], wanted = in.press_wanted[i], done = in.done[i];
@@ -161,22 +193,27 @@ Finding response(State& st, Constraint& c, const Settings& s, const Inputs& in, 
 
     // Way that was commanded beyond the usual speed, and that the force has not answered. No joint need show it: a servo
     // that stands against a stop presses harder and harder.
-    double usual = k.usual[0];
-    for (int j = 0; j < 6; j++)
-        usual += k.usual[j + 1] * in.along[j] / (0.1 * s.size);
+    const double usual = k.usual[0] + slope_rate(k.usual, s, in.along);
     for (int j = 0; j < 7; j++)
         k.usual[j] += k.silent ? 0 : std::min(1.0, s.dt / USUAL) * (c.slope[j] - k.usual[j]);
-    if (std::abs(force - wanted) > SHORT * wanted)
-        k.extra += c.given;
+    const bool off = std::abs(force - wanted) > SHORT * wanted;
+    const double kept = std::exp(-s.dt / (2 * USUAL));
+    const double steepest = c.response.bound * (s.slope * in.across + std::abs(done)) + std::max(0.5 * SHORT * wanted, 8 * sigma);
+    k.jumps = std::abs(in.press[i] - k.before) > steepest ? REST : std::max(k.jumps - s.dt, 0.0);
+    k.jumped = off && (k.jumped || k.jumps > 0), k.before = in.press[i];
+    k.extra += c.given;
+    if (off)
+        k.across += in.across;
     else
-        k.extra = std::exp(-s.dt / (2 * USUAL)) * (k.extra + c.given - std::clamp(usual * s.dt, std::min(c.given, 0.0), std::max(c.given, 0.0)));
+        k.across *= kept, k.extra = kept * (k.extra - std::clamp(usual * s.dt, std::min(c.given, 0.0), std::max(c.given, 0.0)));
     k.low = std::min(k.low, force), k.high = std::max(k.high, force);
     if (k.high - k.low > std::max(0.05 * wanted, 8 * noise))
-        k.extra = 0, k.low = k.high = force, k.silent = false, k.shown = k.least / 2, k.least = 0;
+        k.extra = k.across = 0, k.low = k.high = force, k.silent = false, k.shown = k.least / 2, k.least = 0;
     if (k.least == 0)  // a reading that stands looks soft, too: what was shown before counts
         k.least = std::max({c.response.least(), 0.25 * c.response.bound, k.shown});
     const double least = k.least;
-    k.unexplained = least * std::max(0.0, std::abs(k.extra) - s.yields);
+    const double slope = k.jumped || !c.response.reached ? 0 : std::min(s.slope * k.across, OVERLOAD * wanted / least);
+    k.unexplained = least * std::max(0.0, std::abs(k.extra) - s.yields - slope);
     k.silent = k.silent || k.unexplained > std::max(wanted, 40 * noise);  // a light press drowns
     if (k.silent && rests)
         ask(k, force, s, false);
@@ -266,14 +303,25 @@ Finding look(State& st, const Settings& s, const Inputs& in, const Touch& touch,
         pressed = pressed || in.press_wanted[i] > 0;
     if (limit > 0 && pressed && !probing)
         for (int i = 0; i < in.presses && st.unchanged == 0; i++)
-            if (const Finding silent = response(st, st.parts[i], s, in, i, noise); silent.reason != Reason::none && found.reason == Reason::none)
+            if (const Finding silent = response(st, st.parts[i], s, in, i, noise, sigma); silent.reason != Reason::none && found.reason == Reason::none)
                 found = silent;
+    for (int i = 0; i < in.presses && limit > 0; i++)
+        if (const Finding low = reach(st.parts[i], s, in, i); low.reason != Reason::none && found.reason == Reason::none)
+            found = low;
     if (in.presses == 0 || limit > 0)
         settle(st, s, in, !touch.lasts(s.lost_after), sigma, late);
     return found.reason != Reason::none ? found : lost;
 }
 
 }  // namespace
+
+double slope_rate(const std::array<double, 7>& slope, const Settings& s, const std::array<double, 6>& along)
+{
+    double rate = 0;
+    for (int j = 0; j < 6; j++)
+        rate += slope[j + 1] * along[j] / (0.1 * s.size);
+    return rate;
+}
 
 void watch(State& st, const Settings& s, const Inputs& in, const Touch& touch, double limit, double sigma, double noise,
            double late, bool probing, Output& out)
@@ -307,6 +355,9 @@ void watch(State& st, const Settings& s, const Inputs& in, const Touch& touch, d
         out.action = Action::approach;
     else if (s.on_loss == Loss::hold)
         out.action = Action::hold;
+    for (int i = 0; i < in.presses; i++)
+        if (out.action == Action::approach && st.parts[i].reach.used_up(s.yields + st.parts[i].check.moves))
+            out.action = Action::hold;
 }
 
 }  // namespace iq::force

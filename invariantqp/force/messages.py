@@ -27,6 +27,7 @@ NO_ANSWER = (
     "the readings do not answer the motion: a sensor that is stuck, drifts, is not tared or declared wrong "
     f"({DECLARED}), a robot that stands still, or a surface that moves (yields=)"
 )
+GONE = "which has moved or stepped down by more than yields=, or the sensor reads too little"
 STANDS, LEAVES = ": standing still until reset", ": retreating"
 
 
@@ -43,12 +44,13 @@ def stopped(reason: int, state: Any, wanted: float, at_once: bool) -> str:
     force = f"{written(a)} N of {written(b)}" if a > b else ""
     moment = f"{written(c)} N m of {written(d)}" if c > d else ""
     came = f"told to come {written(a, 2)} nearer, the tool came {written(b, 2)}"
-    held = f"{written(b, 3)} of {written(c or wanted, 3)} N are still read"
+    held = f"{written(b, 3)} of {written(c or wanted, 3)} N are"
+    answer = f"let go by {written(a, 2)}, {held} still read" if a else f"back where contact was felt, {held} read"
     return {
         OVERLOAD: " and ".join(filter(None, (force, moment))) + (AT_ONCE if at_once else ""),
         DEAD: f"the reading has not changed for {written(a)} s: a dead sensor (one without noise: noise=0)",
         PULLS: f"the reading says that the contact pulls with {written(a)} N: the sensor's {DECLARED} is wrong",
-        NO_RESPONSE: f"let go by {written(a, 2)}, {held}: {NO_ANSWER}",
+        NO_RESPONSE: f"{answer}: {NO_ANSWER}",
         HELD_BACK: f"{came}, and nothing is felt: something holds it, or the sensor is stuck",
         NOT_FOLLOWING: f"{came}: the robot does not follow commands",
         LOST: f"no contact for {written(a)} s",
@@ -70,6 +72,8 @@ def lost(state: Any, task: HybridTask, action: int) -> str:
     if airborne == inf:
         return "no contact yet: approaching"
     what = {APPROACH: ": approaching", HOLD: ": standing still"}.get(action, "")
+    if action == HOLD and task.on_loss == "approach":
+        what += f" where it was felt last, {GONE}"
     return f"no contact for {written(airborne)} s{what if task.on_loss != 'continue' else ''}"
 
 

@@ -251,8 +251,8 @@ def test_a_low_reading_that_sticks_in_noise_is_a_fault(share):
         since=4.0,
         seconds=8.0,
     )
-    assert run.said[-1][0] == "fault"
-    assert run.press.max() < 3.0 * PRESS
+    assert run.said[-1][0] in ("fault", "lost")
+    assert run.press.max() < 2.5 * PRESS
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.004])

@@ -92,7 +92,7 @@ def test_a_compliant_tool_that_leaves_its_contact_comes_back_no_faster_than_it_a
 
 def test_a_press_in_doubt_of_its_contact_presses_on(panda):
     """Just below what counts as contact it stood still, as long as it takes to be sure of the air, again and again."""
-    solutions, _ = fed(panda, [TOUCH] * 3 + [0.499] * 100, lost_after=0.05, yields=0.0)
+    solutions, _ = fed(panda, [TOUCH] * 3 + [0.499] * 100, lost_after=0.05, yields=1e-3)
     presses_on = [rises(solution)[0] < -1e-5 for solution in solutions[3:]]
     assert "lost" not in {solution.status for solution in solutions}
     assert sum(presses_on) >= 20  # then it is unloaded: it does not answer

@@ -47,6 +47,7 @@ def press_on_damper(
     circle=0.0,
     slope=0.0,
     moves=(0.0, 1.0),
+    drops=(0.0, np.inf, np.inf),
     slides_from=2.0,
     reads=None,
     since=np.inf,
@@ -57,7 +58,8 @@ def press_on_damper(
 ):
     """Press, and slide with a speed from a time on, straight or on a circle; `reads` makes a reading of the true press.
 
-    It does so from `since` on. The plane moves by a height [m], so many times a second. Drives of a stiffness [N m/rad]
+    It does so from `since` on. The plane moves by a height [m], so many times a second, and is lower by
+    another from one time to another. Drives of a stiffness [N m/rad]
     give way to the force, which joints then measure. The run ends 0.05 s after it has stopped.
     """
     random, robot, q = np.random.default_rng(seed), robot_of(arm), ARMS[arm].copy()
@@ -85,8 +87,9 @@ def press_on_damper(
         change = velocity - solution.velocity
         velocity = solution.velocity + kept**steps * change
         q = q + h * (steps * solution.velocity + late * change)
+        low = drops[0] * (drops[1] <= t < drops[2])
         depth, before = (
-            plane + slope * (p[0] - start[0, 3]) + moves[0] * np.sin(2.0 * np.pi * moves[1] * t) - p[2]
+            plane - low + slope * (p[0] - start[0, 3]) + moves[0] * np.sin(2.0 * np.pi * moves[1] * t) - p[2]
             for p in (robot.pose(q)[:3, 3], robot.pose(q - h * velocity)[:3, 3])
         )
         gives = UP @ (robot.jacobian(q)[3:] + np.cross(robot.jacobian(q)[:3].T, robot.pose(q)[:3, 3]).T) / drives
