@@ -270,8 +270,9 @@ class LoopInEngine:
         self.calls: Callbacks | None = Callbacks(controller) if asks else None
         rows = controller.joint_rows
         self._row_names = names_of(None if rows is None else rows.fixed)
+        robot: Any = controller.robot
         try:
-            self.loop: Any = law.Loop(settings)
+            self.loop: Any = law.Loop({**settings, "chain": robot.in_engine} if controller.by_chain else settings)
         except ValueError as refusal:
             raise BadInput("the arguments", str(refusal), "numbers that can be computed with") from None
 

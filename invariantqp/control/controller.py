@@ -246,8 +246,6 @@ class Controller:
         if pull.any():
             self._settings |= {"posture": posture_at, "pull": pull}
         self.by_chain: bool = type(robot) is Chain  # a class of the user's may be no such chain
-        if isinstance(robot, Chain) and self.by_chain:
-            self._settings["chain"] = robot.in_engine
         fixed = None if self.joint_rows is None else self.joint_rows.fixed
         demands = demand_fields(self.exact)
         self._settings |= {"rows": fixed and (fixed.C, fixed.lower, fixed.upper), "exact": demands or ()}
