@@ -121,6 +121,25 @@ def test_what_is_free_of_a_feedforward_does_not_matter():
     np.testing.assert_allclose(v, wanted, atol=2e-3 * np.linalg.norm(wanted))  # the law remembers that it was at rest
 
 
+def test_the_residual_has_what_is_asked_for_alone():
+    robot, q = iq.load_robot("ur5").with_limits(velocity_limit=0.1), ready("ur5")
+    pose = robot.pose(q) @ iq.exp([0.4, 0.3, -0.5, 0.2, 0.1, -0.1])
+    point, axis = np.array([0.1, 0.0, 0.05]), np.array([0.6, 0.0, 0.8])
+    there, along, a = point_of(pose, point), pose[:3, :3] @ axis, point_of(robot.pose(q), point)
+    parts = {"point": there, "tool_point": point}, {"axis": along, "tool_axis": axis}
+    for given in (parts[0], parts[0] | parts[1], parts[1] | {"tool_point": point}):
+        loop = iq.Controller(robot, dt=DT, gain=2.0)
+        solution = loop.step(q, iq.Target(**given))
+        omega, v = np.split(solution.residual, 2)
+        moved = robot.jacobian(q) @ solution.velocity
+        v_a, n = v + np.cross(omega, a), robot.pose(q)[:3, :3] @ axis
+        wanted = 2.0 * (there - a) - moved[3:] - np.cross(moved[:3], a)
+        np.testing.assert_allclose(v_a, wanted if "point" in given else 0.0, atol=1e-9)
+        turn = np.cross(n, along) * np.arctan2(np.linalg.norm(np.cross(n, along)), n @ along)
+        left = 2.0 * turn / np.linalg.norm(np.cross(n, along)) - moved[:3]
+        np.testing.assert_allclose(omega, left - n * (n @ left) if "axis" in given else 0.0, atol=1e-9)
+
+
 def test_the_posture_uses_what_is_free():
     robot, q = iq.load_robot("ur5"), ready("ur5")
     posture = q + np.array([0.0, 0.0, 0.0, 0.5, 0.3, -0.8])

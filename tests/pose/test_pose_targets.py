@@ -107,8 +107,11 @@ def test_an_axis_turned_round_is_reached():
 
 def test_out_of_reach_the_closest_is_found_and_said():
     robot = iq.load_robot("panda")
-    found = iq.solve_pose(robot, iq.Target([1.6, 0.0, 0.333], [1.0, 0.0, 0.0]), time_limit=np.inf, restarts=5)
+    both = iq.Target([1.6, 0.0, 0.333], [-1.0, 0.0, 0.0])
+    found = iq.solve_pose(robot, both, time_limit=np.inf, restarts=5)
     assert not found.success
+    np.testing.assert_allclose((found.position_error, found.orientation_error), misses(robot, found.q, both), atol=1e-9)
+    assert found.orientation_error > 0.1
     assert found.reason.startswith("out of reach")
     other = iq.solve_pose(robot, iq.Target([1.6, 0.0, 0.333]), time_limit=np.inf, restarts=5)
     assert other.position_error <= found.position_error + 1e-9
