@@ -31,6 +31,7 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp import view as view
     from invariantqp.control.controller import Controller as Controller
     from invariantqp.control.measure import tool_metric as tool_metric
+    from invariantqp.control.target import Target as Target
     from invariantqp.engine import native as native
     from invariantqp.errors import BadInput as BadInput
     from invariantqp.errors import BlindSystem as BlindSystem

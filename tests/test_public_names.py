@@ -14,7 +14,7 @@ NAMESPACES = {space: names for space, names in PUBLIC.items() if space}
 TOP = {
     "a script": "load_robot Controller Follower PathFollower solve_velocity solve_velocities solve_pose solve_poses "
     "load_task run_task",
-    "arguments": "Bounds ExactRows Guard PitchForm CarriedMetric Complement tool_metric",
+    "arguments": "Bounds ExactRows Guard PitchForm CarriedMetric Complement Target tool_metric",
     "force": "HybridController HybridTask Wrench WrenchSensor point_contact dual_projectors",
     "frames": "adjoint coadjoint exp log inverse transform revolute",
     "screw systems": "pitch_form pitch_form_inverse pseudoinverse has_pseudoinverse reciprocal principal_pitches "

@@ -35,7 +35,7 @@ NO_REASON = re.compile(
     r"|Give each TwistTask its own (form|point)\.|Add a JointTask of the last priority\."
     r"|Form and guard are for a twist by itself\."
     r"|<Clearance of .*|… and …, … mm|no joint moves it|fixed to one another|neighbours at.*|always nearer than .*"
-    r"|not among the pairs given"
+    r"|not among the pairs given|a \(4, 4\) pose, a pinocchio\.SE3, a point \(3,\), or an iq\.Target"
 )
 
 

@@ -17,3 +17,4 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.control.passivity import LinkEnd as LinkEnd
     from invariantqp.control.passivity import LinkTick as LinkTick
     from invariantqp.control.shared import SharedTask as SharedTask
+    from invariantqp.control.target import Target as Target

@@ -138,7 +138,7 @@ class Callbacks:
         )
 
     def begin(self, q: Any, target: Any) -> None:
-        """A tick begins at measured joint positions q (m,), towards a target, None for a twist."""
+        """A tick begins at measured joint positions q (m,), towards a target pose, None for no pose."""
         self._user_rows, self._target, self._trouble, self._failure, self.raised = [], target, None, "", None
         for clearance in self._clearances:
             clearance.update()
@@ -211,9 +211,10 @@ class Callbacks:
         self._user_rows.append(rows)
         return rows.C, rows.lower, rows.upper
 
-    def _exact(self, q: Array, gain: float, ahead: Array) -> tuple[Array, Array, Array | None]:
+    def _exact(self, q: Array, gain: float, ahead: Array, nearest: Array | None) -> tuple[Array, Array, Array | None]:
         robot = self._loop.robot
-        target = robot.target(robot.pose(q) if self._target is None else self._target)
+        wanted = self._target if nearest is None else nearest
+        target = robot.target(robot.pose(q) if wanted is None else wanted)
         rows = rows_of(self._loop.exact, View(robot, robot.sight(q, target), target, gain, ahead))
         return rows.A, rows.b, rows.of_twist
 
@@ -221,14 +222,15 @@ class Callbacks:
         """The answer of `velocity.definition` by the loop's own solver, None where it finds none."""
         loop = self._loop
         rows, point, exact = (fields.pop(name) for name in ("rows", "tool_speed", "exact"))
-        formed, guard = fields.pop("formed"), loop.guard
+        formed, guard, measure = fields.pop("formed"), loop.guard, fields.pop("measure")
+        whole = fields["root"] if measure is None else measure
         if rows is not None or point is not None:
             m = len(fields["lower"])
             C, low, high = (np.zeros((0, m)), np.zeros(0), np.zeros(0)) if rows is None else rows
             fields["rows"] = Rows(C, low, high) if point is None else Rows(C, low, high, (), *point)
         if exact is not None:
             E, first, error, D = exact
-            M = whitened(ExactRows(E, first + error, D if D.any() else None), fields["root"])[0]
+            M = whitened(ExactRows(E, first + error, D if D.any() else None), whole)[0]
             fields["exact"] = M.T.dot(E), first.dot(M), error.dot(M)
         tick = Tick(**fields, form=loop.form if formed else None, guard=None if guard is None else guard.fraction)
         try:

@@ -2,9 +2,10 @@
 
     s = b gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, limits(q))
 
-The error twist is taken in the base frame, where it is the same whatever frame the tool has; b slows the approach down
-where acceleration limits need room to brake. A tick is computed by the engine (`core/loop.hpp`); this file reads
-arguments, and asks functions and limits that are the user's.
+Of a target that leaves something free (`control/target.py`), only the part that it asks for is measured. The error
+twist is taken in the base frame, where it is the same whatever frame the tool has; b slows the approach down where
+acceleration limits need room to brake. A tick is computed by the engine (`core/loop.hpp`); this file reads arguments,
+and asks functions and limits that are the user's.
 """
 
 from __future__ import annotations
@@ -48,6 +49,7 @@ from invariantqp.control.limits import (
     tool_speed_of,
 )
 from invariantqp.control.measure import ToolMeasure
+from invariantqp.control.target import TARGETS, checked_target, partial_target
 from invariantqp.control.tracking import question_gain, question_times, ticks_late, tracking_gain
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, InvariantQPError, excerpt
@@ -315,7 +317,10 @@ class Controller:
 
         Args:
             q: (m,) measured joint positions [rad, length].
-            target: tool pose to be at, (4, 4) in the base frame, a `pinocchio.SE3`, or what `robot.target` returned.
+            target: tool pose to be at, (4, 4) in the base frame, a `pinocchio.SE3`, or what `robot.target` returned; or
+                what leaves the rest of the pose free: a point (3,) in the base frame for the tool frame's origin, or a
+                `Target` with a point, an axis, or both. Only that part then counts, measured at the target's own point;
+                joints that it leaves free follow the posture, or move as little as they can.
             feedforward: (6,) the target's motion, a screw in base coordinates [rad/s; length/s]; None is a target at
                 rest. Of a target whose origin p moves at v and which turns at omega, both along the axes of the base
                 frame, it is (omega; v + p x omega) = iq.adjoint(iq.transform(translation=p)) @ [*omega, *v].
@@ -340,8 +345,15 @@ class Controller:
                 guard, which leaves none of the form then.
         """
         if target is None:
-            raise BadInput("target", "None", "a (4, 4) pose, or a pinocchio.SE3", "For a twist, call follow(q, twist).")
+            raise BadInput("target", "None", TARGETS, "For a twist, call follow(q, twist).")
         now = self.limits.changed(speed, velocity_limit, tool_speed, limits)
+        part = partial_target(target)
+        if part is not None:
+            if self.form is not None:
+                raise BadInput(
+                    "target", excerpt(target), "a (4, 4) pose beside a form", "A form needs the whole twist."
+                )
+            return self._tick(now, q, target, feedforward, velocity, part=part)
         known = isinstance(target, (np.ndarray, list, tuple)) or hasattr(target, "homogeneous")
         return self._tick(now, q, target if known else self.robot.target(target), feedforward, velocity)
 
@@ -431,13 +443,13 @@ class Controller:
         **more: Any,
     ) -> VelocitySolution:
         """A tick by the engine, which calls back for what is the user's."""
-        inner = self.in_engine
+        inner, pose = self.in_engine, None if "part" in more else target
         calls = inner.calls if now is None else Callbacks(self, now)
         if calls is not None:
-            calls.begin(q, target)
+            calls.begin(q, pose)
             more |= {"functions": calls.functions, "changes": calls.changes}
         try:
-            found = inner.loop.tick(inner.state, q, target, ahead, velocity, **more)
+            found = inner.loop.tick(inner.state, q, pose, ahead, velocity, **more)
         except (ValueError, TypeError, AttributeError, ArithmeticError) as refusal:
             if isinstance(refusal, InvariantQPError) or (calls is not None and calls.raised is refusal):
                 raise
@@ -454,9 +466,13 @@ def refused(
     if isinstance(refusal, ArithmeticError):
         return no_projector(loop.robot.jacobian(positions), loop.form)
     if target is not None:
-        wanted = loop.robot.target(target)
-        points = loop.robot.points(loop.robot.sight(positions, wanted), wanted, np.zeros(3))
-        loop.limits.near(points[1], "target")
+        if "part" in more:
+            place = checked_target(target).point
+        else:
+            wanted = loop.robot.target(target)
+            place = loop.robot.points(loop.robot.sight(positions, wanted), wanted, np.zeros(3))[1]
+        if place is not None:
+            loop.limits.near(place, "target")
         if ahead is not None:
             sizes.not_too_fast(arrays.vector(ahead, 6, "feedforward"), "feedforward")
     elif ahead is not None:

@@ -6,7 +6,7 @@
 //     plane    n.(v + omega x p) = gain n.(p_d - p) + n.v_d(p_d)      a point and the normal of its plane
 //     joints   A x = b as it is
 #pragma once
-#include "chain.hpp"
+#include "target.hpp"
 
 namespace iq {
 
@@ -77,18 +77,8 @@ struct DemandRows {
     // The angular velocity across an axis, along two directions across it.
     void axis(const Vec3& here, const Vec3& there, double gain, const Vec3& moves, double also)
     {
-        int least = 0;
-        for (int i = 1; i < 3; i++)
-            least = std::abs(here[i]) < std::abs(here[least]) ? i : least;
-        Vec3 rest{0, 0, 0};
-        rest[least] = 1;
-        Vec3 across = cross(here, rest);
-        across = (1 / norm(across)) * across;
-        const Vec3 other = cross(here, across), turn = cross(here, there);
-        const double sine = norm(turn), cosine = dot(here, there);
-        // opposite directions: half a turn about one axis across, always the same
-        const Vec3 whole = sine > 1e-12 ? (std::atan2(sine, cosine) / sine) * turn : cosine < 0 ? M_PI * across : turn;
-        for (const Vec3& d : {across, other}) {
+        const Vec3 first = across(here), second = cross(here, first), whole = shortest_turn(here, there, first);
+        for (const Vec3& d : {first, second}) {
             for (int i = 0; i < 3; i++)
                 D(count, i) = d[i];
             E_f[count] = dot(d, moves), E_e[count++] = gain * dot(d, whole) + also * dot(d, moves);

@@ -28,8 +28,9 @@ inline ExactRows whitened(const Tick& tick, Workspace& w)
     const int k = static_cast<int>(parts.size());
     Mat measured(w, k, 6), E(w, k, tick.E.cols), root(w, 6, 6);
     Vec f(w, k), e(w, k), terms(w, k, 0);
+    const Mat& measure = tick.measure.w ? tick.measure : tick.root;
     for (int i = 0; i < 6; i++)
-        root[i].set(tick.root[i].part(0, 6));
+        root[i].set(measure[i].part(0, 6));
     const Mat back = RQ(root).inverse();
     for (int i = 0; i < k; i++) {
         const Vec row = t(back) * tick.D[parts[i]];

@@ -11,7 +11,8 @@ enum class FormKind { none, pitch, complement, definite };
 // Units SI, all twists in one frame; m joints, n bodies. What may be absent has no memory: Vec{}, Mat{}.
 struct Tick {
     Mat J;                               // (6n, m) joint twists
-    Mat root;                            // (6n, 6n) R, the measure
+    Mat root;                            // (6n, 6n) R, the measure; (k, 6) of a target that leaves something free
+    Mat measure;                         // (6, 6) the whole measure then, by which exact rows are compared; else absent
     Vec ahead, error;                    // (6n,) the target's own twist; gain times the error twist
     Vec lower, upper;                    // (m,) velocity limits
     Vec position_lower, position_upper;  // (m,) of these the ones from position limits
@@ -38,6 +39,7 @@ struct Tick {
     // the measure tells positions and angles apart, as a point's does.
     double slack = 0;
     bool apart = true;
+    int turns = 3;  // rows of the measure that measure turning, of each body, where it tells them apart
 };
 
 enum class Failure { none, infeasible, no_pseudoinverse, no_numbers };

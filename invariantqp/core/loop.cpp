@@ -5,7 +5,6 @@
 namespace iq {
 namespace {
 
-constexpr double HALF_TURN = 0.8 * M_PI;  // turns beyond this [rad] may keep the direction of the tick before
 // Share of the joints' acceleration that brakes along the distances to the target; they vary along a straight motion.
 constexpr double BRAKING_SHARE = 0.5;
 // Of the squared size of A: damping of distances, so that near singularities no joint travels far, and of what follows a
@@ -108,10 +107,12 @@ class TickOfLoop {
         if (unknown >= 0)
             return halted(unknown);
         arm = in.arm ? *in.arm : functions.arm ? functions.arm(there, w) : seen();
-        if (in.target && norm(in.target->p - set.tip) > set.far)
+        if (norm(place() - set.tip) > set.far)
             throw FarTarget();
         tick.J = arm.J;
         tick.root = root();
+        if (in.part)
+            count_part();
         tick.before = last;
         tick.metric = set.metric.empty() ? Mat() : view(set.metric, m, m, w);
         tick.form = set.form, tick.pitch = set.pitch, tick.damping = set.damping, tick.guard = set.guard;
@@ -159,6 +160,18 @@ class TickOfLoop {
                 for (int j = 0; j < 3; j++)
                     into(3 * k + i, 3 * k + j) = arm.tool.R[j][i];
         return R * (into * root_at(vec(arm.tool.p, w), 1));
+    }
+
+    // Where the target is to bring the tool; where it does not say, or there is none, the arm's own place.
+    Vec3 place() const { return in.target ? in.target->p : in.part && in.part->has_point ? in.part->point : set.tip; }
+    bool has_target() const { return in.target || in.part; }
+    // A measure of what counts of a twist alone.
+    void count_part()
+    {
+        const bool at_point = set.measure.kind == Measure::Kind::point || set.measure.kind == Measure::Kind::own_point;
+        tick.measure = tick.root;
+        tick.root = at_point ? in.part->root(arm.tool, set.measure.length, w) : in.part->root_of(tick.measure, arm.tool);
+        tick.turns = in.part->turns();
     }
 
     // Bounds of the joints, and the limit of the tool's speed.
@@ -261,11 +274,14 @@ class TickOfLoop {
     void demand()
     {
         Vec ahead = in.ahead.w ? in.ahead : Vec(w, 6, 0), error(w, 6, 0);
-        const Pose& target = in.target ? *in.target : arm.tool;
+        Pose target = in.target ? *in.target : arm.tool;
         double share = 0;
         Twist turn{};
-        if (in.target) {
-            turn = same_turn(state.turn(), error_twist(target, arm.tool));
+        if (has_target()) {
+            const double* last = state.turn();
+            turn = in.part ? in.part->error(arm.tool, {last[0], last[1], last[2]}) : same_turn(last, error_twist(target, arm.tool));
+            if (in.part)
+                target = in.part->reached(arm.tool, turn);
             std::copy(turn.omega.begin(), turn.omega.end(), state.turn());
             error = vec(turn, w) + (late() * speed) * ahead;  // the target, too, is on by then
             share = brakes.brakes && speed > 0 ? approach(error, speed * ahead) : 1;
@@ -274,12 +290,12 @@ class TickOfLoop {
             ahead.part(3, 6).add(1, cross(vec(arm.tool.p, w), ahead.part(0, 3)));  // v - omega x p, at the base's origin
         }
         const double gain = share * set.gain;
-        tick.slack = in.target ? set.slack * std::min(set.gain, SLACK_GAIN) * speed : 0;
+        tick.slack = has_target() ? set.slack * std::min(set.gain, SLACK_GAIN) * speed : 0;
         tick.apart = set.measure.kind == Measure::Kind::point || set.measure.kind == Measure::Kind::own_point;
         tick.ahead = ahead, tick.error = gain * error;
         exact(target, gain, turn, ahead);
         tick.held = set.dt + set.delay;
-        if (!in.target || tick.C.rows)  // until accelerations let joints have another velocity
+        if (!has_target() || tick.C.rows)  // until accelerations let joints have another velocity
             tick.held += 0.5 * (in.rise + braking_time());
         if (in.posture.w)
             tick.posture = in.posture;
@@ -309,9 +325,10 @@ class TickOfLoop {
         for (const Demand& demand : set.exact)
             count += demand.rows();
         if (functions.exact) {
-            functions.exact(there, 0, ahead, tick);
+            const Pose* nearest = in.part ? &target : nullptr;
+            functions.exact(there, 0, ahead, nearest, tick);
             const Vec still = tick.E_f.copy();
-            functions.exact(there, gain, (1 + also) * ahead, tick);
+            functions.exact(there, gain, (1 + also) * ahead, nearest, tick);
             tick.E_e = tick.E_f - still, tick.E_f = still;
         } else if (count) {
             DemandRows rows(w, count, m);
@@ -451,7 +468,7 @@ class TickOfLoop {
         found.velocity = Vec(w, m, 0);
         for (int j = 0; limits.brakes && j < m; j++)
             found.velocity[j] = std::copysign(std::max(std::abs(before[j]) - set.dt * limits.acceleration[j], 0.0), before[j]);
-        found.residual = in.ahead.w && !in.target ? in.ahead : Vec(w, 6, 0);
+        found.residual = in.ahead.w && !has_target() ? in.ahead : Vec(w, 6, 0);
         found.status = Status::held, found.method = Method::hold, found.share = 0;
         const double q = in.q[joint];
         say(found.reasons, Code::not_believed, {joint}, {},
@@ -466,7 +483,7 @@ class TickOfLoop {
     {
         std::vector<double> reasons;
         const double fastest = std::max(set.gain, limits.rate);
-        const LoopState::Trouble trouble = state.trouble(set.dt, set.gain, fastest, in.target != nullptr);
+        const LoopState::Trouble trouble = state.trouble(set.dt, set.gain, fastest, has_target());
         bool degraded = trouble.code != Code::none;
         if (degraded)
             say(reasons, trouble.code, trouble.joints, {}, trouble.numbers);
@@ -490,6 +507,8 @@ class TickOfLoop {
             found.status = Status::limited;
         reasons.insert(reasons.end(), found.reasons.begin(), found.reasons.end());
         found.reasons = reasons;
+        if (in.part)
+            found.residual = in.part->part(found.residual, arm.tool);
         kept = state;
         kept.remember(in.q, found.velocity, state.missed());
         return found;

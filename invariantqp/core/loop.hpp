@@ -2,6 +2,7 @@
 //
 //     s = b gain log(T_target T^-1) + feedforward,     velocity = law(J(q), s, limits(q))
 //
+// For a target that leaves something free, target.hpp has the displacement, and only the part that counts is measured.
 // b slows the approach down where acceleration limits need room to brake. All poses and twists are in the base frame.
 #pragma once
 #include "braking.hpp"
@@ -83,8 +84,9 @@ struct RowLimit {
 struct LoopFunctions {
     std::function<ArmState(Vec there, Workspace&)> arm;  // of a robot that is no Chain
     std::vector<RowLimit> limits;                        // in the order of their rows
-    // Exact rows at a gain [1/s] for a target that moves, set in E, D and E_f.
-    std::function<void(Vec there, double gain, Vec ahead, Tick&)> exact;
+    // Exact rows at a gain [1/s] for a target that moves, set in E, D and E_f; with the pose that is nearest to a target
+    // that leaves something free, else null.
+    std::function<void(Vec there, double gain, Vec ahead, const Pose* nearest, Tick&)> exact;
     std::function<Answer(const Tick&)> law;  // another solver
 
     // A tick begins at measured joint positions.
@@ -98,6 +100,7 @@ struct LoopFunctions {
 struct TickInputs {
     Vec q;                               // (m,) measured
     const Pose* target = nullptr;        // absent for a twist
+    const PartialTarget* part = nullptr; // instead: a target that leaves something free
     Vec ahead;                           // (6,) the target's own twist, or the twist; absent is none
     bool at_base = false;                // whether a twist has its linear part at the base's origin, not at the tool's
     Vec velocity;                        // (m,) joint velocity now; absent is the last command

@@ -120,7 +120,7 @@ void make_loop(Loop* made, nb::dict given)
 nb::dict tick_fields(const Tick& tick)
 {
     nb::dict d;
-    d["J"] = matrix_or_none(tick.J), d["root"] = matrix_or_none(tick.root), d["metric"] = matrix_or_none(tick.metric);
+    d["J"] = matrix_or_none(tick.J), d["root"] = matrix_or_none(tick.root), d["measure"] = matrix_or_none(tick.measure), d["metric"] = matrix_or_none(tick.metric);
     d["ahead"] = array_of(tick.ahead), d["error"] = array_of(tick.error);
     d["lower"] = array_of(tick.lower), d["upper"] = array_of(tick.upper);
     d["position_lower"] = array_of(tick.position_lower), d["position_upper"] = array_of(tick.position_upper);
@@ -154,8 +154,9 @@ class Functions {
                 return ArmState{read.matrix(found[0], "the robot's Jacobian", 6, m), read_pose(found[1], "the robot's pose", read)};
             };
         if (!exact.is_none())
-            functions.exact = [exact, &read, m, &w](Vec there, double gain, Vec ahead, Tick& tick) {
-                const nb::tuple found = parts(exact(array_of(there), gain, array_of(ahead)), "exact rows", 3);
+            functions.exact = [exact, &read, m, &w](Vec there, double gain, Vec ahead, const Pose* nearest, Tick& tick) {
+                const nb::object pose = nearest ? array_of(*nearest) : nb::none();
+                const nb::tuple found = parts(exact(array_of(there), gain, array_of(ahead), pose), "exact rows", 3);
                 tick.E = read.matrix(found[0], "exact[0]", -1, m);
                 if (tick.E.rows > MOST_EXACT)
                     refuse("exact has more than 384 rows");
@@ -247,7 +248,7 @@ namespace {
 
 nb::object tick(const Loop& loop, LoopState& state, nb::object q, nb::object target, nb::object ahead, nb::object velocity,
                 bool at_base, bool stand, nb::object functions, nb::object changes, nb::object posture, nb::object exact,
-                nb::object arm, nb::object measured_at)
+                nb::object arm, nb::object measured_at, nb::object part)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
@@ -257,12 +258,15 @@ nb::object tick(const Loop& loop, LoopState& state, nb::object q, nb::object tar
         refuse("the state is one of " + std::to_string(state.joints) + " joints");
     TickInputs in;
     Pose wanted;
+    PartialTarget counts;
     ArmState seen;
     JointLimits limits;
     ToolSpeed tool_speed;
     in.q = read.vector(q, "q", m);
     if (!target.is_none())
         wanted = read_pose(target, "target", read), in.target = &wanted;
+    if (!part.is_none())
+        counts = partial_target(part, read), in.part = &counts;
     if (!ahead.is_none()) {
         in.ahead = read.vector(ahead, "twist", 6);
         for (const double x : in.ahead)
@@ -380,6 +384,7 @@ void bind_loop(nb::module_& m)
         .def("tick", tick, "state"_a, "q"_a, "target"_a = nb::none(), "ahead"_a = nb::none(), "velocity"_a = nb::none(),
              "at_base"_a = false, "stand"_a = false, "functions"_a = nb::none(), "changes"_a = nb::none(),
              "posture"_a = nb::none(), "exact"_a = nb::none(), "arm"_a = nb::none(), "measured_at"_a = nb::none(),
+             "part"_a = nb::none(),
              "One tick: the fields of a VelocitySolution. With functions also the origins of rows as doubles, or None: which "
              "limit, which pair of bodies and their distance; and the same of a clearance that is not kept, or None.");
 }

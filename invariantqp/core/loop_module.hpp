@@ -2,6 +2,7 @@
 #pragma once
 #include "bound.hpp"
 #include "loop.hpp"
+#include "target_module.hpp"
 #include <nanobind/stl/string.h>
 
 namespace iq {
@@ -27,6 +28,14 @@ inline Pose read_pose(nb::handle value, const char* name, Reader& read)
     if (!turns)
         refuse(std::string(name) + " is no rigid motion");
     return with_rotation(T);
+}
+
+inline nb::object array_of(const Pose& T)
+{
+    const npy_intp shape[2] = {4, 4};
+    const nb::object array = new_array(2, shape);
+    T.write(data_of(array));
+    return array;
 }
 
 // Settings by name.

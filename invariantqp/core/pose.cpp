@@ -220,7 +220,7 @@ class Search {
         const bool beside = given && is_beside(start.data());
         // An arm with joints to spare can follow a path past a limit without turning a joint by 2 pi: try that first. So
         // can any to a target nearby.
-        const bool spare = given && (m > (task.oriented ? 6 : 3) || exact || beside);
+        const bool spare = given && (m > task.size() || exact || beside);
         std::vector<Try> tried;
         int landed = 0, steps = 0;
         for (int k = 0; k <= task.restarts && (k == 0 || !late()); k++) {
@@ -448,15 +448,20 @@ class Search {
     // Whether a target is near, in the arm's own measure.
     bool is_beside(const double* start) const
     {
-        const Pose tool = arm.state(start, Mat());
-        const double off = norm(task.target * task.point - tool * task.point) / arm.length;
-        return std::hypot(off, task.oriented ? norm(rotation_vector(task.target.R * transposed(tool.R))) : 0) <= NEARBY;
+        const auto [off, angle] = misses(arm.state(start, Mat()), task.point);
+        return std::hypot(off / arm.length, angle) <= NEARBY;
     }
     void find_misses(PoseAnswer& found) const
     {
-        const Pose tool = arm.state(found.q.data(), Mat());
-        found.position = norm(task.target.p - tool.p);
-        found.orientation = task.oriented ? norm(rotation_vector(task.target.R * transposed(tool.R))) : 0;
+        std::tie(found.position, found.orientation) = misses(arm.state(found.q.data(), Mat()), Vec3{});
+    }
+    // How far a point of the tool is from where it should be, and the angle; 0 of what is free.
+    std::pair<double, double> misses(const Pose& tool, const Vec3& point) const
+    {
+        if (!task.part)
+            return {norm(task.target * point - tool * point), norm(rotation_vector(task.target.R * transposed(tool.R)))};
+        const Twist error = task.part->error(tool, {});
+        return {norm(task.part->off(tool)), norm(error.omega)};
     }
     bool reaches(const PoseAnswer& found) const
     {
@@ -475,7 +480,7 @@ class Search {
     void linearise(State& state, How::Of of) const
     {
         const Workspace::Frame frame(w);
-        Mat J = task.oriented && !task.root.w && of != How::Of::demands ? state.A : Mat(w, 6, m);
+        Mat J = !task.part && !task.root.w && of != How::Of::demands ? state.A : Mat(w, 6, m);
         const Pose tool = arm.state(state.q.p, J);
         if (of == How::Of::demands) {
             set_rows(state.A, state.r, state.q.p, tool, J);
@@ -484,24 +489,26 @@ class Search {
         }
         if (state.C.rows)
             set_rows(state.C, state.b, state.q.p, tool, J);
+        if (task.part) {
+            state.A.set(task.part->root(tool, task.length, w) * J);
+            state.r.set(task.part->root(tool, task.length, w) * vec(task.part->error(tool, {}), w));
+            state.f = half_square(state.r);
+            state.unmet = state.b.norm();
+            return;
+        }
         const Vec3 here = tool * task.point, off = task.target * task.point - here;
         for (int j = 0; j < m; j++) {
             const Vec3 omega{J(0, j), J(1, j), J(2, j)}, moved = cross(omega, here);
             for (int i = 0; i < 3; i++)
                 J(3 + i, j) += moved[i];
         }
-        if (!task.oriented) {
-            state.A.set(J.rows_from(3, 6));
-            std::copy(off.begin(), off.end(), state.r.p);
-        } else {
-            const Vec3 omega = rotation_vector(task.target.R * transposed(tool.R));
-            if (task.root.w)
-                measure(state, J, omega, off);
-            else {
-                J.rows_from(0, 3).all().scale(task.length);
-                for (int i = 0; i < 3; i++)
-                    state.r[i] = task.length * omega[i], state.r[3 + i] = off[i];
-            }
+        const Vec3 omega = rotation_vector(task.target.R * transposed(tool.R));
+        if (task.root.w)
+            measure(state, J, omega, off);
+        else {
+            J.rows_from(0, 3).all().scale(task.length);
+            for (int i = 0; i < 3; i++)
+                state.r[i] = task.length * omega[i], state.r[3 + i] = off[i];
         }
         state.f = half_square(state.r);
         state.unmet = state.b.norm();
@@ -703,7 +710,7 @@ class Search {
     {
         const Workspace::Frame frame(w);
         const int rows = task.exact.empty() || how.of == How::Of::pose ? 0 : exact_rows(start);
-        const int n = how.of == How::Of::demands ? rows : task.oriented ? 6 : 3;
+        const int n = how.of == How::Of::demands ? rows : task.size();
         const int k = how.of == How::Of::demands ? 0 : rows;
         State state(w, m, n, k), seen(w, m, n, k);
         std::copy(start, start + m, state.q.p);

@@ -3,11 +3,13 @@
 //     q = argmin f(q),   lower <= q <= upper,   f = 1/2 |r|^2,   r = F (omega; p_d - p)
 //
 // omega is the rotation vector from the tool to its target, p and p_d are where a point of the last link is and should
-// be. Exact demands, C x = b for a step x, come before f. Units of the arm; everything is in the base frame.
+// be. Of a target that leaves something free, r has the turn across the axis, and the point, as far as they are asked for.
+// Exact demands, C x = b for a step x, come before f. Units of the arm; everything is in the base frame.
 #pragma once
 #include "demands.hpp"
 #include <chrono>
 #include <functional>
+#include <optional>
 
 namespace iq {
 
@@ -41,7 +43,7 @@ struct ExactDemand {
 
 struct PoseTask {
     Pose target;
-    bool oriented = true;  // false: the position of the tool alone
+    std::optional<PartialTarget> part;  // instead: a target that leaves something free
     Vec3 point{};          // p, in the tool frame
     double length = 1;     // F = diag(length I, I)
     Mat root;              // (6, 6) F of another measure; absent for that
@@ -53,6 +55,8 @@ struct PoseTask {
     double time_limit = INFINITY;    // [s]
     // Infinite where q is allowed, else how much room there is; none allows all.
     std::function<double(const double* q)> room;
+
+    int size() const { return !part ? 6 : part->turns() + (part->has_point ? 3 : 0); }
 };
 
 enum class PoseOutcome {

@@ -1,6 +1,7 @@
 // Pose searches for Python: the class PoseArm of invariantqp._core. Errors are ValueErrors; pose/ik.py words them.
 #include "bound.hpp"
 #include "pose.hpp"
+#include "target_module.hpp"
 #include <atomic>
 #include <thread>
 
@@ -121,9 +122,11 @@ class Options {
             };
     }
 
-    // A pose (4, 4), or the position (3,) of the tool alone.
+    // A pose (4, 4), the position (3,) of the tool alone, or a Target of control/target.py.
     PoseTask towards(nb::handle target, Reader& read) const
     {
+        if (!PyArray_Check(target.ptr()) && nb::hasattr(target, "fields"))
+            return towards(partial_target(target.attr("fields"), read));
         PoseTask found = task;
         const nb::object given =
             PyArray_Check(target.ptr()) ? nb::borrow(target) : nb::steal(PyArray_FROM_O(target.ptr()));
@@ -132,12 +135,22 @@ class Options {
             refuse("target is no pose");
         }
         if (PyArray_NDIM(reinterpret_cast<PyArrayObject*>(given.ptr())) == 1) {
-            if (!task.exact.empty() || formed)
-                refuse("a target that is a point has no room for a form and exact demands");
-            found.target.p = three(read.vector(given, "target", 3));
-            found.oriented = false, found.point = {}, found.least = 1;
-        } else
-            set(found, read.matrix(given, "target", 4, 4).p);
+            PartialTarget at;
+            at.has_point = true, at.point = three(read.vector(given, "target", 3));
+            return towards(at);
+        }
+        set(found, read.matrix(given, "target", 4, 4).p);
+        check_near(found);
+        return found;
+    }
+    // What leaves something free.
+    PoseTask towards(const PartialTarget& part) const
+    {
+        PoseTask found = task;
+        if (!task.exact.empty() || formed)
+            refuse("a target that leaves something free has no room for a form and exact demands");
+        found.part = part, found.least = part.has_axis ? std::min(1.0, found.length) : 1;
+        found.target.p = part.has_point ? part.point : arm.tip;
         check_near(found);
         return found;
     }

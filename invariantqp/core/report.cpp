@@ -241,7 +241,8 @@ class Reporter {
         if (!M.cols)
             return done;
         const SVD rest(M);
-        return done + M * rest.least(b - done, rest.rank(ROUNDING));
+        const bool nothing_left = rest.sigma[0] <= ROUNDING * A.all().norm();  // exact rows are all that counts
+        return nothing_left ? done : done + M * rest.least(b - done, rest.rank(ROUNDING));
     }
     bool makes_no_progress() const
     {
@@ -258,16 +259,28 @@ class Reporter {
         const Vec asked = tick.root * tick.error, change = done - tick.root * tick.ahead;
         if (tick.slack == 0 && asked.square() == 0)
             return false;
-        const int size = tick.apart ? 3 : 6;
-        for (int i = 0; i < b.n; i += size) {
-            const Vec error = asked.part(i, i + size), closes = change.part(i, i + size);
-            const double rate = error.norm();
-            if (closes.dot(error) < rate * std::max(FALLING * rate - tick.slack, -nothing()))
+        const int size = b.n / bodies, turns = tick.apart ? tick.turns : size;
+        for (int i = 0; i < b.n; i += size)
+            if (!falls(asked.part(i, i + turns), change.part(i, i + turns))
+                || !falls(asked.part(i + turns, i + size), change.part(i + turns, i + size)))
                 return false;
-            if (tick.slack > 0 && (error - closes).norm() > rate + nothing())
-                return false;
-        }
         return true;
+    }
+    bool falls(Vec error, Vec closes) const
+    {
+        const double rate = error.norm();
+        return closes.dot(error) >= rate * std::max(FALLING * rate - tick.slack, -nothing())
+               && !(tick.slack > 0 && (error - closes).norm() > rate + nothing());
+    }
+    // Whether joints move a point in every direction, by their velocities of it (3, m).
+    static bool moves_every_way(Mat moving)
+    {
+        const Mat S = moving * t(moving);
+        const double trace = S(0, 0) + S(1, 1) + S(2, 2);
+        const double determinant = S(0, 0) * (S(1, 1) * S(2, 2) - S(1, 2) * S(2, 1))
+                                   - S(0, 1) * (S(1, 0) * S(2, 2) - S(1, 2) * S(2, 0))
+                                   + S(0, 2) * (S(1, 0) * S(2, 1) - S(1, 1) * S(2, 0));
+        return determinant > SPREAD * trace * trace * trace;
     }
     void explain(double missed, bool said)
     {
@@ -276,13 +289,7 @@ class Reporter {
             const double share = b.dot(possible()) / b.square();
             if (share < ENOUGH) {
                 say(Code::few_joints, {}, {}, {static_cast<double>(m), share});
-                const Mat moving = A.rows_from(3, 6);
-                const Mat S = moving * t(moving);
-                const double trace = S(0, 0) + S(1, 1) + S(2, 2);
-                const double determinant = S(0, 0) * (S(1, 1) * S(2, 2) - S(1, 2) * S(2, 1))
-                                           - S(0, 1) * (S(1, 0) * S(2, 2) - S(1, 2) * S(2, 0))
-                                           + S(0, 2) * (S(1, 0) * S(2, 1) - S(1, 1) * S(2, 0));
-                if (m >= 3 && determinant > SPREAD * trace * trace * trace)
+                if (m >= 3 && A.rows == 6 && moves_every_way(A.rows_from(3, 6)))
                     say(Code::position_alone);
                 explained = std::sqrt(std::max(0.0, 1 - share)) + MISSED;
             }

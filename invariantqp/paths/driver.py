@@ -255,7 +255,9 @@ class Follower:
 
         Args:
             points: (n, 4, 4) poses in the base frame, (n, m) joint positions, or a function of time [s] that returns
-                one pose or one position. Where the shape is kept: poses, two or more.
+                one pose or one position. Or points (n, 3) for the tool frame's origin, of an arm without three joints,
+                or a list of `Target`: what they leave free moves as little as it can. Where the shape is kept: poses,
+                two or more.
             stamps: (n,) when each is wanted [s], increasing, by the clock of `step`'s `now`; of a function, none. One
                 point is a goal: without a stamp it is wanted now. Where the shape is kept they may be left out: the
                 joints then go as fast as their limits let them.
@@ -302,7 +304,8 @@ class Follower:
         """One more point of a stream, as a hand's tracker sends them; one alone is a stream that ended (`timeout`).
 
         Args:
-            point: (4, 4) pose in the base frame, a `pinocchio.SE3`, or (m,) joint positions.
+            point: (4, 4) pose in the base frame, a `pinocchio.SE3`, (m,) joint positions; or what leaves the rest of
+                the pose free: a `Target` or, of an arm without three joints, a point (3,) for the tool frame's origin.
             stamp: when it was so [s], by the clock of `step`'s `now`; None is now. A sample older than the newest is
                 dropped; a clock that is more than a second off is another clock, and time runs on from its stamps.
 
@@ -735,8 +738,8 @@ class Follower:
 
     def _believed(self, given: Given, argument: str) -> Given:
         """What was given, if it can be true; degrees cannot, nor millimetres."""
-        if given.poses is not None:
-            self.controller.limits.near(given.poses[:, :3, 3], argument)
+        if len(given.places):
+            self.controller.limits.near(given.places, argument)
         for q in () if given.joints is None else (given.joints.min(axis=0), given.joints.max(axis=0)):
             self.controller.believed(q, argument)
         return given
@@ -986,6 +989,7 @@ class Follower:
         if isinstance(followed, Motion) and len(stamps) > 1 and not alone:  # out of reach, too, they go on from there
             before = float(2.0 * stamps[0] - stamps[1])
             near, *there = followed.at(np.append(before, stamps))[:, 0]
+        given = self._solver.posed(given, near, leaps=before is None)
         joints, missed = self._solver.points(given, near, stamps, before)
         self._speeds = np.abs(np.diff(joints, axis=0) / np.diff(stamps)[:, None]).max(axis=0, initial=0.0)
         self._leaps(joints[min(int(stamps.searchsorted(now)), len(stamps) - 1)])

@@ -2,6 +2,7 @@
 
     poses (n, 4, 4)      solved one from the other, beginning with the arm's own joints: one branch, no leap
     joints (n, m)        as they are, inside the position limits
+    points (n, 3), targets that leave something free      the poses that meet them, each near the joints before
 
 Where a pose is out of reach its joints are the closest downhill; where that lasts, or a pose is wanted whenever joints
 get there, `Solver` looks for another branch.
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.controller import Controller
+from invariantqp.control.target import Target, checked_target
 from invariantqp.errors import BadInput
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -43,34 +45,55 @@ class Given:
     Attributes:
         poses: (n, 4, 4), or None.
         joints: (n, m), or None.
+        targets: n of them that leave something free, or None; `Solver.posed` makes poses of them.
+        missed: (n,) by how much poses that were made so miss their targets [length], or None.
     """
 
     def __init__(self, points: Any, m: int, name: str) -> None:
         """Checked.
 
         Raises:
-            BadInput: neither poses nor joint positions.
+            BadInput: neither poses nor joint positions nor targets.
         """
         self.poses: Array | None = None
         self.joints: Array | None = None
+        self.targets: tuple[Target, ...] | None = None
+        self.missed: Array | None = None
         if isinstance(points, (list, tuple)):
+            if any(isinstance(p, Target) for p in points):
+                self.targets = tuple(checked_target(p, name) for p in points)
+                return
             points = [arrays.matrix_of(p) for p in points]
-        found = arrays.array(points, name, f"poses (n, 4, 4), or joint positions (n, {m})")
+        expected = f"poses (n, 4, 4), joint positions (n, {m}), points (n, 3), or several iq.Target"
+        found = arrays.array(points, name, expected)
         if found.ndim == 3 and found.shape[1:] == (4, 4) and len(found):
             self.poses = arrays.poses(found, name)
         elif found.ndim == 2 and found.shape[1] == m and len(found):
             self.joints = arrays.matrix(found, (None, m), name).copy()
+        elif found.ndim == 2 and found.shape[1] == 3 and len(found):
+            self.targets = tuple(checked_target(p, name) for p in found)
         else:
-            raise BadInput(name, f"shape {found.shape}", f"poses (n, 4, 4), or joint positions (n, {m})")
+            raise BadInput(name, f"shape {found.shape}", expected)
 
     def __len__(self) -> int:
-        return len(self.joints) if self.poses is None and self.joints is not None else len(np.asarray(self.poses))
+        several = next(a for a in (self.poses, self.joints, self.targets) if a is not None)
+        return len(several)
+
+    @property
+    def places(self) -> Array:
+        """(k, 3) where points of the tool are to be; none of joints."""
+        if self.poses is not None:
+            return self.poses[:, :3, 3]
+        found = [target.point for target in self.targets or () if target.point is not None]
+        return np.array(found).reshape(-1, 3)
 
     def chosen(self, which: slice) -> Given:
         """Those alone that are chosen."""
         new = Given.__new__(Given)
         new.poses = None if self.poses is None else self.poses[which]
         new.joints = None if self.joints is None else self.joints[which]
+        new.targets = None if self.targets is None else self.targets[which]
+        new.missed = None if self.missed is None else self.missed[which]
         return new
 
     def pose_at(self, time: float, stamps: Array, robot: Robot) -> Array:
@@ -95,6 +118,7 @@ class Solver:
         self._lower, self._upper = controller.box.position_lower, controller.box.position_upper
         self._tolerance = tolerance
         self._search = PoseSearch(controller.robot, exact=controller.exact or None, restarts=0, time_limit=inf)
+        self._free = PoseSearch(controller.robot, restarts=0, time_limit=inf)  # of targets, whose poses are then exact
         self._random = np.random.default_rng(0)
         self._stalled: tuple[float, float] | None = None  # since when a pose is missed, and by how much at most
         self._tried = 0
@@ -150,7 +174,30 @@ class Solver:
                 answer[k : k + len(there)] = there
                 k += len(there)
             q, before = answer[k - 1], float(times[k - 1])
+        if given.missed is not None:
+            missed = np.maximum(missed, given.missed)
         return np.clip(answer, self._lower, self._upper), missed
+
+    def posed(self, given: Given, near: Array, *, leaps: bool) -> Given:
+        """Poses in place of targets that leave something free: each the nearest, downhill from the joints (m,) before.
+
+        With `leaps` the first is looked for elsewhere, too, where it is not reached so.
+        """
+        if given.targets is None:
+            return given
+        new, robot = given.chosen(slice(None)), self._loop.robot
+        new.targets, new.poses, new.missed = None, np.zeros((len(given), 4, 4)), np.zeros(len(given))
+        for i, target in enumerate(given.targets):
+            found = self._free.solve(target, near)
+            for far in ELSEWHERE if leaps and i == 0 else ():
+                if found.success:
+                    break
+                start = near + far * self._random.uniform(-1.0, 1.0, len(near))
+                other = self._free.solve(target, np.clip(start, self._lower, self._upper))
+                found = min(found, other, key=self._missed)
+            near, new.missed[i] = found.q, self._missed(found)
+            new.poses[i] = robot.pose(near)
+        return new
 
     def _elsewhere(self, target: Array, near: Array) -> Array | None:
         """(m,) joint positions of another branch that reach a pose, or None."""

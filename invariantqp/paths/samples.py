@@ -76,6 +76,7 @@ class Samples:
                 continue
             if before is not None and when - before[2] > self.arrivals.timeout:
                 before = None
+            given = self._solver.posed(given, q if before is None else before[1], leaps=before is None)
             if before is not None and self._is_outlier(given, when, before):
                 continue
             self.arrivals.add(now)

@@ -53,8 +53,10 @@ def question(stamps: Array, given: Given, speed: Array, length: float) -> None:
     if lasts < ANOTHER_CLOCK * max(len(stamps) - 1, 1):
         return
     speed = usual(speed)
-    if given.poses is None:
-        way = float((np.abs(np.diff(np.asarray(given.joints), axis=0)).sum(axis=0) / speed).max())
+    if given.joints is not None:
+        way = float((np.abs(np.diff(given.joints, axis=0)).sum(axis=0) / speed).max())
+    elif given.poses is None:
+        way = float(np.linalg.norm(np.diff(given.places, axis=0), axis=1).sum() / speed.max())
     else:
         parts = np.diff(given.poses[:, :3] / (1.0, 1.0, 1.0, length), axis=0)
         way = float(np.linalg.norm(parts, axis=1).sum(axis=0).max() / speed.max())

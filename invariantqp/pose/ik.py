@@ -34,6 +34,7 @@ from invariantqp.control.demands import (
     demands_of,
 )
 from invariantqp.control.limits import no_degrees, not_believed, refuse
+from invariantqp.control.target import TARGETS, Target
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt, written
 from invariantqp.geometry import arrays
@@ -66,8 +67,10 @@ class PoseSolution(Compared):
         q: (m,) joint positions, never outside their limits; those of the closest pose found if the target is not met.
         success: whether position and orientation are within the tolerance; with exact demands, whether these are within
             it and no step was found that brings the rest nearer.
-        position_error: distance of the tool frame's origin from its target [length].
-        orientation_error: angle from the target [rad]; 0 where the target is a point.
+        position_error: distance of the tool frame's origin, or of the point of a `Target`, from where it should be
+            [length]; 0 where that is free.
+        orientation_error: angle from the target, of a `Target` between its axis and its direction [rad]; 0 where the
+            orientation is free.
         error: |(omega; p_d - p)|_W, the measure of what is closest [length].
         iterations: Newton steps, of all tries.
         restarts: tries after the first.
@@ -138,41 +141,45 @@ class PoseSearch:
         refuse(not_believed(self._robot, q, no_degrees(self._robot, self._robot.jacobian(middle(self._robot)))), "q0")
         return q
 
-    def target(self, target: Any, argument: str = "target") -> Array:
-        """A target, checked: a pose (4, 4) or the place (3,) of the tool."""
-        found = arrays.array(arrays.matrix_of(target), argument, "a (4, 4) pose, or a point (3,)")
-        if found.shape == (3,):
+    def target(self, target: Any, argument: str = "target") -> Array | Target:
+        """A target, checked: a pose (4, 4), the place (3,) of the tool, or a `Target`."""
+        found = target if isinstance(target, Target) else arrays.array(arrays.matrix_of(target), argument, TARGETS)
+        if isinstance(found, Target) or found.shape == (3,):
             if self._exact or self._form is not None:
                 expected = "a (4, 4) pose beside a form or exact demands"
-                raise BadInput(argument, "a point", expected, "Of a point, nothing but the position counts.")
-            place = arrays.vector(found, 3, argument)
+                raise BadInput(argument, excerpt(target), expected, "All that this target asks for is met as it is.")
+            place = found.point if isinstance(found, Target) else arrays.vector(found, 3, argument)
         else:
             found = arrays.pose(found, argument)
             place = found[:3, 3]
-        mid = middle(self._robot)
-        J, tip = self._robot.jacobian(mid), self._robot.pose(mid)[:3, 3]
-        refuse_far(place, tip, far_away(self._robot, J, tip), argument)
+        if place is not None:
+            mid = middle(self._robot)
+            J, tip = self._robot.jacobian(mid), self._robot.pose(mid)[:3, 3]
+            refuse_far(place, tip, far_away(self._robot, J, tip), argument)
         return found
 
     def solve(self, target: Any, q0: ArrayLike | None = None) -> PoseSolution:
         """Joint positions for one target, from q0 first."""
         try:
             found = self._arm.solve(target, q0, *self._options(target))
-        except (ValueError, TypeError):
+        except (ValueError, TypeError):  # BadInput as well: it is said again by the name of the argument
             target, q0 = self.target(target), None if q0 is None else self.start(q0)
             found = self._arm.solve(target, q0, *self._options(target))
         return self._solution(found)
 
-    def solve_many(self, targets: Array, q0: Array | None, *, along: bool, threads: int) -> list[PoseSolution]:
-        """Joint positions for poses (n, 4, 4), from q0 (m,) or (n, m), all checked."""
-        if isinstance(self._form, CarriedMetric):
+    def solve_many(
+        self, targets: Sequence[Array | Target], q0: Array | None, *, along: bool, threads: int
+    ) -> list[PoseSolution]:
+        """Joint positions for n targets, from q0 (m,) or (n, m), all checked."""
+        poses = np.array([T for T in targets if not isinstance(T, Target) and T.shape == (4, 4)]).reshape(-1, 4, 4)
+        if isinstance(self._form, CarriedMetric) or len(poses) < len(targets):
             found: list[PoseSolution] = []
             for i, target in enumerate(targets):
                 near = found[-1].q if along and found else q0 if q0 is None or q0.ndim == 1 else q0[i]
                 found.append(self.solve(target, near))
             return found
-        options = self._options(targets)
-        return [self._solution(one) for one in self._arm.solve_many(targets, q0, along, threads, *options)]
+        options = self._options(poses)
+        return [self._solution(one) for one in self._arm.solve_many(poses, q0, along, threads, *options)]
 
     def met(self, target: Array, q0: Array) -> Array | None:
         """Joint positions (m,) on a pose (4, 4), both checked, by one descent from q0, or None.
@@ -344,8 +351,8 @@ def solve_pose(
     Args:
         robot: from `load_robot`, or anything with names, position_lower and position_upper (m,), pose(q) and
             jacobian(q) as a `Robot` has them; at most 64 joints.
-        target: tool pose, (4, 4) in the base frame or a `pinocchio.SE3`; or a point (3,) in the base frame for the
-            tool frame's origin, whatever its orientation.
+        target: tool pose, (4, 4) in the base frame or a `pinocchio.SE3`; or what leaves the rest of the pose free: a
+            point (3,) in the base frame for the tool frame's origin, or a `Target` with a point, an axis, or both.
         q0: (m,) where to begin [rad, length], put inside the limits first; where it is outside them and two turns
             from zero, as in degrees, it is refused. None is the middle of the joint range. Restarts for a target nearby
             are around q0 first. Along a path, the answer before: hinges that can turn over end as near it as whole
@@ -420,7 +427,7 @@ def solve_poses(
 
     Args:
         robot: the arm.
-        targets: tool poses (4, 4), as `solve_pose` takes them.
+        targets: as `solve_pose` takes them; where one of them leaves something free, all are solved on one thread.
         q0: (m,) where to begin, or (n, m), one for each target; None is the middle of the joint range.
         along: whether the targets are a path, each begun where the one before ended; on one thread.
         jobs: threads; -1 is one a core. An arm, a demand or a clearance in Python is asked on one.
@@ -428,8 +435,7 @@ def solve_poses(
     """
     search = PoseSearch(robot, **options)
     listed = arrays.listed(targets, "targets", "a list of poses")
-    named = [(f"targets[{i}]", target) for i, target in enumerate(listed)]
-    wanted = np.array([search.target(arrays.pose(target, name), name) for name, target in named]).reshape(-1, 4, 4)
+    wanted = [search.target(target, f"targets[{i}]") for i, target in enumerate(listed)]
     path, n, m = arrays.flag(along, "along"), len(listed), len(robot.names)
     begin = None
     if q0 is not None:

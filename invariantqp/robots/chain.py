@@ -154,17 +154,21 @@ class Chain(Value):
             before = before[[self.coupled.coordinates.index(i) for i in range(len(self.names))]]
         return np.array([T[:3, :3].dot(p) + T[:3, 3] for T, p in zip(before, self.places, strict=True)])
 
-    def target(self, pose: ArrayLike) -> Target:
+    def target(self, pose: ArrayLike) -> CheckedPose:
         """A (4, 4) target pose, checked, its rotation to all digits."""
-        return pose if isinstance(pose, Target) else Target(own(arrays.with_rotation(arrays.pose(pose, "target"))))
+        return (
+            pose
+            if isinstance(pose, CheckedPose)
+            else CheckedPose(own(arrays.with_rotation(arrays.pose(pose, "target"))))
+        )
 
-    def sight(self, q: Array, target: ArrayLike | Target) -> Sighting:
+    def sight(self, q: Array, target: ArrayLike | CheckedPose) -> Sighting:
         """Joint twists and tool error, in the base frame."""
         wanted = self.target(target).pose
         J, T, error = self.in_engine.sight(q, wanted)
         return Sighting(J, error, T)
 
-    def points(self, sighting: Sighting, target: ArrayLike | Target, point: Array) -> tuple[Array, Array]:
+    def points(self, sighting: Sighting, target: ArrayLike | CheckedPose, point: Array) -> tuple[Array, Array]:
         """Where a point (3,) of the tool frame is, and where it should be."""
         T, wanted = sighting.pose, self.target(target).pose
         return T[:3, :3].dot(point) + T[:3, 3], wanted[:3, :3].dot(point) + wanted[:3, 3]
@@ -320,7 +324,7 @@ def shares_coordinate(robot: object) -> Any:
     return np.bincount(coupled.coordinates, minlength=len(coupled.coordinates))[: max(coupled.coordinates) + 1] > 1
 
 
-class Target(NamedTuple):
+class CheckedPose(NamedTuple):
     """A target pose (4, 4) that has been checked."""
 
     pose: Array

@@ -72,7 +72,7 @@ T = PANDA.pose(np.zeros(7))
 WRONG = {
     "one of many targets": (lambda: iq.solve_poses(PANDA, [T, T * np.nan]), "targets[1]"),
     "starts": (lambda: iq.solve_poses(PANDA, [T, T], q0=np.zeros((3, 7))), "q0"),
-    "a point among poses": (lambda: iq.solve_poses(PANDA, [T, T[:3, 3]]), "targets[1]"),
+    "two numbers among poses": (lambda: iq.solve_poses(PANDA, [T, T[:2, 3]]), "targets[1]"),
     "a path on two": (lambda: iq.solve_poses(PANDA, [T], along=True, jobs=2), "jobs"),
     "starts along a path": (lambda: iq.solve_poses(PANDA, [T], along=True, q0=np.zeros((1, 7))), "q0"),
 }

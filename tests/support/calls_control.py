@@ -235,6 +235,7 @@ CONTROL = {
     "Follower.step": lambda: (any_follower().step, STEP | {"wrench": None, "contact": None, "wanted": None}),
     "ExactTwist": lambda: (iq.control.ExactTwist, {}),
     "ExactPoint": lambda: (iq.control.ExactPoint, {"point": POINT}),
+    "Target": lambda: (iq.Target, {"point": POINT, "axis": AXIS, "tool_point": POINT, "tool_axis": AXIS}),
     "ExactAxis": lambda: (iq.control.ExactAxis, {"axis": AXIS}),
     "ExactPlane": lambda: (iq.control.ExactPlane, {"normal": AXIS, "point": POINT}),
     "ExactJoints": lambda: (iq.control.ExactJoints, {"A": J[:2], "b": 0.0}),

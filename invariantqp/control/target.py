@@ -1,0 +1,82 @@
+"""A target that leaves a part of the tool's pose free: a point, a direction, or both without the turn about it."""
+
+from __future__ import annotations
+
+from numbers import Real
+from typing import Any, TypeAlias
+
+import numpy as np
+from attrs import field, frozen
+from attrs.converters import optional
+from numpy.typing import ArrayLike
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.fields import Value, own
+
+# Point, axis, tool_point and tool_axis, as the engine takes them; axes of unit length.
+TargetFields: TypeAlias = tuple[Any, Any, Array, Array]
+# What is a target, in messages.
+TARGETS = "a (4, 4) pose, a pinocchio.SE3, a point (3,), or an iq.Target"
+TOOL_ORIGIN, TOOL_Z = own(np.zeros(3)), own(np.array([0.0, 0.0, 1.0]))
+
+
+@frozen(init=False, eq=False, repr=False, slots=False)
+class Target(Value):
+    """Where a point of the tool is to be, and where an axis of the tool is to point; all else is free.
+
+    Attributes:
+        point: (3,) in the base frame [length], or None: the position is free.
+        axis: (3,) unit direction in the base frame, or None: the orientation is free.
+        tool_point: (3,) the point, in the tool frame [length].
+        tool_axis: (3,) the axis, a unit direction in the tool frame.
+    """
+
+    point: Array | None = field(converter=optional(own))
+    axis: Array | None = field(converter=optional(own))
+    tool_point: Array = field(converter=own)
+    tool_axis: Array = field(converter=own)
+
+    def __init__(
+        self,
+        point: ArrayLike | None = None,
+        axis: ArrayLike | None = None,
+        *,
+        tool_point: ArrayLike = (0.0, 0.0, 0.0),
+        tool_axis: ArrayLike = (0.0, 0.0, 1.0),
+    ) -> None:
+        """A point, an axis of any length but zero, or both; by default of the tool frame's origin and z axis."""
+        if point is None and axis is None:
+            raise BadInput("point", "None, as axis is", "a point, an axis, or both", "What is None is free.")
+        self.__attrs_init__(
+            None if point is None else arrays.vector(point, 3, "point"),
+            None if axis is None else arrays.direction(axis, "axis"),
+            arrays.vector(tool_point, 3, "tool_point"),
+            arrays.direction(tool_axis, "tool_axis"),
+        )
+
+    @property
+    def fields(self) -> TargetFields:
+        """As the engine takes it."""
+        return self.point, self.axis, self.tool_point, self.tool_axis
+
+
+def partial_target(target: Any) -> TargetFields | None:
+    """The fields of a target that leaves something free, a `Target` or a point (3,), not checked; None of another."""
+    if isinstance(target, Target):
+        return target.fields
+    if isinstance(target, np.ndarray):
+        is_point = target.shape == (3,)
+    else:
+        is_point = type(target) in {list, tuple} and len(target) == 3 and all(isinstance(x, Real) for x in target)
+    return (target, None, TOOL_ORIGIN, TOOL_Z) if is_point else None
+
+
+def checked_target(target: Any, argument: str = "target") -> Target:
+    """A `Target`; or of a point (3,), the one of the tool frame's origin.
+
+    Raises:
+        BadInput: something else.
+    """
+    return target if isinstance(target, Target) else Target(point=arrays.vector(target, 3, argument))
