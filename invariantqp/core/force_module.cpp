@@ -169,7 +169,7 @@ void bind_force(nb::module_& m)
     m.def("force_gains", gains_of, "k"_a, "b"_a, "late"_a, "g, tau, Ti of the force law.");
     m.def("force_margins", margins_of, "g"_a, "tau"_a, "Ti"_a, "k"_a, "b"_a, "late"_a,
           "Gain margin, phase margin [rad], largest sensitivity.");
-    m.def("contact_frame", frame_of, "point"_a, "normal"_a, "tangent"_a.none(),
+    m.def("contact_frame", frame_of, "point"_a.none(), "normal"_a.none(), "tangent"_a.none(),
           "(4, 4) z against the outward normal, x along the projection of a tangent on the surface.");
     nb::class_<State>(m, "ForceState", "What touch, estimate, law and monitor of a press remember between two ticks.")
         .def_ro("tared", &State::tared, "Whether the bias was read in the air.")
@@ -231,7 +231,7 @@ void bind_force(nb::module_& m)
     nb::class_<ContactSplit>(m, "ContactSplit", "The split of a kind of contact.").def("__init__", make_split, "fields"_a);
     nb::class_<Hybrid>(m, "Hybrid", "The tick of a tool in contact; its settings never change.")
         .def("__init__", make_hybrid, "settings"_a)
-        .def("tick", tick_of, "state"_a, "loop"_a, "joints"_a, "split"_a, "contact"_a, "edge"_a, "q"_a, "target"_a, "reading"_a, "force_first"_a,
+        .def("tick", tick_of, "state"_a, "loop"_a, "joints"_a, "split"_a, "contact"_a, "edge"_a, "q"_a.none(), "target"_a.none(), "reading"_a.none(), "force_first"_a,
              "feedforward"_a.none(), "velocity"_a.none(), "wrench"_a.none(), "posture"_a.none(), "functions"_a.none());
 }
 

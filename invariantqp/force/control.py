@@ -345,6 +345,9 @@ class HybridController:
 
 def _turned(angle: float) -> BadInput:
     """A normal that turned within a tick presses where it should let go, and a retreat along it goes on pressing."""
-    found = f"a normal that turned by {degrees(angle):.0f} degrees within a tick"
-    remedy = "Check the function that gives it; to press on another surface, `reset` first."
-    return BadInput("contact", found, "the outward normal of the surface that is pressed", remedy)
+    return BadInput(
+        "contact",
+        f"a normal that turned by {degrees(angle):.0f} degrees within a tick",
+        "the outward normal of the surface that is pressed",
+        "Check the function that gives it; to press on another surface, `reset` first.",
+    )

@@ -134,7 +134,10 @@ class Chain(Value):
         made_of = arrays.listed(links, "links", "the links that a reader of descriptions tells of")
         if not all(isinstance(link, Link) for link in made_of):
             raise BadInput("links", excerpt(links), "the links that a reader of descriptions tells of")
-        more: dict[str, Any] = {"links": made_of, "coupled": coupled, "notes": tuple(notes)}
+        if coupled is not None:
+            arrays.instance(coupled, Coupled, "coupled", "what a reader of descriptions tells of shared coordinates")
+        said = arrays.strings(notes, "notes")
+        more: dict[str, Any] = {"links": made_of, "coupled": coupled, "notes": said}
         self.__attrs_init__(twists, pose, called, *limits, tool, places=where, **more)
 
     def pose(self, q: ArrayLike) -> Array:

@@ -163,12 +163,12 @@ def test_errors_of_the_users_functions_come_through_and_leave_the_loop_as_it_was
 
 def made(name="ur5", **changes):
     loop = iq.Controller(iq.load_robot(name), dt=DT)
-    return loop._settings | changes
+    return loop._settings | {"chain": loop.robot.in_engine} | changes
 
 
 HOSTILE = (None, "a", b"b", 1j, np.nan, [], [1.0], {})
 HOSTILE += (np.zeros(7), np.zeros((6, 6)), np.full(6, np.nan), np.ones(6, bool))
-MAY_BE_ABSENT = {"rows", "tool_speed", "posture", "pull", "metric", "screws"}
+MAY_BE_ABSENT = {"rows", "tool_speed", "posture", "pull", "metric", "chain"}
 
 
 def test_hostile_settings_and_arguments_are_errors():

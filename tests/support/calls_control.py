@@ -156,7 +156,7 @@ CONTROL = {
     "Chain": lambda: (
         iq.robots.Chain,
         {"screws": J, "home": T, "position_lower": -1.0, "position_upper": 1.0, "velocity_limit": 1.0}
-        | usual(iq.robots.Chain, "names tool places links"),
+        | usual(iq.robots.Chain, "names tool places links coupled notes"),
     ),
     **robot_calls("Chain", chain),
     # control
