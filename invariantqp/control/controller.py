@@ -22,6 +22,7 @@ from invariantqp.control.callbacks import Callbacks, LoopInEngine, seen
 from invariantqp.control.demands import (
     Exact,
     ExactPoint,
+    ExactTwist,
     Named,
     View,
     demand_fields,
@@ -349,10 +350,9 @@ class Controller:
         now = self.limits.changed(speed, velocity_limit, tool_speed, limits)
         part = partial_target(target)
         if part is not None:
-            if self.form is not None:
-                raise BadInput(
-                    "target", excerpt(target), "a (4, 4) pose beside a form", "A form needs the whole twist."
-                )
+            if self.form is not None or any(isinstance(demand, ExactTwist) for demand in self.exact):
+                expected = 'a (4, 4) pose beside a form or exact="twist"'
+                raise BadInput("target", excerpt(target), expected, "These need the whole twist.")
             return self._tick(now, q, target, feedforward, velocity, part=part)
         known = isinstance(target, (np.ndarray, list, tuple)) or hasattr(target, "homogeneous")
         return self._tick(now, q, target if known else self.robot.target(target), feedforward, velocity)

@@ -425,3 +425,10 @@ def test_a_target_is_a_value():
     with pytest.raises(ValueError, match="read-only"):
         target.point[0] = 1.0
     assert target != iq.Target([0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize("option", [{"exact": "twist"}, {"form": 0.3}])
+def test_what_needs_the_whole_twist_takes_no_target_with_something_free(option):
+    loop = iq.Controller(iq.load_robot("ur5"), dt=DT, **option)
+    with pytest.raises(iq.BadInput, match="These need the whole twist"):
+        loop.step(ready("ur5"), [0.3, 0.2, 0.4])

@@ -255,7 +255,7 @@ def test_an_override_slows_a_twist_down():
 
 
 def test_lost_contact_is_told_and_time_goes_on():
-    cell = Cell()
+    cell = Cell(yields=6e-3)
     cell.driven("chunks", 500)
     cell.level -= 5e-3
     off = cell.driven("chunks", 500, 500)
@@ -427,7 +427,7 @@ def test_bad_input_is_refused():
     for call in (
         lambda follower: follower.follow([np.eye(4)] * 2),
         lambda follower: follower.twist(np.full(6, np.nan)),
-        lambda follower: follower.add(np.zeros(3)),
+        lambda follower: follower.add(np.zeros(5)),
         lambda follower: follower.prepare(ready("panda")),
         lambda follower: follower.reverse(),
     ):

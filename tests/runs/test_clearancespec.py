@@ -121,7 +121,7 @@ def test_one_obstacle_in_single_brackets_is_told_of_the_others():
 
 
 @pytest.mark.parametrize(("key", "joints", "said"), [
-    ("start", [0.0, -1.0], r"obstacle\[1\].start: found shape \(2,\); expected shape \(6,\)"),
+    ("start", [0.0, -1.0], r"obstacle\[1\].start: found shape \(2,\); expected \(6,\): shoulder_pan_joint"),
     ("start", [0.0, -90.0, 90.0, 0.0, 0.0, 0.0], r"obstacle\[1\].start: found joint 1 .* degrees"),
     ("end", [0.0, 0.0, 180.0, 0.0, 0.0, 0.0], r"obstacle\[1\].end: found joint 2 .* degrees"),
 ])  # fmt: skip
