@@ -120,9 +120,9 @@ class Stream:
         positions: (n, m) likewise.
     """
 
-    def __init__(self, cutoff: float, stamp: float, position: Array, transport: float) -> None:
-        """From one sample on."""
-        self._least = DELAY / cutoff
+    def __init__(self, cutoff: float, tick: float, stamp: float, position: Array, transport: float) -> None:
+        """From one sample on; a sample waits at least a tick [s]."""
+        self._least = max(DELAY / cutoff, tick)
         self.period = 0.0
         self._rough = np.zeros(2)  # sums of squared third differences, near ones and far ones
         self.transport = transport

@@ -114,7 +114,7 @@ class Samples:
         if self.by_law:
             self.source = None
         elif self.stream is None:
-            self.stream = Stream(self._cutoff, when, there, late)
+            self.stream = Stream(self._cutoff, self._loop.dt, when, there, late)
         else:
             anew = before is None or self.source is None
             self.stream.add(when, there, late, anew=anew)

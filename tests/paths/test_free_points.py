@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.arms import ready
 from support.streams import ARMS, Arm, driven
 
 import invariantqp as iq
@@ -101,3 +102,16 @@ def test_what_is_no_point_is_refused_by_name():
     with pytest.raises(iq.BadInput) as refused:
         follower.follow([iq.Target([0.3, 0.2, 0.3]), np.eye(4)], [0.0, 1.0])
     assert refused.value.argument == "points"
+
+
+def test_samples_are_followed_without_a_cutoff():
+    """The first sample has no interval to wait by."""
+    robot = iq.load_robot("ur5")
+    q, dt = ready("ur5"), 0.01
+    follower = iq.Follower(iq.Controller(robot, dt=dt, acceleration_limit=10.0), cutoff=np.inf)
+    goal = robot.pose(q + 0.05)
+    for k in range(150):
+        if k % 3 == 0:
+            follower.add(goal, k * dt)
+        q = q + dt * follower.step(q, now=k * dt).velocity
+    np.testing.assert_allclose(robot.pose(q), goal, atol=1e-5)

@@ -111,7 +111,7 @@ def test_a_quick_clean_hand_is_followed_closely_and_a_slow_noisy_one_calmly(hert
     rng, rate, followed = np.random.default_rng(3), 60.0, []
     w, streams, plans = (
         2.0 * np.pi * hertz,
-        [Stream(3.0, 0.0, scale * np.zeros(3), 0.0) for scale in (1.0, 1e3)],
+        [Stream(3.0, 0.0, 0.0, scale * np.zeros(3), 0.0) for scale in (1.0, 1e3)],
         [None, None],
     )
     for i in range(1, 600):
@@ -136,7 +136,7 @@ def test_samples_of_a_hand_are_followed_smoothly_and_as_late_as_is_told(rate):
         stamp = i / rate
         sample = np.sin(stamp) + 0.001 * rng.normal(size=3)
         if stream is None:
-            stream = Stream(3.0, stamp, sample, late)
+            stream = Stream(3.0, 0.0, stamp, sample, late)
         else:
             stream.add(stamp, sample, late, anew=False)
         now = np.array((stamp + late,))
