@@ -47,16 +47,6 @@ HELD = 2.0
 ROUNDING = 1e-9
 # How far a grip may be from where the compliance was taken, as a share of the contact's size.
 NEAR = 0.2
-# Few joints are told that they cannot follow a contact where more than this share of the motion presses on it, and the
-# motion is faster than this share of the approach speed: slower ones are corrections.
-PRESSED = 1e-3
-SLOW_SHARE = 0.1
-TINY = float(np.finfo(float).tiny)
-# Overload where nothing is declared: a multiple of the wanted force, or this force where none is wanted [N]. Readings
-# of a force stay within so many standard deviations of a component.
-OVERLOAD = 2.5
-NO_FORCE = 20.0
-ABOVE_NOISE = 8.0
 
 
 @frozen(init=False, eq=False, repr=False, slots=False)
