@@ -91,7 +91,7 @@ def by_pinocchio(path: Path, robot: iq.robots.Chain) -> float:
         if model.nqs[i] == 1:
             at = model.idx_qs[i]
             for ours, theirs in ((low, model.lowerPositionLimit[at]), (high, model.upperPositionLimit[at])):
-                if np.isfinite(ours) and theirs < 1e9 and not hasattr(robot, "coupled"):
+                if np.isfinite(ours) and theirs < 1e9 and robot.coupled is None:
                     off = max(off, abs(ours - theirs))
     frame = model.getFrameId(robot.tool)
     for _ in range(STATES):
@@ -110,6 +110,10 @@ def by_mujoco(path: Path, robot: iq.robots.Chain) -> float:
     model = mujoco.MjModel.from_xml_path(str(path))
     data, rng, off = mujoco.MjData(model), np.random.default_rng(0), 0.0
     held = {model.joint(i).name for i in range(model.njnt)} - set(robot.names)
+    for name, low, high in zip(robot.names, robot.position_lower, robot.position_upper, strict=True):
+        limited = model.jnt_limited[model.joint(name).id] and robot.coupled is None
+        if limited and np.abs(model.joint(name).range - (low, high)).max() > ENOUGH:
+            return float(np.abs(model.joint(name).range - (low, high)).max())
     for _ in range(STATES):
         q = rng.uniform(-1.0, 1.0, len(robot.names))
         data.qpos[:] = model.qpos0
