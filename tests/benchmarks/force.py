@@ -24,7 +24,6 @@ import numpy as np
 
 import invariantqp as iq
 from invariantqp.control.tracking import tracking_twist
-from invariantqp.force.contact import OVERLOAD
 from invariantqp.geometry.se3 import velocity_at
 
 ARMS = {
@@ -41,6 +40,7 @@ PUSHED, HANGING = (np.vstack((np.eye(3), [[0.0, -z, 0.0], [z, 0.0, 0.0], [0.0, 0
 CUTOFF = 50.0  # of the sensor's low-pass [Hz]
 WAY, RAMP = 0.075, 0.2  # straight slides go to and fro, so far each way [m]; a slide begins within this time [s]
 SUBSTEP = 5e-4  # [s]
+OVERLOAD = 2.5  # of the wanted press, as in HybridTask
 
 
 @dataclass(frozen=True)
