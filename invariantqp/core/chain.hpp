@@ -96,6 +96,7 @@ inline Vec vec(const Vec3& a, Workspace& w)
     std::copy(a.begin(), a.end(), v.p);
     return v;
 }
+inline Vec3 vec3(Vec v) { return {v[0], v[1], v[2]}; }
 inline Vec vec(const Twist& s, Workspace& w) { return joined(vec(s.omega, w), vec(s.v, w)); }
 
 // The axis of a rotation times its angle in [0, pi], by its unit quaternion (Shepperd's method). At pi exactly the axis
@@ -131,6 +132,29 @@ inline Twist log(const Pose& T)
 }
 // The twist that takes a tool to its target in unit time; the same whatever point of the body is the tool.
 inline Twist error_twist(const Pose& target, const Pose& tool) { return log(target * inverse(tool)); }
+
+// The rotation by a rotation vector.
+inline Mat3 rotation(const Vec3& omega)
+{
+    const double angle = norm(omega);
+    Mat3 R{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+    if (angle == 0)
+        return R;
+    const Vec3 n = (1 / angle) * omega;
+    const double half = std::sin(0.5 * angle), sine = std::sin(angle), versine = 2 * half * half;
+    for (int i = 0; i < 3; i++) {  // r (1 + sin t [n]x + (1 - cos t) [n]x^2) of each row
+        const Vec3 once = cross(R[i], n);
+        R[i] = R[i] + sine * once + versine * cross(once, n);
+    }
+    return R;
+}
+constexpr double NEARLY_HALF_TURN = 0.8 * M_PI;  // turns beyond this [rad] may keep the direction of the tick before
+// A turn as a share of a rotation vector: 1, or the other way round where it is nearly half a turn and the turn before went so.
+inline double same_way(const Vec3& omega, const Vec3& before)
+{
+    const double angle = norm(omega);
+    return angle > NEARLY_HALF_TURN && dot(before, omega) < 0 ? (angle - 2 * M_PI) / angle : 1;
+}
 
 // An open chain of hinges, slides and screws. A value: copies share nothing, and none changes after it was made.
 // Several joints may share a coordinate, each turning by its ratio times it: those of a parallelogram, for instance.

@@ -202,6 +202,14 @@ void read(State& state, const Settings& s, const std::array<double, 6>& load, st
     }
 }
 
+std::array<double, 7> base_of(const Settings& s, const std::array<double, 6>& along)
+{
+    std::array<double, 7> phi{1};
+    for (int i = 0; i < 6; i++)
+        phi[i + 1] = along[i] / (0.1 * s.size);
+    return phi;
+}
+
 namespace {
 
 // The speed at which a contact as stiff as a table is struck; one declared softer takes more, never an overload.
@@ -211,14 +219,6 @@ double touch_speed(const Settings& s, double press, double most, double late)
     return std::min(s.approach_speed, std::min(std::max(press, 0.0) / soft, std::max(most, 0.0) / table) / (late + DAMPED));
 }
 
-// The base of the integral, 1 and the speed along, in sizes per 10 s; a slope turns round with the motion.
-std::array<double, 7> base_of(const Settings& s, const std::array<double, 6>& along)
-{
-    std::array<double, 7> phi{1};
-    for (int i = 0; i < 6; i++)
-        phi[i + 1] = along[i] / (0.1 * s.size);
-    return phi;
-}
 double dot(const std::array<double, 7>& a, const std::array<double, 7>& b)
 {
     double sum = 0;
@@ -545,10 +545,7 @@ void commanded(State& st, const Settings& s, const std::array<double, MOST>& giv
             c.check = {}, c.reach = {};
         return;
     }
-    bool touching = st.presses > 0 || st.n > 0;
-    for (int i = 0; i < st.presses; i++)
-        touching = touching && st.parts[i].touch.touching;
-    if (touching)
+    if (st.n > 0 && st.touching())
         st.pushed = std::max(0.0, st.pushed - outwards);
     else
         st.approached = (st.pushed > 0 ? 0 : st.approached) + std::max(0.0, -outwards), st.pushed = 0;

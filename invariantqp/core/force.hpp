@@ -177,6 +177,17 @@ struct State {
     double along = 0, still = 0;
     Reason found = Reason::none;
     std::array<double, 4> numbers{};
+    // Whether every press is felt, after a tick; whether a force does not answer the motion.
+    bool touching() const
+    {
+        const auto felt = [](const Constraint& c) { return c.touch.touching; };
+        return presses >= 0 && std::all_of(parts.begin(), parts.begin() + presses, felt);
+    }
+    bool silent() const
+    {
+        const auto one = [](const Constraint& c) { return c.check.silent; };
+        return std::any_of(parts.begin(), parts.begin() + std::max(presses, 0), one);
+    }
     double left = 0, away = 0, pushed = 0, approached = 0, out_coming = 0, out_shown = 0, least = INFINITY;  // least: force since the stop
 };
 
@@ -209,6 +220,8 @@ double lateness(const State& state, const Settings& s);
 constexpr double STALE = 0.012;  // [s] a reading with noise that repeats for so long is not pressed by
 // The log of how much likelier contact is than air, after one more reading.
 double weighed(double evidence, double press, double limit, double noise);
+// The base of the integral, 1 and the speed along, in sizes per 10 s; a slope turns round with the motion.
+std::array<double, 7> base_of(const Settings& s, const std::array<double, 6>& along);
 // The rate of the slope that a motion along the contact is remembered to have.
 double slope_rate(const std::array<double, 7>& slope, const Settings& s, const std::array<double, 6>& along);
 // The monitor: what stops the tool, what is doubted, and what to do (`out`).

@@ -87,7 +87,7 @@ Vec3 direction(nb::handle value, const char* name, Reader& read)
     const double most = std::max({std::abs(v[0]), std::abs(v[1]), std::abs(v[2])});
     if (most == 0)
         refuse(std::string(name) + " is zero");
-    const Vec3 scaled{v[0] / most, v[1] / most, v[2] / most};  // no square overflows or vanishes
+    const Vec3 scaled = vec3(v / most);  // no square overflows or vanishes
     return (1 / norm(scaled)) * scaled;
 }
 // (4, 4) a contact's own frame: z against the outward normal, x along the projection of a tangent on the surface.
@@ -120,7 +120,7 @@ nb::object doubts_of(const HybridTick& tick)
         return nb::none();
     const force::Output& press = tick.press;
     return nb::make_tuple(static_cast<int>(press.action), static_cast<int>(press.reason), press.lost, press.doubts, press.late, tick.desired,
-                          tick.gain_scale, tick.unreachable, tick.motion_gain);
+                          tick.lowered, tick.unreachable, tick.motion_gain);
 }
 Vec optional(nb::handle value, const char* name, int n, Reader& read) { return value.is_none() ? Vec() : read.vector(value, name, n); }
 
@@ -192,18 +192,7 @@ void bind_force(nb::module_& m)
                 most = std::max(most, s.parts[i].touch.airborne);
             return most;
         }, "For how long contact has not been certain [s].")
-        .def_prop_ro("touching", [](const State& s) {
-            bool all = s.n >= 0;
-            for (int i = 0; i < s.presses; i++)
-                all = all && s.parts[i].touch.touching;
-            return all && s.presses >= 0;
-        }, "Whether every press is felt.")
-        .def_prop_ro("silent", [](const State& s) {
-            bool any = false;
-            for (int i = 0; i < s.presses; i++)
-                any = any || s.parts[i].check.silent;
-            return any;
-        }, "Whether a force does not answer the motion: the tool then stops sliding, and is unloaded.")
+        .def_prop_ro("touching", &State::touching, "Whether every press is felt.")
         .def_prop_ro("unexplained", [](const State& s) { return s.parts[0].check.unexplained; }, "Force that the way should have changed.")
         .def_prop_ro("numbers", [](const State& s) { return nb::make_tuple(s.numbers[0], s.numbers[1], s.numbers[2], s.numbers[3]); },
                      "Of what was found.")

@@ -317,9 +317,10 @@ Finding look(State& st, const Settings& s, const Inputs& in, const Touch& touch,
 
 double slope_rate(const std::array<double, 7>& slope, const Settings& s, const std::array<double, 6>& along)
 {
+    const std::array<double, 7> phi = base_of(s, along);
     double rate = 0;
-    for (int j = 0; j < 6; j++)
-        rate += slope[j + 1] * along[j] / (0.1 * s.size);
+    for (int j = 1; j < 7; j++)
+        rate += slope[j] * phi[j];
     return rate;
 }
 

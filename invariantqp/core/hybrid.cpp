@@ -12,9 +12,9 @@ constexpr double TAKES_UP = 0.1;
 // LOWERED of itself is reported. A joint without an acceleration limit has FREE times the largest of the others; below SINGULAR
 // of the largest singular value joints are not asked for a motion.
 constexpr double ABOVE = 1.5, MOST = 0.5, LOWERED = 0.5, FREE = 10, SINGULAR = 1e-2;
-// A normal is estimated while the press is within SHORT of the desired one, by pieces of a STEP of the contact's size: a
+// A normal is estimated while the press is within force::SHORT of the desired one, by pieces of a STEP of the contact's size: a
 // millimetre of 50.
-constexpr double SHORT = 0.2, STEP = 0.02, MEMORY = 10;
+constexpr double STEP = 0.02, MEMORY = 10;
 // Where nothing is declared an overload is this multiple of the desired force, or this force where none is desired [N]; readings
 // of a force stay within so many standard deviations of a component.
 constexpr double OVERLOAD = 2.5, NO_FORCE = 20, ABOVE_NOISE = 8;
@@ -37,7 +37,6 @@ Vec vec(const Six& a, Workspace& w)
     std::copy(a.begin(), a.end(), v.p);
     return v;
 }
-Vec3 vec3(Vec v) { return {v[0], v[1], v[2]}; }
 
 // From twists in a frame to the base.
 Mat adjoint(const Pose& T, Workspace& w)
@@ -59,20 +58,6 @@ Mat coadjoint(const Pose& T, Workspace& w)
             std::swap(B(i, 3 + j), B(3 + i, j));
     return B;
 }
-Pose turned(const Pose& T, const Vec3& about, const Vec3& axis, double angle)
-{
-    const double sine = std::sin(angle), versine = 1 - std::cos(angle);
-    const auto turn = [&](const Vec3& v) { return v + sine * cross(axis, v) + versine * cross(axis, cross(axis, v)); };
-    Pose found = T;
-    for (int j = 0; j < 3; j++) {
-        const Vec3 column = turn({T.R[0][j], T.R[1][j], T.R[2][j]});
-        for (int i = 0; i < 3; i++)
-            found.R[i][j] = column[i];
-    }
-    found.p = about + turn(T.p - about);
-    return found;
-}
-
 struct Load {
     double force, moment;
 };
@@ -122,7 +107,7 @@ class TickInContact {
         const bool beyond = at_edge && (found.press.action == force::Action::follow || found.press.action == force::Action::approach);
         follow(arm, joints, beyond);
         remember(beyond, share);
-        found.reports = reports();
+        found.reports = reports(), found.lowered = lowered();
         kept = state;
         return found;
     }
@@ -170,7 +155,7 @@ class TickInContact {
     {
         return std::max({norm(velocity(twist)), task.size * twist.part(0, 3).norm(), TINY});
     }
-    Vec3 velocity(Vec twist) const { return vec3(twist.part(3, 6)) + cross(vec3(twist.part(0, 3)), point); }
+    Vec3 velocity(Vec twist) const { return vec3(velocity_at(twist, vec(point, w))); }
     bool can_yield() const { return m >= 6 || n <= m - 2; }
 
     // The contact, with the estimated normal.
@@ -180,8 +165,11 @@ class TickInContact {
         set_frames();
         declared = out;
         const Vec3 axis = cross(declared, state.normal.tilt);
-        if (const double sine = norm(axis); set.normal_within > 0 && sine > TINY)
-            found.contact = turned(in.contact, point, (1 / sine) * axis, std::atan(sine)), set_frames();
+        if (const double sine = norm(axis); set.normal_within > 0 && sine > TINY) {
+            const Mat3 turn = rotation((std::atan(sine) / sine) * axis);
+            found.contact = {turn * in.contact.R, point + turn * (in.contact.p - point)};
+            set_frames();
+        }
         grip = tool * set.grip;
         at_edge = in.edge <= 0;
         if (!before.began)
@@ -278,9 +266,8 @@ class TickInContact {
         const Vec chase = along_contact(found.motion_gain * vec(error_twist(in.target, tool), w));
         const Vec ahead = in.feedforward.w ? along_contact(in.feedforward) : Vec(w, 6, 0);
         found.motion = ahead + std::min(1.0, set.slide_speed / speed_of(chase)) * chase;
-        for (const force::Constraint& c : state.press.parts)
-            if (c.check.silent)  // it stops sliding, and is then unloaded to see whether the sensor answers
-                found.motion = Vec(w, 6, 0);
+        if (state.press.silent())  // it stops sliding, and is then unloaded to see whether the sensor answers
+            found.motion = Vec(w, 6, 0);
         if (loop.settings.limits.brakes)
             return;
         const Vec last = along_contact(vec(before.motion, w)), change = found.motion - last;
@@ -419,7 +406,7 @@ class TickInContact {
         const bool unresponsive = said.status == Status::degraded && has(said.reasons, Code::no_motion);
         state.gain = found.press.gain;
         state.room = std::max(1 - std::min(share * state.gain * found.gain_scale, 1.0), 1 - MOST);
-        if (unresponsive && !touching()) {  // readings of an arm that ignores its commands show nothing
+        if (unresponsive && !state.press.touching()) {  // readings of an arm that ignores its commands show nothing
             const double room = state.room;
             const bool at_once = state.at_once;
             state = before, state.room = room, state.at_once = at_once;
@@ -432,7 +419,7 @@ class TickInContact {
         std::copy(rates.begin(), rates.end(), given.begin());
         const bool free = found.press.acts && said.share > 0.9 && found.press.action == force::Action::follow && !beyond;
         force::commanded(state.press, task, given, outwards, free, beyond);
-        state.began = true, state.tool = tool, state.touches = touching(), state.out = state.touches ? out : Vec3{};
+        state.began = true, state.tool = tool, state.touches = state.press.touching(), state.out = state.touches ? out : Vec3{};
         state.motion = six(found.motion);
         if (!beyond)
             state.beyond_edge = false, state.lift = 0;
@@ -442,24 +429,17 @@ class TickInContact {
             state.lift += outwards;
         estimate_normal();
     }
-    bool touching() const
-    {
-        bool all = true;
-        for (int i = 0; i < split.presses; i++)
-            all = all && state.press.parts[i].touch.touching;
-        return all;
-    }
     // The estimate after one more tick in touch; in the air what was estimated is forgotten.
     void estimate_normal()
     {
-        if (set.normal_within == 0 || split.presses == 0 || !touching()) {
+        if (set.normal_within == 0 || split.presses == 0 || !state.press.touching()) {
             state.normal = {};
             return;
         }
         NormalEstimate& e = state.normal;
         const double felt = (unit_parts * W)[0], wanted = found.desired, step = STEP * task.size;
         const double k = task.stiffness > 0 ? task.stiffness : state.press.parts[0].response.bound;
-        if (std::isnan(e.press) && std::abs(felt - wanted) > SHORT * wanted)
+        if (std::isnan(e.press) && std::abs(felt - wanted) > force::SHORT * wanted)
             return;  // while a touch rises by much, what the stiffness is off by would look like a slope
         e.press = std::isnan(e.press) ? felt : e.press, e.displacement = e.displacement + moved;
         const double height = dot(declared, e.displacement), rise = height + (felt - e.press) / k;
@@ -489,11 +469,13 @@ class TickInContact {
         e.displacement = {}, e.press = felt;
     }
 
+    // The force gain's scale where it is so low that it is reported, else 1.
+    double lowered() const { return found.gain_scale < LOWERED && state.press.touching() ? found.gain_scale : 1; }
     bool reports() const
     {
         const force::Output& press = found.press;
         return press.reason != force::Reason::none || press.lost || press.doubts || in.edge < std::max(set.edge_margin, TINY)
-               || (found.gain_scale < LOWERED && touching()) || found.unreachable > 0 || state.normal.bound > 0
+               || lowered() < 1 || found.unreachable > 0 || state.normal.bound > 0
                || found.motion_gain < loop.settings.gain;
     }
 };

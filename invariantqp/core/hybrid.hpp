@@ -101,13 +101,13 @@ struct HybridTick {
     Vec intensities;           // (n,) parts of the measured wrench in the constraints
     force::Output press;
     double desired = 0;        // the first unit part of the desired wrench
-    double gain_scale = 1;     // of the force gain, lowered for noise
+    double gain_scale = 1;     // of the force gain, lowered for noise,
+    double lowered = 1;        // and the same where it is so low that it is reported, else 1
     double unreachable = 0;    // share of the motion that fewer than six joints turn into a press
     double motion_gain = 0;    // [1/s]
     bool reports = false;      // whether there is more to say than the loop does
 };
 
-// The part of a twist that limits and noise leave to few joints, and the law of force and motion.
 class Hybrid {
   public:
     HybridSettings settings;

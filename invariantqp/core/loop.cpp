@@ -14,17 +14,16 @@ constexpr double SLACK_GAIN = 10;  // at most, by which an error within the slac
 constexpr double OUTSIDE = 1e-3;  // outside of its range a joint is reported [rad, length]; less is encoders' noise
 constexpr int AGAIN = 4;          // so often at most an answer is made again that does not keep a limit to its end
 
-Twist twist(Vec s) { return {{s[0], s[1], s[2]}, {s[3], s[4], s[5]}}; }
+Twist twist(Vec s) { return {vec3(s.part(0, 3)), vec3(s.part(3, 6))}; }
 
 // The same displacement turning as in the tick before, where it is nearly half a turn: same axis, same translation along it.
 Twist same_turn(const double* before, const Twist& error)
 {
-    const double angle = norm(error.omega);
-    const Vec3 last{before[0], before[1], before[2]};
-    if (angle < HALF_TURN || !(dot(last, error.omega) < 0))
+    const double ratio = same_way(error.omega, {before[0], before[1], before[2]});
+    if (ratio == 1)
         return error;
-    const Vec3 axis = (1 / angle) * error.omega;
-    const double ratio = (angle - 2 * M_PI) / angle, slide = dot(axis, error.v);
+    const Vec3 axis = (1 / norm(error.omega)) * error.omega;
+    const double slide = dot(axis, error.v);
     return {ratio * error.omega, ratio * error.v + ((1 - ratio) * slide) * axis};
 }
 

@@ -26,10 +26,7 @@ Demand demand_of(nb::handle value, Reader& read, int m)
 {
     const nb::tuple given = parts(value, "exact", 3);
     const std::string kind = nb::cast<std::string>(given[0]);
-    const auto three = [&](nb::handle v) {
-        const Vec x = read.vector(v, "exact", 3);
-        return Vec3{x[0], x[1], x[2]};
-    };
+    const auto three = [&](nb::handle v) { return vec3(read.vector(v, "exact", 3)); };
     if (kind == "twist")
         return {Demand::Kind::twist};
     if (kind == "point")

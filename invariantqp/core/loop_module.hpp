@@ -69,8 +69,7 @@ class Fields {
     }
     Vec3 point(const char* name) const
     {
-        const Vec v = read.vector((*this)[name], name, 3);
-        return {v[0], v[1], v[2]};
+        return vec3(read.vector((*this)[name], name, 3));
     }
     Pose pose(const char* name) const { return read_pose((*this)[name], name, read); }
     std::string word(const char* name) const

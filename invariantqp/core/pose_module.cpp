@@ -10,7 +10,6 @@ namespace {
 
 constexpr double ROTATION_TOLERANCE = 1e-5;  // as in geometry/arrays.py
 
-Vec3 three(Vec x) { return {x[0], x[1], x[2]}; }
 
 // An arm, and what of targets and starts it is not believed to mean.
 struct Arm {
@@ -38,8 +37,8 @@ struct Arm {
         of.lower = numbers(lower, "lower", Numbers::any), of.upper = numbers(upper, "upper", Numbers::any);
         of.low = numbers(low, "low"), of.high = numbers(high, "high"), of.middle = numbers(middle, "middle");
         of.stride = numbers(stride, "stride"), of.turn = numbers(turn, "turn");
-        of.point = three(read.vector(point, "point", 3)), of.length = length;
-        this->tip = three(read.vector(tip, "tip", 3));
+        of.point = vec3(read.vector(point, "point", 3)), of.length = length;
+        this->tip = vec3(read.vector(tip, "tip", 3));
         this->believed_lower = numbers(believed_lower, "believed_lower", Numbers::any);
         this->believed_upper = numbers(believed_upper, "believed_upper", Numbers::any);
         if (state.is_none()) {
@@ -110,7 +109,7 @@ class Options {
         if (nb::isinstance<nb::tuple>(form)) {
             const nb::tuple given = nb::borrow<nb::tuple>(form);
             task.root = read.matrix(given[0], "root", 6, 6);
-            task.point = three(read.vector(given[1], "point", 3));
+            task.point = vec3(read.vector(given[1], "point", 3));
         } else if (formed)
             task.length = number(form, "length", 1e-300, 1e300);
         task.least = std::min(1.0, task.root.w ? SVD(task.root).sigma[5] : task.length);
@@ -136,7 +135,7 @@ class Options {
         }
         if (PyArray_NDIM(reinterpret_cast<PyArrayObject*>(given.ptr())) == 1) {
             PartialTarget at;
-            at.has_point = true, at.point = three(read.vector(given, "target", 3));
+            at.has_point = true, at.point = vec3(read.vector(given, "target", 3));
             return towards(at);
         }
         set(found, read.matrix(given, "target", 4, 4).p);
@@ -203,9 +202,9 @@ class Options {
             refuse("exact has a demand of no kind that there is");
         found.of.kind = static_cast<Demand::Kind>(kind);
         if (!parts[1].is_none())
-            found.of.point = three(read.vector(parts[1], "exact point", 3));
+            found.of.point = vec3(read.vector(parts[1], "exact point", 3));
         if (!parts[2].is_none())
-            found.of.direction = three(read.vector(parts[2], "exact direction", 3));
+            found.of.direction = vec3(read.vector(parts[2], "exact direction", 3));
         return found;
     }
 };

@@ -11,8 +11,7 @@
 
 namespace iq {
 
-constexpr double NO_TURN = 1e-12;       // directions whose sine is below this are parallel, or opposite
-constexpr double HALF_TURN = 0.8 * M_PI;  // turns beyond this [rad] may keep the direction of the tick before
+constexpr double NO_TURN = 1e-12;  // directions whose sine is below this are parallel, or opposite
 
 // A unit vector across another one.
 inline Vec3 across(const Vec3& axis)
@@ -103,22 +102,7 @@ struct PartialTarget {
         const double size = norm(kept);
         kept = size > 0.5 * norm(before) && size > 0 ? (1 / size) * kept : half;
         const Vec3 found = shortest_turn(here, axis, kept);
-        const double angle = norm(found);
-        return angle > HALF_TURN && dot(before, found) < 0 ? ((angle - 2 * M_PI) / angle) * found : found;
-    }
-    static Mat3 rotation(const Vec3& omega)
-    {
-        const double angle = norm(omega);
-        Mat3 R{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
-        if (angle == 0)
-            return R;
-        const Vec3 n = (1 / angle) * omega;
-        const double half = std::sin(0.5 * angle), sine = std::sin(angle), versine = 2 * half * half;
-        for (int i = 0; i < 3; i++) {  // r (1 + sin t [n]x + (1 - cos t) [n]x^2) of each row
-            const Vec3 once = cross(R[i], n);
-            R[i] = R[i] + sine * once + versine * cross(once, n);
-        }
-        return R;
+        return same_way(found, before) * found;
     }
 };
 

@@ -9,10 +9,7 @@ namespace iq {
 inline PartialTarget partial_target(nb::handle value, Reader& read)
 {
     const nb::tuple given = parts(value, "target", 4);
-    const auto three = [&](std::size_t i) {
-        const Vec x = read.vector(given[i], "target", 3);
-        return Vec3{x[0], x[1], x[2]};
-    };
+    const auto three = [&](std::size_t i) { return vec3(read.vector(given[i], "target", 3)); };
     PartialTarget found;
     found.has_point = !given[0].is_none(), found.has_axis = !given[1].is_none();
     if (!found.has_point && !found.has_axis)

@@ -259,9 +259,10 @@ class HybridController:
                 one before again; too often is a dead sensor's "fault".
         """
         task, loop, inner = self.task, self.loop, self.loop.in_engine
-        by_task = contact is None and callable(task.contact)
-        contact = contact_now(task, self.robot.pose(q) if by_task else ANYWHERE, contact)
-        tool = ANYWHERE if contact.kind.presses else self.robot.pose(q)
+        given, tool = task.contact if contact is None else contact, ANYWHERE
+        if not isinstance(given, Contact) or given.kind.presses == 0:
+            tool = self.robot.pose(q)
+        contact = contact_now(task, tool, contact)
         split = self.splits.at(contact, tool)
         plain = self._order is not None and are_numbers(wrench)
         reading = wrench if plain else wrench_of(wrench, self._order, "wrench")
@@ -334,7 +335,7 @@ class HybridController:
         trouble = []
         if 0.0 < gain < loop.gain:
             trouble.append(messages.late(state.lag - loop.delay, gain, loop.gain))
-        if state.touching and gain_scale < messages.LOWERED:
+        if gain_scale < 1.0:
             trouble.append(messages.lowered(gain_scale, max(self._noise, state.noise)))
         if unreachable > 0.0:
             trouble.append(messages.unreachable(unreachable, len(loop.robot.names), contact.name))

@@ -17,9 +17,6 @@ NONE, OVERLOAD, DEAD, PULLS, NO_RESPONSE, HELD_BACK, NOT_FOLLOWING, LOST, NO_CON
 SWINGS, NOT_REACHED, NOISY, UNEXPLAINED, UNLOADING, TARING, NOT_TARED = (1 << k for k in range(7))
 LOST_REASONS = (NOT_FOLLOWING, LOST, NO_CONTACT_WAY, NO_CONTACT_TIME)
 
-# A gain lowered for noise below this share of itself is reported, as in core/hybrid.cpp.
-LOWERED = 0.5
-
 # What a user may have declared wrong of a sensor.
 DECLARED = "reads=, order=, mass= or bias="
 AT_ONCE = f", out of the air: the sensor's {DECLARED} is wrong, or something is in the way"

@@ -48,8 +48,8 @@ NO_TOUCH = "no contact"
 TROUBLE = (*NO_CONTACT, Status.HELD, Status.DEGRADED)
 OFF = "the tool is not where it was sent along the contact"
 # A tool this far off, relative to the measure, is late along a stream; along a path it slows down, and one that counts
-# as pushed waits. Joints that are off the
-# plan by motion that leaves the tool where it is slow it down from half of STRAYED on.
+# as pushed waits. Joints that are off the plan by motion that leaves the tool where it is slow it down from half of
+# STRAYED on.
 AWAY = 5e-3
 
 

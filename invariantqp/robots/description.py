@@ -73,10 +73,8 @@ def require_robot(name: str, root: ET.Element) -> None:
     elif root.tag == "mujocoinclude" or (root.tag == "mujoco" and not is_whole(root)):
         raise RobotModelError(f"{name}: a part of an MJCF, found <{root.tag}> without <worldbody>. {including(name)}")
     elif root.tag != "mujoco":
-        what = OTHERS.get(root.tag, "expected a URDF <robot> with <joint>s, or an MJCF <mujoco>")
-        raise RobotModelError(
-            f"{name}: found <{root.tag}>, {what}" if root.tag in OTHERS else f"{name}: found <{root.tag}>; {what}"
-        )
+        what = OTHERS.get(root.tag, "which is no robot; expected the <robot> of a URDF or the <mujoco> of an MJCF")
+        raise RobotModelError(f"{name}: found <{root.tag}>, {what}")
 
 
 def is_xacro(root: ET.Element) -> bool:
@@ -89,7 +87,7 @@ def is_xacro(root: ET.Element) -> bool:
 
 def is_whole(root: ET.Element) -> bool:
     """Whether a <mujoco> has bodies, of its own or of a file that it includes."""
-    return any(True for _ in root.iter("worldbody")) or any(True for _ in root.iter("include"))
+    return any(element.tag in ("worldbody", "include") for element in root.iter())
 
 
 def including(name: str) -> str:

@@ -167,14 +167,15 @@ def read_arm(source: Any, tool: str | ArrayLike | None, chosen: tuple[str, ...] 
 def _described(source: Path | str, tool: str | None, joints: Sequence[str] | None, srdf: str = "") -> Chain:
     """The arm of a description in XML, and of an SRDF in example-robot-data."""
     name, root = read_xml(source)
-    require_robot(name, root)
     if root.tag == "mujoco":
+        require_robot(name, root)
         from invariantqp.robots.mujoco import load_mujoco, read_mjcf
 
         return load_mujoco(read_mjcf(source), tool, joints)
+    joints_in_file = joints_of(name, root)
     parts = parts_of(name, root, source.resolve().parent if isinstance(source, Path) else None)
     apart = disabled(_data_folder() / srdf) if srdf else None
-    return chain_to_link(joints_of(name, root), name, tool, joints, parts, apart)
+    return chain_to_link(joints_in_file, name, tool, joints, parts, apart)
 
 
 def _library(source: object) -> str | None:

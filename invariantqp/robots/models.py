@@ -19,11 +19,8 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.robots.chain import Chain, Coupled
 from invariantqp.robots.kinematics import UNLIMITED
 from invariantqp.robots.pinocchio import pin
-from invariantqp.robots.tree import NOT_SINGLE, Mimic, TreeJoint, cannot_move, selected, usual_tools
+from invariantqp.robots.tree import NOT_SINGLE, NOWHERE, Mimic, TreeJoint, cannot_move, selected, usual_tools
 from invariantqp.robots.urdf import excluded, open_limit
-
-# Of joints whose places do not matter.
-EYE, AXIS = np.eye(4), np.array((0.0, 0.0, 1.0))
 
 
 def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None) -> Chain:
@@ -33,7 +30,8 @@ def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None)
     if tool is None:
         tool = _usual_tool(model)
     index = _frame(model, tool)
-    can = {model.names[i]: i for i in _support(model, model.frames[index]) if i not in _drivers(model)}
+    drivers = _drivers(model)
+    can = {model.names[i]: i for i in _support(model, model.frames[index]) if i not in drivers}
     moving = [can[joint] for joint in selected(name, tool, list(can), list(model.names)[1:], joints)]
     for i in moving:
         if model.nvs[i] != 1:
@@ -94,7 +92,7 @@ def _usual_tool(model: pin.Model) -> str:
     for i in range(1, model.njoints):
         above = model.frames[model.frames[model.getFrameId(model.names[i], pin.FrameType.JOINT)].parentFrame].name
         mimic = Mimic(model.names[drivers[i]], 1.0, 0.0) if i in drivers else None
-        tree[i] = TreeJoint(model.names[i], "revolute", above, child.get(i, ""), EYE, AXIS, mimics=mimic)
+        tree[i] = TreeJoint(model.names[i], "revolute", above, child.get(i, ""), *NOWHERE, mimics=mimic)
     return usual_tools({frame.name: [tree[i] for i in _support(model, frame)] for frame in links})[0]
 
 

@@ -21,6 +21,7 @@ from invariantqp.robots.chain import Chain, Geometry, Link
 from invariantqp.robots.description import including
 from invariantqp.robots.tree import (
     MOVING,
+    NOWHERE,
     Mimic,
     TreeJoint,
     also,
@@ -109,7 +110,7 @@ def _tree(model: Any, bodies: list[str]) -> list[TreeJoint]:
         lower, upper = (float(limit[0]) for limit in _limits(model, [i]))
         kind = kinds.get(int(model.jnt_type[i]), "floating")
         above = bodies[int(model.body_parentid[body])]
-        made.append(TreeJoint(name, kind, above, bodies[body], np.eye(4), np.array((0.0, 0.0, 1.0)), lower, upper))
+        made.append(TreeJoint(name, kind, above, bodies[body], *NOWHERE, lower, upper))
     active = (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & model.eq_active0.astype(bool)
     for k in np.flatnonzero(active):  # y - y0 = a0 + a1 (x - x0) + ...
         one, driver = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])

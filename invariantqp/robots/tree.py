@@ -60,6 +60,10 @@ class TreeJoint(NamedTuple):
         return np.concatenate((still, self.axis) if self.kind == "prismatic" else (self.axis, still))
 
 
+# Origin and axis of a joint whose place does not matter.
+NOWHERE = np.eye(4), np.array((0.0, 0.0, 1.0))
+
+
 def chain_to_link(
     joints: Sequence[TreeJoint],
     name: str,
@@ -220,7 +224,7 @@ def notes_of(
     joints: Sequence[TreeJoint], path: Sequence[TreeJoint], moving: Sequence[str], at: dict[str, float]
 ) -> tuple[str, ...]:
     """What was held still or coupled, in words."""
-    made = []
+    made, above = [], {joint.child: joint for joint in joints}
     for joint in joints:
         if joint.kind == "fixed" or joint.name in moving:
             continue
@@ -230,14 +234,9 @@ def notes_of(
             )
         elif joint in path:
             made.append(f"joint {joint.name} is held at {at.get(joint.name, 0.0):g}")
-        elif path and path[-1].child in {one.child for one in _above(joint, joints)}:
+        elif path and path[-1] in path_to(above, joint.parent, ""):
             made.append(f"joint {joint.name} is left out: it moves what hangs on the tool")
     return tuple(made)
-
-
-def _above(joint: TreeJoint, joints: Sequence[TreeJoint]) -> list[TreeJoint]:
-    """The joints between the root and the link that a joint stands on."""
-    return path_to({one.child: one for one in joints}, joint.parent, "")
 
 
 def selected(

@@ -34,12 +34,8 @@ import numpy as np
 
 import invariantqp as iq
 
-DT, FASTEST, GAIN, CATCH_UP = (
-    0.002,
-    0.02,
-    10.0,
-    0.1,
-)  # [s], along the press [m/s], of the pose [1/s], of its error [m/s]
+# [s], along the press [m/s], of the pose [1/s], of its error [m/s].
+DT, FASTEST, GAIN, CATCH_UP = 0.002, 0.02, 10.0, 0.1
 INWARDS, NO_CONTACT = np.array([0.0, 0.0, -1.0]), 0.05  # below this share of the press there is no contact
 LAWS = ("ours", "line", "admittance", "osc")
 
