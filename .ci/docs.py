@@ -26,9 +26,8 @@ from invariantqp.velocity import reasons
 
 # What a newcomer looks for comes first on the page of public names.
 ORDER = (
-    *("robots", "control", "velocity", "paths", "force", "identification", "pose", "runs", "analysis"),
-    *("pictures", "view"),
-    *("geometry", "systems", "compare", "engine", "errors", "version"),
+    *("robots", "control", "velocity", "paths", "force", "identification", "pose", "workbench"),
+    *("geometry", "systems", "engine", "errors", "version"),
 )
 # Aliases that a signature would spell out, as signatures spell them out, and what they are called.
 ALIASES = {inspect.formatannotation(alias): name for alias, name in ((ArrayLike, "ArrayLike"), (Array, "Array"))}
@@ -80,7 +79,7 @@ def main(folder: Path) -> None:
     for found in walk_packages(iq.__path__, "invariantqp."):
         resolve(import_module(found.name))
     inspect.formatannotation = pdoc.doc.formatannotation = called_by_name(inspect.formatannotation)
-    modules = [f"invariantqp.{module.name}" for module in iter_modules(iq.__path__) if module.name != "cli"]
+    modules = [f"invariantqp.{module.name}" for module in iter_modules(iq.__path__)]
     pdoc.render.configure(docformat="google", footer_text=f"invariantqp {iq.__version__}")
     pdoc.pdoc("invariantqp", *modules, output_directory=folder)
     page = (folder / "invariantqp.html").read_text(encoding="utf-8")

@@ -15,11 +15,11 @@ from pathlib import Path
 
 from shared.pages import guide, markdown, write_section
 
-from invariantqp.cli.console import progress
-from invariantqp.compare.report import DARK, draw
-from invariantqp.compare.results import write_results
-from invariantqp.compare.sweep import methods_named, sweep, tasks_of
-from invariantqp.compare.tables import lost_kinds, summary
+from invariantqp.workbench.cli.console import progress
+from invariantqp.workbench.compare.report import DARK, draw
+from invariantqp.workbench.compare.results import write_results
+from invariantqp.workbench.compare.sweep import methods_named, sweep, tasks_of
+from invariantqp.workbench.compare.tables import lost_kinds, summary
 
 HERE = Path(__file__).parent
 RESULTS, PICTURES = HERE / "comparison" / "results.json", HERE / "pictures"

@@ -11,7 +11,7 @@ import numpy as np
 from shared.pose_race import TIME_LIMIT, race
 
 import invariantqp as iq
-from invariantqp.cli.console import progress
+from invariantqp.workbench.cli.console import progress
 
 # One pose of a Panda, then one that it cannot reach.
 robot = iq.load_robot("panda")

@@ -39,11 +39,11 @@ from scipy.optimize import minimize
 from shared.ten_arms import ARMS, arm, limits
 
 import invariantqp as iq
-from invariantqp.compare.arms import STARTS, chain_of
-from invariantqp.compare.figures import NOT_SETTLED, figures
-from invariantqp.compare.tasks import COUNTS, BedTask, bed, from_file, minimum_jerk, spec_of, twists_of
 from invariantqp.control import controller, tracking
-from invariantqp.runs.taskfile import LawSpec, law_options, load_task, shipped_tasks
+from invariantqp.workbench.compare.arms import STARTS, chain_of
+from invariantqp.workbench.compare.figures import NOT_SETTLED, figures
+from invariantqp.workbench.compare.tasks import COUNTS, BedTask, bed, from_file, minimum_jerk, spec_of, twists_of
+from invariantqp.workbench.runs.taskfile import LawSpec, law_options, load_task, shipped_tasks
 
 DT = 0.01
 # Kinds of the bed's tasks, and of the random ones.

@@ -33,9 +33,9 @@ from scipy.interpolate import CubicSpline
 from shared.ten_arms import ARMS, arm, limits
 
 import invariantqp as iq
-from invariantqp.compare.by_hand import ByHand, qp
-from invariantqp.compare.tasks import spec_of
-from invariantqp.runs.taskfile import LawSpec
+from invariantqp.workbench.compare.by_hand import ByHand, qp
+from invariantqp.workbench.compare.tasks import spec_of
+from invariantqp.workbench.runs.taskfile import LawSpec
 
 DT = 0.001
 # Joints reach their full speed in this time [s].

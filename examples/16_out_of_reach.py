@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from invariantqp.lerobot import RobotKinematics
 from invariantqp.robots.load import urdf_of
 from invariantqp.robots.urdf import read_xml
-from invariantqp.view.appearance import appearance_of
+from invariantqp.workbench.view.appearance import appearance_of
 
 HERE = Path(__file__).parent
 PICTURE, RECORDED = HERE / "pictures" / "out_of_reach.gif", HERE / "shared" / "out_of_reach_placo.csv"

@@ -18,8 +18,8 @@ from shared.contact_scenes import scenes
 
 import invariantqp as iq
 from invariantqp.robots.load import urdf_of
-from invariantqp.runs.contactspec import Physics
-from invariantqp.runs.plant import Measurement, PlantState
+from invariantqp.workbench.runs.contactspec import Physics
+from invariantqp.workbench.runs.plant import Measurement, PlantState
 
 DT = 0.002  # [s]
 TOUCH, SETTLED, STARTED, LONGEST = 0.3, 1.0, 0.5, 20.0  # [s] of a touch, after it, of the path's start, until the touch
@@ -62,7 +62,7 @@ class Springs:
 def plant_of(physics, name, robot, q, scene):
     if physics == "ideal":
         return Springs(robot, q, scene)
-    from invariantqp.runs.mujoco import MujocoPlant
+    from invariantqp.workbench.runs.mujoco import MujocoPlant
 
     friction = PHYSICS.friction if scene.touch.stiffness < SLIPPERY else 0.0
     cell = PHYSICS.model_copy(update={"armature": ARMATURE.get(name, 0.1), "friction": friction})

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import invariantqp as iq
-from invariantqp.pictures.charts import BLUE, GREEN, VERMILION
+from invariantqp.workbench.pictures.charts import BLUE, GREEN, VERMILION
 
 # Paper, ink and muted ink in light, and in dark: a page may be dark where a browser is not, so the paper is its own.
 STYLE = """

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 import invariantqp as iq
-from invariantqp import tasks, view
-from invariantqp.pictures.charts import BLUE, ORANGE
-from invariantqp.view.timeline import timeline_of
+from invariantqp import tasks, workbench
+from invariantqp.workbench.pictures.charts import BLUE, ORANGE
+from invariantqp.workbench.view.timeline import timeline_of
 
 HERE = Path(__file__).parent
 # Examples that draw: what is run, and the file that comes of it.
@@ -96,7 +96,7 @@ def task_card(name, folder, *, run):
         return card(name, "", words, "")
     trace, file = iq.run_task(task), name.replace("/", "_")
     (folder / f"{file}.svg").write_text(moving_picture(timeline_of(trace)), encoding="utf-8")
-    view.animation(trace, folder / f"{file}.html")
+    workbench.animation(trace, folder / f"{file}.html")
     error, limits = 1e3 * trace.position_error.max(), 100 * np.mean(trace.limit_active)
     told = f"<p>Largest error {error:.2g} mm; a limit is active in {limits:.0f} % of the ticks.</p>"
     return card(name, f"{file}.svg", told + words, f"{file}.html")

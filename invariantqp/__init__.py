@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 from invariantqp.lazy import loaded_on_use
 
 if TYPE_CHECKING or not loaded_on_use(__name__):
-    from invariantqp import analysis as analysis
-    from invariantqp import compare as compare
     from invariantqp import contacts as contacts
     from invariantqp import control as control
     from invariantqp import errors as errors
@@ -20,7 +18,6 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp import limits as limits
     from invariantqp import mink as mink
     from invariantqp import paths as paths
-    from invariantqp import pictures as pictures
     from invariantqp import pink as pink
     from invariantqp import pose as pose
     from invariantqp import robots as robots
@@ -28,7 +25,7 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp import systems as systems
     from invariantqp import tasks as tasks
     from invariantqp import velocity as velocity
-    from invariantqp import view as view
+    from invariantqp import workbench as workbench
     from invariantqp.control.controller import Controller as Controller
     from invariantqp.control.measure import tool_metric as tool_metric
     from invariantqp.control.target import Target as Target
@@ -57,8 +54,6 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.pose.ik import solve_pose as solve_pose
     from invariantqp.pose.ik import solve_poses as solve_poses
     from invariantqp.robots.load import load_robot as load_robot
-    from invariantqp.runs.run import run_task as run_task
-    from invariantqp.runs.taskfile import load_task as load_task
     from invariantqp.systems.classification import gibson_hunt as gibson_hunt
     from invariantqp.systems.gram import principal_pitches as principal_pitches
     from invariantqp.systems.lines import involution as involution
@@ -76,3 +71,5 @@ if TYPE_CHECKING or not loaded_on_use(__name__):
     from invariantqp.velocity.problem import solve_velocity as solve_velocity
     from invariantqp.velocity.solution import Status as Status
     from invariantqp.version import __version__ as __version__
+    from invariantqp.workbench.runs.run import run_task as run_task
+    from invariantqp.workbench.runs.taskfile import load_task as load_task

@@ -14,8 +14,8 @@ def main() -> None:
         require("cli", "typer", "rich")
     except MissingExtra as error:
         sys.stderr.write(f"error: {error}\n")
-        sys.exit(2)  # `invariantqp.cli.console.Exit.BAD_INPUT`
-    from invariantqp.cli import main as run
+        sys.exit(2)  # `invariantqp.workbench.cli.console.Exit.BAD_INPUT`
+    from invariantqp.workbench.cli import main as run
 
     run()
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from invariantqp.pictures import inspection as pictured
+from invariantqp.workbench.pictures import inspection as pictured
 
 ROOT = Path(__file__).parent.parent
 GUIDE = ROOT / "examples" / "guide"

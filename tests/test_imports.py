@@ -18,7 +18,7 @@ from support.public_names import namespaces
 import invariantqp as iq
 from invariantqp.errors import install_command
 from invariantqp.extras import optional
-from invariantqp.runs.taskfile import tomllib
+from invariantqp.workbench.runs.taskfile import tomllib
 
 PACKAGE = Path(iq.__file__).parent
 ELSEWHERE = PACKAGE.parent  # where the package is found that is tested, and not sources that were not compiled
@@ -186,7 +186,7 @@ EXTRAS = {
     "robots": ("iq.load_robot('panda')", ["example-robot-data"]),
     "pin": ("iq.load_robot(np.eye(6), np.eye(4)).model", ["pinocchio"]),
     "solvers": ("iq.Controller(iq.load_robot(np.eye(6), np.eye(4)), dt=0.01, backend='osqp')", ["osqp"]),
-    "pictures": ("iq.pictures.picture", ["matplotlib"]),
+    "pictures": ("iq.workbench.picture", ["matplotlib"]),
     "pink": ("from invariantqp.pink import InvariantFrameTask", ["pink"]),
     "mink": ("from invariantqp.mink import InvariantFrameTask", ["mink"]),
     "sim": ("iq.run_task(iq.load_task('pen_on_paper'), physics='mujoco')", ["mujoco"]),

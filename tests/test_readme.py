@@ -12,10 +12,10 @@ import pytest
 from support.readme import Block, blocks, in_python
 
 import invariantqp as iq
-from invariantqp import cli
-from invariantqp.compare import results
-from invariantqp.compare.tables import frame_change
-from invariantqp.runs.taskfile import tomllib
+from invariantqp.workbench import cli
+from invariantqp.workbench.compare import results
+from invariantqp.workbench.compare.tables import frame_change
+from invariantqp.workbench.runs.taskfile import tomllib
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -18,7 +18,7 @@ PACKAGE = Path(iq.__file__).parent
 PAGE = (Path(__file__).parent.parent / "examples" / "guide" / "troubleshooting.md").read_text(encoding="utf-8")
 ROOMS = "velocity", "control", "paths", "force", "pose"
 SOURCES = [file for room in ROOMS for file in (PACKAGE / room).rglob("*.py")]
-SOURCES = sorted([*SOURCES, PACKAGE / "runs" / "run.py"])
+SOURCES = sorted([*SOURCES, PACKAGE / "workbench" / "runs" / "run.py"])
 SOURCES.remove(PACKAGE / "force" / "contact_kinds.py")  # its messages are those of wrong arguments alone
 ENTRY = re.compile(r"^- ((?:`[^`]+`(?:, | or )?)+):", flags=re.MULTILINE)
 ENTRIES = [phrase for found in ENTRY.finditer(PAGE) for phrase in re.findall(r"`([^`]+)`", found[1])]

@@ -8,9 +8,9 @@ import numpy as np
 
 import invariantqp as iq
 from invariantqp.robots.load import urdf_of
-from invariantqp.runs.contactspec import Physics
-from invariantqp.runs.mujoco import MujocoPlant
-from invariantqp.runs.plant import Plane, SimulatedSensor, SurfaceSprings
+from invariantqp.workbench.runs.contactspec import Physics
+from invariantqp.workbench.runs.mujoco import MujocoPlant
+from invariantqp.workbench.runs.plant import Plane, SimulatedSensor, SurfaceSprings
 
 DT, DELAY, NOISE = 0.004, 0.014, 0.2  # [s], [s], [N]
 # Joint positions with the tool straight down [rad].

@@ -15,8 +15,8 @@ import numpy as np
 
 import invariantqp as iq
 from invariantqp.geometry.se3 import cross, displacement, facing
-from invariantqp.runs.mujoco import Solid, Solids, ball_at
-from invariantqp.runs.plant import HingeSprings, Plane, SurfaceSprings
+from invariantqp.workbench.runs.mujoco import Solid, Solids, ball_at
+from invariantqp.workbench.runs.plant import HingeSprings, Plane, SurfaceSprings
 
 TURN, RIGHT, CREEP = 4.0, np.array([0.05**2] * 3 + [1.0] * 3), 1e-3  # [s] a turn; what a twist weighs; [m/s]
 

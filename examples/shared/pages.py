@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from invariantqp.compare.report import machine
-from invariantqp.compare.results import Results
-from invariantqp.compare.tables import CELLS, RULE, Table, by_kind, kinds, losses, settings, summary
+from invariantqp.workbench.compare.report import machine
+from invariantqp.workbench.compare.results import Results
+from invariantqp.workbench.compare.tables import CELLS, RULE, Table, by_kind, kinds, losses, settings, summary
 
 BEGIN, END = "<!-- comparison -->", "<!-- end of comparison -->"
 # Kinds of tasks that stand in one table.

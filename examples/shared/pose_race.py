@@ -21,19 +21,19 @@ from typing import Any
 
 import numpy as np
 
-from invariantqp.analysis.survey import joint_ranges, spread
-from invariantqp.compare.arms import as_chain, joint_frames
-from invariantqp.compare.libraries import Pink
-from invariantqp.compare.tasks import spec_of
 from invariantqp.errors import BadInput
 from invariantqp.extras import is_installed
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.pose.ik import RESTARTS, solve_pose
-from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.kinematics import Robot, joint_ranges
 from invariantqp.robots.load import load_robot
-from invariantqp.runs.taskfile import LawSpec
-from invariantqp.runs.trace import distance
+from invariantqp.workbench.analysis.survey import spread
+from invariantqp.workbench.compare.arms import as_chain, joint_frames
+from invariantqp.workbench.compare.libraries import Pink
+from invariantqp.workbench.compare.tasks import spec_of
+from invariantqp.workbench.runs.taskfile import LawSpec
+from invariantqp.workbench.runs.trace import distance
 
 # A target (4, 4) and a start (m,) to joint positions (m,), whether they reach the target or not.
 Solver = Callable[[Array, Array], Array]

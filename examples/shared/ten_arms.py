@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import invariantqp as iq
-from invariantqp.runs.taskfile import RobotSpec
+from invariantqp.workbench.runs.taskfile import RobotSpec
 
 THREE = [((0, 0, 1), (0, 0, 0)), ((0, 1, 0), (0.1, 0, 0.3)), ((1, 0, 0), (0.4, 0.2, 0.5))]
 FIVE = [*THREE, ((0, 1, 0), (0.6, 0.2, 0.4)), ((0, 0, 1), (0.8, 0.1, 0.3))]

@@ -21,7 +21,6 @@ import numpy as np
 from attrs import frozen
 from numpy.typing import ArrayLike
 
-from invariantqp.analysis.survey import joint_ranges
 from invariantqp.control.demands import (
     Exact,
     ExactAxis,
@@ -41,7 +40,7 @@ from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.robots.chain import Chain, shares_coordinate
-from invariantqp.robots.kinematics import Robot, far_away, middle, refuse_far, remembered, whole_turns
+from invariantqp.robots.kinematics import Robot, far_away, joint_ranges, middle, refuse_far, remembered, whole_turns
 from invariantqp.systems.points import centre
 from invariantqp.velocity.forms import CarriedMetric, Form, PitchForm, form_of
 
@@ -289,7 +288,7 @@ def pose_arm(robot: Robot) -> Any:
         kinematics: dict[str, Any] = {"chain": robot.in_engine}
     else:
         kinematics = {"state": lambda q: (robot.pose(q), robot.jacobian(q))}
-    phi = max(np.roots([1.0, *[0.0] * (m - 1), -1.0, -1.0]).real)  # the sequence of analysis/survey.py
+    phi = max(np.roots([1.0, *[0.0] * (m - 1), -1.0, -1.0]).real)  # the sequence of workbench/analysis/survey.py
     return law.PoseArm(
         **kinematics,
         lower=robot.position_lower,

@@ -115,6 +115,14 @@ def middle(robot: Robot) -> Array:
     return np.minimum(np.maximum(centre, lower), upper)
 
 
+def joint_ranges(robot: Robot) -> tuple[Array, Array]:
+    """(m,) the limits, or a turn about the middle, or a unit of length, of joints that have none."""
+    mid = middle(robot)
+    half = np.where(turning(robot.jacobian(mid)) > 0.0, np.pi, 0.5)
+    low, high = robot.position_lower, robot.position_upper
+    return np.where(np.isfinite(low), low, mid - half), np.where(np.isfinite(high), high, mid + half)
+
+
 def whole_turns(J: Array) -> Array:
     """(m,) the joint displacement of a whole turn of each hinge of joint twists J (6, m); 0 of other joints."""
     speed, drift = turning(J), np.linalg.norm(J[3:], axis=0)

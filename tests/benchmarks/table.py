@@ -29,9 +29,9 @@ from scipy.interpolate import CubicSpline
 from support.arms import ready
 
 import invariantqp as iq
-from invariantqp.compare.libraries import Mink, Pink, Placo
-from invariantqp.compare.tasks import spec_of
 from invariantqp.velocity import batch
+from invariantqp.workbench.compare.libraries import Mink, Pink, Placo
+from invariantqp.workbench.compare.tasks import spec_of
 
 OURS, PYTHON, HAND = "engine", "definition", "hand-written"
 COLUMNS = (OURS, PYTHON, HAND, "Pink", "mink", "placo")

@@ -109,8 +109,8 @@ def test_a_normal_declared_5_degrees_wrong_does_not_stop_the_slide(arm):
     from support.arms import ready
 
     from invariantqp.robots.load import urdf_of
-    from invariantqp.runs.contactspec import Physics
-    from invariantqp.runs.mujoco import MujocoPlant
+    from invariantqp.workbench.runs.contactspec import Physics
+    from invariantqp.workbench.runs.mujoco import MujocoPlant
 
     dt, robot, q, seconds = 0.002, iq.load_robot(arm), ready(arm), 3.5
     physics = Physics(delay=0.004, force_noise=0.3, moment_noise=0.01)

@@ -13,7 +13,7 @@ from support.arms import ready
 
 import invariantqp as iq
 from invariantqp.geometry import se3
-from invariantqp.runs.trace import distance
+from invariantqp.workbench.runs.trace import distance
 
 DT = 0.004
 RISE = 0.2

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from support.repeats import repeats
 
 import invariantqp as iq
-from invariantqp.analysis.survey import joint_ranges
-from invariantqp.runs.frames import random_displacement
+from invariantqp.robots.kinematics import joint_ranges
+from invariantqp.workbench.runs.frames import random_displacement
 
 ROBOTS = {name: iq.load_robot(name) for name in ("panda", "ur5", "xarm7", "kinova", "so101")}
 PANDA, UR5, SO101 = ROBOTS["panda"], ROBOTS["ur5"], ROBOTS["so101"]

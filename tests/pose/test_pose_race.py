@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.analysis.survey import spread
+from invariantqp.workbench.analysis.survey import spread
 
 RACE = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[2] / "examples" / "shared" / "pose_race.py")))
 SO101 = iq.load_robot("so101")

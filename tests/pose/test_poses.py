@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.analysis.survey import joint_ranges
 from invariantqp.pose.ik import PoseSearch
+from invariantqp.robots.kinematics import joint_ranges
 
 NO_LIMIT = {"time_limit": np.inf}  # the same in every run, however busy the machine
 PANDA = iq.load_robot("panda")

@@ -5,7 +5,7 @@ import pytest
 from support.repeats import repeats
 
 import invariantqp as iq
-from invariantqp.analysis.survey import joint_ranges
+from invariantqp.robots.kinematics import joint_ranges
 
 NO_LIMIT = {"time_limit": np.inf}  # the same in every run, however busy the machine
 ARMS = {name: iq.load_robot(name) for name in ("panda", "ur5e", "xarm7", "kinova", "so101", "iiwa14")}

@@ -13,7 +13,7 @@ import pytest
 from support.repeats import repeats
 
 import invariantqp as iq
-from invariantqp.compare.tasks import bed
+from invariantqp.workbench.compare.tasks import bed
 
 RESULTS = json.loads((Path(__file__).parents[2] / "examples" / "comparison" / "results.json").read_text("utf-8"))
 TWO_DIGITS = 0.02

@@ -6,10 +6,10 @@ from support.yardstick import LeastSquares, answer
 
 import invariantqp as iq
 from invariantqp.robots.kinematics import middle
-from invariantqp.runs.controllers import our_controller
-from invariantqp.runs.run import run_task
-from invariantqp.runs.taskfile import shipped_tasks
 from invariantqp.velocity.solution import Status
+from invariantqp.workbench.runs.controllers import our_controller
+from invariantqp.workbench.runs.run import run_task
+from invariantqp.workbench.runs.taskfile import shipped_tasks
 
 INSIDE = 1e-9
 ROUNDING = 1e-12

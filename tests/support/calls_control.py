@@ -412,5 +412,5 @@ CONTROL = {
     "load_task": lambda: (iq.load_task, {"path_or_name": "panda_path"}),
     "new_task": lambda: (iq.tasks.new_task, {"name": "mine", "robot": "ur5", "path": "line", "contact": "point"}),
     "shipped_tasks": lambda: (iq.tasks.shipped_tasks, {"group": ""}),
-    "inspect": lambda: (iq.analysis.inspect, {"robot": ur5(), "name": "robot", "q": Q, "samples": 4}),
+    "inspect": lambda: (iq.workbench.inspect, {"robot": ur5(), "name": "robot", "q": Q, "samples": 4}),
 }

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from invariantqp import cli
+from invariantqp.workbench import cli
 
 
 def call(monkeypatch, capsys, *words):

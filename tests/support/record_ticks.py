@@ -75,7 +75,7 @@ def robot(name: str) -> Chain:
         beside = iq.robots.stand_on(iq.transform(translation=[0.0, 0.9, 0.0]), robot("lite6"))
         return iq.robots.relative(robot("ur5e"), beside)
     if name == "four hinges":
-        from invariantqp.compare.arms import random_arm
+        from invariantqp.workbench.compare.arms import random_arm
 
         return random_arm(4, 0)
     if name == "hinge":

@@ -1,9 +1,9 @@
 """Decoded task files that tests change key by key, and a run in another tool frame."""
 
-from invariantqp.runs.controllers import controller_for
-from invariantqp.runs.frames import displaced
-from invariantqp.runs.prepare import prepare
-from invariantqp.runs.run import run
+from invariantqp.workbench.runs.controllers import controller_for
+from invariantqp.workbench.runs.frames import displaced
+from invariantqp.workbench.runs.prepare import prepare
+from invariantqp.workbench.runs.run import run
 from support.arms import READY
 
 

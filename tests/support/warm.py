@@ -13,9 +13,9 @@ from types import SimpleNamespace
 # most of the end would be to look for garbage there.
 SERVER = """
 import gc, json, os, socket, sys
-from invariantqp import cli
-from invariantqp.analysis import inspection
-from invariantqp.runs import run
+from invariantqp.workbench import cli
+from invariantqp.workbench.analysis import inspection
+from invariantqp.workbench.runs import run
 asked = socket.socket(fileno=int(sys.argv[1]))
 gc.freeze()
 while True:

@@ -110,7 +110,7 @@ def tasks() -> None:
     assert_type(trace.q, Vector)
     summary = trace.summary()
     print(summary["passed"])
-    iq.pictures.picture(trace, "path.png")
+    iq.workbench.picture(trace, "path.png")
 
 
 def inside_pink() -> None:

@@ -1,0 +1,172 @@
+"""`invariantqp identify`: which contact a recording shows, as a table and on a page."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from math import degrees
+from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from invariantqp.errors import BadInput
+from invariantqp.extras import require
+from invariantqp.workbench.cli.console import PAGES, PLAIN_WIDTH, JsonFile, ToolFrame, numbers, say, writable, write
+
+if TYPE_CHECKING:
+    from invariantqp.geometry.arrays import Array
+    from invariantqp.identification.candidate import Candidate
+    from invariantqp.identification.identify import Identification
+    from invariantqp.robots.kinematics import Robot
+
+# A pitch above this many lengths a radian is a slide, one below its inverse a turn, in words.
+FLAT = 1e3
+
+
+def identify(
+    recording: Annotated[
+        Path,
+        typer.Argument(
+            help="A .csv with a header (joints or x..qw; fx..fz, mx..mz) or an .npz (q or poses; force, moment)."
+        ),
+    ],
+    reads: Annotated[
+        str,
+        typer.Option(
+            metavar="reaction|action", help="What the sensor reads: what the world does to the tool, or the opposite."
+        ),
+    ],
+    robot: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of joint positions: a robot's name or a URDF file.")
+    ] = None,
+    tool: ToolFrame = None,
+    mount: Annotated[
+        str, typer.Option(metavar="NUMBERS", help="The sensor's frame in the tool frame: x,y,z, or x,y,z,qx,qy,qz,qw.")
+    ] = "0,0,0",
+    mass: Annotated[float, typer.Option(help="Beyond the sensor, where its weight is among the readings [kg].")] = 0.0,
+    centre: Annotated[
+        str, typer.Option(metavar="NUMBERS", help="Of that mass, in the sensor's frame: x,y,z.")
+    ] = "0,0,0",
+    accuracy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DEG,LENGTH", help="How far a real contact may be off: clearance, bending, the arm's geometry."
+        ),
+    ] = None,
+    kind: Annotated[list[str] | None, typer.Option(metavar="KIND", help="Only these; may be repeated.")] = None,
+    json_file: JsonFile = None,
+    view: Annotated[
+        Path | None,
+        typer.Option("--view", metavar="FILE", help="Write a page with the contact on the recorded path (.html)."),
+    ] = None,
+) -> None:
+    """Say which contact RECORDING shows, where it is, and what the recording leaves open."""
+    from invariantqp.force.sensor import WrenchSensor
+    from invariantqp.identification.identify import identify as identify_contact
+    from invariantqp.identification.recording import read, seconds
+    from invariantqp.workbench.runs.taskfile import load_arm
+
+    writable("--json", json_file)
+    writable("--view", view, PAGES)
+    if view is not None:
+        require("pictures", "jinja2")
+    if tool is not None and robot is None:
+        raise BadInput("--tool", "no --robot beside it", "--robot too")
+    frame = _frame(mount)
+    place = numbers("--centre", centre)
+    off = None if accuracy is None else numbers("--accuracy", accuracy)
+    if off is not None and len(off) != 2:
+        raise BadInput("--accuracy", accuracy or "", "two numbers: degrees and a length")
+    loaded: Robot | None = None if robot is None else load_arm(robot, tool)
+    file = read(recording, loaded)
+    sensor = WrenchSensor(frame, order="moment first", reads=reads, mass=mass, centre=place)  # type: ignore[arg-type]
+    if file.unused:
+        say(f"note: not used: {', '.join(file.unused)}", style="yellow")
+    steps = np.diff(seconds(file))
+    if len(steps) and steps.max() > 1.5 * np.median(steps):  # nearer to two of the usual ones than to one
+        say("note: samples are missing: time has gaps, and samples are taken as evenly spaced", style="yellow")
+    options: dict[str, Any] = {"kinds": kind, "sensor": sensor}
+    if off is not None:
+        options["accuracy"] = (np.deg2rad(off[0]), off[1])
+    found = identify_contact(file.poses, file.readings, **options)
+    if json_file is not None:
+        write(json_file, json.dumps(found.as_json(), indent=1) + "\n")
+    if view is not None:
+        from invariantqp.workbench.view.page import page
+        from invariantqp.workbench.view.recorded import timeline_of_recording
+
+        write(view, page(timeline_of_recording(found, file, sensor, loaded, robot, recording.stem)))
+    print_identification(found, recording.name, seconds(file))
+
+
+def _frame(text: str) -> Any:
+    """(4, 4) of x, y, z, or x, y, z, qx, qy, qz, qw."""
+    from invariantqp.identification.recording import POSE, quaternion_poses
+
+    found = numbers("--mount", text)
+    if len(found) not in (3, len(POSE)):
+        raise BadInput("--mount", repr(text), "3 numbers, x,y,z, or 7, x,y,z,qx,qy,qz,qw")
+    return quaternion_poses(np.array([[*found, *[0.0, 0.0, 0.0, 1.0][: len(POSE) - len(found)]]]), "--mount")[0]
+
+
+def print_identification(found: Identification, name: str, time: Array) -> None:
+    """Which contact a recording shows, where it is, and what it leaves open."""
+    console = Console(highlight=False, soft_wrap=True)
+    for part in found.segments:
+        kind = f"[bold]{part.kind}[/bold]" if part.kind else "[bold]undecided[/bold]"
+        console.print(f"{escape(name)}, {time[part.start]:.2f} to {time[part.stop - 1]:.2f} s: {kind}")
+        if part.reason:
+            console.print(fill(f"{part.reason}.", PLAIN_WIDTH), markup=False)
+        table = Table("kind", "surface on", "type", "misfit", "where", box=None)
+        for c in part.candidates:
+            misfit = f"{max(c.misfit, c.wrench_misfit):.2f}"
+            table.add_row(c.kind, c.fixed_to, c.gibson_hunt, misfit, "; ".join(_places(c)))
+        if part.candidates:
+            console.print(table)
+        for twist in part.unexcited.T:
+            console.print(f"never tried: {_motion(twist)}", markup=False)
+        for other, why in part.refuted.items():
+            console.print(f"no {other}: {why}", markup=False, style="dim")
+
+
+def _places(c: Candidate) -> Iterator[str]:
+    """Where a contact is, with standard deviations."""
+    deviations = c.deviations
+    surface, tip = {"tool": ("tool", "base"), "base": ("base", "tool"), "both": ("base", "base")}[c.fixed_to]
+    edge = c.kind == "line"
+    for key, value, frame in (
+        ("normal", c.normal, surface),
+        ("axis", c.axis, tip if edge else surface),
+        ("point", c.point, tip),
+    ):
+        if value is not None and key in deviations:
+            angle = key != "point"
+            off = deviations[key]
+            known = "unknown accuracy" if off == float("inf") else f"{degrees(off):.2g} deg" if angle else f"{off:.2g}"
+            numbers = ", ".join(f"{x:.4f}" for x in value)
+            yield f"{'edge' if edge and key == 'axis' else key} ({numbers}) in the {frame} frame, to {known}"
+    if c.kind == "screw":
+        yield f"pitch {c.pitch:.4g} a radian, to {deviations['pitch']:.2g}"
+    if c.kind == "sphere":
+        yield f"radius {c.radius:.4g}, to {deviations['radius']:.2g}"
+
+
+def _motion(twist: Array) -> str:
+    """A twist in words."""
+    from invariantqp.geometry.screws import axis, pitch
+
+    def direction(a: Array) -> str:
+        return ", ".join(f"{x:.2f}" for x in a)
+
+    h = pitch(twist)
+    if abs(h) > FLAT:
+        return f"a slide along ({direction(twist[3:] / np.linalg.norm(twist[3:]))})"
+    along, place = axis(twist)
+    screw = "" if abs(h) < 1.0 / FLAT else f", sliding by {h:.2g} a radian"
+    return f"a turn about ({direction(along)}) through ({direction(place)}){screw}"

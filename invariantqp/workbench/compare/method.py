@@ -1,0 +1,98 @@
+"""What a method of the comparison is, and what every method is given. Rivals' environments have it: NumPy alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from invariantqp.geometry.arrays import Array
+
+# The rows of our own law, by its two engines.
+OURS = "invariantqp"
+# The modules of methods: each has its METHODS. Other environments have methods of the last one.
+MODULES = tuple(f"invariantqp.workbench.compare.{name}" for name in ("ours", "by_hand", "libraries"))
+# Rows of the last family have settings that were tried and are not the best; only those who name them get them.
+OTHER_SETTINGS = "other settings"
+FAMILIES = ("ours", "by hand", "library", OTHER_SETTINGS)
+
+
+@dataclass(frozen=True, eq=False)
+class LoopSpec:
+    """An arm and a control loop, as every method is given them; m joints, SI units, base frame, angular part first."""
+
+    names: tuple[str, ...]  # of the joints, base first
+    screws: Array  # (6, m) joint twists at q = 0
+    home: Array  # (4, 4) tool pose at q = 0
+    lower: Array  # (m,) position limits [rad, m], infinite where there are none
+    upper: Array  # (m,)
+    velocity_limit: Array  # (m,)
+    posture: Array  # (m,) joint positions to stay near
+    posture_gain: Array  # (m,) towards these [1/s], zero where there is no posture; libraries use the largest
+    dt: float  # duration of a tick [s]
+    gain: float  # of the tracking error [1/s]
+    acceleration_limit: Array | None  # (m,) [rad/s^2, m/s^2]
+    point: Array  # (3,) the point of the tool where accuracy counts, in the tool frame [m]
+    length: float  # the arm's reach to it [m]: what a radian may count for
+    urdf: str  # the arm as text, its tool frame as the link "tool"; "" where it has helical joints
+    law: dict[str, Any]  # the [law] table of a task file: what else our own law is given
+
+    def as_json(self) -> dict[str, Any]:
+        """As numbers, lists and strings."""
+        return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in asdict(self).items()}
+
+    @staticmethod
+    def from_json(found: dict[str, Any]) -> LoopSpec:
+        """The value that `as_json` wrote."""
+        arrays = {field.name for field in fields(LoopSpec) if "Array" in str(field.type)}
+        values: dict[str, Any] = {
+            key: np.array(value, np.float64) if key in arrays and value is not None else value
+            for key, value in found.items()
+        }
+        return LoopSpec(**values)
+
+
+class MethodLoop(Protocol):
+    """A method's control loop, made from a `LoopSpec`."""
+
+    def target(self, pose: Array, feedforward: Array | None) -> Any:
+        """A tool pose (4, 4) and its twist (6,) as `step` takes the pose; called before the clock runs."""
+
+    def step(self, q: Array, target: Any, feedforward: Array | None, previous: Array) -> Array:
+        """One tick: joint velocities (m,), of joint positions, the target and the velocities of the tick before."""
+
+
+# What some methods make of limits, as the table of settings says it.
+IN_QP, SCALES = "in the QP", "inside; the twist is scaled"
+
+
+class MethodSetting(NamedTuple):
+    """What a method makes of what it is given: a row of the table of settings."""
+
+    posture: str
+    limits: str
+    damping: str
+    feedforward: str = "added"
+    point: str = "tool frame's origin"
+
+
+@dataclass(frozen=True)
+class Method:
+    """A row of the comparison."""
+
+    name: str
+    family: str  # one of FAMILIES
+    loop: Callable[[LoopSpec], MethodLoop]  # its docstring's first line says what it is and where it comes from
+    setting: MethodSetting
+    needs: tuple[str, ...] = ()  # Python modules
+    distribution: str = ""  # what installs it, whose version is reported
+    environment: str = ""  # the name of an environment of its own, for libraries that exclude others
+    accelerations: bool = True  # whether it takes acceleration limits; if not, tasks that have them leave it out
+    slow: bool = False  # whether the quick form leaves it out
+
+    @property
+    def about(self) -> str:
+        """What it is and where it comes from, in one line."""
+        return (self.loop.__doc__ or "").splitlines()[0].rstrip(".")

@@ -1,0 +1,153 @@
+"""results.json: everything that a comparison measured, and all that charts, tables and page read.
+
+    {"schema": 2, "machine": {...}, "versions": {...}, "seed": 0, "quick": false,
+     "kinematics": "Pinocchio", "methods": [{"name": ..., "family": ..., "about": ..., "setting": {...}}, ...],
+     "tasks": [{"name": "panda/free", "arm": "panda", "kind": "free"}, ...],
+     "runs": [{"task": "panda/free", "method": "DLS", "figures": {...}}, ...]}
+
+A figure that is not finite is null. The figures of a run that failed are {"failed": "why"}.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from invariantqp.extras import is_installed
+from invariantqp.version import __version__
+from invariantqp.workbench.compare.figures import Figures, dominates
+from invariantqp.workbench.compare.method import OURS, Method
+from invariantqp.workbench.compare.tasks import OTHER_FRAME, BedTask
+
+SCHEMA = 2
+# Distributions whose versions may change a result, besides the methods' own.
+LIBRARIES = ("numpy", "scipy", "pin", "daqp", "mujoco")
+Results = dict[str, Any]
+
+
+class Measured(NamedTuple):
+    """What was measured on one task."""
+
+    name: str
+    kind: str
+    runs: dict[str, Figures]  # of each method that did not fail
+
+    @property
+    def judged(self) -> bool:
+        """Whether methods are compared on it: not in another tool frame, since some do not take the point."""
+        return self.kind != OTHER_FRAME
+
+    def dominating(self, name: str) -> list[str]:
+        """The methods that dominate one, but for our law in the other engine; none where methods are not compared."""
+        others = [other for other in self.runs if self.judged]
+        return [other for other in others if dominates(self.runs[other], self.runs[name])]
+
+
+def collect(
+    methods: Sequence[Method],
+    versions: dict[str, str],
+    found: Sequence[tuple[BedTask, dict[str, Figures]]],
+    *,
+    seed: int,
+    quick: bool,
+) -> Results:
+    """The content of results.json."""
+    rows = [
+        {**{k: getattr(m, k) for k in ("name", "family", "about")}, "setting": m.setting._asdict()} for m in methods
+    ]
+    theirs = {m.distribution: versions[m.name] for m in methods if versions[m.name]}
+    return {
+        "schema": SCHEMA,
+        "machine": machine(),
+        "versions": own_versions() | theirs,
+        "seed": seed,
+        "quick": quick,
+        "kinematics": "Pinocchio" if is_installed("pinocchio") else OURS,
+        "methods": rows,
+        "tasks": [{key: getattr(task, key) for key in ("name", "arm", "kind")} for task, _ in found],
+        "runs": [
+            {"task": task.name, "method": name, "figures": plain(run)}
+            for task, runs in found
+            for name, run in runs.items()
+        ],
+    }
+
+
+def measured(results: Results) -> list[Measured]:
+    """What was measured, task by task."""
+    runs: dict[str, dict[str, Figures]] = {task["name"]: {} for task in results["tasks"]}
+    for run in results["runs"]:
+        if "failed" not in run["figures"]:
+            runs[run["task"]][run["method"]] = run["figures"]
+    return [Measured(task["name"], task["kind"], runs[task["name"]]) for task in results["tasks"]]
+
+
+def failures(results: Results) -> list[tuple[str, str, str]]:
+    """(method, task, why) of the runs that failed."""
+    failed = [run for run in results["runs"] if "failed" in run["figures"]]
+    return [(run["method"], run["task"], run["figures"]["failed"]) for run in failed]
+
+
+def tick_us(tasks: Sequence[Measured], name: str) -> tuple[float, float]:
+    """Median and 99th percentile of a method's ticks [us]: medians over tasks."""
+    runs = [task.runs[name] for task in tasks if name in task.runs]
+    times = [[run["us"], run["us_p99"]] for run in runs] or [[math.nan, math.nan]]
+    median, p99 = np.median(times, axis=0).tolist()
+    return median, p99
+
+
+def write_results(file: Path, results: Results) -> None:
+    """Write results with one run in a line, so that two files can be compared line by line.
+
+    The file appears complete or not at all, even if the program is interrupted.
+    """
+    lines = ",\n  ".join(json.dumps(run, allow_nan=False, separators=(",", ":")) for run in results["runs"])
+    head = json.dumps({key: value for key, value in results.items() if key != "runs"}, indent=1, allow_nan=False)
+    part = file.with_suffix(".part")
+    part.write_text(f'{head[:-2]},\n "runs": [\n  {lines}\n ]\n}}\n', encoding="utf-8")
+    part.replace(file)
+
+
+def plain(figures: Figures) -> Figures:
+    """Figures as JSON has them: null for one that is not finite, four significant digits for every other one.
+
+    Repeated measurements do not agree to more.
+    """
+    return {key: _plain(value) for key, value in figures.items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float):
+        return float(f"{value:.4g}") if math.isfinite(value) else None
+    return value
+
+
+def machine() -> dict[str, str | int]:
+    """Processor, number of cores, operating system, and version of Python."""
+    info = Path("/proc/cpuinfo")  # where the system's name of the processor is a family's
+    lines = info.read_text(encoding="utf-8", errors="replace").splitlines() if info.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return {
+        "processor": (names or [platform.processor() or platform.machine()])[0],
+        "cores": os.cpu_count() or 1,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+    }
+
+
+def own_versions() -> dict[str, str]:
+    """The version of this package and of each library above that is installed."""
+    found = {"invariantqp": __version__}
+    for name in LIBRARIES:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found

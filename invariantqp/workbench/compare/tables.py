@@ -1,0 +1,172 @@
+"""The comparison as tables: a row a method or a task."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from math import exp, isfinite, log
+from typing import Any, NamedTuple
+
+from invariantqp.workbench.compare.figures import BETTER, FLOORS, WORSE, Figures, dominates
+from invariantqp.workbench.compare.method import OURS
+from invariantqp.workbench.compare.results import Measured, Results, failures, measured, tick_us
+from invariantqp.workbench.compare.tasks import KINDS
+
+NOTHING, ROUNDING = "-", 1e-12
+RULE = (
+    "Method A dominates B on a task if A raised no exception, violated no limit and did not stay motionless; none of "
+    "five figures (largest position and orientation error, largest and rms joint acceleration, settling time) is more "
+    f"than {100 * (WORSE - 1):.0f} % worse, and at least one is {100 * (BETTER - 1):.0f} % better. Values below "
+    f"{FLOORS['mm']:g} mm, {FLOORS['deg']:g} deg, {FLOORS['acceleration']:g} and {FLOORS['acceleration_rms']:g} "
+    f"rad/s^2 and {FLOORS['settling']:g} s count as these. frame: the largest change of a joint position when the same "
+    "motion is asked of a tool frame elsewhere on the tool."
+)
+CELLS = (
+    "In each cell: largest position error [mm] · largest orientation error [deg] · largest joint acceleration "
+    "[rad/s^2], geometric means over arms · longest settling time, to 1 mm and 1 deg [s]."
+)
+
+
+class Table(NamedTuple):
+    """Rows of strings under the names of their columns; the first column names the row."""
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def figure(value: float | None, style: str = "{:.2g}") -> str:
+    """A figure as text without a power of ten where it has one to four digits; a dash for None."""
+    if value is None or not isfinite(value):
+        return NOTHING
+    text = style.format(value)
+    return f"{float(text):g}" if "e" in text and 1e-4 <= abs(value) < 1e5 else text
+
+
+def names_of(results: Results) -> list[str]:
+    """The names of the methods."""
+    return [method["name"] for method in results["methods"]]
+
+
+def summary(results: Results) -> Table:
+    """Every method: time of a tick; tasks in which it dominates, raised, left a limit; change by another tool frame."""
+    tasks = measured(results)
+    failed = failures(results)
+    rows = []
+    for name in names_of(results):
+        runs = [(task, task.runs[name]) for task in tasks if name in task.runs]
+        judged = [(task, run) for task, run in runs if task.judged]
+        both = [(run, task.runs[OURS]) for task, run in judged if OURS in task.runs and name != OURS]
+        over, under = sum(dominates(a, b) for a, b in both), sum(dominates(b, a) for a, b in both)
+        by_any = sum(bool(task.dominating(name)) for task, _ in judged)
+        times = (figure(value, "{:.3g}") for value in tick_us(tasks, name))
+        raised = sum(run["exceptions"] > 0 for _, run in runs) + sum(method == name for method, _, _ in failed)
+        left = sum(run["violations"] > 0 for _, run in runs)
+        against = [NOTHING, NOTHING] if name == OURS else [str(over), str(under)]
+        change = figure(frame_change(tasks, name), "{:.0e}")
+        rows.append([name, *times, *against, f"{by_any} of {len(judged)}", str(raised), str(left), change])
+    heads = ("dominates ours", "ours dominates", "dominated by any", "exceptions", "limit violations")
+    return Table(("method", "tick us", "p99", *heads, "frame, rad"), rows)
+
+
+def by_kind(results: Results, kinds: Sequence[str] | None = None) -> Table:
+    """Errors, accelerations and settling times of every method: a column a kind of task."""
+    tasks = measured(results)
+    present = list(dict.fromkeys(task.kind for task in tasks))
+    columns = [kind for kind in present if kinds is None or kind in kinds]
+    rows = []
+    for name in names_of(results):
+        cells = [[t.runs[name] for t in tasks if t.kind == kind and name in t.runs] for kind in columns]
+        rows.append([name, *map(cell, cells)])
+    return Table(("method", *columns), rows if columns else ())
+
+
+def cell(runs: Sequence[Figures]) -> str:
+    """The cell of some runs, as CELLS says."""
+    if not runs:
+        return NOTHING
+    means = [geometric_mean([run[key] for run in runs], 0.0) for key in ("mm", "deg", "acceleration")]
+    return " · ".join([*map(figure, means), settling([run["settling"] for run in runs])])
+
+
+def geometric_mean(values: Sequence[float], least: float) -> float:
+    """Of values that are not below the least, nor below rounding."""
+    return exp(sum(log(max(value, least, ROUNDING)) for value in values) / len(values))
+
+
+def settling(times: Sequence[float | None]) -> str:
+    """The longest of some settling times [s], None being one that was not reached."""
+    return "never" if None in times else figure(max(time for time in times if time is not None))
+
+
+def losses(results: Results) -> Table:
+    """The tasks in which a method dominates ours, those first where most do."""
+    found = [(task, task.dominating(OURS)) for task in measured(results) if OURS in task.runs]
+    found = sorted((pair for pair in found if pair[1]), key=lambda pair: -len(pair[1]))
+    rows = [[task.name, one(task, OURS), ", ".join(by), one(task, _nearest(task, by))] for task, by in found]
+    return Table(("task", OURS, "dominated by", "the nearest of these"), rows)
+
+
+def lost_kinds(results: Results) -> Table:
+    """The kinds of tasks in which methods dominate ours: in how many, and which methods most often."""
+    rows = []
+    tasks = [task for task in measured(results) if OURS in task.runs and task.judged]
+    for kind in dict.fromkeys(task.kind for task in tasks):
+        found = [task.dominating(OURS) for task in tasks if task.kind == kind]
+        names = Counter(name for by in found for name in by)
+        if names:
+            most = ", ".join(f"{name} ({count})" for name, count in names.most_common(3))
+            rows.append([kind, f"{sum(map(bool, found))} of {len(found)}", most])
+    return Table(("kind of task", "tasks", "by, most often"), rows)
+
+
+def _nearest(task: Measured, names: Sequence[str]) -> str:
+    return min(names, key=lambda name: task.runs[name]["mm"])
+
+
+def one(task: Measured, name: str) -> str:
+    """What is compared of a run."""
+    run = task.runs[name]
+    values = [figure(run[key]) for key in ("mm", "deg", "acceleration", "acceleration_rms")]
+    return " · ".join([*values, settling([run["settling"]])])
+
+
+def kinds(results: Results) -> Table:
+    """What each kind of task is, and on how many arms."""
+    present = [task["kind"] for task in results["tasks"]]
+    return Table(
+        ("kind", "what it is", "tasks"),
+        [(kind, about, str(present.count(kind))) for kind, (about, _) in KINDS.items() if kind in present],
+    )
+
+
+def settings(results: Results) -> Table:
+    """What each method is, and what it makes of what all are given."""
+    keys = ("posture", "limits", "damping", "feedforward", "point")
+    rows = [(m["name"], m["about"], *(m["setting"][key] for key in keys)) for m in results["methods"]]
+    return Table(("method", "what it is", *keys), rows)
+
+
+def listed(results: Results) -> Table:
+    """Every figure of every run."""
+    runs = [run for run in results["runs"] if "failed" not in run["figures"]]
+    keys = list(dict.fromkeys(key for run in runs for key in run["figures"] if key != "why"))
+    rows = [(run["task"], run["method"], *(figure(run["figures"].get(key), "{:.3g}") for key in keys)) for run in runs]
+    return Table(("task", "method", *keys), rows)
+
+
+def frame_change(tasks: Sequence[Measured], name: str) -> float | None:
+    """The largest change of a joint position by another tool frame [rad]."""
+    found: list[Any] = [task.runs[name].get("frame_rad") for task in tasks if name in task.runs]
+    return max((value for value in found if value is not None), default=None)
+
+
+def broken_promises(results: Results) -> list[str]:
+    """What is wrong with our answers, task by task: an exception, a limit violated, no measurement."""
+    found = []
+    for run in results["runs"]:
+        figures = run["figures"]
+        if run["method"] == OURS and "failed" in figures:
+            found.append(f"{run['task']}: {OURS} could not be measured: {figures['failed']}")
+        elif run["method"] == OURS and (figures["violations"] or figures["exceptions"]):
+            found.append(f"{run['task']}: {OURS} violated a limit, raised or returned a velocity that is not finite")
+    return found

@@ -1,0 +1,380 @@
+"""The bed: kinds of tasks on five arms, made from a seed, and the tasks of task files in the same form.
+
+A task is data: where the joints start, and in each tick a target, its twist, and the noise of the measured positions.
+Commands are executed exactly: q <- q + dt x. Paths are joint paths of minimum jerk, so that targets can be reached
+unless the kind says otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize
+
+from invariantqp.control.controller import posture_of
+from invariantqp.control.measure import ToolMeasure
+from invariantqp.control.tracking import tracking_gain
+from invariantqp.errors import BadInput, RobotModelError
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.kinematics import Robot
+from invariantqp.velocity.limits import accelerations
+from invariantqp.workbench.compare.arms import STARTS, arm, as_chain, chain_of, urdf
+from invariantqp.workbench.compare.method import LoopSpec
+from invariantqp.workbench.runs.frames import random_displacement
+from invariantqp.workbench.runs.prepare import prepare, twists_between
+from invariantqp.workbench.runs.taskfile import LawSpec, Task
+
+# Where a radian of a turn counts for so many metres when singularities are looked for.
+RADIAN = 0.4
+# Singularities that users know, each passed from one joint position to the other; of other arms three are looked for.
+SINGULARITIES: dict[str, dict[str, tuple[tuple[float, ...], tuple[float, ...]]]] = {
+    "panda": {
+        "elbow": ((0.0, -0.2, 0.0, -1.2, 0.0, 1.6, 0.8), (0.1, 0.35, 0.1, -0.12, 0.1, 1.6, 0.9)),
+        "shoulder": ((-0.3, -0.25, 1.2, -2.0, 0.0, 1.6, 0.8), (0.3, 0.25, 1.9, -1.9, 0.0, 1.7, 0.7)),
+    },
+    "ur5e": {
+        "wrist": ((0.0, -1.2, 1.6, -0.6, -0.4, 0.3), (0.5, -1.0, 1.4, -0.9, 0.45, 0.8)),
+        "elbow": ((0.0, -1.2, 0.6, -0.6, -1.2, 0.3), (0.2, -1.0, -0.25, -0.4, -1.2, 0.4)),
+    },
+}
+SINGULAR_TASKS = 3
+# A smallest singular value of which is less [m/rad]: its radians count RADIAN.
+SINGULAR = 2e-3
+# Small arms jump half as far.
+SMALL = ("so101", "random4")
+# Noise of encoders that are told to stay [rad], and the longest time by which a target may be late [s].
+COUNTS, LATE = 2e-5, 0.02
+OTHER_FRAME = "other tool frame"
+# The rate of a stream of targets [1/s], and that of one that is stale.
+STREAM, STALE = 50.0, 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class BedTask:
+    """One arm, one motion."""
+
+    name: str  # "panda/free", or that of a task file
+    arm: str
+    kind: str  # a key of KINDS, or "task file"
+    spec: LoopSpec
+    q0: Array  # (m,) joint positions at the start
+    targets: Array  # (n, 4, 4) tool poses asked for
+    feedforward: Array | None  # (n, 6) their twists
+    noise: Array  # (n, m) what measured joint positions are off by
+    desired: Array  # (n, 4, 4) tool poses that errors are measured from
+    judged: LoopSpec  # the arm with the tool frame of these, and the point at which errors are measured
+    settles_from: int = 0  # the tick from which settling counts
+    original: BedTask | None = None  # the task of which this is the same motion in another tool frame
+
+
+def minimum_jerk(u: ArrayLike) -> Array:
+    """From 0 at u = 0 to 1 at u = 1, at rest before and after."""
+    s = np.clip(u, 0.0, 1.0)
+    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
+
+
+def joint_path(points: Sequence[ArrayLike], duration: float, dt: float, rest: float = 0.0) -> Array:
+    """(n, m) joint positions through points, at rest at each, and at rest for some time [s] after them."""
+    corners = np.array(points, np.float64)
+    u = np.linspace(0.0, len(corners) - 1.0, int(duration / dt) + 1)
+    i = np.minimum(u.astype(int), len(corners) - 2)
+    path = corners[i] + minimum_jerk(u - i)[:, None] * (corners[i + 1] - corners[i])
+    return np.concatenate((path, np.repeat(path[-1:], int(rest / dt), axis=0)))
+
+
+def twists_of(poses: Array, dt: float) -> Array:
+    """(n, 6) the twists that lead from each pose to the next, the last at rest."""
+    return np.vstack((twists_between(poses, dt), np.zeros(6)))
+
+
+class Maker:
+    """The tasks of one arm."""
+
+    def __init__(self, name: str, seed: int) -> None:
+        self.name, self.seed, self.robot = name, seed, arm(name, seed)
+        robot, q0 = self.robot, np.array(STARTS[name])
+        self.rng = np.random.default_rng([seed, *name.encode()])
+        self.q0, self.T0 = q0, robot.pose(q0)
+        low, high = np.maximum(robot.position_lower, -np.pi), np.minimum(robot.position_upper, np.pi)
+        self.low, self.high = low, high
+        away = self.rng.uniform(-1.0, 1.0, len(q0))
+        self.path_end = np.clip(q0 + 0.35 * away / np.abs(away).max(), low + 0.15, high - 0.15)
+        # The joint that is nearest to a limit, but of wrists; and positions of all with it beyond that limit.
+        self.joint = int(np.argmin(np.minimum(high - q0, q0 - low)[: max(4, len(q0) - 2)]))
+        self.up = high[self.joint] - q0[self.joint] < q0[self.joint] - low[self.joint]
+        self.free_path = self.poses(joint_path([q0, self.path_end, q0], 3.0, 0.002))
+
+    def poses(self, path: Array) -> Array:
+        """(n, 4, 4) tool poses of joint positions (n, m)."""
+        return np.array([self.robot.pose(q) for q in path])
+
+    def task(
+        self,
+        name: str,
+        targets: Array,
+        dt: float,
+        gain: float,
+        *,
+        feedforward: Array | bool = True,
+        q0: Array | None = None,
+        acceleration: float | None = None,
+        noise: float = 0.0,
+        desired: Array | None = None,
+        settles_from: int = 0,
+    ) -> BedTask:
+        """A task of targets (n, 4, 4); `feedforward` True is their twist, False none, `noise` a standard deviation."""
+        spec = spec_of(self.robot, LawSpec(dt=dt, gain=gain, acceleration_limit=acceleration))
+        ahead = twists_of(targets, dt) if feedforward is True else None if feedforward is False else feedforward
+        return BedTask(
+            name=f"{self.name}/{name}",
+            arm=self.name,
+            kind=name,
+            spec=spec,
+            q0=self.q0 if q0 is None else q0,
+            targets=targets,
+            feedforward=ahead,
+            noise=noise * self.rng.standard_normal((len(targets), len(self.q0))),
+            desired=targets if desired is None else desired,
+            judged=spec,
+            settles_from=settles_from,
+        )
+
+    def beyond(self, by: float) -> float:
+        """The position that the joint nearest to a limit has so far beyond it."""
+        return float(self.high[self.joint] + by if self.up else self.low[self.joint] - by)
+
+    def path_beyond_limits(self) -> tuple[Array, float]:
+        """Targets (n, 4, 4) of a path 1.4 times as fast as joints are and 0.2 rad beyond a limit, and its duration."""
+        far = self.path_end.copy()
+        far[self.joint] = self.beyond(0.2)
+        duration = 2.0 * 1.875 / 1.4 * float((np.abs(far - self.q0) / self.robot.velocity_limit).max())
+        return self.poses(joint_path([self.q0, far, self.q0], duration, 0.002, rest=0.5)), duration
+
+    def at_limits(self, kind: str = "limits", acceleration: float | None = None) -> BedTask:
+        """Position and speed limits met, and those of accelerations."""
+        targets, duration = self.path_beyond_limits()
+        return self.task(kind, targets, 0.002, 50.0, acceleration=acceleration, settles_from=int(duration / 0.002))
+
+    def singularities(self) -> list[BedTask]:
+        """Through singularities, targets displaced by 5 mm and 0.01 rad on the way."""
+        found = []
+        for kind, ends in self.ends().items():
+            targets = self.poses(joint_path(ends, 3.0, 0.005, rest=1.0))
+            k = np.arange(len(targets))
+            weight = minimum_jerk(k / 200) * (1.0 - minimum_jerk((k - 400) / 200))
+            dv, dw = self.rng.standard_normal((2, 3))
+            dv, dw = 0.005 * dv / np.linalg.norm(dv), 0.01 * dw / np.linalg.norm(dw)
+            targets[:, :3, 3] += weight[:, None] * dv
+            targets[:, :3, :3] = [se3.rotation(u * dw).dot(T[:3, :3]) for u, T in zip(weight, targets, strict=True)]
+            found.append(self.task(f"singular {kind}", targets, 0.005, 20.0, q0=ends[0], settles_from=600))
+        return found
+
+    def ends(self) -> dict[str, tuple[Array, Array]]:
+        """Joint positions on either side of up to three singularities."""
+        known = SINGULARITIES.get(self.name, {})
+        found = {key: (np.array(a), np.array(b)) for key, (a, b) in known.items()}
+        if self.name == "ur5e":  # its wrist's centre over the first axis
+            q = np.tile([0.1, 0.0, 1.9, -1.6, -1.4, 0.3], (3001, 1))
+            q[:, 1] = np.linspace(-3.0, 0.0, len(q))
+            over = q[int(np.argmin([self.smallest(x) for x in q]))]
+            step = np.array([-0.1, 0.35, -0.1, -0.1, -0.1, -0.1])
+            found["shoulder"] = (over + step, over - step)
+        for k in range(len(found), SINGULAR_TASKS):
+            around = self.around_a_singularity()
+            if around is not None:  # four joints seldom have one
+                found[f"{k + 1}"] = around
+        return found
+
+    def smallest(self, q: Array) -> float:
+        """The smallest singular value at joint positions (m,), a radian counting RADIAN."""
+        weight = np.repeat([RADIAN, 1.0], 3)[:, None]
+        twists = self.robot.jacobian(q).copy()
+        twists[3:] = se3.velocity_at(twists, self.robot.pose(q)[:3, 3])
+        return float(np.linalg.svd(weight * twists, compute_uv=False)[-1])
+
+    def around_a_singularity(self) -> tuple[Array, Array] | None:
+        """Joint positions on either side of a singularity that is looked for from random ones; None without."""
+        low, high, m = self.low, self.high, len(self.q0)
+        best = self.q0
+        for _ in range(12):
+            start = self.rng.uniform(low + 0.3 * (high - low), high - 0.3 * (high - low))
+            options = {"maxiter": 400, "xatol": 1e-5, "fatol": 1e-7}
+            found = minimize(self.smallest, start, method="Nelder-Mead", options=options).x
+            found = np.clip(found, low + 0.1, high - 0.1)
+            best = min(best, found, key=self.smallest)
+            if self.smallest(best) < SINGULAR:
+                break
+        else:
+            return None
+        away = np.array([self.smallest(best + 0.05 * e) + self.smallest(best - 0.05 * e) for e in np.eye(m)])
+        side = np.sign(self.rng.standard_normal(m)) * away / np.linalg.norm(away)  # joints that lead out of it
+        step = 0.45 * side + 0.1 * self.rng.uniform(-1.0, 1.0, m)
+        return np.clip(best - step, low + 0.02, high - 0.02), np.clip(best + step, low + 0.02, high - 0.02)
+
+    def out_of_reach(self) -> list[BedTask]:
+        """A target 3 m away and back at once, and one that goes out of reach and comes back."""
+        far = self.T0.copy()
+        far[0, 3] += 3.0
+        targets = np.array([far] * 400 + [self.T0] * 600)
+        once = self.task("out of reach at once", targets, 0.005, 5.0, feedforward=False, settles_from=400)
+        t = 0.005 * np.arange(1200)
+        out = minimum_jerk(t / 2.0) * (1.0 - minimum_jerk((t - 2.5) / 2.0))
+        targets = np.repeat(self.T0[None], len(t), axis=0)
+        targets[:, :3, 3] += 1.5 * out[:, None] * self.T0[:3, 3]
+        return [once, self.task("out of reach slowly", targets, 0.005, 20.0, settles_from=900)]
+
+    def stay(self) -> list[BedTask]:
+        """To stay, with noise."""
+        targets = np.repeat(self.T0[None], 1000, axis=0)
+        return [self.task("stay", targets, 0.01, 10.0, feedforward=False, noise=COUNTS)]
+
+    def turn(self, degrees: float) -> BedTask:
+        """A turn in place about the tool's y axis."""
+        end = self.T0.copy()
+        end[:3, :3] = end[:3, :3].dot(se3.rotation(np.array([0.0, np.radians(degrees), 0.0])))
+        targets = np.repeat(end[None], 400, axis=0)
+        return self.task(f"turn {degrees:g}", targets, 0.01, 10.0, feedforward=False)
+
+    def jump(self, kind: str, dt: float, ticks: int, acceleration: float | None = None) -> BedTask:
+        """150 mm away at once, not turned."""
+        end, step = self.T0.copy(), np.array([0.5, 0.6, -0.6])
+        end[:3, 3] += (0.075 if self.name in SMALL else 0.15) * step / np.linalg.norm(step)
+        targets = np.repeat(end[None], ticks, axis=0)
+        return self.task(kind, targets, dt, 10.0, feedforward=False, acceleration=acceleration)
+
+    def outside(self) -> list[BedTask]:
+        """From 0.05 rad outside a position limit to a pose inside."""
+        q0, robot, j = self.q0.copy(), self.robot, self.joint
+        q0[j] = robot.position_upper[j] + 0.05 if self.up else robot.position_lower[j] - 0.05
+        targets = np.repeat(robot.pose(self.path_end)[None], 600, axis=0)
+        return [self.task("outside", targets, 0.005, 10.0, q0=q0, feedforward=False)]
+
+    def invalid(self) -> list[BedTask]:
+        """The free path, a target of it now and then not finite."""
+        targets = self.free_path.copy()
+        targets[300:306], targets[400, 0, 3], targets[500, :3, :3], targets[600, 0, 3] = np.nan, np.nan, np.nan, np.inf
+        ahead = twists_of(self.free_path, 0.002)
+        return [self.task("NaN", targets, 0.002, 50.0, feedforward=ahead, desired=self.free_path)]
+
+    def stream(self, kind: str, rate: float, late: float) -> BedTask:
+        """The free path as a stream of some rate, each target late by up to `late` seconds; without feedforward."""
+        path, dt = self.free_path, 0.002
+        sent = np.arange(0.0, len(path) * dt, 1.0 / rate)
+        arrived = sent + self.rng.uniform(0.0, late, len(sent))
+        arrived[0] = 0.0
+        newest = np.searchsorted(arrived, dt * np.arange(len(path)) + 1e-9, side="right") - 1
+        targets = path[np.round(sent / dt).astype(int)[newest]]
+        return self.task(kind, targets, dt, 50.0, feedforward=False, desired=path)
+
+    def other_frame(self) -> list[BedTask]:
+        """The task at limits, its tool frame elsewhere on the tool."""
+        return [displaced(self.at_limits(OTHER_FRAME), random_displacement(self.seed))]
+
+
+def spec_of(robot: Robot, law: LawSpec) -> LoopSpec:
+    """What methods are given of an arm with a [law]."""
+    posture, posture_gain = posture_of(law.posture, law.posture_gain, robot)
+    limit, point, chain = law.acceleration_limit, np.array(law.point), as_chain(robot)
+    if law.position_margin:
+        chain = chain.with_limits(
+            chain.position_lower + law.position_margin, chain.position_upper - law.position_margin
+        )
+    try:
+        text = urdf(chain)
+    except RobotModelError:
+        text = ""  # methods that need one say so
+    return LoopSpec(
+        names=chain.names,
+        screws=chain.screws,
+        home=chain.home,
+        lower=chain.position_lower,
+        upper=chain.position_upper,
+        velocity_limit=chain.velocity_limit,
+        posture=np.asarray(posture),
+        posture_gain=np.asarray(posture_gain),
+        dt=law.dt,
+        gain=tracking_gain(law.gain, law.dt, law.delay),
+        acceleration_limit=None if limit is None else accelerations(limit, len(chain.names)),
+        point=point,
+        length=ToolMeasure(robot, point, law.length).length,
+        urdf=text,
+        law={**law.model_dump(), "position_margin": 0.0},
+    )
+
+
+def displaced(task: BedTask, X: Array) -> BedTask:
+    """The same motion of a tool frame displaced by X (4, 4) in itself; point and length stay where they are."""
+    spec = task.spec
+    robot = chain_of(spec).with_tool(X)
+    point = se3.inverse(X).dot([*spec.point, 1.0])[:3]
+    law = {**spec.law, "point": tuple(point.tolist()), "length": spec.length}
+    text = urdf(robot) if spec.urdf else ""
+    return replace(
+        task,
+        spec=replace(spec, home=robot.home, point=point, urdf=text, law=law),
+        targets=task.targets @ X,
+        original=task,
+    )
+
+
+# What each kind of task is: a line for tables, and what makes its tasks.
+KINDS: dict[str, tuple[str, Callable[[Maker], list[BedTask]]]] = {
+    "free": ("a slow path", lambda a: [a.task("free", a.free_path, 0.002, 50.0)]),
+    "no feedforward": (
+        "the slow path, without feedforward",
+        lambda a: [a.task("no feedforward", a.free_path, 0.002, 50.0, feedforward=False)],
+    ),
+    "limits": ("a path 1.4 times too fast and 0.2 rad beyond a position limit", lambda a: [a.at_limits()]),
+    "accelerations": ("the same path, with limits of 15 rad/s^2", lambda a: [a.at_limits("accelerations", 15.0)]),
+    OTHER_FRAME: ("the path at limits, for a frame elsewhere on the tool", Maker.other_frame),
+    "singular": ("paths through singularities, the targets 5 mm and 0.01 rad off", Maker.singularities),
+    "turn": ("the target turns by 45 and by 90 degrees at once, in place", lambda a: [a.turn(45.0), a.turn(90.0)]),
+    "jump": (
+        "the target jumps by 150 mm; SO-101 and random arm: 75 mm, out of their reach without turning",
+        lambda a: [a.jump("jump", 0.01, 400)],
+    ),
+    "jump accelerations": (
+        "the same jumps, with limits of 10 rad/s^2",
+        lambda a: [a.jump("jump accelerations", 0.005, 500, 10.0)],
+    ),
+    "out of reach": ("the target is 3 m away, and back, at once; it goes far out and comes back", Maker.out_of_reach),
+    "stay": ("hold a pose; measured joint positions have the noise of encoders", Maker.stay),
+    "outside": ("start 0.05 rad outside a position limit", Maker.outside),
+    "stale": ("the slow path, as a stream of 10 Hz in a loop of 500 Hz", lambda a: [a.stream("stale", STALE, 0.0)]),
+    "jitter": ("the slow path, as a stream of 50 Hz, up to 20 ms late", lambda a: [a.stream("jitter", STREAM, LATE)]),
+    "NaN": ("the slow path; nine targets contain NaN or infinity", Maker.invalid),
+}
+
+
+def bed(arms: Sequence[str], kinds: Sequence[str], seed: int = 0) -> list[BedTask]:
+    """The tasks of some arms and kinds; each is the same whichever others are made."""
+    return [replace(task, kind=kind) for name in arms for kind in kinds for task in KINDS[kind][1](Maker(name, seed))]
+
+
+def from_file(task: Task, seed: int = 0) -> list[BedTask]:
+    """The task of a task file, a second of rest at its end; and the same in a tool frame elsewhere on the tool."""
+    has = {
+        "in contact": task.contact,
+        "with elastic timing": task.path.timing == "elastic",
+        "with an operator": task.operator,
+        "with obstacles": task.obstacle,
+        "with a clearance": task.clearance,
+        "with a tool speed": task.law.tool_speed,
+        "with a delay": task.law.delay or task.physics.delay,
+    }
+    for what, value in has.items():
+        if value:
+            raise BadInput("TASK", f"{task.name}, {what}", "a task without this, which other methods do not have")
+    setup = prepare(task)
+    problem, rest = setup.problem, round(1.0 / task.law.dt)
+    targets = np.concatenate((problem.poses, np.repeat(problem.poses[-1:], rest, axis=0)))
+    ahead = np.concatenate((problem.feedforward, np.zeros((rest + 1, 6))))
+    noise = np.resize(setup.noise, (len(targets), setup.noise.shape[1]))
+    spec, q0, end = spec_of(setup.robot, task.law), np.array(task.start(), np.float64), len(problem.poses) - 1
+    mine = BedTask(task.name, task.name, "task file", spec, q0, targets, ahead, noise, targets, spec, end)
+    other = displaced(mine, random_displacement(seed))
+    return [mine, replace(other, name=f"{task.name}, {OTHER_FRAME}", kind=OTHER_FRAME)]

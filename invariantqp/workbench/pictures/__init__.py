@@ -1,0 +1,1 @@
+"""Pictures of runs, of contact and of the pitches of an arm, written to files."""

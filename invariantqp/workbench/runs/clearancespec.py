@@ -1,0 +1,166 @@
+"""The [[obstacle]] and [clearance] tables of a task file: what is around the arm, and how far it keeps from that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import cos, pi, sin
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from invariantqp.geometry import se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.shapes import Box, Capsule, HalfSpace, Shape, Sphere
+from invariantqp.robots.load import load_robot
+from invariantqp.workbench.runs.section import Direction, NotNegative, Number, Positive, Section, Vector3
+
+if TYPE_CHECKING:
+    from invariantqp.control.clearance import Clearance
+    from invariantqp.control.clearance_bodies import OtherArm
+
+# What each kind of obstacle must have besides its place, and what it may have.
+KEYS = {
+    "sphere": (("radius",), ("moves",)),
+    "capsule": (("radius", "to"), ("moves",)),
+    "box": (("size",), ("turn", "moves")),
+    "mesh": (("source",), ("turn", "scale", "hull", "moves")),
+    "half-space": ((), ("normal", "moves")),
+    "arm": (("source", "start"), ("turn", "end")),
+}
+
+
+class BodySpec(Section):
+    """A capsule of a link, in the link's frame; a ball where `a` is `b`."""
+
+    link: str = Field(min_length=1, description="a link, a joint's name for what it moves, or tool", examples=["tool"])
+    a: Vector3 = Field(description="one end of its axis [m]", examples=[[0.0, 0.0, 0.0]])
+    b: Vector3 = Field(description="the other end [m]", examples=[[0.0, 0.0, 0.1]])
+    radius: Positive = Field(description="[m]", examples=[0.05])
+
+
+class ObstacleSpec(Section):
+    """One [[obstacle]]: a sphere, capsule, box, mesh, half-space, or another arm."""
+
+    kind: Literal["sphere", "capsule", "box", "mesh", "half-space", "arm"] = Field(
+        description="what it is", examples=["box"]
+    )
+    name: str = Field("", description="what reasons call it", examples=["shelf"])
+    at: Vector3 = Field(
+        (0.0, 0.0, 0.0),
+        description="its middle, one end of a capsule's axis, a point of a half-space's plane, the base of an arm, the "
+        "origin of a mesh [m]",
+        examples=[[0.5, 0.0, 0.4]],
+    )
+    turn: Vector3 = Field(
+        (0.0, 0.0, 0.0), description="axis times angle of a box, a mesh or an arm [rad]", examples=[[0, 0, 1.57]]
+    )
+    size: tuple[NotNegative, NotNegative, NotNegative] | None = Field(
+        None, description="whole edges of a box [m]", examples=[[0.4, 0.6, 0.02]]
+    )
+    radius: NotNegative | None = Field(None, description="of a sphere or a capsule [m]", examples=[0.1])
+    to: Vector3 | None = Field(None, description="the other end of a capsule's axis [m]", examples=[[0.5, 0.3, 0.4]])
+    normal: Direction = Field((0.0, 0.0, 1.0), description="out of a half-space", examples=[[0.0, 0.0, 1.0]])
+    moves: Vector3 = Field(
+        (0.0, 0.0, 0.0), description="how far it goes and comes back, again and again [m]", examples=[[0.0, 0.3, 0.0]]
+    )
+    source: str | None = Field(
+        None, description="an arm's name or URDF; a mesh's file, beside this one or by its path", examples=["ur5"]
+    )
+    scale: Positive = Field(1.0, description="of a mesh: 0.001 for a file in millimetres", examples=[0.001])
+    hull: bool = Field(False, description="take a mesh for its convex hull, which is solid", examples=[True])
+    start: list[Number] | None = Field(None, description="an arm's joint positions [rad, m]", examples=[[0.0, -1.2]])
+    end: list[Number] | None = Field(None, description="where its joints go and come back from", examples=[[1.0, -1.2]])
+    period: Positive = Field(4.0, description="of what moves [s]", examples=[4.0])
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> ObstacleSpec:
+        one, (needs, may) = f"{'a' if self.kind[0] != 'a' else 'an'} {self.kind}", KEYS[self.kind]
+        missing = [key for key in needs if getattr(self, key) is None]
+        if missing:
+            raise ValueError(f"{one} needs {' and '.join(missing)}")
+        known = ("kind", "name", "at", *needs, *may, "period")
+        if more := sorted(self.model_fields_set.difference(known)):
+            raise ValueError(f"{one} has no {' and no '.join(more)} (known keys: {', '.join(known)})")
+        if self.kind == "arm" and self.end is not None and len(self.end) != len(self.start or ()):
+            raise ValueError("start and end of an arm have as many joints")
+        return self
+
+    def progress(self, t: float) -> tuple[float, float]:
+        """How far out it is at t [s], from 0 to 1, and how fast [1/s]."""
+        rate = 2.0 * pi / self.period
+        return 0.5 * (1.0 - cos(rate * t)), 0.5 * rate * sin(rate * t)
+
+
+class ClearanceSpec(Section):
+    """The [clearance] table: arguments of `limits.Clearance`."""
+
+    distance: NotNegative = Field(0.02, description="what is kept [m]", examples=[0.02])
+    exclude: list[tuple[str, str]] = Field([], description="pairs that may touch", examples=[[["tool", "table"]]])
+    body: list[BodySpec] | None = Field(
+        None,
+        description="capsules of the links; left out: fitted to the collision geometry of the robot's description",
+        examples=[[{"link": "tool", "a": [0, 0, 0], "b": [0, 0, 0.1], "radius": 0.05}]],
+    )
+
+
+class Around:
+    """What is around an arm in a run, and the clearance from it."""
+
+    def __init__(
+        self, robot: Any, clearance: ClearanceSpec, obstacles: list[ObstacleSpec], looked_up: Callable[[str], Any]
+    ) -> None:
+        """Around a robot, by a task's tables; `looked_up` looks a robot's source up."""
+        from invariantqp.control.clearance import Clearance
+
+        self._specs = obstacles
+        self.obstacles: list[Shape | OtherArm] = [_obstacle(spec, looked_up) for spec in obstacles]
+        for i, (spec, obstacle) in enumerate(zip(obstacles, self.obstacles, strict=True)):
+            if not isinstance(obstacle, Shape):
+                for key in ("start",) if spec.end is None else ("start", "end"):
+                    obstacle.believed(getattr(spec, key), f"obstacle[{i}].{key}")
+        bodies: dict[str, list[Shape]] | None = None
+        if clearance.body is not None:
+            bodies = {}
+            for body in clearance.body:
+                bodies.setdefault(body.link, []).append(Capsule(body.a, body.b, body.radius))
+        self.move(0.0)
+        distance, exclude = clearance.distance, clearance.exclude
+        self.clearance: Clearance = Clearance(robot, bodies, self.obstacles, distance, exclude=exclude)
+
+    def move(self, t: float) -> None:
+        """Everything to where it is at t [s]."""
+        for spec, obstacle in zip(self._specs, self.obstacles, strict=True):
+            progress, rate = spec.progress(t)
+            if not isinstance(obstacle, Shape):
+                start = np.array(spec.start)
+                way = np.zeros(len(start)) if spec.end is None else np.array(spec.end) - start
+                obstacle.move(start + progress * way, rate * way)
+            elif any(spec.moves):
+                way = np.array(spec.moves)
+                obstacle.move(se3.transform(translation=progress * way), np.concatenate((np.zeros(3), rate * way)))
+
+    @property
+    def moving(self) -> bool:
+        """Whether anything of it moves."""
+        return any(spec.end is not None or any(spec.moves) for spec in self._specs)
+
+
+def _obstacle(spec: ObstacleSpec, looked_up: Callable[[str], Any]) -> Shape | OtherArm:
+    from invariantqp.control.clearance_bodies import OtherArm  # only where a task asks for it
+
+    at: Array = np.array(spec.at)
+    place = se3.transform(se3.rotation(np.array(spec.turn)), at)
+    if spec.kind == "arm":
+        return OtherArm(load_robot(looked_up(str(spec.source)), base=place), name=spec.name or "other")
+    if spec.kind == "mesh":
+        from invariantqp.geometry.coal import Mesh  # coal is loaded where there is a mesh
+
+        return Mesh(looked_up(str(spec.source)), place, scale=spec.scale, hull=spec.hull, name=spec.name)
+    if spec.kind == "sphere":
+        return Sphere(at, spec.radius or 0.0, name=spec.name)
+    if spec.kind == "capsule":
+        return Capsule(at, spec.to or spec.at, spec.radius or 0.0, name=spec.name)
+    if spec.kind == "box":
+        return Box(place, spec.size or (0.0, 0.0, 0.0), name=spec.name)
+    return HalfSpace(at, spec.normal, name=spec.name)

@@ -1,0 +1,149 @@
+"""A task made ready to run: everything that a run needs, and what its controller is given. Nothing has moved yet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import ValidationError
+
+from invariantqp.errors import BadInput, InvariantQPError, TaskFileError
+from invariantqp.force.contact import HybridTask
+from invariantqp.force.sensor import WrenchSensor
+from invariantqp.geometry import arrays, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.robots.chain import Chain
+from invariantqp.robots.kinematics import Robot
+from invariantqp.workbench.runs.clearancespec import Around
+from invariantqp.workbench.runs.contactspec import OperatorSpec
+from invariantqp.workbench.runs.plant import IdealPlant, Plant
+from invariantqp.workbench.runs.scene import ContactScene, scene_of
+from invariantqp.workbench.runs.section import message
+from invariantqp.workbench.runs.taskfile import LawSpec, Task, started
+
+
+class Goal(NamedTuple):
+    """The goal of a tick."""
+
+    target: Any  # tool pose, as `robot.target` returned it
+    feedforward: Array  # (6,) twist of the target, base frame [rad/s, m/s]
+    time: float  # [s]
+
+
+@dataclass(frozen=True, eq=False)
+class ControlProblem:
+    """What a controller is given before a run.
+
+    It may be expressed in other frames than the task file: a tool frame elsewhere on the tool, say. What it asks of the
+    arm stays the same, so a controller that is right answers with the same joint velocities.
+    """
+
+    robot: Robot  # the arm, with the tool frame that targets are for
+    law: LawSpec  # the [law] table; its points are in that tool frame
+    time: Array  # (n + 1,) [s]
+    poses: Array  # (n + 1, 4, 4) tool poses wanted
+    feedforward: Array  # (n, 6) their twists, base frame [rad/s, m/s]
+    contact_task: HybridTask | None = None  # what to do at a contact; None without one
+    sensor: WrenchSensor | None = None  # what is known of the force sensor; None without contact
+    operator: OperatorSpec | None = None  # the person who moves the tool too; None without one
+    around: Around | None = None  # what is around the arm, and the clearance from it; None without
+    elastic: Array | None = None  # (m,) joint positions at the start of a path that may be late; None keeps its timing
+
+    def goals(self) -> list[Goal]:
+        """The goals, tick by tick."""
+        ticks = zip(self.poses, self.feedforward, self.time.tolist(), strict=False)
+        return [Goal(self.robot.target(T), twist, t) for T, twist, t in ticks]
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """Everything that one run needs."""
+
+    task: Task  # with its law as overridden
+    robot: Robot  # the arm, with the task's tool frame: the run is judged there
+    scene: ContactScene | None  # what the tool touches; None where it touches nothing
+    physics: str  # the name of the plant, "ideal" or "mujoco"
+    plant: Plant  # the arm at its start; it moves in the run, so a second run needs a second setup
+    wanted: Array  # (n + 1, 4, 4) tool poses wanted
+    noise: Array  # (n, m) what the controller's joint positions are off by [rad, m]
+    counted_from: int  # the first tick whose errors count; 0 without contact
+    problem: ControlProblem  # what the controller is given
+
+
+def prepare(task: Task, physics: str = "ideal", **overrides: Any) -> Setup:
+    """A task made ready to run; arguments and errors are those of `run_task`."""
+    arrays.instance(task, Task, "task", "a Task, such as load_task returns")
+    task = task.model_copy(update={"law": overridden(task.law, overrides)})
+    try:
+        return _prepared(task, physics)
+    except InvariantQPError:
+        found = task.mismatches()
+        if len(found) > 1:
+            raise TaskFileError(task.name, found) from None
+        raise
+
+
+def _prepared(task: Task, physics: str) -> Setup:
+    """A task with its law as overridden, ready to run."""
+    law, n = task.law, task.ticks
+    robot = task.load_robot()
+    start = started(robot, task.start())
+    scene = scene_of(task, robot.pose(start), task.physics.force_noise if physics == "mujoco" else 0.0)
+    time: Array = law.dt * np.arange(n + 1, dtype=np.float64)
+    pose = task.path.along(robot, start)
+    path = [pose(t) for t in np.maximum(time - task.settle, 0.0).tolist()]  # it waits until contact has settled
+    wanted = np.array(path if scene is None else [scene.on_surface(T) for T in path])
+    return Setup(
+        task=task,
+        robot=robot,
+        scene=scene,
+        physics=physics,
+        plant=_plant(task, robot, scene, physics),
+        wanted=wanted,
+        noise=np.random.default_rng(0).normal(0.0, task.encoder_noise or 0.0, (n, len(start))),
+        counted_from=round(task.settle / law.dt),
+        problem=ControlProblem(
+            robot=robot,
+            law=law,
+            time=time,
+            poses=wanted,
+            feedforward=np.zeros((n, 6)) if task.path.jumps else twists_between(wanted, law.dt),
+            contact_task=None if scene is None else scene.task,
+            sensor=None if scene is None else scene.sensor,
+            operator=task.operator,
+            around=task.around(robot),
+            elastic=task.start() if task.path.timing == "elastic" else None,
+        ),
+    )
+
+
+def twists_between(poses: Array, dt: float) -> Array:
+    """(n - 1, 6) twists that lead from each of (n, 4, 4) poses to the next in dt, base frame [rad/s, m/s]."""
+    return np.array([se3.displacement(a, b) / dt for a, b in pairwise(poses)])
+
+
+def overridden(law: LawSpec, overrides: dict[str, Any]) -> LawSpec:
+    """A law with some of its keys changed, checked as those of a file are."""
+    keys = LawSpec.model_fields
+    for name in overrides:
+        if name not in keys:
+            raise BadInput("overrides", name, f"some of {', '.join(keys)}")
+    try:
+        return LawSpec.model_validate({**law.model_dump(), **overrides})
+    except ValidationError as error:
+        wrong = error.errors()[0]
+        key = str(wrong["loc"][0])
+        raise BadInput(key, repr(overrides[key]), message(wrong)) from error
+
+
+def _plant(task: Task, robot: Chain, scene: ContactScene | None, physics: str) -> Plant:
+    springs, sensor = (None, None) if scene is None else (scene.springs, scene.simulated_sensor)
+    if physics == "ideal":
+        return IdealPlant(robot, task.start(), task.law.dt, springs, sensor, task.physics.delay)
+    if physics != "mujoco":
+        raise BadInput("physics", repr(physics), '"ideal" or "mujoco"')
+    from invariantqp.workbench.runs.mujoco import MujocoPlant  # only where it is asked for
+
+    return MujocoPlant(task.urdf(), robot, task.start(), task.law.dt, springs, sensor, task.physics)

@@ -1,0 +1,381 @@
+"""Task files: TOML in, a `Task` out, or every problem with its path and an example of what is right.
+
+A task is data: robot, path, law, and the numbers that a run has to meet. SI units, radians, base frame. Keys are called
+as the arguments of the Python functions that they go to.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import sys
+import warnings
+from collections.abc import Callable
+from functools import partial
+from importlib import resources
+from pathlib import Path as FilePath
+from typing import Annotated, Any, Literal, TypeVar
+
+import numpy as np
+from pydantic import Field, PlainValidator, PrivateAttr, StrictBool, ValidationError, model_validator
+
+from invariantqp.control.controller import Controller
+from invariantqp.control.demands import ExactPoint, Named
+from invariantqp.control.measure import tool_metric
+from invariantqp.errors import BadInput, InvariantQPError, TaskFileError, UnknownName
+from invariantqp.geometry import arrays, screws, se3
+from invariantqp.geometry.arrays import Array
+from invariantqp.geometry.sizes import LENGTH_LIMIT
+from invariantqp.robots.chain import Chain
+from invariantqp.robots.kinematics import Robot
+from invariantqp.robots.load import KNOWN, load_robot, urdf_of
+from invariantqp.velocity.limits import ToolSpeed
+from invariantqp.workbench.runs.clearancespec import Around, ClearanceSpec, ObstacleSpec
+from invariantqp.workbench.runs.contactspec import ContactSpec, ForceSpec, OperatorSpec, Physics, SensorSpec
+from invariantqp.workbench.runs.path import Path
+from invariantqp.workbench.runs.section import (
+    Direction,
+    NotNegative,
+    Number,
+    OpenNumber,
+    Positive,
+    Section,
+    Vector3,
+    problems,
+    without,
+)
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+T = TypeVar("T")
+
+# Folders of tasks that come with the package.
+GROUPS = ("", "stability", "compare")
+
+
+class Screw(Section):
+    """A joint described by its axis."""
+
+    axis: Direction = Field(description="in the base frame at q = 0", examples=[[0.0, 0.0, 1.0]])
+    point: Vector3 = Field((0.0, 0.0, 0.0), description="of the axis [m]", examples=[[0.0, 0.3, 0.0]])
+    pitch: OpenNumber = Field(0.0, description="[m/rad]; inf for a prismatic joint", examples=[0.0])
+    lower: OpenNumber = Field(-np.inf, description="position limit [rad, m]", examples=[-2.0])
+    upper: OpenNumber = Field(np.inf, description="position limit [rad, m]", examples=[2.0])
+    speed: OpenNumber = Field(np.inf, gt=0.0, description="velocity limit [rad/s, m/s]", examples=[1.0])
+
+
+class RobotSpec(Section):
+    """A robot by name or URDF (`source`), or from joint screws with the place of the tool at q = 0 (`screws`)."""
+
+    source: str | None = Field(
+        None, min_length=1, description="a known name, or the path of a URDF beside this file", examples=["panda"]
+    )
+    tool: str | None = Field(None, min_length=1, description="name of the tool frame", examples=["panda_hand_tcp"])
+    joints: list[str] | None = Field(None, description="names of the joints that move", examples=[["panda_joint1"]])
+    screws: list[Screw] | None = Field(
+        None, min_length=1, description="joints by their axes, base first", examples=[[{"axis": [0.0, 0.0, 1.0]}]]
+    )
+    tool_point: Vector3 = Field(
+        (0.0, 0.0, 0.0), description="place of the tool at q = 0, with screws [m]", examples=[[0.0, 0.6, 0.0]]
+    )
+    start: list[Number] = Field(description="joint positions [rad, m]", examples=[[0.0, 0.5, 0.0]])
+
+    @model_validator(mode="after")
+    def _one_robot(self) -> RobotSpec:
+        if (self.source is None) == (self.screws is None):
+            given = "neither source nor screws is" if self.source is None else "both source and screws are"
+            raise ValueError(f"{given} given; give one of them")
+        return self
+
+    def load(self, folder: FilePath | None) -> Chain:
+        """The robot; relative URDF paths are looked up beside the task file."""
+        if self.screws is None:
+            return load_robot(_looked_up(self.source, folder), self.tool, self.joints)
+        if self.tool is not None:
+            raise BadInput("tool", repr(self.tool), "none with joint screws", "Their tool is at tool_point.")
+        return Chain(
+            np.column_stack([screws.helical(s.axis, s.point, s.pitch) for s in self.screws]),
+            se3.transform(translation=self.tool_point),
+            position_lower=[s.lower for s in self.screws],
+            position_upper=[s.upper for s in self.screws],
+            velocity_limit=[s.speed for s in self.screws],
+            tool="tool_point",
+        )
+
+
+def _looked_up(source: str | None, folder: FilePath | None) -> str | FilePath:
+    """A source: the file of that name beside the task file, if there is one; else as it is."""
+    file = None if folder is None else folder / str(source)
+    return file if file is not None and file.is_file() else str(source)
+
+
+def _form(given: Any) -> Any:
+    """A pitch, "tool" or None, as it is."""
+    if given is None or given == "tool":
+        return given
+    if isinstance(given, (int, float)) and not isinstance(given, bool) and abs(given) <= LENGTH_LIMIT:
+        return float(given)
+    raise ValueError(f'a pitch h in metres per radian or "tool" is expected, not {given!r}')
+
+
+class LawSpec(Section):
+    """The [law] table: arguments of `Controller`. What is left out has the controller's own default."""
+
+    dt: Positive = Field(0.001, description="tick [s]", examples=[0.001])
+    gain: Positive | None = Field(None, description="tracking gain [1/s]", examples=[20.0])
+    form: Annotated[float | Literal["tool"] | None, PlainValidator(_form)] = Field(
+        None,
+        description="what is attempted of a twist beyond the joints: a pitch h [m/rad]; left out: least squares at the "
+        'point decides; "tool" is that at the origin of the tool frame',
+        examples=[0.3],
+    )
+    damping: NotNegative | None = Field(None, description="lambda of a pitch form; left out: 0", examples=[0.0])
+    exact: Named | None = Field(
+        None,
+        description='what is met exactly: "position", or "twist", the whole twist, which limits then only slow down',
+        examples=["position"],
+    )
+    point: Vector3 = Field(
+        (0.0, 0.0, 0.0),
+        description="the point of the tool where accuracy counts, in the tool frame [m]; left out: its origin, "
+        'in contact the point of contact; exact = "position" meets it exactly',
+        examples=[[0.0, 0.0, 0.1]],
+    )
+    length: Positive | None = Field(
+        None, description="what a radian counts for there [m/rad]; left out: the arm's reach", examples=[0.5]
+    )
+    guard: StrictBool = Field(True, description="whether the descent guard is on", examples=[True])
+    posture: StrictBool | list[Number] = Field(
+        True,
+        description="joint positions to stay near as far as the path leaves joints free; true is the middle of their "
+        "ranges, for more than six joints",
+        examples=[True],
+    )
+    posture_gain: NotNegative = Field(1.0, description="how fast, while the tool moves [1/s]", examples=[1.0])
+    joint_metric: list[Positive] | None = Field(
+        None, description="one weight for each joint: what a joint velocity costs", examples=[[1.0, 1.0, 25.0]]
+    )
+    backend: str | None = Field(
+        None, description="a QP solver that solves the definition of the law; left out: the engine", examples=["daqp"]
+    )
+    acceleration_limit: Positive | list[Positive] | None = Field(
+        None, description="one for all joints, or one for each [rad/s^2, m/s^2]", examples=[10.0]
+    )
+    delay: NotNegative = Field(0.0, description="dead time of the robot beyond one tick [s]", examples=[0.01])
+    position_margin: NotNegative = Field(0.0, description="kept from position limits [rad, m]", examples=[0.01])
+    tool_speed: Positive | None = Field(None, description="speed limit of a point of the tool [m/s]", examples=[0.25])
+    tool_speed_point: Vector3 = Field(
+        (0.0, 0.0, 0.0), description="that point, in the tool frame [m]", examples=[[0.0, 0.0, 0.1]]
+    )
+
+
+def law_options(robot: Robot, law: LawSpec) -> dict[str, Any]:
+    """A [law] as keyword arguments of `Controller`, which its keys are called as."""
+    speed = None if law.tool_speed is None else ToolSpeed(law.tool_speed, law.tool_speed_point)
+    return law.model_dump(exclude={"tool_speed_point"}) | {
+        "form": tool_metric(robot) if law.form == "tool" else law.form,
+        "exact": ExactPoint(law.point) if law.exact == "position" else law.exact,
+        "point": law.point if any(law.point) else None,  # in contact that is the point of contact
+        "tool_speed": speed,
+    }
+
+
+class Acceptance(Section):
+    """The [accept] table: the numbers that a run has to meet. What is left out is not required."""
+
+    position_error_mm: Positive | None = Field(None, description="largest", examples=[0.1])
+    orientation_error_deg: Positive | None = Field(None, description="largest", examples=[0.1])
+    final_position_error_mm: Positive | None = Field(None, description="at the end", examples=[0.01])
+    final_orientation_error_deg: Positive | None = Field(None, description="at the end", examples=[0.01])
+    force_error: Positive | None = Field(
+        None, description="rms of the true contact force's error, relative to the wanted force", examples=[0.02]
+    )
+    clearance_mm: NotNegative | None = Field(
+        None, description="the least distance of bodies that are kept apart, at least", examples=[19.9]
+    )
+    limit_violation: Positive = Field(
+        1e-9,
+        description="largest [rad, m; rad/s, m/s], of an acceleration limit by the velocity that a tick is beyond it",
+        examples=[1e-9],
+    )
+
+
+class Task(Section):
+    """A problem to run; `load_task` makes one from a file."""
+
+    name: str = Field(min_length=1, description="what reports call it", examples=["panda_path"])
+    about: str = Field("", description="one sentence about it", examples=["A Panda draws a circle."])
+    robot: RobotSpec
+    path: Path
+    law: LawSpec = LawSpec()
+    accept: Acceptance = Acceptance()
+    contact: ContactSpec | None = None
+    force: ForceSpec | None = None
+    sensor: SensorSpec = SensorSpec()
+    operator: OperatorSpec | None = None
+    physics: Physics = Physics()
+    accept_mujoco: Acceptance | None = Field(None, description="replaces [accept] in runs with MuJoCo")
+    obstacle: list[ObstacleSpec] = Field([], description="what is around the arm")
+    clearance: ClearanceSpec | None = Field(None, description="how far the arm keeps from that, and from itself")
+    encoder_noise: Positive | None = Field(
+        None, description="standard deviation of the joint positions that are read [rad, m]", examples=[1e-4]
+    )
+    _folder: FilePath | None = PrivateAttr(None)  # where relative URDF paths are looked up
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Task:
+        if (self.contact is None) != (self.force is None):
+            raise ValueError("[contact] and [force] go together")
+        if self.operator is not None and self.contact is not None:
+            raise ValueError("[operator] is for a tool that touches nothing; leave out [contact] and [force]")
+        if self.path.timing == "elastic" and (self.contact is not None or self.operator is not None):
+            raise ValueError('timing = "elastic" is for a path alone; leave out [contact] and [operator]')
+        return self
+
+    @property
+    def settle(self) -> float:
+        """How long the path waits for contact to settle [s]; 0 without contact."""
+        return 0.0 if self.contact is None else self.contact.settle
+
+    @property
+    def ticks(self) -> int:
+        """How many ticks a run has."""
+        duration, dt = self.path.duration, self.law.dt
+        ticks = (self.settle + duration) / dt
+        if round(duration / dt) < 1 or ticks > arrays.MANY:
+            expected = f"1 to {arrays.MANY} ticks of {dt:g} s each"
+            raise BadInput("path.duration", f"{duration:g} s, {ticks:.3g} ticks", expected, "Change it, or law.dt.")
+        return round(ticks)
+
+    def urdf(self) -> FilePath:
+        """The robot's URDF file."""
+        if self.robot.source is None:
+            raise BadInput("physics", "a robot from joint screws", "one from a URDF", "Screws have no masses.")
+        return urdf_of(_looked_up(self.robot.source, self._folder))
+
+    def load_robot(self, tool: str | None = None) -> Chain:
+        """The task's robot, to another tool frame where one is named."""
+        spec = self.robot if tool is None else self.robot.model_copy(update={"tool": tool})
+        robot = spec.load(self._folder)
+        n, m = len(self.robot.start), len(robot.names)
+        if tool is None and n != m:
+            found = f"$.robot.start: {n} number{'s' if n != 1 else ''} (give {m}: {', '.join(robot.names)})"
+            raise TaskFileError(self.name, [found])
+        return robot
+
+    def around(self, robot: Chain) -> Around | None:
+        """What is around the arm; None where the task has neither an [[obstacle]] nor a [clearance]."""
+        if self.clearance is None and not self.obstacle:
+            return None
+        looked_up = partial(_looked_up, folder=self._folder)
+        return Around(robot, self.clearance or ClearanceSpec(), self.obstacle, looked_up)
+
+    def start(self) -> Array:
+        """(m,) joint positions at the start."""
+        return np.array(self.robot.start)
+
+    def mismatches(self) -> list[str]:
+        """What does not fit together in it or with its robot, a line each as of `problems`."""
+        found: list[str] = []
+
+        def check(table: str, make: Callable[[], T]) -> T | None:
+            try:
+                return make()
+            except TaskFileError as error:
+                found.extend(error.problems)
+            except BadInput as error:
+                known = re.split(r"[.\[]", error.argument)[0] in Task.model_fields
+                found.append(f"$.{error}" if known else f"$.{table}.{error}")
+            except InvariantQPError as error:
+                found.append(f"$.{table}: {error}")
+            return None
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a run that begins warns
+            check("path", lambda: self.ticks)
+            robot = check("robot", self.load_robot)
+            if robot is not None:
+                check("robot", lambda: started(robot, self.start()))
+                check("path", lambda: self.path.along(robot, self.start()))
+                check("law", lambda: Controller(robot, **law_options(robot, self.law)))
+                check("clearance", lambda: self.around(robot))
+        return found
+
+
+def started(robot: Robot, start: Array) -> Array:
+    """Joint positions (m,) at the start of a run, for which a loop holds no tick."""
+    return Controller(robot, dt=LawSpec().dt).believed(start, "robot.start")
+
+
+def shipped_tasks(group: str = "") -> dict[str, FilePath]:
+    """The tasks that come with the package, name to file: those to start from, or a group.
+
+    "stability" is what breaks velocity control, "compare" what the comparison adds; names are such as "stability/jump".
+    """
+    arrays.choice(group, "group", GROUPS)
+    installed = FilePath(str(resources.files("invariantqp"))) / "task_files"
+    folder = installed if installed.is_dir() else installed.parent.parent / "tasks"
+    files = sorted((folder / group).glob("*.toml"))
+    return {f.relative_to(folder).with_suffix("").as_posix(): f for f in files}
+
+
+def load_task(path_or_name: str | FilePath) -> Task:
+    """A task from a TOML file, or by name one that comes with the package ("panda_path").
+
+    Raises:
+        UnknownName: no such file and no such name; similar names are listed.
+        TaskFileError: a file that cannot be read, is not TOML, or has keys and values that do not fit: every problem
+            with its path.
+    """
+    arrays.instance(path_or_name, (str, FilePath), "path_or_name", "the name of a task, or the path of a task file")
+    name = str(path_or_name)
+    known = {task: file for group in GROUPS for task, file in shipped_tasks(group).items()}
+    path = known.get(name, FilePath(name))
+    try:
+        if not path.is_file():
+            near = difflib.get_close_matches(name.removesuffix(".toml"), known)
+            raise UnknownName("task", name, near, [*shipped_tasks(), "or the path of a .toml file"])
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise TaskFileError(name, [f"$: cannot be read: {error.strerror}"]) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise TaskFileError(name, [f"$: not TOML: {error}"]) from error
+    return task_from(content, str(path), path.parent)
+
+
+def task_from(content: dict[str, Any], source: str, folder: FilePath | None = None) -> Task:
+    """A task from decoded TOML; errors call the file `source`, relative URDF paths are looked up in `folder`."""
+    found: dict[str, str] = {}
+    task: Task | None = None
+    left: dict[str, Any] | None = content
+    while task is None and left is not None:  # what is wrong is left out, and the rest is read
+        try:
+            task = Task.model_validate(left)
+        except ValidationError as error:
+            for line in problems(error, Task):
+                found.setdefault(line.partition(": ")[0], line)
+            left = without(left, error, Task)
+    if task is not None:
+        task._folder = folder  # noqa: SLF001 (set once, here)
+    if task is None or found:
+        raise TaskFileError(source, [*found.values(), *(task.mismatches() if task is not None else ())])
+    return task
+
+
+def load_arm(source: str | FilePath, tool: str | None = None) -> Chain:
+    """The robot of a name, a URDF file, a task's name or a task file."""
+    if tool == "":
+        raise BadInput("tool", "an empty name", "the name of a frame")
+    name, known = str(source), shipped_tasks()
+    if name in known or FilePath(source).suffix.lower() == ".toml":
+        return load_task(source).load_robot(tool)
+    try:
+        return load_robot(source, tool)
+    except UnknownName as error:
+        if error.kind != "robot":
+            raise
+        near = difflib.get_close_matches(name.lower(), [*KNOWN, *known])
+        raise UnknownName("robot", name, near, [*KNOWN, *known, "or the path of a .urdf or .toml file"]) from None

@@ -1,0 +1,205 @@
+"""A run in a browser, while it is running and after: the page of a run, served to this machine only.
+
+The page asks for what is new and draws it; at the end of the run it is the page that `animation` writes.
+
+Where a person looks: at a browser on this machine's screen, from another machine over SSH, or at a file later.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import socket
+import sys
+from contextlib import suppress
+from dataclasses import replace
+from getpass import getuser
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Event, Thread
+from typing import Any
+
+import numpy as np
+
+from invariantqp.errors import BadInput
+from invariantqp.geometry import arrays
+from invariantqp.geometry.arrays import Array
+from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.workbench.pictures.charts import CurveChart, extremes, frame_ends
+from invariantqp.workbench.runs.plant import PlantState
+from invariantqp.workbench.runs.taskfile import Task
+from invariantqp.workbench.runs.trace import Trace, at_a_limit
+from invariantqp.workbench.view.page import drawn, page
+from invariantqp.workbench.view.timeline import FORCE, Timeline, states, timeline_before, timeline_of
+
+# The port to serve at, and the last that there is.
+PORT, LAST_PORT = 8080, 65535
+# Environment variables that say that nobody looks at this machine's screen, if it has one.
+ELSEWHERE = ("CI", "SSH_CONNECTION", "SSH_TTY")
+# Environment variables of which Linux and the BSDs set one where there is a screen.
+SCREEN = ("DISPLAY", "WAYLAND_DISPLAY")
+
+
+class Viewer:
+    """A page with robot, path, playback and curves, for one run; any number of browsers may look at it.
+
+    Attributes:
+        url: what to open in a browser on this machine.
+        tunnel: the command that makes the same address work on another machine, over SSH.
+    """
+
+    def __init__(self, task: Task, port: int = PORT) -> None:
+        """Serve what is known before the run, the arm and its path, at a port or the next one that is free."""
+        self._dt = task.law.dt
+        self._before = timeline_before(task)
+        self._done: Timeline | None = None
+        # Of each tick: joint positions, velocities, the tool's force (3,) and place (3,), status, whether limited.
+        self._seen: list[tuple[Array, Array, Array, Array, str, bool]] = []
+        self._closed = Event()
+        self._text = page(self._before, live=True)
+        self._path = drawn(self._before)["arrays"]["path"]
+        self._server = _listening(port)
+        self._server.viewer = self
+        Thread(target=self._server.serve_forever, args=(0.1,), daemon=True).start()
+        at = self._server.server_address[1]
+        self.url: str = f"http://localhost:{at}"
+        self.tunnel: str = tunnel(at)
+
+    def close(self) -> None:
+        """Stop serving."""
+        if not self._closed.is_set():
+            self._closed.set()
+            self._server.shutdown()
+            self._server.server_close()
+
+    def watch(self, tick: int, state: PlantState, solution: VelocitySolution) -> None:  # noqa: ARG002 (an observer)
+        """An observer for `run_task`: keeps what a browser may ask for."""
+        status, limited = str(solution.status), at_a_limit(solution)
+        self._seen.append((state.q, solution.velocity, -state.wrench[3:], state.pose[:3, 3], status, limited))
+
+    def show(self, timeline: Timeline) -> None:
+        """Play a run that is done."""
+        self._done = timeline
+
+    def play(self, trace: Trace) -> None:
+        """Show a run that is done, until interrupted or closed."""
+        self.show(timeline_of(trace))
+        while not self._closed.wait(0.1):  # Ctrl-C is not heard during a wait without an end everywhere
+            pass
+
+    def text(self) -> str:
+        """The page as it is now."""
+        return self._text if self._done is None else page(self._done)
+
+    def news(self, tag: str) -> tuple[str, str | None]:
+        """What the page is to draw, and its tag; nothing where that is what it draws already."""
+        done, n = self._done, len(self._seen)
+        now = f"{n}" if done is None else "done"
+        if now == tag or (done is None and not n):
+            return now, None
+        if done is not None:
+            return now, json.dumps({**drawn(done), "about": done.about})
+        so_far = drawn(self._so_far(n))
+        so_far["arrays"]["path"] = self._path
+        whole = {"duration": float(self._before.time[-1]), "travel_scale": self._before.travel_scale}
+        return now, json.dumps({**so_far, **whole, "live": True})
+
+    def _so_far(self, n: int) -> Timeline:
+        """The first n ticks of the run."""
+        q, speed, force, place, status, limited = zip(*self._seen[:n], strict=True)
+        before, push = self._before, np.array(force)
+        ends = frame_ends(n)
+        time = self._dt * ends
+        then = [before.frame(t) for t in time.tolist()]
+        places = np.vstack((before.tool[0, :3, 3], place))[ends]
+        size = extremes(np.linalg.norm(push, axis=1)[:, None], ends).T
+        pressing = [CurveChart("contact force [N]", ("size",), size, (FORCE,))] if push.any() else []
+        seen = replace(
+            before,
+            time=time,
+            q=np.vstack((before.q[0], q))[ends],
+            speed=extremes(np.array(speed), ends),
+            wanted=before.wanted[then],
+            solids=tuple(s if s.poses is None else s._replace(poses=s.poses[then]) for s in before.solids),
+            travel=np.gradient(places, time, axis=0),
+            force=push[np.maximum(ends - 1, 0)] if push.any() else None,
+            **states(status, limited, ends),
+        )
+        return replace(seen, charts=(*pressing, *seen.limit_charts))
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    allow_reuse_address = os.name != "nt"  # there it would take a port that another has
+    viewer: Viewer
+
+
+def _listening(port: int) -> _Server:
+    """A server at a port of this machine alone, or at the next one of a hundred that is free."""
+    first = arrays.count(port, "port", LAST_PORT)
+    for at in range(first, min(first + 100, LAST_PORT + 1)):
+        with suppress(OSError):
+            return _Server(("127.0.0.1", at), _Answer)
+    raise BadInput("port", f"{first}, which is taken, and all after it", "a port that is free", "0 takes any.")
+
+
+class _Answer(BaseHTTPRequestHandler):
+    """Answers to the page."""
+
+    server: _Server
+
+    def do_GET(self) -> None:
+        """The page, or as `run?TAG` what is new since."""
+        where, _, tag = self.path.partition("?")
+        if where == "/":
+            self._send(200, "text/html; charset=utf-8", self.server.viewer.text(), "")
+        elif where == "/run":
+            now, news = self.server.viewer.news(tag)
+            self._send(204 if news is None else 200, "application/json", news or "", now)
+        else:
+            self._send(404, "text/plain", "", "")
+
+    def _send(self, status: int, kind: str, text: str, tag: str) -> None:
+        body = text.encode()
+        self.send_response(status)
+        for name, value in (("Content-Type", kind), ("Content-Length", str(len(body))), ("Cache-Control", "no-store")):
+            self.send_header(name, value)
+        if tag:
+            self.send_header("ETag", tag)
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_: Any) -> None:
+        """Say nothing: what is printed is the run's."""
+
+
+def has_display() -> bool:
+    """Whether a browser opened here would be seen."""
+    if any(os.environ.get(name) for name in ELSEWHERE):
+        return False
+    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in SCREEN)
+
+
+def is_remote() -> bool:
+    """Whether somebody sits at a terminal of this machine over SSH."""
+    over_ssh = bool(os.environ.get("SSH_CONNECTION")) and not os.environ.get("CI")
+    return over_ssh and sys.stdin is not None and sys.stdin.isatty()
+
+
+def tunnel(port: int) -> str:
+    """The command that, on another machine, makes http://localhost:PORT there show what is served here.
+
+    This machine is named by the address that SSH came to, else by its name.
+    """
+    words = os.environ.get("SSH_CONNECTION", "").split()
+    host, at = (words[2], words[3]) if len(words) == 4 else (socket.gethostname(), "22")
+    try:
+        user = f"{getuser()}@"
+    except (KeyError, OSError):  # a container's user may have no name
+        user = ""
+    return f"ssh -L {port}:localhost:{port} {'' if at == '22' else f'-p {at} '}{user}{host}"
+
+
+def page_name(task: Task) -> str:
+    """The file, in the current folder, for the page of a task when nobody names one."""
+    return f"{re.sub(r'[^A-Za-z0-9._-]+', '_', task.name)}.html"
