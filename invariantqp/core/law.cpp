@@ -195,7 +195,8 @@ class Law {
         const double length = std::max(full.norm(), ROOT_ROUNDING), most = demand.norm();
         const double whole = (f + e).norm(), damped = KAPPA * tick.held * A.all().norm() * tick.missed / (whole + TINY);
         const double eased = 1 / (1 + damped * full.square() / (most + TINY));
-        double a = tick.before.w && bends_away(rows, full) ? std::max(0.0, (eased - WORTH) / (1 - WORTH)) : eased;
+        const bool all = along.rows >= std::min(m, 6);  // no part of the tool's motion is left free
+        double a = tick.before.w && all && bends_away(rows, full) ? std::max(0.0, (eased - WORTH) / (1 - WORTH)) : eased;
         if (allows(to_x(a * full)))
             witness = a * full;
         else {

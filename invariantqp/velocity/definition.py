@@ -26,10 +26,10 @@ do at all of |A x - f - p e|: an arm that cannot get nearer comes to rest. nu, w
 (d) The approach to a target under acceleration limits, with two numbers more, is that of core/loop.cpp.
 
 Exact rows E x = a (E_f + E_e) hold at the largest share a of their speed that limits allow, damped by r_before as
-well; of an arm that stretches out, a becomes (a - WORTH) / (1 - WORTH): it stops before it is singular and comes back
-with the same elbow. Twist and posture slow down with the rows; p and c are of the rest. Where standing still is outside the limits, rows
-come as near to that as limits allow. Rows that contradict the box, and a tool speed that contradicts both, give way by
-the least, by name.
+well. Where they decide the whole motion of an arm that stretches out, a becomes (a - WORTH) / (1 - WORTH): it stops
+before it is singular and comes back with the same elbow. Twist and posture slow down with the rows; p and c are of the
+rest. Where standing still is outside the limits, rows come as near to that as limits allow. Rows that contradict the
+box, and a tool speed that contradicts both, give way by the least, by name.
 Twists of several bodies are stacked, with sqrt(weight) R of each; `prioritised` keeps what the levels above achieve.
 """
 
@@ -233,7 +233,8 @@ def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, 
     slow = mu * float(full.dot(full)) / (float(np.linalg.norm(demand)) + TINY)
     n, left = m - k, room.on(np.zeros(m), np.column_stack((basis, full))).with_row(0.0, 1.0)
     H = np.diag(np.append(np.full(n, ROUNDING / size**2 + mu / (b + TINY)), 1.0 + slow))
-    lost = WORTH if bends_away(tick, T.dot(full)) else 0.0  # of a = 1 / (1 + slow)
+    whole = k >= min(m, 6)  # no part of the tool's motion is left free
+    lost = WORTH if whole and bends_away(tick, T.dot(full)) else 0.0  # of a = 1 / (1 + slow)
     try:
         z = minimise(H, max(0.0, 1.0 - lost * (1.0 + slow)) / (1.0 - lost) * np.eye(n + 1)[n], left, solver)
     except SolverFailure:  # no share of the rows is inside the limits: as near as these allow
