@@ -225,7 +225,7 @@ class Law {
     // Whether joints that go on at y lose their hold on what the exact rows ask for, as an arm that stretches.
     bool bends_away(const ExactRows& rows, Vec y) const
     {
-        return tick.J.rows == 6 && rows.D.w && rows.e.dot(rows.D * turning(tick.J, to_x(y))) < 0;
+        return tick.J.rows == 6 && rows.D.w && (rows.f + rows.e).dot(rows.D * turning(tick.J, to_x(y))) < 0;
     }
 
     // No share of the exact rows is inside the limits: as near to one as these allow.

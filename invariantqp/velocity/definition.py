@@ -250,7 +250,7 @@ def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, 
 
 
 def bends_away(tick: Tick, x: Array) -> bool:
-    """Whether joints that go on at x move the tool ever less along the exact error, as those of a stretching arm do.
+    """Whether joints that go on at x move the tool ever less along the exact demand, as those of a stretching arm do.
 
     The twist of a chain changes by the sum over j < i of x_j x_i [J_j, J_i].
     """
@@ -260,7 +260,7 @@ def bends_away(tick: Tick, x: Array) -> bool:
     before = np.cumsum(columns, axis=1) - columns
     turn, move, omega, v = before[:3].T, before[3:].T, columns[:3].T, columns[3:].T
     change = np.hstack((np.cross(turn, omega), np.cross(turn, v) + np.cross(move, omega))).sum(axis=0)
-    return float(np.asarray(tick.exact[2]).dot(tick.parts.dot(change))) < 0.0
+    return float((np.asarray(tick.exact[1]) + np.asarray(tick.exact[2])).dot(tick.parts.dot(change))) < 0.0
 
 
 def objective(tick: Tick, T: Array, share: float) -> Problem:
