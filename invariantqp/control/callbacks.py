@@ -231,7 +231,7 @@ class Callbacks:
         if exact is not None:
             E, first, error, D = exact
             M = whitened(ExactRows(E, first + error, D if D.any() else None), whole)[0]
-            fields["exact"] = M.T.dot(E), first.dot(M), error.dot(M)
+            fields["exact"], fields["parts"] = (M.T.dot(E), first.dot(M), error.dot(M)), M.T.dot(D)
         tick = Tick(**fields, form=loop.form if formed else None, guard=None if guard is None else guard.fraction)
         try:
             answer = self._velocity(tick)

@@ -67,7 +67,8 @@ class Exact(Protocol):
 class ExactTwist(Value):
     """The whole twist is followed exactly: limits scale its speed, and the tool stays on the same screw.
 
-    It needs an arm that moves its tool in all six directions.
+    It needs an arm that moves its tool in all six directions. A joint at its position limit stops the tool while the
+    twist pushes it further; an arm that stretches out stops before it is singular.
     """
 
     def rows(self, view: View) -> ExactRows:

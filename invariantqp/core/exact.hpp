@@ -10,7 +10,7 @@ namespace iq {
 constexpr double TERMS = 1e-5;
 
 struct ExactRows {
-    Mat E;
+    Mat E, D;
     Vec f, e;
     double contrary = 0;  // the share in which demands of one twist contradict each other
 };
@@ -19,14 +19,14 @@ struct ExactRows {
 // made as long as all of these together.
 inline ExactRows whitened(const Tick& tick, Workspace& w)
 {
-    ExactRows rows{tick.E, tick.E_f, tick.E_e};
+    ExactRows rows{tick.E, tick.D, tick.E_f, tick.E_e};
     if (!tick.D.w || tick.D.all().square() == 0)
         return rows;
     std::vector<int> parts, others;
     for (int i = 0; i < tick.D.rows; i++)
         (tick.D[i].square() > 0 ? parts : others).push_back(i);
     const int k = static_cast<int>(parts.size());
-    Mat measured(w, k, 6), E(w, k, tick.E.cols), root(w, 6, 6);
+    Mat measured(w, k, 6), D(w, k, 6), E(w, k, tick.E.cols), root(w, 6, 6);
     Vec f(w, k), e(w, k), terms(w, k, 0);
     const Mat& measure = tick.measure.w ? tick.measure : tick.root;
     for (int i = 0; i < 6; i++)
@@ -35,7 +35,7 @@ inline ExactRows whitened(const Tick& tick, Workspace& w)
     for (int i = 0; i < k; i++) {
         const Vec row = t(back) * tick.D[parts[i]];
         const double size = row.norm();
-        measured[i].set(row / size), E[i].set(tick.E[parts[i]] / size);
+        measured[i].set(row / size), D[i].set(tick.D[parts[i]] / size), E[i].set(tick.E[parts[i]] / size);
         f[i] = tick.E_f[parts[i]] / size, e[i] = tick.E_e[parts[i]] / size;
         for (int j = 0; j < 6; j++)
             terms[i] += std::abs(tick.D(parts[i], j) * (tick.ahead[j] + tick.error[j])) / size;
@@ -48,11 +48,12 @@ inline ExactRows whitened(const Tick& tick, Workspace& w)
     rows.contrary = rows.contrary > 10 * ROUNDING ? rows.contrary : 0;
     for (int i = 0; i < M.rows; i++)
         M[i].scale(1 / svd.sigma[i]);
-    rows.E = M * E, rows.f = M * f, rows.e = M * e;
+    rows.E = M * E, rows.D = M * D, rows.f = M * f, rows.e = M * e;
     const double size = rows.E.all().norm();
     for (const int i : others) {
         const double scale = (size > 0 ? size : 1) / (tick.E[i].norm() + TINY);
         rows.E = stacked(rows.E, Mat((scale * tick.E[i]).p, 1, E.cols, &w));
+        rows.D = stacked(rows.D, Mat(w, 1, 6, 0));
         rows.f = joined(rows.f, Vec(w, 1, scale * tick.E_f[i]));
         rows.e = joined(rows.e, Vec(w, 1, scale * tick.E_e[i]));
     }

@@ -1,6 +1,7 @@
 // The functions here have the names of definition.py's, and say only what is done another way than there.
 #include "exact.hpp"
 #include "forms.hpp"
+#include "measure.hpp"
 
 namespace iq {
 namespace {
@@ -173,7 +174,7 @@ class Law {
         Vec full;
         std::optional<RQ> rq;
         int rank = E.rows;
-        bool lost = false;
+        found.unmet = rows.contrary;
         if (E.rows <= m)
             rq.emplace(E);
         if (rq && rq->regular(ROUNDING)) {
@@ -183,16 +184,19 @@ class Law {
         } else {
             const SVD svd(E);
             rank = svd.rank(ROUNDING);
-            lost = rank < tick.exact_rank;
+            const Mat U = svd.U.rows_from(0, rank);
+            if (const double all = demand.norm(); all > 0 && rank >= tick.exact_rank)
+                found.unmet = std::max(found.unmet, (demand - t(U) * (U * demand)).norm() / all);
             rank = std::max(rank, std::min(tick.exact_rank, svd.sigma.n));
             along = svd.V.rows_from(0, rank), across = svd.V.rows_from(rank, m);
             full = svd.least(demand, rank, ROUNDING);  // a direction next to lost: a leaves next to nothing of it
         }
         basis = transposed(across);
         const double length = std::max(full.norm(), ROOT_ROUNDING), most = demand.norm();
-        found.unmet = std::max(rows.contrary, most > 0 && !lost ? (E * full - demand).norm() / most : 0);
         const double whole = (f + e).norm(), damped = KAPPA * tick.held * A.all().norm() * tick.missed / (whole + TINY);
-        double a = 1 / (1 + damped * full.square() / (most + TINY));
+        const double eased = 1 / (1 + damped * full.square() / (most + TINY));
+        const bool all = along.rows >= std::min(m, 6);  // no part of the tool's motion is left free
+        double a = tick.before.w && all && bends_away(rows, full) ? std::max(0.0, (eased - WORTH) / (1 - WORTH)) : eased;
         if (allows(to_x(a * full)))
             witness = a * full;
         else {
@@ -206,7 +210,7 @@ class Law {
             Quadratic share{Mat(w, n + 1, n + 1, 0), Vec(w, n + 1, 0)};
             for (int i = 0; i < n; i++)
                 share.T(i, i) = 1 / std::sqrt(ROUNDING / (length * length) + damped / (whole + TINY));
-            share.T(n, n) = std::sqrt(a), share.centre[n] = a;
+            share.T(n, n) = std::sqrt(eased), share.centre[n] = a;
             const auto z = minimise(share, room->on(Vec(w, m, 0), columns).with_row(0, 1));
             if (!z)
                 return beside(*room, along, full);
@@ -216,6 +220,12 @@ class Law {
         found.share = a > 1 - 10 * ROUNDING ? 1 : std::max(a, 0.0) * (1 - ROUNDING);
         origin = found.share * full;
         return true;
+    }
+
+    // Whether joints that go on at y lose their hold on what the exact rows ask for, as an arm that stretches.
+    bool bends_away(const ExactRows& rows, Vec y) const
+    {
+        return tick.J.rows == 6 && rows.D.w && (rows.f + rows.e).dot(rows.D * turning(tick.J, to_x(y))) < 0;
     }
 
     // No share of the exact rows is inside the limits: as near to one as these allow.

@@ -384,18 +384,8 @@ class TickOfLoop {
     //     t = (|e'A c| + slack |A c|) / (|A c|^2 + max(0, -e'R b)),   b = sum over j < i of c_j c_i [J_j, J_i]
     double time_to_least(Vec e, Vec c) const
     {
-        Vec moved(w, 6, 0), turning(w, 6, 0);
-        for (int j = 0; j < m; j++) {
-            Vec column(w, 6);
-            for (int i = 0; i < 6; i++)
-                column[i] = c[j] * tick.J(i, j);
-            turning.part(0, 3).add(1, cross(moved.part(0, 3), column.part(0, 3)));
-            turning.part(3, 6).add(1, cross(moved.part(0, 3), column.part(3, 6)));
-            turning.part(3, 6).add(1, cross(moved.part(3, 6), column.part(0, 3)));
-            moved.add(1, column);
-        }
-        moved = tick.root * moved;
-        const double change = moved.square() + std::max(0.0, -e.dot(tick.root * turning));
+        const Vec moved = tick.root * (tick.J * c), bent = tick.root * turning(tick.J, c);
+        const double change = moved.square() + std::max(0.0, -e.dot(bent));
         return change > 0 ? (std::abs(e.dot(moved)) + set.slack * moved.norm()) / change : INFINITY;
     }
 

@@ -23,6 +23,22 @@ inline Vec cross(Vec a, Vec b)
 // v + omega x p
 inline Vec velocity_at(Vec s, Vec p) { return s.part(3, 6) + cross(s.part(0, 3), p); }
 
+// How the twist J c of a chain changes while its joints go on at c, (6,): sum over j < i of c_j c_i [J_j, J_i].
+inline Vec turning(Mat J, Vec c)
+{
+    Workspace& w = *c.w;
+    Vec moved(w, 6, 0), turning(w, 6, 0), column(w, 6);
+    for (int j = 0; j < c.n; j++) {
+        for (int i = 0; i < 6; i++)
+            column[i] = c[j] * J(i, j);
+        turning.part(0, 3).add(1, cross(moved.part(0, 3), column.part(0, 3)));
+        turning.part(3, 6).add(1, cross(moved.part(0, 3), column.part(3, 6)));
+        turning.part(3, 6).add(1, cross(moved.part(3, 6), column.part(0, 3)));
+        moved.add(1, column);
+    }
+    return turning;
+}
+
 inline Mat root_at(Vec p, double length)
 {
     Mat root(*p.w, 6, 6, 0);

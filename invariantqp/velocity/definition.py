@@ -26,9 +26,10 @@ do at all of |A x - f - p e|: an arm that cannot get nearer comes to rest. nu, w
 (d) The approach to a target under acceleration limits, with two numbers more, is that of core/loop.cpp.
 
 Exact rows E x = a (E_f + E_e) hold at the largest share a of their speed that limits allow, damped by r_before as
-well; twist and posture slow down with them; p and c are of the rest. Where standing still is outside the limits, rows
-come as near to that as limits allow. Rows that contradict the box, and a tool speed that contradicts both, give way by
-the least, by name.
+well. Where they decide the whole motion of an arm that stretches out, a becomes (a - WORTH) / (1 - WORTH): it stops
+before it is singular and comes back with the same elbow. Twist and posture slow down with the rows; p and c are of the
+rest. Where standing still is outside the limits, rows come as near to that as limits allow. Rows that contradict the
+box, and a tool speed that contradicts both, give way by the least, by name.
 Twists of several bodies are stacked, with sqrt(weight) R of each; `prioritised` keeps what the levels above achieve.
 """
 
@@ -86,6 +87,7 @@ class Tick:
     position_upper: Array  # (m,)
     rows: Rows | None = None
     exact: tuple[Array, Array, Array] | None = None  # E (k, m), E_f (k,), E_e (k,)
+    parts: Array | None = None  # (k, 6) D where the exact rows are parts of a chain's twist, E = D J
     exact_rank: int = 0  # how many of these rows the joints can keep; next to where they lose one, a is small
     posture: Array | None = None  # (m,) x_p
     fastest: Array | None = None  # (m,) full speeds of the joints, for (c); None follows the posture as it is
@@ -231,8 +233,10 @@ def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, 
     slow = mu * float(full.dot(full)) / (float(np.linalg.norm(demand)) + TINY)
     n, left = m - k, room.on(np.zeros(m), np.column_stack((basis, full))).with_row(0.0, 1.0)
     H = np.diag(np.append(np.full(n, ROUNDING / size**2 + mu / (b + TINY)), 1.0 + slow))
+    whole = k >= min(m, 6)  # no part of the tool's motion is left free
+    lost = WORTH if whole and bends_away(tick, T.dot(full)) else 0.0  # of a = 1 / (1 + slow)
     try:
-        z = minimise(H, np.eye(n + 1)[n], left, solver)
+        z = minimise(H, max(0.0, 1.0 - lost * (1.0 + slow)) / (1.0 - lost) * np.eye(n + 1)[n], left, solver)
     except SolverFailure:  # no share of the rows is inside the limits: as near as these allow
         K = np.column_stack((within.T, -within.T.dot(full)))
         H = K.T.dot(K) + ROUNDING * np.diag(np.append(np.ones(m), size**2))
@@ -243,6 +247,20 @@ def demanded(tick: Tick, T: Array, room: Room, solver: Backend) -> tuple[Array, 
     a, inside = float(z[n]), basis.dot(z[:n]) + z[n] * full
     a = 1.0 if a > 1.0 - 10.0 * ROUNDING else max(a, 0.0) * (1.0 - ROUNDING)
     return a * full, basis, a, inside
+
+
+def bends_away(tick: Tick, x: Array) -> bool:
+    """Whether joints that go on at x move the tool ever less along the exact demand, as those of a stretching arm do.
+
+    The twist of a chain changes by the sum over j < i of x_j x_i [J_j, J_i].
+    """
+    if tick.exact is None or tick.parts is None or tick.before is None or len(tick.J) != 6:
+        return False
+    columns = tick.J * x
+    before = np.cumsum(columns, axis=1) - columns
+    turn, move, omega, v = before[:3].T, before[3:].T, columns[:3].T, columns[3:].T
+    change = np.hstack((np.cross(turn, omega), np.cross(turn, v) + np.cross(move, omega))).sum(axis=0)
+    return float((np.asarray(tick.exact[1]) + np.asarray(tick.exact[2])).dot(tick.parts.dot(change))) < 0.0
 
 
 def objective(tick: Tick, T: Array, share: float) -> Problem:

@@ -320,3 +320,90 @@ def test_a_whole_twist_beside_a_singularity_stays_inside_the_limits():
         q = q + DT * solution.velocity
         assert (np.abs(solution.velocity) <= robot.velocity_limit).all()
     assert np.abs(solution.velocity).max() < 0.05
+
+
+def planar():
+    """Two hinges in a plane: an exact position decides all that they do."""
+    screws = np.column_stack((iq.revolute([0, 0, 1], [0, 0, 0]), iq.revolute([0, 0, 1], [0.3, 0, 0])))
+    return iq.robots.Chain(screws, iq.transform(translation=[0.55, 0, 0]), (), -2.8, 2.8, [2.0, 2.0])
+
+
+STRETCHING = {
+    "lite6": (ARMS["lite6"], "twist", 0.3),
+    "panda": ([0.1, -0.4, 0.2, -2.2, 0.1, 1.8, 0.8], "twist", 0.5),
+    "ur5e": ([0.0, -1.57, 1.57, -1.57, -1.57, 0.0], "twist", 0.5),
+    "ur10": ([0.3, -1.2, 1.5, -1.0, 1.0, 0.3], "twist", 0.6),
+    "so101": ([0.1, -0.6, 0.8, 0.5, 0.2], ["position", iq.control.ExactAxis([0.0, 0.0, 1.0])], 0.25),
+    "planar": ([0.3, 1.1], "position", 0.3),
+}
+
+
+def stretching(name):
+    """A robot, its first state, exact demands that leave it nothing free, and a way out of its reach."""
+    q, exact, out = STRETCHING[name]
+    robot = planar() if name == "planar" else iq.load_robot(name)
+    away = robot.pose(q)[:3, 3] * [1.0, 1.0, 0.0]
+    return robot, np.array(q), exact, out * away / np.linalg.norm(away)
+
+
+@pytest.mark.parametrize(("acceleration", "noise"), [(None, 0.0), (None, 3e-4), (10.0, 0.0), (10.0, 1e-5)])
+@pytest.mark.parametrize("name", list(STRETCHING))
+def test_a_target_out_of_reach_is_followed_home(name, acceleration, noise):
+    """The arm stops before it is stretched out, and bends again with the same elbow."""
+    rng, statuses = np.random.default_rng(1), set()
+    robot, q, exact, away = stretching(name)
+    begin, home = q, robot.pose(q)
+    loop = iq.Controller(robot, dt=0.004, exact=exact, acceleration_limit=acceleration)
+    for k in range(1700):
+        goal = home.copy()
+        goal[:3, 3] += max(np.sin(np.pi * min(k / 1000, 1.0)), 0.0) * away
+        solution = loop.step(q + noise * rng.normal(size=len(q)), goal)
+        q = q + 0.004 * solution.velocity
+        statuses.add(solution.status)
+    assert np.linalg.norm((robot.pose(q) - home)[:3, 3]) < 1e-3
+    assert np.abs(q - begin).max() < 0.5
+    assert statuses <= {"ok", "scaled", "limited"}
+    assert noise or solution.status == "ok"
+
+
+@pytest.mark.parametrize("acceleration", [None, 10.0])
+@pytest.mark.parametrize("name", ["lite6", "panda", "ur5e", "ur10"])
+def test_a_joystick_that_stretches_an_arm_brings_it_back(name, acceleration):
+    robot, q, exact, away = stretching(name)
+    begin, twist = q, 0.3 * away / np.linalg.norm(away)
+    elbow = 3 if name == "panda" else 2
+    loop = iq.Controller(robot, dt=0.004, exact=exact, acceleration_limit=acceleration)
+    for k in range(1500):
+        q = q + 0.004 * loop.follow(q, [0.0, 0.0, 0.0, *(twist if k < 700 else -twist)]).velocity
+    way = (robot.pose(q) - robot.pose(begin))[:3, 3]
+    assert way @ twist < -0.2 * np.linalg.norm(twist)
+    assert abs(q[elbow]) > abs(begin[elbow]) if name != "lite6" else q[elbow] < begin[elbow]
+
+
+@pytest.mark.parametrize("name", ["lite6", "panda"])
+def test_another_solver_stops_a_stretching_arm_alike(name):
+    robot, q, exact, away = stretching(name)
+    home, stopped = robot.pose(q), 0
+    ours, theirs = (iq.Controller(robot, dt=0.02, exact=exact, backend=backend) for backend in (None, "daqp"))
+    for k in range(200):
+        goal = home.copy()
+        goal[:3, 3] += np.sin(np.pi * k / 200) * away
+        one, other = (loop.step(q, goal) for loop in (ours, theirs))
+        np.testing.assert_allclose(other.velocity, one.velocity, atol=1e-6)
+        stopped += one.scale == 0.0
+        q = q + 0.02 * one.velocity
+    assert stopped > 10
+
+
+@pytest.mark.parametrize("name", ["ur5", "ur5e", "ur10"])
+def test_rows_of_a_nearly_singular_arm_contradict_nothing(name):
+    """Where joints lose a direction, its speed is small; rounding is no contradiction, however near they are."""
+    robot, q = iq.load_robot(name), np.array([0.3, -1.2, 0.0, -1.0, -1.57, 0.3])
+    rng, states = np.random.default_rng(1), 0
+    for exact in ("twist", ["position", iq.control.ExactAxis([0.0, 0.0, 1.0])]):
+        for _ in range(200):
+            q[2] = 10.0 ** rng.uniform(-14.0, -2.0) * rng.choice([-1.0, 1.0])
+            solution = iq.Controller(robot, dt=0.004, exact=exact).follow(q, 0.2 * rng.normal(size=6))
+            states += np.linalg.svd(robot.jacobian(q))[1][-1] < 1e-7
+            assert solution.status in {"ok", "scaled", "limited"}
+    assert states > 50
