@@ -213,7 +213,7 @@ class JointPath:
             for i in np.flatnonzero(room <= AT_LIMIT).tolist()
         ]
         why = " and ".join(at) or "it is out of reach"
-        few = len(names) < 6 and not self.controller.exact
+        few = len(names) < self.curve.size and not self.controller.exact
         return f'{why} (exact="position" would turn the tool instead)' if few else why
 
     # A knot
@@ -225,7 +225,7 @@ class JointPath:
         q = np.minimum(np.maximum(q, box.position_lower), box.position_upper)
         q, seen, size = self._corrected(
             q,
-            robot.target(self.curve.pose(at)),
+            self.curve.target(robot, at),
             REACHED if before is None or before.off <= UNMET * self._length else UNMET,
         )
         root, part, error = seen.root, seen.part, seen.error
@@ -274,7 +274,7 @@ class JointPath:
         ahead = PROBE * self._longest
         if at + ahead > self.curve.end:
             ahead = -ahead
-        target = self.controller.robot.target(self.curve.pose(at + ahead))
+        target = self.curve.target(self.controller.robot, at + ahead)
         for _ in range(CORRECTIONS):
             there = q + ahead * slope
             seen = task_error(self.controller, there, target)
@@ -288,7 +288,7 @@ class JointPath:
         """The posture's velocity per unit of the parameter, from the slope of the knot before."""
         pull = self.controller.in_engine.posture_pull(q)
         if pull is None:
-            return before
+            return before if len(before) <= self.curve.size else np.zeros_like(before)
         if self._pace == 0.0:
             self._pace = float((np.abs(before) / self._speed).max())
         return pull * self._pace
