@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from invariantqp.control.target import Target
+from invariantqp.control.target import Target, root_of
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -62,7 +62,7 @@ class ToolMeasure:
         """
         if part is not None:
             T = _homogeneous(pose)
-            return part.root(self.root_for(J, T, T[:3, :3].dot(part.tool_point) + T[:3, 3]), T)
+            return root_of(part, self.root_for(J, T, T[:3, :3].dot(part.tool_point) + T[:3, 3]), T)
         if self.carried is not None:
             return self.carried.root(_homogeneous(pose) if self.carried.follows_tool else None)
         if at is None and self.point is not None:

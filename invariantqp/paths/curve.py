@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from math import sqrt
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.measure import ToolMeasure
-from invariantqp.control.target import Target, checked_target, partial_target
+from invariantqp.control.target import Target, checked_target, met_by, nearest_pose, partial_target, way_to
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -62,7 +63,7 @@ class Curve(NamedTuple):
     def target(self, robot: Robot, at: float) -> Any:
         """What a robot's tool is to meet at a place: a `Target`, or a pose in the robot's form."""
         T = self.pose(at)
-        return robot.target(T) if self.part is None else self.part.of(T)
+        return robot.target(T) if self.part is None else met_by(self.part, T)
 
     def piece(self, at: float) -> int:
         """The number of the piece at a place; the ends belong to the first and the last."""
@@ -115,7 +116,7 @@ def curve_through(at: Array, poses: Array, tangents: Array, part: Target | None 
 
 def way_of(part: Target | None) -> WayTo:
     """The function of two poses (4, 4) that returns the twist (6,) from one to what counts of the other."""
-    return se3.displacement if part is None else part.way
+    return se3.displacement if part is None else partial(way_to, part)
 
 
 def curve_of_samples(at: Array, poses: Array, part: Target | None = None) -> Curve:
@@ -225,7 +226,7 @@ class GivenPath(NamedTuple):
     def pose(self, place: float) -> Array | Target:
         """(4, 4) the pose where the caller's parameter is `place`; a `Target` where something is free."""
         T = self.curve.pose(_between(self.places, self.curve.knots, place))
-        return T if self.curve.part is None else self.curve.part.of(T)
+        return T if self.curve.part is None else met_by(self.curve.part, T)
 
 
 def _between(knots: list[float], values: list[float], at: float) -> float:
@@ -307,10 +308,10 @@ def _pose_of(given: Any, part: Target | None, name: str) -> Array:
     if part is None:
         return arrays.pose(given, name)
     target = checked_target(given, name)
-    if part.of(np.eye(4)) != target.of(np.eye(4)):
+    if met_by(part, np.eye(4)) != met_by(target, np.eye(4)):
         expected = "a target like the first one: the same left free, the same tool_point and tool_axis"
         raise BadInput(name, excerpt(given), expected)
-    return target.nearest(np.eye(4))
+    return nearest_pose(target, np.eye(4))
 
 
 def _poses(path: Any) -> tuple[Array, Target | None]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from invariantqp.control.controller import Controller
 from invariantqp.control.demands import View, rows_of
-from invariantqp.control.target import Target
+from invariantqp.control.target import Target, nearest_pose
 from invariantqp.engine import law
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.linear import TINY
@@ -103,7 +103,7 @@ def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
     """
     robot, part = controller.robot, target if isinstance(target, Target) else None
     if part is not None:
-        target = robot.target(part.nearest(robot.pose(q)))
+        target = robot.target(nearest_pose(part, robot.pose(q)))
     sighting = robot.sight(q, target)
     root, error = controller.measure.root_for(sighting.J, sighting.pose, part=part), sighting.error
     if controller.exact:
