@@ -116,7 +116,7 @@ def root_of(target: Target, root: Array, pose: Array) -> Array:
     """(k, 6) of the root (6, 6) of a measure, the part that counts for a tool at a pose (4, 4)."""
     a, n = _place(pose, target.tool_point), pose[:3, :3].dot(target.tool_axis)
     turns = np.eye(3) if target.axis is None else n[None]
-    free = np.hstack((turns, np.cross(a, turns)))  # twists that count as nothing
+    free = np.hstack((turns, turns.dot(se3.cross_matrix(a).T)))  # twists that count as nothing
     if target.point is None:
         free = np.vstack((free, np.eye(6)[3:]))
     Q = np.linalg.qr(root.dot(free.T), mode="complete")[0]

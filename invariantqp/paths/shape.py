@@ -139,7 +139,9 @@ class Shape:
     def look_on(self, q: Array) -> None:
         """Look a little farther along the path, from joint positions (m,) near its start; make the plan at its end."""
         if self._search is None:
-            self._search = JointPath(self._loop, self.given.curve, q, rate=self._rate, stops=self._stops)
+            self._search = JointPath(
+                self._loop, self.given.curve, q, rate=self._rate, mean=self.given.slow / SLOW, stops=self._stops
+            )
         for _ in range(max(round(STEPS * self._loop.dt), 1)):
             if self._search.done:
                 self.plan = self._planned(self._search)

@@ -109,3 +109,10 @@ def test_a_wrong_key_is_named(key, value):
     wrong["path"][key] = value
     with pytest.raises(iq.errors.TaskFileError, match=rf"\$\.path\.{key}"):
         task_from(wrong, "t.toml")
+
+
+@pytest.mark.parametrize("target", ["pose", *TARGETS])
+def test_a_posture_makes_no_path_late(target):
+    task = task_of("panda", target, "elastic", kind="line", move=[0.0, 0.1, 0.04], turn=[0.1, 0.0, 0.2], duration=1.0)
+    law = task.law.model_copy(update={"posture": True})
+    assert iq.run_task(task.model_copy(update={"law": law})).along.lag[-1] < 0.01  # two ticks of settling
