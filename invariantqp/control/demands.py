@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
-from invariantqp.geometry.arrays import ROUNDING, Array
+from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.se3 import velocity_at
+from invariantqp.geometry.se3 import shortest_turn, velocity_at
 from invariantqp.robots.kinematics import Robot, Sighting
 from invariantqp.velocity.exact import ExactRows
 
@@ -117,12 +117,7 @@ class ExactAxis(Value):
         roots = view.robot.points(view.sighting, view.target, np.zeros(3))
         tips = view.robot.points(view.sighting, view.target, self.axis)
         here, there = tips[0] - roots[0], tips[1] - roots[1]
-        turn = np.cross(here, there)
-        sine, cosine = float(np.linalg.norm(turn)), float(here.dot(there))
-        if sine > ROUNDING:  # else they are parallel, or opposite
-            turn *= np.arctan2(sine, cosine) / sine
-        elif cosine < 0.0:  # opposite: half a turn about one axis across, always the same
-            turn = np.pi * np.linalg.svd(here.reshape(1, 3))[2][1]
+        turn = shortest_turn(here, there)
         return ExactRows.axis(view.sighting.J, here, view.gain * turn + view.feedforward[:3])
 
 

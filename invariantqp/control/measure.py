@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from invariantqp.control.target import Target, root_of
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
@@ -54,8 +55,14 @@ class ToolMeasure:
         turns = W[:3, :3] - W[:3, 3:].dot(np.linalg.solve(W[3:, 3:], W[3:, :3]))  # the same wherever the metric is
         return sqrt(float(np.trace(turns)) / 3.0)
 
-    def root_for(self, J: Array, pose: Any, at: Array | None = None) -> Array:
-        """(6, 6) root of the metric for joint twists J (6, m) and the tool at `pose`; `at` (3,) replaces the point."""
+    def root_for(self, J: Array, pose: Any, at: Array | None = None, part: Target | None = None) -> Array:
+        """(6, 6) root of the metric for joint twists J (6, m) and the tool at `pose`; `at` (3,) replaces the point.
+
+        Of a target that leaves something free, (k, 6) of the part that counts, measured at its own point.
+        """
+        if part is not None:
+            T = _homogeneous(pose)
+            return root_of(part, self.root_for(J, T, T[:3, :3].dot(part.tool_point) + T[:3, 3]), T)
         if self.carried is not None:
             return self.carried.root(_homogeneous(pose) if self.carried.follows_tool else None)
         if at is None and self.point is not None:

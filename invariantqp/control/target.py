@@ -11,7 +11,7 @@ from attrs.converters import optional
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
-from invariantqp.geometry import arrays
+from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 
@@ -60,6 +60,68 @@ class Target(Value):
     def fields(self) -> TargetFields:
         """As the engine takes it."""
         return self.point, self.axis, self.tool_point, self.tool_axis
+
+    @property
+    def size(self) -> int:
+        """How many directions of a twist count: three of the point, two of the axis."""
+        return (0 if self.point is None else 3) + (0 if self.axis is None else 2)
+
+
+def _place(pose: Array, point: Array) -> Array:
+    """(3,) where a point (3,) of a frame is whose pose (4, 4) is known."""
+    place: Array = pose[:3, :3].dot(point) + pose[:3, 3]
+    return place
+
+
+def met_by(target: Target, pose: Array) -> Target:
+    """The target that a tool at a pose (4, 4) meets, with the same left free."""
+    return Target(
+        None if target.point is None else _place(pose, target.tool_point),
+        None if target.axis is None else pose[:3, :3].dot(target.tool_axis),
+        tool_point=target.tool_point,
+        tool_axis=target.tool_axis,
+    )
+
+
+def relabelled(target: Target, X: Array) -> Target:
+    """The same of a tool frame displaced by X (4, 4) in itself."""
+    back = se3.inverse(X)
+    tool_axis = back[:3, :3].dot(target.tool_axis)
+    return Target(target.point, target.axis, tool_point=_place(back, target.tool_point), tool_axis=tool_axis)
+
+
+def nearest_pose(target: Target, pose: Array) -> Array:
+    """(4, 4) a pose turned to meet the target by the least, and moved so that the point is there."""
+    R = pose[:3, :3]
+    if target.axis is not None:
+        R = se3.rotation(se3.shortest_turn(R.dot(target.tool_axis), target.axis)).dot(R)
+    point = _place(pose, target.tool_point) if target.point is None else target.point
+    return se3.transform(R, point - R.dot(target.tool_point))
+
+
+def way_to(target: Target, start: Array, end: Array) -> Array:
+    """(6,) the twist that takes a pose (4, 4) in unit time to another one, but for what the target leaves free."""
+    return se3.displacement(start, nearest_pose(met_by(target, end), start))
+
+
+def errors_of(target: Target, pose: Array) -> tuple[float, float]:
+    """Distance of the point [length] and angle of the axis [rad] of a pose (4, 4) from the target, 0 if free."""
+    here = met_by(target, pose)
+    off = 0.0 if target.point is None or here.point is None else se3.norm(target.point - here.point)
+    turn = None if target.axis is None or here.axis is None else se3.shortest_turn(here.axis, target.axis)
+    return off, 0.0 if turn is None else se3.norm(turn)
+
+
+def root_of(target: Target, root: Array, pose: Array) -> Array:
+    """(k, 6) of the root (6, 6) of a measure, the part that counts for a tool at a pose (4, 4)."""
+    a, n = _place(pose, target.tool_point), pose[:3, :3].dot(target.tool_axis)
+    turns = np.eye(3) if target.axis is None else n[None]
+    free = np.hstack((turns, turns.dot(se3.cross_matrix(a).T)))  # twists that count as nothing
+    if target.point is None:
+        free = np.vstack((free, np.eye(6)[3:]))
+    Q = np.linalg.qr(root.dot(free.T), mode="complete")[0]
+    across: Array = Q[:, len(free) :].T.dot(root)
+    return across
 
 
 def partial_target(target: Any) -> TargetFields | None:

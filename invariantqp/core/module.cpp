@@ -105,7 +105,9 @@ void set_twists(Tick& tick, nb::handle J, nb::handle root, nb::handle ahead, nb:
         refuse("J has shape (" + std::to_string(r) + ", " + std::to_string(m)
                + "), expected (6 n, m) with at most 64 joints and bodies");
     check_twists(tick.J);
-    tick.root = read.matrix(root, "root", r, r);
+    tick.root = read.matrix(root, "root", -1, r);
+    if (tick.root.rows < 1 || tick.root.rows > r)
+        refuse("root has " + std::to_string(tick.root.rows) + " rows, expected 1 to " + std::to_string(r));
     tick.ahead = read.vector(ahead, "ahead", r);
     tick.error = error.is_none() ? Vec(w, r, 0) : read.vector(error, "error", r);
     tick.position_lower = Vec(w, m, -INFINITY), tick.position_upper = Vec(w, m, INFINITY);

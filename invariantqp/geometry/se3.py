@@ -12,7 +12,7 @@ Reference: [DS] Sect. 2.1 (2.2)-(2.4).
 
 from __future__ import annotations
 
-from math import atan2, copysign, hypot, inf, sin, sqrt, tan
+from math import atan2, copysign, hypot, inf, pi, sin, sqrt, tan
 from typing import Any
 
 import numpy as np
@@ -190,6 +190,15 @@ def displacement(start: Array, end: Array) -> Array:
 def rotation(vector: Array) -> Array:
     """The (3, 3) rotation about the axis and by the angle of a (3,) rotation vector."""
     return exp(np.concatenate((vector, np.zeros(3))), check=False)[:3, :3]
+
+
+def shortest_turn(start: Array, end: Array) -> Array:
+    """(3,) rotation vector of the shortest turn from a unit vector (3,) to another; of opposite ones the same."""
+    turn = cross(start, end)
+    sine, cosine = norm(turn), float(start.dot(end))
+    if sine > arrays.ROUNDING:  # else they are parallel, or opposite
+        return turn * (atan2(sine, cosine) / sine)
+    return turn if cosine > 0.0 else pi * np.linalg.svd(start.reshape(1, 3))[2][1]
 
 
 def rotation_vector(R: Array) -> Array:

@@ -110,6 +110,7 @@ class JointPath:
         q: Array,
         *,
         rate: float | None = None,
+        mean: float = 1.0,
         stops: bool = True,
     ) -> None:
         """Nothing is found yet.
@@ -119,6 +120,7 @@ class JointPath:
             curve: the path.
             q: (m,) joint positions near its start.
             rate: of the parameter [1/s] at which the path is meant to be driven; None is as fast as limits allow.
+            mean: the length of the path per unit of the parameter, in the measure.
             stops: whether to end before what cannot be reached; otherwise it is passed as near as the law goes.
         """
         self.controller = controller
@@ -135,6 +137,7 @@ class JointPath:
         metric = controller.in_engine.law["metric"]
         self._to_joint: Array = np.eye(len(q)) if metric is None else np.linalg.inv(np.linalg.cholesky(metric)).T
         self._pace = 0.0 if rate is None else 1.0 / rate  # time per unit of the parameter
+        self._mean = mean
         self._step = self._longest
         self._first = q.copy()
         self._speed = usual(controller.box.velocity_limit)
@@ -213,7 +216,7 @@ class JointPath:
             for i in np.flatnonzero(room <= AT_LIMIT).tolist()
         ]
         why = " and ".join(at) or "it is out of reach"
-        few = len(names) < 6 and not self.controller.exact
+        few = len(names) < self.curve.size and not self.controller.exact
         return f'{why} (exact="position" would turn the tool instead)' if few else why
 
     # A knot
@@ -225,7 +228,7 @@ class JointPath:
         q = np.minimum(np.maximum(q, box.position_lower), box.position_upper)
         q, seen, size = self._corrected(
             q,
-            robot.target(self.curve.pose(at)),
+            self.curve.target(robot, at),
             REACHED if before is None or before.off <= UNMET * self._length else UNMET,
         )
         root, part, error = seen.root, seen.part, seen.error
@@ -235,7 +238,8 @@ class JointPath:
             share = TURNING if self._stops else REJOIN
             tangent = tangent + (met / share + (error - met) / TURNING) / self._scale
         ahead = self._answer(q, seen, tangent, step, None) if before is None else before.slope
-        slope = self._answer(q, seen, tangent, step, self._posture(q, ahead))
+        speed = root.dot(self.curve.tangent(at))
+        slope = self._answer(q, seen, tangent, step, self._posture(q, ahead, sqrt(float(speed.dot(speed)))))
         unmet = root.dot(error)
         if self._stops and not self._exact and sqrt(float(unmet.dot(unmet))) > UNMET * self._length:
             slope = self._bent(at, q, slope, self._answer(q, seen, error, 1.0, None))
@@ -274,7 +278,7 @@ class JointPath:
         ahead = PROBE * self._longest
         if at + ahead > self.curve.end:
             ahead = -ahead
-        target = self.controller.robot.target(self.curve.pose(at + ahead))
+        target = self.curve.target(self.controller.robot, at + ahead)
         for _ in range(CORRECTIONS):
             there = q + ahead * slope
             seen = task_error(self.controller, there, target)
@@ -284,14 +288,14 @@ class JointPath:
                 break
         return slope
 
-    def _posture(self, q: Array, before: Array) -> Array:
-        """The posture's velocity per unit of the parameter, from the slope of the knot before."""
+    def _posture(self, q: Array, before: Array, speed: float) -> Array:
+        """The posture's velocity per unit of the parameter, from the slope of the knot before and the tool's speed."""
         pull = self.controller.in_engine.posture_pull(q)
         if pull is None:
-            return before
+            return before if len(before) <= self.curve.size else np.zeros_like(before)
         if self._pace == 0.0:
             self._pace = float((np.abs(before) / self._speed).max())
-        return pull * self._pace
+        return pull * (self._pace * speed / self._mean)  # while the tool moves
 
     def _answer(self, q: Array, seen: TaskError, twist: Array, h: float, posture: Array | None) -> Array:
         """The law's answer (m,) for a twist, such that q + h x is inside the position limits."""

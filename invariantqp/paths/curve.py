@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from math import sqrt
 from typing import Any, NamedTuple
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from invariantqp.control.measure import ToolMeasure
+from invariantqp.control.target import Target, checked_target, met_by, nearest_pose, partial_target, way_to
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
@@ -26,6 +28,7 @@ from invariantqp.robots.kinematics import Robot, middle
 
 PoseAt = Callable[[float], Array]
 SizeAt = Callable[[Array, Array], float]
+WayTo = Callable[[Array, Array], Array]
 
 # A function is followed to this share of the measure's length: a micrometre for an arm that reaches a metre. It is
 # sampled at so many intervals at least, which are halved until that is met, or they are this share of the whole: a
@@ -45,11 +48,22 @@ class Curve(NamedTuple):
     poses: Array  # (n + 1, 4, 4) poses there
     cubics: Array  # (n, 3, 6) c1, c2, c3 of each piece
     knots: list[float]  # `at` as a list, in which a place is found faster
+    part: Target | None = None  # what counts of the poses, where they leave something free
 
     @property
     def end(self) -> float:
         """The parameter at the last knot."""
         return self.knots[-1]
+
+    @property
+    def size(self) -> int:
+        """How many directions of a twist count."""
+        return 6 if self.part is None else self.part.size
+
+    def target(self, robot: Robot, at: float) -> Any:
+        """What a robot's tool is to meet at a place: a `Target`, or a pose in the robot's form."""
+        T = self.pose(at)
+        return robot.target(T) if self.part is None else met_by(self.part, T)
 
     def piece(self, at: float) -> int:
         """The number of the piece at a place; the ends belong to the first and the last."""
@@ -83,24 +97,33 @@ def piece_of(knots: list[float], at: float) -> int:
     return bisect_right(knots, at, 1, len(knots) - 1) - 1
 
 
-def curve_through(at: Array, poses: Array, tangents: Array) -> Curve:
-    """The curve with poses (n + 1, 4, 4) and tangents (n + 1, 6), base frame, at increasing parameters (n + 1,)."""
+def curve_through(at: Array, poses: Array, tangents: Array, part: Target | None = None) -> Curve:
+    """The curve with poses (n + 1, 4, 4) and tangents (n + 1, 6), base frame, at increasing parameters (n + 1,).
+
+    With `part` it leaps at the knots in what is free, which is nowhere looked at, and has the least of it in between.
+    """
+    way = way_of(part)
     cubics = np.empty((len(at) - 1, 3, 6))
     for i, h in enumerate(np.diff(at).tolist()):
-        d = se3.displacement(poses[i], poses[i + 1])
+        d = way(poses[i], poses[i + 1])
         first, last = h * tangents[i], h * tangents[i + 1]
         # The inverse of the derivative of exp, at the far end of the piece.
         once = se3.lie(d, last)
         last = last - 0.5 * once + se3.lie(d, once) / 12.0
         cubics[i] = first, 3.0 * d - 2.0 * first - last, first + last - 2.0 * d
-    return Curve(at, poses, cubics, at.tolist())
+    return Curve(at, poses, cubics, at.tolist(), part)
 
 
-def curve_of_samples(at: Array, poses: Array) -> Curve:
+def way_of(part: Target | None) -> WayTo:
+    """The function of two poses (4, 4) that returns the twist (6,) from one to what counts of the other."""
+    return se3.displacement if part is None else partial(way_to, part)
+
+
+def curve_of_samples(at: Array, poses: Array, part: Target | None = None) -> Curve:
     """The curve through poses; the tangent at each is that of the parabola through it and its neighbours."""
     n = len(at)
     h = np.diff(at)
-    d = np.array([se3.displacement(poses[i], poses[i + 1]) for i in range(n - 1)])
+    d = np.array([way_of(part)(a, b) for a, b in pairwise(poses)])
     mean = d / h[:, None]  # each piece's mean twist, which is that of its middle
     tangents = np.empty((n, 6))
     if n == 2:
@@ -109,13 +132,13 @@ def curve_of_samples(at: Array, poses: Array) -> Curve:
         tangents[1:-1] = (h[1:, None] * mean[:-1] + h[:-1, None] * mean[1:]) / (h[:-1] + h[1:])[:, None]
         tangents[0] = mean[0] + (mean[0] - mean[1]) * h[0] / (h[0] + h[1])
         tangents[-1] = mean[-1] + (mean[-1] - mean[-2]) * h[-1] / (h[-1] + h[-2])
-    return curve_through(at, poses, tangents)
+    return curve_through(at, poses, tangents, part)
 
 
-def straight(at: Array, poses: Array) -> PoseAt:
+def straight(at: Array, poses: Array, part: Target | None = None) -> PoseAt:
     """The function of straight lines from pose to pose, each at one twist, that turns at the poses."""
     knots = at.tolist()
-    ways = [se3.displacement(a, b) for a, b in pairwise(poses)]
+    ways = [way_of(part)(a, b) for a, b in pairwise(poses)]
 
     def pose(t: float) -> Array:
         i = piece_of(knots, t)
@@ -125,17 +148,17 @@ def straight(at: Array, poses: Array) -> PoseAt:
     return pose
 
 
-def curve_of(pose: PoseAt, end: float, size: SizeAt, length: float) -> Curve:
+def curve_of(pose: PoseAt, end: float, size: SizeAt, length: float, part: Target | None = None) -> Curve:
     """The curve of a function on [0, end], as close to it as SHAPE says.
 
     `size` is how large a twist (6,) of a tool at a pose (4, 4) is in the measure, whose L is `length`.
     """
-    step, finest, tolerance = DIFFERENCE * end, SHAPE * end, SHAPE * length
+    step, finest, tolerance, way = DIFFERENCE * end, SHAPE * end, SHAPE * length, way_of(part)
     knots: dict[float, tuple[Array, Array]] = {}
 
     def knot(t: float) -> tuple[Array, Array]:
         if t not in knots:
-            knots[t] = pose(t), _tangent(pose, t, step, end)
+            knots[t] = pose(t), _tangent(pose, t, step, end, way)
         return knots[t]
 
     open_pieces = [(end * i / LEAST_INTERVALS, end * (i + 1) / LEAST_INTERVALS) for i in range(LEAST_INTERVALS)]
@@ -144,13 +167,13 @@ def curve_of(pose: PoseAt, end: float, size: SizeAt, length: float) -> Curve:
         (A, s), (B, t) = knot(a), knot(b)
         middle = 0.5 * (a + b)
         truth = knot(middle)[0]
-        guess = curve_through(np.array((a, b)), np.array((A, B)), np.array((s, t))).pose(middle)
-        off = se3.displacement(truth, guess)
+        guess = curve_through(np.array((a, b)), np.array((A, B)), np.array((s, t)), part).pose(middle)
+        off = way(truth, guess)
         if size(off, truth) > tolerance and b - a > finest:
             open_pieces += [(a, middle), (middle, b)]
     at = np.array(sorted(knots))
     poses, tangents = zip(*(knots[t] for t in at.tolist()), strict=True)
-    return curve_through(at, np.array(poses), np.array(tangents))
+    return curve_through(at, np.array(poses), np.array(tangents), part)
 
 
 def by_length(curve: Curve, size: SizeAt) -> tuple[Curve, Array]:
@@ -172,20 +195,19 @@ def by_length(curve: Curve, size: SizeAt) -> tuple[Curve, Array]:
     nearest = np.where(np.arange(len(speed)) < len(speed) - 1, 1, -1)
     for i in np.flatnonzero(slow & kept).tolist():
         j = min(max(i + int(nearest[i]), 0), len(speed) - 1)
-        tangents[i] = np.sign(nearest[i]) * se3.displacement(curve.poses[i], curve.poses[j])
+        tangents[i] = np.sign(nearest[i]) * way_of(curve.part)(curve.poses[i], curve.poses[j])
         speed[i] = size(tangents[i], curve.poses[i])
     tangents = tangents / np.where(speed > 0.0, speed, 1.0)[:, None]
-    return curve_through(at, curve.poses[kept], tangents[kept]), curve.at[kept]
+    return curve_through(at, curve.poses[kept], tangents[kept], curve.part), curve.at[kept]
 
 
-def _tangent(pose: PoseAt, t: float, step: float, end: float) -> Array:
+def _tangent(pose: PoseAt, t: float, step: float, end: float, way: WayTo) -> Array:
     """(6,) the derivative of a function of poses, by differences of second order."""
     if t - step >= 0.0 and t + step <= end:
-        return se3.displacement(pose(t - step), pose(t + step)) / (2.0 * step)
+        return way(pose(t - step), pose(t + step)) / (2.0 * step)
     if t + 2.0 * step > end:
         step = -step
-    back = se3.inverse(pose(t), check=False)
-    near, far = (se3.log(pose(t + k * step).dot(back), check=False) for k in (1, 2))
+    near, far = (way(pose(t), pose(t + k * step)) for k in (1, 2))
     tangent: Array = (4.0 * near - far) / (2.0 * step)
     return tangent
 
@@ -201,9 +223,10 @@ class GivenPath(NamedTuple):
         """The caller's parameter at a place of the curve."""
         return _between(self.curve.knots, self.places, at)
 
-    def pose(self, place: float) -> Array:
-        """(4, 4) the pose where the caller's parameter is `place`."""
-        return self.curve.pose(_between(self.places, self.curve.knots, place))
+    def pose(self, place: float) -> Array | Target:
+        """(4, 4) the pose where the caller's parameter is `place`; a `Target` where something is free."""
+        T = self.curve.pose(_between(self.places, self.curve.knots, place))
+        return T if self.curve.part is None else met_by(self.curve.part, T)
 
 
 def _between(knots: list[float], values: list[float], at: float) -> float:
@@ -229,7 +252,8 @@ def given_path(
     Args:
         robot: whose tool is to follow it.
         measure: of its controller.
-        path: a function of a parameter in [0, end] that returns poses, or (n, 4, 4) poses.
+        path: a function of a parameter in [0, end] that returns poses, or (n, 4, 4) poses; or `Target` and points (3,)
+            in place of poses, all with the same left free.
         end: of a function's parameter.
         times: (n,) the parameter of poses; None is their number, from 0. A function has its own.
         timed: whether the caller's parameter is the one that is driven; otherwise it is the length.
@@ -242,7 +266,7 @@ def given_path(
     last = arrays.number(end, "end", "the end of the path's parameter", positive=True)
 
     def size(twist: Array, pose: Array) -> float:
-        v = measure.root_for(J, pose).dot(twist)
+        v = measure.root_for(J, pose, part=part).dot(twist)
         return sqrt(float(v.dot(v)))
 
     if callable(path):
@@ -252,9 +276,10 @@ def given_path(
             )
         if corners:
             raise BadInput("corners", "True for a path that is a function", "False", "It has its own.")
-        curve = curve_of(lambda at: arrays.pose(path(at), "path"), last, size, measure.length)
+        part = _part_of(path(0.0), "path")
+        curve = curve_of(lambda at: _pose_of(path(at), part, "path"), last, size, measure.length, part)
     else:
-        poses = _poses(path)
+        poses, part = _poses(path)
         at = np.arange(len(poses), dtype=np.float64)
         if times is not None:
             at = arrays.vector(times, len(poses), "times")
@@ -262,9 +287,9 @@ def given_path(
                 raise BadInput("times", "times that do not increase", "one for each pose, increasing")
         at = at - at[0]
         if corners:
-            curve = curve_of(straight(at, poses), float(at[-1]), size, measure.length)
+            curve = curve_of(straight(at, poses, part), float(at[-1]), size, measure.length, part)
         else:
-            curve = curve_of_samples(at, poses)
+            curve = curve_of_samples(at, poses, part)
     along, places = by_length(curve, size)
     if len(along.knots) < 2 or not along.end > arrays.NEGLIGIBLE * measure.length:
         raise BadInput("path", "a path that stands still", "one along which the tool moves")
@@ -273,15 +298,32 @@ def given_path(
     return GivenPath(along, places.tolist(), SLOW)
 
 
-def _poses(path: Any) -> Array:
-    """(n, 4, 4) checked poses.
+def _part_of(first: Any, name: str) -> Target | None:
+    """What counts of a path by its first pose, None for all of it."""
+    return None if partial_target(first) is None else checked_target(first, name)
+
+
+def _pose_of(given: Any, part: Target | None, name: str) -> Array:
+    """(4, 4) a pose, checked; any one that meets the target where something is free."""
+    if part is None:
+        return arrays.pose(given, name)
+    target = checked_target(given, name)
+    if met_by(part, np.eye(4)) != met_by(target, np.eye(4)):
+        expected = "a target like the first one: the same left free, the same tool_point and tool_axis"
+        raise BadInput(name, excerpt(given), expected)
+    return nearest_pose(target, np.eye(4))
+
+
+def _poses(path: Any) -> tuple[Array, Target | None]:
+    """(n, 4, 4) checked poses, and what counts of them.
 
     Raises:
         BadInput: something else, or fewer than two.
     """
     several = path.ndim > 0 if isinstance(path, np.ndarray) else isinstance(path, Sequence)
     if not several or isinstance(path, (str, bytes)):
-        raise BadInput("path", excerpt(path), "a function of a parameter, or poses (n, 4, 4)")
+        raise BadInput("path", excerpt(path), "a function of a parameter, poses (n, 4, 4), points (n, 3) or targets")
     if len(path) < 2:
         raise BadInput("path", f"{len(path)} poses", "two or more")
-    return np.array([arrays.pose(T, f"path[{i}]") for i, T in enumerate(path)])
+    part = _part_of(path[0], "path[0]")
+    return np.array([_pose_of(T, part, f"path[{i}]") for i, T in enumerate(path)]), part

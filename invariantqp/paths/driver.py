@@ -13,7 +13,7 @@ override's share of the speed that was requested of it since the arm fell behind
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from functools import partial
 from math import inf, nan
@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from invariantqp.control.controller import Controller
+from invariantqp.control.target import Target
 from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.force.contact_kinds import Contact
@@ -256,8 +257,8 @@ class Follower:
         Args:
             points: (n, 4, 4) poses in the base frame, (n, m) joint positions, or a function of time [s] that returns
                 one pose or one position. Or points (n, 3) for the tool frame's origin, of an arm without three joints,
-                or a list of `Target`: what they leave free moves as little as it can. Where the shape is kept: poses,
-                two or more.
+                or a list of `Target`: what they leave free moves as little as it can. Where the shape is kept: two or
+                more, no joint positions, and all with the same left free.
             stamps: (n,) when each is wanted [s], increasing, by the clock of `step`'s `now`; of a function, none. One
                 point is a goal: without a stamp it is wanted now. Where the shape is kept they may be left out: the
                 joints then go as fast as their limits let them.
@@ -274,11 +275,13 @@ class Follower:
                 what = 'a function, or `at`, with keep="shape"'
                 raise BadInput("points", what, "poses (n, 4, 4)", "PathFollower takes functions.")
             given = self._believed(Given(points, self._m, "points"), "points")
-            if given.poses is None or len(given) == 1:
-                raise BadInput("points", excerpt(points), 'two poses (n, 4, 4) or more with keep="shape"')
+            if given.joints is not None or len(given) == 1:
+                expected = 'two poses (n, 4, 4) or targets, or more, with keep="shape"'
+                raise BadInput("points", excerpt(points), expected)
             times = None if stamps is None else increasing(stamps, len(given))
             rate = None if stamps is None else self._rate
-            shape = Shape(self.controller, given.poses, times=times, rate=rate, **self._options)
+            path = given.targets if given.poses is None else given.poses
+            shape = self._shape_of(path, "points", times=times, rate=rate, **self._options)
             self._forget()
             self._halt()
             self._shape, self._start = shape, None
@@ -299,6 +302,15 @@ class Follower:
         law = self._by_law
         self._forget()
         self._by_law, self._next = law, (given, times, when, at is not None, None)
+
+    def _shape_of(self, path: Any, name: str, **options: Any) -> Shape:
+        """A path whose shape is kept."""
+        shape, loop = Shape(self.controller, path, **options), self.controller
+        whole = self._pressed is not None or loop.form is not None or loop.exact
+        if whole and shape.given.curve.part is not None:
+            expected = "poses (n, 4, 4) beside a form, exact demands or a contact"
+            raise BadInput(name, "targets that leave something free", expected, "These need the whole pose.")
+        return shape
 
     def add(self, point: Any, stamp: float | None = None) -> None:
         """One more point of a stream, as a hand's tracker sends them; one alone is a stream that ended (`timeout`).
@@ -646,7 +658,8 @@ class Follower:
         """As `Shape.set_out`, inside limits of jerk, by the joints; None at the path's start, or where that fails."""
         state = self._state
         if self._start is None or state.unresponsive or np.abs(state.sent - measured).max() > DISPLACED:
-            there, missed = self._solver.pose(shape.given.curve.pose(0.0), measured, self._time, inf)
+            goal = self._solver.posed(Given([shape.given.pose(0.0)], self._m, "path"), measured, leaps=True)
+            (there,), (missed,) = self._solver.points(goal, measured, np.array((self._time,)))
             if missed > REACHED * self.controller.measure.length:
                 return None
             if self._start is not None:  # pushed
@@ -1207,7 +1220,7 @@ class PathFollower(Follower):
     def __init__(
         self,
         loop: Controller | HybridController,
-        path: Callable[[float], ArrayLike] | ArrayLike,
+        path: Callable[[float], ArrayLike | Target] | ArrayLike | Sequence[ArrayLike | Target],
         *,
         end: float = 1.0,
         times: ArrayLike | None = None,
@@ -1223,7 +1236,9 @@ class PathFollower(Follower):
 
         Args:
             loop: a velocity controller, or for a path in contact a hybrid one.
-            path: the tool's pose (4, 4) as a function of a parameter in [0, end], or (n, 4, 4) poses on the way.
+            path: the tool's pose (4, 4) as a function of a parameter in [0, end], or (n, 4, 4) poses on the way. In
+                place of poses points (3,) of the tool frame's origin, or `Target`, all with the same left free: that
+                follows the posture or moves as little as it can, and neither times nor lengths count it.
             end: of a function's parameter.
             times: (n,) the parameter of poses; None is their number, from 0. A function takes none.
             rate: how fast the parameter is meant to go [1/s], 1 where it is time; None is as fast as limits allow.
@@ -1244,15 +1259,15 @@ class PathFollower(Follower):
         super().__init__(loop, keep="shape", jerk=joint_jerk, blocked=blocked, tolerance=tolerance)
         along: dict[str, Any] = {"end": end, "times": times, "rate": rate, "acceleration": acceleration, "jerk": jerk}
         along["corners"] = arrays.flag(corners, "corners")
-        self._shape = Shape(self.controller, path, **along, **self._options)
+        self._shape = self._shape_of(path, "path", **along, **self._options)
 
     @property
     def plan(self) -> PathPlan | None:
         """The joint motion along the path, None before it is found."""
         return self._kept_shape("plan").plan
 
-    def pose(self, place: float) -> Array:
-        """(4, 4) the path's pose at a place, as solutions tell it.
+    def pose(self, place: float) -> Array | Target:
+        """(4, 4) the path's pose at a place, as solutions tell it; a `Target` where the path leaves something free.
 
         Raises:
             BadInput: not a number.

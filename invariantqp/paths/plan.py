@@ -115,7 +115,7 @@ def plan_of(
     )
     at = np.array([k.at for k in knots])
     q, slopes = np.array([k.q for k in knots]), np.array([k.slope for k in knots])
-    top, ruling = _top(controller, curve, at, q, slopes, acceleration)
+    top, ruling = _top(controller, q, slopes, acceleration)
     for i in np.flatnonzero(along[0] <= top).tolist():
         top[i], ruling[i] = along[0], ON_TIME
     # The place is one joint more.
@@ -203,9 +203,7 @@ def _with_jerk(at: Array, q: Array, slopes: Array, top: Array, limits: JointLimi
     return least_time(times, places, CubicSpline(at, q), limits, ACCELERATION_SHARE, at, top)
 
 
-def _top(
-    controller: Controller, curve: Curve, at: Array, q: Array, slopes: Array, acceleration: Array
-) -> tuple[Array, list[str]]:
+def _top(controller: Controller, q: Array, slopes: Array, acceleration: Array) -> tuple[Array, list[str]]:
     """(n,) the largest speed at each knot but for accelerations, and what limits it, in words."""
     names = controller.robot.names
     limit = np.broadcast_to(VELOCITY_SHARE * controller.box.velocity_limit, slopes.shape)
@@ -223,7 +221,10 @@ def _top(
         slower(speed, [f"position of joint {i} ({names[i]})" for i in which.tolist()])
     if controller.tool_speed is not None:
         point = np.append(np.zeros(3) if controller.tool_speed.point is None else controller.tool_speed.point, 1.0)
-        fast = [velocity_at(curve.tangent(t), curve.pose(t).dot(point)[:3]) for t in at.tolist()]
+        robot = controller.robot
+        fast = [
+            velocity_at(robot.jacobian(x).dot(s), robot.pose(x).dot(point)[:3]) for x, s in zip(q, slopes, strict=True)
+        ]
         speed, _ = top_speed(np.linalg.norm(fast, axis=1)[:, None], VELOCITY_SHARE * controller.tool_speed.limit)
         slower(speed, ["the tool's speed"] * len(top))
     if controller.joint_rows is not None:

@@ -91,7 +91,7 @@ class Shape:
             self._tolerance = arrays.number(tolerance, "tolerance", "a distance", positive=True)
         timed = rate is not None
         self.given: GivenPath = given_path(loop.robot, loop.measure, path, end, times, timed=timed, corners=corners)
-        self._goal = loop.robot.target(self.given.curve.pose(0.0))
+        self._goal = self.given.curve.target(loop.robot, 0.0)
         self._search: JointPath | None = None
         self._share = 1.0  # the largest override so far: the plan is for that many times the rate
         self.plan: PathPlan | None = None
@@ -105,7 +105,7 @@ class Shape:
         )
         # Of the joints and, last, the place; its own positions are in range.
         self._limits = JointLimits(-none, none, speed, acceleration_of, np.append(joint_jerk, self._along[1]), loop.dt)
-        self._few = len(loop.robot.names) < 6 and not loop.exact
+        self._few = len(loop.robot.names) < self.given.curve.size and not loop.exact
         self._off = self._stood = 0.0  # on the way to the path: how far off it is, and for how long it gets no nearer
         self._ticks = 0  # since it set out
         self._usual = -inf  # up to which place all that is to be told is told by the core; none where a place is left
@@ -139,7 +139,9 @@ class Shape:
     def look_on(self, q: Array) -> None:
         """Look a little farther along the path, from joint positions (m,) near its start; make the plan at its end."""
         if self._search is None:
-            self._search = JointPath(self._loop, self.given.curve, q, rate=self._rate, stops=self._stops)
+            self._search = JointPath(
+                self._loop, self.given.curve, q, rate=self._rate, mean=self.given.slow / SLOW, stops=self._stops
+            )
         for _ in range(max(round(STEPS * self._loop.dt), 1)):
             if self._search.done:
                 self.plan = self._planned(self._search)
@@ -351,7 +353,7 @@ class Shape:
 
     def way(self, q: Array, at: float) -> TaskError:
         """The way from joint positions (m,) to the path at a place of its curve."""
-        return task_error(self._loop, q, self._loop.robot.target(self.given.curve.pose(at)))
+        return task_error(self._loop, q, self.given.curve.target(self._loop.robot, at))
 
     def across(self, q: Array, at: float) -> float:
         """How far the tool at q (m,) is off the path near a place, in what is wanted; of few joints in all."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from invariantqp.control.controller import Controller
 from invariantqp.control.demands import View, rows_of
+from invariantqp.control.target import Target, nearest_pose
 from invariantqp.engine import law
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.linear import TINY
@@ -33,7 +34,7 @@ class TaskError(NamedTuple):
     """The arm before a target, and the way there."""
 
     sighting: Sighting  # of the arm
-    root: Array  # (6, 6) of the measure
+    root: Array  # (6, 6) of the measure; (k, 6) of what counts where a target leaves something free
     rows: Array  # (k, 6) R, what is wanted, orthonormal in the measure
     part: Array  # (6, 6) the projector on what exact rows ask for
     error: Array  # (6,) the twist that leads to the target
@@ -95,14 +96,16 @@ class TaskError(NamedTuple):
 
 
 def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
-    """Before a target, at joint positions q (m,).
+    """Before a target, a `Target` or what `robot.target` returned, at joint positions q (m,).
 
-    With exact demands their part of the twist is wanted; the rest is least squares, and may stray. Fewer than six
-    joints are to do the twists that they can.
+    With exact demands their part of the twist is wanted; the rest is least squares, and may stray. Fewer joints than
+    that are to do the twists that they can.
     """
-    robot = controller.robot
+    robot, part = controller.robot, target if isinstance(target, Target) else None
+    if part is not None:
+        target = robot.target(nearest_pose(part, robot.pose(q)))
     sighting = robot.sight(q, target)
-    root, error = controller.measure.root_for(sighting.J, sighting.pose), sighting.error
+    root, error = controller.measure.root_for(sighting.J, sighting.pose, part=part), sighting.error
     if controller.exact:
         demands = rows_of(controller.exact, View(robot, sighting, target, 1.0, STILL))
         D, A, b = demands.of_twist, np.asarray(demands.A), np.asarray(demands.b)
@@ -116,6 +119,6 @@ def task_error(controller: Controller, q: Array, target: Any) -> TaskError:
         error = error + back.dot((b - D.dot(error)).dot(U[:, :k] / sigma[:k]))
         return TaskError(sighting, root, rows, back.dot(rows), error, True, (A[own], b[own]) if own.any() else None)
     asked = root
-    if sighting.J.shape[1] < 6:  # all of them, however weak: at the edge of its reach an arm is still asked to go on
+    if sighting.J.shape[1] < len(root):  # all of them, however weak: at the edge of its reach an arm still goes on
         asked = np.linalg.svd(root.dot(sighting.J), full_matrices=False)[0].T.dot(root)
     return TaskError(sighting, root, asked, np.eye(6), error, False, None)

@@ -79,19 +79,6 @@ def test_a_point_out_of_reach_is_said_and_the_nearest_is_held():
     assert "reach" in " ".join(a.reason for a in answers)
 
 
-def test_where_the_shape_is_kept_they_are_refused():
-    robot = iq.load_robot("ur5")
-    follower = iq.Follower(iq.Controller(robot, dt=0.004), keep="shape")
-    place = robot.pose(np.zeros(6))[:3, 3]
-    for points in ([place, place], [iq.Target(place), iq.Target(place)]):
-        with pytest.raises(iq.BadInput) as refused:
-            follower.follow(points)
-        assert refused.value.argument == "points"
-        with pytest.raises(iq.BadInput) as refused:
-            iq.PathFollower(iq.Controller(robot, dt=0.004), points)
-        assert refused.value.argument.startswith("path")
-
-
 def test_what_is_no_point_is_refused_by_name():
     arm = Arm("ur5")
     follower = arm.follower()

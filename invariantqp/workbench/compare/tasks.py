@@ -360,6 +360,7 @@ def from_file(task: Task, seed: int = 0) -> list[BedTask]:
     has = {
         "in contact": task.contact,
         "with elastic timing": task.path.timing == "elastic",
+        "with something free": task.part,
         "with an operator": task.operator,
         "with obstacles": task.obstacle,
         "with a clearance": task.clearance,

@@ -11,8 +11,10 @@ from collections.abc import Callable
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field, StrictBool, model_validator
 
+from invariantqp.control.target import Target
 from invariantqp.errors import BadInput
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
@@ -35,7 +37,22 @@ class _Path(Section):
         description='"elastic": where limits bind the tool stays on the path and is late, and the run takes longer',
         examples=["elastic"],
     )
+    target: Literal["pose", "point", "point and axis", "axis"] = Field(
+        "pose",
+        description="what of the tool follows the path: its pose, or law.point, tool_axis or both; the rest is free",
+        examples=["point"],
+    )
+    tool_axis: Direction = Field((0.0, 0.0, 1.0), description="the axis, in the tool frame", examples=[[0, 0, 1]])
     jumps: ClassVar[bool] = False  # whether the target jumps, and so has no velocity to feed forward
+
+    def part(self, tool_point: ArrayLike) -> Target | None:
+        """What counts of the path's poses, with the point (3,) in the tool frame; None for all of them."""
+        if self.target == "pose":
+            return None
+        parts = {
+            name: value for name, value in (("point", np.zeros(3)), ("axis", self.tool_axis)) if name in self.target
+        }
+        return Target(**parts, tool_point=tool_point, tool_axis=self.tool_axis)
 
 
 class LinePath(_Path):

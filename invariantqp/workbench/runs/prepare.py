@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError
 
+from invariantqp.control.target import Target, met_by
 from invariantqp.errors import BadInput, InvariantQPError, TaskFileError
 from invariantqp.force.contact import HybridTask
 from invariantqp.force.sensor import WrenchSensor
@@ -18,6 +20,7 @@ from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import Robot
 from invariantqp.workbench.runs.clearancespec import Around
 from invariantqp.workbench.runs.contactspec import OperatorSpec
+from invariantqp.workbench.runs.path import PoseAt
 from invariantqp.workbench.runs.plant import IdealPlant, Plant
 from invariantqp.workbench.runs.scene import ContactScene, scene_of
 from invariantqp.workbench.runs.section import message
@@ -27,7 +30,7 @@ from invariantqp.workbench.runs.taskfile import LawSpec, Task, started
 class Goal(NamedTuple):
     """The goal of a tick."""
 
-    target: Any  # tool pose, as `robot.target` returned it
+    target: Any  # tool pose, as `robot.target` returned it; a `Target` where the path leaves something free
     feedforward: Array  # (6,) twist of the target, base frame [rad/s, m/s]
     time: float  # [s]
 
@@ -49,12 +52,14 @@ class ControlProblem:
     sensor: WrenchSensor | None = None  # what is known of the force sensor; None without contact
     operator: OperatorSpec | None = None  # the person who moves the tool too; None without one
     around: Around | None = None  # what is around the arm, and the clearance from it; None without
+    part: Target | None = None  # what counts of the poses; None for all of them
     elastic: Array | None = None  # (m,) joint positions at the start of a path that may be late; None keeps its timing
 
     def goals(self) -> list[Goal]:
         """The goals, tick by tick."""
+        target = self.robot.target if self.part is None else partial(met_by, self.part)
         ticks = zip(self.poses, self.feedforward, self.time.tolist(), strict=False)
-        return [Goal(self.robot.target(T), twist, t) for T, twist, t in ticks]
+        return [Goal(target(T), twist, t) for T, twist, t in ticks]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +71,8 @@ class Setup:
     scene: ContactScene | None  # what the tool touches; None where it touches nothing
     physics: str  # the name of the plant, "ideal" or "mujoco"
     plant: Plant  # the arm at its start; it moves in the run, so a second run needs a second setup
-    wanted: Array  # (n + 1, 4, 4) tool poses wanted
+    path: PoseAt  # tool poses wanted, by the path's own timing [s]
+    wanted: Array  # (n + 1, 4, 4) the same, tick by tick
     noise: Array  # (n, m) what the controller's joint positions are off by [rad, m]
     counted_from: int  # the first tick whose errors count; 0 without contact
     problem: ControlProblem  # what the controller is given
@@ -101,6 +107,7 @@ def _prepared(task: Task, physics: str) -> Setup:
         scene=scene,
         physics=physics,
         plant=_plant(task, robot, scene, physics),
+        path=pose,
         wanted=wanted,
         noise=np.random.default_rng(0).normal(0.0, task.encoder_noise or 0.0, (n, len(start))),
         counted_from=round(task.settle / law.dt),
@@ -114,6 +121,7 @@ def _prepared(task: Task, physics: str) -> Setup:
             sensor=None if scene is None else scene.sensor,
             operator=task.operator,
             around=task.around(robot),
+            part=task.part,
             elastic=task.start() if task.path.timing == "elastic" else None,
         ),
     )

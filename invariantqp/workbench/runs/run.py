@@ -126,15 +126,13 @@ def _trace(
 ) -> Trace:
     """What happened in a run, with its errors."""
     robot, scene, after = setup.robot, setup.scene, states[1:]
-    along = (
-        path_trace(controller.follower, controller.followed) if isinstance(controller, ElasticPathController) else None
-    )
+    along = path_trace(setup.path, controller.followed) if isinstance(controller, ElasticPathController) else None
     wanted, time = setup.wanted, setup.problem.time
     if along is not None:
         wanted, time = along.poses, np.asarray(setup.task.law.dt * np.arange(len(states)), np.float64)
     q = np.array([state.q for state in states])
     contacts = [] if scene is None else [scene.task.contact_at(state.pose) for state in after]
-    position_error, orientation_error = errors(scene, contacts, after, wanted[1:]).T
+    position_error, orientation_error = errors(scene, contacts, after, wanted[1:], setup.task.part).T
     return Trace(
         task=setup.task,
         names=robot.names,

@@ -22,6 +22,7 @@ from pydantic import Field, PlainValidator, PrivateAttr, StrictBool, ValidationE
 from invariantqp.control.controller import Controller
 from invariantqp.control.demands import ExactPoint, Named
 from invariantqp.control.measure import tool_metric
+from invariantqp.control.target import Target
 from invariantqp.errors import BadInput, InvariantQPError, TaskFileError, UnknownName
 from invariantqp.geometry import arrays, screws, se3
 from invariantqp.geometry.arrays import Array
@@ -233,7 +234,17 @@ class Task(Section):
             raise ValueError("[operator] is for a tool that touches nothing; leave out [contact] and [force]")
         if self.path.timing == "elastic" and (self.contact is not None or self.operator is not None):
             raise ValueError('timing = "elastic" is for a path alone; leave out [contact] and [operator]')
+        beside = self.contact is not None or self.operator is not None or isinstance(self.law.form, float)
+        if self.path.target != "pose" and (beside or self.law.exact is not None):
+            raise ValueError(
+                f'target = "{self.path.target}" is for a path alone; leave out [contact], [operator], form and exact'
+            )
         return self
+
+    @property
+    def part(self) -> Target | None:
+        """What counts of the path's poses, None for all of them."""
+        return self.path.part(self.law.point)
 
     @property
     def settle(self) -> float:

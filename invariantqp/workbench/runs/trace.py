@@ -13,14 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from invariantqp.control.target import Target, errors_of, met_by
 from invariantqp.force.contact_kinds import Contact
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.paths.driver import PathFollower
 from invariantqp.paths.plan import ON_TIME
 from invariantqp.paths.shape import ENDED, SETTLING
 from invariantqp.paths.solution import FollowerSolution
 from invariantqp.velocity.solution import VelocitySolution
+from invariantqp.workbench.runs.path import PoseAt
 from invariantqp.workbench.runs.plant import PlantState
 from invariantqp.workbench.runs.scene import ContactScene
 from invariantqp.workbench.runs.taskfile import Task
@@ -78,9 +79,18 @@ def contact_trace(
 
 
 def errors(
-    scene: ContactScene | None, contacts: Sequence[Contact], after: Sequence[PlantState], wanted: Array
+    scene: ContactScene | None,
+    contacts: Sequence[Contact],
+    after: Sequence[PlantState],
+    wanted: Array,
+    part: Target | None = None,
 ) -> Array:
-    """(n, 2) distance [m] and angle [rad] from the poses (n, 4, 4) wanted; in contact along what it leaves free."""
+    """(n, 2) distance [m] and angle [rad] from the poses (n, 4, 4) wanted, 0 of what `part` leaves free.
+
+    In contact they are those along what it leaves free.
+    """
+    if part is not None:
+        return np.array([errors_of(met_by(part, T), state.pose) for state, T in zip(after, wanted, strict=True)])
     if scene is None:
         return np.array([distance(state.pose, T) for state, T in zip(after, wanted, strict=True)])
     return np.array([scene.motion_error(c, s.pose, T) for c, s, T in zip(contacts, after, wanted, strict=True)])
@@ -116,15 +126,15 @@ class PathTrace:
         return {name: count / len(self.driven) for name, count in counts.most_common()}
 
 
-def path_trace(follower: PathFollower, followed: Sequence[FollowerSolution]) -> PathTrace:
-    """What happened along the path of a follower, from its solutions."""
+def path_trace(path: PoseAt, followed: Sequence[FollowerSolution]) -> PathTrace:
+    """What happened along a path, from the solutions of its follower."""
     place = np.array([s.place for s in followed])
     return PathTrace(
         place=place,
         speed=np.array([s.speed for s in followed]),
         lag=np.array([s.late for s in followed]),
         ruling=[s.ruling for s in followed],
-        poses=np.array([follower.pose(at) for at in (0.0, *place.tolist())]),
+        poses=np.array([path(at) for at in (0.0, *place.tolist())]),
         status=followed[-1].status,
     )
 
@@ -160,8 +170,8 @@ class Trace:
         time: (n + 1,) [s].
         q: (n + 1, m) joint positions [rad, m].
         velocity: (n, m) commanded [rad/s, m/s].
-        position_error: (n,) distance of the tool point from the path after each tick [m].
-        orientation_error: (n,) [rad].
+        position_error: (n,) distance of the tool point from the path after each tick [m]; 0 where it is free.
+        orientation_error: (n,) [rad]; of the axis alone where the turn about it is free, 0 where all of it is.
         position_limits: (2, m), lower and upper.
         velocity_limit: (m,).
         methods: (n,) names, as in `VelocitySolution`.
