@@ -109,7 +109,8 @@ def _tree(model: pin.Model) -> dict[int, TreeJoint]:
     drivers, child = _drivers(model), {frame.parentJoint: frame.name for frame in reversed(links)}
     tree = {}
     for i in range(1, model.njoints):
-        above = model.frames[model.frames[model.getFrameId(model.names[i], pin.FrameType.JOINT)].parentFrame].name
+        at = model.getFrameId(model.names[i], pin.FrameType.JOINT)  # a model made by hand may have no such frame
+        above = model.frames[model.frames[at].parentFrame if at < model.nframes else 0].name
         kind, mimic = "revolute" if model.nvs[i] <= 1 else "floating", None
         if i in drivers:
             joint = model.joints[i].extract()

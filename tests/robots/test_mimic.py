@@ -182,6 +182,13 @@ def test_notes_of_a_pinocchio_model_are_those_of_its_file():
         from_file, of_model = (iq.load_robot(source, tool, joints=joints) for source in (text, model))
         assert from_file.notes
         assert of_model.notes == from_file.notes
+    bare = pin.Model()
+    for i in range(3):
+        bare.addJoint(i, pin.JointModelRZ(), pin.SE3.Identity(), f"turn{i}")
+    bare.addFrame(pin.Frame("end", 3, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    assert iq.load_robot(bare, "end", joints=["turn0", "turn2"], velocity_limit=1.0).notes == (
+        "joint turn1 is held at 0",
+    )
     folded = iq.load_robot(pin.buildModelFromXML(text), "l8")
     assert folded.notes == tuple(
         f"joint {side}_slide is left out: it moves what hangs on the tool" for side in ("left", "right")
