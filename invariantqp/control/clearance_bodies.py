@@ -156,9 +156,9 @@ def frame_of(robot: Chain, name: str) -> tuple[int, Array]:
         if link.name == name:
             return link.body, link.frame
     if name in (robot.tool, "tool"):
-        return len(robot.names), np.asarray(robot.home)
+        return len(robot.joints.coordinates), np.asarray(robot.home)
     if name in robot.names:
-        return robot.names.index(name) + 1, np.eye(4)
+        return robot.joints.drivers[robot.names.index(name)] + 1, np.eye(4)
     if name == "base":
         return 0, np.eye(4)
     known = dict.fromkeys((*(link.name for link in robot.links), "tool", "base", *robot.names))
@@ -169,8 +169,6 @@ def chain_of(robot: Any) -> Chain:
     """A robot that is known joint by joint."""
     if not isinstance(robot, Chain):
         raise BadInput("robot", excerpt(robot), "a robot that load_robot returned")
-    if robot.coupled is not None:
-        raise BadInput("robot", "joints that share a coordinate", "an arm without mimic joints")
     return robot
 
 
@@ -248,7 +246,9 @@ def _needless(robot: Chain, a: Part, b: Part, wanted: set[frozenset[str]] | None
     if a.body == b.body:
         return "fixed to one another"
     floor = Core.HALF_SPACE in (a.shape.core, b.shape.core)  # nobody's neighbour
-    return "" if floor or abs(a.body - b.body) > 1 else f"neighbours at {robot.names[max(a.body, b.body) - 1]}"
+    if floor or abs(a.body - b.body) > 1:
+        return ""
+    return f"neighbours at {robot.names[robot.joints.coordinates[max(a.body, b.body) - 1]]}"
 
 
 def _named(pairs: Iterable[tuple[str, str]], argument: str, known: list[str]) -> list[tuple[str, str]]:
@@ -276,9 +276,9 @@ def engine_of(
     """The engine's clearance of an arm, arms around it and parts; pairs of these that somebody chose all count."""
     m, free = len(robot.names), np.full(len(robot.names), np.inf)
     limits = np.array((robot.velocity_limit, free, robot.position_lower, robot.position_upper))
-    moved = [(robot.screws, limits, np.zeros(m), False)]
-    moved += [(arm.robot.screws, arm.limits, arm.turns, arm.brakes) for arm in arms]
-    before = np.cumsum([0, *(len(screws[0]) for screws, *_ in moved)])
+    moved = [(*robot.joints[:2], limits, np.zeros(m), False)]
+    moved += [(*arm.robot.joints[:2], arm.limits, arm.turns, arm.brakes) for arm in arms]
+    before = np.cumsum([0, *(len(coordinates) for _, coordinates, *_ in moved)])
     obstacles = sum(part.around == 1 for part in parts)
     shapes, placed = [], 0
     for part in parts:

@@ -157,7 +157,7 @@ inline double same_way(const Vec3& omega, const Vec3& before)
 }
 
 // An open chain of hinges, slides and screws. A value: copies share nothing, and none changes after it was made.
-// Several joints may share a coordinate, each turning by its ratio times it: those of a parallelogram, for instance.
+// Several joints may share a coordinate: those of a parallelogram, for instance.
 class Chain {
   public:
     Pose home;  // the tool pose at q = 0
@@ -168,15 +168,15 @@ class Chain {
         for (int i = 0; i < screws.cols; i++) {
             const Vec3 w{screws(0, i), screws(1, i), screws(2, i)}, v{screws(3, i), screws(4, i), screws(5, i)};
             const double rate = norm(w), share = rate > 0 ? 1 / rate : 1;
-            joints[i] = {rate, share * w, share * v, dot(share * w, share * v), i, 1};
+            joints[i] = {rate, share * w, share * v, dot(share * w, share * v), i};
         }
     }
-    // The coordinate of each joint, all of 0 to the largest, and its ratio.
-    void couple(const std::vector<int>& coordinate, Vec ratio)
+    // The coordinate of each joint, all of 0 to the largest.
+    void couple(const std::vector<int>& coordinate)
     {
         coordinates = 0;
         for (int i = 0; i < count(); i++)
-            joints[i].coordinate = coordinate[i], joints[i].ratio = ratio[i], coordinates = std::max(coordinates, coordinate[i] + 1);
+            joints[i].coordinate = coordinate[i], coordinates = std::max(coordinates, coordinate[i] + 1);
     }
     // Coordinates and joints.
     int size() const { return coordinates; }
@@ -213,7 +213,6 @@ class Chain {
         Vec3 n, u;    // omega and v, of unit rate
         double pitch; // n.u
         int coordinate;
-        double ratio;
     };
     std::vector<Joint> joints;
     int coordinates;
@@ -227,14 +226,13 @@ class Chain {
     void advance(Pose& T, const Joint& joint, const double* at, Mat J) const
     {
         const int i = joint.coordinate;
-        const double q = joint.ratio * at[i], rate = joint.rate > 0 ? joint.rate : 1;
+        const double q = at[i], rate = joint.rate > 0 ? joint.rate : 1;
         const Vec3 axis = T.R * joint.n, drift = T.R * joint.u;
         if (J.p) {
             const Vec3 moved = drift + cross(T.p, axis);
-            const double turns = coordinates < count() ? joint.ratio * rate : rate;
             for (int k = 0; k < 3; k++) {
-                J(k, i) = turns * axis[k] + (coordinates < count() ? J(k, i) : 0);
-                J(3 + k, i) = turns * moved[k] + (coordinates < count() ? J(3 + k, i) : 0);
+                J(k, i) = rate * axis[k] + (coordinates < count() ? J(k, i) : 0);
+                J(3 + k, i) = rate * moved[k] + (coordinates < count() ? J(3 + k, i) : 0);
             }
         }
         if (joint.rate == 0) {

@@ -43,15 +43,21 @@ Pose motion(const Twist& s, double time, Workspace& w)
 }
 
 struct Kinematics {
-    std::vector<Pose> motions;  // (M + 1,) of the base and all bodies
-    std::vector<Twist> J;       // (M,) joint twists
+    std::vector<Pose> motions;  // (K + 1,) of the base and all bodies
+    std::vector<Twist> J;       // (K,) joint twists
 
-    Kinematics(const std::vector<ClearanceArm>& arms, const std::vector<int>& first, Vec q) : motions(q.n + 1), J(q.n)
+    // At coordinates q (M,); the coordinate (K,) of each joint, and the first joint (arms,) of each arm.
+    Kinematics(const std::vector<ClearanceArm>& arms, const std::vector<int>& coordinate, const std::vector<int>& first,
+               Vec q)
+        : motions(coordinate.size() + 1), J(coordinate.size())
     {
+        const Vec turned(*q.w, static_cast<int>(J.size()));
+        for (int j = 0; j < turned.n; j++)
+            turned[j] = q[coordinate[j]];
         for (int a = static_cast<int>(arms.size()) - 1; a >= 0;
              a--) {  // each writes its base over the last body before it
             const Mat twists(*q.w, 6, arms[a].chain.size());
-            arms[a].chain.motions(q.p + first[a], twists, &motions[first[a]]);
+            arms[a].chain.motions(turned.p + first[a], twists, &motions[first[a]]);
             for (int j = 0; j < twists.cols; j++)
                 J[first[a] + j] = {{twists(0, j), twists(1, j), twists(2, j)},
                                    {twists(3, j), twists(4, j), twists(5, j)}};
@@ -159,7 +165,7 @@ class ClearanceSearch {
             const Shape& shape = shapes[scene.pairs[k].of[e]];
             for (int j = of.between[k].from[e]; j < of.between[k].to[e]; j++) {
                 const Twist& s = here->J[j];
-                most += approach[j] * (norm(s.v + cross(s.omega, shape.at.p)) + norm(s.omega) * shape.ball);
+                most += approach[of.coordinate[j]] * (norm(s.v + cross(s.omega, shape.at.p)) + norm(s.omega) * shape.ball);
             }
         }
         return most;
@@ -210,7 +216,7 @@ class ClearanceSearch {
                 && rate * (look.far - scene.distance) > of.nearer(k, since))
                 continue;
             if (!here)
-                here.emplace(scene.arms, of.first_of, state.q);
+                here.emplace(scene.arms, of.coordinate, of.first_joint, state.q);
             const auto& [i, j] = scene.pairs[k].of;
             const Shape &a = placed(i, s), &b = placed(j, s);
             const double far = at_least(a, b),
@@ -320,18 +326,21 @@ class ClearanceSearch {
     }
     Vec slope(int k, const Place& at) const
     {
-        Vec row(w, all, 0);
+        Vec row(w, all, 0), parts(w, all, 0);
         const Vec3 lever = cross(at.point, at.normal);
         for (int e = 0; e < 2; e++)
             for (int j = of.between[k].from[e]; j < of.between[k].to[e]; j++) {
                 const Twist& s = here->J[j];
-                double sum = 0, parts = 0;
+                const int c = of.coordinate[j];
+                double sum = 0;
                 for (int r = 0; r < 3; r++) {
                     const double turn = lever[r] * s.omega[r], slide = at.normal[r] * s.v[r];
-                    sum += turn + slide, parts += std::abs(turn) + std::abs(slide);
+                    sum += turn + slide, parts[c] += std::abs(turn) + std::abs(slide);
                 }
-                row[j] = std::abs(sum) > UNMOVED * parts ? (e == 0 ? -sum : sum) : 0;
+                row[c] += e == 0 ? -sum : sum;
             }
+        for (int c = 0; c < all; c++)
+            row[c] = std::abs(row[c]) > UNMOVED * parts[c] ? row[c] : 0;
         return row;
     }
 
@@ -417,7 +426,7 @@ BrakingJoints joints_of(const ClearanceScene& scene, const std::vector<int>& arm
             const std::vector<double>& x = *(a == 0 ? numbers : others)[i];
             std::copy(x.begin(), x.end(), of[i].p + at);
         }
-        at += arm.chain.size();
+        at += arm.size();
     }
     return joints;
 }
@@ -430,18 +439,20 @@ Workspace& memory_of_ticks()
 
 }  // namespace
 
-Clearance::Clearance(ClearanceScene given) : scene(std::move(given)), m(scene.arms[0].chain.size())
+Clearance::Clearance(ClearanceScene given) : scene(std::move(given)), m(scene.arms[0].size())
 {
     for (int a = 0; a < static_cast<int>(scene.arms.size()); a++) {
-        first_of.push_back(all);
-        all += scene.arms[a].chain.size();
+        first_of.push_back(all), first_joint.push_back(static_cast<int>(coordinate.size()));
+        for (const int c : scene.arms[a].coordinates)
+            coordinate.push_back(all + c);
+        all += scene.arms[a].size();
         arm_of.resize(all, a);
     }
     Workspace& w = memory_of_ticks();
     const Workspace::Frame frame(w);
-    const std::vector<Twist> screws = Kinematics(scene.arms, first_of, Vec(w, all, 0)).J;
+    const std::vector<Twist> screws = Kinematics(scene.arms, coordinate, first_joint, Vec(w, all, 0)).J;
     const std::size_t n = scene.shapes.size(), k = scene.pairs.size();
-    levers.assign(n * all, 0), place.resize(n), twists.assign(n, Twist{{0, 0, 0}, {0, 0, 0}});
+    levers.assign(n * coordinate.size(), 0), place.resize(n), twists.assign(n, Twist{{0, 0, 0}, {0, 0, 0}});
     for (std::size_t i = 0; i < n; i++) {
         set_levers(static_cast<int>(i), screws);
         place[i] = scene.shapes[i].shape.at;
@@ -450,7 +461,7 @@ Clearance::Clearance(ClearanceScene given) : scene(std::move(given)), m(scene.ar
         Between alone;
         for (int e = 0; e < 2; e++) {
             const int body = scene.shapes[pair.of[e]].body;
-            alone.to[e] = body, alone.from[e] = body > 0 ? first_of[arm_of[body - 1]] : 0;
+            alone.to[e] = body, alone.from[e] = body > 0 ? first_joint[arm_of[coordinate[body - 1]]] : 0;
         }
         if (alone.from[0] == alone.from[1])  // what both have is left out
             alone.from[0] = alone.from[1] = std::min(alone.to[0], alone.to[1]);
@@ -462,7 +473,7 @@ Clearance::Clearance(ClearanceScene given) : scene(std::move(given)), m(scene.ar
     for (std::size_t i = 0; i < now.movers.size(); i++) {
         Mover& mover = now.movers[i];
         const int arm = static_cast<int>(i) - scene.obstacles + 1;
-        mover.speed.assign(arm > 0 ? scene.arms[arm].chain.size() : 6, 0);
+        mover.speed.assign(arm > 0 ? scene.arms[arm].size() : 6, 0);
         mover.place.assign(arm > 0 ? mover.speed.size() : 16, 0);
         if (arm <= 0)
             Pose().write(mover.place.data());
@@ -485,8 +496,8 @@ void Clearance::set_levers(int i, const std::vector<Twist>& screws)
     const int body = scene.shapes[i].body;
     if (body == 0)
         return;
-    const int first = first_of[arm_of[body - 1]];
-    const ClearanceArm& arm = scene.arms[arm_of[body - 1]];
+    const int first = first_joint[arm_of[coordinate[body - 1]]];
+    const ClearanceArm& arm = scene.arms[arm_of[coordinate[body - 1]]];
     const Shape& shape = scene.shapes[i].shape;
     Vec3 x = shape.at.p;
     double reach = shape.core == ShapeCore::half_space ? INFINITY : shape.ball;
@@ -501,21 +512,22 @@ void Clearance::set_levers(int i, const std::vector<Twist>& screws)
             x = foot, slide = dot(axis, slide) * axis;
         }
         const double along = norm(slide), lever = rate > 0 ? rate * reach + along : along;
-        levers[static_cast<std::size_t>(i) * all + j] = std::min(lever, BOUNDLESS);
+        levers[static_cast<std::size_t>(i) * coordinate.size() + j] = std::min(lever, BOUNDLESS);
         if (along > UNMOVED * lever) {
-            const double low = arm.lower[j - first], high = arm.upper[j - first];
+            const int c = arm.coordinates[j - first];
+            const double low = arm.lower[c], high = arm.upper[c];
             reach += along * (high - low + std::max(std::abs(low), std::abs(high)));
         }
     }
 }
 
-// How much nearer a pair comes at most by what joints turn.
+// How much nearer a pair comes at most by what coordinates (M,) turn.
 double Clearance::nearer(int k, Vec turned) const
 {
     double most = 0;
     for (int e = 0; e < 2; e++)
         for (int j = between[k].from[e]; j < between[k].to[e]; j++)
-            most += lever(scene.pairs[k].of[e])[j] * turned[j];
+            most += lever(scene.pairs[k].of[e])[j] * turned[coordinate[j]];
     return most;
 }
 
@@ -615,7 +627,7 @@ Vec Clearance::around(Vec own, double delay, Vec* velocity) const
     q.part(0, m).set(own);
     for (int a = 1; a < static_cast<int>(scene.arms.size()); a++) {
         const Mover& mover = now.movers[scene.obstacles + a - 1];
-        for (int j = 0; j < scene.arms[a].chain.size(); j++) {
+        for (int j = 0; j < scene.arms[a].size(); j++) {
             const double speed = mover.velocity()[j];
             (*velocity)[first_of[a] + j] = speed, q[first_of[a] + j] = mover.place[j] + delay * speed;
         }
@@ -803,7 +815,7 @@ std::vector<Pose> Clearance::placed(Vec q)
 {
     place_all(0);
     Vec velocity;
-    const Kinematics here(scene.arms, first_of, around(q, 0, &velocity));
+    const Kinematics here(scene.arms, coordinate, first_joint, around(q, 0, &velocity));
     std::vector<Pose> found;
     for (std::size_t i = 0; i < scene.shapes.size(); i++)
         found.push_back(here.motions[scene.shapes[i].body] * place[i]);
@@ -843,16 +855,20 @@ bool Clearance::shows_always_near(int k, Workspace& w) const
         std::swap(i, j);  // the first is the one that the joints move
     Vec velocity;
     const Vec q = around(Vec(w, m, 0), 0, &velocity);
-    const std::vector<Twist> screws = Kinematics(scene.arms, first_of, q).J;
+    const std::vector<Twist> screws = Kinematics(scene.arms, coordinate, first_joint, q).J;
     const auto turns = [](const Twist& s) { return norm(s.omega) > 0; };
     if (scene.chosen || !std::all_of(screws.begin() + from, screws.begin() + to, turns))
         return false;  // asked for; a slide goes as far as it goes
-    const int n = to - from;
     std::vector<std::array<Vec, 2>> cells;
-    Vec low(w, n), high(w, n);
-    for (int a = 0; a < n; a++) {
-        low[a] = std::max(scene.arms[0].lower[from + a], -HALF_TURN),
-        high[a] = std::min(scene.arms[0].upper[from + a], HALF_TURN);
+    Vec low(w, m, 0), high(w, m, 0);
+    for (int a = from; a < to; a++) {
+        const int c = coordinate[a];
+        low[c] = scene.arms[0].lower[c], high[c] = scene.arms[0].upper[c];
+        const double half = HALF_TURN / norm(screws[a].omega);
+        if (high[c] - low[c] > 2 * half && std::count(&coordinate[from], &coordinate[from] + to - from, c) == 1)
+            low[c] = -half, high[c] = half;
+        if (!std::isfinite(high[c] - low[c]))
+            return false;
     }
     cells.push_back({low, high});
     const double apart = (1 - 1e-9) * scene.distance;  // at the distance, but for rounding, is not nearer
@@ -862,9 +878,8 @@ bool Clearance::shows_always_near(int k, Workspace& w) const
         const auto [lowest, highest] = cells.back();
         cells.pop_back();
         const Vec half = 0.5 * (highest - lowest);
-        for (int a = 0; a < n; a++)
-            q[from + a] = lowest[a] + half[a];
-        const Kinematics here(scene.arms, first_of, q);
+        q.part(0, m).set(lowest + half);
+        const Kinematics here(scene.arms, coordinate, first_joint, q);
         const auto at = [&](int i) {
             Shape shape = scene.shapes[i].shape;
             shape.at = here.motions[scene.shapes[i].body] * place[i];
@@ -878,19 +893,20 @@ bool Clearance::shows_always_near(int k, Workspace& w) const
         for (int f = 0; f < found.count; f++) {
             double sum = 0, most = -1;
             int largest = 0;
-            for (int a = n - 1; a >= 0; a--) {  // the inner joint moves it from where the outer joint has
-                const Twist& s = here.J[from + a];
-                const double way = half[a] * (norm(s.v + cross(s.omega, found.at[f].point)) + norm(s.omega) * sum);
+            for (int a = to - 1; a >= from; a--) {  // the inner joint moves it from where the outer joint has
+                const Twist& s = here.J[a];
+                const int c = coordinate[a];
+                const double way = half[c] * (norm(s.v + cross(s.omega, found.at[f].point)) + norm(s.omega) * sum);
                 sum += way;
                 if (way >= most)
-                    most = way, largest = a;
+                    most = way, largest = c;
             }
             if (found.at[f].distance + sum < farthest)
                 farthest = found.at[f].distance + sum, axis = largest;
         }
         if (farthest > apart) {
             const Vec upper = highest.copy(), lower = lowest.copy();
-            upper[axis] = lower[axis] = q[from + axis];
+            upper[axis] = lower[axis] = q[axis];
             cells.push_back({lowest, upper}), cells.push_back({lower, highest});
         }
     }

@@ -14,12 +14,15 @@ namespace iq {
 
 constexpr int MOST_CLEARANCE_ROWS = 16;  // of a tick: more than an arm has joints, several times over
 
-// An arm, or one around it. (m,) of its joints, units SI; acceleration inf where a joint stops at once.
+// An arm, or one around it. (m,) of its coordinates, units SI; acceleration inf where a joint stops at once.
 struct ClearanceArm {
-    Chain chain;
+    Chain chain;                                            // its k joints, each as if it had its own coordinate
+    std::vector<int> coordinates;                           // (k,) the coordinate of each
     std::vector<double> speed, acceleration, lower, upper;  // limits; acceleration 0 of an arm that goes on as it goes
     std::vector<double> turns;                              // whole turns of continuous joints, 0 of others
     bool brakes = false;                                    // whether this other arm makes way too
+
+    int size() const { return static_cast<int>(speed.size()); }
 };
 struct ClearanceShape {
     int body;     // the joint that moves it, counted from 1 over all arms; 0 is the base
@@ -94,8 +97,8 @@ class Clearance {
     bool always_near(int pair) const { return now.off[pair]; }
     int pairs() const { return static_cast<int>(scene.pairs.size()); }
     const ClearanceScene& of() const { return scene; }
-    // (M,) how far any point of a shape moves at most for a unit of each joint.
-    const double* lever(int shape) const { return &levers[static_cast<std::size_t>(shape) * all]; }
+    // (K,) how far any point of a shape moves at most for a unit of each joint's coordinate.
+    const double* lever(int shape) const { return &levers[static_cast<std::size_t>(shape) * coordinate.size()]; }
     Twist twist(int obstacle) const;
 
     // What is remembered from tick to tick, as numbers, to copy and to store.
@@ -134,10 +137,11 @@ class Clearance {
         int from[2], to[2];  // the joints that move each shape of a pair alone
     };
     ClearanceScene scene;
-    int m, all = 0;                     // joints of the arm, of all arms
-    std::vector<int> arm_of, first_of;  // (M,) which arm a joint is of; (arms,) its first joint
+    int m, all = 0;                     // coordinates of the arm, of all arms
+    std::vector<int> arm_of, first_of;  // (M,) which arm a coordinate is of; (arms,) its first coordinate
+    std::vector<int> coordinate, first_joint;  // (K,) of the joints of all arms; (arms,) its first joint
     std::vector<Between> between;       // (k,)
-    std::vector<double> levers;         // (n, M)
+    std::vector<double> levers;         // (n, K)
     Memory now;
     bool begins = false;
     std::vector<Pose> place;                 // (n,) of shapes at q = 0, obstacles where they are when a command acts

@@ -81,15 +81,18 @@ auto places_by(nb::object function)
 ClearanceArm arm_of(nb::handle given, Reader& read)
 {
     const nb::tuple parts = nb::cast<nb::tuple>(given);
-    if (parts.size() != 4)
-        refuse("an arm is (screws, limits, turns, whether it brakes)");
+    if (parts.size() != 5)
+        refuse("an arm is (screws, coordinates, limits, turns, whether it brakes)");
     const Mat screws = read.matrix(parts[0], "screws", 6, -1),
-              limits = read.matrix(parts[1], "limits", 4, screws.cols, Numbers::any);
-    if (screws.cols < 1)
+              limits = read.matrix(parts[2], "limits", 4, -1, Numbers::any);
+    if (limits.cols < 1)
         refuse("an arm has no joints");
-    return {Chain(screws, Pose()),   vector_of(limits[0]), vector_of(limits[1]),
-            vector_of(limits[2]),    vector_of(limits[3]), vector_of(read.vector(parts[2], "turns", screws.cols)),
-            nb::cast<bool>(parts[3])};
+    std::vector<int> coordinates;
+    for (const double x : read.vector(parts[1], "coordinates", screws.cols))
+        coordinates.push_back(index(x, 0, limits.cols - 1, "coordinates"));
+    return {Chain(screws, Pose()), coordinates,          vector_of(limits[0]),
+            vector_of(limits[1]),  vector_of(limits[2]), vector_of(limits[3]),
+            vector_of(read.vector(parts[3], "turns", limits.cols)), nb::cast<bool>(parts[4])};
 }
 
 Clearance clearance_of(double distance, nb::list arms, nb::object shapes, nb::object pairs, int obstacles, bool chosen,
@@ -154,7 +157,7 @@ ClearanceRate rate_of(nb::object limits, double alpha, double dt, double joint_r
             delay};
 }
 
-int joints_of(const Clearance& c) { return c.of().arms[0].chain.size(); }
+int joints_of(const Clearance& c) { return c.of().arms[0].size(); }
 void check(const Clearance& c, const ClearanceRate& rate)
 {
     if (static_cast<int>(rate.speed.size()) != joints_of(c))
@@ -249,7 +252,7 @@ void bind_clearance(nb::module_& module)
                 const Workspace::Frame frame(workspace());
                 Reader read(workspace());
                 const int n =
-                    c.of().arms[index(arm, 0, static_cast<int>(c.of().arms.size()) - 2, "arm") + 1].chain.size();
+                    c.of().arms[index(arm, 0, static_cast<int>(c.of().arms.size()) - 2, "arm") + 1].size();
                 const Vec at = read.vector(q, "q", n);
                 c.move_arm(arm, at.p, velocity.is_none() ? nullptr : read.vector(velocity, "velocity", n).p);
             },

@@ -14,8 +14,8 @@ nb::object array_of(Mat A)
     return array;
 }
 
-// coordinates (k,) and ratios (k,) of joints that share them, or None.
-void make_chain(Chain* made, nb::handle screws, nb::handle home, nb::handle coordinates, nb::handle ratios)
+// coordinates (k,) of joints that share them, or None.
+void make_chain(Chain* made, nb::handle screws, nb::handle home, nb::handle coordinates)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
@@ -29,7 +29,7 @@ void make_chain(Chain* made, nb::handle screws, nb::handle home, nb::handle coor
                 refuse("coordinates has a number that is no joint's");
             each.push_back(static_cast<int>(x));
         }
-        chain.couple(each, read.vector(ratios, "ratios", chain.count()));
+        chain.couple(each);
     }
     new (made) Chain(chain);
 }
@@ -124,7 +124,7 @@ nb::object projectors_of(nb::handle twists, nb::handle wrenches, nb::handle pitc
 void bind_screws(nb::module_& m)
 {
     nb::class_<Chain>(m, "Chain", "An open chain of hinges, slides and screws.")
-        .def("__init__", make_chain, "screws"_a, "home"_a, "coordinates"_a = nb::none(), "ratios"_a = nb::none())
+        .def("__init__", make_chain, "screws"_a, "home"_a, "coordinates"_a = nb::none())
         .def("motions", motions, "q"_a, "(k + 1, 4, 4) of the base and of what each joint moves.")
         .def("sight", sight, "q"_a, "target"_a.none(), "Joint twists (6, m), tool pose (4, 4), error twist (6,) or None.");
     m.def("pseudoinverse", pseudoinverse_of, "J"_a, "h"_a, "J^{+h} (m, 6), None where it is not well conditioned.");

@@ -55,18 +55,17 @@ class Link(NamedTuple):
 class Coupled(NamedTuple):
     """The joints of a chain of which several share a coordinate, base first: those of a parallelogram, for instance.
 
-    T(q) = exp(s_1 r_1 q_c1) ... exp(s_k r_k q_ck) T_0
+    T(q) = exp(s_1 q_c1) ... exp(s_k q_ck) T_0
     """
 
-    screws: Array  # (6, k) their twists at q = 0
+    screws: Array  # (6, k) their twists at q = 0, for a unit of the coordinate
     coordinates: tuple[int, ...]  # (k,) the joint of the chain that drives each
-    ratios: tuple[float, ...]  # (k,) by how much it moves for each unit of that
+    drivers: tuple[int, ...]  # (m,) which of the k joints those of the chain are
 
     def columns(self) -> Array:
         """(6, m) the joint twists of the chain at q = 0: each the sum of those that it drives."""
-        J = np.zeros((6, max(self.coordinates) + 1))
-        for i, ratio, screw in zip(self.coordinates, self.ratios, self.screws.T, strict=True):
-            J[:, i] += ratio * screw
+        J = np.zeros((6, len(self.drivers)))
+        np.add.at(J.T, list(self.coordinates), self.screws.T)
         return J
 
 
@@ -153,9 +152,8 @@ class Chain(Value):
     def origins(self, q: ArrayLike) -> Array:
         """(m, 3) a point of each joint's axis, to draw the arm by."""
         before = self.motions(arrays.joints(q, self.names, "q"))[:-1]
-        if self.coupled is not None:  # where the first joint of each coordinate is
-            before = before[[self.coupled.coordinates.index(i) for i in range(len(self.names))]]
-        return np.array([T[:3, :3].dot(p) + T[:3, 3] for T, p in zip(before, self.places, strict=True)])
+        own = zip(before[list(self.joints.drivers)], self.places, strict=True)
+        return np.array([T[:3, :3].dot(p) + T[:3, 3] for T, p in own])
 
     def target(self, pose: ArrayLike) -> CheckedPose:
         """A (4, 4) target pose, checked, its rotation to all digits."""
@@ -204,17 +202,18 @@ class Chain(Value):
         if parts := _geometry(bodies):
             if any(link.name == called for link in links):
                 raise BadInput("name", f"{called!r}, which is a link", "a name of its own for the tool's bodies")
-            links += (Link(called, self._last, home, parts),)
+            links += (Link(called, len(self.joints.coordinates), home, parts),)
         return self._changed(home=home, tool=called, links=links)
 
     @property
-    def _last(self) -> int:
-        """How many joints move the last body."""
-        return len(self.names) if self.coupled is None else len(self.coupled.ratios)
+    def joints(self) -> Coupled:
+        """All joints, base first, those that share a coordinate among them; bodies are counted by these."""
+        each = tuple(range(len(self.names)))
+        return self.coupled or Coupled(self.screws, each, each)
 
     def _links_without(self, removed: tuple[str, ...]) -> tuple[Link, ...]:
         """The links but some that the last joint moves; what may touch these is forgotten."""
-        last = [link.name for link in self.links if link.body == self._last]
+        last = [link.name for link in self.links if link.body == len(self.joints.coordinates)]
         for name in removed:
             if name not in last:
                 movable = f"links that the last joint moves: {', '.join(last) or 'it moves none that is known'}"
@@ -271,9 +270,7 @@ class Chain(Value):
     @cached_property
     def in_engine(self) -> Any:
         """The same chain in the engine, which computes its kinematics."""
-        if self.coupled is None:
-            return law.Chain(self.screws, self.home)
-        return law.Chain(self.coupled.screws, self.home, self.coupled.coordinates, self.coupled.ratios)
+        return law.Chain(self.joints.screws, self.home, self.joints.coordinates)
 
     def motions(self, q: Array) -> Array:
         """(m + 1, 4, 4) the motions of the base and of what each joint moves, from where they are at q = 0.
@@ -324,7 +321,7 @@ def shares_coordinate(robot: object) -> Any:
     coupled = robot.coupled if isinstance(robot, Chain) else None
     if coupled is None:
         return False
-    return np.bincount(coupled.coordinates, minlength=len(coupled.coordinates))[: max(coupled.coordinates) + 1] > 1
+    return np.bincount(coupled.coordinates) > 1
 
 
 class CheckedPose(NamedTuple):

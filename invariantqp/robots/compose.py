@@ -79,15 +79,19 @@ def relative(arm: Chain, other: Chain) -> Chain:
     """
     arrays.instance(arm, Chain, "arm", A_CHAIN)
     arrays.instance(other, Chain, "other", A_CHAIN)
-    if other.coupled is not None:
-        raise BadInput("other", "an arm whose joints share a coordinate", "an arm without mimic joints")
     back = se3.inverse(other.home, check=False)
     names = list(_unlike(arm.names, other.names, "other/").values())
     turned = _carried(other, back)
     kept = {name: getattr(turned, name)[::-1] for name in OF_JOINTS}
-    n = len(names)
-    links = tuple(link._replace(body=n - link.body) for link in _renamed(turned.links, arm.links, "other/"))
-    reverse = Chain(-turned.screws[:, ::-1], np.eye(4), names[::-1], **kept, links=links)
+    n, k = len(names), len(turned.joints.coordinates)
+    links = tuple(link._replace(body=k - link.body) for link in _renamed(turned.links, arm.links, "other/"))
+    of = turned.coupled and Coupled(
+        -turned.coupled.screws[:, ::-1],
+        tuple(n - 1 - i for i in turned.coupled.coordinates[::-1]),
+        tuple(k - 1 - i for i in turned.coupled.drivers[::-1]),
+    )
+    more: dict[str, Any] = {"links": links, "coupled": of, "notes": turned.notes}
+    reverse = Chain(-turned.screws[:, ::-1], np.eye(4), names[::-1], **kept, **more)
     return _chain([reverse, _carried(arm, back)], back.dot(arm.home), arm.tool)
 
 
@@ -117,7 +121,7 @@ def _chain(parts: Sequence[Chain], home: Array, tool: str) -> Chain:
     first = 0
     for part in parts:
         links += tuple(link._replace(body=link.body + first) for link in _renamed(part.links, links, "arm/"))
-        first += len(part.names) if part.coupled is None else len(part.coupled.ratios)
+        first += len(part.joints.coordinates)
     notes = tuple(note for part in parts for note in part.notes)
     more: dict[str, Any] = {"links": links, "coupled": _coupled(parts), "notes": notes}
     return Chain(np.hstack([part.screws for part in parts]), home, names, tool=tool, **more, **joined)
@@ -127,14 +131,13 @@ def _coupled(parts: Sequence[Chain]) -> Coupled | None:
     """The joints of all parts, where some of them share a coordinate."""
     if all(part.coupled is None for part in parts):
         return None
-    each, first = [], 0
+    coordinates: list[int] = []
+    drivers: list[int] = []
     for part in parts:
-        m = len(part.names)
-        own = part.coupled or Coupled(part.screws, tuple(range(m)), (1.0,) * m)
-        each.append(own._replace(coordinates=tuple(first + i for i in own.coordinates)))
-        first += m
-    screws, coordinates, ratios = zip(*each, strict=True)
-    return Coupled(np.hstack(screws), sum(coordinates, ()), sum(ratios, ()))
+        m, k = len(drivers), len(coordinates)
+        coordinates += [m + i for i in part.joints.coordinates]
+        drivers += [k + i for i in part.joints.drivers]
+    return Coupled(np.hstack([part.joints.screws for part in parts]), tuple(coordinates), tuple(drivers))
 
 
 def _renamed(links: tuple[Link, ...], taken: tuple[Link, ...], prefix: str) -> tuple[Link, ...]:

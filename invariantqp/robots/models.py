@@ -16,10 +16,22 @@ from numpy.typing import NDArray
 from invariantqp.errors import RobotModelError, UnknownName
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.robots.chain import Chain, Coupled
+from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import UNLIMITED
 from invariantqp.robots.pinocchio import pin
-from invariantqp.robots.tree import NOT_SINGLE, NOWHERE, Mimic, TreeJoint, cannot_move, selected, usual_tools
+from invariantqp.robots.tree import (
+    NOT_SINGLE,
+    NOWHERE,
+    Mimic,
+    TreeJoint,
+    also,
+    cannot_move,
+    coupled_joints,
+    notes_of,
+    resting,
+    selected,
+    usual_tools,
+)
 from invariantqp.robots.urdf import excluded, open_limit
 
 
@@ -27,10 +39,11 @@ def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None)
     """The arm from the root of a `pinocchio.Model`, which is left as it is, to a frame; else as in `load_robot`."""
     arrays.instance(model, pin.Model, "source", "a pinocchio.Model")
     name = f"the model {model.name!r}"
-    if tool is None:
-        tool = _usual_tool(model)
+    tree, drivers = _tree(model), _drivers(model)
+    paths = {frame.name: [tree[i] for i in _support(model, frame)] for frame in model.frames}
+    tools = _usual_tools(model, paths) if tool is None else [tool]
+    tool = tools[0]
     index = _frame(model, tool)
-    drivers = _drivers(model)
     can = {model.names[i]: i for i in _support(model, model.frames[index]) if i not in drivers}
     moving = [can[joint] for joint in selected(name, tool, list(can), list(model.names)[1:], joints)]
     for i in moving:
@@ -39,7 +52,9 @@ def load_model(model: pin.Model, tool: str | None, joints: Sequence[str] | None)
     q = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
     for i in moving:
         q[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] = pin.neutral(model)[model.idx_qs[i] :][: model.nqs[i]]
-    return _chain(model, q, index, moving, [model.names[i] for i in moving])[0]
+    names, path = [model.names[i] for i in moving], [tree[i] for i in _support(model, model.frames[index])]
+    notes = (*also(tools, paths), *notes_of(list(tree.values()), paths, path, names, resting(list(tree.values()))))
+    return _chain(model, q, index, moving, names, notes)[0]
 
 
 def collision_model(robot: Chain) -> pin.GeometryModel:
@@ -82,18 +97,27 @@ def chain_to(model: pin.Model, frame: str) -> tuple[Chain, NDArray[np.intp]]:
     return _chain(model, pin.neutral(model), index, joints, ())
 
 
-def _usual_tool(model: pin.Model) -> str:
-    """The link at the end of the longest chain, or the last one before a hand."""
+def _usual_tools(model: pin.Model, paths: dict[str, list[TreeJoint]]) -> list[str]:
+    """As `usual_tools`; without links the frame at the end of the longest chain."""
+    links = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
+    return usual_tools({name: paths[name] for name in links}) if links else [max(paths, key=lambda k: len(paths[k]))]
+
+
+def _tree(model: pin.Model) -> dict[int, TreeJoint]:
+    """The joints of a model, without their places."""
     links = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
-    if not links:
-        return str(max(model.frames, key=lambda frame: len(_support(model, frame))).name)
     drivers, child = _drivers(model), {frame.parentJoint: frame.name for frame in reversed(links)}
     tree = {}
     for i in range(1, model.njoints):
-        above = model.frames[model.frames[model.getFrameId(model.names[i], pin.FrameType.JOINT)].parentFrame].name
-        mimic = Mimic(model.names[drivers[i]], 1.0, 0.0) if i in drivers else None
-        tree[i] = TreeJoint(model.names[i], "revolute", above, child.get(i, ""), *NOWHERE, mimics=mimic)
-    return usual_tools({frame.name: [tree[i] for i in _support(model, frame)] for frame in links})[0]
+        at = model.getFrameId(model.names[i], pin.FrameType.JOINT)  # a model made by hand may have no such frame
+        above = model.frames[model.frames[at].parentFrame if at < model.nframes else 0].name
+        kind, mimic = "revolute" if model.nvs[i] <= 1 else "floating", None
+        if i in drivers:
+            joint = model.joints[i].extract()
+            mimic = Mimic(model.names[drivers[i]], joint.scaling, joint.offset)
+        limits = (-np.inf, np.inf) if mimic else _limits(model, i)
+        tree[i] = TreeJoint(model.names[i], kind, above, child.get(i, ""), *NOWHERE, *limits, mimics=mimic)
+    return tree
 
 
 def _drivers(model: pin.Model) -> dict[int, int]:
@@ -101,19 +125,13 @@ def _drivers(model: pin.Model) -> dict[int, int]:
     return dict(zip(getattr(model, "mimicking_joints", ()), getattr(model, "mimicked_joints", ()), strict=True))
 
 
-def _coupled(model: pin.Model, J: Array, index: int, joints: Sequence[int], columns: Sequence[int]) -> Coupled | None:
-    """The joints to a frame that move with some joints, whose (6, n) twists are J; None where none mimics."""
-    drivers = _drivers(model)
-    driven = [i for i in _support(model, model.frames[index]) if drivers.get(i, i) in joints]
-    if len(driven) == len(joints):
-        return None
-    # The columns of mimic joints have their ratio already.
-    coordinates = tuple(joints.index(drivers.get(i, i)) for i in driven)
-    return Coupled(J[:, [columns[i] for i in driven]], coordinates, (1.0,) * len(driven))
-
-
 def _chain(
-    model: pin.Model, q: Array, index: int, joints: Sequence[int], names: Sequence[str]
+    model: pin.Model,
+    q: Array,
+    index: int,
+    joints: Sequence[int],
+    names: Sequence[str],
+    notes: tuple[str, ...] = (),
 ) -> tuple[Chain, NDArray[np.intp]]:
     """Joints of a model as screws from its configuration q to a frame, and their tangent indices."""
     data = model.createData()
@@ -128,10 +146,14 @@ def _chain(
     speed = np.where((speed > 0.0) & (speed < UNLIMITED), speed, np.inf)
     tool = model.frames[index].name
     columns = model.idx_vExtendeds if J.shape[1] > model.nv else model.idx_vs
-    at = [column for i in joints for column in range(columns[i], columns[i] + model.nvs[i])]
-    coupled = _coupled(model, J, index, joints, columns)
-    screws = J[:, at] if coupled is None else coupled.columns()
-    return Chain(screws, home, names, lower, upper, speed, tool=tool, places=places, coupled=coupled), moving
+    drivers = _drivers(model)
+    to_frame = ((i, drivers.get(i, i)) for i in _support(model, model.frames[index]))
+    # Each degree of freedom with its driver; the columns of mimic joints have their ratio already.
+    driven = [((i, k), (of, k)) for i, of in to_frame if of in joints for k in range(model.nvs[of])]
+    coordinates = [(i, k) for i in joints for k in range(model.nvs[i])]
+    coupled = coupled_joints(J[:, [columns[i] + k for (i, k), _ in driven]], driven, coordinates)
+    more: dict[str, Any] = {"coupled": coupled if len(driven) > len(moving) else None, "notes": notes}
+    return Chain(coupled.columns(), home, names, lower, upper, speed, tool=tool, places=places, **more), moving
 
 
 def _limits(model: pin.Model, joint: int) -> tuple[float, float]:

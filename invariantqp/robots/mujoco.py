@@ -31,6 +31,7 @@ from invariantqp.robots.tree import (
     excluding,
     followed,
     notes_of,
+    ratio_of,
     resting,
     selected,
     shared_limits,
@@ -86,7 +87,8 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
     place = data.site(tool) if tool in sites else data.body(body)
     arm = [i for i in driven if tree[i].mimics is None]
     lower, upper, _ = zip(*(shared_limits(tree[i], [tree[k] for k in driven], MODEL) for i in arm), strict=True)
-    coupled = coupled_joints(_twists(model, data, body)[:, model.jnt_dofadr[driven]], [tree[i] for i in driven], moving)
+    screws = _twists(model, data, body)[:, model.jnt_dofadr[driven]] * [ratio_of(tree[i]) for i in driven]
+    coupled = coupled_joints(screws, [(names[i], driver_of(tree[i])) for i in driven], moving)
     return Chain(
         coupled.columns(),
         se3.transform(place.xmat.reshape(3, 3), place.xpos),
@@ -97,7 +99,7 @@ def load_mujoco(model: Any, tool: str | None, chosen: Sequence[str] | None) -> C
         places=data.xanchor[arm],
         links=_links(model, data, bodies, paths, driven, paths[body]),
         coupled=coupled if len(driven) > len(arm) else None,
-        notes=(*also(tools, by_name), *notes_of(tree, [tree[i] for i in paths[body]], moving, resting(tree))),
+        notes=(*also(tools, by_name), *notes_of(tree, by_name, [tree[i] for i in paths[body]], moving, resting(tree))),
     )
 
 

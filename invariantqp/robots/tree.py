@@ -8,7 +8,7 @@ Joints that are held contribute a fixed motion: they stand at zero, or at the li
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from math import inf
 from typing import NamedTuple
 
@@ -103,9 +103,8 @@ def chain_to_link(
     driven = [joint for joint in path if driver_of(joint) in moving]
     made = excluding(_links(paths, path, moving, at, parts or {}), apart or {})
     frames = {link.name: link.frame for link in made}
-    screws = np.column_stack([se3.adjoint(frames[joint.child], check=False).dot(joint.screw) for joint in driven])
-    coupled = coupled_joints(screws, driven, moving)
-    shared = len(driven) > len(moving)
+    screws = [ratio_of(joint) * se3.adjoint(frames[joint.child], check=False).dot(joint.screw) for joint in driven]
+    coupled = coupled_joints(np.column_stack(screws), [(joint.name, driver_of(joint)) for joint in driven], moving)
     arm = [joint for joint in driven if not joint.mimics]
     lower, upper, speed = zip(*(shared_limits(joint, driven, name) for joint in arm), strict=True)
     return Chain(
@@ -118,8 +117,8 @@ def chain_to_link(
         tool=tool,
         places=[frames[joint.child][:3, 3] for joint in arm],
         links=made,
-        coupled=coupled if shared else None,
-        notes=(*also(tools, paths), *notes_of(joints, path, moving, at)),
+        coupled=coupled if len(driven) > len(moving) else None,
+        notes=(*also(tools, paths), *notes_of(joints, paths, path, moving, at)),
     )
 
 
@@ -140,10 +139,15 @@ def driver_of(joint: TreeJoint) -> str:
     return joint.mimics.driver if joint.mimics else joint.name
 
 
-def coupled_joints(screws: Array, driven: Sequence[TreeJoint], moving: Sequence[str]) -> Coupled:
-    """The joints that `moving` ones drive, themselves among them, with their screws (6, k) at zero."""
-    coordinates = tuple(moving.index(driver_of(joint)) for joint in driven)
-    return Coupled(screws, coordinates, tuple(joint.mimics.ratio if joint.mimics else 1.0 for joint in driven))
+def ratio_of(joint: TreeJoint) -> float:
+    """By how much a joint moves for a unit of what drives it."""
+    return joint.mimics.ratio if joint.mimics else 1.0
+
+
+def coupled_joints(screws: Array, driven: Sequence[tuple[Hashable, Hashable]], moving: Sequence[Hashable]) -> Coupled:
+    """The k joints that `moving` ones drive, each with its driver, from screws (6, k) for a unit of the driver."""
+    joints = [joint for joint, _ in driven]
+    return Coupled(screws, tuple(moving.index(driver) for _, driver in driven), tuple(map(joints.index, moving)))
 
 
 def shared_limits(joint: TreeJoint, driven: Sequence[TreeJoint], name: str) -> tuple[float, float, float]:
@@ -221,10 +225,14 @@ def also(tools: Sequence[str], paths: dict[str, list[TreeJoint]]) -> tuple[str, 
 
 
 def notes_of(
-    joints: Sequence[TreeJoint], path: Sequence[TreeJoint], moving: Sequence[str], at: dict[str, float]
+    joints: Sequence[TreeJoint],
+    paths: dict[str, list[TreeJoint]],
+    path: Sequence[TreeJoint],
+    moving: Sequence[str],
+    at: dict[str, float],
 ) -> tuple[str, ...]:
-    """What was held still or coupled, in words."""
-    made, above = [], {joint.child: joint for joint in joints}
+    """Which joints were held still, coupled or left out, in words; `path` is that of `paths` to the tool."""
+    made = []
     for joint in joints:
         if joint.kind == "fixed" or joint.name in moving:
             continue
@@ -234,7 +242,7 @@ def notes_of(
             )
         elif joint in path:
             made.append(f"joint {joint.name} is held at {at.get(joint.name, 0.0):g}")
-        elif path and path[-1] in path_to(above, joint.parent, ""):
+        elif path and path[-1] in paths[joint.parent]:
             made.append(f"joint {joint.name} is left out: it moves what hangs on the tool")
     return tuple(made)
 

@@ -20,7 +20,7 @@ def sphere(body, mover, place, radius=0.05):
 def arm(screws):
     m = np.shape(screws)[1]
     free = np.full(m, np.inf)
-    return np.asarray(screws), np.array((np.full(m, 2.0), free, -free, free)), np.zeros(m), False
+    return np.asarray(screws), range(m), np.array((np.full(m, 2.0), free, -free, free)), np.zeros(m), False
 
 
 def snake(m):
@@ -96,6 +96,16 @@ def test_velocity_zero_keeps_the_rows_of_what_is_far_enough_and_at_rest(panda):
     assert asked > 20
 
 
+def test_a_pair_that_is_near_in_half_a_turn_and_not_beyond_it_counts():
+    hinge = np.array([iq.revolute((0, 0, 1), (0, 0, 0))]).T
+    table = np.array([sphere(1, -1, (1, 0, 0)), sphere(0, 0, (0, 0.5, 0), 1.05)])
+    for upper, always in ((np.pi, True), (4.5, False)):
+        limits = np.array([[2.0], [np.inf], [0.0], [upper]])
+        one = law.Clearance(0.02, [(hinge, [0], limits, np.zeros(1), False)], table, [[0, 1, 0]], 1)
+        one.start()
+        assert one.always_near() == ([0] if always else [])
+
+
 def test_nothing_to_keep_apart_has_no_rows():
     empty = np.zeros((0, 19)), np.zeros((0, 3))
     one = law.Clearance(0.02, [arm(snake(3))], *empty)
@@ -136,12 +146,15 @@ def moved(column, by):
 
 
 def wrong_clearances():
-    screws, limits, turns, _ = arm(snake(3))
+    screws, each, limits, turns, _ = arm(snake(3))
     for distance in (-1.0, np.nan, np.inf, "far"):
         yield {"distance": distance}
-    for one in (3, (1, 2), (screws[:, :0], limits[:, :0], turns[:0], False),
-                (screws, limits[:3], turns, False),                (screws, limits, turns[:2], False),
-                (screws * np.nan, limits, turns, False), arm(snake(65))):  # fmt: skip
+    for one in (3, (1, 2), (screws[:, :0], each[:0], limits[:, :0], turns[:0], False),
+                (screws[:, :2], each[:2], limits, turns, False), (screws, (0, 1, 3), limits, turns, False),
+                (screws, (0, -1, 1), limits, turns, False), (screws, (0, 0.5, 1), limits, turns, False),
+                (screws, (0, 1), limits, turns, False), (screws, None, limits, turns, False),
+                (screws, each, limits[:3], turns, False), (screws, each, limits, turns[:2], False),
+                (screws * np.nan, each, limits, turns, False), arm(snake(65))):  # fmt: skip
         yield {"arms": [one, one]}
     yield {"arms": []}
     shifts = ((0, 9.0), (0, 0.5), (0, 1.0), (1, 5.0), (1, -2.0), (2, 3.0), (2, 7.0), (2, -1.0), (3, -1.0), (4, np.nan))

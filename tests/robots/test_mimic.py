@@ -144,11 +144,58 @@ def test_it_is_a_value_and_stands_on_a_rail(palletizer):
     assert palletizer.origins(q).shape == (4, 3)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_one_arm_as_seen_from_another(seed):
+    rng = np.random.default_rng(seed)
+    arm = iq.load_robot(arm_text(rng, {"j2": ("j0", -1.5, 0.1), "j4": ("j7", 0.5, 0.2)}))
+    other = iq.load_robot(arm_text(rng, {"j1": ("j6", 2.0, 0.0), "j5": ("j3", -0.7, -0.1)}))
+    both = iq.robots.relative(arm, other)
+    for _ in range(3):
+        q, p = rng.uniform(-0.8, 0.8, (2, 6))
+        at, back = np.append(p[::-1], q), iq.inverse(other.pose(p))
+        np.testing.assert_allclose(both.pose(at), back @ arm.pose(q), atol=1e-12)
+        np.testing.assert_allclose(both.jacobian(at), numeric(both, at), atol=1e-7)
+        origins = np.vstack((other.origins(p)[::-1], arm.origins(q)))
+        hinges = both.joints.screws[:3, list(both.joints.drivers)].any(axis=0)  # a slide carries its origin
+        np.testing.assert_allclose(both.origins(at)[hinges], origins[hinges] @ back[:3, :3].T + back[:3, 3], atol=1e-12)
+        moved, links = both.motions(at), {link.name: link for link in both.links}
+        for one, position, prefix in ((arm, q, ""), (other, p, "other/")):
+            motions = one.motions(position)
+            for link in one.links:
+                seen = links.get(prefix + link.name, links.get(f"arm/{link.name}"))
+                np.testing.assert_allclose(
+                    moved[seen.body] @ seen.frame, back @ motions[link.body] @ link.frame, atol=1e-12
+                )
+    assert both.notes == other.notes + arm.notes
+
+
+def test_notes_of_a_pinocchio_model_are_those_of_its_file():
+    text = arm_text(np.random.default_rng(4), {"j2": ("j0", -1.5, 0.1)})
+    hand = "".join(
+        f'<link name="{side}"/><joint name="{side}_slide" type="prismatic"><parent link="l8"/><child link="{side}"/>'
+        f'<limit lower="0.1" upper="0.2" effort="1" velocity="1"/>{mimic}</joint>'
+        for side, mimic in (("left", ""), ("right", '<mimic joint="left_slide"/>'))
+    )
+    text = text.replace("</robot>", f"{hand}</robot>")
+    model = pin.buildModelFromXML(text, mimic=True)
+    for tool, joints in ((None, None), ("left", ["j0", "j3", "left_slide"]), ("l4", ["j0", "j1"]), ("l8", ["j1"])):
+        from_file, of_model = (iq.load_robot(source, tool, joints=joints) for source in (text, model))
+        assert from_file.notes
+        assert of_model.notes == from_file.notes
+    bare = pin.Model()
+    for i in range(3):
+        bare.addJoint(i, pin.JointModelRZ(), pin.SE3.Identity(), f"turn{i}")
+    bare.addFrame(pin.Frame("end", 3, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    assert iq.load_robot(bare, "end", joints=["turn0", "turn2"], velocity_limit=1.0).notes == (
+        "joint turn1 is held at 0",
+    )
+    folded = iq.load_robot(pin.buildModelFromXML(text), "l8")
+    assert folded.notes == tuple(
+        f"joint {side}_slide is left out: it moves what hangs on the tool" for side in ("left", "right")
+    )
+
+
 def test_what_cannot_be_is_said(palletizer):
-    with pytest.raises(iq.BadInput, match="share a coordinate"):
-        iq.robots.relative(palletizer, palletizer)
-    with pytest.raises(iq.BadInput, match="share a coordinate"):
-        iq.limits.Clearance(palletizer, bodies={"l1": [iq.limits.Sphere((0, 0, 0), 0.01)]})
     with pytest.raises(iq.BadInput, match="share a coordinate"):
         _ = palletizer.model
     free = arm_text(np.random.default_rng(3), {"j2": ("j0", 1.0, 0.0)})

@@ -26,20 +26,24 @@ function exp(w, v, q) {
   return rigid(x, y, z, series(v.map(x => x / rate), t, rest, t - sine));
 }
 
-// An arm from its screws (6, m), places of its joints (m, 3) and tool pose at q = 0: what is where at joint positions q.
+// An arm from the screws (6, k) of all its joints, the coordinate (k,) that moves each, which of them (m,) the
+// coordinates are named after, places of those (m, 3) and tool pose at q = 0: what is where at joint positions q.
 class Arm {
-  constructor(screws, places, home) {
-    const m = places.length / 3;
-    this.screws = Array.from({ length: m }, (_, i) => [0, 1, 2, 3, 4, 5].map(k => screws[k * m + i]));
+  constructor(screws, coordinates, drivers, places, home) {
+    const n = coordinates.length;
+    this.screws = Array.from({ length: n }, (_, i) => [0, 1, 2, 3, 4, 5].map(k => screws[k * n + i]));
+    Object.assign(this, { coordinates, drivers });
     this.places = triples(places);
     this.home = home.slice(0, 12);
   }
 
   at(q) {
     const before = [STILL];
-    this.screws.forEach((s, i) => before.push(times(before[i], exp(s.slice(0, 3), s.slice(3), q[i]))));
-    const joints = this.places.map((p, i) => act(before[i], p)), tool = times(before[before.length - 1], this.home);
-    const axes = this.screws.map((s, i) => unit(turned(before[i], norm(s.slice(0, 3)) ? s.slice(0, 3) : s.slice(3))));
+    this.screws.forEach((s, i) => before.push(times(before[i], exp(s.slice(0, 3), s.slice(3), q[this.coordinates[i]]))));
+    const joints = this.places.map((p, i) => act(before[this.drivers[i]], p));
+    const tool = times(before[before.length - 1], this.home);
+    const way = s => norm(s.slice(0, 3)) ? s.slice(0, 3) : s.slice(3);
+    const axes = this.drivers.map(i => unit(turned(before[i], way(this.screws[i]))));
     return { motions: before, points: [[0, 0, 0], ...joints, spot(tool)], axes, tool };
   }
 }

@@ -23,7 +23,19 @@ from invariantqp.workbench.view.timeline import FORCE, TRAVEL, Timeline, timelin
 SCRIPTS = ("motion.js", "hardware.js", "painter.js", "charts.js", "player.js")
 # What a page has of a timeline by its own name: as packed arrays, and as it is.
 ARRAYS = ("time", "screws", "places", "home", "travel", "wanted", "q", "limits", "speed", "speed_limit", "force")
-PLAIN = ("joints", "recorded", "slides", "size", "status", "limit_active", "floor", "force_scale", "travel_scale")
+PLAIN = (
+    "joints",
+    "coordinates",
+    "drivers",
+    "recorded",
+    "slides",
+    "size",
+    "status",
+    "limit_active",
+    "floor",
+    "force_scale",
+    "travel_scale",
+)
 
 
 def page(timeline: Timeline, *, live: bool = False) -> str:

@@ -28,7 +28,7 @@ const frameAt = t => {
 
 const state = { t: 0, playing: false, rate: 1 };
 const fixed = name => decoded(first.arrays[name]).data;
-const arm = new Arm(fixed("screws"), fixed("places"), Array.from(fixed("home")));
+const arm = new Arm(fixed("screws"), run.coordinates, run.drivers, fixed("places"), Array.from(fixed("home")));
 // Where the arm is in a frame, whole or between two; of recorded poses alone the tool is all there is.
 const placed = f => {
   if (run.joints.length) return arm.at(between("q", f));

@@ -76,7 +76,8 @@ def _no_arm(tool: Array) -> dict[str, Any]:
     """What a timeline has where poses (k, 4, 4) alone were recorded."""
     empty = {"screws": (6, 0), "places": (0, 3), "q": (len(tool), 0), "limits": (2, 0), "speed_limit": (0,)}
     arm = {name: np.zeros(shape) for name, shape in empty.items()}
-    return {"joints": (), "slides": [], "points": tool[:, None, :3, 3], "home": np.eye(4), **arm}
+    none = dict.fromkeys(("joints", "coordinates", "drivers"), ())
+    return {**none, "slides": [], "points": tool[:, None, :3, 3], "home": np.eye(4), **arm}
 
 
 def _forces(c: Candidate | None, poses: Array, force: Array) -> CurveChart:

@@ -15,7 +15,7 @@ import numpy as np
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.screws import turning
-from invariantqp.robots.chain import Chain
+from invariantqp.robots.chain import Chain, Coupled
 from invariantqp.robots.kinematics import Robot
 from invariantqp.workbench.pictures.charts import (
     FRAMES,
@@ -49,7 +49,9 @@ class Timeline:
     time: Array  # (k,) [s]
     points: Array  # (k, m + 2, 3) base, joints, tool
     tool: Array  # (k, 4, 4) tool poses
-    screws: Array  # (6, m) joint twists at q = 0
+    screws: Array  # (6, n) twists of all joints at q = 0, mimic joints among them
+    coordinates: Sequence[int]  # (n) which of the m moves each
+    drivers: Sequence[int]  # (m) which of the n has its name
     places: Array  # (m, 3) points of the joints at q = 0
     home: Array  # (4, 4) tool pose at q = 0
     appearance: Appearance  # its meshes
@@ -161,13 +163,14 @@ def timeline_before(task: Task) -> Timeline:
 def arm_in(robot: Robot, q: Array) -> dict[str, Any]:
     """What a timeline has of an arm in states q (k, m)."""
     tool, zero = np.array([robot.pose(state) for state in q]), np.zeros(len(robot.names))
-    joints = [robot.origins(state) for state in q]
+    joints, each = [robot.origins(state) for state in q], tuple(range(len(zero)))
+    made_of = robot.joints if isinstance(robot, Chain) else Coupled(robot.jacobian(zero), each, each)
     return {
         "joints": robot.names,
         "slides": (turning(robot.jacobian(q[0])) == 0.0).tolist(),
         "points": np.array([(np.zeros(3), *p, T[:3, 3]) for p, T in zip(joints, tool, strict=True)]),
         "tool": tool,
-        "screws": robot.jacobian(zero),
+        **made_of._asdict(),
         "places": robot.origins(zero),
         "home": robot.pose(zero),
         "q": q,

@@ -12,7 +12,7 @@ from support.views import TASK
 
 import invariantqp as iq
 from invariantqp.workbench.runs.taskfile import task_from
-from invariantqp.workbench.view.timeline import timeline_of
+from invariantqp.workbench.view.timeline import arm_in, timeline_of
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="no selenium; it comes with the extra 'test'")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -112,6 +112,25 @@ def test_the_page_places_the_arm_where_it_is(opened, trace):
     np.testing.assert_allclose(np.reshape(seen["tool"], (3, 4)), timeline.tool[37, :3], atol=1e-6)
     motion = task_from(TASK, "short").load_robot().motions(timeline.q[37])[7]
     np.testing.assert_allclose(np.reshape(seen["motions"][7], (3, 4)), motion[:3], atol=1e-6)
+
+
+def test_the_page_places_an_arm_with_mimic_joints(opened):
+    rows = (("a", "l0", ""), ("b", "l1", '<mimic joint="c" multiplier="-0.5"/>'), ("c", "l2", ""))
+    text = '<robot name="m"><link name="l0"/><link name="l1"/><link name="l2"/><link name="l3"/>' + "".join(
+        f'<joint name="{name}" type="revolute"><parent link="{above}"/><child link="l{i + 1}"/>'
+        f'<origin xyz="0.3 0 0.2"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/>'
+        f"{mimic}</joint>"
+        for i, (name, above, mimic) in enumerate(rows)
+    )
+    robot, q = iq.load_robot(f"{text}</robot>"), np.array([0.3, -0.7])
+    made = arm_in(robot, q[None])
+    names = ("screws", "coordinates", "drivers", "places", "home")
+    given = [np.asarray(made[name]).ravel().tolist() for name in names]
+    seen = opened.execute_script("return new Arm(...arguments[0]).at(arguments[1])", given, q.tolist())
+    np.testing.assert_allclose(seen["points"], made["points"][0], atol=1e-12)
+    np.testing.assert_allclose(np.reshape(seen["tool"], (3, 4)), robot.pose(q)[:3], atol=1e-12)
+    np.testing.assert_allclose(np.reshape(seen["motions"], (-1, 3, 4)), robot.motions(q)[:, :3], atol=1e-12)
+    assert len(seen["axes"]) == 2
 
 
 def test_an_arrow_is_seen_where_the_tool_moves_however_fast_it_was_elsewhere(opened):
