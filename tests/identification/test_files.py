@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from support.recordings import record
 
 import invariantqp as iq
-from invariantqp.identification.recording import read, seconds
+from invariantqp.identification.files import read_recording as read
 
 X, W, _ = record("point", 3, duration=1.0)
 T = np.arange(len(X)) / 100.0
@@ -29,7 +29,7 @@ def test_poses_and_readings_come_back(tmp_path):
     again = read(tmp_path / "a.npz")
     np.testing.assert_array_equal(again.poses, X)
     np.testing.assert_array_equal(again.readings, W)
-    np.testing.assert_allclose(np.diff(seconds(file)), T[1] - T[0], rtol=1e-6)
+    np.testing.assert_allclose(np.diff(file.seconds), T[1] - T[0], rtol=1e-6)
 
 
 @pytest.mark.parametrize("names", ["robot", "q1"])
@@ -49,11 +49,11 @@ def test_columns_that_nothing_is_read_from_are_told(tmp_path):
     header, rows = HEADER.replace("time", "stamp"), np.column_stack((T, POSES, W[:, 3:], W[:, :3], T))
     file = read(written(tmp_path / "a.csv", f"{header},gripper", rows))
     assert file.time is None
-    assert file.unused == ("stamp", "gripper")
-    assert read(written(tmp_path / "b.csv")).unused == ()
+    assert file.unused_columns == ("stamp", "gripper")
+    assert read(written(tmp_path / "b.csv")).unused_columns == ()
     robot = iq.load_robot("ur5")
     np.savez(tmp_path / "q.npz", q=np.zeros((40, 7)), force=W[:40, 3:], moment=W[:40, :3])
-    assert read(tmp_path / "q.npz", robot).unused == ("q7",)
+    assert read(tmp_path / "q.npz", robot).unused_columns == ("q7",)
 
 
 def test_times_in_milliseconds_are_refused(tmp_path):
@@ -71,7 +71,7 @@ LINES = {
     "fx,fy,fz,mx,my,mz\n1,2,3,4,5,six\n": "'six' for mz in sample 0",
     HEADER + "\n": "found no sample; expected one a line",
     HEADER + "\n0,0,0,0,0,0,0,2,1,1,1,1,1,1\n": "a quaternion of length 2 in sample 0",
-    HEADER + "\n1,0,0,0,0,0,0,1,1,1,1,1,1,1\n0,0,0,0,0,0,0,1,1,1,1,1,1,1\n": "time that does not grow after sample 0",
+    HEADER + "\n1,0,0,0,0,0,0,1,1,1,1,1,1,1\n0,0,0,0,0,0,0,1,1,1,1,1,1,1\n": "time that does not increase",
 }
 
 

@@ -167,7 +167,7 @@ def test_smooth_errors_are_as_white_ones_where_they_are_told(kind, told):
         assert identify(X, w, noise=NOISE).kind == truth.kind
         assert identify(X, w, noise=tuple(np.diag(n**2) for n in NOISE)).kind == truth.kind
         return
-    with pytest.raises(NoContactFound, match="say noise= or accuracy=") as caught:
+    with pytest.raises(NoContactFound, match="pass noise= or accuracy=") as caught:
         identify(X, w, kinds=repeats(None, KNOWN))
     assert caught.value.misfit > 2.0
     assert caught.value.nearest
