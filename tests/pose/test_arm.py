@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import invariantqp as iq
-from invariantqp.pose.ik import pose_arm
+from invariantqp.pose.ik import engine_arm
 
 NO_LIMIT = {"time_limit": np.inf}
 UR5 = iq.load_robot("ur5")
@@ -17,16 +17,16 @@ def test_only_hinges_whose_range_holds_a_turn_turn_over():
             iq.se3.prismatic([1, 0, 0]),
         ]
     )
-    wide = pose_arm(iq.robots.Chain(screws, np.eye(4), (), -4.0, 4.0))
+    wide = engine_arm(iq.robots.Chain(screws, np.eye(4), (), -4.0, 4.0))
     turns = np.array([2.0 * np.pi, np.pi, 0.0, 0.0])  # the second screw is twice a unit one
-    np.testing.assert_allclose(wide.inside([5.0, 5.0, 5.0, 5.0]), [5.0 - turns[0], 5.0 - turns[1], 4.0, 4.0])
-    narrow = pose_arm(iq.robots.Chain(screws, np.eye(4), (), -1.5, 1.5))
-    np.testing.assert_array_equal(narrow.inside(np.full(4, -5.0)), np.full(4, -1.5))
+    np.testing.assert_allclose(wide.wrapped([5.0, 5.0, 5.0, 5.0]), [5.0 - turns[0], 5.0 - turns[1], 4.0, 4.0])
+    narrow = engine_arm(iq.robots.Chain(screws, np.eye(4), (), -1.5, 1.5))
+    np.testing.assert_array_equal(narrow.wrapped(np.full(4, -5.0)), np.full(4, -1.5))
 
 
 @pytest.mark.parametrize("q", [[0.0] * 6, [7.0] * 6, [-40.0, 40.0, 3.0, -9.0, 1e3, 6.5]])
 def test_shifts_end_inside_and_move_no_tool(q):
-    inside = pose_arm(UR5).inside(q)
+    inside = engine_arm(UR5).wrapped(q)
     assert (inside >= UR5.position_lower).all()
     assert (inside <= UR5.position_upper).all()
     free = np.array(q)

@@ -357,7 +357,7 @@ def test_time_that_is_over_is_told_from_reach():
     for restarts in (0, 10):
         found = iq.solve_pose(PANDA, beyond(PANDA, 42), time_limit=1e-6, restarts=restarts)
         assert not found.success
-        assert found.reason.startswith("time over: ")
+        assert found.reason.startswith("time limit reached: ")
         assert found.restarts == 0
 
 
