@@ -338,7 +338,7 @@ def solve_pose(
             the tool frame's origin in the base frame, or a `Target` with a point, an axis, or both.
         q0: (m,) start [rad, length], clipped to the limits; None is the middle of the joint range. A start outside the
             limits and two turns from zero, as in degrees, is refused. For a target nearby the first restarts are around
-            q0. Hinges that can turn over end as near to q0 as whole turns bring them. If the target is out of reach, the
+            q0. Hinges that can turn over end as near to q0 as whole turns bring them. Out of reach, the
             solution is the closest pose downhill from q0.
         form: metric of the error. None is diag(L^2 I, I) at the arm's own point, fixed to its last link, with its own
             length L, both in the middle of its range; a pitch h replaces L by |h|; a CarriedMetric, such as
