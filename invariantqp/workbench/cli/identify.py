@@ -68,7 +68,7 @@ def identify(
 ) -> None:
     """Say which contact RECORDING shows, where it is, and what the recording leaves open."""
     from invariantqp.force.sensor import WrenchSensor
-    from invariantqp.identification.files import read_recording
+    from invariantqp.identification.recording_files import read_recording
     from invariantqp.identification.identify import identify as identify_contact
     from invariantqp.workbench.runs.taskfile import load_arm
 
@@ -107,7 +107,7 @@ def identify(
 
 def _frame(text: str) -> Any:
     """(4, 4) of x, y, z, or x, y, z, qx, qy, qz, qw."""
-    from invariantqp.identification.files import POSE_COLUMNS, quaternion_poses
+    from invariantqp.identification.recording_files import POSE_COLUMNS, quaternion_poses
 
     found = numbers("--mount", text)
     if len(found) not in (3, len(POSE_COLUMNS)):

@@ -12,7 +12,7 @@ from invariantqp.force.sensor import WrenchSensor
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.identification.candidate import Candidate
-from invariantqp.identification.files import RecordingFile
+from invariantqp.identification.recording_files import RecordingFile
 from invariantqp.identification.identify import Identification
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of

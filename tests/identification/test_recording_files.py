@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from support.recordings import record
 
 import invariantqp as iq
-from invariantqp.identification.files import read_recording
+from invariantqp.identification.recording_files import read_recording
 
 X, W, _ = record("point", 3, duration=1.0)
 T = np.arange(len(X)) / 100.0
