@@ -186,7 +186,7 @@ def test_every_public_name_is_tried():
 
 
 def called_in_a_tick(kind, name):
-    """Whether a controller calls the method in a tick: one of limits, exact demands or forms, and this is one of them."""
+    """Whether a controller calls the method in a tick, of a limit, an exact demand or a form."""
     return any(
         hasattr(protocol, name)
         and all(hasattr(kind, method) for method in vars(protocol) if not method.startswith("_"))

@@ -18,38 +18,36 @@ struct Arm {
     std::vector<double> plausible_lower, plausible_upper;
     bool calls_python = false;  // kinematics in Python
 
-    Arm(nb::object chain, nb::object state, nb::object lower, nb::object upper, nb::object start_lower,
-        nb::object start_upper, nb::object middle, nb::object start_stride, nb::object full_turn, nb::object point,
-        double length, nb::object tip, double far, nb::object plausible_lower, nb::object plausible_upper)
-        : far(far)
+    // The fields of PoseArm and of this struct by name, and "kinematics", a chain or a function of q.
+    explicit Arm(nb::kwargs given)
     {
         Workspace& w = workspace();
         const Workspace::Frame frame(w);
         Reader read(w);
-        const int m = read.vector(lower, "lower", -1, Numbers::any).n;
+        const int m = read.vector(given["lower"], "lower", -1, Numbers::any).n;
         if (m < 1 || m > MOST_JOINTS)
             refuse("the arm has " + std::to_string(m) + " joints, expected 1 to 64");
-        const auto numbers = [&](nb::handle value, const char* name, Numbers kind = Numbers::finite) {
-            const Vec x = read.vector(value, name, m, kind);
+        const auto numbers = [&](const char* name, Numbers kind = Numbers::finite) {
+            const Vec x = read.vector(given[name], name, m, kind);
             return std::vector<double>(x.begin(), x.end());
         };
-        of.lower = numbers(lower, "lower", Numbers::any), of.upper = numbers(upper, "upper", Numbers::any);
-        of.start_lower = numbers(start_lower, "start_lower"), of.start_upper = numbers(start_upper, "start_upper");
-        of.middle = numbers(middle, "middle"), of.start_stride = numbers(start_stride, "start_stride");
-        of.full_turn = numbers(full_turn, "full_turn");
-        of.point = vec3(read.vector(point, "point", 3)), of.length = length;
-        this->tip = vec3(read.vector(tip, "tip", 3));
-        this->plausible_lower = numbers(plausible_lower, "plausible_lower", Numbers::any);
-        this->plausible_upper = numbers(plausible_upper, "plausible_upper", Numbers::any);
-        if (state.is_none()) {
-            const Chain& arm = nb::cast<const Chain&>(chain);
-            if (arm.size() != m)
+        of.lower = numbers("lower", Numbers::any), of.upper = numbers("upper", Numbers::any);
+        of.start_lower = numbers("start_lower"), of.start_upper = numbers("start_upper");
+        of.middle = numbers("middle"), of.start_stride = numbers("start_stride"), of.full_turn = numbers("full_turn");
+        of.point = vec3(read.vector(given["point"], "point", 3)), of.length = nb::cast<double>(given["length"]);
+        tip = vec3(read.vector(given["tip"], "tip", 3)), far = nb::cast<double>(given["far"]);
+        plausible_lower = numbers("plausible_lower", Numbers::any);
+        plausible_upper = numbers("plausible_upper", Numbers::any);
+        const nb::object kinematics = given["kinematics"];
+        if (nb::isinstance<Chain>(kinematics)) {
+            const Chain& chain = nb::cast<const Chain&>(kinematics);
+            if (chain.size() != m)
                 refuse("the chain has other joints than the limits");
-            of.state = [arm](const double* q, Mat J) { return arm.state(q, J); };
+            of.state = [chain](const double* q, Mat J) { return chain.state(q, J); };
             return;
         }
         calls_python = true;
-        of.state = [state, m](const double* q, Mat J) {
+        of.state = [state = kinematics, m](const double* q, Mat J) {
             Workspace& w = workspace();
             const Workspace::Frame frame(w);
             Reader read(w);
@@ -128,7 +126,6 @@ class Options {
     {
         if (!PyArray_Check(target.ptr()) && nb::hasattr(target, "fields"))
             return towards(partial_target(target.attr("fields"), read));
-        PoseTask found = task;
         const nb::object given =
             PyArray_Check(target.ptr()) ? nb::borrow(target) : nb::steal(PyArray_FROM_O(target.ptr()));
         if (!given.ptr()) {
@@ -140,15 +137,13 @@ class Options {
             at.has_point = true, at.point = vec3(read.vector(given, "target", 3));
             return towards(at);
         }
-        set(found, read.matrix(given, "target", 4, 4).p);
-        check_near(found);
-        return found;
+        return towards(read.matrix(given, "target", 4, 4).p);
     }
     PoseTask towards(const PartialTarget& part) const
     {
-        PoseTask found = task;
         if (!task.exact.empty() || formed)
             refuse("a partial target takes neither a form nor exact demands");
+        PoseTask found = task;
         found.partial_target = part, found.min_singular_value = part.has_axis ? std::min(1.0, found.length) : 1;
         found.target.p = part.has_point ? part.point : arm.tip;
         check_near(found);
@@ -156,8 +151,9 @@ class Options {
     }
     PoseTask towards(const double* H) const
     {
+        check_rigid(H);
         PoseTask found = task;
-        set(found, H);
+        found.target = with_rotation(Pose(H));
         check_near(found);
         return found;
     }
@@ -166,11 +162,6 @@ class Options {
     const Arm& arm;
     const bool formed;
 
-    static void set(PoseTask& task, const double* H)
-    {
-        check_rigid(H);
-        task.target = with_rotation(Pose(H));
-    }
     void check_near(const PoseTask& task) const
     {
         if (norm(task.target.p - arm.tip) > arm.far)
@@ -324,12 +315,12 @@ nb::object descents(const Arm& arm, nb::object targets, nb::object q0, nb::objec
     return found;
 }
 
-template <void (PoseArm::*shift)(double*) const> nb::object shifted(const Arm& arm, nb::object q)
+nb::object wrapped(const Arm& arm, nb::object q)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     const Vec x = Reader(w).vector(q, "q", arm.of.size());
-    (arm.of.*shift)(x.p);
+    arm.of.wrap_into_limits(x.p);
     return array_of(x);
 }
 
@@ -338,19 +329,14 @@ template <void (PoseArm::*shift)(double*) const> nb::object shifted(const Arm& a
 void bind_pose(nb::module_& m)
 {
     nb::set_leak_warnings(false);  // robots that live as long as Python does keep one
-    const auto none = nb::none();
     nb::class_<Arm>(m, "PoseArm", "An arm of pose searches.")
-        .def(nb::init<nb::object, nb::object, nb::object, nb::object, nb::object, nb::object, nb::object, nb::object,
-                      nb::object, nb::object, double, nb::object, double, nb::object, nb::object>(),
-             nb::kw_only(), "chain"_a.none() = none, "state"_a.none() = none, "lower"_a, "upper"_a, "start_lower"_a,
-             "start_upper"_a, "middle"_a, "start_stride"_a, "full_turn"_a, "point"_a, "length"_a, "tip"_a, "far"_a,
-             "plausible_lower"_a, "plausible_upper"_a)
+        .def(nb::init<nb::kwargs>())
         .def("solve", solve, "target"_a, "q0"_a.none(), "options"_a, "Joint positions for a pose (4, 4) or point (3,).")
         .def("solve_many", solve_many, "targets"_a, "q0"_a.none(), "along"_a, "threads"_a, "options"_a,
              "The same for poses (n, 4, 4).")
         .def("descents", descents, "targets"_a, "q0"_a, "velocity_limit"_a, "steps"_a, "options"_a,
              "Joint positions (k, m) for the first k of poses (n, 4, 4), one descent each from the solution before.")
-        .def("wrapped", shifted<&PoseArm::wrap_into_limits>, "q"_a, "q (m,) shifted by whole turns into the limits.");
+        .def("wrapped", wrapped, "q"_a, "q (m,) shifted by whole turns into the limits.");
 }
 
 }  // namespace iq

@@ -74,8 +74,11 @@ class Recording(Compared):
         half, count = size // 2, min(most, n // size)
         at = start + np.linspace(half, n - 1 - half, count).round().astype(int)
         w = np.mean([self.wrench[at + j] for j in range(-half, half + 1)], axis=0)
-        covariances = (np.broadcast_to(N, (count, 6, 6)) for N in (self.pose_noise, self._noise_of_mean(size)))
-        return Samples(at, self.accumulated_rotation[at], self.pose[at], w, *covariances, np.zeros((count, 6, 0)))
+        of_poses, of_wrenches = (
+            np.broadcast_to(N, (count, 6, 6)) for N in (self.pose_noise, self._noise_of_mean(size))
+        )
+        no_compliance, rotation = np.zeros((count, 6, 0)), self.accumulated_rotation[at]
+        return Samples(at, rotation, self.pose[at], w, of_poses, of_wrenches, no_compliance)
 
     def _noise_of_mean(self, size: int) -> Array:
         """(6, 6) covariance of the mean of so many wrenches."""

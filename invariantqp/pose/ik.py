@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 RESTARTS = 300
 # `PoseOutcome` of the engine.
 REACHED, EXACT_REACHED, TIMED_OUT, OUT_OF_REACH = range(4)
-# Number of checked options that are cached, and of searches that are cached with a robot.
-CACHE_SIZE, SEARCH_CACHE_SIZE = 256, 16
+# Number of searches that are cached with a robot.
+SEARCH_CACHE_SIZE = 16
 ROBOT_ATTRIBUTES = ("names", "position_lower", "position_upper", "pose", "jacobian")
 
 
@@ -116,11 +116,12 @@ class PoseSearch:
         self._form = None if form is None else _metric_of(form)
         # ExactTwist demands the whole pose, which is the target without a demand
         self._exact = tuple(one for one in demands_of(exact) if not isinstance(one, ExactTwist))
-        options = tolerance, time_limit, restarts, seed, len(robot.names)
-        try:
-            self._options = _checked_options(*options)
-        except TypeError:  # not hashable
-            self._options = _checked_options.__wrapped__(*options)
+        self._options = (
+            arrays.number(tolerance, "tolerance", "a tolerance in radians and in lengths", positive=True),
+            arrays.number(time_limit, "time_limit", "seconds or inf", positive=True, infinite=True),
+            arrays.count(restarts, "restarts", arrays.MANY),
+            _start_origin(arrays.count(seed, "seed"), len(robot.names)),
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         """All attributes but the engine's arm, which cannot be pickled."""
@@ -267,13 +268,11 @@ def engine_arm(robot: Robot) -> Any:
     J, here, (start_lower, start_upper) = robot.jacobian(mid), robot.pose(mid), joint_ranges(robot)
     own_point, length = centre(J)
     plausible_lower, plausible_upper = no_degrees(robot, J)
-    if type(robot) is Chain:  # a subclass may have other kinematics
-        kinematics: dict[str, Any] = {"chain": robot.in_engine}
-    else:
-        kinematics = {"state": lambda q: (robot.pose(q), robot.jacobian(q))}
+    # a subclass of Chain may have other kinematics
+    kinematics = robot.in_engine if type(robot) is Chain else lambda q: (robot.pose(q), robot.jacobian(q))
     phi = max(np.roots([1.0, *[0.0] * (m - 1), -1.0, -1.0]).real)  # golden ratio in m dimensions: the R-sequence
     return law.PoseArm(
-        **kinematics,
+        kinematics=kinematics,
         lower=robot.position_lower,
         upper=robot.position_upper,
         start_lower=start_lower,
@@ -301,17 +300,10 @@ def _metric_of(form: Form | float) -> CarriedMetric | float:
     return abs(metric.h)
 
 
-@lru_cache(maxsize=CACHE_SIZE, typed=True)
-def _checked_options(
-    tolerance: float, time_limit: float, restarts: int, seed: int, m: int
-) -> tuple[float, float, int, Array]:
-    """Checked options, and the origin (m,) of the sequence of starts, in shares of the range."""
-    return (
-        arrays.number(tolerance, "tolerance", "a tolerance in radians and in lengths", positive=True),
-        arrays.number(time_limit, "time_limit", "seconds or inf", positive=True, infinite=True),
-        arrays.count(restarts, "restarts", arrays.MANY),
-        np.random.default_rng(arrays.count(seed, "seed")).random(m),
-    )
+@lru_cache
+def _start_origin(seed: int, m: int) -> Array:
+    """(m,) origin of the sequence of starts, in shares of the joint range."""
+    return np.random.default_rng(seed).random(m)
 
 
 def solve_pose(

@@ -68,8 +68,8 @@ def identify(
 ) -> None:
     """Say which contact RECORDING shows, where it is, and what the recording leaves open."""
     from invariantqp.force.sensor import WrenchSensor
-    from invariantqp.identification.recording_files import read_recording
     from invariantqp.identification.identify import identify as identify_contact
+    from invariantqp.identification.recording_files import read_recording
     from invariantqp.workbench.runs.taskfile import load_arm
 
     writable("--json", json_file)

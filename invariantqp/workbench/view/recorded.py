@@ -12,8 +12,8 @@ from invariantqp.force.sensor import WrenchSensor
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.identification.candidate import Candidate
-from invariantqp.identification.recording_files import RecordingFile
 from invariantqp.identification.identify import Identification
+from invariantqp.identification.recording_files import RecordingFile
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of
 from invariantqp.workbench.pictures.charts import FRAMES, ORANGE, SKY, CurveChart, frame_ends
