@@ -89,7 +89,7 @@ class Samples(NamedTuple):
         w = -matvec(B, self.wrench)
         noise = propagate(A, self.pose_noise)
         m, f = skew(w[:, :3]), skew(w[:, 3:])
-        by_pose = -np.concatenate((np.concatenate((m, f), -1), np.concatenate((f, np.zeros_like(f)), -1)), -2)
+        by_pose = -np.block([[m, f], [f, np.zeros_like(f)]])
         wrench_noise = propagate(B, self.wrench_noise) + propagate(by_pose, noise)
         return self._replace(
             pose=inverse(self.pose),
@@ -123,9 +123,7 @@ class Fit(NamedTuple):
     base: Array  # (4, 4) A
     tool: Array  # (4, 4) B
     parameters: Array  # (e,) curvature or pitch
-    information: (
-        Array  # (12 + e, 12 + e) inverse covariance of the twists of A and B, in their own axes, and parameters
-    )
+    information: Array  # (12 + e, 12 + e) inverse covariance of the twists of A and B in their own axes, and parameters
     pose_misfit: float  # root mean square of the pose residuals, in standard deviations of their noise
     wrench_misfit: float  # likewise of the free moments; 0 if the kind has none
     friction_misfit: float  # likewise of side forces across the slide, in LATERAL_FRICTION of the force; or 0
@@ -156,21 +154,21 @@ def fit(model: Model, samples: Samples, start: InitialGuess, tolerance: float = 
     friction = lateral_forces(samples, start[1][:3, 3]) if model.is_unilateral else None
     state = _state(model, samples, friction, *start, np.zeros(samples.compliance_jacobian.shape[-1]), zero, zero)
     damping, count, cost = MARQUARDT, sum(e.size for e, *_ in state.rows.values()), inf
-    accepted, near = None, MARQUARDT**2  # the last state with corrected poses, and the damping there
+    accepted, fine_damping = None, MARQUARDT**2  # the last state with corrected poses, and the damping there
     free = np.pad(gauge(model.kind, start[2]), ((0, samples.compliance_jacobian.shape[-1]), (0, 0)))
     for step in range(MAX_ITERATIONS):
-        H, g, now = _normal_equations(state)
-        before, cost = cost, now
+        H, g, squares = _normal_equations(state)
+        before, cost = cost, squares
         # Nearly linear: poses are corrected, and steps that make it worse are undone. Far from a solution to linearise
         # about corrected poses would diverge.
-        if accepted is not None or now < SIGMAS**2 * count:
-            if accepted is None or now < accepted[-1] * (1.0 + sqrt(CONVERGENCE)):  # new corrections may raise it
-                accepted, near = (state, H, g, now), max(0.1 * near, MARQUARDT**2)
+        if accepted is not None or squares < SIGMAS**2 * count:
+            if accepted is None or squares < accepted[-1] * (1.0 + sqrt(CONVERGENCE)):  # new corrections may raise it
+                accepted, fine_damping = (state, H, g, squares), max(0.1 * fine_damping, MARQUARDT**2)
             else:
-                near = max(100.0 * near, MARQUARDT)
-                state, H, g, now = accepted
-            delta = _step(H, g, near, free)
-            if -float(delta.dot(g)) < tolerance + 1e-9 * now or near > 1.0:
+                fine_damping = max(100.0 * fine_damping, MARQUARDT)
+                state, H, g, squares = accepted
+            delta = _step(H, g, fine_damping, free)
+            if -float(delta.dot(g)) < tolerance + 1e-9 * squares or fine_damping > 1.0:
                 break
             corrections = {name: -matvec(K, e + J @ delta) for name, (e, J, _, K) in state.rows.items()}
             xi, omega = corrections["poses"], corrections.get("moments", zero)

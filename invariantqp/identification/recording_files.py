@@ -38,7 +38,7 @@ class RecordingFile(NamedTuple):
     q: Array | None  # (n, m), or None if poses were recorded
     poses: Array  # (n, 4, 4) of the tool frame
     readings: Array  # (n, 6) (m; f) in the sensor frame
-    unused_columns: tuple[str, ...] = ()
+    unused_columns: tuple[str, ...]
 
     @property
     def seconds(self) -> Array:

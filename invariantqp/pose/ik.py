@@ -220,10 +220,10 @@ class PoseSearch:
         if isinstance(demand, ExactJoints):
             remedy = "A Controller takes demands on joint velocities."
             raise BadInput("exact", "ExactJoints", "demands on the pose", remedy)
-        robot, wanted = self._robot, self._robot.target(target)
+        robot, goal = self._robot, self._robot.target(target)
 
         def rows(q: Array) -> tuple[Array, Array]:
-            found = demand.rows(View(robot, robot.sight(q, wanted), wanted, 1.0, np.zeros(6)))
+            found = demand.rows(View(robot, robot.sight(q, goal), goal, 1.0, np.zeros(6)))
             return np.asarray(found.A), np.asarray(found.b)
 
         return rows
