@@ -60,6 +60,8 @@ UNDETERMINED = 10.0
 MIN_PROGRESS = 0.1
 # Normals tried over the half sphere: 16 degrees apart.
 NORMAL_COUNT = 80
+# Divisor in place of zero.
+TINY = 1e-300
 # Rotation of the tool [rad] below which it has no axis of rotation, and the slide is taken for it.
 MIN_ROTATION = 1e-2
 
@@ -113,7 +115,7 @@ class Samples(NamedTuple):
         at_tip = np.concatenate((-skew(tip), np.eye(3)), axis=1)
         noise = np.trace(propagate(at_tip, self.pose_noise[inner]), axis1=1, axis2=2) / 3.0
         confidence = speed * speed / (speed * speed + SIGMAS**4 * 2.0 * noise)
-        return inner, v / np.maximum(speed, 1e-300)[:, None], confidence
+        return inner, v / np.maximum(speed, TINY)[:, None], confidence
 
 
 class Fit(NamedTuple):
@@ -316,7 +318,7 @@ def _inefficiency(w: Array) -> float:
     """1 + 2 sum of the autocorrelations of white residuals (n, r) up to the first that is not positive."""
     square, total = float((w * w).sum()), 1.0
     for k in range(1, len(w)):
-        correlation = float((w[k:] * w[:-k]).sum()) / max(square, 1e-300)
+        correlation = float((w[k:] * w[:-k]).sum()) / max(square, TINY)
         if correlation <= 0.0:
             break
         total += 2.0 * correlation

@@ -27,7 +27,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
 from invariantqp.geometry.linear import orthogonal
 from invariantqp.identification.candidate import Candidate, candidate
-from invariantqp.identification.fit import Samples, fit
+from invariantqp.identification.fit import TINY, Samples, fit
 from invariantqp.identification.hypotheses import MISFIT, Hypothesis, is_explained, tested_kinds
 from invariantqp.identification.models import MODELS
 from invariantqp.identification.recording import MIN_SAMPLES, Recording, recording
@@ -382,7 +382,7 @@ def _excitation(candidate_: Candidate, samples: Samples) -> tuple[int, int, Arra
     free = orthogonal(np.asarray(np.linalg.solve(root, W @ pushed))) if pushes else np.eye(6)  # columns root' t
     still = free @ orthogonal(free.T @ root.T @ S @ moved) if moves else free
     unexcited = adjoint(frames[middle]) @ np.linalg.solve(root.T, still)
-    return moves, pushes, unexcited / np.maximum(np.linalg.norm(unexcited, axis=0), 1e-300)
+    return moves, pushes, unexcited / np.maximum(np.linalg.norm(unexcited, axis=0), TINY)
 
 
 def _above_noise(moment: Array, noise: Array) -> tuple[int, Array]:
