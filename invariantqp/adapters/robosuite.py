@@ -102,7 +102,7 @@ class InvariantPose(PartController):  # type: ignore[misc]
 
     name = PART
     _pose: Array  # (4, 4) of the target
-    _velocity: Array  # (3,) of the target's position [m/s]
+    _target_velocity: Array  # (3,) of the target's position [m/s]
     _press: float  # [N]
     _commanded: Array  # (m,) joint positions
 
@@ -153,18 +153,18 @@ class InvariantPose(PartController):  # type: ignore[misc]
         pose[:3, 3] = goal[:3]
         if goal[9] > 0.0 and self._press <= 0.0:
             self.hybrid.reset()
-        self._pose, self._velocity, self._press = pose, goal[6:9], float(goal[9])
+        self._pose, self._target_velocity, self._press = pose, goal[6:9], float(goal[9])
 
     def reset_goal(self) -> None:
         """Set the current pose as the target, without a press."""
         self.update(force=True)
-        self._pose, self._velocity, self._press = self._tool(), np.zeros(3), 0.0
+        self._pose, self._target_velocity, self._press = self._tool(), np.zeros(3), 0.0
         self._commanded = self.joint_pos.copy()
 
     def run_controller(self) -> Array:
         """(m,) torques of one step of the simulator."""
         self.update()
-        q, feedforward = self.joint_pos, np.concatenate((np.zeros(3), self._velocity))
+        q, feedforward = self.joint_pos, np.concatenate((np.zeros(3), self._target_velocity))
         load = np.zeros(self.joint_dim)
         if self._press > 0.0:
             reading = np.concatenate([self._read(name) for name in ("force_ee", "torque_ee")])
@@ -176,7 +176,7 @@ class InvariantPose(PartController):  # type: ignore[misc]
         else:
             self.solution = self.free.step(q, self._pose, feedforward)
         self._pose = self._pose.copy()
-        self._pose[:3, 3] += self.free.dt * self._velocity
+        self._pose[:3, 3] += self.free.dt * self._target_velocity
         velocity = self.solution.velocity
         # In free motion joints track their commanded positions; in contact the press determines their positions.
         commanded = q if load.any() else self._commanded + self.free.dt * velocity
