@@ -1,7 +1,7 @@
 """Task-space velocity control of robot arms whose answers do not depend on frames or length units.
 
-Here are the names that most scripts use, and the namespaces that have the others: `dir(invariantqp)`. What the package
-contains besides is its own. Names are loaded when first used: importing it loads neither Pinocchio nor a solver.
+`dir(invariantqp)` lists the names that most scripts use, and the namespaces of the others; anything else is private.
+Names are imported on first use: importing the package loads neither Pinocchio nor a solver.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""The command `invariantqp`, and `python -m invariantqp`; without the extra `cli`, one line that says so."""
+"""The command `invariantqp`, and `python -m invariantqp`; it needs the extra `cli`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from invariantqp.extras import require
 
 
 def main() -> None:
-    """Run the command line, if it is installed."""
+    """Run the command line, or say how to install it."""
     try:
         require("cli", "typer", "rich")
     except MissingExtra as error:

@@ -1,7 +1,7 @@
 """The compiled engine, `law`: the module invariantqp._core.
 
-A Python that is started in a folder with the sources imports these, not an installed package; if they were not compiled
-there, an ImportError says so.
+Python started in the folder of the sources imports these, not an installed package; an ImportError says if they were
+not compiled there.
 """
 
 from __future__ import annotations
@@ -16,15 +16,9 @@ NOT_BUILT = (
 )
 
 
-def _imported(name: str) -> ModuleType:
-    """A compiled module of this package."""
-    try:
-        return import_module(name)
-    except ImportError as error:  # none was built, or one for another machine
-        raise ImportError(NOT_BUILT.format(folder=Path(__file__).parents[1], error=error)) from None
-
-
-# The engine: the velocity law of velocity/definition.py, and everything that ticks.
-law: ModuleType = _imported("invariantqp._core")
-# There is no other: the package always has it.
+try:
+    law: ModuleType = import_module("invariantqp._core")
+except ImportError as _error:  # not compiled, or for another machine
+    raise ImportError(NOT_BUILT.format(folder=Path(__file__).parents[1], error=_error)) from None
+# Fixed public name: there is no other engine.
 native = True

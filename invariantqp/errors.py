@@ -1,8 +1,7 @@
-"""Every error this library raises: what was found, what was expected, what to do next.
+"""The errors of this library: what was found, what was expected, what to do.
 
-`InvariantQPError` is the base. Each subclass keeps its evidence as attributes and builds its own message, so a
-handler can read numbers instead of parsing text. Errors can be pickled and copied, message and attributes with them, so
-they cross from a worker process to the one that waits for it.
+`InvariantQPError` is the base. Each subclass has its values as attributes and builds its message of them. Errors can be
+pickled and copied with message and attributes, so they cross process boundaries.
 """
 
 from __future__ import annotations
@@ -35,28 +34,27 @@ __all__ = [
     "UnknownName",
 ]
 
-# No argument takes more of a message than this: a line.
+# Most characters of an argument in a message.
 LONGEST_EXCERPT = 80
 _SHORT = reprlib.Repr()
 _SHORT.maxother = _SHORT.maxstring = LONGEST_EXCERPT
 
-# Numbers below this are written as 0 in sentences: in unit vectors, and in lengths in any unit of a machine,
-# they are rounding.
+# Numbers below this are rounding in unit vectors and lengths, and are written as 0.
 WRITTEN_ZERO = 1e-9
 
 
 def written(x: float, digits: int = 4) -> str:
-    """A number for a sentence, without the noise of rounding."""
+    """A number as text, without rounding errors."""
     return f"{0.0 if abs(x) < WRITTEN_ZERO else x:.{digits}g}"
 
 
 def listed(numbers: Iterable[float], digits: int = 4) -> str:
-    """Numbers for a sentence."""
+    """Numbers as text, separated by commas."""
     return ", ".join(written(x, digits) for x in numbers)
 
 
 def excerpt(value: object) -> str:
-    """An argument for a message: its repr on one short line."""
+    """The repr of an argument, on one short line."""
     try:
         text = " ".join(_SHORT.repr(value).split())
     except Exception:  # noqa: BLE001 (an int of 5 000 digits has no repr, nor have objects whose own fails)
@@ -68,28 +66,26 @@ class InvariantQPError(Exception):
     """Base of every error raised by invariantqp."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """How to make the error again: from its message and attributes, since its arguments are not kept."""
+        """Restored from its message and attributes, since it does not keep the arguments of `__init__`."""
         return _restore, (type(self), self.args, vars(self))
 
 
 def _restore(kind: type[InvariantQPError], args: tuple[Any, ...], attributes: dict[str, Any]) -> InvariantQPError:
-    """An error as it was, without calling its own `__init__`."""
+    """An error of this message and these attributes, without calling its `__init__`."""
     error = kind.__new__(kind)
-    super(InvariantQPError, error).__init__(*args)  # ValueError's, KeyError's or ImportError's: they keep the message
+    super(InvariantQPError, error).__init__(*args)  # ValueError, KeyError and ImportError keep the message
     vars(error).update(attributes)
     return error
 
 
 class BadInput(InvariantQPError, ValueError):
-    """An argument is not what its function takes: another kind or shape, NaN, or out of range.
-
-    Docstrings say what is taken; they name this error where that is not all.
+    """An argument has a wrong type, shape or value, or is not finite.
 
     Attributes:
-        argument: the name of the offending argument.
+        argument: the name of the argument.
         found: what was given, in words.
-        expected: what would have been accepted.
-        remedy: what to do next.
+        expected: what is accepted.
+        remedy: what to do; "" if that is clear.
     """
 
     def __init__(self, argument: str, found: str, expected: str, remedy: str = "") -> None:
@@ -105,15 +101,12 @@ class NoPseudoinverse(InvariantQPError):
     """No h-pseudoinverse: the Gram matrix, J'Q_h J or W'Q_h^-1 W, has lost rank ([DS] Theorems 2.2 and 3.1).
 
     Attributes:
-        h: the pitch given [length].
+        h: the given pitch [length].
         rank: rank of J, or of the wrenches W.
-        gram_rank: rank of the Gram matrix, as far as rounding leaves it; equal to `rank` where the columns are
-            so nearly dependent that rounding decides, whatever h is.
-        self_reciprocal: (6,) unit screw z of the system that the form pairs to zero with all of it, the proof; a twist
-            in the span of J, or Q_0 w for a wrench w in the span of W. Where gram_rank = rank, the screw that the
-            columns hardly reach.
-        principal_pitches: (k',) every pitch at which the pseudoinverse fails, nearest to h first; empty when it
-            fails at all of them.
+        gram_rank: numerical rank of the Gram matrix; equal to `rank` if the columns are dependent up to rounding.
+        self_reciprocal: (6,) unit screw z of the system that is Q_h-orthogonal to all of it: a twist in the span of J,
+            or Q_0 w for a wrench w in the span of W. If gram_rank = rank, the smallest singular direction.
+        principal_pitches: (k',) all pitches without a pseudoinverse, nearest to h first; empty if no pitch has one.
     """
 
     def __init__(self, h: float, rank: int, gram_rank: int, self_reciprocal: Array, principal_pitches: Array) -> None:
@@ -125,7 +118,7 @@ class NoPseudoinverse(InvariantQPError):
         super().__init__(self._message(listed(self_reciprocal)))
 
     def _message(self, z: str) -> str:
-        """What to say, of the screw in words."""
+        """The message, for the screw z as text."""
         remedy = self._elsewhere or (
             "No h works for this system: use Complement(Z) to say what may be given up, or CarriedMetric(matrix, pose)"
         )
@@ -141,7 +134,7 @@ class NoPseudoinverse(InvariantQPError):
 
     @property
     def _elsewhere(self) -> str:
-        """What to do where some h works; "" where none does."""
+        """The remedy if some h works; "" if none does."""
         pitches = listed(self.principal_pitches, 6)
         return f"Choose h away from the principal pitches ({pitches})" if pitches else ""
 
@@ -164,7 +157,7 @@ class NoPolarDecomposition(NoPseudoinverse):
 
 
 class NoProjectors(NoPseudoinverse):
-    """S meets its h-reciprocal, so no projectors split twists along the two ([DS] Sect. 6.1, Theorem 3.1).
+    """No dual projectors: S intersects its h-reciprocal ([DS] Sect. 6.1, Theorem 3.1).
 
     Attributes:
         system: the Gibson-Hunt type of S, in words.
@@ -200,11 +193,11 @@ class BlindSystem(InvariantQPError):
 
 
 class NoContactFound(InvariantQPError):
-    """No kind of contact explains a recording, or nothing is touched, or more than one kind explains it.
+    """No kind of contact explains a recording, more than one does, or there is no contact force.
 
     Attributes:
-        nearest: the kind that is off least; "" where nothing is touched or several kinds are left.
-        misfit: by how many times the noise it is off.
+        nearest: the kind with the smallest misfit; "" without a contact force or with several kinds.
+        misfit: its root mean square residual, in standard deviations of the noise.
     """
 
     def __init__(self, what: str, nearest: str = "", misfit: float = 0.0) -> None:
@@ -214,16 +207,16 @@ class NoContactFound(InvariantQPError):
 
 
 class RobotModelError(InvariantQPError):
-    """A robot could not be loaded, or its tool or joints are not as required."""
+    """A robot cannot be loaded, or has not the required tool or joints."""
 
 
 class UnknownName(RobotModelError, KeyError):
-    """A name (robot, frame, joint, task, back end) is not known; the near ones are listed.
+    """An unknown name of a robot, frame, joint, task or back end.
 
     Attributes:
-        kind: what was looked up.
-        name: the name given.
-        near: known names like it.
+        kind: the kind of name.
+        name: the given name.
+        near: known names that are similar.
     """
 
     def __init__(self, kind: str, name: str, near: Sequence[str], known: Sequence[str]) -> None:
@@ -239,7 +232,7 @@ class UnknownName(RobotModelError, KeyError):
 
 
 class TaskFileError(InvariantQPError):
-    """A task file does not decode; every problem is listed with its path.
+    """A task file is invalid; every problem is listed with its path.
 
     Attributes:
         source: the file.
@@ -254,12 +247,12 @@ class TaskFileError(InvariantQPError):
 
 
 class MissingExtra(InvariantQPError, ImportError):
-    """An optional dependency is not installed; says how to install it.
+    """An optional dependency is not installed.
 
     Attributes:
-        what: the package that is missing.
-        extra: the extra of this package that brings it.
-        install: the command that installs what the extra brings.
+        what: the missing package.
+        extra: the extra of this package that contains it.
+        install: the command that installs the extra.
     """
 
     def __init__(self, what: str, extra: str) -> None:
@@ -270,21 +263,21 @@ class MissingExtra(InvariantQPError, ImportError):
 
 
 def install_command(extra: str) -> str:
-    """The command that installs what an extra brings, wherever this package itself came from."""
+    """The command that installs the packages of an extra, without an index that has this package."""
     try:
         requirements = metadata.requires("invariantqp") or []
-    except metadata.PackageNotFoundError:  # the sources alone, on the path
+    except metadata.PackageNotFoundError:  # sources that were not installed
         requirements = []
-    brought = [f"'{name}'" for name in _brought_by(extra, requirements)]
-    return " ".join(["pip install", *(brought or [f"'.[{extra}]'"])])
+    packages = [f"'{name}'" for name in _packages_of(extra, requirements)]
+    return " ".join(["pip install", *(packages or [f"'.[{extra}]'"])])
 
 
-def _brought_by(extra: str, requirements: list[str]) -> Iterator[str]:
-    """What an extra requires, and what the extras require that it names."""
+def _packages_of(extra: str, requirements: list[str]) -> Iterator[str]:
+    """The packages of an extra, and of the extras that it names."""
     for name, _, marker in (text.partition(";") for text in requirements):
         if re.search(rf"extra *== *.{extra}\b", marker):
             extras = re.fullmatch(r"invariantqp\[(.+)\]", name.strip())
             if extras is None:
                 yield name.strip()
             for each in extras[1].split(",") if extras else ():
-                yield from _brought_by(each, requirements)
+                yield from _packages_of(each, requirements)

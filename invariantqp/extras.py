@@ -1,4 +1,4 @@
-"""Libraries that are installed on request: required before any work is done with them."""
+"""Checks for the optional dependencies of the package's extras."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from invariantqp.errors import MissingExtra
 
 
 def require(extra: str, *packages: str) -> None:
-    """Refuse, with `MissingExtra`, to begin what needs packages of an extra that are not installed."""
+    """Raise `MissingExtra` if one of these packages of an extra is not installed."""
     for package in packages:
         if not is_installed(package):
             raise MissingExtra(package, extra)
@@ -18,10 +18,10 @@ def require(extra: str, *packages: str) -> None:
 
 @contextmanager
 def optional(extra: str, what: str) -> Iterator[None]:
-    """A block that imports what an extra brings, under the name `what`.
+    """A block that imports the package `what` of an extra.
 
     Raises:
-        MissingExtra: it is not installed, or cannot be loaded: that error is its cause.
+        MissingExtra: the package is not installed, or cannot be loaded; that error is then its cause.
     """
     try:
         yield
@@ -35,5 +35,5 @@ def is_installed(package: str) -> bool:
     """Whether a package can be found, without importing it."""
     try:
         return find_spec(package) is not None
-    except (ModuleNotFoundError, ValueError):  # ValueError: a module that hides where it comes from
+    except (ModuleNotFoundError, ValueError):  # ValueError: a loaded module without __spec__
         return False

@@ -1,9 +1,9 @@
-"""Public names that are loaded when first used (PEP 562), so that importing a namespace costs nothing.
+"""Lazy imports of public names (PEP 562), so that importing a namespace loads nothing else.
 
     if TYPE_CHECKING or not loaded_on_use(__name__):
         from invariantqp.systems.subspaces import reciprocal as reciprocal
 
-Type checkers, editors and the import contract read these imports as any other; `loaded_on_use` reads them as text.
+Type checkers, editors and the import contract read these imports as usual; `loaded_on_use` reads them as text.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from typing import Any
 
 
 def loaded_on_use(module: str) -> bool:
-    """Give a module the names that its source imports as themselves: `__getattr__`, `__dir__`, `__all__`, and contents.
+    """Define `__getattr__`, `__dir__`, `__all__` and a table of contents from the `import x as x` lines of a module.
 
-    A name that is imported from the module itself is a module below it, and not in `__all__`. No file of a package may
-    be called as one of its names: whoever imports the file makes it an attribute of the package.
+    A name imported from the module itself is a submodule, and not in `__all__`. No file of a package may have the name
+    of one of its public names, since its import would replace that attribute.
 
     Returns:
-        False where there is no source to read, in a program that was frozen: then the imports have to be made at once.
+        False if there is no source, as in a frozen program: the imports are then made at once.
     """
     namespace = vars(sys.modules[module])
     try:
@@ -47,9 +47,9 @@ def loaded_on_use(module: str) -> bool:
 
 
 def contents(home_of: dict[str, str]) -> str:
-    """What a namespace has, for `help`: a line for each file, with the names that are in it."""
+    """The table of contents of a namespace for `help`: a line for each file, with its names."""
     by_home: dict[str, list[str]] = {}
     for name, home in home_of.items():
         by_home.setdefault(home, []).append(name)
     lines = [f"    {home}: {', '.join(names)}" for home, names in by_home.items()]
-    return "\n".join(["Its names, by where they are:", "", *lines])
+    return "\n".join(["Names, by file:", "", *lines])

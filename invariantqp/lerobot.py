@@ -1,4 +1,4 @@
-"""LeRobot's kinematics class and its action chunks on a `Follower`: `invariantqp.adapters.lerobot`."""
+"""LeRobot's kinematics class, and its action chunks on a `Follower`, see `invariantqp.adapters.lerobot`."""
 
 from invariantqp.adapters.lerobot import ActionFollower, RobotKinematics
 

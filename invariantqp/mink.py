@@ -1,4 +1,4 @@
-"""mink's frame task, measured at one physical point of the tool: `invariantqp.adapters.mink`."""
+"""mink's frame task with the error at a physical point of the tool, see `invariantqp.adapters.mink`."""
 
 from invariantqp.adapters.mink import InvariantFrameTask
 

@@ -1,4 +1,4 @@
-"""Pink's frame task, measured at one physical point of the tool: `invariantqp.adapters.pink`."""
+"""Pink's frame task with the error at a physical point of the tool, see `invariantqp.adapters.pink`."""
 
 from invariantqp.adapters.pink import InvariantFrameTask
 

@@ -1,4 +1,4 @@
-"""A part controller for robosuite: `invariantqp.adapters.robosuite`."""
+"""A part controller for robosuite, see `invariantqp.adapters.robosuite`."""
 
 from invariantqp.adapters.robosuite import InvariantPose, controller_config
 

@@ -1,3 +1,5 @@
+"""Class names of the comparison are unique in the package."""
+
 import re
 from collections import defaultdict
 from pathlib import Path
@@ -14,4 +16,6 @@ def test_no_class_of_the_comparison_has_the_name_of_another_class():
             places[name].append(file.relative_to(PACKAGE).as_posix())
     assert len(places) > 100
     shared = {name: files for name, files in places.items() if len(files) > 1}
-    assert {name: files for name, files in shared.items() if any(f.startswith("compare/") for f in files)} == {}
+    assert {
+        name: files for name, files in shared.items() if any(f.startswith("workbench/compare/") for f in files)
+    } == {}

@@ -1,4 +1,4 @@
-"""Errors travel: each class of the package pickles, copies and crosses process pools, message and attributes intact."""
+"""Each error class pickles, copies and crosses process pools with its message and attributes."""
 
 import contextlib
 import copy
@@ -16,8 +16,8 @@ from support.workers import fail
 import invariantqp
 from invariantqp.errors import LONGEST_EXCERPT, BadInput, InvariantQPError, MissingExtra, excerpt
 
-# What a worker that dies while it sends its answer makes the other side wait for: without a limit, for ever.
-PATIENCE_S = 60.0
+# Time limit for a worker that dies while it sends its result.
+TIMEOUT_S = 60.0
 Z = np.arange(6.0)
 EXAMPLES = {
     "InvariantQPError": lambda make: make("something"),
@@ -33,7 +33,7 @@ EXAMPLES = {
     "MissingExtra": lambda make: make("pin-pink", "pink"),
     "SolverFailure": lambda make: make("daqp", "exit flag -1", infeasible=True),
 }
-TRAVELS = {
+COPIES = {
     "copied": copy.copy,
     "deep-copied": copy.deepcopy,
     **{f"pickled {p}": lambda error, p=p: pickle.loads(pickle.dumps(error, p)) for p in range(6)},
@@ -74,19 +74,19 @@ def assert_alike(found, error):
     assert all(same(getattr(found, name), value) for name, value in attributes.items())
 
 
-def test_no_class_is_forgotten_here():
+def test_every_class_is_tested():
     assert set(all_classes()) == set(EXAMPLES)
 
 
-@pytest.mark.parametrize("way", TRAVELS)
+@pytest.mark.parametrize("way", COPIES)
 def test_errors_are_copied_and_pickled(examples, way):
-    travel = TRAVELS[way]
+    travel = COPIES[way]
     for error in examples.values():
         assert_alike(travel(error), error)
         assert_alike(travel(travel(error)), error)
 
 
-def test_notes_travel_too():
+def test_notes_are_pickled():
     error = BadInput("q", "NaN", "numbers")
     error.__notes__ = ["in tick 7"]  # what add_note makes, from Python 3.11 on
     assert pickle.loads(pickle.dumps(error)).__notes__ == ["in tick 7"]
@@ -96,7 +96,7 @@ def test_errors_cross_a_multiprocessing_pool(examples):
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         for error in examples.values():
             with pytest.raises(type(error)) as caught:
-                pool.map_async(fail, [error]).get(PATIENCE_S)
+                pool.map_async(fail, [error]).get(TIMEOUT_S)
             assert_alike(caught.value, error)
 
 
@@ -104,7 +104,7 @@ def test_errors_cross_an_executor(examples):
     """Joblib's own, as `Parallel` would start new processes after each error."""
     with get_reusable_executor(max_workers=1) as pool:
         for error in examples.values():
-            assert_alike(pool.submit(fail, error).exception(PATIENCE_S), error)
+            assert_alike(pool.submit(fail, error).exception(TIMEOUT_S), error)
 
 
 def test_an_error_ends_a_parallel_call(examples):
@@ -115,12 +115,12 @@ def test_an_error_ends_a_parallel_call(examples):
 
 
 @pytest.mark.parametrize("value", [10**5000, "x" * 10_000, np.eye(300), [[1.0] * 100] * 100], ids=type)
-def test_no_argument_floods_a_message(value):
+def test_arguments_in_messages_are_short(value):
     assert len(excerpt(value)) <= LONGEST_EXCERPT + 3
     assert "\n" not in excerpt(value)
 
 
-def test_an_argument_whose_repr_fails_is_told_by_its_type():
+def test_an_argument_whose_repr_fails_is_named_by_its_type():
     class Broken:
         def __repr__(self):
             raise RuntimeError

@@ -1,4 +1,4 @@
-"""Whatever a public function is given, it raises an error of ours that names the argument, or none."""
+"""With any argument a public function succeeds, or raises an error of this package that names it."""
 
 import inspect
 import warnings
@@ -118,8 +118,8 @@ def refused(name, argument, value):
     return caught.value.argument.split("[")[0]
 
 
-def test_no_nan_and_no_other_shape_gets_in():
-    for name, argument, value in ((name, *told) for name, call in CALLS.items() for told in call()[1].items()):
+def test_nan_and_wrong_shapes_are_refused():
+    for name, argument, value in ((name, *one) for name, call in CALLS.items() for one in call()[1].items()):
         given = numbers(value)
         if given is None:
             continue
@@ -185,11 +185,12 @@ def test_every_public_name_is_tried():
     assert words(NOT_CALLED) - public == set()
 
 
-def asked_in_a_tick(kind, name):
-    """Whether a controller asks for it in a tick: a method of limits, exact demands or forms, of which this is one."""
+def called_in_a_tick(kind, name):
+    """Whether a controller calls the method in a tick, of a limit, an exact demand or a form."""
     return any(
-        hasattr(asked, name) and all(hasattr(kind, method) for method in vars(asked) if not method.startswith("_"))
-        for asked in (iq.limits.Limit, iq.control.Exact, iq.forms.Form)
+        hasattr(protocol, name)
+        and all(hasattr(kind, method) for method in vars(protocol) if not method.startswith("_"))
+        for protocol in (iq.limits.Limit, iq.control.Exact, iq.forms.Form)
     )
 
 
@@ -199,7 +200,7 @@ def methods(kind):
         made_here = (getattr(member, "__module__", None) or "").startswith("invariantqp")
         if (
             not name.startswith("_")
-            and not asked_in_a_tick(kind, name)
+            and not called_in_a_tick(kind, name)
             and made_here
             and len(inspect.signature(member).parameters) > 1
         ):

@@ -64,7 +64,7 @@ def test_names_for_type_checkers_are_the_names_at_run_time(name):
 
 
 @pytest.mark.parametrize("name", NAMESPACES)
-def test_help_of_a_namespace_begins_with_its_contents(name):
+def test_help_of_a_namespace_lists_its_contents(name):
     module = import_module(name)
     listed = [
         word
@@ -96,14 +96,14 @@ def test_a_public_name_in_a_namespace_is_the_one_at_the_top():
 
 
 @pytest.mark.parametrize("name", NAMESPACES)
-def test_no_file_of_a_package_is_called_as_one_of_its_names(name):
+def test_no_file_has_the_name_of_a_public_name(name):
     """Who imports the file would put it where the name is."""
     namespace = import_module(name)
     files = {module.name for module in iter_modules(getattr(namespace, "__path__", []))}
     assert files.isdisjoint(namespace.__all__)
 
 
-def test_namespaces_load_nothing_foreign_the_algebra_numpy_alone_and_a_loop_no_extra():
+def test_namespaces_import_nothing_algebra_numpy_alone_and_a_loop_no_extra():
     """One after the other in one process: what is loaded stays."""
     said = f"print([m for m in {FOREIGN} if m in sys.modules])\n"
     algebra = (
@@ -165,7 +165,7 @@ def listed(extra):
             yield requirement
 
 
-def test_what_to_install_is_what_the_extra_brings():
+def test_the_install_command_lists_the_packages_of_the_extra():
     """No name of this package is in it: a checkout, or an address, is not where pip would look for one."""
     for extra in PROJECT["optional-dependencies"]:
         pip, install, *names = shlex.split(iq.errors.MissingExtra("a package", extra).install)
@@ -173,7 +173,7 @@ def test_what_to_install_is_what_the_extra_brings():
         assert {Requirement(name) for name in names} == {Requirement(name) for name in listed(extra)}
 
 
-def test_sources_that_were_never_installed_name_the_extra(monkeypatch):
+def test_uninstalled_sources_name_the_extra(monkeypatch):
     def nowhere(name):
         raise metadata.PackageNotFoundError(name)
 
@@ -211,7 +211,7 @@ import numpy as np
 """
 # One after another in one process: what is absent for one of them has not been loaded by those before.
 USE_ALL = """import json
-told = {{}}
+found = {{}}
 for name, (use, missing) in {extras}.items():
     absent[:] = missing
     loaded = [package for package in missing if package in sys.modules]
@@ -219,25 +219,25 @@ for name, (use, missing) in {extras}.items():
         exec(use)
     except iq.errors.MissingExtra as error:
         chained = error.__cause__ or (error.__context__ and not error.__suppress_context__)
-        told[name] = [str(error), loaded, bool(chained)]
-print(json.dumps(told))"""
+        found[name] = [str(error), loaded, bool(chained)]
+print(json.dumps(found))"""
 
 
-def test_without_an_extra_its_first_use_says_how_to_install_it():
+def test_without_an_extra_its_first_use_names_the_install_command():
     script = ABSENT.format(absent=[], use=USE_ALL.format(extras=EXTRAS))
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=ELSEWHERE)
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert list(told) == list(EXTRAS)
-    for extra, (said, loaded, chained) in told.items():
+    found = json.loads(done.stdout)
+    assert list(found) == list(EXTRAS)
+    for extra, (said, loaded, chained) in found.items():
         assert said.endswith(f" is not installed. Run: {install_command(extra)}")
         assert (loaded, chained) == ([], False)
 
 
-def test_what_is_installed_and_cannot_be_loaded_says_why():
-    with pytest.raises(iq.errors.MissingExtra, match="Pinocchio") as told, optional("pin", "Pinocchio"):
+def test_a_package_that_cannot_be_loaded_is_the_cause():
+    with pytest.raises(iq.errors.MissingExtra, match="Pinocchio") as caught, optional("pin", "Pinocchio"):
         raise ImportError("libpinocchio.so: no such file")
-    assert str(told.value.__cause__) == "libpinocchio.so: no such file"
+    assert str(caught.value.__cause__) == "libpinocchio.so: no such file"
 
 
 # Every command that an extra is missing for, what is missing, and which extra is named.
@@ -256,7 +256,7 @@ COMMANDS = {
 
 RUN_ALL = """import contextlib, io, json
 from invariantqp.__main__ import main
-told = {{}}
+found = {{}}
 for name, words in {commands}.items():
     sys.argv[1:] = words
     streams = io.StringIO(), io.StringIO()
@@ -264,12 +264,12 @@ for name, words in {commands}.items():
         try:
             main()
         except SystemExit as left:
-            told[name] = [left.code, *(stream.getvalue() for stream in streams)]
-print(json.dumps(told))"""
+            found[name] = [left.code, *(stream.getvalue() for stream in streams)]
+print(json.dumps(found))"""
 
 
 @pytest.mark.parametrize("command_line", [False, True])
-def test_every_command_says_what_it_lacks_before_it_does_any_work(command_line, tmp_path):
+def test_every_command_names_a_missing_package_before_it_works(command_line, tmp_path):
     cases = {name: case for name, case in COMMANDS.items() if (case[1] != "typer") == command_line}
     use = RUN_ALL.format(commands={name: words for name, (words, _, _) in cases.items()})
     script = ABSENT.format(absent=[absent for _, absent, _ in cases.values()], use=use)
@@ -282,7 +282,7 @@ def test_every_command_says_what_it_lacks_before_it_does_any_work(command_line, 
 
 
 @pytest.mark.parametrize("m", [1, 3, 6, 7])
-def test_stated_shapes_are_returned(m):
+def test_documented_shapes_are_returned(m):
     rng = np.random.default_rng(m)
     J, s = rng.normal(size=(6, m)), rng.normal(size=6)
     T = iq.exp(s)

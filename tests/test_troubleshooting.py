@@ -23,7 +23,7 @@ SOURCES.remove(PACKAGE / "force" / "contact_kinds.py")  # its messages are those
 ENTRY = re.compile(r"^- ((?:`[^`]+`(?:, | or )?)+):", flags=re.MULTILINE)
 ENTRIES = [phrase for found in ENTRY.finditer(PAGE) for phrase in re.findall(r"`([^`]+)`", found[1])]
 # Exceptions whose message becomes part of a reason.
-TOLD = {"SolverFailure"}
+IN_REASONS = {"SolverFailure"}
 # The sentences of reasons that are data, "…" for each value in one; those that are values alone say nothing.
 VALUE = re.compile(r"\{[^}]*\}")
 TABLE = {re.sub(r"(…\s*)+…", "…", VALUE.sub("…", text)).strip(" …:;,()") for text in SENTENCES.values()} - {""}
@@ -68,7 +68,7 @@ def reasons(source):
 
     def inside(node):
         """The nodes of the tree but for exceptions, checks, docstrings and what forms are called."""
-        if isinstance(node, ast.Raise) and not (isinstance(node.exc, ast.Call) and called(node.exc) in TOLD):
+        if isinstance(node, ast.Raise) and not (isinstance(node.exc, ast.Call) and called(node.exc) in IN_REASONS):
             return
         if isinstance(node, ast.Call) and called(node) in outside:
             return

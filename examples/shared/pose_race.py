@@ -35,37 +35,37 @@ from invariantqp.workbench.compare.tasks import spec_of
 from invariantqp.workbench.runs.taskfile import LawSpec
 from invariantqp.workbench.runs.trace import distance
 
-# A target (4, 4) and a start (m,) to joint positions (m,), whether they reach the target or not.
+# From a target (4, 4) and a start (m,) to joint positions (m,), which may not reach the target.
 Solver = Callable[[Array, Array], Array]
-# A robot and a time limit [s] to a solver.
-Contestant = Callable[[Robot, float], Solver]
-# Joint positions (m,) to the step (m,) to take from there.
+# From a robot and a time limit [s] to a solver.
+SolverFactory = Callable[[Robot, float], Solver]
+# From joint positions (m,) to the next step (m,).
 Step = Callable[[Array], Array]
 
 ROBOTS = ("panda", "ur5", "xarm7", "kinova", "so101")
 SOLVE_POSE = "invariantqp solve_pose"
-# Largest error of a success [m, rad], and largest time [s]: what a controller at 20 Hz could wait for.
+# Largest error of a success [m, rad], and largest time [s], the period of a controller at 20 Hz.
 TOLERANCE = 1e-6
 TIME_LIMIT = 0.05
 # ik_LM compares 1/2 e'e with its tolerance: this is an error |e| of TOLERANCE.
 LM_TOLERANCE = 0.5 * TOLERANCE**2
-# Steps of one try of a stepping method, and steps after which a try ends if they did not halve the error.
-STEPS, STALLED = 100, 10
-# Targets solved before times are measured, since some modules are imported or compiled at the first use.
+# Most steps of a try of an iterated method, and steps that must halve its error.
+STEPS, STALL_WINDOW = 100, 10
+# Targets solved before times are measured, since the first use imports or compiles modules.
 WARM_UP = 3
 
 
 @dataclass(frozen=True)
 class RaceOutcome:
-    """How one solver did on one robot.
+    """Results of one solver for one robot.
 
     Attributes:
         robot: its name.
         solver: its name.
-        success: share of the targets that it reached, inside the limits and within the time limit.
+        success: share of the targets reached inside the joint limits and within the time limit.
         median_ms: median time for a target, reached or not [ms].
         p99_ms: 99th percentile of that time [ms].
-        outside: number of answers outside the joint limits.
+        outside: number of solutions outside the joint limits.
     """
 
     robot: str
@@ -76,9 +76,9 @@ class RaceOutcome:
     outside: int
 
 
-def contestants() -> dict[str, Contestant]:
-    """The solvers that are installed; ours is the first."""
-    found: dict[str, Contestant] = {SOLVE_POSE: _ours}
+def solver_factories() -> dict[str, SolverFactory]:
+    """The installed solvers by name; ours is the first."""
+    found: dict[str, SolverFactory] = {SOLVE_POSE: _ours}
     if is_installed("roboticstoolbox"):
         found["roboticstoolbox ik_LM (C++)"] = _toolbox
     if is_installed("pink"):
@@ -109,7 +109,7 @@ def race(
     if count < 1:
         raise BadInput("count", str(count), "one target or more")
     outcomes = []
-    field = contestants()
+    field = solver_factories()
     done = 0
     for name in robots:
         robot = load_robot(name)
@@ -118,15 +118,15 @@ def race(
             solve = make(robot, TIME_LIMIT)
             for target, start in problems[:WARM_UP]:
                 solve(target, start)
-            answers, times = [], []
+            solutions, times = [], []
             for target, start in problems:
                 before = perf_counter()
-                answers.append(solve(target, start))
+                solutions.append(solve(target, start))
                 times.append(perf_counter() - before)
                 done += 1
                 if progress is not None:
                     progress(done, count * len(robots) * len(field))
-            outcomes.append(_judged(robot, name, solver, problems, answers, np.array(times)))
+            outcomes.append(_outcome(robot, name, solver, problems, solutions, np.array(times)))
     return outcomes
 
 
@@ -143,18 +143,20 @@ def _problems(robot: Robot, count: int, at_limits: int, rng: np.random.Generator
     return problems
 
 
-def _judged(
-    robot: Robot, name: str, solver: str, problems: list[tuple[Array, Array]], answers: list[Array], times: Array
+def _outcome(
+    robot: Robot, name: str, solver: str, problems: list[tuple[Array, Array]], solutions: list[Array], times: Array
 ) -> RaceOutcome:
-    """The outcome according to our own check of every answer, whatever the solver said about it."""
-    inside = np.array([bool((robot.position_lower <= q).all() and (q <= robot.position_upper).all()) for q in answers])
-    met = np.array(
-        [max(distance(robot.pose(q), target)) <= TOLERANCE for q, (target, _) in zip(answers, problems, strict=True)]
+    """The outcome by our own check of every solution, whatever the solver reports."""
+    inside = np.array(
+        [bool((robot.position_lower <= q).all() and (q <= robot.position_upper).all()) for q in solutions]
+    )
+    reached = np.array(
+        [max(distance(robot.pose(q), target)) <= TOLERANCE for q, (target, _) in zip(solutions, problems, strict=True)]
     )
     return RaceOutcome(
         robot=name,
         solver=solver,
-        success=float(np.mean(met & inside & (times <= TIME_LIMIT))),
+        success=float(np.mean(reached & inside & (times <= TIME_LIMIT))),
         median_ms=1e3 * float(np.median(times)),
         p99_ms=1e3 * float(np.quantile(times, 0.99)),
         outside=int(np.count_nonzero(~inside)),
@@ -192,13 +194,13 @@ def _toolbox(robot: Robot, _time_limit: float) -> Solver:
 
 def _pinv(robot: Robot, time_limit: float) -> Solver:
     def solve(target: Array, start: Array) -> Array:
-        wanted = robot.target(target)
+        desired = robot.target(target)
 
         def step(q: Array) -> Array:
-            sighting = robot.sight(q, wanted)
-            return np.asarray(np.linalg.pinv(sighting.J).dot(sighting.error))
+            state = robot.sight(q, desired)
+            return np.asarray(np.linalg.pinv(state.J).dot(state.error))
 
-        return _tried(robot, wanted, start, step, time_limit)
+        return _iterated(robot, desired, start, step, time_limit)
 
     return solve
 
@@ -212,24 +214,24 @@ def _pink(robot: Robot, time_limit: float) -> Solver:
     still = np.zeros(len(robot.names))
 
     def solve(target: Array, start: Array) -> Array:
-        wanted = loop.target(target, None)
-        return _tried(robot, robot.target(target), start, lambda q: loop.step(q, wanted, None, still), time_limit)
+        desired = loop.target(target, None)
+        return _iterated(robot, robot.target(target), start, lambda q: loop.step(q, desired, None, still), time_limit)
 
     return solve
 
 
-def _tried(robot: Robot, target: Any, start: Array, step: Step, time_limit: float) -> Array:
+def _iterated(robot: Robot, target: Any, start: Array, step: Step, time_limit: float) -> Array:
     """Take steps from the start, then from other states spread over the joint range; returns the last q in any case."""
     deadline, goal = perf_counter() + time_limit, robot.target(target).homogeneous
     q = start
-    for state in _starts(robot, start):
-        q, past = state, [np.inf] * STALLED
+    for begin in _starts(robot, start):
+        q, past = begin, [np.inf] * STALL_WINDOW
         for _ in range(STEPS):
-            misses = distance(robot.pose(q), goal)
-            if max(misses) <= TOLERANCE or perf_counter() > deadline:
+            errors = distance(robot.pose(q), goal)
+            if max(errors) <= TOLERANCE or perf_counter() > deadline:
                 return q
-            past.append(sum(misses))
-            if past[-1] > 0.5 * past[-1 - STALLED]:
+            past.append(sum(errors))
+            if past[-1] > 0.5 * past[-1 - STALL_WINDOW]:
                 break
             try:
                 x = step(q)

@@ -1,7 +1,6 @@
-"""The library inside other people's programs: their class names, their units, our law.
+"""Adapters: this library behind the interfaces of other programs, one file for each.
 
-A file for each program: Pink, mink (a frame task), LeRobot (kinematics, action chunks), robosuite (a part controller).
-In: the other program's objects and units. Out: the same.
-Users import `invariantqp.pink`, `invariantqp.mink`, `invariantqp.lerobot` and `invariantqp.robosuite`.
-Nothing else in the library may know these programs.
+Pink and mink: a frame task. LeRobot: kinematics and action chunks. robosuite: a part controller.
+In and out: the other program's classes and units. Users import `invariantqp.pink`, `invariantqp.mink`,
+`invariantqp.lerobot` and `invariantqp.robosuite`. No other room may know these programs.
 """

@@ -1,6 +1,6 @@
-"""mink's frame task, measured at one physical point of the tool; a mink program changes in one line.
+"""mink's frame task with the error at a physical point of the tool, in place of `mink.FrameTask`.
 
-mink's limits and other tasks stay as they are. `control/frame_cost.py` has the cost and the options.
+mink's limits and other tasks work as before. `control/frame_cost.py` has the cost and the options.
 
 Reference: Zakka, mink.
 """
@@ -30,10 +30,10 @@ __all__ = ["InvariantFrameTask"]
 
 
 class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
-    """Regulate the pose of a frame of the robot, measured at a physical point: the choice of the frame does not matter.
+    """A frame task with the error at a physical point, so that the choice of the frame does not change the motion.
 
-    It takes the place of `mink.FrameTask`, with its arguments, setters and attributes. Attributes of its own are those
-    of `FrameCost`: .form, .point, .length, .damping, .guard.
+    It replaces `mink.FrameTask`, with its arguments, setters and attributes, and adds those of `FrameCost`: .form,
+    .point, .length, .damping, .guard.
     """
 
     def __init__(
@@ -46,26 +46,26 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
         lm_damping: float = 0.0,
         **options: Unpack[FrameOptions],
     ) -> None:
-        """A task like `mink.FrameTask(frame_name, frame_type, position_cost, orientation_cost, gain, lm_damping)`.
+        """A task with the arguments of `mink.FrameTask`.
 
-        The frame is named or numbered, and of type "body", "geom" or "site". Costs, gain, damping and options are those
-        of `invariantqp.pink.InvariantFrameTask`.
+        The frame has a name or id, and the type "body", "geom" or "site"; the other arguments are those of
+        `invariantqp.pink.InvariantFrameTask`.
         """
         arrays.instance(frame_name, (str, int), "frame_name", "a frame's name or id")
         self._take(orientation_cost, lm_damping, gain, **options)
         super().__init__(frame_name, frame_type, position_cost, orientation_cost, gain, lm_damping)
 
     def set_target(self, transform_target_to_world: Any) -> None:
-        """Set the wanted pose, a `mink.SE3` or (4, 4), in the world frame."""
+        """Set the target pose, a `mink.SE3` or (4, 4), in the world frame."""
         super().set_target(SE3.from_matrix(arrays.pose(transform_target_to_world, "target")))
 
     def compute_qp_objective(self, configuration: Configuration) -> Objective:
-        """(H, c) of minimise 1/2 dq'H dq + c'dq, as the task for Pink has it."""
+        """(H, c) of 1/2 dq'H dq + c'dq, see `invariantqp.pink.InvariantFrameTask`."""
         error, J = self.compute_error(configuration), self.compute_jacobian(configuration)
         return Objective(*self._quadratic(configuration, error, J))
 
     def compute_qp_residual(self, configuration: Configuration) -> None:
-        """None: mink then asks for the quadratic."""
+        """None, so that mink uses `compute_qp_objective`."""
 
     def _chain(self, model: Any) -> Chain:
         return chain_to(model, self.frame_name, self.frame_type)[0]

@@ -1,6 +1,6 @@
-"""Pink's frame task, measured at one physical point of the tool; a Pink program changes in one line.
+"""Pink's frame task with the error at a physical point of the tool, in place of `pink.FrameTask`.
 
-Pink's limits, barriers and other tasks stay as they are. `control/frame_cost.py` has the cost and the options.
+Pink's limits, barriers and other tasks work as before. `control/frame_cost.py` has the cost and the options.
 
 Reference: Caron et al., Pink (pin-pink).
 """
@@ -28,10 +28,10 @@ __all__ = ["InvariantFrameTask"]
 
 
 class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
-    """Regulate the pose of a frame of the robot, measured at a physical point: the choice of the frame does not matter.
+    """A frame task with the error at a physical point, so that the choice of the frame does not change the motion.
 
-    It takes the place of `pink.FrameTask`, with its arguments, setters and attributes. Attributes of its own are those
-    of `FrameCost`: .form, .point, .length, .damping, .guard.
+    It replaces `pink.FrameTask`, with its arguments, setters and attributes, and adds those of `FrameCost`: .form,
+    .point, .length, .damping, .guard.
     """
 
     def __init__(
@@ -43,36 +43,35 @@ class InvariantFrameTask(FrameCost, FrameTask):  # type: ignore[misc]
         gain: float = 1.0,
         **options: Unpack[FrameOptions],
     ) -> None:
-        """A task like `pink.FrameTask(frame, position_cost, orientation_cost, lm_damping, gain)`.
+        """A task with the arguments of `pink.FrameTask`.
 
         Args:
             frame: name of the frame.
-            position_cost: what an error of position costs [cost/m]; (3,) is along each axis of the frame, which then is
-                part of what is asked for. 0 leaves the position free.
-            orientation_cost: likewise [cost/rad]; None is L position_cost, a radian costs as much as L metres. Told, it
-                says L = orientation_cost / position_cost.
-            lm_damping: Pink's damping of large errors, mu = lm_damping |gain error|^2 in the measure. With 1 arms
-                come to rest at targets out of reach, where with 0 they oscillate at their velocity limits.
+            position_cost: cost of a position error [cost/m]; (3,) along each axis of the frame, whose choice then
+                matters. 0 leaves the position free.
+            orientation_cost: cost of an orientation error [cost/rad]; None is L position_cost, with the length L of
+                the options. Otherwise L = orientation_cost / position_cost.
+            lm_damping: Levenberg-Marquardt damping, mu = lm_damping |gain error|^2. With 1 arms come to rest at targets
+                out of reach, with 0 they oscillate at their velocity limits.
             gain: share of the error removed in a step, in [0, 1].
             options: form, point, length, damping, guard, see `FrameOptions`.
 
         Raises:
-            BadInput: numbers out of range, something that is not a form, two arguments that both say what a radian
-                costs.
+            BadInput: numbers out of range, an unknown form, two arguments that both determine L.
         """
         arrays.instance(frame, str, "frame", "a frame's name")
         self._take(orientation_cost, lm_damping, gain, **options)
         super().__init__(frame, position_cost, orientation_cost, lm_damping, gain)
 
     def set_target(self, transform_target_to_world: Any) -> None:
-        """Set the wanted pose, a `pinocchio.SE3` or (4, 4), in the world frame."""
+        """Set the target pose, a `pinocchio.SE3` or (4, 4), in the world frame."""
         super().set_target(pin.SE3(arrays.pose(transform_target_to_world, "target")))
 
     def compute_qp_objective(self, configuration: Configuration) -> tuple[Array, Array]:
-        """(H, c) of minimise 1/2 dq'H dq + c'dq, dq (nv,) the displacement of a step, once there is a target.
+        """(H, c) of 1/2 dq'H dq + c'dq, with the displacement dq (nv,) of a step.
 
         Raises:
-            NoPseudoinverse: the form has no projector for this arm here, and no damping is given.
+            NoPseudoinverse: the form has no projector at this configuration, and no damping is given.
         """
         return self._quadratic(configuration, self.compute_error(configuration), self.compute_jacobian(configuration))
 

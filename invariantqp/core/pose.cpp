@@ -6,51 +6,46 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-// Newton goes on to this share of the tolerance, so that a tool frame far from the last link meets it too, and the tool
-// frame does not decide which step is the last.
-constexpr double GOAL_SHARE = 1e-3;
-// lambda at the start of a try [1 / rad^2], its factors after a step that reduced the error and after one that did not,
-// and its least value.
-constexpr double DAMPING = 0.1, EASED = 0.5, STIFFENED = 4, LEAST = 1e-3;
-// A try ends where even steps with this much damping do not make the error smaller: rounding is all that is left.
-constexpr double STIFFEST = 1e8;
-// Shares of the trace of A'A and of C'C that keep AA', A'A and CC' definite, far below any damping that acts.
-constexpr double FLOOR = 1e-13, QP_FLOOR = 1e-8, ROW_FLOOR = 1e-9;
-// Rows that leave less than this share of the largest depend on each other.
-constexpr double DEPENDENT = 1e-10;
-// A try is given up where this many steps have not halved the error; it is at rest where this many have gained nothing.
-constexpr int STALLED = 6, FINISHED = 3;
-// The most steps in a try, and in one for the last digits; an error that falls more slowly counts as at rest.
-constexpr int LONGEST = 100, PATIENCE = 1000;
-// Of the merit: what no step gains.
-constexpr double AT_REST = 1e-12;
-// Joint displacement for differences of the gradient: they keep seven digits, and Newton needs one.
-constexpr double DIFFERENCE = 1e-7;
-// Multipliers are bounded by this many |A| |r| / |C|: those of rows that limits forbid have no meaning. The penalty is
-// kept above them by a factor.
-constexpr double DEAREST = 10, PENALTY_MARGIN = 2;
-// A joint within this much of a step's bound is held by it, relative to 1 + |x|.
-constexpr double AT_BOUND = 1e-9;
-// Shares of the time that are spent on tries, without and with exact demands; the rest is for the last digits of the
-// closest few.
+// Newton's method goes on to this factor of the tolerance, so that the choice of the tool frame does not decide which
+// step is the last.
+constexpr double GOAL_FACTOR = 1e-3;
+// Damping at the start of a try [1 / rad^2], its factors after steps that succeed and fail, and its least value.
+constexpr double INITIAL_DAMPING = 0.1, DAMPING_DECREASE = 0.5, DAMPING_INCREASE = 4, MIN_DAMPING = 1e-3;
+// Damping at which a try ends: rounding is all that is left.
+constexpr double MAX_DAMPING = 1e8;
+// Shares of the trace of A'A and of C'C that keep AA', A'A and CC' definite, far below the damping.
+constexpr double GRAM_REGULARISATION = 1e-13, HESSIAN_REGULARISATION = 1e-8, ROW_REGULARISATION = 1e-9;
+// Relative size below which rows are linearly dependent.
+constexpr double RANK_TOLERANCE = 1e-10;
+// Steps that must halve the error of a try, and steps without progress after which a refinement has converged.
+constexpr int STALL_WINDOW = 6, REFINE_WINDOW = 3;
+// Most steps of a try and of a refinement.
+constexpr int MAX_STEPS = 100, MAX_REFINE_STEPS = 1000;
+// Relative decrease of the merit that is none.
+constexpr double MERIT_TOLERANCE = 1e-12;
+// Joint displacement for finite differences of the gradient.
+constexpr double FINITE_DIFFERENCE = 1e-7;
+// Bound of multipliers, in |A| |r| / |C|, since those of infeasible rows diverge; factor of the penalty over them.
+constexpr double MAX_MULTIPLIER = 10, PENALTY_MARGIN = 2;
+// Relative difference that is rounding: of a joint from a step's bound, of two merits.
+constexpr double RELATIVE_ROUNDING = 1e-9;
+// Shares of the time limit for tries, without and with exact demands; the rest is for the refinement of the closest.
 constexpr double SEARCH_SHARE = 0.8, EXACT_SHARE = 0.6;
-constexpr int CLOSEST = 4;
-// With exact demands and no start, tries end when so many have met them; the first so many try the whole pose before.
-constexpr int ENOUGH = 3, WHOLE = 2;
-// A target is beside a start where it is this near [rad, lengths of the arm]. So many restarts are then around it, within
-// a radius [rad] that doubles in two.
-constexpr double NEARBY = 2, RADIUS = 0.2;
-constexpr int AROUND = 12;
-// The last digits are begun again at most so often, while that brings the merit below this share of itself.
-constexpr int AGAIN = 8;
-constexpr double GAIN = 0.999;
-// A joint this far beyond a limit [rad] is put at it, where the target is met there too.
-constexpr double AT_LIMIT = 1e-3;
+constexpr int REFINED_TRIES = 4;
+// Without a start: number of solutions of exact demands that end the search, and of tries at the whole pose before.
+constexpr int EXACT_SOLUTIONS = 3, WHOLE_POSE_TRIES = 2;
+// Distance within which a target is near the start [rad, lengths of the arm]; the first restarts are then around the
+// start, within a radius [rad] that doubles every second time.
+constexpr double NEARBY = 2, LOCAL_RADIUS = 0.2;
+constexpr int LOCAL_RESTARTS = 12;
+// Most repeats of a refinement, and the factor by which each must lower the merit.
+constexpr int MAX_REPEATS = 8;
+constexpr double MIN_REPEAT_GAIN = 0.999;
+// Distance beyond a limit [rad] from which a joint is moved to it, if that keeps the target met.
+constexpr double LIMIT_SLACK = 1e-3;
 constexpr double PI = 3.14159265358979323846;
-// Exchanges of several joints at once that do not help before one at a time is tried.
-constexpr int PATIENT_PIVOTS = 3;
-// Relative to an error: what rounding makes of two that are equal.
-constexpr double NEGLIGIBLE = 1e-9;
+// Block exchanges without progress before joints are exchanged one at a time.
+constexpr int BLOCK_PIVOTS = 3;
 
 double half_square(Vec r) { return 0.5 * r.square(); }
 
@@ -85,9 +80,8 @@ void clip(Vec x, Vec lower, Vec upper)
         x[i] = std::min(std::max(x[i], lower[i]), upper[i]);
 }
 
-// argmin 1/2 x'Hx - g'x over lower <= x <= upper, by block principal pivoting (Judice and Pires 1992): joints that are
-// outside go to their bound, those that the slope pulls back from one are free again. `x` is a guess, if it has memory.
-// Absent where H is not definite.
+// argmin 1/2 x'Hx - g'x over lower <= x <= upper, by block principal pivoting (Judice and Pires 1992): joints outside
+// become active, joints whose multiplier has the wrong sign become free. Absent if H is not definite.
 Vec box_minimum(Mat H, Vec g, Vec lower, Vec upper, Vec guess)
 {
     const int m = g.n;
@@ -96,7 +90,7 @@ Vec box_minimum(Mat H, Vec g, Vec lower, Vec upper, Vec guess)
     std::array<int, 64> side{}, wrong{}, free;
     for (int j = 0; guess.w && j < m; j++)
         side[j] = guess[j] > upper[j] ? 1 : guess[j] < lower[j] ? -1 : 0;
-    int fewest = m + 1, patience = PATIENT_PIVOTS;
+    int fewest = m + 1, patience = BLOCK_PIVOTS;
     for (int count = 0; count < 50 + 10 * m; count++) {
         const Workspace::Frame frame(w);
         int n = 0;
@@ -123,10 +117,10 @@ Vec box_minimum(Mat H, Vec g, Vec lower, Vec upper, Vec guess)
         int outside = 0, last = 0;
         for (int j = 0; j < m; j++) {
             if (!side[j]) {
-                const double margin = AT_REST * (1 + std::abs(x[j]));
+                const double margin = MERIT_TOLERANCE * (1 + std::abs(x[j]));
                 wrong[j] = x[j] > upper[j] + margin ? 1 : x[j] < lower[j] - margin ? -1 : 0;
             } else
-                wrong[j] = side[j] * (H[j].dot(x) - g[j]) > AT_REST * std::abs(g[j]);
+                wrong[j] = side[j] * (H[j].dot(x) - g[j]) > MERIT_TOLERANCE * std::abs(g[j]);
             if (wrong[j])
                 outside++, last = j;
         }
@@ -134,8 +128,8 @@ Vec box_minimum(Mat H, Vec g, Vec lower, Vec upper, Vec guess)
             clip(x, lower, upper);
             return x;
         }
-        // All that are wrong change sides; where that does not help any more, one, which ends for certain.
-        patience = outside < fewest ? PATIENT_PIVOTS : patience - 1;
+        // All exchanges at once; without progress one at a time, which terminates.
+        patience = outside < fewest ? BLOCK_PIVOTS : patience - 1;
         fewest = std::min(fewest, outside);
         for (int j = patience < 0 ? last : 0; j < m; j++)
             if (wrong[j])
@@ -144,7 +138,7 @@ Vec box_minimum(Mat H, Vec g, Vec lower, Vec upper, Vec guess)
     return Vec();
 }
 
-// argmin 1/2 x'Hx - g'x over lower <= N x <= upper; absent where it is not found.
+// argmin 1/2 x'Hx - g'x over lower <= N x <= upper; absent if none is found.
 Vec minimum(Mat H, Vec g, Vec lower, Vec upper, Mat N)
 {
     bool positive = true;
@@ -171,103 +165,107 @@ Mat3 log_derivative(const Vec3& omega)
     return K;
 }
 
-// The error at q (m,), to first order: a step x changes r to r - A x, and b to b - C x.
-struct State {
+// What a descent minimises: the pose error and the exact demands, or one of them.
+enum class Objective { all, pose, demands };
+
+// The errors at q (m,), to first order: a step x changes r to r - A x, and b to b - C x; exact_error is |b|.
+struct Linearisation {
     Vec q, r, b;
     Mat A, C;
-    double f = 0, unmet = 0;
+    double f = 0, exact_error = 0;
 
-    State(Workspace& w, int m, int n, int k) : q(w, m), r(w, n), b(w, k), A(w, n, m), C(w, k, m) {}
-    double distance() const { return std::sqrt(2 * f) + unmet; }
-    double merit(double penalty) const { return f + penalty * unmet; }
+    Linearisation(Workspace& w, int m, int n, int k) : q(w, m), r(w, n), b(w, k), A(w, n, m), C(w, k, m) {}
+    double distance() const { return std::sqrt(2 * f) + exact_error; }
+    double merit(double penalty) const { return f + penalty * exact_error; }
 };
 
+// The end of a descent.
 struct Try {
     std::vector<double> q;
-    double f = 0, unmet = 0, merit = 0;
+    double f = 0, exact_error = 0, merit = 0;
     int steps = 0;
-    bool met = false, at_rest = false;
-    int number = 0;  // of its start: the first is the one that was given, or the middle of the range
+    bool met = false, converged = false;
+    int number = 0;  // of its start: 0 is the given one, or the middle of the range
 };
 
-struct How {
-    bool turning = true;   // whether a hinge may leave its limits, and is shifted back by whole turns
-    bool patient = false;  // whether it goes on to the last digit where the target cannot be met
-    int window = STALLED;
-    enum class Of { all, pose, demands } of = Of::all;  // what counts: of exact demands and the pose
-    int longest = LONGEST;  // steps, at most
+struct DescentOptions {
+    bool may_turn_over = true;   // a hinge may leave its limits, and is shifted back by whole turns
+    bool is_refinement = false;  // converges to the last digit, also if the target cannot be met
+    int window = STALL_WINDOW;
+    Objective objective = Objective::all;
+    int max_steps = MAX_STEPS;
 };
 
 class Search {
   public:
     Search(const PoseArm& arm, const PoseTask& task, Workspace& w)
-        : arm(arm), task(task), w(w), m(arm.size()), goal(GOAL_SHARE * task.tolerance * task.least),
+        : arm(arm), task(task), w(w), m(arm.size()), goal(GOAL_FACTOR * task.tolerance * task.min_singular_value),
           begun(task.time_limit < INFINITY ? Clock::now() : Clock::time_point()), exact_tolerance(task.tolerance)
     {
         for (const ExactDemand& one : task.exact)
-            if (one.of.kind == Demand::Kind::axis)  // whose radians count as the arm's length, as do all in f
+            if (one.of.kind == Demand::Kind::axis)  // radians are scaled by the arm's length
                 exact_tolerance = task.tolerance * std::min(1.0, arm.length);
     }
 
-    PoseAnswer solve(const double* given)
+    PoseResult solve(const double* given)
     {
         const bool exact = !task.exact.empty();
         const double* const first = given ? given : arm.middle.data();
         std::vector<double> start(first, first + m), next;
         if (given)
-            arm.inside(start.data());
+            arm.wrap_into_limits(start.data());
         deadline = (exact ? EXACT_SHARE : SEARCH_SHARE) * task.time_limit;
-        const bool beside = given && is_beside(start.data());
-        // An arm with joints to spare can follow a path past a limit without turning a joint by 2 pi: try that first. So
-        // can any to a target nearby.
-        const bool spare = given && (m > task.size() || exact || beside);
+        const bool is_nearby = given && is_near_target(start.data());
+        // A redundant arm, or any near its target, may pass a limit without turning a joint by 2 pi: first try that.
+        const bool keeps_branch = given && (m > task.size() || exact || is_nearby);
         std::vector<Try> tried;
-        int landed = 0, steps = 0;
-        for (int k = 0; k <= task.restarts && (k == 0 || !late()); k++) {
+        int exact_count = 0, steps = 0;
+        for (int k = 0; k <= task.restarts && (k == 0 || !is_timed_out()); k++) {
             next = start;
             if (k > 0)
-                start_at(k, next.data());
-            const bool near = beside && k <= AROUND;
+                sample_start(k, next.data());
+            const bool near = is_nearby && k <= LOCAL_RESTARTS;
             if (near && k > 0)
-                around(start.data(), RADIUS * std::exp2((k - 1) / 2.), next.data());
-            const bool turning = !(spare && (k == 0 || near));
-            tried.push_back(exact ? demanded(next, !given && k < WHOLE, turning) : descend(next.data(), {turning}));
+                sample_near(start.data(), LOCAL_RADIUS * std::exp2((k - 1) / 2.), next.data());
+            const bool may_turn_over = !(keeps_branch && (k == 0 || near));
+            tried.push_back(exact ? try_exact(next, !given && k < WHOLE_POSE_TRIES, may_turn_over)
+                                  : descend(next.data(), {may_turn_over}));
             tried.back().number = k;
             steps += tried.back().steps;
-            if (is_good(tried.back()))
+            if (tried.back().met && is_allowed(tried.back()))
                 break;
-            landed += exact && !unmet(tried.back()) && is_allowed(tried.back());
-            if (landed >= (given ? 1 : ENOUGH))
+            exact_count += exact && !misses_exact(tried.back()) && is_allowed(tried.back());
+            if (exact_count >= (given ? 1 : EXACT_SOLUTIONS))
                 break;
         }
-        const bool over = late();
+        const bool over = is_timed_out();
         const int tries = static_cast<int>(tried.size());
         if (std::any_of(tried.begin(), tried.end(), [](const Try& one) { return one.met; }))
-            return answer(roomiest(tried), start, steps, tries, over);
-        // The last digits of the closest, which may turn out to meet the target. Else, from a given start, the closest
-        // pose is the one downhill from there, unless exact demands are met elsewhere alone.
-        const bool downhill = given && !landed;
+            return result(widest_clearance(tried), start, steps, tries, over);
+        // Refine the closest, which may meet the target then. If none does, the solution for a given start is the one
+        // downhill from it, unless only others meet the exact demands.
+        const bool downhill = given && !exact_count;
         std::vector<Try> refined;
         if (downhill)
-            refined.push_back(finished(tried[0]));
-        for (const Try& one : closest(tried, landed ? (given ? 1 : ENOUGH) : CLOSEST))
+            refined.push_back(refined_try(tried[0]));
+        for (const Try& one : closest(tried, exact_count ? (given ? 1 : EXACT_SOLUTIONS) : REFINED_TRIES))
             if (!(downhill && one.number == 0))
-                refined.push_back(finished(one));
+                refined.push_back(refined_try(one));
         bool found = !downhill;
         for (const Try& one : refined) {
             steps += one.steps;
-            found = found || one.met || (exact && !unmet(one));
+            found = found || one.met || (exact && !misses_exact(one));
         }
-        return answer(found ? nearest(refined) : refined[0], start, steps, tries, over);
+        return result(found ? nearest(refined) : refined[0], start, steps, tries, over);
     }
 
     bool descend_to(double* q)
     {
         const bool exact = !task.exact.empty();
-        Try found = descend(q, {m <= 6 && !exact, false, exact ? FINISHED : STALLED});
-        arm.near(found.q.data(), q, 0);
+        Try found = descend(q, {m <= 6 && !exact, false, exact ? REFINE_WINDOW : STALL_WINDOW});
+        arm.wrap_near(found.q.data(), q, 0);
         std::copy(found.q.begin(), found.q.end(), q);
-        return found.met || (exact && found.unmet <= goal);
+        return found.met || (exact && found.exact_error <= goal);
     }
 
   private:
@@ -279,96 +277,96 @@ class Search {
     const Clock::time_point begun;
     double exact_tolerance, deadline = INFINITY;
 
-    bool late() const
+    bool is_timed_out() const
     {
         return deadline < INFINITY && std::chrono::duration<double>(Clock::now() - begun).count() > deadline;
     }
-    bool is_allowed(const Try& one) const { return !task.room || task.room(one.q.data()) == INFINITY; }
-    bool is_good(const Try& one) const { return one.met && is_allowed(one); }
-    bool unmet(const Try& one) const { return one.unmet > exact_tolerance; }
-    // Exact demands come before all else; a penalty is that of its own try.
-    bool before(const Try& a, const Try& b) const
+    bool is_allowed(const Try& one) const { return !task.clearance || task.clearance(one.q.data()) == INFINITY; }
+    bool misses_exact(const Try& one) const { return one.exact_error > exact_tolerance; }
+    // Whether a is better: exact demands first, then the merit.
+    bool is_better(const Try& a, const Try& b) const
     {
-        if (unmet(a) != unmet(b))
-            return unmet(b);
-        return unmet(a) && a.unmet != b.unmet ? a.unmet < b.unmet : a.merit < b.merit;
+        if (misses_exact(a) != misses_exact(b))
+            return misses_exact(b);
+        return misses_exact(a) && a.exact_error != b.exact_error ? a.exact_error < b.exact_error : a.merit < b.merit;
     }
-    // Of those that met the target the last, or the one with most room.
-    const Try& roomiest(const std::vector<Try>& tried) const
+    // The first of those that met the target with the largest clearance.
+    const Try& widest_clearance(const std::vector<Try>& tried) const
     {
         const Try* best = nullptr;
         double most = -INFINITY;
         for (const Try& one : tried) {
             if (!one.met)
                 continue;
-            const double room = task.room ? task.room(one.q.data()) : INFINITY;
-            if (!best || room > most)
-                best = &one, most = room;
+            const double clearance = task.clearance ? task.clearance(one.q.data()) : INFINITY;
+            if (!best || clearance > most)
+                best = &one, most = clearance;
         }
         return *best;
     }
-    // The tries that are closest, or of those that met exact demands where it is allowed.
+    // The best tries, of those that met exact demands with clearance, if any did.
     std::vector<Try> closest(const std::vector<Try>& tried, int most) const
     {
         std::vector<Try> found = tried, allowed;
-        std::stable_sort(found.begin(), found.end(), [&](const Try& a, const Try& b) { return before(a, b); });
+        std::stable_sort(found.begin(), found.end(), [&](const Try& a, const Try& b) { return is_better(a, b); });
         for (const Try& one : found)
-            if (!task.exact.empty() && !unmet(one) && is_allowed(one))
+            if (!task.exact.empty() && !misses_exact(one) && is_allowed(one))
                 allowed.push_back(one);
         if (!allowed.empty())
             found = allowed;
         found.resize(std::min<std::size_t>(found.size(), most));
         return found;
     }
-    // The first that is as near as the nearest: rounding does not choose between mirror images.
+    // The best, and of equal ones the first tried, so that rounding does not choose between mirror images.
     const Try& nearest(const std::vector<Try>& refined) const
     {
         const Try* least = &refined[0];
         for (const Try& one : refined)
-            if (before(one, *least))
+            if (is_better(one, *least))
                 least = &one;
         const Try* best = least;
         for (const Try& one : refined)
-            if (unmet(one) == unmet(*least) && one.merit <= (1 + NEGLIGIBLE) * least->merit && one.number < best->number)
+            if (misses_exact(one) == misses_exact(*least) && one.merit <= (1 + RELATIVE_ROUNDING) * least->merit
+                && one.number < best->number)
                 best = &one;
         return *best;
     }
 
-    void start_at(int k, double* q) const
+    void sample_start(int k, double* q) const
     {
         for (int j = 0; j < m; j++) {
-            const double share = std::fmod(task.origin[j] + k * arm.stride[j], 1.0);
-            q[j] = arm.low[j] + share * (arm.high[j] - arm.low[j]);
+            const double share = std::fmod(task.start_origin[j] + k * arm.start_stride[j], 1.0);
+            q[j] = arm.start_lower[j] + share * (arm.start_upper[j] - arm.start_lower[j]);
         }
     }
 
-    // From a state spread over the range to one that lies around a start in the same way, joints within a radius [rad].
-    void around(const double* start, double radius, double* q) const
+    // Maps q from the joint range to the neighbourhood of a start, joints within a radius [rad].
+    void sample_near(const double* start, double radius, double* q) const
     {
         for (int j = 0; j < m; j++) {
-            const double share = 2 * (q[j] - arm.low[j]) / std::max(arm.high[j] - arm.low[j], TINY) - 1;
-            q[j] = start[j] + share * radius * (arm.turn[j] > 0 ? arm.turn[j] / (2 * PI) : arm.length);
+            const double range = std::max(arm.start_upper[j] - arm.start_lower[j], TINY);
+            const double share = 2 * (q[j] - arm.start_lower[j]) / range - 1;
+            q[j] = start[j] + share * radius * (arm.full_turn[j] > 0 ? arm.full_turn[j] / (2 * PI) : arm.length);
         }
-        arm.inside(q);
+        arm.wrap_into_limits(q);
     }
 
-    // A try at exact demands: at the whole pose first, if that is asked for; then at the demands alone, and from there
-    // at the rest, downhill.
-    Try demanded(const std::vector<double>& start, bool whole, bool turning)
+    // A try with exact demands: the whole pose first, if `whole`; then the demands alone, then all from there.
+    Try try_exact(const std::vector<double>& start, bool whole, bool may_turn_over)
     {
         Try one{start};
         if (whole) {
-            one = descend(start.data(), {turning, false, STALLED, How::Of::pose});
+            one = descend(start.data(), {may_turn_over, false, STALL_WINDOW, Objective::pose});
             if (one.met)
                 return one;
         }
-        one = after(one, descend(one.q.data(), {turning, false, STALLED, How::Of::demands}));
+        one = after(one, descend(one.q.data(), {may_turn_over, false, STALL_WINDOW, Objective::demands}));
         if (!one.met) {
-            one.unmet = std::sqrt(2 * one.f);
+            one.exact_error = std::sqrt(2 * one.f);
             return one;
         }
-        one = after(one, descend(one.q.data(), {turning}));
-        return one.met || one.unmet <= goal ? one : retracted(one);
+        one = after(one, descend(one.q.data(), {may_turn_over}));
+        return one.met || one.exact_error <= goal ? one : projected_to_exact(one);
     }
     static Try after(const Try& before, Try one)
     {
@@ -376,30 +374,31 @@ class Search {
         one.number = before.number;
         return one;
     }
-    // From near what is exact to there.
-    Try retracted(const Try& one)
+    // A descent from a try to the exact demands alone.
+    Try projected_to_exact(const Try& one)
     {
-        const Try back = descend(one.q.data(), {true, false, STALLED, How::Of::demands});
+        const Try back = descend(one.q.data(), {true, false, STALL_WINDOW, Objective::demands});
         if (!back.met)
             return one;
-        Try there = after(back, descend(back.q.data(), {true, false, STALLED, How::Of::all, 0}));
+        Try there = after(back, descend(back.q.data(), {true, false, STALL_WINDOW, Objective::all, 0}));
         there.steps += one.steps;
-        there.at_rest = one.at_rest, there.number = one.number;
+        there.converged = one.converged, there.number = one.number;
         return there;
     }
 
-    // The last digits; with exact demands several times: a penalty from far away is in their way.
-    Try finished(const Try& tried)
+    // A try, converged to the last digits; repeated with exact demands, since each has a penalty of its own.
+    Try refined_try(const Try& tried)
     {
         deadline = task.time_limit;
         Try one = tried;
         one.steps = 0;
-        if (!task.exact.empty() && !unmet(tried) && tried.at_rest)
+        if (!task.exact.empty() && !misses_exact(tried) && tried.converged)
             return one;
-        one = after(one, descend(one.q.data(), {true, true, FINISHED}));
-        for (int k = 0; k < AGAIN && !task.exact.empty() && !one.met; k++) {
-            const Try again = after(one, descend(one.q.data(), {true, true, FINISHED}));
-            const bool gained = unmet(again) != unmet(one) ? unmet(one) : again.merit < GAIN * one.merit;
+        one = after(one, descend(one.q.data(), {true, true, REFINE_WINDOW}));
+        for (int k = 0; k < MAX_REPEATS && !task.exact.empty() && !one.met; k++) {
+            const Try again = after(one, descend(one.q.data(), {true, true, REFINE_WINDOW}));
+            const bool gained = misses_exact(again) != misses_exact(one) ? misses_exact(one)
+                                                                         : again.merit < MIN_REPEAT_GAIN * one.merit;
             const int steps = again.steps;
             if (gained)
                 one = again;
@@ -407,63 +406,64 @@ class Search {
             if (one.met || !gained)
                 break;
         }
-        if (!task.exact.empty() && !one.met && one.unmet > goal)
-            one = retracted(one);
-        if (unmet(one) && !unmet(tried)) {  // beside a singularity of the demands
+        if (!task.exact.empty() && !one.met && one.exact_error > goal)
+            one = projected_to_exact(one);
+        if (misses_exact(one) && !misses_exact(tried)) {  // beside a singularity of the demands
             const int steps = one.steps;
             one = tried;
-            one.steps = steps, one.at_rest = true;
+            one.steps = steps, one.converged = true;
         }
         return one;
     }
 
-    PoseAnswer answer(const Try& best, const std::vector<double>& start, int steps, int tries, bool over)
+    PoseResult result(const Try& best, const std::vector<double>& start, int steps, int tries, bool over)
     {
-        PoseAnswer found;
+        PoseResult found;
         found.q = best.q;
-        arm.near(found.q.data(), start.data(), best.met ? AT_LIMIT : 0);
-        find_misses(found);
-        if (best.met && !reaches(found)) {
+        arm.wrap_near(found.q.data(), start.data(), best.met ? LIMIT_SLACK : 0);
+        set_pose_errors(found);
+        if (best.met && !is_reached(found)) {
             found.q = best.q;
-            arm.near(found.q.data(), start.data(), 0);
-            find_misses(found);
+            arm.wrap_near(found.q.data(), start.data(), 0);
+            set_pose_errors(found);
         }
-        const bool reached = reaches(found);
-        const bool exact = !task.exact.empty(), exactly = exact && !unmet(best);
+        const bool reached = is_reached(found);
+        const bool exact = !task.exact.empty(), exactly = exact && !misses_exact(best);
         found.outcome = reached && (exactly || !exact) ? PoseOutcome::reached
-                        : exactly && best.at_rest      ? PoseOutcome::closest
-                        : over || exactly              ? PoseOutcome::late
+                        : exactly && best.converged    ? PoseOutcome::exact_reached
+                        : over || exactly              ? PoseOutcome::timed_out
                                                        : PoseOutcome::out_of_reach;
         found.error = std::sqrt(2 * best.f);
         found.iterations = steps, found.tries = tries, found.other_branch = best.number > 0;
         for (int j = 0; j < m; j++) {
             const double displacement = std::abs(found.q[j] - start[j]);
             found.displacement = std::max(found.displacement, displacement);
-            if (arm.turns_over(j) && displacement > (0.5 + AT_LIMIT) * arm.turn[j])
+            if (arm.can_turn_over(j) && displacement > (0.5 + LIMIT_SLACK) * arm.full_turn[j])
                 found.other_branch = true;
         }
         return found;
     }
 
-    // Whether a target is near, in the arm's own measure.
-    bool is_beside(const double* start) const
+    // Whether the target is within NEARBY of a start.
+    bool is_near_target(const double* start) const
     {
-        const auto [off, angle] = misses(arm.state(start, Mat()), task.point);
+        const auto [off, angle] = pose_errors(arm.state(start, Mat()), task.point);
         return std::hypot(off / arm.length, angle) <= NEARBY;
     }
-    void find_misses(PoseAnswer& found) const
+    void set_pose_errors(PoseResult& found) const
     {
-        std::tie(found.position, found.orientation) = misses(arm.state(found.q.data(), Mat()), Vec3{});
+        std::tie(found.position, found.orientation) = pose_errors(arm.state(found.q.data(), Mat()), Vec3{});
     }
-    // How far a point of the tool is from where it should be, and the angle; 0 of what is free.
-    std::pair<double, double> misses(const Pose& tool, const Vec3& point) const
+    // Distance of a point of the tool from its target, and the angle; 0 for free components.
+    std::pair<double, double> pose_errors(const Pose& tool, const Vec3& point) const
     {
-        if (!task.part)
-            return {norm(task.target * point - tool * point), norm(rotation_vector(task.target.R * transposed(tool.R)))};
-        const Twist error = task.part->error(tool, {});
-        return {norm(task.part->off(tool)), norm(error.omega)};
+        if (!task.partial_target)
+            return {norm(task.target * point - tool * point),
+                    norm(rotation_vector(task.target.R * transposed(tool.R)))};
+        const Twist error = task.partial_target->error(tool, {});
+        return {norm(task.partial_target->off(tool)), norm(error.omega)};
     }
-    bool reaches(const PoseAnswer& found) const
+    bool is_reached(const PoseResult& found) const
     {
         return found.position <= task.tolerance && found.orientation <= task.tolerance;
     }
@@ -476,26 +476,31 @@ class Search {
         return k;
     }
 
-    // state.q is set; the rest is found.
-    void linearise(State& state, How::Of of) const
+    // Computes the errors and their derivatives at state.q.
+    void linearise(Linearisation& state, Objective objective) const
     {
         const Workspace::Frame frame(w);
-        Mat J = !task.part && !task.root.w && of != How::Of::demands ? state.A : Mat(w, 6, m);
+        Mat J = !task.partial_target && !task.root.w && objective != Objective::demands ? state.A : Mat(w, 6, m);
         const Pose tool = arm.state(state.q.p, J);
-        if (of == How::Of::demands) {
+        if (objective == Objective::demands) {
             set_rows(state.A, state.r, state.q.p, tool, J);
             state.f = half_square(state.r);
             return;
         }
         if (state.C.rows)
             set_rows(state.C, state.b, state.q.p, tool, J);
-        if (task.part) {
-            state.A.set(task.part->root(tool, task.length, w) * J);
-            state.r.set(task.part->root(tool, task.length, w) * vec(task.part->error(tool, {}), w));
-            state.f = half_square(state.r);
-            state.unmet = state.b.norm();
-            return;
-        }
+        if (task.partial_target) {
+            const Mat root = task.partial_target->root(tool, task.length, w);
+            state.A.set(root * J);
+            state.r.set(root * vec(task.partial_target->error(tool, {}), w));
+        } else
+            set_whole_pose(state, tool, J);
+        state.f = half_square(state.r);
+        state.exact_error = state.b.norm();
+    }
+    // A and r of the whole pose; J is replaced by the point's.
+    void set_whole_pose(Linearisation& state, const Pose& tool, Mat J) const
+    {
         const Vec3 here = tool * task.point, off = task.target * task.point - here;
         for (int j = 0; j < m; j++) {
             const Vec3 omega{J(0, j), J(1, j), J(2, j)}, moved = cross(omega, here);
@@ -503,18 +508,12 @@ class Search {
                 J(3 + i, j) += moved[i];
         }
         const Vec3 omega = rotation_vector(task.target.R * transposed(tool.R));
-        if (task.root.w)
-            measure(state, J, omega, off);
-        else {
+        if (!task.root.w) {
             J.rows_from(0, 3).all().scale(task.length);
             for (int i = 0; i < 3; i++)
                 state.r[i] = task.length * omega[i], state.r[3 + i] = off[i];
+            return;
         }
-        state.f = half_square(state.r);
-        state.unmet = state.b.norm();
-    }
-    void measure(State& state, Mat J, const Vec3& omega, const Vec3& off) const
-    {
         const Mat3 K = log_derivative(omega);
         Vec error(w, 6);
         for (int i = 0; i < 3; i++)
@@ -528,7 +527,7 @@ class Search {
         state.r.set(task.root * error);
     }
 
-    // Rows C of the exact demands and what they miss, b. An axis counts as the arm's own length.
+    // Rows C of the exact demands and their errors b; those of an axis are scaled by the arm's length.
     void set_rows(Mat C, Vec b, const double* q, const Pose& tool, Mat J) const
     {
         int k = 0;
@@ -549,23 +548,24 @@ class Search {
         }
     }
 
-    // -grad f, A'r
-    Vec slope(const State& state) const { return t(state.A) * state.r; }
+    // A'r, the negative gradient of f.
+    Vec descent_direction(const Linearisation& state) const { return t(state.A) * state.r; }
 
-    // The second derivative by differences of the gradient, with the absolute values of its eigenvalues: of f; or of
-    // f + y'b along the rows of B.
-    Mat curvature(const State& state, Mat B = Mat(), Vec y = Vec()) const
+    // Hessian of f by finite differences, with the absolute values of its eigenvalues; or of f + y'b on the rows of B.
+    Mat curvature(const Linearisation& state, Mat B = Mat(), Vec y = Vec()) const
     {
-        State beside(w, m, state.r.n, state.b.n);
-        const auto slope_of = [&](const State& at) { return y.w ? slope(at) - t(at.C) * y : slope(at); };
-        const Vec here = slope_of(state);
+        Linearisation displaced(w, m, state.r.n, state.b.n);
+        const auto direction = [&](const Linearisation& at) {
+            return y.w ? descent_direction(at) - t(at.C) * y : descent_direction(at);
+        };
+        const Vec here = direction(state);
         Mat H(w, m, m);
         for (int i = 0; i < m; i++) {
-            const double h = state.q[i] + DIFFERENCE > arm.upper[i] ? -DIFFERENCE : DIFFERENCE;
-            beside.q.set(state.q);
-            beside.q[i] += h;
-            linearise(beside, How::Of::all);
-            H[i].set((here - slope_of(beside)) / h);
+            const double h = state.q[i] + FINITE_DIFFERENCE > arm.upper[i] ? -FINITE_DIFFERENCE : FINITE_DIFFERENCE;
+            displaced.q.set(state.q);
+            displaced.q[i] += h;
+            linearise(displaced, Objective::all);
+            H[i].set((here - direction(displaced)) / h);
         }
         if (B.w)
             H = B * (H * t(B));
@@ -579,21 +579,21 @@ class Search {
         return t(of.V) * M;
     }
 
-    // argmin 1/2 |r - A x|^2 + 1/2 mu |x|^2 inside the box; H is the second derivative in place of A'A.
-    Vec step(const State& state, Mat H, double mu, Vec lower, Vec upper) const
+    // argmin 1/2 |r - A x|^2 + 1/2 mu |x|^2 inside the box; H is the Hessian in place of A'A, if it has memory.
+    Vec step(const Linearisation& state, Mat H, double mu, Vec lower, Vec upper) const
     {
         const Mat A = state.A;
         const double size = A.all().square();
-        const Vec g = slope(state);
+        const Vec g = descent_direction(state);
         Vec guess(w, m);
-        bool held = false;  // whether the slope pushes a joint against its limit
+        bool held = false;  // whether a limit is active
         for (int j = 0; j < m; j++) {
             guess[j] = g[j] > 0 && upper[j] <= 0 ? INFINITY : g[j] < 0 && lower[j] >= 0 ? -INFINITY : 0;
             held = held || guess[j] != 0;
         }
         if (!H.w && !held && m >= A.rows) {
             bool positive = true;
-            const Mat U = cholesky(gram(A, mu + FLOOR * size), &positive);
+            const Mat U = cholesky(gram(A, mu + GRAM_REGULARISATION * size), &positive);
             const Vec x = t(A) * solved(U, solved(t(U), state.r));
             if (positive && within(lower, x, upper))
                 return x;
@@ -602,7 +602,7 @@ class Search {
         if (!H.w)
             H = normal(A);
         for (int i = 0; i < m; i++)
-            H(i, i) += std::max(mu, QP_FLOOR * size);
+            H(i, i) += std::max(mu, HESSIAN_REGULARISATION * size);
         const Vec x = box_minimum(H, g, lower, upper, guess);
         if (x.w)
             return x;
@@ -611,20 +611,20 @@ class Search {
         return g;
     }
 
-    // The step that meets exact demands first, and the multiplier of their rows:
+    // The step that meets the exact demands first, and the norm of their multipliers:
     //     x_1 = argmin 1/2 |b - C x|^2 + 1/2 lambda |b|^2 |x|^2
     //     x   = argmin 1/2 |r - A x|^2 + 1/2 mu |x|^2  over  C x = C x_1,  x = x_1 + B'z       both inside the box
     struct ExactStep {
         Vec x;
-        double price;
+        double multiplier;
         Mat U;  // U'U = C C'
     };
-    ExactStep exact_step(const State& state, double damping, bool patient, Vec lower, Vec upper) const
+    ExactStep exact_step(const Linearisation& state, double damping, bool is_refinement, Vec lower, Vec upper) const
     {
         const Mat A = state.A, C = state.C;
         const Vec b = state.b;
         const double size = A.all().square(), square = C.all().square();
-        const double weight = std::max({damping * b.square(), ROW_FLOOR * square, TINY});
+        const double weight = std::max({damping * b.square(), ROW_REGULARISATION * square, TINY});
         const Mat U = cholesky(gram(C, weight));
         Vec x = t(C) * solved(U, solved(t(U), b));
         if (!within(lower, x, upper)) {
@@ -640,24 +640,24 @@ class Search {
         const Mat B = null_space(C);
         if (B.rows) {
             const Mat AB = A * t(B);
-            Mat H = patient ? curvature(state, B, multipliers(state, Vec(w, m, 0), lower, upper)) : normal(AB);
+            Mat H = is_refinement ? curvature(state, B, multipliers(state, Vec(w, m, 0), lower, upper)) : normal(AB);
             for (int i = 0; i < H.rows; i++)
-                H(i, i) += std::max(2 * damping * state.f, QP_FLOOR * size);
+                H(i, i) += std::max(2 * damping * state.f, HESSIAN_REGULARISATION * size);
             const Vec z = minimum(H, t(AB) * (state.r - A * x), lower - x, upper - x, transposed(B));
             if (z.w)
                 x.add(1, t(B) * z);
             clip(x, lower, upper);
         }
-        const double most = DEAREST * std::sqrt(2 * size * state.f / (square + TINY));
-        const double price = multipliers(state, x, lower, upper).norm();
-        return {x, price < most ? price : most, U};
+        const double most = MAX_MULTIPLIER * std::sqrt(2 * size * state.f / (square + TINY));
+        const double multiplier = multipliers(state, x, lower, upper).norm();
+        return {x, multiplier < most ? multiplier : most, U};
     }
     // An orthonormal basis, as rows, of the x with C x = 0.
     static Mat null_space(Mat C)
     {
         if (C.rows <= C.cols) {
             const RQ rq(C);
-            if (rq.regular(DEPENDENT)) {
+            if (rq.regular(RANK_TOLERANCE)) {
                 Mat B(*C.w, rq.free, C.cols, 0);
                 for (int i = 0; i < B.rows; i++) {
                     B(i, i) = 1;
@@ -667,15 +667,15 @@ class Search {
             }
         }
         const SVD svd(C);
-        return svd.V.rows_from(svd.rank(DEPENDENT), C.cols);
+        return svd.V.rows_from(svd.rank(RANK_TOLERANCE), C.cols);
     }
-    // y: C'y is what a step leaves of the slope where no bound holds a joint.
-    Vec multipliers(const State& state, Vec x, Vec lower, Vec upper) const
+    // Multipliers y of the exact rows: C'y is the gradient after a step, for joints at no bound.
+    Vec multipliers(const Linearisation& state, Vec x, Vec lower, Vec upper) const
     {
         const Vec left = t(state.A) * (state.r - state.A * x);
         const Mat free = state.C.copy();
         for (int j = 0; j < m; j++) {
-            const double margin = AT_BOUND * (1 + std::abs(x[j]));
+            const double margin = RELATIVE_ROUNDING * (1 + std::abs(x[j]));
             if (x[j] > lower[j] + margin && x[j] < upper[j] - margin)
                 continue;
             left[j] = 0;
@@ -685,110 +685,111 @@ class Search {
         const double square = free.all().square();
         if (square == 0)
             return Vec(w, free.rows, 0);
-        const Mat U = cholesky(gram(free, FLOOR * square));
+        const Mat U = cholesky(gram(free, GRAM_REGULARISATION * square));
         return solved(U, solved(t(U), free * left));
     }
 
-    // The least and the largest step; with `turning`, half a turn for a hinge that can turn over.
-    void room_of(const State& state, bool turning, Vec lower, Vec upper) const
+    // Bounds of a step: the position limits, or half a turn for a hinge that may turn over.
+    void step_bounds(const Linearisation& state, bool may_turn_over, Vec lower, Vec upper) const
     {
         for (int j = 0; j < m; j++) {
-            const bool open = turning && arm.turns_over(j);
-            lower[j] = open ? -0.5 * arm.turn[j] : arm.lower[j] - state.q[j];
-            upper[j] = open ? 0.5 * arm.turn[j] : arm.upper[j] - state.q[j];
+            const bool open = may_turn_over && arm.can_turn_over(j);
+            lower[j] = open ? -0.5 * arm.full_turn[j] : arm.lower[j] - state.q[j];
+            upper[j] = open ? 0.5 * arm.full_turn[j] : arm.upper[j] - state.q[j];
         }
     }
 
-    // By how much a step reduces the merit, to first order.
-    double foreseen(const State& state, Vec x, double penalty) const
+    // Decrease of the merit by a step, to first order.
+    double predicted_decrease(const Linearisation& state, Vec x, double penalty) const
     {
-        return slope(state).dot(x) + penalty * (state.unmet - (state.b - state.C * x).norm());
+        return descent_direction(state).dot(x) + penalty * (state.exact_error - (state.b - state.C * x).norm());
     }
 
-    // Steps from a start inside the limits until the goal is met or no step gains anything; none makes the merit worse.
-    Try descend(const double* start, const How& how)
+    // Descent of the merit from a start inside the limits, until the goal is met or the merit has converged or stalled.
+    Try descend(const double* start, const DescentOptions& options)
     {
         const Workspace::Frame frame(w);
-        const int rows = task.exact.empty() || how.of == How::Of::pose ? 0 : exact_rows(start);
-        const int n = how.of == How::Of::demands ? rows : task.size();
-        const int k = how.of == How::Of::demands ? 0 : rows;
-        State state(w, m, n, k), seen(w, m, n, k);
+        const int rows = task.exact.empty() || options.objective == Objective::pose ? 0 : exact_rows(start);
+        const int n = options.objective == Objective::demands ? rows : task.size();
+        const int k = options.objective == Objective::demands ? 0 : rows;
+        Linearisation state(w, m, n, k), trial(w, m, n, k);
         std::copy(start, start + m, state.q.p);
-        linearise(state, how.of);
-        Vec lower(w, m), upper(w, m), past(w, STALLED + 1);
-        double damping = DAMPING, penalty = 0;
-        const int longest = how.patient ? PATIENCE : how.longest;
-        const double least = how.patient ? 0 : LEAST;
+        linearise(state, options.objective);
+        Vec lower(w, m), upper(w, m), past(w, STALL_WINDOW + 1);
+        double damping = INITIAL_DAMPING, penalty = 0;
+        const int max_steps = options.is_refinement ? MAX_REFINE_STEPS : options.max_steps;
+        const double least = options.is_refinement ? 0 : MIN_DAMPING;
         int steps = 0;
-        bool met = false, at_rest = false;
+        bool met = false, converged = false;
         for (;; steps++) {
             const double merit = state.merit(penalty);
-            const double earlier = steps > how.window ? past[(steps - how.window) % past.n] : INFINITY;
+            const double earlier = steps > options.window ? past[(steps - options.window) % past.n] : INFINITY;
             past[steps % past.n] = merit;
             met = state.distance() <= goal;
-            if (met || !(merit < INFINITY) || late())
+            if (met || !(merit < INFINITY) || is_timed_out())
                 break;
-            at_rest = steps == longest || damping > STIFFEST || earlier - merit <= AT_REST * merit;
-            if (at_rest || (!how.patient && merit > 0.5 * earlier))
+            converged = steps == max_steps || damping > MAX_DAMPING || earlier - merit <= MERIT_TOLERANCE * merit;
+            if (converged || (!options.is_refinement && merit > 0.5 * earlier))
                 break;
             const Workspace::Frame of_step(w);
-            room_of(state, how.turning, lower, upper);
+            step_bounds(state, options.may_turn_over, lower, upper);
             Mat U;
             Vec x;
             if (k) {
-                const ExactStep exact = exact_step(state, damping, how.patient, lower, upper);
+                const ExactStep exact = exact_step(state, damping, options.is_refinement, lower, upper);
                 x = exact.x, U = exact.U;
-                penalty = std::max(penalty, PENALTY_MARGIN * exact.price);
-                if (foreseen(state, x, penalty) <= AT_REST * merit) {
-                    at_rest = true;
+                penalty = std::max(penalty, PENALTY_MARGIN * exact.multiplier);
+                if (predicted_decrease(state, x, penalty) <= MERIT_TOLERANCE * merit) {
+                    converged = true;
                     break;
                 }
             } else
-                x = step(state, how.patient ? curvature(state) : Mat(), 2 * damping * state.f, lower, upper);
-            seen.q.set(state.q + x);
-            arm.inside(seen.q.p);
-            linearise(seen, how.of);
-            if (k && how.patient && seen.unmet > goal) {  // what the rows bend by would be in the way of the last digits
-                seen.q.add(1, t(state.C) * solved(U, solved(t(U), seen.b)));
-                arm.inside(seen.q.p);
-                linearise(seen, how.of);
+                x = step(state, options.is_refinement ? curvature(state) : Mat(), 2 * damping * state.f, lower, upper);
+            trial.q.set(state.q + x);
+            arm.wrap_into_limits(trial.q.p);
+            linearise(trial, options.objective);
+            if (k && options.is_refinement && trial.exact_error > goal) {  // second-order correction of the exact rows
+                trial.q.add(1, t(state.C) * solved(U, solved(t(U), trial.b)));
+                arm.wrap_into_limits(trial.q.p);
+                linearise(trial, options.objective);
             }
-            if (seen.merit(penalty) < state.merit(penalty)) {
-                std::swap(state, seen);
-                damping = std::max(EASED * damping, least);
+            if (trial.merit(penalty) < state.merit(penalty)) {
+                std::swap(state, trial);
+                damping = std::max(DAMPING_DECREASE * damping, least);
             } else
-                damping *= STIFFENED;
+                damping *= DAMPING_INCREASE;
         }
-        return {{state.q.begin(), state.q.end()}, state.f, state.unmet, state.merit(penalty), steps, met, at_rest};
+        const double merit = state.merit(penalty);
+        return {{state.q.begin(), state.q.end()}, state.f, state.exact_error, merit, steps, met, converged};
     }
 };
 
 }  // namespace
 
-void PoseArm::inside(double* q) const
+void PoseArm::wrap_into_limits(double* q) const
 {
     for (int j = 0; j < size(); j++) {
-        if (turns_over(j))
-            q[j] += turn[j] * (std::max(std::ceil((lower[j] - q[j]) / turn[j]), 0.0)
-                               - std::max(std::ceil((q[j] - upper[j]) / turn[j]), 0.0));
+        if (can_turn_over(j))
+            q[j] += full_turn[j] * (std::max(std::ceil((lower[j] - q[j]) / full_turn[j]), 0.0)
+                                    - std::max(std::ceil((q[j] - upper[j]) / full_turn[j]), 0.0));
         q[j] = std::min(std::max(q[j], lower[j]), upper[j]);
     }
 }
 
-void PoseArm::near(double* q, const double* start, double slack) const
+void PoseArm::wrap_near(double* q, const double* start, double slack) const
 {
-    inside(q);
+    wrap_into_limits(q);
     for (int j = 0; j < size(); j++) {
-        if (!turns_over(j))
+        if (!can_turn_over(j))
             continue;
-        const double least = std::ceil((lower[j] - slack - q[j]) / turn[j]);
-        const double most = std::floor((upper[j] + slack - q[j]) / turn[j]);
-        q[j] += turn[j] * std::min(std::max(std::nearbyint((start[j] - q[j]) / turn[j]), least), most);
+        const double least = std::ceil((lower[j] - slack - q[j]) / full_turn[j]);
+        const double most = std::floor((upper[j] + slack - q[j]) / full_turn[j]);
+        q[j] += full_turn[j] * std::min(std::max(std::nearbyint((start[j] - q[j]) / full_turn[j]), least), most);
         q[j] = std::min(std::max(q[j], lower[j]), upper[j]);
     }
 }
 
-PoseAnswer solve_pose(const PoseArm& arm, const PoseTask& task, const double* start, Workspace& w)
+PoseResult solve_pose(const PoseArm& arm, const PoseTask& task, const double* start, Workspace& w)
 {
     const Workspace::Frame frame(w);
     return Search(arm, task, w).solve(start);

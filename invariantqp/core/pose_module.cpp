@@ -10,46 +10,44 @@ namespace {
 
 constexpr double ROTATION_TOLERANCE = 1e-5;  // as in geometry/arrays.py
 
-
-// An arm, and what of targets and starts it is not believed to mean.
+// An arm, and the range of plausible targets and starts.
 struct Arm {
     PoseArm of;
     Vec3 tip{};
-    double far = INFINITY;  // of a target from the tip
-    std::vector<double> believed_lower, believed_upper;
-    bool by_python = false;  // whether its kinematics are a function of Python
+    double far = INFINITY;  // largest distance of a target from the tip
+    std::vector<double> plausible_lower, plausible_upper;
+    bool calls_python = false;  // kinematics in Python
 
-    Arm(nb::object chain, nb::object state, nb::object lower, nb::object upper, nb::object low,
-        nb::object high, nb::object middle, nb::object stride, nb::object turn, nb::object point, double length,
-        nb::object tip, double far, nb::object believed_lower, nb::object believed_upper)
-        : far(far)
+    // The fields of PoseArm and of this struct by name, and "kinematics", a chain or a function of q.
+    explicit Arm(nb::kwargs given)
     {
         Workspace& w = workspace();
         const Workspace::Frame frame(w);
         Reader read(w);
-        const int m = read.vector(lower, "lower", -1, Numbers::any).n;
+        const int m = read.vector(given["lower"], "lower", -1, Numbers::any).n;
         if (m < 1 || m > MOST_JOINTS)
             refuse("the arm has " + std::to_string(m) + " joints, expected 1 to 64");
-        const auto numbers = [&](nb::handle value, const char* name, Numbers kind = Numbers::finite) {
-            const Vec x = read.vector(value, name, m, kind);
+        const auto numbers = [&](const char* name, Numbers kind = Numbers::finite) {
+            const Vec x = read.vector(given[name], name, m, kind);
             return std::vector<double>(x.begin(), x.end());
         };
-        of.lower = numbers(lower, "lower", Numbers::any), of.upper = numbers(upper, "upper", Numbers::any);
-        of.low = numbers(low, "low"), of.high = numbers(high, "high"), of.middle = numbers(middle, "middle");
-        of.stride = numbers(stride, "stride"), of.turn = numbers(turn, "turn");
-        of.point = vec3(read.vector(point, "point", 3)), of.length = length;
-        this->tip = vec3(read.vector(tip, "tip", 3));
-        this->believed_lower = numbers(believed_lower, "believed_lower", Numbers::any);
-        this->believed_upper = numbers(believed_upper, "believed_upper", Numbers::any);
-        if (state.is_none()) {
-            const Chain& arm = nb::cast<const Chain&>(chain);
-            if (arm.size() != m)
+        of.lower = numbers("lower", Numbers::any), of.upper = numbers("upper", Numbers::any);
+        of.start_lower = numbers("start_lower"), of.start_upper = numbers("start_upper");
+        of.middle = numbers("middle"), of.start_stride = numbers("start_stride"), of.full_turn = numbers("full_turn");
+        of.point = vec3(read.vector(given["point"], "point", 3)), of.length = nb::cast<double>(given["length"]);
+        tip = vec3(read.vector(given["tip"], "tip", 3)), far = nb::cast<double>(given["far"]);
+        plausible_lower = numbers("plausible_lower", Numbers::any);
+        plausible_upper = numbers("plausible_upper", Numbers::any);
+        const nb::object kinematics = given["kinematics"];
+        if (nb::isinstance<Chain>(kinematics)) {
+            const Chain& chain = nb::cast<const Chain&>(kinematics);
+            if (chain.size() != m)
                 refuse("the chain has other joints than the limits");
-            of.state = [arm](const double* q, Mat J) { return arm.state(q, J); };
+            of.state = [chain](const double* q, Mat J) { return chain.state(q, J); };
             return;
         }
-        by_python = true;
-        of.state = [state, m](const double* q, Mat J) {
+        calls_python = true;
+        of.state = [state = kinematics, m](const double* q, Mat J) {
             Workspace& w = workspace();
             const Workspace::Frame frame(w);
             Reader read(w);
@@ -68,8 +66,8 @@ struct Arm {
         const Workspace::Frame frame(w);
         const Vec q = Reader(w).vector(q0, "q0", of.size());
         for (int i = 0; i < q.n; i++)
-            if (!(believed_lower[i] <= q[i] && q[i] <= believed_upper[i]))
-                refuse("q0 is not believed");
+            if (!(plausible_lower[i] <= q[i] && q[i] <= plausible_upper[i]))
+                refuse("q0 is not plausible");
         return {q.begin(), q.end()};
     }
 };
@@ -86,22 +84,24 @@ void check_rigid(const double* H)
         refuse("the target is no rigid motion");
 }
 
-// What is asked for, but for the target; its memory is the workspace's.
+// A search without its target: (form, exact, tolerance, restarts, start origin, time limit, clearance); its memory is
+// the workspace's.
 class Options {
   public:
     PoseTask task;
-    bool by_python;
+    bool calls_python;
 
-    Options(const Arm& arm, nb::handle form, nb::handle exact, double tolerance, int restarts, nb::handle origin,
-            double time_limit, nb::object room, Reader& read)
-        : by_python(arm.by_python || !room.is_none()), arm(arm), formed(!form.is_none())
+    Options(const Arm& arm, nb::tuple given, Reader& read)
+        : calls_python(arm.calls_python || !given[6].is_none()), arm(arm), formed(!given[0].is_none())
     {
-        if (!(tolerance > 0 && tolerance < INFINITY && time_limit > 0 && restarts >= 0))
+        const nb::object form = given[0], clearance = given[6];
+        task.tolerance = nb::cast<double>(given[2]), task.restarts = nb::cast<int>(given[3]);
+        task.start_origin = read.vector(given[4], "start_origin", arm.of.size()).p;
+        task.time_limit = nb::cast<double>(given[5]);
+        if (!(task.tolerance > 0 && task.tolerance < INFINITY && task.time_limit > 0 && task.restarts >= 0))
             refuse("tolerance, time_limit or restarts are out of range");
-        task.tolerance = tolerance, task.restarts = restarts, task.time_limit = time_limit;
-        task.origin = read.vector(origin, "origin", arm.of.size()).p;
         task.point = arm.of.point, task.length = arm.of.length;
-        for (const nb::handle one : nb::tuple(nb::borrow(exact)))
+        for (const nb::handle one : nb::borrow<nb::tuple>(given[1]))
             task.exact.push_back(demand(one, read));
         for (auto one = task.exact.rbegin(); one != task.exact.rend(); ++one)
             if (!one->rows && one->of.kind == Demand::Kind::point)
@@ -112,21 +112,20 @@ class Options {
             task.point = vec3(read.vector(given[1], "point", 3));
         } else if (formed)
             task.length = number(form, "length", 1e-300, 1e300);
-        task.least = std::min(1.0, task.root.w ? SVD(task.root).sigma[5] : task.length);
-        if (!room.is_none())
-            task.room = [room, m = arm.of.size()](const double* q) {
+        task.min_singular_value = std::min(1.0, task.root.w ? SVD(task.root).sigma[5] : task.length);
+        if (!clearance.is_none())
+            task.clearance = [clearance, m = arm.of.size()](const double* q) {
                 Workspace& w = workspace();
                 const Workspace::Frame frame(w);
-                return nb::cast<double>(room(array_of(Vec(const_cast<double*>(q), m, &w))));
+                return nb::cast<double>(clearance(array_of(Vec(const_cast<double*>(q), m, &w))));
             };
     }
 
-    // A pose (4, 4), the position (3,) of the tool alone, or a Target of control/target.py.
+    // A pose (4, 4), a position (3,), or a Target of control/target.py.
     PoseTask towards(nb::handle target, Reader& read) const
     {
         if (!PyArray_Check(target.ptr()) && nb::hasattr(target, "fields"))
             return towards(partial_target(target.attr("fields"), read));
-        PoseTask found = task;
         const nb::object given =
             PyArray_Check(target.ptr()) ? nb::borrow(target) : nb::steal(PyArray_FROM_O(target.ptr()));
         if (!given.ptr()) {
@@ -138,25 +137,23 @@ class Options {
             at.has_point = true, at.point = vec3(read.vector(given, "target", 3));
             return towards(at);
         }
-        set(found, read.matrix(given, "target", 4, 4).p);
-        check_near(found);
-        return found;
+        return towards(read.matrix(given, "target", 4, 4).p);
     }
-    // What leaves something free.
     PoseTask towards(const PartialTarget& part) const
     {
-        PoseTask found = task;
         if (!task.exact.empty() || formed)
-            refuse("a target that leaves something free has no room for a form and exact demands");
-        found.part = part, found.least = part.has_axis ? std::min(1.0, found.length) : 1;
+            refuse("a partial target takes neither a form nor exact demands");
+        PoseTask found = task;
+        found.partial_target = part, found.min_singular_value = part.has_axis ? std::min(1.0, found.length) : 1;
         found.target.p = part.has_point ? part.point : arm.tip;
         check_near(found);
         return found;
     }
     PoseTask towards(const double* H) const
     {
+        check_rigid(H);
         PoseTask found = task;
-        set(found, H);
+        found.target = with_rotation(Pose(H));
         check_near(found);
         return found;
     }
@@ -165,23 +162,18 @@ class Options {
     const Arm& arm;
     const bool formed;
 
-    static void set(PoseTask& task, const double* H)
-    {
-        check_rigid(H);
-        task.target = with_rotation(Pose(H));
-    }
     void check_near(const PoseTask& task) const
     {
         if (norm(task.target.p - arm.tip) > arm.far)
             refuse("the target is far away");
     }
-    // (kind, point, direction), or a function of q to rows C and b.
+    // A demand (kind, point, direction), or a function of q that returns rows C and b.
     ExactDemand demand(nb::handle given, Reader& read)
     {
         ExactDemand found{{Demand::Kind::joints}, {}};
         const int m = arm.of.size();
         if (!nb::isinstance<nb::tuple>(given)) {
-            by_python = true;
+            calls_python = true;
             found.rows = [rows = nb::borrow(given), m](const double* q, Mat C, Vec b) {
                 Workspace& w = workspace();
                 const Workspace::Frame frame(w);
@@ -199,7 +191,7 @@ class Options {
         const nb::tuple parts = nb::borrow<nb::tuple>(given);
         const int kind = nb::cast<int>(parts[0]);
         if (kind < 0 || kind > 2 || nb::len(parts) != 3)
-            refuse("exact has a demand of no kind that there is");
+            refuse("exact has a demand of an unknown kind");
         found.of.kind = static_cast<Demand::Kind>(kind);
         if (!parts[1].is_none())
             found.of.point = vec3(read.vector(parts[1], "exact point", 3));
@@ -209,8 +201,8 @@ class Options {
     }
 };
 
-// q, outcome, position, orientation, error, iterations, tries, active joints, whether of another branch, displacement.
-nb::tuple told(const PoseArm& arm, const PoseAnswer& answer)
+// q, outcome, position, orientation, error, iterations, tries, active joints, other branch, displacement.
+nb::tuple as_tuple(const PoseArm& arm, const PoseResult& answer)
 {
     nb::list active;
     for (int j = 0; j < arm.size(); j++)
@@ -223,35 +215,32 @@ nb::tuple told(const PoseArm& arm, const PoseAnswer& answer)
                           answer.iterations, answer.tries, nb::tuple(active), answer.other_branch, answer.displacement);
 }
 
-PoseAnswer solved_by(const Arm& arm, const PoseTask& task, const double* start, bool by_python)
+PoseResult solve_one(const Arm& arm, const PoseTask& task, const double* start, bool calls_python)
 {
-    if (by_python)
+    if (calls_python)
         return solve_pose(arm.of, task, start, workspace());
     const nb::gil_scoped_release released;
     return solve_pose(arm.of, task, start, workspace());
 }
 
-nb::tuple solve(const Arm& arm, nb::object target, nb::object q0, nb::object form, nb::object exact, double tolerance,
-                int restarts, nb::object origin, double time_limit, nb::object room)
+nb::tuple solve(const Arm& arm, nb::object target, nb::object q0, nb::tuple given)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     Reader read(w);
-    const Options options(arm, form, exact, tolerance, restarts, origin, time_limit, room, read);
+    const Options options(arm, given, read);
     const PoseTask task = options.towards(target, read);
     const std::vector<double> start = q0.is_none() ? std::vector<double>() : arm.start(q0);
-    return told(arm.of, solved_by(arm, task, q0.is_none() ? nullptr : start.data(), options.by_python));
+    return as_tuple(arm.of, solve_one(arm, task, q0.is_none() ? nullptr : start.data(), options.calls_python));
 }
 
-// Many targets (n, 4, 4): from q0 (m,) or (n, m) or None; along a path each from the answer before; else on threads.
-nb::list solve_many(const Arm& arm, nb::object targets, nb::object q0, bool along, int threads, nb::object form,
-                    nb::object exact, double tolerance, int restarts, nb::object origin, double time_limit,
-                    nb::object room)
+// Many targets (n, 4, 4): from q0 (m,) or (n, m) or None on threads; along a path each from the solution before.
+nb::list solve_many(const Arm& arm, nb::object targets, nb::object q0, bool along, int threads, nb::tuple given)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     Reader read(w);
-    const Options options(arm, form, exact, tolerance, restarts, origin, time_limit, room, read);
+    const Options options(arm, given, read);
     npy_intp shape[3] = {-1, 4, 4};
     const double* poses = read.read(targets, "targets", 3, shape, Numbers::finite);
     const int n = static_cast<int>(shape[0]), m = arm.of.size();
@@ -267,11 +256,11 @@ nb::list solve_many(const Arm& arm, nb::object targets, nb::object q0, bool alon
         } else
             starts.assign(n, arm.start(q0));
     }
-    std::vector<PoseAnswer> answers(n);
-    if (along || options.by_python || threads <= 1) {
+    std::vector<PoseResult> answers(n);
+    if (along || options.calls_python || threads <= 1) {
         for (int i = 0; i < n; i++) {
             const double* start = along && i ? answers[i - 1].q.data() : starts.empty() ? nullptr : starts[i].data();
-            answers[i] = solved_by(arm, tasks[i], start, options.by_python);
+            answers[i] = solve_one(arm, tasks[i], start, options.calls_python);
         }
     } else {
         const nb::gil_scoped_release released;
@@ -289,25 +278,24 @@ nb::list solve_many(const Arm& arm, nb::object targets, nb::object q0, bool alon
             helper.join();
     }
     nb::list found;
-    for (const PoseAnswer& answer : answers)
-        found.append(told(arm.of, answer));
+    for (const PoseResult& answer : answers)
+        found.append(as_tuple(arm.of, answer));
     return found;
 }
 
-// Joint positions (k, m) for the first k of poses (n, 4, 4), one descent each from the one before, as far as they are met
-// (beside exact demands: these), and reached in a step (n,) [s] at speeds `fastest` (m,).
-nb::object descents(const Arm& arm, nb::object targets, nb::object q0, nb::object fastest, nb::object steps,
-                    nb::object form, nb::object exact, double tolerance, int restarts, nb::object origin,
-                    double time_limit, nb::object room)
+// Joint positions (k, m) for the first k of poses (n, 4, 4), one descent each from the solution before, until a target
+// or its exact demands are not met, or are not reached in a step (n,) [s] within the velocity limits (m,).
+nb::object descents(const Arm& arm, nb::object targets, nb::object q0, nb::object velocity_limit, nb::object steps,
+                    nb::tuple given)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     Reader read(w);
-    const Options options(arm, form, exact, tolerance, restarts, origin, time_limit, room, read);
+    const Options options(arm, given, read);
     npy_intp shape[3] = {-1, 4, 4};
     const double* poses = read.read(targets, "targets", 3, shape, Numbers::finite);
     const int n = static_cast<int>(shape[0]), m = arm.of.size();
-    const Vec speed = read.vector(fastest, "fastest", m, Numbers::any);
+    const Vec speed = read.vector(velocity_limit, "velocity_limit", m, Numbers::any);
     const Vec step = read.vector(steps, "steps", n, Numbers::any);
     Mat rows(w, n, m);
     Vec before = read.vector(q0, "q0", m);
@@ -327,12 +315,12 @@ nb::object descents(const Arm& arm, nb::object targets, nb::object q0, nb::objec
     return found;
 }
 
-template <void (PoseArm::*shift)(double*) const> nb::object shifted(const Arm& arm, nb::object q)
+nb::object wrapped(const Arm& arm, nb::object q)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     const Vec x = Reader(w).vector(q, "q", arm.of.size());
-    (arm.of.*shift)(x.p);
+    arm.of.wrap_into_limits(x.p);
     return array_of(x);
 }
 
@@ -341,21 +329,14 @@ template <void (PoseArm::*shift)(double*) const> nb::object shifted(const Arm& a
 void bind_pose(nb::module_& m)
 {
     nb::set_leak_warnings(false);  // robots that live as long as Python does keep one
-    const auto none = nb::none();
-    nb::class_<Arm>(m, "PoseArm", "An arm in a pose search: what depends on it alone.")
-        .def(nb::init<nb::object, nb::object, nb::object, nb::object, nb::object, nb::object, nb::object, nb::object,
-                      nb::object, nb::object, double, nb::object, double, nb::object, nb::object>(),
-             nb::kw_only(), "chain"_a.none() = none, "state"_a.none() = none, "lower"_a,
-             "upper"_a, "low"_a, "high"_a, "middle"_a, "stride"_a, "turn"_a, "point"_a, "length"_a, "tip"_a, "far"_a,
-             "believed_lower"_a, "believed_upper"_a)
-        .def("solve", solve, "target"_a, "q0"_a.none(), "form"_a.none(), "exact"_a, "tolerance"_a, "restarts"_a,
-             "origin"_a, "time_limit"_a, "room"_a.none(), "Joint positions for a pose (4, 4) or a point (3,).")
-        .def("solve_many", solve_many, "targets"_a, "q0"_a.none(), "along"_a, "threads"_a, "form"_a.none(), "exact"_a,
-             "tolerance"_a, "restarts"_a, "origin"_a, "time_limit"_a, "room"_a.none(), "The same for poses (n, 4, 4).")
-        .def("descents", descents, "targets"_a, "q0"_a, "fastest"_a, "steps"_a, "form"_a.none(), "exact"_a,
-             "tolerance"_a, "restarts"_a, "origin"_a, "time_limit"_a, "room"_a.none(),
-             "Joint positions (k, m) for the first k of poses (n, 4, 4), one descent each from the one before.")
-        .def("inside", shifted<&PoseArm::inside>, "q"_a, "q (m,) shifted by whole turns into the limits.");
+    nb::class_<Arm>(m, "PoseArm", "An arm of pose searches.")
+        .def(nb::init<nb::kwargs>())
+        .def("solve", solve, "target"_a, "q0"_a.none(), "options"_a, "Joint positions for a pose (4, 4) or point (3,).")
+        .def("solve_many", solve_many, "targets"_a, "q0"_a.none(), "along"_a, "threads"_a, "options"_a,
+             "The same for poses (n, 4, 4).")
+        .def("descents", descents, "targets"_a, "q0"_a, "velocity_limit"_a, "steps"_a, "options"_a,
+             "Joint positions (k, m) for the first k of poses (n, 4, 4), one descent each from the solution before.")
+        .def("wrapped", wrapped, "q"_a, "q (m,) shifted by whole turns into the limits.");
 }
 
 }  // namespace iq

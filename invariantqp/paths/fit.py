@@ -128,7 +128,7 @@ class Solver:
 
         Near (m,) is where the joints are `step` [s] before; inf is as long as they need.
         """
-        reached, missed = self._search.met(target, near), 0.0
+        reached, missed = self._search.descend(target, near), 0.0
         if reached is None:
             found = self._search.solve(target, near)
             reached, missed = found.q, self._missed(found)
@@ -170,7 +170,7 @@ class Solver:
             answer[k], missed[k] = self.pose(T[k], q, float(times[k]), inf if before is None else times[k] - before)
             k += 1
             if self._stalled is None and k < n:  # as far as they are reached
-                there = self._search.along(T[k:], answer[k - 1], fastest, steps[k - 1 :])
+                there = self._search.descend_along(T[k:], answer[k - 1], fastest, steps[k - 1 :])
                 answer[k : k + len(there)] = there
                 k += len(there)
             q, before = answer[k - 1], float(times[k - 1])

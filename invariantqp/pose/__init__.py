@@ -1,4 +1,8 @@
-"""Joint positions for a pose."""
+"""Inverse kinematics: joint positions for a pose, or for a part of one, inside the position limits.
+
+In: a robot, targets, a start, exact demands, a clearance. Out: a `PoseSolution` for each target.
+The room must not know loops, time or contact.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""LeRobot's kinematics calls: exact in reach, never faster than the joints, beside placo's optimum and SciPy's."""
+"""LeRobot's kinematics calls: exact in reach, inside velocity limits, compared with the optima of placo and SciPy."""
 
 import copy
 import pickle
@@ -27,7 +27,7 @@ def error(kinematics, q, target):
     return np.linalg.norm(pose[:3, 3] - target[:3, 3]), np.arccos(np.clip((np.trace(apart) - 1.0) / 2.0, -1.0, 1.0))
 
 
-def test_forward_kinematics_is_the_robots_in_degrees_and_in_the_order_told(so101):
+def test_forward_kinematics_is_in_degrees_and_in_the_given_order(so101):
     robot = iq.load_robot("so101")
     np.testing.assert_array_equal(so101.forward_kinematics(Q), robot.pose(np.radians(Q[:5])))
     order = [5, 3, 0, 4, 1, 2]
@@ -44,7 +44,7 @@ def test_forward_kinematics_is_the_robots_in_degrees_and_in_the_order_told(so101
 @pytest.mark.parametrize(
     ("source", "frame"), [("so101", "gripper_frame_link"), ("ur5", "tool0"), ("panda", "panda_hand_tcp")]
 )
-def test_a_pose_in_reach_is_met_within_the_frame_from_measured_joints(source, frame, first):
+def test_a_pose_in_reach_is_reached_within_a_frame(source, frame, first):
     kinematics, rng = RobotKinematics(source, frame, position_first=first), np.random.default_rng(0)
     robot = kinematics.robot
     low, high = np.degrees(np.maximum(robot.position_lower, -2.0)), np.degrees(np.minimum(robot.position_upper, 2.0))
@@ -67,7 +67,7 @@ def turned_beyond_reach(so101):
     return target
 
 
-def test_by_the_weights_it_is_placos_optimum(so101):
+def test_by_the_weights_it_reaches_placos_optimum(so101):
     """placo 0.10.2, 200 steps: joints [rad], distance [mm] and angle [rad]."""
     target = turned_beyond_reach(so101)
     kinematics = RobotKinematics("so101", joint_names=JOINTS, position_first=False)
@@ -84,7 +84,7 @@ def test_by_the_weights_it_is_placos_optimum(so101):
         assert turned == pytest.approx(angle, abs=1e-4)
 
 
-def test_the_point_is_exact_and_the_turn_the_least_that_is_left(so101):
+def test_the_position_is_exact_and_the_orientation_error_minimal(so101):
     target, q = turned_beyond_reach(so101), np.degrees([0.0, -0.6, 0.6, 0.6, 0.0, 0.0])
     q = so101.inverse_kinematics(q, target)
     assert so101.position_error < 1e-5  # in the first frame
@@ -103,7 +103,7 @@ def test_the_point_is_exact_and_the_turn_the_least_that_is_left(so101):
 
 
 @pytest.mark.parametrize("first", [True, False])
-def test_no_joint_ever_moves_faster_than_its_limit_or_farther_outside_its_range(first):
+def test_joints_keep_their_velocity_limits_and_move_no_farther_outside_their_range(first):
     kinematics, rng = RobotKinematics("so101", position_first=first), np.random.default_rng(1)
     low, high = (np.degrees(limit) for limit in (kinematics.robot.position_lower, kinematics.robot.position_upper))
     fastest = 0.0
@@ -120,7 +120,7 @@ def test_no_joint_ever_moves_faster_than_its_limit_or_farther_outside_its_range(
     assert fastest == pytest.approx(STEP, rel=1e-9)
 
 
-def test_a_joint_measured_outside_its_range_is_left_where_it_is(so101):
+def test_a_joint_measured_outside_its_range_is_not_moved_back(so101):
     q = Q.copy()
     q[1] = -103.0  # the URDF says -100
     wanted = np.add(q, (5.0, 0.0, 3.0, -2.0, 4.0, 0.0))
@@ -136,7 +136,7 @@ def test_a_joint_measured_outside_its_range_is_left_where_it_is(so101):
 @pytest.mark.cases(2)
 @pytest.mark.parametrize("far", [1.0, 3.0])
 @pytest.mark.parametrize("first", [True, False])
-def test_out_of_reach_it_comes_to_rest_at_the_nearest_pose_by_the_weights_and_returns(first, far):
+def test_out_of_reach_it_comes_to_rest_at_the_weighted_optimum_and_returns(first, far):
     so101 = RobotKinematics("so101", joint_names=JOINTS, position_first=first)
     robot, q, target = so101.robot, Q.copy(), so101.forward_kinematics(Q)
     target[:3, 3] = far * np.array([0.5, 0.3, 0.3])
@@ -160,7 +160,7 @@ def test_out_of_reach_it_comes_to_rest_at_the_nearest_pose_by_the_weights_and_re
     assert so101.position_error < 1e-6
 
 
-def test_a_turn_of_nearly_pi_keeps_its_sense_from_frame_to_frame():
+def test_a_rotation_of_nearly_pi_keeps_its_direction():
     kinematics = RobotKinematics("so101", joint_names=JOINTS)
     q, home, moved = Q.copy(), kinematics.forward_kinematics(Q), []
     axis = kinematics.robot.jacobian(np.radians(Q[:5]))[:3, 4]
@@ -171,7 +171,7 @@ def test_a_turn_of_nearly_pi_keeps_its_sense_from_frame_to_frame():
     assert moved == pytest.approx([STEP, STEP])
 
 
-def test_slower_joints_and_another_rate(so101):
+def test_velocity_limits_and_frame_time_can_be_given(so101):
     slow = RobotKinematics("so101", joint_names=JOINTS, frame_time=0.1, velocity_limit=[10, 20, 30, 40, 50])
     target = so101.forward_kinematics(np.add(Q, (40.0, 30.0, -40.0, 40.0, 60.0, 0.0)))
     step = np.abs(slow.inverse_kinematics(Q, target) - Q)
@@ -183,22 +183,22 @@ def test_slower_joints_and_another_rate(so101):
         np.testing.assert_array_equal(other, first)
 
 
-def test_bad_input_is_refused_by_name(so101):
+def test_invalid_arguments_are_named(so101):
     target = so101.forward_kinematics(Q)
-    for arguments, said in (
+    for arguments, message in (
         ((Q[:5], target), "current_joint_pos: found 5 positions; expected 6"),
         ((Q, target, -1.0), "position_weight"),
         ((Q, target, 1.0, np.inf), "orientation_weight"),
     ):
-        with pytest.raises(iq.BadInput, match=said):
+        with pytest.raises(iq.BadInput, match=message):
             so101.inverse_kinematics(*arguments)
-    for options, said in (
+    for options, message in (
         ({"frame_time": 0.0}, "frame_time"),
         ({"velocity_limit": [1.0, 2.0]}, "velocity_limit"),
         ({"velocity_limit": -1.0}, "velocity_limit"),
         ({"joint_names": ["shoulder_pan", "shoulder_pan"]}, "joint_names"),
     ):
-        with pytest.raises(iq.BadInput, match=said):
+        with pytest.raises(iq.BadInput, match=message):
             RobotKinematics("so101", **options)
     with pytest.raises(iq.errors.UnknownName, match="no_joint"):
         RobotKinematics("so101", joint_names=["no_joint"])
@@ -213,7 +213,7 @@ def test_bad_input_is_refused_by_name(so101):
         RobotKinematics(slide, "tip")
 
 
-def test_a_rotation_that_is_off_by_rounding_is_taken_as_the_nearest(so101):
+def test_a_rotation_with_rounding_errors_is_made_orthogonal(so101):
     target = so101.forward_kinematics(Q + 3.0)
     wanted = so101.inverse_kinematics(Q, target)
     off = target.copy()
@@ -234,16 +234,16 @@ def ramp(n=50):
     return (Q + share * [20.0, 15.0, -10.0, 8.0, 30.0, 25.0])[None].astype(np.float32)
 
 
-def driven(follower, T, now=0.0):
+def commanded(follower, T, now=0.0):
     """Actions, period by period."""
     return np.array([follower.step(now + t) for t in np.arange(0.0, T, 0.01)])
 
 
-def test_a_chunk_is_done_when_its_stamps_say_inside_the_limits(so101):
+def test_a_chunk_ends_at_its_last_stamp_inside_the_limits(so101):
     follower = ActionFollower(so101, acceleration_limit=1500.0, jerk=60000.0)
     follower.reset(Q)
     follower.follow(ramp(), 0.0)
-    actions = np.vstack((Q, driven(follower, 2.4)))
+    actions = np.vstack((Q, commanded(follower, 2.4)))
     stamps = np.arange(50) / 30
     wanted = np.array([np.interp(np.arange(1, 241) * 0.01, stamps, x) for x in ramp()[0].T]).T
     moving = slice(40, 160)  # after the splice, before the end
@@ -259,30 +259,30 @@ def test_a_chunk_is_done_when_its_stamps_say_inside_the_limits(so101):
     assert np.abs(jerk).max() <= 60000.0 * 1.001
 
 
-def test_a_late_chunk_that_disagrees_is_joined_by_its_own_end(so101):
+def test_a_late_chunk_that_disagrees_is_joined_before_its_end(so101):
     follower = ActionFollower(so101, acceleration_limit=1500.0, jerk=60000.0)
     follower.reset(Q)
     follower.follow(ramp(), 0.0)
-    driven(follower, 0.9)
+    commanded(follower, 0.9)
     other = ramp() + np.array([5.0, -5.0, 5.0, 0.0, 0.0, 0.0], dtype=np.float32)
     follower.follow(other, 0.2)  # observed 0.7 s ago
-    actions = driven(follower, 0.91, now=0.9)  # it ends at 1.83 s
+    actions = commanded(follower, 0.91, now=0.9)  # it ends at 1.83 s
     due = [np.interp(1.81, 0.2 + np.arange(50) / 30, x) for x in other[0].T]
     np.testing.assert_allclose(actions[-1], due, atol=0.3)
     assert np.abs(np.diff(actions[:, :5], axis=0)).max() < 1.0  # no leap
 
 
-def test_a_teleoperators_poses_and_a_leader_arms_actions_are_followed(so101):
+def test_streams_of_poses_and_of_actions_are_followed(so101):
     for point in (so101.forward_kinematics(Q + 2.0), Q + 2.0):
         follower = ActionFollower(so101, acceleration_limit=1500.0, fps=30.0)
         follower.reset(Q)
         for t in np.arange(0.0, 1.0, 0.03):
             follower.add(point, t)
-            actions = driven(follower, 0.03, now=t)
+            actions = commanded(follower, 0.03, now=t)
         assert error(so101, actions[-1], so101.forward_kinematics(Q + 2.0))[0] < 1e-5
 
 
-def test_a_chunk_into_the_desk_stops_above_it_and_the_next_one_leads_away(so101):
+def test_a_chunk_into_a_desk_stops_above_it(so101):
     desk = iq.limits.HalfSpace([0, 0, 0], normal=[0, 0, 1], name="desk")
     clearance = iq.limits.Clearance(so101.robot, {"tool": [iq.limits.Sphere([0, 0, 0], 0.03)]}, [desk])
     down = np.tile(Q, (1, 50, 1))
@@ -292,14 +292,14 @@ def test_a_chunk_into_the_desk_stops_above_it_and_the_next_one_leads_away(so101)
         follower = ActionFollower(so101, acceleration_limit=1500.0, limits=limits)
         follower.reset(Q)
         follower.follow(down, 0.0)
-        heights = [so101.forward_kinematics(action)[2, 3] for action in driven(follower, 2.5)]
+        heights = [so101.forward_kinematics(action)[2, 3] for action in commanded(follower, 2.5)]
         lowest[bool(limits)] = min(heights)
         follower.follow(np.tile(Q, (1, 50, 1)), 2.5)
-        np.testing.assert_allclose(driven(follower, 2.0, now=2.5)[-1], Q, atol=0.01)
+        np.testing.assert_allclose(commanded(follower, 2.0, now=2.5)[-1], Q, atol=0.01)
     assert lowest[False] < 0.0 < 0.0495 < lowest[True] < 0.07  # 20 mm, half a millimetre of it at ticks of 10 ms
 
 
-def test_a_tensor_is_taken():
+def test_a_chunk_may_be_a_tensor():
     class Tensor:
         """The three calls of a tensor of torch that lie between it and an array."""
 
@@ -310,10 +310,10 @@ def test_a_tensor_is_taken():
     follower = ActionFollower(RobotKinematics("so101", joint_names=JOINTS), acceleration_limit=1500.0)
     follower.reset(Q)
     follower.follow(Tensor(ramp()), 0.0)
-    assert driven(follower, 1.0)[-1, 5] > Q[5]
+    assert commanded(follower, 1.0)[-1, 5] > Q[5]
 
 
-def test_what_no_robot_can_be_told_is_refused(so101):
+def test_invalid_arguments_of_the_follower_are_named(so101):
     with pytest.raises(iq.BadInput, match="kinematics"):
         ActionFollower("so101", acceleration_limit=1500.0)
     with pytest.raises(iq.BadInput, match="acceleration_limit"):
@@ -329,7 +329,7 @@ def test_what_no_robot_can_be_told_is_refused(so101):
             follower.follow(chunk, 0.0)
 
 
-def test_a_speed_that_is_given_takes_the_place_of_the_descriptions():
+def test_a_given_velocity_limit_replaces_the_urdfs():
     kinematics = RobotKinematics("so101", joint_names=JOINTS, velocity_limit=900.0)  # its URDF says 573 deg/s
     np.testing.assert_allclose(kinematics.robot.velocity_limit, np.radians(900.0))
     follower = ActionFollower(kinematics, acceleration_limit=9000.0)

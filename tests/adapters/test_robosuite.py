@@ -1,4 +1,4 @@
-"""In robosuite: its own loop, the controller's arms. `.ci/run` makes the environment that robosuite needs."""
+"""The part controller in robosuite's own loop. `.ci/run` makes the environment that robosuite needs."""
 
 import logging
 
@@ -16,7 +16,7 @@ from invariantqp.robosuite import controller_config  # noqa: E402
 PART = "right"
 
 
-def made(task, robot, **options):
+def make(task, robot, **options):
     given = {"has_renderer": False, "has_offscreen_renderer": False, "use_camera_obs": False, "control_freq": 20}
     env = robosuite.make(task, robots=robot, controller_configs=controller_config(robot, **options), seed=0, **given)
     env.reset()
@@ -29,8 +29,8 @@ def action_of(env, pose, speed=(0.0, 0.0, 0.0), press=0.0):
 
 
 @pytest.mark.parametrize("robot", ["Panda", "UR5e"])
-def test_an_arm_goes_to_a_pose_inside_its_limits(robot):
-    env, part = made("Lift", robot, velocity_limit=0.7, acceleration_limit=20.0)
+def test_an_arm_reaches_a_pose_inside_its_limits(robot):
+    env, part = make("Lift", robot, velocity_limit=0.7, acceleration_limit=20.0)
     target = iq.transform(translation=[0.1, 0.08, 0.1]) @ part._tool()
     target[:3, :3] = target[:3, :3] @ iq.exp([0.0, 0.0, 0.4, 0.0, 0.0, 0.0])[:3, :3]
     fastest = 0.0
@@ -43,8 +43,8 @@ def test_an_arm_goes_to_a_pose_inside_its_limits(robot):
     assert part.solution.status == "ok"
 
 
-def test_a_target_moves_on_between_two_actions():
-    env, part = made("Lift", "Panda")
+def test_a_target_moves_between_two_actions():
+    env, part = make("Lift", "Panda")
     pose = part._tool().copy()
     for k in range(40):
         at = iq.transform(translation=[0.0, 0.05 * 0.05 * k, 0.0]) @ pose
@@ -53,8 +53,8 @@ def test_a_target_moves_on_between_two_actions():
     assert abs(part._tool()[1, 3] - pose[1, 3] - 0.05 * 2.0) < 2e-3
 
 
-def test_the_sensor_is_that_of_the_model():
-    env, part = made("Lift", "Panda")
+def test_the_sensor_has_the_models_load():
+    env, part = make("Lift", "Panda")
     for turn in ([0.4, 0.0, 0.0], [0.0, 0.4, 0.0]):
         pose = part._tool() @ iq.exp([*turn, 0.0, 0.0, 0.0])
         for _ in range(30):
@@ -65,8 +65,8 @@ def test_the_sensor_is_that_of_the_model():
         assert np.linalg.norm(part.hybrid.sensor.wrench(reading, part._tool())[3:]) < 0.05
 
 
-def test_it_presses_what_is_asked_for_on_robosuites_own_table():
-    env, part = made("Wipe", "Panda", press={"max_force": 60.0}, position_margin=0.12)
+def test_the_force_on_robosuites_table_is_the_commanded_press():
+    env, part = make("Wipe", "Panda", press={"max_force": 60.0}, position_margin=0.12)
     down = np.diag([1.0, -1.0, -1.0])
     table = env.model.mujoco_arena.table_offset[2]
     above = iq.transform(down @ iq.exp([0, 0, np.pi / 2, 0, 0, 0])[:3, :3], [*part._tool()[:2, 3], table + 0.01])
@@ -83,9 +83,9 @@ def test_it_presses_what_is_asked_for_on_robosuites_own_table():
     assert part.solution.status == "ok"
 
 
-def test_what_is_no_action_is_refused():
-    env, _ = made("Lift", "Panda")
+def test_invalid_actions_are_named():
+    env, _ = make("Lift", "Panda")
     with pytest.raises(iq.BadInput, match="action"):
         env.step(np.full(env.action_dim, np.nan))
     with pytest.raises(iq.BadInput, match="gain"):
-        made("Lift", "Panda", gain=-1.0)
+        make("Lift", "Panda", gain=-1.0)

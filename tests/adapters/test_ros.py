@@ -17,7 +17,7 @@ START = np.array([0.0, -1.2, 1.8, -2.2, -1.57, 0.0])
 STIFFNESS, NOISE = 2e4, 0.2  # [N/m], [N]
 
 
-def spun(name, monkeypatch, arguments=("ur5",)):
+def run_node(name, monkeypatch, arguments=("ur5",)):
     node = ros.installed(monkeypatch)
     monkeypatch.setattr("sys.argv", [name, *arguments])
     runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
@@ -30,23 +30,23 @@ def state_of(q, robot=UR5):
 
 @pytest.fixture
 def press(monkeypatch):
-    return spun("38_force_ros", monkeypatch)
+    return run_node("38_force_ros", monkeypatch)
 
 
-def read(node, reading):
+def publish_wrench(node, reading):
     """The wrench topic: force and moment (6,)."""
     vectors = (SimpleNamespace(x=v[0], y=v[1], z=v[2]) for v in (reading[:3], reading[3:]))
     wrench = SimpleNamespace(**dict(zip(("force", "torque"), vectors, strict=True)))
     node.subscribed["wrench"](ros.message("WrenchStamped", wrench=wrench))
 
 
-def feel(node, q, table, random):
+def publish_contact(node, q, table, random):
     """The wrench topic, of a table and half a kilogram."""
     tool = UR5.pose(q)
     depth = max(0.0, table - tool[2, 3])
     at = tool[:3, :3].T @ np.array([0.0, 0.0, STIFFNESS * depth - 0.5 * 9.80665])
     moment = np.cross([0.0, 0.0, -0.03], tool[:3, :3].T @ [0.0, 0.0, -0.5 * 9.80665])
-    read(node, np.concatenate((at + random.normal(0.0, NOISE, 3), moment)))
+    publish_wrench(node, np.concatenate((at + random.normal(0.0, NOISE, 3), moment)))
     return STIFFNESS * depth
 
 
@@ -62,12 +62,12 @@ def pose_message(pose):
     return ros.message("PoseStamped", pose=SimpleNamespace(position=place, orientation=turn))
 
 
-def test_a_wrench_topic_is_pressed_by(press):
+def test_a_press_follows_the_wrench_topic(press):
     q, random = START.copy(), np.random.default_rng(0)
     table, forces = UR5.pose(q)[2, 3] - 0.003, []
     press.subscribed["press"](ros.message("Float64", data=8.0))
     for _ in range(2500):
-        forces.append(feel(press, q, table, random))
+        forces.append(publish_contact(press, q, table, random))
         press.subscribed["joint_states"](state_of(q))
         q = q + 0.002 * np.array(press.published[-1].data)
     assert np.abs(np.array(forces[-500:]) - 8.0).max() < 0.5
@@ -75,13 +75,13 @@ def test_a_wrench_topic_is_pressed_by(press):
 
 
 @pytest.mark.parametrize("arm", repeats(["panda", "ur5"], ["ur5"]))
-def test_a_table_in_mujoco_is_pressed_by_topics(arm, monkeypatch):
+def test_a_press_on_a_table_in_mujoco(arm, monkeypatch):
     """A touch of 2e4 N/m, along it and back by poses that come every tenth tick, a quarter of a second of silence."""
     pytest.importorskip("mujoco")
     monkeypatch.syspath_prepend(str(EXAMPLES))
     from shared.cells import Cell, table
 
-    node, cell, forces = spun("38_force_ros", monkeypatch, (arm,)), Cell(arm, table(arm, 0.001), tick=0.002), []
+    node, cell, forces = run_node("38_force_ros", monkeypatch, (arm,)), Cell(arm, table(arm, 0.001), tick=0.002), []
     node.subscribed["press"](ros.message("Float64", data=8.0))
     for k in range(2000):
         if k % 10 == 0:
@@ -89,7 +89,7 @@ def test_a_table_in_mujoco_is_pressed_by_topics(arm, monkeypatch):
             node.subscribed["pose"](pose_message(iq.transform(translation=[0.0, aside, 0.0]) @ cell.home))
         q, reading = cell.read()
         if not 1250 < k < 1375:
-            read(node, reading)
+            publish_wrench(node, reading)
             node.subscribed["joint_states"](state_of(q, cell.robot))
         elif k % 25 == 0:
             node.timers[0][1]()
@@ -99,15 +99,15 @@ def test_a_table_in_mujoco_is_pressed_by_topics(arm, monkeypatch):
     assert max(forces) < 9.5
     assert np.sqrt(np.mean(off[500:] ** 2)) < 0.2
     assert off[1250:1375].max() < 0.5
-    told = {said.split(":")[0] for said in node.logged}
-    assert "lost" in told <= {"lost", "limited"}  # as it brakes at the touch
+    statuses = {line.split(":")[0] for line in node.logged}
+    assert "lost" in statuses <= {"lost", "limited"}  # as it brakes at the touch
     assert abs(cell.robot.pose(q)[1, 3] - cell.home[1, 3] - aside) < 1e-3
 
 
-def test_silence_stops_the_arm(press):
+def test_missing_messages_stop_the_arm(press):
     press.subscribed["joint_states"](state_of(START))
     assert press.published == []  # no reading yet
-    feel(press, START, 0.0, np.random.default_rng(0))
+    publish_contact(press, START, 0.0, np.random.default_rng(0))
     press.subscribed["joint_states"](state_of(START))
     assert np.abs(press.published[-1].data).max() > 0.0  # it approaches
     (period, watch), *_ = press.timers
@@ -118,7 +118,7 @@ def test_silence_stops_the_arm(press):
     assert period == 0.05
 
 
-def test_trouble_is_logged_and_a_reset_begins_anew(press):
+def test_an_overload_is_logged_and_reset(press):
     for _ in range(3):
         wrench = SimpleNamespace(
             force=SimpleNamespace(x=0.0, y=0.0, z=90.0), torque=SimpleNamespace(x=0.0, y=0.0, z=0.0)
@@ -127,13 +127,13 @@ def test_trouble_is_logged_and_a_reset_begins_anew(press):
         press.subscribed["joint_states"](state_of(START))
     assert "overload: " in press.logged[-1]
     assert press.served["reset"](None, SimpleNamespace(success=False)).success
-    feel(press, START, 0.0, np.random.default_rng(0))
+    publish_contact(press, START, 0.0, np.random.default_rng(0))
     press.subscribed["joint_states"](state_of(START))
     assert "lost: " in press.logged[-1]
 
 
 def driven(node, topic, message, ticks, every=1):
-    """The joints after ticks of a servo node that hears a message on its first tick and on every so many after."""
+    """Joint positions after ticks of a servo node that receives a message on every so many of them."""
     q, (_, tick) = START.copy(), node.timers[0]
     for k in range(ticks):
         if k % every == 0:
@@ -150,7 +150,7 @@ def twist_message(linear=(0.0, 0.0, 0.0), angular=(0.0, 0.0, 0.0)):
 
 
 def test_a_servo_node_follows_twists_and_stops_without_joint_states(monkeypatch):
-    node = spun("18_servo_ros", monkeypatch)
+    node = run_node("18_servo_ros", monkeypatch)
     q = driven(node, "servo/twist", twist_message(linear=(0.0, 0.05, 0.0)), 250, every=10)
     _, tick = node.timers[0]
     assert 0.015 < UR5.pose(q)[1, 3] - UR5.pose(START)[1, 3] < 0.03
@@ -159,8 +159,8 @@ def test_a_servo_node_follows_twists_and_stops_without_joint_states(monkeypatch)
     assert node.published[-1].data == [0.0] * 6
 
 
-def test_a_twist_that_only_turns_leaves_the_tool_where_it_is(monkeypatch):
-    node = spun("18_servo_ros", monkeypatch)
+def test_a_rotation_about_the_tool_does_not_translate_it(monkeypatch):
+    node = run_node("18_servo_ros", monkeypatch)
     q = driven(node, "servo/twist", twist_message(angular=(0.2, 0.0, 0.0)), 500, every=10)
     moved = UR5.pose(q) @ iq.inverse(UR5.pose(START))
     assert np.linalg.norm(UR5.pose(q)[:3, 3] - UR5.pose(START)[:3, 3]) < 1e-3
@@ -168,7 +168,7 @@ def test_a_twist_that_only_turns_leaves_the_tool_where_it_is(monkeypatch):
 
 
 def test_a_servo_node_goes_to_a_pose(monkeypatch):
-    node = spun("18_servo_ros", monkeypatch)
+    node = run_node("18_servo_ros", monkeypatch)
     target = iq.transform(translation=[0.0, 0.0, 0.05]) @ UR5.pose(START)
     q = driven(node, "servo/pose", pose_message(target), 1000)
     assert np.abs(UR5.pose(q) - target).max() < 1e-3

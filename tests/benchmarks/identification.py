@@ -2,7 +2,7 @@
 
 python tests/benchmarks/identification.py kinds [--seeds 20] [--first 0]       a person's motion, twelve kinds
 python tests/benchmarks/identification.py strokes                              a robot's straight line without a turn
-python tests/benchmarks/identification.py smooth                               smooth errors of poses, told and not
+python tests/benchmarks/identification.py smooth                               smooth errors of poses, with and without given noise
 python tests/benchmarks/identification.py frames                               other frames; millimetres and pounds
 python tests/benchmarks/identification.py changes                              one contact after the other
 python tests/benchmarks/identification.py hand                                 MuJoCo: a compliant hand drags the tool
@@ -38,7 +38,7 @@ def answer(poses, wrenches, **options):
     return (named[0] if found.kind else None), named, found
 
 
-def row(kind, seeds, style="human", smooth=0.0, told=None):
+def row(kind, seeds, style="human", smooth=0.0, noise=None):
     """Print what is right, in the set, sole, sole and wrong, and the errors of those that are right."""
     right = among = sole = wrong = 0
     others, off, spent = Counter(), {}, []
@@ -46,7 +46,7 @@ def row(kind, seeds, style="human", smooth=0.0, told=None):
         X, w, truth = record(kind, seed, style, smooth=smooth)
         true = "free" if kind == "free" else (truth.kind, truth.fixed_to)
         start = time.process_time()
-        said, named, found = answer(X, w, noise=NOISE if told else None)
+        said, named, found = answer(X, w, noise=noise)
         spent.append(time.process_time() - start)
         right += said == true
         among += said == true or true in named
@@ -205,9 +205,9 @@ def frames_table(seeds, kinds=KINDS):
                     wrong["place mm"] = 1e3 * np.linalg.norm(gap)
                 for name, value in wrong.items():
                     most[name] = max(most.get(name, 0.0), value)
-        told = ", ".join(f"{name} {value:.1e}" for name, value in most.items())
+        largest = ", ".join(f"{name} {value:.1e}" for name, value in most.items())
         print(
-            f"unit {metre:g}, force {newton:g}: same answer {same} of {len(kinds[1:]) * len(seeds)}; most: {told}",
+            f"unit {metre:g}, force {newton:g}: same answer {same} of {len(kinds[1:]) * len(seeds)}; most: {largest}",
             flush=True,
         )
 
@@ -255,9 +255,9 @@ def tilts_table(seeds):
         said, _, found = answer(X, w)
         kinds = [] if said == "none" else [(p.kind, p.start, p.stop) for p in found.segments]
         print("   ", seed, kinds or str(found)[:150])
-        told = [kind for kind, *_ in kinds if kind]
-        tally["both, each its own" if told == ["face", "line"] else
-              "wrong" if any(kind not in ("face", "line") for kind in told) else "one told, or cannot tell"] += 1  # fmt: skip
+        found_kinds = [kind for kind, *_ in kinds if kind]
+        tally["both, each its own" if found_kinds == ["face", "line"] else
+              "wrong" if any(kind not in ("face", "line") for kind in found_kinds) else "one identified, or none"] += 1  # fmt: skip
     for what, count in sorted(tally.items()):
         print(f"{count:4} {what}")
 
@@ -275,13 +275,13 @@ def changes_table(seeds):
         said, _, found = answer(*(np.concatenate([part[k] for part in parts]) for k in (0, 1)))
         kinds = [] if said == "none" else [(p.kind, p.fixed_to) for p in found.segments]
         true = [(t.kind, t.fixed_to) for t in (one, two)]
-        told = [k for k in kinds if k[0] is not None]
+        determined = [k for k in kinds if k[0] is not None]
         if kinds == true:
             verdict = "both, each its own"
-        elif said == "none" or not told:
-            verdict = "cannot tell"
-        elif all(k in true for k in told):
-            verdict = "one told, the other not"
+        elif said == "none" or not determined:
+            verdict = "undetermined"
+        elif all(k in true for k in determined):
+            verdict = "one identified, the other not"
         else:
             verdict = "wrong"
             print("   ", seed, true, kinds)
@@ -298,31 +298,31 @@ def main():
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--kinds", nargs="*", default=None)
-    told = parser.parse_args()
-    seeds, kinds = range(told.first, told.first + told.seeds), tuple(told.kinds or KINDS)
-    if told.table == "kinds":
+    options = parser.parse_args()
+    seeds, kinds = range(options.first, options.first + options.seeds), tuple(options.kinds or KINDS)
+    if options.table == "kinds":
         table(seeds, kinds)
-    if told.table == "strokes":
+    if options.table == "strokes":
         table(seeds, kinds, style="stroke")
-    if told.table == "smooth":
-        for share in (False, True):
-            print("smooth over 0.2 s, noise told" if share else "smooth over 0.2 s, not told")
-            table(seeds, kinds, smooth=0.2, told=share)
-    if told.table == "frames":
+    if options.table == "smooth":
+        for noise in (None, NOISE):
+            print("smooth over 0.2 s, noise estimated" if noise is None else "smooth over 0.2 s, noise given")
+            table(seeds, kinds, smooth=0.2, noise=noise)
+    if options.table == "frames":
         frames_table(seeds, kinds)
-    if told.table == "changes":
+    if options.table == "changes":
         changes_table(seeds)
-    if told.table == "tilts":
+    if options.table == "tilts":
         tilts_table(seeds)
-    if told.table == "bounds":
+    if options.table == "bounds":
         bounds_table(seeds)
-    if told.table == "time":
+    if options.table == "time":
         for kind in kinds:
-            X, w, _ = record(kind, told.first, duration=10.0)
+            X, w, _ = record(kind, options.first, duration=10.0)
             start = time.process_time()
             answer(X, w)
             print(f"{kind:14} {time.process_time() - start:.2f} s of a processor, 10 s at 100 Hz")
-    if told.table == "hand":
+    if options.table == "hand":
         hand_table(seeds, kinds)
 
 

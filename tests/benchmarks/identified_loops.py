@@ -1,4 +1,4 @@
-"""What was identified is executed again: press and side force beside the truth told, and beside a guess, on two arms.
+"""Loops with identified contacts, compared with loops that have the true contact and a guess, on two arms.
 
 A pen and an edge on a plane guessed 5 degrees off, a hinge and a screw 10 mm off, a peg 2 degrees. Demonstrations are
 of a person's motion at the arm's start, with noise; the world is springs without mass and friction 0.3 on surfaces.
@@ -36,7 +36,7 @@ def held(poses, wrenches):
 
 
 class Plane:
-    """A pen, or an edge along x of the tool with two ends 30 mm apart, on a plane 5 degrees off the one guessed."""
+    """A pen, or an edge along x of the tool with two ends 30 mm apart, on a plane 5 degrees off the nominal one."""
 
     def __init__(self, start, edge):
         self.start, self.x, down = start, start[:3, 0], -start[:3, 2]
@@ -105,7 +105,7 @@ class Plane:
 
 
 class Joint:
-    """A handle that moves along one screw, held by 1e4 N/m: told 10 mm off, true, or found."""
+    """A handle that moves along one screw, held by 1e4 N/m: 10 mm off, true, or identified."""
 
     wanted = 0.0
 
@@ -143,7 +143,7 @@ class Joint:
 
 
 class Peg:
-    """A peg in its hole with 0.1 mm of clearance across, told tilted by 2 degrees, true, or found."""
+    """A peg in its hole with 0.1 mm of clearance across, tilted by 2 degrees, true, or identified."""
 
     wanted = 0.0
 
@@ -194,7 +194,7 @@ class Peg:
 
 
 def run(robot, q, world, task, seconds, seed):
-    """Root mean square of what the true force misses after half a second of the path, and its largest; the same of the
+    """Root mean square of the force error after half a second of the path, and its largest; the same of the
     tool's place beside its path, across what is pressed on [mm]; statuses.
     """
     rng = np.random.default_rng(seed)
@@ -229,11 +229,11 @@ def main():
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--jobs", nargs="*", default=["pen", "edge", "hinge", "screw", "peg"])
-    told = parser.parse_args()
-    for name in told.arms:
+    options = parser.parse_args()
+    for name in options.arms:
         robot = iq.load_robot(name)
         start = robot.pose(ARMS[name])
-        for job in told.jobs:
+        for job in options.jobs:
             world = (
                 Plane(start, job == "edge")
                 if job in ("pen", "edge")
@@ -249,7 +249,7 @@ def main():
                 wrong, right = world.contact(world.guess), world.contact(world.post)
             press = [PRESS] if job == "pen" else [PRESS, 0.0] if job == "edge" else [0.0] * (4 if job == "peg" else 5)
             cases = {"guess": iq.HybridTask(wrong, press), "truth": iq.HybridTask(right, press)}
-            for seed in range(told.seeds):
+            for seed in range(options.seeds):
                 rng = np.random.default_rng([seed, 17])
                 X, w = noisy(rng, *world.demonstration(rng, np.arange(600) / 100.0))
                 try:
@@ -260,7 +260,7 @@ def main():
                 except iq.InvariantQPError as error:
                     print(f"{name} {job} seed {seed}: {str(error)[:300]}")
             for case, task in cases.items():
-                rms, most, path, farthest, statuses = run(robot, ARMS[name], world, task, told.seconds, 1)
+                rms, most, path, farthest, statuses = run(robot, ARMS[name], world, task, options.seconds, 1)
                 print(
                     f"{name:6} {job:6} {case:60} force off by {rms:.4f} N rms, {most:.3f} most; "
                     f"path by {path:.2f} mm rms, {farthest:.2f} most; {dict(statuses)}",

@@ -327,7 +327,7 @@ def test_the_work_of_a_tick_is_bounded_whatever_comes(monkeypatch):
     arm = Arm("ur5")
     truth = arm.motion(np.random.default_rng(8))
     solved = []
-    for name in ("solve", "met"):
+    for name in ("solve", "descend"):
         real = getattr(fit.PoseSearch, name)
         monkeypatch.setattr(fit.PoseSearch, name, lambda *a, _=real, **k: (solved.append(1), _(*a, **k))[1])
     follower, q = arm.follower(), arm.start

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
+from support.inverse_kinematics import ARMS, NO_LIMIT, is_inside
 
 import invariantqp as iq
-from invariantqp.pose.ik import pose_arm
+from invariantqp.pose.ik import engine_arm
 
-NO_LIMIT = {"time_limit": np.inf}
-UR5 = iq.load_robot("ur5")
+UR5 = ARMS["ur5"]
 
 
 def test_only_hinges_whose_range_holds_a_turn_turn_over():
@@ -17,18 +17,17 @@ def test_only_hinges_whose_range_holds_a_turn_turn_over():
             iq.se3.prismatic([1, 0, 0]),
         ]
     )
-    wide = pose_arm(iq.robots.Chain(screws, np.eye(4), (), -4.0, 4.0))
+    wide = engine_arm(iq.robots.Chain(screws, np.eye(4), (), -4.0, 4.0))
     turns = np.array([2.0 * np.pi, np.pi, 0.0, 0.0])  # the second screw is twice a unit one
-    np.testing.assert_allclose(wide.inside([5.0, 5.0, 5.0, 5.0]), [5.0 - turns[0], 5.0 - turns[1], 4.0, 4.0])
-    narrow = pose_arm(iq.robots.Chain(screws, np.eye(4), (), -1.5, 1.5))
-    np.testing.assert_array_equal(narrow.inside(np.full(4, -5.0)), np.full(4, -1.5))
+    np.testing.assert_allclose(wide.wrapped([5.0, 5.0, 5.0, 5.0]), [5.0 - turns[0], 5.0 - turns[1], 4.0, 4.0])
+    narrow = engine_arm(iq.robots.Chain(screws, np.eye(4), (), -1.5, 1.5))
+    np.testing.assert_array_equal(narrow.wrapped(np.full(4, -5.0)), np.full(4, -1.5))
 
 
 @pytest.mark.parametrize("q", [[0.0] * 6, [7.0] * 6, [-40.0, 40.0, 3.0, -9.0, 1e3, 6.5]])
-def test_shifts_end_inside_and_move_no_tool(q):
-    inside = pose_arm(UR5).inside(q)
-    assert (inside >= UR5.position_lower).all()
-    assert (inside <= UR5.position_upper).all()
+def test_whole_turns_into_the_limits_do_not_move_the_tool(q):
+    inside = engine_arm(UR5).wrapped(q)
+    assert is_inside(UR5, inside)
     free = np.array(q)
     free[2] = inside[2]  # the elbow's range is one turn; 7 rad are shifted into it as well
     np.testing.assert_allclose(UR5.pose(inside), UR5.pose(free), atol=1e-9)
@@ -58,12 +57,12 @@ def test_at_a_limit_a_joint_does_not_turn_over():
     assert (found.success, found.other_branch) == (True, False)
 
 
-def test_of_equal_states_the_one_nearest_the_start_is_chosen():
+def test_of_equal_joint_positions_the_nearest_to_the_start_is_chosen():
     q = np.array([5.0, -1.0, 1.0, 0.5, 1.0, -5.0])
     for start in (q, q - 2.0 * np.pi * np.array([1, 0, 0, 0, 0, -1])):
         found = iq.solve_pose(UR5, UR5.pose(q), q0=start, **NO_LIMIT)
         np.testing.assert_allclose(found.q, start, atol=1e-6)
-    kinova = iq.load_robot("kinova")  # its first joint has no limits at all
+    kinova = ARMS["kinova"]  # its first joint has no limits at all
     far = np.array([40.0, 3.0, 2.0, -30.0, 3.0, 20.0])
     found = iq.solve_pose(kinova, kinova.pose(far + 0.05), q0=far, **NO_LIMIT)
     assert np.abs(found.q - far).max() < 1.0

@@ -21,10 +21,10 @@ def test_the_toolbox_has_the_same_arm(name):
         np.testing.assert_allclose(ets.eval(q), robot.pose(q), atol=1e-12)
 
 
-def test_everyone_runs_on_the_same_targets():
+def test_all_solvers_have_the_same_targets():
     calls = []
     outcomes = RACE.race(2, ("so101",), progress=lambda *a: calls.append(a))
-    assert [o.solver for o in outcomes] == list(RACE.contestants())
+    assert [o.solver for o in outcomes] == list(RACE.solver_factories())
     assert outcomes[0].solver == RACE.SOLVE_POSE
     assert outcomes[0].outside == 0
     assert all(0.0 <= o.success <= 1.0 and 0.0 < o.median_ms <= o.p99_ms for o in outcomes)
@@ -33,12 +33,12 @@ def test_everyone_runs_on_the_same_targets():
         RACE.race(0)
 
 
-def test_nobodys_word_is_taken_for_it():
+def test_solutions_are_checked_whatever_solvers_report():
     q = 0.5 * SO101.position_upper
     outside = SO101.position_upper + 0.1
     nearly = q + 1e-5
     problems = [(SO101.pose(q), q), (SO101.pose(outside), q), (SO101.pose(q), q), (SO101.pose(q), q)]
-    answers = [q, outside, nearly, q]
-    judged = RACE._judged(SO101, "so101", "x", problems, answers, np.array([0.001, 0.002, 0.003, 0.06]))
-    assert judged.success == 0.25  # the second is outside, the third is off, the last is late
-    assert judged.outside == 1
+    solutions = [q, outside, nearly, q]
+    outcome = RACE._outcome(SO101, "so101", "x", problems, solutions, np.array([0.001, 0.002, 0.003, 0.06]))
+    assert outcome.success == 0.25  # the second is outside, the third is off, the last is late
+    assert outcome.outside == 1

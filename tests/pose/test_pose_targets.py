@@ -1,18 +1,20 @@
-"""Pose searches for targets that leave something free: reached within limits, in any frame and unit."""
+"""Pose searches for targets that are partial: reached within limits, in any frame and unit."""
 
 import numpy as np
 import pytest
 from support.arms import arm
+from support.inverse_kinematics import ARMS as ALL
+from support.inverse_kinematics import NO_LIMIT, assert_refused, is_inside, random_joints
 
 import invariantqp as iq
 
-ARMS = ("so101", "ur5", "panda")
+ARMS = {name: ALL[name] for name in ("so101", "ur5", "panda")}
+UR5 = ARMS["ur5"]
+Z = np.array([0.0, 0.0, 1.0])
 
 
 def random_poses(robot, count, seed=0):
-    rng = np.random.default_rng(seed)
-    low, high = np.maximum(robot.position_lower, -3.1), np.minimum(robot.position_upper, 3.1)
-    return [robot.pose(rng.uniform(low, high)) for _ in range(count)]
+    return [robot.pose(q) for q in random_joints(robot, count, seed)]
 
 
 def parts_of(pose, point, axis):
@@ -24,7 +26,7 @@ def parts_of(pose, point, axis):
     ]
 
 
-def misses(robot, q, target):
+def target_errors(robot, q, target):
     pose, off, angle = robot.pose(q), 0.0, 0.0
     if target.point is not None:
         off = np.linalg.norm(pose[:3, :3] @ target.tool_point + pose[:3, 3] - target.point)
@@ -35,40 +37,32 @@ def misses(robot, q, target):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_what_an_arm_can_reach_is_reached(name):
-    robot, rng = iq.load_robot(name), np.random.default_rng(1)
+def test_reachable_partial_targets_are_reached(name):
+    robot, rng = ARMS[name], np.random.default_rng(1)
     for pose in random_poses(robot, 40):
         for target in parts_of(pose, 0.1 * rng.normal(size=3), rng.normal(size=3)):
-            found = iq.solve_pose(robot, target, time_limit=np.inf)
+            found = iq.solve_pose(robot, target, **NO_LIMIT)
             assert found.success, found.reason
             np.testing.assert_allclose(
-                (found.position_error, found.orientation_error), misses(robot, found.q, target), atol=1e-9
+                (found.position_error, found.orientation_error), target_errors(robot, found.q, target), atol=1e-9
             )
-            assert max(misses(robot, found.q, target)) <= 1e-6
-            assert (found.q >= robot.position_lower).all()
-            assert (found.q <= robot.position_upper).all()
+            assert max(target_errors(robot, found.q, target)) <= 1e-6
+            assert is_inside(robot, found.q)
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_what_is_free_moves_less_than_a_whole_pose(name):
-    robot = iq.load_robot(name)
+def test_a_partial_target_moves_joints_less_than_a_whole_pose(name):
+    robot = ARMS[name]
     rng, q0 = np.random.default_rng(2), 0.5 * (robot.position_lower + robot.position_upper) + 0.1
     moved = np.zeros(4)
     for _ in range(20):
         pose = robot.pose(q0 + rng.uniform(-0.3, 0.3, len(q0)))
-        targets = [pose, *parts_of(pose, np.zeros(3), np.array([0.0, 0.0, 1.0]))]
+        targets = [pose, *parts_of(pose, np.zeros(3), Z)]
         moved += [np.linalg.norm(iq.solve_pose(robot, one, q0=q0).q - q0) for one in targets]
     assert (moved[1:] <= (1.0 + 1e-6) * moved[0]).all()  # five joints have no turn to spare
 
 
-def test_a_point_is_a_target_of_the_tools_origin():
-    robot = iq.load_robot("panda")
-    place = random_poses(robot, 1)[0][:3, 3]
-    for point in (place, list(place)):
-        np.testing.assert_array_equal(iq.solve_pose(robot, point).q, iq.solve_pose(robot, iq.Target(place)).q)
-
-
-def test_neither_the_base_frame_nor_the_unit_of_length_decides():
+def test_base_frame_and_unit_of_length_do_not_matter():
     rng = np.random.default_rng(3)
     made, home, q0 = arm(rng, "general", 6), iq.exp(rng.normal(size=6)), rng.uniform(-1.0, 1.0, 6)
     to, unit = iq.exp(rng.normal(size=6)), 1000.0
@@ -97,64 +91,60 @@ def test_neither_the_base_frame_nor_the_unit_of_length_decides():
 
 
 def test_an_axis_turned_round_is_reached():
-    robot, q = iq.load_robot("ur5"), np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
+    robot, q = UR5, np.array([0.0, -1.4, 1.6, -1.8, -1.57, 0.0])
     pose = robot.pose(q)
     for target in (iq.Target(axis=-pose[:3, 2]), iq.Target(pose[:3, 3], -pose[:3, 2])):
         found = iq.solve_pose(robot, target, q0=q)
         assert found.success
-        assert max(misses(robot, found.q, target)) < 1e-6
+        assert max(target_errors(robot, found.q, target)) < 1e-6
 
 
-def test_out_of_reach_the_closest_is_found_and_said():
-    robot = iq.load_robot("panda")
+def test_out_of_reach_the_closest_is_found():
+    robot = ARMS["panda"]
     both = iq.Target([1.6, 0.0, 0.333], [-1.0, 0.0, 0.0])
-    found = iq.solve_pose(robot, both, time_limit=np.inf, restarts=5)
+    found = iq.solve_pose(robot, both, **NO_LIMIT, restarts=5)
     assert not found.success
-    np.testing.assert_allclose((found.position_error, found.orientation_error), misses(robot, found.q, both), atol=1e-9)
+    np.testing.assert_allclose(
+        (found.position_error, found.orientation_error), target_errors(robot, found.q, both), atol=1e-9
+    )
     assert found.orientation_error > 0.1
     assert found.reason.startswith("out of reach")
-    other = iq.solve_pose(robot, iq.Target([1.6, 0.0, 0.333]), time_limit=np.inf, restarts=5)
+    other = iq.solve_pose(robot, iq.Target([1.6, 0.0, 0.333]), **NO_LIMIT, restarts=5)
     assert other.position_error <= found.position_error + 1e-9
     assert other.orientation_error == 0.0
 
 
-def test_a_robot_of_the_users_own_does_the_same():
+def test_a_subclass_of_chain_has_the_same_solutions():
     class Mine(iq.robots.Chain):
         """No plain Chain."""
 
-    robot = iq.load_robot("so101")
+    robot = ARMS["so101"]
     named = ("screws", "home", "names", "position_lower", "position_upper", "velocity_limit")
     own = Mine(**{name: getattr(robot, name) for name in named})
-    for target in parts_of(random_poses(robot, 1)[0], np.zeros(3), np.array([0.0, 0.0, 1.0])):
-        found = [iq.solve_pose(r, target, time_limit=np.inf).q for r in (robot, own)]
+    for target in parts_of(random_poses(robot, 1)[0], np.zeros(3), Z):
+        found = [iq.solve_pose(r, target, **NO_LIMIT).q for r in (robot, own)]
         np.testing.assert_allclose(found[0], found[1], atol=1e-9)
 
 
 @pytest.mark.parametrize("along", [False, True])
 def test_many_targets_of_several_kinds(along):
-    robot = iq.load_robot("ur5")
+    robot = UR5
     pose = random_poses(robot, 1)[0]
-    targets = [pose, pose[:3, 3], *parts_of(pose, np.zeros(3), np.array([0.0, 0.0, 1.0]))]
-    found = iq.solve_poses(robot, targets, along=along, time_limit=np.inf)
+    targets = [pose, pose[:3, 3], *parts_of(pose, np.zeros(3), Z)]
+    found = iq.solve_poses(robot, targets, along=along, **NO_LIMIT)
     assert [one.success for one in found] == [True] * 5
     if not along:
         for one, target in zip(found, targets, strict=True):
-            np.testing.assert_array_equal(one.q, iq.solve_pose(robot, target, time_limit=np.inf).q)
+            np.testing.assert_array_equal(one.q, iq.solve_pose(robot, target, **NO_LIMIT).q)
 
 
 def test_a_form_and_exact_demands_need_a_pose():
-    robot = iq.load_robot("ur5")
+    robot = UR5
     for options in ({"form": 0.3}, {"form": iq.tool_metric(robot)}, {"exact": "position"}):
-        with pytest.raises(iq.BadInput) as refused:
-            iq.solve_pose(robot, iq.Target(axis=[0.0, 0.0, 1.0]), **options)
-        assert refused.value.argument == "target"
+        assert_refused(lambda given=options: iq.solve_pose(robot, iq.Target(axis=Z), **given), "target")
 
 
 @pytest.mark.parametrize("target", [[np.nan, 0.0, 0.0], [0.0, 0.0], iq.Target([1e3, 0.0, 0.0]), "point"])
-def test_what_is_no_target_is_refused_by_name(target):
-    with pytest.raises(iq.BadInput) as refused:
-        iq.solve_pose(iq.load_robot("ur5"), target)
-    assert refused.value.argument == "target"
-    with pytest.raises(iq.BadInput) as refused:
-        iq.solve_poses(iq.load_robot("ur5"), [iq.Target(axis=[0.0, 0.0, 1.0]), target])
-    assert refused.value.argument == "targets[1]"
+def test_wrong_targets_are_refused(target):
+    assert_refused(lambda: iq.solve_pose(UR5, target), "target")
+    assert_refused(lambda: iq.solve_poses(UR5, [iq.Target(axis=Z), target]), "targets[1]")

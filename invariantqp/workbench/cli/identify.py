@@ -69,7 +69,7 @@ def identify(
     """Say which contact RECORDING shows, where it is, and what the recording leaves open."""
     from invariantqp.force.sensor import WrenchSensor
     from invariantqp.identification.identify import identify as identify_contact
-    from invariantqp.identification.recording import read, seconds
+    from invariantqp.identification.recording_files import read_recording
     from invariantqp.workbench.runs.taskfile import load_arm
 
     writable("--json", json_file)
@@ -84,11 +84,11 @@ def identify(
     if off is not None and len(off) != 2:
         raise BadInput("--accuracy", accuracy or "", "two numbers: degrees and a length")
     loaded: Robot | None = None if robot is None else load_arm(robot, tool)
-    file = read(recording, loaded)
+    file = read_recording(recording, loaded)
     sensor = WrenchSensor(frame, order="moment first", reads=reads, mass=mass, centre=place)  # type: ignore[arg-type]
-    if file.unused:
-        say(f"note: not used: {', '.join(file.unused)}", style="yellow")
-    steps = np.diff(seconds(file))
+    if file.unused_columns:
+        say(f"note: not used: {', '.join(file.unused_columns)}", style="yellow")
+    steps = np.diff(file.seconds)
     if len(steps) and steps.max() > 1.5 * np.median(steps):  # nearer to two of the usual ones than to one
         say("note: samples are missing: time has gaps, and samples are taken as evenly spaced", style="yellow")
     options: dict[str, Any] = {"kinds": kind, "sensor": sensor}
@@ -102,17 +102,17 @@ def identify(
         from invariantqp.workbench.view.recorded import timeline_of_recording
 
         write(view, page(timeline_of_recording(found, file, sensor, loaded, robot, recording.stem)))
-    print_identification(found, recording.name, seconds(file))
+    print_identification(found, recording.name, file.seconds)
 
 
 def _frame(text: str) -> Any:
     """(4, 4) of x, y, z, or x, y, z, qx, qy, qz, qw."""
-    from invariantqp.identification.recording import POSE, quaternion_poses
+    from invariantqp.identification.recording_files import POSE_COLUMNS, quaternion_poses
 
     found = numbers("--mount", text)
-    if len(found) not in (3, len(POSE)):
+    if len(found) not in (3, len(POSE_COLUMNS)):
         raise BadInput("--mount", repr(text), "3 numbers, x,y,z, or 7, x,y,z,qx,qy,qz,qw")
-    return quaternion_poses(np.array([[*found, *[0.0, 0.0, 0.0, 1.0][: len(POSE) - len(found)]]]), "--mount")[0]
+    return quaternion_poses(np.array([[*found, *[0.0, 0.0, 0.0, 1.0][: len(POSE_COLUMNS) - len(found)]]]), "--mount")[0]
 
 
 def print_identification(found: Identification, name: str, time: Array) -> None:

@@ -13,7 +13,7 @@ from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
 from invariantqp.identification.candidate import Candidate
 from invariantqp.identification.identify import Identification
-from invariantqp.identification.recording import File, seconds
+from invariantqp.identification.recording_files import RecordingFile
 from invariantqp.robots.kinematics import Robot
 from invariantqp.robots.load import urdf_of
 from invariantqp.workbench.pictures.charts import FRAMES, ORANGE, SKY, CurveChart, frame_ends
@@ -27,13 +27,18 @@ AXES = ("hinge", "screw", "slide", "peg")
 
 
 def timeline_of_recording(
-    identified: Identification, file: File, sensor: WrenchSensor, robot: Robot | None, source: str | None, title: str
+    identified: Identification,
+    file: RecordingFile,
+    sensor: WrenchSensor,
+    robot: Robot | None,
+    source: str | None,
+    title: str,
 ) -> Timeline:
     """A recording as frames: the arm where there is one, the path of the contact, and part of the surface or the axis.
 
     `source` is what names the robot, `title` that of the page.
     """
-    time, segments = seconds(file), identified.segments
+    time, segments = file.seconds, identified.segments
     at = frame_ends(len(time) - 1)
     kinds = [p.kind or f"undecided ({', '.join(dict.fromkeys(c.kind for c in p.candidates))})" for p in segments]
     status = np.full(len(at), MOVING, dtype=object)
