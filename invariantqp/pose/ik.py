@@ -136,13 +136,13 @@ class PoseSearch:
 
     def start(self, q0: ArrayLike) -> Array:
         """Joint positions (m,) to begin from, checked."""
-        q = arrays.joints(q0, self._robot.names, "q0")
+        q = arrays.joint_vector(q0, self._robot.names, "q0")
         refuse(not_believed(self._robot, q, no_degrees(self._robot, self._robot.jacobian(middle(self._robot)))), "q0")
         return q
 
     def target(self, target: Any, argument: str = "target") -> Array | Target:
         """A target, checked: a pose (4, 4), the place (3,) of the tool, or a `Target`."""
-        found = target if isinstance(target, Target) else arrays.array(arrays.matrix_of(target), argument, TARGETS)
+        found = target if isinstance(target, Target) else arrays.array(arrays.pose_matrix(target), argument, TARGETS)
         if isinstance(found, Target) or found.shape == (3,):
             if self._exact or self._form is not None:
                 expected = "a (4, 4) pose beside a form or exact demands"
@@ -324,7 +324,7 @@ def _limits(tolerance: float, time_limit: float, restarts: int, seed: int, m: in
     return (
         arrays.number(tolerance, "tolerance", "a tolerance in radians and in lengths", positive=True),
         arrays.number(time_limit, "time_limit", "seconds or inf", positive=True, infinite=True),
-        arrays.count(restarts, "restarts", arrays.MANY),
+        arrays.count(restarts, "restarts", arrays.LARGEST_COUNT),
         np.random.default_rng(arrays.count(seed, "seed")).random(m),
     )
 
@@ -433,7 +433,7 @@ def solve_poses(
         options: of `solve_pose`: form, exact, tolerance, time_limit, restarts, seed.
     """
     search = PoseSearch(robot, **options)
-    listed = arrays.listed(targets, "targets", "a list of poses")
+    listed = arrays.sequence(targets, "targets", "a list of poses")
     wanted = [search.target(target, f"targets[{i}]") for i, target in enumerate(listed)]
     path, n, m = arrays.flag(along, "along"), len(listed), len(robot.names)
     begin = None
@@ -443,7 +443,7 @@ def solve_poses(
             begin = np.array([search.start(q) for q in arrays.matrix(begin, (n, m), "q0")])
         else:
             begin = search.start(begin)
-    threads = -1 if type(jobs) is int and jobs == -1 else arrays.count(jobs, "jobs", arrays.MANY)
+    threads = -1 if type(jobs) is int and jobs == -1 else arrays.count(jobs, "jobs", arrays.LARGEST_COUNT)
     if threads == 0:
         raise BadInput("jobs", "0", "a number of threads, or -1 for all cores")
     if path and threads != 1:

@@ -6,7 +6,7 @@ from scipy.optimize import minimize
 from support.random_systems import distance, motion
 
 import invariantqp as iq
-from invariantqp.geometry.screws import resting_point
+from invariantqp.geometry.screws import least_moving_point
 from invariantqp.geometry.se3 import velocity_at
 from invariantqp.systems.points import reach
 
@@ -104,9 +104,9 @@ def test_axes_that_meet_but_for_rounding_have_none_either(reach):
 
 def test_the_tolerance_decides_which_axes_are_parallel():
     J = np.column_stack([iq.revolute((1e-5 * i, 0, 1), (0.3 * i, 0.1 * i * i, 0)) for i in range(3)])
-    assert resting_point(J).free.shape == (3, 0)
-    assert resting_point(J, tolerance=1e-7).free.shape == (3, 1)
-    assert resting_point(J, longest=1e-3).free.shape == (3, 3)
+    assert least_moving_point(J).free.shape == (3, 0)
+    assert least_moving_point(J, tolerance=1e-7).free.shape == (3, 1)
+    assert least_moving_point(J, longest=1e-3).free.shape == (3, 3)
 
 
 def broken_line(axes, point):

@@ -11,7 +11,7 @@ from support.repeats import repeats
 import invariantqp as iq
 from invariantqp.engine import law
 from invariantqp.systems import projectors
-from invariantqp.systems.pseudoinverses import well_conditioned
+from invariantqp.systems.pseudoinverses import by_engine
 
 FACE = np.eye(6)[:, [2, 3, 4]]  # turns about z, slides along x and y
 LENGTHS = np.repeat([1.0, 1e3], 3)  # metres to millimetres
@@ -239,7 +239,7 @@ def test_the_engine_splits_what_is_well_conditioned(monkeypatch):
         if found is None:
             continue
         with monkeypatch.context() as without:
-            without.setattr(projectors, "well_conditioned", lambda *_: None)
+            without.setattr(projectors, "by_engine", lambda *_: None)
             known = iq.dual_projectors(**given, **rule)
         answered[next(iter(rule))] += 1
         split, scale = projectors.DualProjectors(*found), np.repeat([1.0, known.unit], 3)[:, None]
@@ -258,7 +258,7 @@ def test_the_engine_splits_what_is_well_conditioned(monkeypatch):
 def test_the_engine_leaves_what_is_to_be_refused_to_python():
     nowhere = np.random.default_rng(0).normal(size=(6, 65))
     for bad in (FACE[:5], np.nan * FACE, nowhere, 0.0 * FACE, None):
-        assert well_conditioned(law.projectors, bad, None, 0.1, None, None) is None
+        assert by_engine(law.projectors, bad, None, 0.1, None, None) is None
     assert law.projectors(None, FACE[:, :0], 0.1, None, None) is None
     for rule in (
         (np.nan, None, None),
@@ -266,7 +266,7 @@ def test_the_engine_leaves_what_is_to_be_refused_to_python():
         (None, None, None),
         (0.0, None, None),
     ):
-        assert well_conditioned(law.projectors, np.eye(6)[:, :3], None, *rule) is None
+        assert by_engine(law.projectors, np.eye(6)[:, :3], None, *rule) is None
     for metric in (-np.eye(6), np.ones((6, 6)), np.eye(6) + np.eye(6, k=1), np.diag([1.0, 1, 1, 1, 1, 0]), np.eye(5)):
-        assert well_conditioned(law.projectors, FACE, None, None, None, metric) is None
+        assert by_engine(law.projectors, FACE, None, None, None, metric) is None
     assert law.projectors(FACE, None, None, FACE, None) is None
