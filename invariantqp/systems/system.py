@@ -11,21 +11,12 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BlindSystem
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
+from invariantqp.systems import families, pseudoinverses, stationary
 from invariantqp.systems.classification import GibsonHunt, classify
-from invariantqp.systems.families import Cylindroid, PitchField, cylindroid, pitch_field
 from invariantqp.systems.gram import PrincipalPitches, gram_matrix, pencil
 from invariantqp.systems.projectors import DualProjectors, one_rule, projectors_of
-from invariantqp.systems.pseudoinverses import (
-    Existence,
-    damped_pseudoinverse,
-    existence,
-    has_pseudoinverse,
-    inverse_along,
-    invert,
-)
 from invariantqp.systems.report import SystemReport, describe
-from invariantqp.systems.spectra import HyperbolicSpectrum, hyperbolic_singular_values
-from invariantqp.systems.stationary import StationaryPoint, stationary_point
+from invariantqp.systems.spectra import hyperbolic_singular_values
 from invariantqp.systems.subspaces import Subspace
 
 
@@ -37,8 +28,7 @@ class ScrewSystem(Subspace):
         system.type, system.principal_pitches, system.pseudoinverse(0.3), system.reciprocal().type
 
     It is read-only and compared by its twists (`contains` compares spans). Factorisation, type and principal
-    pitches are computed at first use and kept. Functions such as `pseudoinverse(J, h)` are its methods in short, and
-    take a ScrewSystem in place of twists.
+    pitches are cached. Functions of this package take a ScrewSystem in place of twists; several are its methods.
 
     Attributes:
         twists: (6, m) as given, as columns, dependent or not; (6, 0) is the zero system.
@@ -78,17 +68,14 @@ class ScrewSystem(Subspace):
         """(6, b) unit translations reciprocal to the whole system for every h; see `blind_directions`."""
         return self.pencil.blind
 
-    def gram(self, h: float) -> Array:
-        """G_h = J'Q_h J (m, m) [length]; see `gram_matrix`."""
-        return gram_matrix(self, h)
-
-    def existence(self, h: float) -> Existence:
-        """The three conditions of Theorem 3.1 at a pitch, with the condition number of J^{+h}."""
-        return existence(self, h)
-
-    def has_pseudoinverse(self, h: float) -> bool:
-        """Whether J^{+h} can be computed to three digits."""
-        return has_pseudoinverse(self, h)
+    gram = gram_matrix
+    existence = pseudoinverses.existence
+    has_pseudoinverse = pseudoinverses.has_pseudoinverse
+    damped_pseudoinverse = pseudoinverses.damped_pseudoinverse
+    singular_values = hyperbolic_singular_values
+    stationary_point = stationary.stationary_point
+    cylindroid = families.cylindroid
+    pitch_field = families.pitch_field
 
     @overload
     def pseudoinverse(
@@ -141,37 +128,17 @@ class ScrewSystem(Subspace):
         both = arrays.flag(return_condition, "return_condition")
         name, value = one_rule(h, complement, metric)
         if name == "h":
-            factored = invert(self, value, joint_metric)
+            factored = pseudoinverses.invert(self, value, joint_metric)
             return (factored.inverse, factored.condition) if both else factored.inverse
         split = projectors_of(self, (name, value))
-        X = inverse_along(self, split.motion, joint_metric)
+        X = pseudoinverses.inverse_along(self, split.motion, joint_metric)
         return (X, self.joint_condition * split.norm) if both else X
-
-    def damped_pseudoinverse(self, h: float, damping: float, *, joint_metric: ArrayLike | None = None) -> Array:
-        """V diag(mu / (mu^2 + damping^2)) V'J'Q_h (m, 6), for every h; see `damped_pseudoinverse`."""
-        return damped_pseudoinverse(self, h, damping, joint_metric=joint_metric)
-
-    def singular_values(self, h: float, *, joint_metric: ArrayLike | None = None) -> HyperbolicSpectrum:
-        """Hyperbolic singular values; see `hyperbolic_singular_values`."""
-        return hyperbolic_singular_values(self, h, joint_metric=joint_metric)
-
-    def stationary_point(self, twist: ArrayLike, h: float) -> StationaryPoint:
-        """J^{+h} s and the error there; see `stationary_point`."""
-        return stationary_point(self, twist, h)
 
     def projectors(
         self, h: float | None = None, *, complement: ArrayLike | None = None, metric: Any = None
     ) -> DualProjectors:
         """P on the system along Z and its dual on wrenches; see `dual_projectors`."""
         return projectors_of(self, one_rule(h, complement, metric))
-
-    def cylindroid(self) -> Cylindroid:
-        """Pitch and axis of every screw of a 2-system; see `cylindroid`."""
-        return cylindroid(self)
-
-    def pitch_field(self) -> PitchField:
-        """Pitch and axis of every screw of a 3-system; see `pitch_field`."""
-        return pitch_field(self)
 
     @property
     def report(self) -> SystemReport:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.random_systems import CLASSES, distance, motion, sample
+from support.random_systems import distance, every_class, motion, sample
 
 import invariantqp as iq
 from invariantqp.systems.lines import alpha_plane, beta_plane, null_plane
@@ -361,7 +361,7 @@ def test_they_are_recognised_wherever_they_are(seed, h, unit):
             assert found.h == pytest.approx(unit * h, abs=1e-6 * unit)
 
 
-@pytest.mark.parametrize("key", CLASSES, ids=lambda c: f"{c[0]}-{c[1]}")
+@every_class
 def test_no_other_system_is_one(key):
     J, _ = sample(np.random.default_rng(1), key)
     assert (null_plane(J) is not None) == (key in {(3, "IIA"), (3, "IIB"), (3, "IIC"), (3, "IID")})

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from support.random_systems import CLASSES, distance, motion, sample
+from support.random_systems import distance, every_class, motion, sample
 from support.repeats import repeats
 
 import invariantqp as iq
@@ -74,7 +74,7 @@ def test_moved_projectors_are_those_of_the_moved_system(seed, k, which):
 
 
 @pytest.mark.cases(16)
-@pytest.mark.parametrize("key", CLASSES, ids=lambda c: f"{c[0]}-{c[1]}")
+@every_class
 @pytest.mark.parametrize("upper", [False, True])
 def test_the_force_projector_is_the_papers_formula_wherever_that_exists(key, upper):
     """W (W'Q_h^-1 W)^-1 W'Q_h^-1 in fifty digits, for every Gibson-Hunt type and its reciprocals."""

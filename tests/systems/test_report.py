@@ -1,10 +1,8 @@
 import numpy as np
 import pytest
-from support.random_systems import CLASSES, admits, motion, sample
+from support.random_systems import admits, every_class, motion, sample
 
 import invariantqp as iq
-
-IDS = [f"{k}-{n}" for k, n in CLASSES]
 
 
 def words(J):
@@ -75,7 +73,7 @@ def test_near_another_type_a_sentence_says_which():
     assert "Close to" not in words(np.random.default_rng(5).normal(size=(6, 2)))
 
 
-@pytest.mark.parametrize("key", CLASSES, ids=IDS)
+@every_class
 def test_every_type_with_noise_is_described_without_contradiction(key):
     rng = np.random.default_rng(6)
     for upper in [False, True] if key[0] < 3 else [False]:

@@ -8,7 +8,7 @@ import invariantqp as iq
 from invariantqp.systems.subspaces import Subspace
 
 
-def test_rounding_is_not_a_length():
+def test_rounding_does_not_set_the_own_length():
     """Translations with 1e-17 of rotation, and axes through the origin with 1e-17 of moment, keep their rank."""
     rng = np.random.default_rng(1)
     gantry = np.vstack((1e-17 * rng.normal(size=(3, 3)), np.eye(3)))
@@ -83,22 +83,16 @@ def test_self_reciprocal_at_a_principal_pitch_is_its_screw():
     assert iq.systems.self_reciprocal(np.eye(6), 0.3).shape == (6, 0)
 
 
-def test_systems_that_meet_in_nothing_and_the_zero_system():
-    E = np.eye(6)
-    assert iq.systems.system_meet(E[:, :2], E[:, 3:5]).shape == (6, 0)
-    assert same(iq.systems.system_sum(E[:, :2], E[:, 1:3]), E[:, :3])
-    assert same(iq.systems.system_meet(E[:, :2], E[:, 1:3]), E[:, 1:2])
-    assert iq.systems.screw_system(np.zeros((6, 2))).shape == (6, 0)
-    assert iq.reciprocal(np.zeros((6, 2))).shape == (6, 6)
-
-
-def test_half_the_killing_form_has_no_reciprocal():
+def test_an_infinite_pitch_has_no_reciprocal():
     with pytest.raises(iq.BadInput, match="Killing"):
         iq.reciprocal(np.eye(6)[:, :2], float("inf"))
 
 
-def test_the_zero_system_is_a_system():
-    """What these functions return for no twists is taken by all of them."""
+def test_systems_with_no_common_twist_and_the_zero_system():
+    """The zero system is accepted by all functions."""
+    E = np.eye(6)
+    assert iq.systems.system_meet(E[:, :2], E[:, 3:5]).shape == (6, 0)
+    assert same(iq.systems.system_meet(E[:, :2], E[:, 1:3]), E[:, 1:2])
     zero, S = iq.systems.screw_system(np.zeros((6, 2))), np.random.default_rng(4).normal(size=(6, 2))
     assert zero.shape == (6, 0)
     for other in (iq.reciprocal(zero, 0.3), iq.systems.annihilator(zero)):
