@@ -91,34 +91,11 @@ def test_the_force_projector_is_the_papers_formula_wherever_that_exists(key, upp
         split = iq.dual_projectors(S, h=h)
         with mpmath.workdps(50):
             exact = mpmath.matrix(iq.systems.screw_system(S).tolist())
-            # W from S in the same digits: the annihilator's rounding must not enter the reference.
-            null = exact_annihilator(exact)
+            null = mpmath.qr(exact)[0][:, exact.cols :]  # W in the same digits: its rounding must not enter
             Q = mpmath.matrix(iq.pitch_form_inverse(h).tolist())
             printed = null * (null.T * Q * null) ** -1 * null.T * Q
             reference = np.array(printed.tolist(), dtype=float)
         np.testing.assert_allclose(split.force, reference, atol=1e-12 * split.norm**2)
-
-
-def exact_annihilator(S):
-    """W = Q_0 S^perp by Gauss-Jordan in the working digits: rows S' = [A | B] after a choice of pivots."""
-    k = S.cols
-    M, pivots = S.T, []
-    for i in range(k):
-        r, c = max(((r, c) for r in range(i, k) for c in range(6)), key=lambda rc: abs(M[rc[0], rc[1]]))
-        for j in range(6):
-            M[i, j], M[r, j] = M[r, j], M[i, j]
-        M[i, :] = M[i, :] / M[i, c]
-        for row in range(k):
-            if row != i:
-                M[row, :] = M[row, :] - M[i, :] * M[row, c]
-        pivots.append(c)
-    free = [c for c in range(6) if c not in pivots]
-    W = mpmath.zeros(6, 6 - k)
-    for n, c in enumerate(free):
-        W[c, n] = 1
-        for i, p in enumerate(pivots):
-            W[p, n] = -M[i, c]
-    return W
 
 
 def test_wrenches_say_the_same_as_the_freedoms_they_leave():
