@@ -50,7 +50,7 @@ def transform(rotation: ArrayLike | None = None, translation: ArrayLike | None =
     """The (4, 4) pose with the given (3, 3) rotation and (3,) translation, either the identity by default.
 
     A rotation may be an object with `.as_matrix()`, such as SciPy's. Raises `BadInput` for another shape (a
-    quaternion's too), and for what is not a rotation.
+    quaternion's too), and for a matrix that is no rotation.
     """
     T = np.eye(4)
     if rotation is not None:

@@ -289,7 +289,7 @@ def _decide(system: Subspace) -> _Decision:
     span, tolerance, k = system.span, system.tolerance, system.dimension
     size = np.concatenate((span.singular, span.cut)) / span.singular[0]
     borders = tuple(Border("dimension", float(s), tolerance) for s in size[max(k - 1, 1) : k + 1])
-    borders += (Border("angular part beside 1", system.angular_share, tolerance),)
+    borders += (Border("angular over linear part", system.angular_share, tolerance),)
     if k == 6:
         return _Decision(6, "SE3", None, borders)
     parts = split(system)

@@ -81,7 +81,7 @@ class Mobility(Value):
 
     def __str__(self) -> str:
         head = f"{self.degrees_of_freedom} degrees of freedom, {self.overconstraints} redundant constraints"
-        limbs = (f"limb {i}: {', '.join(map(str, held)) or 'none'}" for i, held in enumerate(self.constraints))
+        limbs = (f"limb {i}: {', '.join(map(str, limb)) or 'none'}" for i, limb in enumerate(self.constraints))
         return "\n".join((head, f"platform: {', '.join(map(str, self.freedoms)) or 'held'}", *limbs))
 
 
@@ -103,13 +103,13 @@ def mobility(limbs: Sequence[ArrayLike], tolerance: float = TOLERANCE) -> Mobili
         raise BadInput("limbs", "no limbs", "at least one")
     systems = [Subspace(J, tolerance=tolerance, argument=f"limbs[{i}]") for i, J in enumerate(given)]
     platform = reduce(Subspace.meet, systems)
-    idle = sum(s.twists.shape[1] - s.dimension for s in systems)
-    held = sum(6 - s.dimension for s in systems)
+    self_motions = sum(s.twists.shape[1] - s.dimension for s in systems)
+    constraints = sum(6 - s.dimension for s in systems)
     return Mobility(
         freedoms=_named(Subspace(platform.basis, tolerance=tolerance), "twist"),
         constraints=tuple(limb_constraints(J, tolerance) for J in given),
-        degrees_of_freedom=platform.dimension + idle,
-        overconstraints=held - (6 - platform.dimension),
+        degrees_of_freedom=platform.dimension + self_motions,
+        overconstraints=constraints - (6 - platform.dimension),
         twists=platform.basis,
     )
 

@@ -66,7 +66,7 @@ class SystemReport(Value):
             along = "; ".join(f"({listed(v)})" for v in self.blind_directions[3:].T)
             use = (
                 f"No pitch h works: every pitch form is blind to translation along {along}. "
-                "Say what may be given up, Complement(Z), or use a metric carried by a body, CarriedMetric."
+                "Use Complement(Z), Z the twists that may be given up, or CarriedMetric, a metric carried by a body."
             )
         elif len(self.principal_pitches):
             pitches = listed(self.principal_pitches, 6)

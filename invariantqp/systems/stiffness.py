@@ -165,8 +165,8 @@ def eigenscrews(K: ArrayLike, *, compliance: bool = False) -> Eigenscrews:
     if not sizes[-1] > 0.0 or sizes[0] < -rounding * sizes[-1]:
         found = f"an eigenvalue {sizes[0] / np.abs(sizes).max():.2g} times the largest" if M.any() else "zeros"
         raise BadInput("K", found, "a positive semidefinite stiffness or compliance", "Take one without load.")
-    kept = sizes > rounding * sizes[-1]
-    B = E[:, kept] * np.sqrt(sizes[kept])
+    positive = sizes > rounding * sizes[-1]
+    B = E[:, positive] * np.sqrt(sizes[positive])
     swap = pitch_form(0.0)
     values, Y = np.linalg.eigh(B.T.dot(swap).dot(B))
     order = np.argsort(-values, kind="stable")
@@ -223,10 +223,10 @@ def _families(M: Array, least: float) -> tuple[Array, Array, Array, Array]:
     """D n = d n with the images M (0; n) / d, and (A - B D^+ B') n = a n with the arguments (n; -D^+ B' n)."""
     A, B, D = M[:3, :3], M[:3, 3:], M[3:, 3:]
     d, N = np.linalg.eigh(D)
-    kept = d > least
-    d, N = d[kept][::-1], N[:, kept][:, ::-1]
+    positive = d > least
+    d, N = d[positive][::-1], N[:, positive][:, ::-1]
     inverse = (N / d).dot(N.T)
     a, H = np.linalg.eigh(A - B.dot(inverse).dot(B.T))
-    some = a > least
-    a, H = a[some][::-1], H[:, some][:, ::-1]
+    positive = a > least
+    a, H = a[positive][::-1], H[:, positive][:, ::-1]
     return d, np.vstack((B.dot(N) / d, N)), a, np.vstack((H, -inverse.dot(B.T).dot(H)))

@@ -174,9 +174,7 @@ class Subspace(Value):
     def with_tolerance(self, tolerance: float) -> Self:
         """The same twists at another tolerance, 1 or more included."""
         new = type(self).__new__(type(self))
-        new._fill(  # noqa: SLF001
-            self.twists, tolerance, self.given_length
-        )
+        new._fill(self.twists, tolerance, self.given_length)  # noqa: SLF001
         return new
 
     @cached_property

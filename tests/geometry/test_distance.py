@@ -101,7 +101,7 @@ def core_distance(placed: CollisionObject, x: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)
-def test_each_place_is_a_point_of_either_core_and_the_line_between_them(one, other):
+def test_each_distance_joins_points_of_the_two_cores(one, other):
     rng, apart = np.random.default_rng(40 + 4 * KINDS.index(one) + KINDS.index(other)), 0
     for _ in range(repeats(500, 40)):
         a, b = placed(made(one, rng)), placed(made(other, rng))
@@ -128,7 +128,7 @@ def test_a_frame_changes_no_distance_and_turns_normals_and_points():
             np.testing.assert_allclose(seen.normal, X[:3, :3] @ near.normal, atol=1e-9)
 
 
-def test_shapes_without_a_size_have_numbers_and_half_spaces_no_distance():
+def test_degenerate_shapes_have_finite_distances():
     point, sheet = Sphere([0, 0, 0.3], 0.0), Box(np.eye(4), [0.2, 0.2, 0.0])
     assert distances(placed(point), placed(sheet))[0].distance == pytest.approx(0.3, abs=1e-15)
     same = [point, sheet, Box(np.eye(4), [0, 0, 0]), Capsule([0, 0, 0], [0, 0, 0], 0.0)]
@@ -145,7 +145,7 @@ def test_shapes_without_a_size_have_numbers_and_half_spaces_no_distance():
     [np.zeros(16), np.zeros(18), np.zeros((17, 1)), np.full(17, np.nan), np.full(17, 1j), np.zeros(0), None, "shape",
      np.r_[5.0, np.zeros(16)], np.r_[0.5, np.zeros(16)], np.r_[3.0, np.zeros(16)], np.r_[0.0, -1.0, np.zeros(15)]],
 )  # fmt: skip
-def test_what_is_no_shape_is_refused(wrong):
+def test_the_engine_refuses_bad_shapes(wrong):
     good = placed(Sphere([0, 0, 0], 0.1)).numbers
     for two in ((wrong, good), (good, wrong)):
         with pytest.raises((ValueError, TypeError)):

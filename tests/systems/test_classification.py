@@ -64,7 +64,7 @@ WAYS_OUT = [
 
 @pytest.mark.cases(7)
 @pytest.mark.parametrize(("special", "general", "columns"), WAYS_OUT, ids=[f"{a}-to-{b}" for a, b, _ in WAYS_OUT])
-def test_a_border_is_crossed_once_and_never_silently(special, general, columns):
+def test_types_change_once_across_a_border_and_are_near_it(special, general, columns):
     rng = np.random.default_rng(3)
     Ad = iq.adjoint(motion(rng))
     names, kinds = [], []
@@ -141,7 +141,7 @@ def test_a_nearly_dependent_column_is_a_border_of_dimension():
 
 
 @pytest.mark.parametrize("reach", [0.0, 0.3, 1.0, 1000.0])
-def test_axes_that_meet_but_for_the_digits_of_a_file_need_a_length(reach):
+def test_nearly_concurrent_axes_need_a_reference_length(reach):
     """Three axes that miss each other by 1e-9 are a wrist beside an arm, and by themselves a very small system."""
     rng = np.random.default_rng(11)
     p = rng.normal(size=3) * reach

@@ -50,7 +50,7 @@ def test_the_polynomial_is_covariant_and_frame_free():
         np.testing.assert_allclose(iq.systems.gram_polynomial(J @ A), np.linalg.det(A) ** 2 * c, rtol=1e-7, atol=1e-9)
 
 
-def test_the_unit_of_length_enters_as_it_must():
+def test_polynomial_and_pitches_scale_with_the_unit_of_length():
     J = np.random.default_rng(4).normal(size=(6, 3))
     in_mm = J * np.array([[1.0], [1.0], [1.0], [1e3], [1e3], [1e3]])
     np.testing.assert_allclose(
@@ -59,7 +59,7 @@ def test_the_unit_of_length_enters_as_it_must():
     np.testing.assert_allclose(iq.principal_pitches(in_mm), 1e3 * iq.principal_pitches(J))
 
 
-def test_dependent_columns_change_no_pitch_and_kill_the_determinant():
+def test_dependent_columns_keep_the_pitches_and_have_a_zero_determinant():
     rng = np.random.default_rng(6)
     J = rng.normal(size=(6, 3))
     more = J @ rng.normal(size=(3, 5))
@@ -67,7 +67,7 @@ def test_dependent_columns_change_no_pitch_and_kill_the_determinant():
     assert not iq.systems.gram_polynomial(more).any()
 
 
-def test_rank_six_and_zero_never_fail():
+def test_rank_six_and_zero_have_no_principal_pitches():
     J = np.random.default_rng(0).normal(size=(6, 8))
     assert iq.principal_pitches(J).shape == (0,)
     assert iq.systems.principal_screws(np.zeros((6, 2)))[1].shape == (6, 0)

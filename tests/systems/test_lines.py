@@ -207,7 +207,7 @@ def test_no_frame_matters():
     assert there.transversal_count == here.transversal_count
 
 
-def test_what_is_not_a_line_is_refused():
+def test_twists_that_are_no_lines_are_refused():
     rng = np.random.default_rng(10)
     a = line(rng)
     for other, words in [
@@ -239,7 +239,7 @@ def planes(rng, h):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, h=PITCHES)
-def test_their_screws_are_the_ones_they_are_named_for(seed, h):
+def test_null_planes_contain_the_screws_of_their_definition(seed, h):
     rng = np.random.default_rng(seed)
     p, q, u, n = rng.normal(size=(4, 3))
     for s in (alpha_plane(p, h).basis @ rng.normal(size=(3, 4))).T:
@@ -259,7 +259,7 @@ def test_their_screws_are_the_ones_they_are_named_for(seed, h):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, h=PITCHES)
-def test_each_is_its_own_h_reciprocal_and_has_no_h_pseudoinverse(seed, h):
+def test_null_planes_are_self_reciprocal_without_an_h_pseudoinverse(seed, h):
     rng = np.random.default_rng(seed)
     for name, plane in planes(rng, h).items():
         S = plane.basis
@@ -271,7 +271,7 @@ def test_each_is_its_own_h_reciprocal_and_has_no_h_pseudoinverse(seed, h):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, h=PITCHES)
-def test_two_families(seed, h):
+def test_null_planes_of_the_two_families_meet_in_different_dimensions(seed, h):
     """Planes of one family meet in one screw, planes of different families in none or in a pencil."""
     rng = np.random.default_rng(seed)
     found = [*planes(rng, h).values(), *list(planes(rng, h).values())[:3]]
@@ -287,7 +287,7 @@ def test_two_families(seed, h):
 
 @settings(max_examples=60, deadline=None)
 @given(seed=SEEDS, h=PITCHES, unit=st.sampled_from([1e-3, 1.0, 1e3]))
-def test_they_are_recognised_wherever_they_are(seed, h, unit):
+def test_null_planes_are_recognised_in_every_frame_and_unit(seed, h, unit):
     rng = np.random.default_rng(seed)
     T = motion(rng, 1.0)
     for name, plane in planes(rng, h).items():
@@ -302,12 +302,12 @@ def test_they_are_recognised_wherever_they_are(seed, h, unit):
 
 
 @every_class
-def test_no_other_system_is_one(key):
+def test_systems_of_other_types_are_no_null_planes(key):
     J, _ = sample(np.random.default_rng(1), key)
     assert (null_plane(J) is not None) == (key in {(3, "IIA"), (3, "IIB"), (3, "IIC"), (3, "IID")})
 
 
-def test_those_that_are_groups_of_motions_close_under_the_bracket():
+def test_null_planes_that_are_lie_algebras_close_under_the_bracket():
     """A spherical wrist, planar motion with a pitch, and slides do; hinges in a plane and bolts at a point do not."""
 
     def closed(plane):

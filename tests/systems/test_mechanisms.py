@@ -148,7 +148,7 @@ def test_the_platform_moves_as_every_limb_does():
         np.testing.assert_allclose(held.T @ named, 0.0, atol=1e-7 * (1.0 + np.abs(named).max()))
 
 
-def test_what_is_held_says_nothing_and_a_rigid_limb_holds_all():
+def test_rigid_limbs_and_fixed_platforms():
     assert [c.kind for c in limb_constraints(np.zeros((6, 0)))] == ["force"] * 3 + ["couple"] * 3
     assert limb_constraints(np.eye(6)) == ()
     held = mobility([np.zeros((6, 0)), np.eye(6)])
@@ -159,7 +159,7 @@ def test_what_is_held_says_nothing_and_a_rigid_limb_holds_all():
         mobility([np.eye(6), np.eye(5)])
 
 
-def test_words():
+def test_freedoms_and_constraints_in_words():
     hinge = iq.revolute((0, 0, 1), (1, 0, 0))
     words = {str(c) for c in limb_constraints(hinge)}
     assert "force along (0, 0, 1) through (1, 0, 0)" in words

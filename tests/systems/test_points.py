@@ -40,7 +40,7 @@ def test_own_point_and_length_move_with_the_frame_and_scale_with_the_unit():
         assert in_mm.length == pytest.approx(1e3 * length)
 
 
-def test_parallel_axes_leave_the_point_to_the_twist():
+def test_the_twist_chooses_the_own_point_along_parallel_axes():
     """Anywhere along their common direction; the twist settles where, and a motion carries that too."""
     rng = np.random.default_rng(6)
     s = rng.normal(size=6)
@@ -110,7 +110,7 @@ def broken_line(axes, point):
 
 @settings(max_examples=80, deadline=None)
 @given(seed=st.integers(0, 2**31), m=st.integers(1, 9), unit=st.sampled_from([1e-3, 1.0, 1e3]))
-def test_reach_is_the_broken_line_in_every_frame_and_unit(seed, m, unit):
+def test_reach_is_the_polygonal_line_in_every_frame_and_unit(seed, m, unit):
     rng = np.random.default_rng(seed)
     axes = [(rng.normal(size=3), rng.normal(size=3)) for _ in range(m)]
     point, T = rng.normal(size=3), motion(rng)

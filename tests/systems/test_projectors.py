@@ -32,7 +32,7 @@ def leak(split):
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**31), k=st.integers(0, 6), which=st.integers(0, 2))
-def test_they_split_twists_and_wrenches(seed, k, which):
+def test_projectors_split_twists_and_wrenches(seed, k, which):
     rng = np.random.default_rng(seed)
     S = rng.normal(size=(6, k))
     rule = rules(rng, k)[which]
@@ -76,7 +76,7 @@ def test_moved_projectors_are_those_of_the_moved_system(seed, k, which):
 @pytest.mark.cases(16)
 @every_class
 @pytest.mark.parametrize("upper", [False, True])
-def test_the_force_projector_is_the_papers_formula_wherever_that_exists(key, upper):
+def test_the_force_projector_is_the_papers_formula_if_it_exists(key, upper):
     """W (W'Q_h^-1 W)^-1 W'Q_h^-1 in fifty digits, for every Gibson-Hunt type and its reciprocals."""
     rng = np.random.default_rng(len(key[1]))
     for _ in range(4):
@@ -98,7 +98,7 @@ def test_the_force_projector_is_the_papers_formula_wherever_that_exists(key, upp
         np.testing.assert_allclose(split.force, reference, atol=1e-12 * split.norm**2)
 
 
-def test_wrenches_say_the_same_as_the_freedoms_they_leave():
+def test_projectors_by_wrenches_are_those_by_their_freedoms():
     rng = np.random.default_rng(4)
     W = rng.normal(size=(6, 2)) @ rng.normal(size=(2, 3))  # dependent columns
     by_wrenches = iq.dual_projectors(wrenches=W, h=0.7)
@@ -109,7 +109,7 @@ def test_wrenches_say_the_same_as_the_freedoms_they_leave():
 
 
 @pytest.mark.parametrize("which", [0, 1, 2])
-def test_a_change_of_the_unit_of_length_changes_units_only(which):
+def test_projectors_scale_with_the_unit_of_length(which):
     rng = np.random.default_rng(8)
     S = rng.normal(size=(6, 3))
     rule = rules(rng, 3)[which]
@@ -137,7 +137,7 @@ def test_the_metric_makes_z_the_compliance_of_the_wrenches():
     )
 
 
-def test_the_flat_face_is_refused_at_every_pitch_and_told_what_is_left():
+def test_a_face_contact_is_refused_at_every_pitch_with_alternatives():
     for h in (-2.0, 0.0, 0.3, 50.0):
         rng = np.random.default_rng(int(abs(h)))
         with pytest.raises(iq.NoPseudoinverse) as caught:  # a NoProjectors is one
@@ -153,7 +153,7 @@ def test_the_flat_face_is_refused_at_every_pitch_and_told_what_is_left():
         assert iq.dual_projectors(FACE, **rule).norm == pytest.approx(1.0)
 
 
-def test_a_principal_pitch_is_named_and_the_others_work():
+def test_projectors_at_a_principal_pitch_are_refused():
     S = np.random.default_rng(2).normal(size=(6, 3))
     h = iq.principal_pitches(S)[1]
     with pytest.raises(iq.NoProjectors, match="Choose h away from the principal pitches") as caught:
@@ -179,7 +179,7 @@ def test_a_principal_pitch_is_named_and_the_others_work():
         ((FACE,), {"metric": iq.CarriedMetric(np.ones(6))}, "form", "with a .4, 4. pose"),
     ],
 )
-def test_what_makes_no_sense_is_refused_by_name(arguments, rule, argument, said):
+def test_bad_input_names_the_argument(arguments, rule, argument, said):
     with pytest.raises(iq.BadInput, match=said) as caught:
         iq.dual_projectors(*arguments, **rule)
     assert caught.value.argument == argument
@@ -207,7 +207,7 @@ def hard_case(rng, case):
     return {given: S}, rule, scaled
 
 
-def test_the_engine_splits_what_is_well_conditioned(monkeypatch):
+def test_the_engine_projects_well_conditioned_systems(monkeypatch):
     rng, answered, cases = np.random.default_rng(0), {"h": 0, "metric": 0, "complement": 0}, repeats(450, 225)
     for case in range(cases):
         given, rule, scaled = hard_case(rng, case)
@@ -232,7 +232,7 @@ def test_the_engine_splits_what_is_well_conditioned(monkeypatch):
     assert all(cases // 6 < count < 0.95 * cases // 3 for count in answered.values()), answered
 
 
-def test_the_engine_leaves_what_is_to_be_refused_to_python():
+def test_the_engine_returns_none_for_bad_input():
     nowhere = np.random.default_rng(0).normal(size=(6, 65))
     for bad in (FACE[:5], np.nan * FACE, nowhere, 0.0 * FACE, None):
         assert by_engine(law.projectors, bad, None, 0.1, None, None) is None

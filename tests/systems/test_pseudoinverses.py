@@ -79,7 +79,7 @@ def test_at_rank_six_it_is_moore_penrose_for_every_pitch(m):
 
 @EXAMPLES
 @given(SEEDS, st.integers(1, 7))
-def test_the_metric_decides_only_where_joints_are_dependent(seed, m):
+def test_the_joint_metric_matters_only_for_dependent_joints(seed, m):
     rng = np.random.default_rng(seed)
     J, s = generic(rng, m), rng.normal(size=6)
     h, M = pitch_away(rng, J), rng.uniform(0.1, 10.0, size=m)
@@ -94,7 +94,7 @@ def test_the_metric_decides_only_where_joints_are_dependent(seed, m):
 
 @EXAMPLES
 @given(SEEDS, st.integers(1, 6))
-def test_frames_and_units_leave_the_answer_alone(seed, m):
+def test_joint_velocities_do_not_depend_on_frame_and_unit(seed, m):
     rng = np.random.default_rng(seed)
     J = generic(rng, m)
     h = pitch_away(rng, J)
@@ -137,7 +137,7 @@ def test_no_pseudoinverse_carries_its_proof():
 
 
 @pytest.mark.parametrize("h", [-1.0, 0.0, 0.4])
-def test_where_no_pitch_works_the_error_says_so(h):
+def test_the_error_says_if_no_pitch_works(h):
     with pytest.raises(iq.NoPseudoinverse, match=r"No h works for this system: use Complement\(Z\)") as caught:
         iq.pseudoinverse(PLANAR, h)
     assert (caught.value.rank, caught.value.gram_rank) == (3, int(h != 0.0))
@@ -173,7 +173,7 @@ def test_more_accurate_than_the_normal_equations(m, unit):
     assert np.median(ours) < 1e-3 * np.median(grams)
 
 
-def test_neither_an_infinite_pitch_nor_an_indefinite_metric():
+def test_bad_input():
     for call, argument in (
         (lambda: iq.pseudoinverse(np.eye(6), np.inf), "h"),
         (lambda: iq.has_pseudoinverse(np.eye(6), np.inf), "h"),
@@ -186,7 +186,7 @@ def test_neither_an_infinite_pitch_nor_an_indefinite_metric():
             call()
 
 
-def test_the_engine_answers_what_is_well_conditioned():
+def test_the_engine_inverts_well_conditioned_systems():
     rng, answered = np.random.default_rng(0), 0
     for k in range(600):
         m, h = int(rng.integers(1, 13)), float(rng.normal() * 10.0 ** rng.uniform(-3.0, 2.0))
@@ -265,7 +265,7 @@ def test_the_so101_has_one_at_every_other_pitch():
 
 @pytest.mark.cases(1)
 @pytest.mark.parametrize("far", [0.0, 2.0, 1e3])
-def test_a_scara_has_none_wherever_it_stands(far):
+def test_a_scara_has_none_in_any_frame(far):
     rng = np.random.default_rng(103)
     for _ in range(repeats(200, 35)):
         assert_refused(iq.adjoint(motion(rng, far)) @ scara(rng), rng.normal())
@@ -415,7 +415,7 @@ def test_the_condition_number_is_the_same_in_every_frame_unit_and_joint_scale():
 
 @settings(max_examples=60, deadline=None)
 @given(seed=SEEDS, m=st.integers(1, 8), unit=st.sampled_from([1e-3, 1.0, 1e3]))
-def test_the_damped_pseudoinverse_is_its_formula_and_depends_on_no_frame(seed, m, unit):
+def test_the_damped_pseudoinverse_is_its_formula_in_every_frame(seed, m, unit):
     rng = np.random.default_rng(seed)
     J, A, h, damping = rng.normal(size=(6, m)), rng.normal(size=(m, m)), rng.normal(), 0.1
     M = A @ A.T + np.eye(m)
@@ -516,7 +516,7 @@ def test_accuracy_for_columns_of_very_different_size(decades):
             assert relative_error(X, exact_pseudoinverse(J, h), J) <= 10.0 * EPS * condition
 
 
-def test_dependent_joints_of_sizes_that_hide_each_other_are_refused():
+def test_dependent_joints_within_the_rounding_of_others_are_refused():
     """Seven joints of sizes 1e-9 to 1e9: the shortest solution uses those that rounding of the largest hides."""
     rng = np.random.default_rng(4)
     J = rng.normal(size=(6, 7)) * 10.0 ** np.linspace(-9.0, 9.0, 7)
@@ -558,7 +558,7 @@ def test_the_h_adjoint_of_a_jacobian(seed, m, h):
     np.testing.assert_allclose(h_adjoint(Ad @ J, h) @ Ad, h_adjoint(J, h), atol=1e-11)
 
 
-def test_a_form_that_pairs_a_vector_to_zero_has_no_adjoint():
+def test_a_singular_form_has_no_adjoint():
     for domain in ([[1, 1], [0, 1]], np.zeros((2, 2))):
         with pytest.raises(iq.BadInput, match="domain"):
             form_adjoint(np.eye(2), domain, np.eye(2))
@@ -626,7 +626,7 @@ def test_the_conditions_agree_at_exact_principal_pitches():
         assert not iq.systems.ScrewSystem(S).reciprocal(h).has_pseudoinverse(h)
 
 
-def test_near_a_principal_pitch_the_numbers_are_small_together():
+def test_all_three_numbers_are_small_near_a_principal_pitch():
     rng = np.random.default_rng(5)
     J = rng.normal(size=(6, 4))
     for h in iq.principal_pitches(J):

@@ -31,7 +31,7 @@ def test_singular_values_satisfy_their_definition(seed, m, h):
     np.testing.assert_allclose(found.singular_values * np.abs(found.singular_values), found.values, atol=1e-12 * scale)
 
 
-def test_invariant_where_singular_values_are_not():
+def test_hyperbolic_singular_values_are_the_same_in_every_frame():
     rng = np.random.default_rng(1)
     for m in (2, 3, 5, 6, 7):
         J = rng.normal(size=(6, m))
@@ -43,7 +43,7 @@ def test_invariant_where_singular_values_are_not():
         assert np.abs(sigma_moved - sigma).max() > 0.1
 
 
-def test_units_of_length_scale_them_and_leave_the_condition():
+def test_hyperbolic_singular_values_scale_with_the_unit_of_length():
     J = np.random.default_rng(2).normal(size=(6, 5))
     scale = np.array([[1.0], [1.0], [1.0], [1e3], [1e3], [1e3]])
     metres, millimetres = (
@@ -55,7 +55,7 @@ def test_units_of_length_scale_them_and_leave_the_condition():
 
 
 @pytest.mark.parametrize("m", [6, 7, 8])
-def test_their_product_at_rank_six_is_yoshikawas_manipulability_for_every_h(m):
+def test_the_product_at_rank_six_is_yoshikawas_manipulability(m):
     J = np.random.default_rng(m).normal(size=(6, m))
     yoshikawa = np.sqrt(np.linalg.det(J @ J.T))
     for h in (-1.0, 0.0, 0.4, 5.0):
@@ -83,7 +83,7 @@ def test_degenerate_arms():
 
 @every_class
 @pytest.mark.parametrize("upper", [False, True])
-def test_the_condition_is_finite_where_there_is_a_pseudoinverse(key, upper):
+def test_the_condition_is_finite_iff_there_is_a_pseudoinverse(key, upper):
     """A wrist at h = 0 has values that are all rounding, and of one size: that is no good condition."""
     rng = np.random.default_rng(41)
     for _ in range(4):
@@ -130,7 +130,7 @@ def test_polar_factors_satisfy_their_definition(seed, m, rank, h):
 
 @pytest.mark.cases(3)
 @pytest.mark.parametrize("m", [1, 2, 3, 4, 5, 6])
-def test_against_fifty_digits(m):
+def test_polar_factors_against_fifty_digits(m):
     """S = |G|^(1/2) and W = J S^-1 by mpmath's eigenvectors of the exact J'Q_h J."""
     rng = np.random.default_rng(m)
     with mpmath.workdps(50):

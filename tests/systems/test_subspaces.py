@@ -58,7 +58,7 @@ def test_sum_and_meet_are_a_lattice(seed, shared, a, b):
     assert same(iq.reciprocal(total), iq.systems.system_meet(iq.reciprocal(S1), iq.reciprocal(S2), 1e-10))
 
 
-def test_moving_the_systems_moves_every_answer():
+def test_reciprocals_move_with_the_system():
     rng = np.random.default_rng(1)
     Ad = iq.adjoint(motion(rng))
     S = rng.normal(size=(6, 3))
@@ -68,7 +68,7 @@ def test_moving_the_systems_moves_every_answer():
     assert same(Ad @ z, iq.systems.self_reciprocal(Ad @ S, h, 1e-10))
 
 
-def test_units_of_length_move_the_answers_along():
+def test_reciprocals_scale_with_the_unit_of_length():
     S = np.random.default_rng(2).normal(size=(6, 2))
     scale = np.array([[1.0], [1.0], [1.0], [1e3], [1e3], [1e3]])
     assert same(iq.reciprocal(S, 0.5) * scale, iq.reciprocal(S * scale, 500.0))

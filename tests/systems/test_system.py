@@ -17,7 +17,7 @@ SEEDS = st.integers(0, 2**31)
 
 @every_class
 @pytest.mark.parametrize("upper", [False, True])
-def test_its_methods_are_the_functions(key, upper):
+def test_methods_agree_with_the_functions(key, upper):
     rng = np.random.default_rng(1)
     J, _ = sample(rng, key, upper=upper and key[0] < 3, extra=1)
     system, h = ScrewSystem(J), 1.7
@@ -43,7 +43,7 @@ def test_its_methods_are_the_functions(key, upper):
     np.testing.assert_allclose(system.projectors(h).motion, iq.dual_projectors(J, h=h).motion, atol=1e-9)
 
 
-def test_it_is_a_value():
+def test_a_screw_system_is_a_value():
     J = np.random.default_rng(0).normal(size=(6, 3))
     system, again, other = ScrewSystem(J), ScrewSystem(J.tolist()), ScrewSystem(2.0 * J)
     assert system == again != other
@@ -65,7 +65,7 @@ def test_it_is_a_value():
 
 @settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, unit=st.sampled_from([1e-3, 1.0, 1e3]))
-def test_its_point_and_length_are_its_own(seed, unit):
+def test_own_point_and_length_do_not_depend_on_frame_and_unit(seed, unit):
     rng = np.random.default_rng(seed)
     J, T = rng.normal(size=(6, 4)), motion(rng, 30.0)
     here = ScrewSystem(J)
@@ -75,7 +75,7 @@ def test_its_point_and_length_are_its_own(seed, unit):
     np.testing.assert_allclose(np.abs(there.span.singular), here.span.singular, rtol=1e-9)
 
 
-def test_what_is_derived_from_a_system_is_no_better_known():
+def test_derived_systems_inherit_point_length_and_errors():
     """Its own point, length and errors are passed on, times what near-dependence makes of them."""
     J = np.random.default_rng(3).normal(size=(6, 3))
     J[:, 2] = J[:, 1] + 1e-3 * J[:, 2]
@@ -88,7 +88,7 @@ def test_what_is_derived_from_a_system_is_no_better_known():
 
 @settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, unit=st.sampled_from([1e-3, 1.0, 1e3]))
-def test_what_it_contains(seed, unit):
+def test_contains(seed, unit):
     rng = np.random.default_rng(seed)
     J = np.repeat([1.0, unit], 3)[:, None] * (iq.adjoint(motion(rng, 10.0)) @ rng.normal(size=(6, 3)))
     system = ScrewSystem(J)
@@ -102,7 +102,7 @@ def test_what_it_contains(seed, unit):
 
 
 @pytest.mark.parametrize("far", [1.0, 1e2, 1e4])
-def test_a_wrist_exists_as_well_wherever_it_is(far):
+def test_existence_of_a_wrist_does_not_depend_on_the_frame(far):
     """Axes that meet have no length of their own: the numbers of Theorem 3.1 are then measured in the pitch."""
     rng = np.random.default_rng(5)
     wrist = np.column_stack([iq.revolute(rng.normal(size=3)) for _ in range(3)])
@@ -161,7 +161,7 @@ def test_a_carried_metric_gives_the_same_joint_velocities_in_every_frame():
         planar.pseudoinverse()
 
 
-def test_a_metric_whose_units_do_not_fit_costs_no_digits():
+def test_a_badly_scaled_metric_costs_no_digits():
     """The identity in millimetres weighs a radian as a millimetre; its least squares are solved as such."""
     rng = np.random.default_rng(0)
     with mpmath.workdps(50):
@@ -186,7 +186,7 @@ def test_a_slide_of_any_speed_beside_a_hinge(speed):
 
 
 @pytest.mark.parametrize("k", [1, 2, 3, 4, 5])
-def test_how_far_an_error_moves_a_principal_pitch(k):
+def test_the_condition_of_a_principal_pitch_bounds_its_error(k):
     """The condition is a bound, to first order, and not a hundred times too large."""
     rng = np.random.default_rng(k)
     worst = 0.0
@@ -203,20 +203,3 @@ def test_how_far_an_error_moves_a_principal_pitch(k):
             ratio = moved / (found.conditions * system.length * error)
             worst = max(worst, ratio.max())
     assert 0.3 < worst < 2.5
-
-
-def test_what_a_screw_is_of_twists_and_wrenches():
-    rng = np.random.default_rng(4)
-    for _ in range(50):
-        u, p, h, size = rng.normal(size=3), rng.normal(size=3), rng.normal(), rng.uniform(0.1, 5.0)
-        s = size * iq.se3.helical(u, p, h)
-        for found in (iq.se3.screw_of(s), iq.se3.screw_of_wrench(np.concatenate((s[3:], s[:3])))):
-            assert (found.magnitude, found.pitch) == (pytest.approx(size), pytest.approx(h))
-            np.testing.assert_allclose(found.direction, u / np.linalg.norm(u), atol=1e-12)
-            np.testing.assert_allclose(np.cross(p - found.point, found.direction), 0.0, atol=1e-10)
-    couple = iq.se3.screw_of_wrench([0, 0, 3, 0, 0, 0])
-    assert (couple.magnitude, couple.pitch, couple.point) == (3.0, np.inf, None)
-    slide = iq.se3.screw_of([0, 0, 0, 0, 2, 0])
-    assert (slide.magnitude, slide.pitch, slide.direction.tolist()) == (2.0, np.inf, [0, 1, 0])
-    with pytest.raises(iq.BadInput, match="wrench"):
-        iq.se3.screw_of_wrench(np.zeros(5))
