@@ -52,7 +52,7 @@ class Shape:
         vars(self).update(pose=own(np.eye(4)), twist=own(np.zeros(6)), declared=False)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        raise AttributeError(f"{name} of a shape does not change; move(pose, twist) moves it, another one is made anew")
+        raise AttributeError(f"{name} of a shape does not change: move(pose, twist) moves it; or make another shape")
 
     def move(self, pose: ArrayLike, twist: ArrayLike | None = None) -> None:
         """Set the pose of an obstacle's frame, between ticks.

@@ -12,7 +12,7 @@ from invariantqp.geometry.arrays import Array
 # A length above this, in the caller's units, or below one over it, is rounding of a part of the twists that should be
 # zero: the rotation of a gantry or the moments of axes that meet in the origin. With velocity limits of 0.1 to 10,
 # rounding of a commanded twist of this size costs 1e-11 of them on random joints, 1e-7 at 1e16, and all at 1e23.
-LENGTH_LIMIT = 1e12
+LENGTH_LIMIT = 1.0 / arrays.ROUNDING
 # Of joint twists and lengths, whose sixth powers and inverses must be finite in float64.
 SMALLEST, LARGEST = 1e-30, 1e30
 CHANGE_UNIT = "Choose another unit of length."

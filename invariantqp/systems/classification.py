@@ -273,7 +273,7 @@ def classify(system: Subspace) -> GibsonHunt:
     return GibsonHunt(
         name=name,
         dimension=k,
-        reciprocal=k in {4, 5},
+        reciprocal=3 < k < 6,
         admits_pseudoinverse=(n, name) not in _NO_PSEUDOINVERSE,
         moduli=moduli,
         modulus_names=names,
@@ -289,7 +289,7 @@ def _decide(system: Subspace) -> _Decision:
     span, tolerance, k = system.span, system.tolerance, system.dimension
     size = np.concatenate((span.singular, span.cut)) / span.singular[0]
     borders = tuple(Border("dimension", float(s), tolerance) for s in size[max(k - 1, 1) : k + 1])
-    borders += (Border("angular over linear part", system.angular_share, tolerance),)
+    borders += (Border("angular to linear ratio", system.angular_share, tolerance),)
     if k == 6:
         return _Decision(6, "SE3", None, borders)
     parts = split(system)

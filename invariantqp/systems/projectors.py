@@ -91,7 +91,7 @@ def dual_projectors(
     """The projectors on S along Z, for twists, and on S*, for wrenches.
 
     Args:
-        S: (6, m) twists that span the freedoms; (6, 0) for none.
+        S: (6, m) twists that span the freedoms, (6, 0) for none; or a `ScrewSystem`.
         wrenches: (6, m) constraint wrenches (m; f) instead of S; S is then all twists on which they do no work.
         h: pitch [length/rad]: Z is the h-reciprocal system of S.
         complement: (6, n) twists that span Z.

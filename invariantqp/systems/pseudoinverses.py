@@ -225,7 +225,7 @@ def pseudoinverse(
     For rank 6 it is the same for every h, and with `joint_metric=None` it is the Moore-Penrose pseudoinverse.
 
     Args:
-        J: (6, m) joint twists as columns, (omega; v).
+        J: (6, m) joint twists as columns, (omega; v), or a `ScrewSystem`.
         h: finite pitch [length/rad].
         joint_metric: (m, m) or (m,) positive definite, the metric M on joint velocities; None is the identity. It
             matters only for dependent joints.
@@ -309,7 +309,7 @@ def damped_pseudoinverse(
     X Ad^-1. It is [DS]'s damped formula with Lambda = damping^2 M (J'Q_h J)^-1 M.
 
     Args:
-        J: (6, m) joint twists as columns.
+        J: (6, m) joint twists as columns, or a `ScrewSystem`.
         h: finite pitch [length/rad].
         damping: above zero, in the unit of mu: a length, if M has no unit; 0 is `pseudoinverse`.
         joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity. Give one for
@@ -375,7 +375,7 @@ def penrose_conditions(
     """Test (hP1)-(hP4): whether X (m, 6) is the h-pseudoinverse of J (6, m).
 
     Args:
-        J: (6, m) joint twists as columns.
+        J: (6, m) joint twists as columns, or a `ScrewSystem`.
         X: (m, 6) matrix to test.
         h: finite pitch [length/rad].
         joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity.

@@ -69,7 +69,7 @@ def hyperbolic_singular_values(
     """The hyperbolic singular values of (6, m) twists, with principal joint directions and twists.
 
     Args:
-        J: (6, m) joint twists.
+        J: (6, m) joint twists, or a `ScrewSystem`.
         h: finite pitch [length/rad].
         joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity. Give one for
             revolute and prismatic joints together: without it the result depends on the unit of length.

@@ -28,7 +28,8 @@ class ScrewSystem(Subspace):
         system.type, system.principal_pitches, system.pseudoinverse(0.3), system.reciprocal().type
 
     It is read-only and compared by its twists (`contains` compares spans). Factorisation, type and principal
-    pitches are cached. Functions of this package take a ScrewSystem in place of twists; several are its methods.
+    pitches are cached. Functions with an argument of type `Subspace` take a ScrewSystem in place
+    of twists; several are its methods.
 
     Attributes:
         twists: (6, m) as given, as columns, dependent or not; (6, 0) is the zero system.

@@ -122,10 +122,10 @@ def test_a_frame_changes_no_distance_and_turns_normals_and_points():
         a, b = placed(made(one, rng)), placed(made(other, rng))
         X = transform(rotation(rng), rng.uniform(-2.0, 2.0, 3))
         moved = (p._replace(pose=X @ p.pose) for p in (a, b))
-        near, seen = distances(a, b)[0], distances(*moved)[0]
-        assert seen.distance == pytest.approx(near.distance, abs=1e-12)
-        if near.distance > 1e-3:
-            np.testing.assert_allclose(seen.normal, X[:3, :3] @ near.normal, atol=1e-9)
+        here, there = distances(a, b)[0], distances(*moved)[0]
+        assert there.distance == pytest.approx(here.distance, abs=1e-12)
+        if here.distance > 1e-3:
+            np.testing.assert_allclose(there.normal, X[:3, :3] @ here.normal, atol=1e-9)
 
 
 def test_degenerate_shapes_have_finite_distances():

@@ -1,4 +1,4 @@
-"""Frozen values with arrays: what is kept, compared, hashed and shown."""
+"""Frozen values with arrays: copies, comparison, hash and repr."""
 
 import copy
 import pickle

@@ -137,7 +137,7 @@ def test_the_bracket_is_a_lie_bracket_and_the_derivative_of_the_adjoint(seed):
 @EXAMPLES
 @given(SEED)
 def test_a_point_moves_as_the_body_does(seed):
-    """v + omega x p is the derivative of exp(t s) p, whatever frame measures it."""
+    """v + omega x p is the derivative of exp(t s) p, in every frame."""
     rng = np.random.default_rng(seed)
     s, p = rng.normal(size=6), rng.normal(size=3)
     step = 1e-6

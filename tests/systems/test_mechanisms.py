@@ -166,10 +166,10 @@ def test_freedoms_and_constraints_in_words():
     assert "couple about (1, 0, 0)" in words
     bolt = mobility([iq.se3.helical((0, 0, 1), pitch=0.01)]).freedoms
     assert [str(f) for f in bolt] == ["screw of pitch 0.01 along (0, 0, 1) through (0, 0, 0)"]
-    said = str(mobility([hinge, hinge])).split("\n")
-    assert said[0] == "1 degrees of freedom, 5 redundant constraints"
-    assert said[1] == "platform: rotation about (0, 0, 1) through (1, 0, 0)"
-    assert len(said) == 4
-    assert "float64" not in str(said)
+    lines = str(mobility([hinge, hinge])).split("\n")
+    assert lines[0] == "1 degrees of freedom, 5 redundant constraints"
+    assert lines[1] == "platform: rotation about (0, 0, 1) through (1, 0, 0)"
+    assert len(lines) == 4
+    assert "float64" not in str(lines)
     door = mobility([hinge]).freedoms
     assert [str(f) for f in door] == ["rotation about (0, 0, 1) through (1, 0, 0)"]

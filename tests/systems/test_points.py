@@ -66,7 +66,7 @@ def test_prismatic_joints_have_no_own_length(rounding):
 
 @pytest.mark.parametrize("noise", [0.0, 1e-17, 1e-12, 1e-8])
 def test_rounding_of_a_rotation_does_not_shift_the_own_point(noise):
-    """A planar arm or a gantry asked for a translation, with what rounding leaves of a rotation across its axes."""
+    """A planar arm or a gantry with a commanded translation and the rounding of a rotation across its axes."""
     gantry = np.column_stack([iq.se3.prismatic(u) for u in np.eye(3)])
     s = np.array([noise, 0.0, 0.5, 0.3, 1.0, 0.0])
     assert np.linalg.norm(iq.systems.centre(PLANAR, s).point) < 1.0

@@ -1,4 +1,4 @@
-"""Dual projectors: what is asked of P and P* in [DS] Sect. 6, and what is refused, with the reason."""
+"""Dual projectors: the properties of P and P* in [DS] Sect. 6, and the errors."""
 
 import mpmath
 import numpy as np
@@ -23,7 +23,7 @@ def rules(rng, k):
 
 
 def leak(split):
-    """The largest |W'Ps| over |W||P||s|: constraints W do no work on what the motion projector P leaves."""
+    """The largest |W'Ps| over |W||P||s|: constraints W do no work on projected twists."""
     scale = np.repeat([1.0, split.unit], 3)[:, None]
     W, P = split.constraints * scale, split.motion / scale * scale.T
     size = np.linalg.norm(W, axis=0)[:, None] * max(np.linalg.norm(P), 1e-300)
@@ -211,8 +211,8 @@ def test_the_engine_projects_well_conditioned_systems(monkeypatch):
     rng, answered, cases = np.random.default_rng(0), {"h": 0, "metric": 0, "complement": 0}, repeats(450, 225)
     for case in range(cases):
         given, rule, scaled = hard_case(rng, case)
-        told = given | rule
-        found = law.projectors(*(told.get(name) for name in ("S", "wrenches", "h", "complement", "metric")))
+        arguments = given | rule
+        found = law.projectors(*(arguments.get(name) for name in ("S", "wrenches", "h", "complement", "metric")))
         if found is None:
             continue
         with monkeypatch.context() as without:

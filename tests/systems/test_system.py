@@ -1,4 +1,4 @@
-"""ScrewSystem: one value whose methods are what the functions of the package say, and what only it can."""
+"""ScrewSystem: its methods agree with the functions of the package; methods without a function."""
 
 import pickle
 
@@ -76,7 +76,7 @@ def test_own_point_and_length_do_not_depend_on_frame_and_unit(seed, unit):
 
 
 def test_derived_systems_inherit_point_length_and_errors():
-    """Its own point, length and errors are passed on, times what near-dependence makes of them."""
+    """Its own point, length and errors are inherited, errors times the condition of the twists."""
     J = np.random.default_rng(3).normal(size=(6, 3))
     J[:, 2] = J[:, 1] + 1e-3 * J[:, 2]
     far = ScrewSystem(iq.adjoint(iq.transform(translation=(1e4, 0, 0))) @ J)
