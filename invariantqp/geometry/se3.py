@@ -63,7 +63,9 @@ def transform(rotation: ArrayLike | None = None, translation: ArrayLike | None =
 def pose_along_z(z: Array, point: Array) -> Array:
     """A (4, 4) pose at a point (3,) with its z axis along a vector (3,); neither is checked."""
     z = z / sqrt(z.dot(z))
-    return transform(np.column_stack((*perpendicular_axes(z), z)), point)
+    T = np.eye(4)
+    T[:3] = np.column_stack((*perpendicular_axes(z), z, point))
+    return T
 
 
 def perpendicular_axes(z: Array) -> tuple[Array, Array]:

@@ -92,8 +92,7 @@ def limb_constraints(J: ArrayLike, tolerance: float = TOLERANCE) -> tuple[NamedS
         J: (6, n) joint twists of the limb in its present position, one frame for all limbs; (6, 0) is a rigid limb.
         tolerance: relative error of the twists, within which pitches and angles count as zero.
     """
-    limb = Subspace(J, tolerance=tolerance)
-    return _named(Subspace(limb.annihilator()[SWAPPED], tolerance=tolerance, length=limb.length), "wrench")
+    return _constraints(Subspace(J, tolerance=tolerance))
 
 
 def mobility(limbs: Sequence[ArrayLike], tolerance: float = TOLERANCE) -> Mobility:
@@ -107,11 +106,15 @@ def mobility(limbs: Sequence[ArrayLike], tolerance: float = TOLERANCE) -> Mobili
     constraints = sum(6 - s.dimension for s in systems)
     return Mobility(
         freedoms=_named(Subspace(platform.basis, tolerance=tolerance), "twist"),
-        constraints=tuple(limb_constraints(J, tolerance) for J in given),
+        constraints=tuple(_constraints(limb) for limb in systems),
         degrees_of_freedom=platform.dimension + self_motions,
         overconstraints=constraints - (6 - platform.dimension),
         twists=platform.basis,
     )
+
+
+def _constraints(limb: Subspace) -> tuple[NamedScrew, ...]:
+    return _named(Subspace(limb.annihilator()[SWAPPED], tolerance=limb.tolerance, length=limb.length), "wrench")
 
 
 def _named(system: Subspace, sort: Literal["twist", "wrench"]) -> tuple[NamedScrew, ...]:
