@@ -14,7 +14,7 @@ from math import cos, pi, sin
 import numpy as np
 
 import invariantqp as iq
-from invariantqp.geometry.se3 import cross, displacement, facing
+from invariantqp.geometry.se3 import cross, displacement, pose_along_z
 from invariantqp.workbench.runs.mujoco import Solid, Solids, ball_at
 from invariantqp.workbench.runs.plant import HingeSprings, Plane, SurfaceSprings
 
@@ -85,7 +85,7 @@ def surface(heights, told, path, touch, wanted=(5.0,), k=1e4, friction=0.0, over
 
 def hole(mouth, axis, told, path, clearance=5e-5, stiffness=1e4, radius=0.01):
     """A peg along the tool's z in a hole: pushed back at the tip and where it passes the mouth."""
-    pose, wide, long = facing(axis, mouth), (radius + clearance) * np.tan(pi / 8.0), 0.03
+    pose, wide, long = pose_along_z(axis, mouth), (radius + clearance) * np.tan(pi / 8.0), 0.03
     turns = [iq.exp([0.0, 0.0, i * pi / 4.0, 0.0, 0.0, 0.0]) for i in range(8)]
     wall = iq.transform(translation=[radius + clearance + wide, 0.0, long])
     walls = [Solid("box", (wide, wide, long), pose @ turn @ wall) for turn in turns]
@@ -215,7 +215,7 @@ def scenes(start, radius):
         ),
         "bar of 100 mm": curved(
             lambda p: np.linalg.norm(np.cross(x, p - foot + 0.1 * z)) - 0.1,
-            solids(Solid("cylinder", (0.1, 1.0), facing(x, foot - 0.1 * z))),
+            solids(Solid("cylinder", (0.1, 1.0), pose_along_z(x, foot - 0.1 * z))),
         ),
         "waves, by a function": curved(lambda p: floor(p) + 0.01 * sin(40.0 * x @ (p - foot)), None),
         "over an edge and back": surface(
@@ -230,7 +230,7 @@ def scenes(start, radius):
             [floor, lambda p: x @ (p - wall)],
             lambda tool: corner.moved(iq.transform(translation=tool[:3, 3] - tip)),
             along(start, 2.0 * radius * slide(y)),
-            solids(*(Solid("plane", (), facing(n, p)) for n, p in ((z, foot), (x, wall - 0.002 * x)))),
+            solids(*(Solid("plane", (), pose_along_z(n, p)) for n, p in ((z, foot), (x, wall - 0.002 * x)))),
             wanted=(5.0, 3.0),
         ),
         "peg, hole tilted 2 deg": hole(

@@ -32,7 +32,7 @@ from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.screws import turning
+from invariantqp.geometry.screws import angular_speeds
 from invariantqp.geometry.se3 import cross
 from invariantqp.paths.driver import Follower
 from invariantqp.paths.solution import FollowerSolution
@@ -302,7 +302,7 @@ class ActionFollower:
             point: (n,) action of a leader arm [deg], or (4, 4) pose of the frame in the base frame.
             stamp: time stamp of the sample [s]; None is now.
         """
-        given = arrays.array(arrays.matrix_of(point), "point", "an action [deg], or a pose (4, 4)")
+        given = arrays.array(arrays.pose_matrix(point), "point", "an action [deg], or a pose (4, 4)")
         if given.ndim == 2:
             self.follower.add(given, stamp)
             return
@@ -341,7 +341,7 @@ def _radians(value: ArrayLike, argument: str) -> Array:
 
 def _rigid(value: ArrayLike, argument: str) -> Array:
     """A (4, 4) pose, its rotation made orthogonal within ROTATION_TOLERANCE."""
-    given = arrays.array(arrays.matrix_of(value), argument, "a (4, 4) homogeneous rigid motion")
+    given = arrays.array(arrays.pose_matrix(value), argument, "a (4, 4) homogeneous rigid motion")
     if given.shape == (4, 4) and np.isfinite(given).all() and not arrays.is_rigid(given):
         U, sigma, Vt = np.linalg.svd(given[:3, :3])
         if np.abs(sigma - 1.0).max() <= ROTATION_TOLERANCE:
@@ -360,7 +360,7 @@ def _arm(source: str | PathLike[str], frame: str, given: tuple[str, ...] | None,
     if moving is not None and not moving:
         raise BadInput("joint_names", arrays.names(given or ()), f"joints that move {frame!r}")
     arm = read_arm(source, frame, None if moving is None else tuple(moving))
-    rates = turning(arm.screws)
+    rates = angular_speeds(arm.screws)
     if not rates.all():
         slides = arm.names[int(np.argmin(rates))]
         raise BadInput("urdf_path", f"joint {slides} slides", "joints that turn", "Positions are in degrees.")

@@ -69,7 +69,7 @@ from invariantqp.engine import law
 from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.distance import Placed
+from invariantqp.geometry.distance import CollisionObject
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import MILLIMETRES, Robot, far_away, middle
@@ -318,7 +318,7 @@ class Clearance(Limit):
 
     def rows_at(self, q: Array, rate: Any, before: Array | None = None) -> LimitRows | None:
         """The rows at joint positions q (m,) after a velocity `before` (m,), None where nothing is near enough."""
-        positions = arrays.joints(q, self.robot.names, "q")
+        positions = arrays.joint_vector(q, self.robot.names, "q")
         return self._called(self._tell(self._engine).rows(positions, before, rate))
 
     def rows_after(self, q: Array, x: Array, rate: Any) -> LimitRows | None:
@@ -382,7 +382,7 @@ class Clearance(Limit):
                 found[self._bodies[k]] = min(found[self._bodies[k]], d)
         return found
 
-    def shapes(self, q: ArrayLike) -> list[tuple[str, int | None, Placed]]:
+    def shapes(self, q: ArrayLike) -> list[tuple[str, int | None, CollisionObject]]:
         """All shapes where they are at joint positions q (m,), to draw them.
 
         Each with the name of its body and how many joints move it, None for an obstacle.
@@ -390,7 +390,7 @@ class Clearance(Limit):
         Raises:
             BadInput: NaN or a wrong length.
         """
-        poses = self._tell(self._engine).placed(arrays.joints(q, self.robot.names, "q"))
+        poses = self._tell(self._engine).placed(arrays.joint_vector(q, self.robot.names, "q"))
         return [
             (part.name, None if part.frame is None or part.around < 0 else part.body, part.at(pose))
             for part, pose in zip(self._parts, poses, strict=True)
@@ -407,7 +407,7 @@ class Clearance(Limit):
 
     def _distances(self, q: ArrayLike) -> Array:
         """(k,) distances of the pairs; infinite where no joint moves them, or where a pair is always near."""
-        found: Array = self._tell(self._engine).distances(arrays.joints(q, self.robot.names, "q"))
+        found: Array = self._tell(self._engine).distances(arrays.joint_vector(q, self.robot.names, "q"))
         return found
 
 

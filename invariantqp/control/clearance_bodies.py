@@ -20,7 +20,7 @@ from invariantqp.engine import law
 from invariantqp.errors import BadInput, UnknownName, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.distance import Placed, places
+from invariantqp.geometry.distance import CollisionObject, distances
 from invariantqp.geometry.shapes import Core, Shape
 from invariantqp.robots.bodies import bodies_of
 from invariantqp.robots.chain import Chain
@@ -39,9 +39,9 @@ class Part(NamedTuple):
     frame: Array | None  # (4, 4) of its link at q = 0; None for an obstacle, which is where it was moved to
     around: int = 0  # 1 for an obstacle; for a link of another arm -1, -2, ..., by which one it is
 
-    def at(self, pose: Array) -> Placed:
+    def at(self, pose: Array) -> CollisionObject:
         """The shape, its core at a (4, 4) pose in the base frame."""
-        return Placed(self.shape.core, self.shape.radius, self.shape.half, pose, self.shape.solid)
+        return CollisionObject(self.shape.core, self.shape.radius, self.shape.half, pose, self.shape.mesh)
 
 
 class OtherArm:
@@ -117,7 +117,7 @@ class OtherArm:
         Raises:
             BadInput: NaN, a wrong length, or a joint outside its range and two turns from zero.
         """
-        positions = np.array(arrays.joints(q, self.robot.names, argument))
+        positions = np.array(arrays.joint_vector(q, self.robot.names, argument))
         refuse(not_believed(self.robot, positions, self._no_degrees), argument)
         return positions
 
@@ -142,7 +142,7 @@ def parts_of(robot: Chain, bodies: Mapping[str, Sequence[Shape]], obstacles: Seq
             continue
         if not isinstance(obstacle, Shape):
             raise BadInput("obstacles", excerpt(obstacle), "a Sphere, Capsule, Box, HalfSpace, Mesh or OtherArm")
-        name = obstacle.called
+        name = obstacle.label
         if not obstacle.name:
             name = next(n for i in range(len(names) + 1) if (n := name if i == 0 else f"{name} {i + 1}") not in names)
         names.append(name)
@@ -184,7 +184,9 @@ def shapes_of(robot: Chain, bodies: Mapping[str, Sequence[Shape]] | None) -> dic
     for link, shapes in bodies.items():
         if not isinstance(link, str):
             raise BadInput("bodies", excerpt(link), f"{expected}, links by name")
-        given: list[Shape] = [shapes] if isinstance(shapes, Shape) else list(arrays.listed(shapes, "bodies", expected))
+        given: list[Shape] = (
+            [shapes] if isinstance(shapes, Shape) else list(arrays.sequence(shapes, "bodies", expected))
+        )
         wrong = next((shape for shape in given if not isinstance(shape, Shape) or shape.core is Core.MESH), None)
         if wrong is not None:
             raise BadInput(
@@ -254,7 +256,7 @@ def _needless(robot: Chain, a: Part, b: Part, wanted: set[frozenset[str]] | None
 def _named(pairs: Iterable[tuple[str, str]], argument: str, known: list[str]) -> list[tuple[str, str]]:
     """Pairs of names, each of a body that is there."""
     found = []
-    for pair in arrays.listed(pairs, argument, "pairs of names, [(link, link), (link, obstacle), ...]"):
+    for pair in arrays.sequence(pairs, argument, "pairs of names, [(link, link), (link, obstacle), ...]"):
         if isinstance(pair, str) or not isinstance(pair, (list, tuple)) or len(pair) != 2:
             raise BadInput(argument, excerpt(pair), "the names of two bodies")
         for name in pair:
@@ -285,7 +287,7 @@ def engine_of(
         other = max(-part.around, 0)
         mover = placed if part.around == 1 else obstacles + other - 1 if other else -1
         placed += part.around == 1
-        T = part.shape.place if part.frame is None else part.frame.dot(part.shape.place)
+        T = part.shape.placement if part.frame is None else part.frame.dot(part.shape.placement)
         shapes.append((before[other] + part.body if part.body else 0, mover, *part.at(T).numbers))
     of_bodies = {two: k for k, two in enumerate(dict.fromkeys((parts[i].name, parts[j].name) for i, j in pairs))}
     table = [(i, j, of_bodies[parts[i].name, parts[j].name]) for i, j in pairs]
@@ -296,7 +298,7 @@ def engine_of(
         np.array(table, float).reshape(-1, 3),
         obstacles,
         chosen,
-        _places_of(tuple(parts)) if any(part.shape.solid is not None for part in parts) else None,
+        _places_of(tuple(parts)) if any(part.shape.mesh is not None for part in parts) else None,
     )
 
 
@@ -304,7 +306,7 @@ def _places_of(parts: tuple[Part, ...]) -> Callable[[int, int, Array, Array], Ar
     """What finds (k, 7) distance, normal and point of each place of two parts, one a mesh, at poses (4, 4) of both."""
 
     def found(i: int, j: int, one: Array, other: Array) -> Array:
-        near = places(parts[i].at(one[0]), parts[j].at(other[0]))
+        near = distances(parts[i].at(one[0]), parts[j].at(other[0]))
         return np.array([(place.distance, *place.normal, *place.point) for place in near]).reshape(-1, 7)
 
     return found

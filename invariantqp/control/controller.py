@@ -56,7 +56,7 @@ from invariantqp.engine import law
 from invariantqp.errors import BadInput, InvariantQPError, excerpt
 from invariantqp.geometry import arrays, sizes
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.screws import turning
+from invariantqp.geometry.screws import angular_speeds
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.kinematics import (
     Robot,
@@ -298,7 +298,7 @@ class Controller:
         Raises:
             BadInput: NaN, a wrong shape, or positions for which a tick is held.
         """
-        positions = arrays.joints(q, self.robot.names, argument)
+        positions = arrays.joint_vector(q, self.robot.names, argument)
         refuse(self.limits.wrong(positions), argument)
         return positions
 
@@ -462,7 +462,7 @@ def refused(
 ) -> Exception:
     """Why the engine refused a tick: which argument, what was found and what was expected."""
     m = len(loop.robot.names)
-    positions = arrays.joints(q, loop.robot.names, "q")
+    positions = arrays.joint_vector(q, loop.robot.names, "q")
     if isinstance(refusal, ArithmeticError):
         return no_projector(loop.robot.jacobian(positions), loop.form)
     if target is not None:
@@ -474,9 +474,9 @@ def refused(
         if place is not None:
             loop.limits.near(place, "target")
         if ahead is not None:
-            sizes.not_too_fast(arrays.vector(ahead, 6, "feedforward"), "feedforward")
+            sizes.bounded_twists(arrays.vector(ahead, 6, "feedforward"), "feedforward")
     elif ahead is not None:
-        sizes.not_too_fast(arrays.twist(ahead))
+        sizes.bounded_twists(arrays.twist(ahead))
     for name, value, size in (
         ("velocity", velocity, m),
         ("posture", more.get("posture"), m),
@@ -517,7 +517,7 @@ def posture_of(posture: ArrayLike | bool, gain: float, robot: Robot) -> tuple[Ar
     if isinstance(posture, (bool, np.bool_)):
         mid = middle(robot)
         bounded = np.isfinite(robot.position_lower) & np.isfinite(robot.position_upper)
-        hinge = turning(robot.jacobian(mid)) > 0.0
+        hinge = angular_speeds(robot.jacobian(mid)) > 0.0
         return mid, np.where(bounded & hinge & (m > 6) & bool(posture), strength, 0.0)
     if np.ndim(arrays.array(posture, "posture", "joint positions, True or False")) == 0:
         raise BadInput(

@@ -1,4 +1,4 @@
-// Arms and screw systems for Python: the class Chain and functions of invariantqp._core. What they do not answer is None.
+// Bindings of chains and screw systems: the class Chain and functions of invariantqp._core, None if ill conditioned.
 #include "bound.hpp"
 #include "chain.hpp"
 #include "screw_systems.hpp"
@@ -15,7 +15,7 @@ nb::object array_of(Mat A)
 }
 
 // coordinates (k,) of joints that share them, or None.
-void make_chain(Chain* made, nb::handle screws, nb::handle home, nb::handle coordinates)
+void make_chain(Chain* self, nb::handle screws, nb::handle home, nb::handle coordinates)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
@@ -31,10 +31,10 @@ void make_chain(Chain* made, nb::handle screws, nb::handle home, nb::handle coor
         }
         chain.couple(each);
     }
-    new (made) Chain(chain);
+    new (self) Chain(chain);
 }
 // Joint twists (6, m) and tool pose (4, 4), and the error twist (6,) to a target, None without one.
-nb::tuple sight(const Chain& chain, nb::handle q, nb::handle target)
+nb::tuple state(const Chain& chain, nb::handle q, nb::handle target)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
@@ -50,22 +50,22 @@ nb::tuple sight(const Chain& chain, nb::handle q, nb::handle target)
     return nb::make_tuple(array_of(J), array_of(T), iq::array_of(e));
 }
 
-// (k + 1, 4, 4) motions of the base and of what each joint moves, from where they are at q = 0.
+// (k + 1, 4, 4) motions of the base and of each link, from their poses at q = 0.
 nb::object motions(const Chain& chain, nb::handle q)
 {
     Workspace& w = workspace();
     const Workspace::Frame frame(w);
     Reader read(w);
-    std::vector<Pose> found(static_cast<std::size_t>(chain.count()) + 1);
-    chain.motions(read.vector(q, "q", chain.size()).p, Mat(), found.data());
+    std::vector<Pose> poses(static_cast<std::size_t>(chain.count()) + 1);
+    chain.motions(read.vector(q, "q", chain.size()).p, Mat(), poses.data());
     const npy_intp shape[3] = {chain.count() + 1, 4, 4};
     nb::object array = new_array(3, shape);
-    for (std::size_t i = 0; i < found.size(); i++)
-        found[i].write(data_of(array) + 16 * i);
+    for (std::size_t i = 0; i < poses.size(); i++)
+        poses[i].write(data_of(array) + 16 * i);
     return array;
 }
 
-// Twists of one system, or wrenches: finite numbers with which products neither vanish nor overflow.
+// Twists or wrenches (6, m): finite numbers whose products neither vanish nor overflow.
 Mat columns_of(nb::handle value, const char* name, Reader& read)
 {
     const Mat A = read.matrix(value, name, 6, -1);
@@ -82,10 +82,10 @@ nb::object pseudoinverse_of(nb::handle J, double h)
     const Mat twists = columns_of(J, "J", read);
     if (twists.cols < 1 || twists.cols > MOST_JOINTS)
         return nb::none();
-    const std::optional<Mat> found = pseudoinverse(twists, h);
-    return found ? array_of(*found) : nb::none();
+    const std::optional<Mat> inverse = pseudoinverse(twists, h);
+    return inverse ? array_of(*inverse) : nb::none();
 }
-// The fields of DualProjectors in order. One of the twists and the wrenches is None, and two of pitch, complement, metric.
+// The fields of DualProjectors in order. Given are twists or wrenches, and one of pitch, complement and metric.
 nb::object projectors_of(nb::handle twists, nb::handle wrenches, nb::handle pitch, nb::handle complement, nb::handle metric)
 {
     Workspace& w = workspace();
@@ -112,11 +112,11 @@ nb::object projectors_of(nb::handle twists, nb::handle wrenches, nb::handle pitc
     const Mat columns = columns_of(dual ? wrenches : twists, dual ? "wrenches" : "S", read);
     if (columns.cols > MOST_JOINTS || (dual && columns.cols == 0))
         return nb::none();
-    const std::optional<Projectors> found = projectors(columns, dual, rule);
-    if (!found)
+    const std::optional<Projectors> split = projectors(columns, dual, rule);
+    if (!split)
         return nb::none();
-    return nb::make_tuple(array_of(found->motion), array_of(found->force), array_of(found->freedoms), array_of(found->complement),
-                          array_of(found->constraints), found->norm, found->unit);
+    return nb::make_tuple(array_of(split->motion), array_of(split->force), array_of(split->freedoms), array_of(split->complement),
+                          array_of(split->constraints), split->norm, split->unit);
 }
 
 }  // namespace
@@ -125,11 +125,11 @@ void bind_screws(nb::module_& m)
 {
     nb::class_<Chain>(m, "Chain", "An open chain of hinges, slides and screws.")
         .def("__init__", make_chain, "screws"_a, "home"_a, "coordinates"_a = nb::none())
-        .def("motions", motions, "q"_a, "(k + 1, 4, 4) of the base and of what each joint moves.")
-        .def("sight", sight, "q"_a, "target"_a.none(), "Joint twists (6, m), tool pose (4, 4), error twist (6,) or None.");
-    m.def("pseudoinverse", pseudoinverse_of, "J"_a, "h"_a, "J^{+h} (m, 6), None where it is not well conditioned.");
+        .def("motions", motions, "q"_a, "(k + 1, 4, 4) motions of the base and of each link from q = 0.")
+        .def("state", state, "q"_a, "target"_a.none(), "Joint twists (6, m), tool pose (4, 4), error twist (6,) or None.");
+    m.def("pseudoinverse", pseudoinverse_of, "J"_a, "h"_a, "J^{+h} (m, 6), None if it is not well conditioned.");
     m.def("projectors", projectors_of, "S"_a.none(), "wrenches"_a.none(), "h"_a.none(), "complement"_a.none(), "metric"_a.none(),
-          "The fields of DualProjectors, None where they are not well conditioned.");
+          "The fields of DualProjectors, None if they are not well conditioned.");
 }
 
 }  // namespace iq

@@ -3,21 +3,21 @@
 namespace iq {
 namespace {
 
-// What is answered here: singular values above a share of the largest; (U'Q_h U) and K'U away from singular; lengths of
-// columns of which the ones before leave more than a share; metrics that are symmetric but for a share; pitches of at most
-// so many units of length.
-constexpr double LEAST_SIGMA = 1e-5, LEAST_PIVOT = 1e-4, LEAST_SINE = 1e-3, LEAST_LEFT = 1e-5, SYMMETRIC = 1e-13;
-constexpr double LONGEST_PITCH = 1e2, MOST_UNIT = 1e6;
+// Well conditioned: singular values and columns after orthogonalisation above LEAST_RATIO of the largest; (U'Q_h U) above
+// LEAST_PIVOT, K'U above LEAST_SINE; metrics symmetric up to SYMMETRIC; pitches up to LARGEST_PITCH units of length, and
+// units up to LARGEST_UNIT.
+constexpr double LEAST_RATIO = 1e-5, LEAST_PIVOT = 1e-4, LEAST_SINE = 1e-3, SYMMETRIC = 1e-13;
+constexpr double LARGEST_PITCH = 1e2, LARGEST_UNIT = 1e6;
 
-// The power of two nearest |J_v| / |J_omega|, 1 where either vanishes, 0 where it nearly does.
+// The power of two nearest |J_v| / |J_omega|, 1 if either vanishes, 0 if it nearly does.
 double own_unit(Mat J)
 {
     const double w = J.rows_from(0, 3).all().norm(), v = J.rows_from(3, 6).all().norm();
     if (w == 0 || v == 0)
         return 1;
-    return w * MOST_UNIT >= v && v * MOST_UNIT >= w ? std::exp2(std::nearbyint(std::log2(v) - std::log2(w))) : 0;
+    return w * LARGEST_UNIT >= v && v * LARGEST_UNIT >= w ? std::exp2(std::nearbyint(std::log2(v) - std::log2(w))) : 0;
 }
-// With lengths in a unit.
+// J with lengths in a unit.
 Mat in_unit(Mat J, double unit)
 {
     Mat A = J.copy();
@@ -31,8 +31,8 @@ Vec reciprocal(Vec u, double h)
     return joined(v - (2 * h) * w, w);
 }
 
-// Rows: an orthonormal basis of the columns of (6, m), then of what is orthogonal to them; the rank in `rank`, -1 where
-// rounding would decide it.
+// Rows: an orthonormal basis of the columns (6, m), then of their orthogonal complement; the rank in `rank`, -1 if it is ill
+// conditioned.
 Mat basis(Mat columns, double unit, int& rank)
 {
     Workspace& w = *columns.w;
@@ -40,7 +40,7 @@ Mat basis(Mat columns, double unit, int& rank)
     rank = std::min(columns.cols, 6);
     if (rank > 0) {
         const SVD svd(in_unit(columns, unit));
-        if (!(svd.sigma[rank - 1] > LEAST_SIGMA * svd.sigma[0]))
+        if (!(svd.sigma[rank - 1] > LEAST_RATIO * svd.sigma[0]))
             rank = -1;
         else
             U.rows_from(0, rank).set(svd.U.rows_from(0, rank));
@@ -55,26 +55,26 @@ Mat basis(Mat columns, double unit, int& rank)
 bool is_definite(Mat M)
 {
     bool good = true;
-    for (int i = 0; i < 6; i++)
+    for (int i = 0; i < 6; i++) {
+        good = good && M(i, i) > 0;
         for (int j = 0; j < i; j++)
             good = good && std::abs(M(i, j) - M(j, i)) <= SYMMETRIC * std::sqrt(std::abs(M(i, i) * M(j, j)));
-    for (int i = 0; i < 6; i++)
-        good = good && M(i, i) > 0;
+    }
     if (!good)
         return false;
     const Mat L = cholesky(M, &good);
     for (int i = 0; i < 6 && good; i++)
-        good = L(i, i) > LEAST_LEFT * std::sqrt(M(i, i));
+        good = L(i, i) > LEAST_RATIO * std::sqrt(M(i, i));
     return good;
 }
 
-// Rows become orthonormal, each from those before it; false where these leave next to nothing of one.
+// Gram-Schmidt with reorthogonalisation of the rows; false if they are nearly dependent.
 bool orthonormalise(Mat Z)
 {
     for (int a = 0; a < Z.rows; a++)
         for (int again = 0; again < 3; again++) {
             const double length = Z[a].norm();
-            if (!(length > (again == 1 ? LEAST_LEFT : 0)))
+            if (!(length > (again == 1 ? LEAST_RATIO : 0)))
                 return false;
             Z[a].scale(1 / length);
             for (int b = 0; b < a && again < 2; b++)
@@ -90,10 +90,10 @@ std::optional<Mat> pseudoinverse(Mat J, double h)
     Workspace& w = *J.w;
     const int m = J.cols, r = std::min(m, 6);
     const double unit = own_unit(J);
-    if (unit == 0 || !(std::abs(h) <= LONGEST_PITCH * unit))
+    if (unit == 0 || !(std::abs(h) <= LARGEST_PITCH * unit))
         return {};
     Mat A = in_unit(J, unit);
-    Vec lengths(w, m, 1);  // columns that all are needed have length one first
+    Vec lengths(w, m, 1);  // independent columns are scaled to unit size
     for (int j = 0; j < m && m <= 6; j++) {
         double square = 0;
         for (int i = 0; i < 6; i++)
@@ -104,7 +104,7 @@ std::optional<Mat> pseudoinverse(Mat J, double h)
             A(i, j) /= lengths[j];
     }
     const SVD svd(A);
-    if (!(svd.sigma[r - 1] > LEAST_SIGMA * svd.sigma[0]))
+    if (!(svd.sigma[r - 1] > LEAST_RATIO * svd.sigma[0]))
         return {};
     const Mat U = svd.U.rows_from(0, r);
     Mat R = U;
@@ -134,9 +134,8 @@ std::optional<Projectors> projectors(Mat columns, bool wrenches, const Complemen
     Mat U = unit > 0 ? basis(columns, unit, k) : Mat();
     if (k < 0)
         return {};
-    if (wrenches) {  // what is orthogonal to them, in the unit of the columns, and then in a unit of its own
-        const Mat free = transposed(U.rows_from(k, 6));
-        Mat rest = free.copy();
+    if (wrenches) {  // their orthogonal complement, in the unit of the columns and then in its own
+        Mat rest = transposed(U.rows_from(k, 6));
         for (int i = 3; i < 6; i++)
             rest[i].scale(1 / unit);
         k = 6 - k;
@@ -158,7 +157,7 @@ std::optional<Projectors> projectors(Mat columns, bool wrenches, const Complemen
     } else {
         const bool by_pitch = rule.kind == ComplementRule::Kind::pitch;
         const double h = by_pitch ? rule.pitch / unit : 0;
-        if (by_pitch ? !(std::abs(h) <= LONGEST_PITCH) : !is_definite(rule.matrix))
+        if (by_pitch ? !(std::abs(h) <= LARGEST_PITCH) : !is_definite(rule.matrix))
             return {};
         for (int a = 0; a < k; a++) {  // Z* is Q_h S or M S
             if (by_pitch) {
@@ -177,29 +176,29 @@ std::optional<Projectors> projectors(Mat columns, bool wrenches, const Complemen
             Z.set(Mat::identity(w, 6));
     }
     Mat P = Mat::identity(w, 6);
-    Projectors found;
+    Projectors result;
     if (k > 0) {
         const Mat K = Z.rows_from(0, k), G = K * t(U.rows_from(0, k));
         const double sine = SVD(G).sigma[k - 1];
         if (!(sine > LEAST_SINE))
             return {};
-        found.norm = 1 / sine;
+        result.norm = 1 / sine;
         if (k < 6)
             P = transposed(U.rows_from(0, k)) * (RQ(G).inverse() * K);
     } else
         P.all().fill(0);
-    found.unit = unit;
-    found.motion = Mat(w, 6, 6), found.force = Mat(w, 6, 6);
+    result.unit = unit;
+    result.motion = Mat(w, 6, 6), result.force = Mat(w, 6, 6);
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < 6; j++) {
-            found.motion(i, j) = P(i, j) * scale[i] / scale[j];
-            found.force(j, i) = ((i == j) - P(i, j)) / scale[j] * scale[i];
+            result.motion(i, j) = P(i, j) * scale[i] / scale[j];
+            result.force(j, i) = ((i == j) - P(i, j)) / scale[j] * scale[i];
         }
-    found.freedoms = transposed(U.rows_from(0, k)), found.constraints = transposed(U.rows_from(k, 6));
-    found.complement = transposed(Z.rows_from(k, 6));
+    result.freedoms = transposed(U.rows_from(0, k)), result.constraints = transposed(U.rows_from(k, 6));
+    result.complement = transposed(Z.rows_from(k, 6));
     for (int i = 0; i < 6; i++)
-        found.freedoms[i].scale(scale[i]), found.complement[i].scale(scale[i]), found.constraints[i].scale(1 / scale[i]);
-    return found;
+        result.freedoms[i].scale(scale[i]), result.complement[i].scale(scale[i]), result.constraints[i].scale(1 / scale[i]);
+    return result;
 }
 
 }  // namespace iq

@@ -1,1 +1,6 @@
-"""Rigid motions, twists, wrenches and the invariant forms on them: pure functions on plain arrays. numpy and attrs."""
+"""Rigid motions, twists, wrenches, invariant forms, shapes and their distances: pure functions on plain arrays.
+
+In come arguments of public functions, out come checked float64 arrays (arrays, sizes), frozen values (fields), poses
+and adjoints (se3), joint twists and axes (screws), pitch forms (forms), shapes (shapes, coal) and distances (distance).
+Nothing here knows robots, tasks or control loops.
+"""

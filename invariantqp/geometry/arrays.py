@@ -1,7 +1,7 @@
-"""The array alias, and one check for each kind of argument: real, finite, of the right shape, float64, or a `BadInput`.
+"""The array type and the checks of arguments: each returns a finite float64 array or number, or raises `BadInput`.
 
-Everything that enters the library passes one of these checks once; inside it nothing is checked again. An argument that
-is a float64 array already is returned as it is, not copied.
+Public functions check their arguments here, once; inner functions do not. A float64 array is returned as it is, not
+copied.
 """
 
 from __future__ import annotations
@@ -21,25 +21,21 @@ Result = TypeVar("Result")
 Word = TypeVar("Word", bound=str)
 
 FLOAT64 = np.dtype(np.float64)
-# The kinds of numpy's types that are real numbers: signed and unsigned integers, floats. Objects ("O") may be numbers.
+# Kinds of numpy's types of real numbers: signed and unsigned integers, floats; objects ("O") may be numbers.
 REAL_KINDS = "iufO"
-# What to do with a quaternion where a rotation is expected, and with a position, a quaternion or both for a pose.
+# Remedies for a quaternion in place of a rotation, for a position, a quaternion or both in place of a pose.
 OF_A_QUATERNION = "a quaternion's rotation is scipy's Rotation.from_quat(xyzw).as_matrix()."
 MADE_OF_PARTS = f"iq.transform(rotation, position) makes one; {OF_A_QUATERNION}"
 SYMMETRIC_PART = "Its symmetric part is (A + A.T) / 2."
-# Of every homogeneous matrix of a rigid motion.
 LAST_ROW = [0.0, 0.0, 0.0, 1.0]
-# How far R'R may be from I: a pose read from a file with six digits passes, a scaled or sheared one does not.
+# Tolerance of R'R - I: a pose from a file with six digits passes, a scaled or sheared one does not.
 ROTATION_TOLERANCE = 1e-5
-# Up to which R'R is I but for rounding.
-ROTATION = 1e-12
-# More states, tries or ticks than anyone waits for: a slip of the keyboard.
-MANY = 10_000_000
-# What is below this share of what it is compared with, or this many units of a robot cell, is nothing: descriptions and
-# files have nine digits.
+# Larger counts of states, restarts or ticks are typing errors.
+LARGEST_COUNT = 10_000_000
+# Zero relative to the quantity that a number is compared with, or in units of a robot cell: files have nine digits.
 NEGLIGIBLE = 1e-9
-# What is below this share of the terms that it is computed from is rounding: factorisations, products and the forward
-# kinematics of a dozen joints leave some 1e-15 of them.
+# Zero relative to the terms that a number is computed from: factorisations, products and the forward kinematics of a
+# dozen joints leave some 1e-15 of them.
 ROUNDING = 1e-12
 
 
@@ -58,7 +54,7 @@ def array(value: ArrayLike, argument: str, expected: str) -> Array:
 
 
 def _not_real(value: Any, a: NDArray[Any]) -> str:
-    """What there is instead of real numbers; "" where there are such."""
+    """What the value is instead of real numbers; "" if it is real numbers."""
     if value is None:
         return "None"
     if np.ma.is_masked(value):
@@ -69,7 +65,7 @@ def _not_real(value: Any, a: NDArray[Any]) -> str:
 
 
 def _finite(a: Array, argument: str, expected: str) -> Array:
-    # One sum in the usual case, by vdot, which warns of no overflow; where it does overflow, entry by entry.
+    # One sum by vdot, which warns of no overflow; entry by entry if it overflows.
     if not isfinite(np.vdot(a, a)) and not np.isfinite(a).all():
         bad = [tuple(int(i) for i in index) for index in np.argwhere(~np.isfinite(a))[:4]]
         where = ", ".join(str(i[0]) if len(i) == 1 else str(i) for i in bad)
@@ -82,23 +78,23 @@ def vector(value: ArrayLike, size: int | None, argument: str) -> Array:
     a = array(value, argument, "numbers")
     if a.ndim != 1 or (size is not None and len(a) != size):
         raise BadInput(argument, f"shape {a.shape}", f"shape ({'n' if size is None else size},)")
-    # `hypot`, sooner than `_finite` for few numbers, overflows where a number or their length does.
+    # `hypot` is faster than `_finite` for few numbers, and overflows only if a number or their norm does.
     return a if isfinite(hypot(*a.tolist())) else _finite(a, argument, "finite numbers")
 
 
-def joints(value: ArrayLike, called: Sequence[str], argument: str) -> Array:
-    """A finite vector with a number for each joint; of another length, the error names the joints."""
+def joint_vector(value: ArrayLike, joint_names: Sequence[str], argument: str) -> Array:
+    """A finite vector with a number for each joint; an error of the shape names the joints."""
     a = array(value, argument, "numbers")
-    if a.shape == (len(called),):
-        return vector(a, len(called), argument)
+    if a.shape == (len(joint_names),):
+        return vector(a, len(joint_names), argument)
     remedy = "load_robot(..., joints=[...]) chooses which joints move." if a.ndim == 1 else ""
-    raise BadInput(argument, f"shape {a.shape}", f"({len(called)},): {names(called)}", remedy)
+    raise BadInput(argument, f"shape {a.shape}", f"({len(joint_names)},): {names(joint_names)}", remedy)
 
 
 def direction(value: ArrayLike, argument: str) -> Array:
     """The unit vector (3,) along a finite one that is not zero."""
     a = vector(value, 3, argument)
-    length = hypot(*a.tolist())  # squares nothing that could overflow or vanish
+    length = hypot(*a.tolist())  # without squares that could overflow or underflow
     if length == 0.0:
         raise BadInput(argument, "the zero vector", "a direction", "Any length but zero will do.")
     return a / length
@@ -138,7 +134,7 @@ def matrix(value: ArrayLike, shape: tuple[int | None, int], argument: str) -> Ar
 
 
 def symmetric(value: ArrayLike, size: int, argument: str) -> Array:
-    """A finite symmetric (size, size) matrix; `NEGLIGIBLE` is relative to its largest entry."""
+    """A finite symmetric (size, size) matrix, with a tolerance relative to its largest entry."""
     a = matrix(value, (size, size), argument)
     if (np.abs(a - a.T) > NEGLIGIBLE * np.abs(a).max(initial=0.0)).any():
         raise BadInput(
@@ -166,16 +162,16 @@ def positive_definite(value: ArrayLike, size: int, argument: str) -> Array:
     return a
 
 
-def matrix_of(value: Any) -> Any:
+def pose_matrix(value: Any) -> Any:
     """The (4, 4) matrix of a pose object: `.homogeneous` (Pinocchio) or `.as_matrix()` (mink, jaxlie, SciPy)."""
     given = getattr(value, "homogeneous", value)
     return given.as_matrix() if callable(getattr(given, "as_matrix", None)) else given
 
 
 def rotation(value: ArrayLike, argument: str) -> Array:
-    """A finite (3, 3) matrix or what `matrix_of` reads as one; whether it is a rotation is not checked."""
+    """A finite (3, 3) matrix, or a rotation object as of `pose_matrix`; orthonormality is not checked."""
     expected = "shape (3, 3)"
-    a = array(matrix_of(value), argument, expected)
+    a = array(pose_matrix(value), argument, expected)
     if a.shape == (3, 3):
         return _finite(a, argument, expected)
     remedy = f"It is a matrix; {OF_A_QUATERNION}" if a.shape == (4,) else ""
@@ -183,12 +179,9 @@ def rotation(value: ArrayLike, argument: str) -> Array:
 
 
 def pose(value: ArrayLike, argument: str = "pose") -> Array:
-    """A (4, 4) homogeneous rigid motion: rotation orthonormal with determinant +1, last row (0, 0, 0, 1).
-
-    Pose objects are read as `matrix_of` does.
-    """
+    """A (4, 4) homogeneous rigid motion, or a pose object as of `pose_matrix`."""
     expected = "a (4, 4) homogeneous rigid motion"
-    a = array(matrix_of(value), argument, expected)
+    a = array(pose_matrix(value), argument, expected)
     if a.shape != (4, 4):
         remedy = MADE_OF_PARTS if a.shape in {(3,), (4,), (6,), (7,)} else ""
         if a.shape == (3, 4):
@@ -202,22 +195,22 @@ def pose(value: ArrayLike, argument: str = "pose") -> Array:
     raise BadInput(argument, "an upper-left block that is not a rotation", expected, "Orthonormalise it first.")
 
 
-def with_rotation(T: Array) -> Array:
-    """A (4, 4) rigid motion with the nearest rotation in place of one to few digits, as of float32 or from a text."""
-    for _ in range(2):  # steps of Newton
+def orthonormalised(T: Array) -> Array:
+    """A (4, 4) rigid motion with the nearest rotation in place of one of few digits, as of float32 or from a text."""
+    for _ in range(2):  # Newton steps
         R = T[:3, :3]
-        off = R.dot(R.T) - np.eye(3)
-        if np.abs(off).max() <= ROTATION:
+        error = R.dot(R.T) - np.eye(3)
+        if np.abs(error).max() <= ROUNDING:
             break
         T = T.copy()
-        T[:3, :3] = R - 0.5 * off.dot(R)
+        T[:3, :3] = R - 0.5 * error.dot(R)
     return T
 
 
 def poses(value: Array, argument: str) -> Array:
-    """(n, 4, 4) rigid motions, each as `pose`; errors name the first that is none."""
+    """A copy of (n, 4, 4) rigid motions, each as `pose`; an error names the first that is none."""
     R = value[:, :3, :3]
-    with np.errstate(invalid="ignore", over="ignore"):  # what is not a number is no rigid motion
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN is no rigid motion
         rigid = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max(initial=0.0) <= ROTATION_TOLERANCE
         rigid = rigid and (np.linalg.det(R) > 0.0).all() and np.isfinite(value[:, :3, 3]).all()
     if not (rigid and (value[:, 3] == np.array(LAST_ROW)).all()):
@@ -229,7 +222,7 @@ def poses(value: Array, argument: str) -> Array:
 def is_rigid(T: Array) -> bool:
     """Whether a (4, 4) matrix is a finite rigid motion: columns orthonormal and right-handed, last row (0, 0, 0, 1).
 
-    In floats, faster than in arrays for so few numbers.
+    In floats, which are faster than arrays for few numbers.
     """
     (a, b, c, x), (d, e, f, y), (g, h, i, z), last = T.tolist()
     tolerance = ROTATION_TOLERANCE
@@ -298,7 +291,7 @@ def count(value: int, argument: str, most: int | None = None) -> int:
 
 
 def choice(value: Word, argument: str, allowed: Sequence[Word]) -> Word:
-    """One of a few words."""
+    """One of the allowed words."""
     if not isinstance(value, str) or value not in allowed:
         raise BadInput(argument, excerpt(value), " or ".join(repr(word) for word in allowed))
     return value
@@ -312,39 +305,38 @@ def flag(value: bool, argument: str) -> bool:
 
 
 def instance(value: object, kinds: type | tuple[type, ...], argument: str, expected: str) -> None:
-    """Refuse what is not of these kinds."""
+    """Raise unless the value is an instance of one of these kinds."""
     if not isinstance(value, kinds):
         raise BadInput(argument, excerpt(value), expected)
 
 
 def function(value: Callable[..., Result], argument: str, expected: str = "a function") -> Callable[..., Result]:
-    """Something that can be called."""
+    """A callable."""
     if not callable(value):
         raise BadInput(argument, excerpt(value), expected)
     return value
 
 
 def strings(values: Sequence[str], argument: str) -> tuple[str, ...]:
-    """Several strings, such as joint names; a single string is refused, not split into its letters."""
-    several = listed(values, argument, "a list of names")
-    for value in several:
+    """A tuple of strings, such as joint names; a single string is refused, not split into its letters."""
+    items = sequence(values, argument, "a list of names")
+    for value in items:
         if not isinstance(value, str):
             raise BadInput(argument, f"{excerpt(value)} among the names", "a list of names")
-    return several
+    return items
 
 
-def listed(values: Iterable[Result], argument: str, expected: str) -> tuple[Result, ...]:
-    """Several things, in order; a text is one, and so is an array of no dimension."""
+def sequence(values: Iterable[Result], argument: str, expected: str) -> tuple[Result, ...]:
+    """A tuple of items; a text is refused, and so is an array of no dimension."""
     try:
-        several = None if isinstance(values, (str, bytes)) else tuple(values)
+        if not isinstance(values, (str, bytes)):
+            return tuple(values)
     except TypeError:
-        several = None
-    if several is None:
-        raise BadInput(argument, excerpt(values), expected)
-    return several
+        pass
+    raise BadInput(argument, excerpt(values), expected)
 
 
 def names(values: Sequence[str], limit: int = 6) -> str:
-    """A few of them in words, for a message."""
-    shown = ", ".join(values[:limit])
-    return shown + (f", ... ({len(values)})" if len(values) > limit else "")
+    """The first names, separated by commas, for a message."""
+    first = ", ".join(values[:limit])
+    return first + (f", ... ({len(values)})" if len(values) > limit else "")

@@ -1,6 +1,6 @@
-"""coal, which comes with the extra `pin`: meshes as obstacles and of collision geometry, and shapes as it has them.
+"""Meshes by coal, from the extra `pin`: as obstacles and collision geometry; and shapes as coal geometries.
 
-This is the only file that imports it.
+This is the only file that imports coal.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from invariantqp.errors import BadInput, RobotModelError, excerpt
 from invariantqp.extras import optional
 from invariantqp.geometry import arrays, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.distance import Place, Placed, corners
+from invariantqp.geometry.distance import CollisionObject, DistanceResult, corners
 from invariantqp.geometry.shapes import Core, Shape
 
 with optional("pin", "coal"):
     import coal
 
-# Triangles of an obstacle that a page draws, at most.
-MOST_DRAWN = 4000
+# Largest number of triangles of an obstacle to display.
+LARGEST_DISPLAY = 4000
 SOURCE = "the path of a mesh file, or (points (n, 3), triangles (f, 3) of their indices); points alone with hull=True"
 
 
 class Mesh(Shape):
     """An obstacle of triangles: their surface or, with `hull`, all that is inside their convex hull.
 
-    Distances are coal's, some ten microseconds for each body that comes near; the other shapes are exact and faster.
+    Distances are coal's, some ten microseconds for each near body; those of the other shapes are exact and faster.
 
     Attributes:
-        points: (n, 3) corners, about the middle of the box that contains them [length].
-        faces: (f, 3) which corners each triangle has.
+        points: (n, 3) corners, about the middle of their bounding box [length].
+        faces: (f, 3) corner indices of each triangle.
         hull: whether it is solid.
     """
 
@@ -59,29 +59,29 @@ class Mesh(Shape):
             source: the path of an STL, OBJ, DAE or PLY file; or its corners (n, 3) and the triangles (f, 3) of their
                 indices; or, with `hull`, points (n, 3) alone.
             pose: (4, 4) of the frame in which the corners are given; None is the base frame.
-            scale: by which the corners are multiplied: 0.001 for a file in millimetres.
-            hull: take it for its convex hull, which is solid: what is inside of it is led out. Of a surface, what has
-                gone through it with its axis is not.
-            name: what reasons call it.
+            scale: factor of the corners, 0.001 for a file in millimetres.
+            hull: use the convex hull, which is solid: a body inside of it is moved out. A surface does not move out a
+                body whose axis has passed through it.
+            name: its name in reasons.
         """
         solid, size = arrays.flag(hull, "hull"), arrays.number(scale, "scale", "a factor", positive=True)
         points, faces = _read(source, solid)
         points = size * points
         if solid:
-            points, faces = _outside(points)
+            points, faces = _convex_hull(points)
         low, high = points.min(axis=0), points.max(axis=0)
         middle = 0.5 * (low + high)
         frame = np.eye(4) if pose is None else arrays.pose(pose, "pose")
         super().__init__(Core.MESH, 0.0, 0.5 * (high - low), frame.dot(se3.transform(translation=middle)), name)
         points = points - middle
-        vars(self).update(points=points, faces=faces, hull=solid, solid=Triangles(points, faces, solid))
+        vars(self).update(points=points, faces=faces, hull=solid, mesh=CoalMesh(points, faces, solid))
 
 
-class Triangles:
-    """A mesh as coal has it; it may be copied and pickled."""
+class CoalMesh:
+    """A coal geometry of triangles; it may be copied and pickled."""
 
     def __init__(self, points: Array, faces: NDArray[np.intp], hull: bool) -> None:
-        """From corners (n, 3) and triangles (f, 3), anticlockwise as seen from outside where it is a hull."""
+        """From corners (n, 3) and triangles (f, 3), anticlockwise as seen from outside for a hull."""
         self.points, self.faces, self.hull = points, faces, hull
         corner, triangle = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
         for point in points:
@@ -94,13 +94,13 @@ class Triangles:
             self.model.addSubModel(corner, triangle)
             self.model.endModel()
         self._here, self._there = coal.Transform3s(), coal.Transform3s()
-        self._wanted = coal.DistanceRequest(True, True)
+        self._request = coal.DistanceRequest(True, True)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Triangles, (self.points, self.faces, self.hull)
+        return CoalMesh, (self.points, self.faces, self.hull)
 
-    def places(self, pose: Array, other: Placed) -> list[Place]:
-        """Where another shape's core is near, from that to the mesh at a (4, 4) pose: nearest, and its ends."""
+    def distances(self, pose: Array, other: CollisionObject) -> list[DistanceResult]:
+        """Distances from another shape's core to the mesh at a (4, 4) pose: the nearest, and of the core's ends."""
         self._there.setTranslation(pose[:3, 3])
         self._there.setRotation(pose[:3, :3])
         if other.core is Core.HALF_SPACE:
@@ -108,32 +108,32 @@ class Triangles:
             points = self.points.dot(pose[:3, :3].T) + pose[:3, 3]
             heights = (points - other.pose[:3, 3]).dot(normal)
             i = int(heights.argmin())
-            return [Place(float(heights[i]), normal, points[i])]
+            return [DistanceResult(float(heights[i]), normal, points[i])]
         R, p = other.pose[:3, :3], other.pose[:3, 3]
-        near = [self._place(_of(other.core, other.radius, *other.half.tolist()), other.radius, R, p)]
+        results = [self._distance(_of(other.core, other.radius, *other.half.tolist()), other.radius, R, p)]
         ends = corners(other.half)
         if len(ends) > 1:
             ball = _of(Core.SEGMENT, other.radius, 0.0, 0.0, 0.0)
-            near += [self._place(ball, other.radius, R, R.dot(end) + p) for end in ends]
-        return near
+            results += [self._distance(ball, other.radius, R, R.dot(end) + p) for end in ends]
+        return results
 
-    def drawn(self) -> Array:
-        """(n, 3, 3) corners of triangles to draw, in its own frame: of the convex hull where there are very many."""
+    def display_triangles(self) -> Array:
+        """(n, 3, 3) corners of triangles to display, in its own frame: of the convex hull if there are too many."""
         points, faces = self.points, self.faces
-        if len(faces) > MOST_DRAWN:
-            points, faces = _outside(points)
-        return np.asarray(points[faces[:: 1 + len(faces) // MOST_DRAWN]])
+        if len(faces) > LARGEST_DISPLAY:
+            points, faces = _convex_hull(points)
+        return np.asarray(points[faces[:: 1 + len(faces) // LARGEST_DISPLAY]])
 
-    def _place(self, shape: coal.ShapeBase, radius: float, R: Array, p: Array) -> Place:
+    def _distance(self, shape: coal.ShapeBase, radius: float, R: Array, p: Array) -> DistanceResult:
         self._here.setTranslation(p)
         self._here.setRotation(R)
         result = coal.DistanceResult()
-        d = coal.distance(shape, self._here, self.model, self._there, self._wanted, result)
-        return Place(d + radius, result.normal, result.getNearestPoint1())
+        d = coal.distance(shape, self._here, self.model, self._there, self._request, result)
+        return DistanceResult(d + radius, result.normal, result.getNearestPoint1())
 
 
 def _read(source: Any, solid: bool) -> tuple[Array, NDArray[np.intp]]:
-    """Corners (n, 3) and triangles (f, 3) of what a mesh is made from."""
+    """Corners (n, 3) and triangles (f, 3) of a mesh's source."""
     if isinstance(source, (str, PathLike)):
         try:
             points, faces = triangles(fspath(source))
@@ -160,7 +160,7 @@ def _points(value: Any) -> Array:
     return points
 
 
-def _outside(points: Array) -> tuple[Array, NDArray[np.intp]]:
+def _convex_hull(points: Array) -> tuple[Array, NDArray[np.intp]]:
     """Corners and triangles of a convex hull, anticlockwise as seen from outside."""
     try:
         hull: Any = ConvexHull(points)
@@ -177,21 +177,21 @@ def _outside(points: Array) -> tuple[Array, NDArray[np.intp]]:
 
 
 def triangles(file: str) -> tuple[Array, NDArray[np.intp]]:
-    """(n, 3) corners of a mesh file and (f, 3) which of them each triangle has."""
+    """Corners (n, 3) of a mesh file and the corner indices (f, 3) of its triangles."""
     if not Path(file).is_file():
         raise RobotModelError(f"no mesh at {file}")
     try:
         mesh = coal.MeshLoader().load(file, np.ones(3))
         corners_of = map(mesh.tri_indices, range(mesh.num_tris))
         return np.array(mesh.vertices(), np.float64), np.array([[t[0], t[1], t[2]] for t in corners_of], np.intp)
-    except Exception as error:  # whatever its reader raises
+    except Exception as error:  # of any type
         raise RobotModelError(f"{file}: cannot be read as a mesh ({error})") from error
 
 
 def shape_of(shape: Shape) -> coal.ShapeBase:
-    """A shape as coal has it, about its own frame."""
+    """The coal geometry of a shape, in its own frame."""
     if isinstance(shape, Mesh):
-        return shape.solid.model
+        return shape.mesh.model
     return _of(shape.core, shape.radius, *shape.half.tolist())
 
 

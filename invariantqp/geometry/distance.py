@@ -1,6 +1,6 @@
-"""Where two shapes are near: the nearest points, and the ends and corners of each against the other.
+"""Distances of two shapes: of the nearest points, and of the ends and corners of each to the other.
 
-The engine has closed forms, exact to rounding, inside one another as well (`core/distance.hpp`); meshes have their own.
+The engine has closed forms, exact to rounding, penetration included (`core/distance.hpp`); meshes use coal.
 """
 
 from __future__ import annotations
@@ -16,52 +16,52 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.shapes import Core
 
 
-class Place(NamedTuple):
-    """Where two shapes are near."""
+class DistanceResult(NamedTuple):
+    """A distance between two shapes."""
 
-    distance: float  # negative inside
+    distance: float  # negative for penetration
     normal: Array  # (3,) unit vector from the first to the second
-    point: Array  # (3,) of the first core; both nearest points are on one line along the normal
+    point: Array  # (3,) of the first core; the nearest point of the second is along the normal
 
 
-class Solid(Protocol):
-    """A mesh, whose distances another library finds."""
+class CollisionMesh(Protocol):
+    """A mesh with distances by another library."""
 
-    def places(self, pose: Array, other: Placed) -> list[Place]:
-        """Where another shape's core is near, from that to the mesh at a (4, 4) pose."""
+    def distances(self, pose: Array, other: CollisionObject) -> list[DistanceResult]:
+        """Distances from another shape's core to the mesh at a (4, 4) pose: the nearest, and of the core's ends."""
 
-    def drawn(self) -> Array:
-        """(n, 3, 3) corners of triangles to draw, few enough for a page, in the mesh's own frame."""
+    def display_triangles(self) -> Array:
+        """(n, 3, 3) corners of triangles to display, in the mesh's own frame; a limited number."""
 
 
-class Placed(NamedTuple):
-    """A shape in the base frame."""
+class CollisionObject(NamedTuple):
+    """A shape with its pose in the base frame."""
 
     core: Core
     radius: float
-    half: Array  # (3,)
-    pose: Array  # (4, 4)
-    solid: Solid | None = None  # the mesh, of one
+    half: Array  # (3,) half sizes
+    pose: Array  # (4, 4) of the core
+    mesh: CollisionMesh | None = None
 
     @property
     def numbers(self) -> Array:
-        """(17,) core, radius, half sizes, rotation and place, as the engine takes them."""
+        """(17,) core, radius, half sizes, rotation and position, as the engine takes them."""
         return np.concatenate(((self.core, self.radius), self.half, self.pose[:3, :3].ravel(), self.pose[:3, 3]))
 
 
-def places(a: Placed, b: Placed) -> list[Place]:
-    """All places of two shapes, by their distance; two half-spaces have none."""
-    if b.solid is not None:
-        near = b.solid.places(b.pose, a)
-    elif a.solid is not None:
-        near = [Place(d, -normal, point + d * normal) for d, normal, point in a.solid.places(a.pose, b)]
+def distances(a: CollisionObject, b: CollisionObject) -> list[DistanceResult]:
+    """All distances of two shapes, ascending; two half-spaces have none."""
+    if b.mesh is not None:
+        results = b.mesh.distances(b.pose, a)
+    elif a.mesh is not None:
+        results = [DistanceResult(d, -normal, point + d * normal) for d, normal, point in a.mesh.distances(a.pose, b)]
     else:
-        return [Place(float(row[0]), row[1:4], row[4:]) for row in law.places(a.numbers, b.numbers)]
-    thick = a.radius + b.radius
-    return sorted((Place(d - thick, normal, point) for d, normal, point in near), key=itemgetter(0))
+        return [DistanceResult(float(row[0]), row[1:4], row[4:]) for row in law.places(a.numbers, b.numbers)]
+    thickness = a.radius + b.radius
+    return sorted((DistanceResult(d - thickness, normal, point) for d, normal, point in results), key=itemgetter(0))
 
 
 def corners(half: Array) -> list[Array]:
-    """Of a box or of what is left of one where half sizes are zero."""
+    """The corners (3,) of a box by its half sizes; a zero half size makes it flat."""
     sides = [(-h, h) if h > 0.0 else (0.0,) for h in half.tolist()]
     return [np.array(corner) for corner in product(*sides)]

@@ -1,4 +1,4 @@
-"""Frozen values with arrays in them: their own copies, read-only, compared number by number.
+"""Base classes of frozen values with arrays as fields: read-only copies, compared number by number.
 
     @frozen(init=False, eq=False, repr=False, slots=False)
     class Plane(Value):
@@ -8,7 +8,7 @@
         def __init__(self, normal: ArrayLike, height: float = 0.0) -> None:
             self.__attrs_init__(arrays.direction(normal, "normal"), arrays.number(height, "height"))
 
-The constructor says what is accepted and checks it once, by the names the caller knows; the fields, what is stored.
+The constructor checks its arguments, once.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ import numpy as np
 
 from invariantqp.geometry.arrays import Array
 
-# A repr shows arrays up to this many numbers, the twists and points; of larger ones the shape.
-SHOWN = 6
+# Largest array that a repr prints, a twist; of larger ones it prints the shape.
+LARGEST_PRINTED = 6
 
 
 def own(a: Array) -> Array:
-    """A read-only copy: what the caller does to the array afterwards changes nothing."""
+    """A read-only copy."""
     copy = np.array(a)
     copy.flags.writeable = False
     return copy
@@ -45,7 +45,7 @@ def same(a: object, b: object) -> bool:
 
 
 class Compared:
-    """Base of frozen attrs classes with arrays: `==` compares them number by number, `repr` shows them in short.
+    """Base of frozen attrs classes with arrays: `==` compares them number by number, `repr` abbreviates them.
 
     Fields with `eq=False` or `repr=False` are left out.
     """
@@ -55,21 +55,21 @@ class Compared:
             return NotImplemented
         return all(same(getattr(self, f.name), getattr(other, f.name)) for f in _fields(self) if f.eq)
 
-    __hash__ = None  # type: ignore[assignment]  # its arrays may be written to
+    __hash__ = None  # type: ignore[assignment]  # its arrays are writeable
 
     def __repr__(self) -> str:
-        shown = ", ".join(f"{f.name}={_short(getattr(self, f.name))}" for f in _fields(self) if f.repr)
-        return f"{type(self).__name__}({shown})"
+        printed = ", ".join(f"{f.name}={_short(getattr(self, f.name))}" for f in _fields(self) if f.repr)
+        return f"{type(self).__name__}({printed})"
 
 
 class Value(Compared):
-    """A `Compared` whose arrays are all its `own`: it can be hashed, and is read-only after unpickling as well."""
+    """A `Compared` whose arrays are read-only copies by `own`, also after unpickling; it can be hashed."""
 
     def __hash__(self) -> int:  # type: ignore[override]
         return hash((type(self), *(_hashable(getattr(self, f.name)) for f in _fields(self) if f.eq)))
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a pickle is made from: the fields, without what has been computed from them."""
+        """The fields, without cached properties."""
         return {f.name: getattr(self, f.name) for f in _fields(self)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -91,6 +91,6 @@ def _hashable(value: object) -> object:
 def _short(value: object) -> str:
     if not isinstance(value, np.ndarray):
         return repr(value)
-    if value.size > SHOWN:
+    if value.size > LARGEST_PRINTED:
         return f"<array of shape {value.shape}>"
     return np.array2string(value, precision=4, suppress_small=True, separator=", ").replace("\n", "")

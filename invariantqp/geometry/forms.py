@@ -1,4 +1,4 @@
-"""The quadratic forms on twists that every rigid motion leaves unchanged: the pencil Q_h = Q_0 - 2h diag(I, 0).
+"""The quadratic forms on twists that are invariant under rigid motions: the pencil Q_h = Q_0 - 2h diag(I, 0).
 
     s'Q_h s = 2 (omega.v - h omega.omega)          Q_h = [[-2h I, I], [I, 0]]      Q_h^-1 = [[0, I], [I, 2h I]]
 

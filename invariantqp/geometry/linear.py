@@ -1,4 +1,4 @@
-"""Linear algebra shared by packages: rank, orthogonal complements. Arguments are not checked."""
+"""Rank and orthogonal complement; arguments are not checked."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from invariantqp.geometry.arrays import Array
 
-# The least positive number, a lower bound of divisors.
+# The smallest positive normal number, a lower bound of divisors.
 TINY = float(np.finfo(float).tiny)
 
 
 def orthogonal(columns: Array) -> Array:
-    """An orthonormal basis (n, n - k) of what is orthogonal to independent columns (n, k), 0 <= k <= n."""
+    """An orthonormal basis (n, n - k) of the orthogonal complement of independent columns (n, k), 0 <= k <= n."""
     Q: Array = np.linalg.qr(columns, mode="complete")[0]
     return Q[:, columns.shape[1] :]
 

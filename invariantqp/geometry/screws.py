@@ -57,8 +57,8 @@ def pitch(twist: ArrayLike) -> float:
     return float((s[:3] / length).dot(s[3:]) / length) if length > 0.0 else inf
 
 
-def turning(J: Array) -> Array:
-    """(m,) how fast the joints of twists (6, m) turn at unit rate, |omega|: 1 of a hinge in radians, 0 of a slide."""
+def angular_speeds(J: Array) -> Array:
+    """(m,) |omega| of joint twists (6, m): 1 for a revolute joint in radians, 0 for a prismatic one."""
     return np.asarray(np.linalg.norm(J[:3], axis=0))
 
 
@@ -73,10 +73,10 @@ def axis(twist: ArrayLike) -> tuple[Array, Array]:
 
 
 class Screw(NamedTuple):
-    """A twist or a wrench as a screw: magnitude, pitch, unit direction (3,) and the axis' point (3,) nearest to 0.
+    """Magnitude, pitch, unit direction (3,) and the axis' point (3,) nearest to the origin of a twist or a wrench.
 
-    Of a twist the magnitude is |omega| [rad/s] and the pitch a length a radian; of a wrench |f| [force] and a length.
-    A translation or a couple has infinite pitch, the magnitude |v| or |m|, and no point.
+    For a twist the magnitude is |omega| [rad/s] and the pitch in length/rad; for a wrench |f| [force] and length. A
+    translation or a couple has infinite pitch, magnitude |v| or |m|, and no point.
     """
 
     magnitude: float
@@ -106,26 +106,26 @@ def screw_of_wrench(wrench: ArrayLike) -> Screw:
     return screw_of(arrays.twist(wrench, "wrench")[SWAPPED])
 
 
-class Resting(NamedTuple):
-    """Point (3,) that the twists move least, the nearest to the origin of those; free (3, f) directions it may move."""
+class LeastMovingPoint(NamedTuple):
+    """The point (3,) that twists move least, nearest to the origin, and the directions (3, f) in which it is free."""
 
     point: Array
     free: Array
 
 
-def resting_point(twists: Array, tolerance: float = ROUNDING, longest: float = LENGTH_LIMIT) -> Resting:
+def least_moving_point(twists: Array, tolerance: float = ROUNDING, longest: float = LENGTH_LIMIT) -> LeastMovingPoint:
     """The least-norm minimiser of |v + omega x p|_F over p, for checked (6, m) twists.
 
-    A direction is free where the stiffness of |J_v(p)|^2 against p is below the share `tolerance` of the largest. With
-    |J_v| / |J_omega| above `longest` no joint turns: the point is the origin, and free.
+    A direction is free if the eigenvalue of the Hessian is below `tolerance` times the largest. With |J_v| / |J_omega|
+    above `longest` no joint rotates: the point is the origin, and free.
     """
     w, v = twists[:3], twists[3:]
-    spread, axes = np.linalg.eigh(w.dot(w.T))
-    stiffness = spread.sum() - spread  # eigenvalues of A = |w|^2 I - w w', descending
-    if np.vdot(v, v) > spread.sum() * longest * longest:
-        return Resting(np.zeros(3), np.eye(3))
+    squares, axes = np.linalg.eigh(w.dot(w.T))
+    stiffness = squares.sum() - squares  # eigenvalues of A = |w|^2 I - w w', descending
+    if np.vdot(v, v) > squares.sum() * longest * longest:
+        return LeastMovingPoint(np.zeros(3), np.eye(3))
     fixed = stiffness > tolerance * stiffness[0]
     along = axes[:, fixed]
     M = w.dot(v.T)
-    moment = np.array((M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]))  # the sum of w x v, which is A p
-    return Resting(along.dot(along.T.dot(moment) / stiffness[fixed]), axes[:, ~fixed])
+    moment = np.array((M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]))  # A p = sum of w x v
+    return LeastMovingPoint(along.dot(along.T.dot(moment) / stiffness[fixed]), axes[:, ~fixed])

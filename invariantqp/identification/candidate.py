@@ -135,7 +135,7 @@ class Candidate(Compared):
         if self.kind == "sphere":
             p = surface[:3, :3].T.dot(tip[:3, 3] - surface[:3, 3])
             n = surface[:3, :3].dot(np.array([0.0, 0.0, 1.0]) + self.parameters[0] * p)
-            frame = se3.facing(n, tip[:3, 3])
+            frame = se3.pose_along_z(n, tip[:3, 3])
         if self.kind == "line":
             edge, z = tip[:3, 0], surface[:3, 2]
             x = edge - z * z.dot(edge)

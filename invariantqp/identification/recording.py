@@ -140,7 +140,7 @@ def recording(
 def _poses(poses: Any) -> Array:
     expected = "(n, 4, 4) poses of the tool frame in the base frame"
     if isinstance(poses, Sequence):
-        poses = [arrays.matrix_of(pose) for pose in poses]
+        poses = [arrays.pose_matrix(pose) for pose in poses]
     X = arrays.array(poses, "poses", expected)
     if X.ndim != 3 or X.shape[1:] != (4, 4):
         raise BadInput("poses", f"shape {X.shape}", expected)
@@ -159,7 +159,7 @@ def _wrenches(wrenches: Any, X: Array, exerts: bool, sensor: WrenchSensor | None
     if sensor is not None and not exerts:
         raise BadInput("exerts", "False with a sensor", "True: the sensor's reads= says the sign")
     order = "moment first" if sensor is None else sensor.order
-    readings = wrenches if isinstance(wrenches, np.ndarray) else arrays.listed(wrenches, "wrenches", expected)
+    readings = wrenches if isinstance(wrenches, np.ndarray) else arrays.sequence(wrenches, "wrenches", expected)
     if len(readings) != n:
         raise BadInput("wrenches", f"{len(readings)}", f"{n}, one a pose")
     w = np.array([wrench_of(reading, order, f"wrenches[{k}]") for k, reading in enumerate(readings)])

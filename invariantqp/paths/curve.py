@@ -86,9 +86,9 @@ class Curve(NamedTuple):
         u = (at - self.knots[i]) / h
         (there, rate) = np.array(((u, u * u, u * u * u), (1.0 / h, 2.0 * u / h, 3.0 * u * u / h))).dot(self.cubics[i])
         # The derivative of exp: the sum of ad^k / (k + 1)!, of which a piece needs no more.
-        once = se3.lie(there, rate)
-        twice = se3.lie(there, once)
-        tangent: Array = rate + 0.5 * once + twice / 6.0 + se3.lie(there, twice) / 24.0
+        once = se3.bracket(there, rate, check=False)
+        twice = se3.bracket(there, once, check=False)
+        tangent: Array = rate + 0.5 * once + twice / 6.0 + se3.bracket(there, twice, check=False) / 24.0
         return tangent
 
 
@@ -108,8 +108,8 @@ def curve_through(at: Array, poses: Array, tangents: Array, part: Target | None 
         d = way(poses[i], poses[i + 1])
         first, last = h * tangents[i], h * tangents[i + 1]
         # The inverse of the derivative of exp, at the far end of the piece.
-        once = se3.lie(d, last)
-        last = last - 0.5 * once + se3.lie(d, once) / 12.0
+        once = se3.bracket(d, last, check=False)
+        last = last - 0.5 * once + se3.bracket(d, once, check=False) / 12.0
         cubics[i] = first, 3.0 * d - 2.0 * first - last, first + last - 2.0 * d
     return Curve(at, poses, cubics, at.tolist(), part)
 

@@ -327,7 +327,7 @@ class Follower:
         self._open("point")
         if self._keep == "shape":
             raise BadInput("point", "a stream where the shape is kept", 'keep="time", or a whole path by follow()')
-        given = self._believed(Given([arrays.matrix_of(point)], self._m, "point"), "point")
+        given = self._believed(Given([arrays.pose_matrix(point)], self._m, "point"), "point")
         when = None if stamp is None else arrays.number(stamp, "stamp", "a time in seconds")
         if self._next is not None or self._function is not None or self._turns or self._by_law is not None:
             self._forget()
@@ -348,7 +348,7 @@ class Follower:
         """
         course, point = self._course, arrays.choice(at, "at", ("tool", "base"))
         self._open("v")
-        wanted = sizes.not_too_fast(arrays.twist(v, "v")).copy()
+        wanted = sizes.bounded_twists(arrays.twist(v, "v")).copy()
         if self._pressed is not None:
             raise BadInput("v", 'a twist in contact with keep="shape"', 'keep="time", or a path: follow(poses)')
         if not self._turns:

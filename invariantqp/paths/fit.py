@@ -63,7 +63,7 @@ class Given:
             if any(isinstance(p, Target) for p in points):
                 self.targets = tuple(checked_target(p, name) for p in points)
                 return
-            points = [arrays.matrix_of(p) for p in points]
+            points = [arrays.pose_matrix(p) for p in points]
         expected = f"poses (n, 4, 4), joint positions (n, {m}), points (n, 3), or several iq.Target"
         found = arrays.array(points, name, expected)
         if found.ndim == 3 and found.shape[1:] == (4, 4) and len(found):
@@ -246,5 +246,5 @@ class Solver:
 
 def sampled(function: Callable[[float], ArrayLike], times: Array, m: int) -> Given:
     """A function of time at times (n,)."""
-    points = [arrays.matrix_of(p) for p in map(function, times.tolist())]
+    points = [arrays.pose_matrix(p) for p in map(function, times.tolist())]
     return Given(points, m, "points")

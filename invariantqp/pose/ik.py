@@ -119,7 +119,7 @@ class PoseSearch:
         self._options = (
             arrays.number(tolerance, "tolerance", "a tolerance in radians and in lengths", positive=True),
             arrays.number(time_limit, "time_limit", "seconds or inf", positive=True, infinite=True),
-            arrays.count(restarts, "restarts", arrays.MANY),
+            arrays.count(restarts, "restarts", arrays.LARGEST_COUNT),
             _start_origin(arrays.count(seed, "seed"), len(robot.names)),
         )
 
@@ -133,13 +133,13 @@ class PoseSearch:
 
     def checked_start(self, q0: ArrayLike) -> Array:
         """(m,) joint positions to start from, checked."""
-        q = arrays.joints(q0, self._robot.names, "q0")
+        q = arrays.joint_vector(q0, self._robot.names, "q0")
         refuse(not_believed(self._robot, q, no_degrees(self._robot, self._robot.jacobian(middle(self._robot)))), "q0")
         return q
 
     def checked_target(self, target: Any, argument: str = "target") -> Array | Target:
         """A target, checked: a pose (4, 4), a position (3,), or a `Target`."""
-        given = target if isinstance(target, Target) else arrays.array(arrays.matrix_of(target), argument, TARGETS)
+        given = target if isinstance(target, Target) else arrays.array(arrays.pose_matrix(target), argument, TARGETS)
         if isinstance(given, Target) or given.shape == (3,):
             if self._exact or self._form is not None:
                 expected = "a (4, 4) pose with a form or exact demands"
@@ -402,7 +402,7 @@ def solve_poses(
         options: of `solve_pose`: form, exact, tolerance, time_limit, restarts, seed.
     """
     search = PoseSearch(robot, **options)
-    listed = arrays.listed(targets, "targets", "a list of poses")
+    listed = arrays.sequence(targets, "targets", "a list of poses")
     checked = [search.checked_target(target, f"targets[{i}]") for i, target in enumerate(listed)]
     path, n, m = arrays.flag(along, "along"), len(listed), len(robot.names)
     starts = None
@@ -412,7 +412,7 @@ def solve_poses(
             starts = np.array([search.checked_start(q) for q in arrays.matrix(starts, (n, m), "q0")])
         else:
             starts = search.checked_start(starts)
-    threads = -1 if type(jobs) is int and jobs == -1 else arrays.count(jobs, "jobs", arrays.MANY)
+    threads = -1 if type(jobs) is int and jobs == -1 else arrays.count(jobs, "jobs", arrays.LARGEST_COUNT)
     if threads == 0:
         raise BadInput("jobs", "0", "a number of threads, or -1 for all cores")
     if path and threads != 1:

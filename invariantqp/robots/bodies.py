@@ -243,8 +243,8 @@ def _grown(one: Capsule | Box, points: Array) -> Capsule | Box: ...
 def _grown(one: Capsule | Box, points: Array) -> Capsule | Box:
     """A capsule with another radius, or a box with other edges, that contains points (n, 3)."""
     if isinstance(one, Box):
-        return _box(one.place[:3, :3].T, points)
-    centre, u, half = one.place[:3, 3], one.place[:3, 2], float(one.half[2])
+        return _box(one.placement[:3, :3].T, points)
+    centre, u, half = one.placement[:3, 3], one.placement[:3, 2], float(one.half[2])
     W = points - centre
     t = W.dot(u)
     beyond = np.maximum(np.abs(t) - half, 0.0)
@@ -277,7 +277,7 @@ def _halves(part: Array, one: Capsule | Box) -> tuple[Array, list[Array], list[C
     First the plane (4,) between them, as `_sides` takes it.
     """
     points = part.reshape(-1, 3)
-    n = one.place[:3, int(one.half.argmax())] if one.half.any() else np.linalg.eigh(np.cov(points.T))[1][:, -1]
+    n = one.placement[:3, int(one.half.argmax())] if one.half.any() else np.linalg.eigh(np.cov(points.T))[1][:, -1]
     heights, rated = points.dot(n), []
     for share in (0.35, 0.5, 0.65):
         plane = np.append(n, heights.min() + share * np.ptp(heights))

@@ -130,7 +130,7 @@ class Chain(Value):
         limits = joint_limits(m, position_lower, position_upper, velocity_limit)
         where = _places(twists, pose) if places is None else arrays.matrix(places, (m, 3), "places")
         arrays.instance(tool, str, "tool", "the name of the tool frame")
-        made_of = arrays.listed(links, "links", "the links that a reader of descriptions tells of")
+        made_of = arrays.sequence(links, "links", "the links that a reader of descriptions tells of")
         if not all(isinstance(link, Link) for link in made_of):
             raise BadInput("links", excerpt(links), "the links that a reader of descriptions tells of")
         if coupled is not None:
@@ -141,17 +141,17 @@ class Chain(Value):
 
     def pose(self, q: ArrayLike) -> Array:
         """(4, 4) tool pose in the base frame."""
-        pose: Array = self.in_engine.sight(arrays.joints(q, self.names, "q"), None)[1]
+        pose: Array = self.in_engine.state(arrays.joint_vector(q, self.names, "q"), None)[1]
         return pose
 
     def jacobian(self, q: ArrayLike) -> Array:
         """(6, m) joint twists in the base frame."""
-        twists: Array = self.in_engine.sight(arrays.joints(q, self.names, "q"), None)[0]
+        twists: Array = self.in_engine.state(arrays.joint_vector(q, self.names, "q"), None)[0]
         return twists
 
     def origins(self, q: ArrayLike) -> Array:
         """(m, 3) a point of each joint's axis, to draw the arm by."""
-        before = self.motions(arrays.joints(q, self.names, "q"))[:-1]
+        before = self.motions(arrays.joint_vector(q, self.names, "q"))[:-1]
         own = zip(before[list(self.joints.drivers)], self.places, strict=True)
         return np.array([T[:3, :3].dot(p) + T[:3, 3] for T, p in own])
 
@@ -160,13 +160,13 @@ class Chain(Value):
         return (
             pose
             if isinstance(pose, CheckedPose)
-            else CheckedPose(own(arrays.with_rotation(arrays.pose(pose, "target"))))
+            else CheckedPose(own(arrays.orthonormalised(arrays.pose(pose, "target"))))
         )
 
     def sight(self, q: Array, target: ArrayLike | CheckedPose) -> Sighting:
         """Joint twists and tool error, in the base frame."""
         wanted = self.target(target).pose
-        J, T, error = self.in_engine.sight(q, wanted)
+        J, T, error = self.in_engine.state(q, wanted)
         return Sighting(J, error, T)
 
     def points(self, sighting: Sighting, target: ArrayLike | CheckedPose, point: Array) -> tuple[Array, Array]:
@@ -284,16 +284,16 @@ class Chain(Value):
 def _geometry(bodies: Sequence[Shape] | Shape) -> tuple[Geometry, ...]:
     """Shapes as parts of a link whose frame they are given in."""
     expected, made = "Sphere, Capsule or Box, in the new tool frame", []
-    for shape in (bodies,) if isinstance(bodies, Shape) else arrays.listed(bodies, "bodies", f"a list of {expected}"):
+    for shape in (bodies,) if isinstance(bodies, Shape) else arrays.sequence(bodies, "bodies", f"a list of {expected}"):
         if not isinstance(shape, Shape) or shape.core not in (Core.SEGMENT, Core.BOX):
             raise BadInput("bodies", excerpt(shape), expected)
         length = 2.0 * float(shape.half[2])
         if shape.core is Core.BOX:
-            made.append(Geometry("box", tuple((2.0 * shape.half).tolist()), shape.place, given=True))
+            made.append(Geometry("box", tuple((2.0 * shape.half).tolist()), shape.placement, given=True))
         elif length > 0.0:
-            made.append(Geometry("capsule", (shape.radius, length), shape.place, given=True))
+            made.append(Geometry("capsule", (shape.radius, length), shape.placement, given=True))
         else:
-            made.append(Geometry("sphere", (shape.radius,), shape.place, given=True))
+            made.append(Geometry("sphere", (shape.radius,), shape.placement, given=True))
     return tuple(made)
 
 

@@ -17,7 +17,7 @@ from invariantqp.errors import BadInput, excerpt
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Compared
-from invariantqp.geometry.screws import turning
+from invariantqp.geometry.screws import angular_speeds
 from invariantqp.systems.points import reach
 
 T = TypeVar("T")
@@ -118,14 +118,14 @@ def middle(robot: Robot) -> Array:
 def joint_ranges(robot: Robot) -> tuple[Array, Array]:
     """(m,) the limits, or a turn about the middle, or a unit of length, of joints that have none."""
     mid = middle(robot)
-    half = np.where(turning(robot.jacobian(mid)) > 0.0, np.pi, 0.5)
+    half = np.where(angular_speeds(robot.jacobian(mid)) > 0.0, np.pi, 0.5)
     low, high = robot.position_lower, robot.position_upper
     return np.where(np.isfinite(low), low, mid - half), np.where(np.isfinite(high), high, mid + half)
 
 
 def whole_turns(J: Array) -> Array:
     """(m,) the joint displacement of a whole turn of each hinge of joint twists J (6, m); 0 of other joints."""
-    speed, drift = turning(J), np.linalg.norm(J[3:], axis=0)
+    speed, drift = angular_speeds(J), np.linalg.norm(J[3:], axis=0)
     hinge = (speed > 0.0) & (np.abs((J[:3] * J[3:]).sum(axis=0)) <= arrays.NEGLIGIBLE * speed * drift)
     return np.where(hinge, 2.0 * pi / np.where(hinge, speed, 1.0), 0.0)
 
@@ -192,7 +192,7 @@ def far_away(robot: Robot, J: Array, tip: Array) -> float:
 
     inf where no hinge moves the tool, and no length is the arm's.
     """
-    ways = (robot.position_upper - robot.position_lower)[turning(J) == 0.0]
+    ways = (robot.position_upper - robot.position_lower)[angular_speeds(J) == 0.0]
     length = reach(J, tip)
     return FAR_AWAY * (length + float(ways.sum())) if length > 0.0 else inf
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput, MissingExtra, RobotModelError, UnknownName, excerpt
 from invariantqp.geometry import arrays
-from invariantqp.geometry.screws import turning
+from invariantqp.geometry.screws import angular_speeds
 from invariantqp.robots.chain import Chain
 from invariantqp.robots.compose import stand_on
 from invariantqp.robots.description import is_text, read_xml, require_robot
@@ -118,7 +118,7 @@ def load_robot(
             stacklevel=2,
         )
     question_still(arm)
-    question_range(arm.position_lower, arm.position_upper, turning(arm.screws) > 0.0, "the description's limits")
+    question_range(arm.position_lower, arm.position_upper, angular_speeds(arm.screws) > 0.0, "the description's limits")
     for argument, given in (("offset", offset), ("base", base)):
         if given is not None and not isinstance(given, Chain):
             question_pose(arm, argument, arrays.pose(given, argument))

@@ -73,7 +73,7 @@ def collision_model(robot: Chain) -> pin.GeometryModel:
     for name, shapes in bodies.items():
         link = known[name]
         for i, shape in enumerate(shapes if not link.unknown else ()):
-            place = data.oMi[link.body].inverse() * pin.SE3(link.frame.dot(shape.place))
+            place = data.oMi[link.body].inverse() * pin.SE3(link.frame.dot(shape.placement))
             one = pin.GeometryObject(f"{name}_{i}", link.body, place, shape_of(shape))
             indices.setdefault(name, []).append(made.addGeometryObject(one))
     for one, other in combinations(indices, 2):

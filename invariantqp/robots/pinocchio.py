@@ -38,7 +38,7 @@ def model_of(
             raise BadInput(
                 "screws", f"a joint {names[i]} that is not a unit screw", "unit screws for a pinocchio.Model"
             )
-        frame = se3.facing(along, place)
+        frame = se3.pose_along_z(along, place)
         bounds = [np.array([np.clip(limit[i], -UNLIMITED, UNLIMITED)]) for limit in limits]
         to_frame = pin.SE3(se3.inverse(last, check=False).dot(frame))
         h = pitch(screw)

@@ -1,31 +1,11 @@
-"""Screw systems: reciprocals, Gram matrices, types, involution, and the hyperbolic pseudoinverse. numpy alone.
+"""Screw systems: reciprocals, Gram matrices, types, involution, and the hyperbolic pseudoinverse of [DS].
 
-[DS] is P. Donelan and J. M. Selig, Hyperbolic pseudoinverses for kinematics in the Euclidean group. Its parts are in:
-
-    a system as one value         system.py            ScrewSystem; many functions below are short spellings of it
-    Theorem 2.1, (2.6)            geometry/forms.py    pitch_form, pitch_form_inverse, invariant_form
-    Sect. 2.2, (2.9), (2.10)      subspaces.py         screw_system, reciprocal, annihilator, system_sum, system_meet,
-                                                       self_reciprocal
-                                  lines.py             alpha_plane, beta_plane, null_plane (the two rulings)
-    (2.12)-(2.15), (hP1)-(hP4)    pseudoinverses.py    form_adjoint, h_adjoint, pseudoinverse, penrose_conditions
-    Theorem 2.2                   pseudoinverses.py    has_pseudoinverse
-    Example 3                     points.py            motions_along, point_motion
-    Sect. 3, Theorem 3.1          pseudoinverses.py    existence; ScrewSystem(J).reciprocal(h) (Corollary 3.2)
-    Sect. 3, Tables 1 to 3        classification.py    gibson_hunt; report.py puts it in words: describe
-    Sect. 4                       lines.py             involution
-    Sect. 5, (5.1)                gram.py              gram_matrix, principal_pitches, principal_screws,
-                                                       blind_directions, gram_polynomial
-    Sect. 6.1, 6.3, (6.5)         projectors.py        dual_projectors
-    Theorem 6.1, (6.3), (6.4)     stationary.py        error_form, stationary_point; vanishing_pitches (Example 4)
-    Sect. 6.2, after Example 4    stationary.py        psi; pseudoinverses.py: damped_pseudoinverse
-    Sect. 6.3                     stiffness.py         leg_wrenches, wrench_pseudoinverse
-    Sect. 7 (asked for there)     spectra.py           hyperbolic_singular_values, hyperbolic_polar
-                                  stiffness.py         platform_stiffness, leg_spectrum, eigenscrews
-    Figure 1                      families.py          pitch_field; cylindroid
-    (not in [DS])                 mechanisms.py        limb_constraints, mobility
-                                  points.py            centre, reach: lengths that an arm has of itself
-
-Its errata are in the guide, examples/guide/paper.md, each asserted as the truth in tests/properties/test_paper.py.
+In come (6, m) joint twists or wrenches as arrays, out come read-only values and arrays. `ScrewSystem` is a system as
+one value; functions are short spellings of its methods. Nothing here knows robots, contacts or control loops. A file a
+section of [DS], P. Donelan and J. M. Selig, Hyperbolic pseudoinverses for kinematics in the Euclidean group:
+Sect. 2 subspaces, pseudoinverses (Theorem 2.2), points (Example 3); Sect. 3 classification, report, pseudoinverses
+(Theorem 3.1); Sect. 4 lines; Sect. 5 gram; Sect. 6 stationary, projectors, stiffness; Sect. 7 spectra, stiffness;
+Figure 1 families. mechanisms is not in [DS]. examples/guide/paper.md has a table of every function, and the errata.
 """
 
 from typing import TYPE_CHECKING

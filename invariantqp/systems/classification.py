@@ -4,16 +4,15 @@ Type I or II: S lies in no, or in one, pitch hyperquadric q_h. A, B, C, D: S has
 infinite pitch. The index of IA and IB tells how S meets the pencil of the q_h. A 4- or 5-system is named by its
 reciprocal.
 
-A type is defined by equations, which data with rounding never satisfy exactly. Each decision is therefore a number (a
-sine, a difference of pitches) compared with what an error of `tolerance` in the twists could make of zero. The result
-lists these numbers; `margin` is the factor by which the tolerance would have to change for another name.
-
-They are computed about the system's own point and over its own length, so no frame and no unit enters.
+A type is defined by equations, which data with rounding never satisfy exactly. Each decision therefore compares a
+number (a sine, a difference of pitches), computed in own coordinates, with the effect of an error of `tolerance` in the
+twists. The result lists these numbers; `margin` is the factor by which the tolerance would have to change for another
+name.
 
     span(Ad(motion) J) = span(normal form of (class, moduli)),   motion = (R, -R p): axes R (rows), origin p
 
-The axes of the frame of a normal form are the principal directions (or the direction of a translation, where there is
-one). Its origin is the point about which the moments vanish, those aside that translations of the system can cancel.
+The axes of the frame of a normal form are the principal directions, or the direction of a translation. Its origin is
+the point about which the moments vanish, except those that translations of the system can cancel.
 
 Reference: [DS] Sect. 3, Tables 1 and 2, Table 3 with its missing IID (no three translations have a pseudoinverse); the
 1-systems of Sect. 2.2.
@@ -30,11 +29,10 @@ from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import BadInput
-from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import NEGLIGIBLE, Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.se3 import across, cross, norm
-from invariantqp.systems.gram import Border, Parts, at_most_three, decided, split
+from invariantqp.geometry.se3 import cross, norm, perpendicular_axes
+from invariantqp.systems.gram import Border, Parts, check_rounding, split
 from invariantqp.systems.subspaces import TOLERANCE, Subspace
 
 # [DS] Tables 1 and 2: the columns of each class from its moduli. h, a, b, c are pitches [length/rad], p a ratio.
@@ -57,20 +55,19 @@ _TWISTS: dict[tuple[int, str], Callable[..., list[tuple[float, ...]]]] = {
     (3, "IID"): lambda: [(0, 0, 0, 1, 0, 0), (0, 0, 0, 0, 1, 0), (0, 0, 0, 0, 0, 1)],
 }
 
-# What the pitches of a class with none to three of them are called, ascending (IA2: the single one first).
+# Names of the zero to three pitches of a class, ascending (IA2: the single one first).
 _PITCH_NAMES: tuple[tuple[str, ...], ...] = ((), ("h",), ("h_a", "h_b"), ("h_a", "h_b", "h_c"))
-# A margin below this is small enough to tell the user about.
+# Reports mention the next type below this margin.
 NEAR_BORDER = 10.0
-# `next` is the type this far past the nearest border. Borders closer together than that count as one: the same small
-# number is often seen twice (a small angular part is also a small difference of pitches), and no system nearby is of
-# the type between the two.
-BEYOND = 1e-2
+# `next` is the type at a tolerance this share past the nearest border. Borders closer together count as one: a small
+# angular part is also a small difference of pitches, and no system nearby is of the type between the two.
+PAST_BORDER = 1e-2
 # No h exists for these ([DS] Table 3 and its missing IID); 4- and 5-systems follow their reciprocal (Corollary 3.2).
 _NO_PSEUDOINVERSE = {(1, "h=inf"), (2, "IIB"), (2, "IIC")} | {(3, n) for n in ("IB3", "IC", "IIB", "IIC", "IID")}
 
 
-class Frame(NamedTuple):
-    """The frame of a normal form: pitches [the caller's unit of v], ratios, axes (3, 3) as rows, origin (3,)."""
+class _Frame(NamedTuple):
+    """The frame of a normal form: pitches, ratios, axes (3, 3) as rows, origin (3,), lengths in the own length."""
 
     pitches: tuple[float, ...]
     ratios: tuple[float, ...]
@@ -88,47 +85,47 @@ def _pitch(s: Parts) -> float:
 
 
 def _axes(x: Array, y: Array | None = None) -> Array:
-    """Axes as rows from the first and the second; some second one where the system has none."""
-    y = across(x)[0] if y is None else y
+    """Axes as rows from the first and the second; any second one if None."""
+    y = perpendicular_axes(x)[0] if y is None else y
     return np.array((x, y, cross(x, y)))
 
 
-def _two_screws(s: Parts) -> Frame:
+def _two_screws(s: Parts) -> _Frame:
     R = _axes(s.W[:, 0], s.W[:, 1])
     m = R.dot(s.V)  # the axes of the principal screws meet at right angles in the origin
-    return Frame(tuple(s.pitches.tolist()), (), R, R.T.dot((m[2, 1], -m[2, 0], 0.5 * (m[1, 0] - m[0, 1]))))
+    return _Frame(tuple(s.pitches.tolist()), (), R, R.T.dot((m[2, 1], -m[2, 0], 0.5 * (m[1, 0] - m[0, 1]))))
 
 
-def _screw_and_translation(s: Parts) -> Frame:
+def _screw_and_translation(s: Parts) -> _Frame:
     """IB: the translation cancels the pitch."""
     w, v, n = s.W[:, 0], s.V[:, 0], s.N[:, 0]
     along = float(w.dot(n))
     n = n if along >= 0.0 else -n
-    left = n - abs(along) * w
-    size = norm(left)
+    normal = n - abs(along) * w
+    size = norm(normal)
     R = _axes(w)
     if size > NEGLIGIBLE:
-        y = left / size
-        y = y - w * w.dot(y)  # once more: `left` may be small
+        y = normal / size
+        y = y - w * w.dot(y)  # once more: `normal` may be small
         R = _axes(w, y / norm(y))
-    return Frame((), (size / abs(along),), R, cross(w, v - n * (w.dot(v) / abs(along))))
+    return _Frame((), (size / abs(along),), R, cross(w, v - n * (w.dot(v) / abs(along))))
 
 
-def _screw_across_translation(s: Parts) -> Frame:
+def _screw_across_translation(s: Parts) -> _Frame:
     """IIB: the translation is across the axis, and the pitch stays."""
     w, v = s.W[:, 0], s.V[:, 0]
     y = s.N[:, 0] - w * w.dot(s.N[:, 0])
-    return Frame((_pitch(s),), (), _axes(w, y / np.linalg.norm(y)), cross(w, v))
+    return _Frame((_pitch(s),), (), _axes(w, y / np.linalg.norm(y)), cross(w, v))
 
 
-def _three_screws(s: Parts) -> Frame:
+def _three_screws(s: Parts) -> _Frame:
     R = s.W.T * np.array([[1.0], [1.0], [np.sign(np.linalg.det(s.W))]])
     M = s.V.dot(s.W.T)  # v = M omega: symmetric about the origin, so the skew part is where it lies
     a = 0.5 * np.array((M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]))
-    return Frame(tuple(s.pitches.tolist()), (), R, a)
+    return _Frame(tuple(s.pitches.tolist()), (), R, a)
 
 
-def _plane_and_translation(s: Parts) -> Frame:
+def _plane_and_translation(s: Parts) -> _Frame:
     """IB0: the translation leaves the plane of directions at an angle; both pitches can be made the same."""
     W, n = s.W, s.N[:, 0]
     c = W.T.dot(n)
@@ -140,16 +137,16 @@ def _plane_and_translation(s: Parts) -> Frame:
     mx, my = (R.dot(s.V.dot(W.T.dot(axis))) for axis in R[:2])
     h = float(my[1])
     a, b = (h - mx[0]) / n1, -(my[0] + mx[1]) / n1
-    return Frame((h,), (n3 / n1,), R, R.T.dot((my[2] + b * n3, -mx[2] - a * n3, mx[1])))
+    return _Frame((h,), (n3 / n1,), R, R.T.dot((my[2] + b * n3, -mx[2] - a * n3, mx[1])))
 
 
-def _plane_across_translation(s: Parts) -> Frame:
+def _plane_across_translation(s: Parts) -> _Frame:
     R = _axes(s.W[:, 0], s.W[:, 1])
     m = R.dot(s.V)
-    return Frame(tuple(s.pitches.tolist()), (), R, R[2] * (0.5 * (m[1, 0] - m[0, 1])))
+    return _Frame(tuple(s.pitches.tolist()), (), R, R[2] * (0.5 * (m[1, 0] - m[0, 1])))
 
 
-def _screw_and_plane(s: Parts) -> Frame:
+def _screw_and_plane(s: Parts) -> _Frame:
     """IC: the axis meets the plane of translations at an angle."""
     w, v = s.W[:, 0], s.V[:, 0]
     normal = cross(s.N[:, 0], s.N[:, 1])
@@ -161,22 +158,22 @@ def _screw_and_plane(s: Parts) -> Frame:
         y = -y
     R = _axes(w, y)
     along = float(w.dot(n))
-    return Frame((), (float(R[2].dot(n)) / along,), R, cross(w, v - n * (w.dot(v) / along)))
+    return _Frame((), (float(R[2].dot(n)) / along,), R, cross(w, v - n * (w.dot(v) / along)))
 
 
-_FRAMES: dict[tuple[int, str], Callable[[Parts], Frame]] = {
-    (1, "h"): lambda s: Frame((_pitch(s),), (), _axes(s.W[:, 0]), cross(s.W[:, 0], s.V[:, 0])),
-    (1, "h=inf"): lambda s: Frame((), (), _axes(s.N[:, 0]), np.zeros(3)),
+_FRAMES: dict[tuple[int, str], Callable[[Parts], _Frame]] = {
+    (1, "h"): lambda s: _Frame((_pitch(s),), (), _axes(s.W[:, 0]), cross(s.W[:, 0], s.V[:, 0])),
+    (1, "h=inf"): lambda s: _Frame((), (), _axes(s.N[:, 0]), np.zeros(3)),
     **dict.fromkeys([(2, "IA"), (2, "IIA")], _two_screws),
     (2, "IB"): _screw_and_translation,
     (2, "IIB"): _screw_across_translation,
-    (2, "IIC"): lambda s: Frame((), (), _axes(s.N[:, 0], s.N[:, 1]), np.zeros(3)),
+    (2, "IIC"): lambda s: _Frame((), (), _axes(s.N[:, 0], s.N[:, 1]), np.zeros(3)),
     **dict.fromkeys([(3, "IA1"), (3, "IA2"), (3, "IIA")], _three_screws),
     (3, "IB0"): _plane_and_translation,
     **dict.fromkeys([(3, "IB3"), (3, "IIB")], _plane_across_translation),
     (3, "IC"): _screw_and_plane,
-    (3, "IIC"): lambda s: Frame((_pitch(s),), (), _axes(s.W[:, 0]), np.zeros(3)),
-    (3, "IID"): lambda _: Frame((), (), np.eye(3), np.zeros(3)),
+    (3, "IIC"): lambda s: _Frame((_pitch(s),), (), _axes(s.W[:, 0]), np.zeros(3)),
+    (3, "IID"): lambda _: _Frame((), (), np.eye(3), np.zeros(3)),
 }
 
 
@@ -194,7 +191,7 @@ class GibsonHunt(Value):
         normal_form: (6, n) columns of [DS]'s normal form of the named system, n = k or 6 - k.
         motion: (4, 4) rigid motion with span(Ad(motion) S) = span(normal_form), for the named system S.
         borders: all decisions, the one nearest to its border first.
-        next: the name at a tolerance 1 % past the nearest border; "" where no border is outside rounding.
+        next: the name at a tolerance 1 % past the nearest border; "" if all borders are within rounding.
     """
 
     name: str
@@ -213,8 +210,8 @@ class GibsonHunt(Value):
 
     @property
     def margin(self) -> float:
-        """The factor by which the tolerance would have to change for another name; inf where there is no border."""
-        return self.borders[0].margin if self.borders else inf
+        """The factor by which the tolerance would have to change for another name."""
+        return self.borders[0].margin
 
     @property
     def near_border(self) -> bool:
@@ -223,8 +220,8 @@ class GibsonHunt(Value):
 
 
 class _Decision(NamedTuple):
-    name: str
     dimension: int
+    name: str
     parts: Parts | None
     borders: tuple[Border, ...]
 
@@ -234,8 +231,8 @@ def gibson_hunt(J: ArrayLike, tolerance: float = TOLERANCE, *, length: float | N
 
     Args:
         J: (6, m) twists as columns, dependent or not.
-        tolerance: relative error of the twists: a system that such an error could have made of one of a more special
-            type, or of fewer dimensions, gets the special name.
+        tolerance: relative error of the twists: the special type, or the lower dimension, is chosen if such an error
+            could have hidden it.
         length: reference length for pitches and distances that count as zero, instead of the system's own.
 
     Returns:
@@ -246,20 +243,19 @@ def gibson_hunt(J: ArrayLike, tolerance: float = TOLERANCE, *, length: float | N
 
     Reference: [DS] Sect. 3, Tables 1 and 2; 4- and 5-systems by their reciprocals.
     """
-    return classify(Subspace(arrays.columns(J), tolerance=tolerance, length=length))
+    return classify(Subspace(J, tolerance=tolerance, length=length))
 
 
 def classify(system: Subspace) -> GibsonHunt:
     """The type of a system; the zero system has none."""
     if not system.dimension:
         raise BadInput("J", "only zero twists", "at least one non-zero twist", "The zero system has no type.")
-    chosen = _decide(system)
-    decided(system, chosen.borders)
-    k, name = chosen.dimension, chosen.name
-    borders = tuple(sorted(chosen.borders, key=lambda b: b.margin))
+    k, name, parts, borders = _decide(system)
+    check_rounding(system, borders)
+    borders = tuple(sorted(borders, key=lambda b: b.margin))
     following = ""
-    if borders and borders[0].margin < inf:
-        past = borders[0].value * (1.0 - BEYOND if borders[0].vanishes else 1.0 + BEYOND)
+    if borders[0].margin < inf:
+        past = borders[0].value * (1.0 - PAST_BORDER if borders[0].vanishes else 1.0 + PAST_BORDER)
         if past > system.rounding:
             other = _decide(system.with_tolerance(past))
             following = other.name if other.dimension == k else f"{other.name} ({other.dimension}-system)"
@@ -267,8 +263,8 @@ def classify(system: Subspace) -> GibsonHunt:
     moduli: tuple[float, ...] = ()
     names: tuple[str, ...] = ()
     form, motion = np.empty((6, 0)), np.eye(4)
-    if chosen.parts is not None:
-        frame = _FRAMES[n, name](chosen.parts)
+    if parts is not None:
+        frame = _FRAMES[n, name](parts)
         moduli = (*(h * system.length for h in frame.pitches), *frame.ratios)
         names = (*_PITCH_NAMES[len(frame.pitches)], *("p" for _ in frame.ratios))
         motion[:3, :3] = frame.axes
@@ -277,7 +273,7 @@ def classify(system: Subspace) -> GibsonHunt:
     return GibsonHunt(
         name=name,
         dimension=k,
-        reciprocal=k in {4, 5},
+        reciprocal=3 < k < 6,
         admits_pseudoinverse=(n, name) not in _NO_PSEUDOINVERSE,
         moduli=moduli,
         modulus_names=names,
@@ -289,40 +285,38 @@ def classify(system: Subspace) -> GibsonHunt:
 
 
 def _decide(system: Subspace) -> _Decision:
-    """The type, the numbers that decide it, and the parts of the system."""
+    """The dimension and the type, the parts of the system, and the numbers that decide."""
     span, tolerance, k = system.span, system.tolerance, system.dimension
     size = np.concatenate((span.singular, span.cut)) / span.singular[0]
     borders = tuple(Border("dimension", float(s), tolerance) for s in size[max(k - 1, 1) : k + 1])
-    borders += (Border("angular part beside 1", system.angular_share, tolerance),)
+    borders += (Border("angular to linear ratio", system.angular_share, tolerance),)
     if k == 6:
-        return _Decision("SE3", 6, None, borders)
-    # An error eps of the twists turns the basis by eps over `independence`.
-    independence = system.independence
-    parts = split(at_most_three(span.basis), independence, tolerance)
+        return _Decision(6, "SE3", None, borders)
+    parts = split(system)
     borders += parts.borders
     e, n = parts.W.shape[1], parts.W.shape[1] + parts.N.shape[1]
     if n == 1:
-        return _Decision("h" if e else "h=inf", k, parts, borders)
+        return _Decision(k, "h" if e else "h=inf", parts, borders)
     letter = "ABCD"[n - e]
     if parts.coupled:
-        return _Decision("IB0" if (n, e) == (3, 2) else f"I{letter}", k, parts, borders)
+        return _Decision(k, "IB0" if (n, e) == (3, 2) else f"I{letter}", parts, borders)
     if e < 2:
-        return _Decision(f"II{letter}", k, parts, borders)
-    parts, gaps = _principal(parts, tolerance / independence)
-    borders += tuple(Border("pitch difference", g * independence, tolerance) for g in gaps)
+        return _Decision(k, f"II{letter}", parts, borders)
+    parts, gaps = _principal(parts, tolerance / system.independence)
+    borders += tuple(Border("pitch difference", g * system.independence, tolerance) for g in gaps)
     if len(parts.pitches) == 1:
-        return _Decision(f"II{letter}", k, parts, borders)
+        return _Decision(k, f"II{letter}", parts, borders)
     name = "IA" if n == 2 else "IB3" if e == 2 else "IA2" if len(parts.pitches) == 2 else "IA1"
-    return _Decision(name, k, parts, borders)
+    return _Decision(k, name, parts, borders)
 
 
 def _principal(s: Parts, tolerance: float) -> tuple[Parts, list[float]]:
     """The parts with principal directions, their moments and the distinct pitches; the gaps between the pitches."""
     A = s.W.T.dot(s.V)
     pitches, X = np.linalg.eigh(0.5 * (A + A.T))
-    # An error in the basis is magnified in the pitch h_i = x'A x by |x / firmness|^2.
-    firm = 1.0 / ((X / s.firmness[:, None]) ** 2).sum(axis=0)
-    gaps = ((pitches[1:] - pitches[:-1]) * np.minimum(firm[1:], firm[:-1])).tolist()
+    # An error in the basis is magnified in the pitch h_i = x'A x by |x / angular|^2.
+    reduced = 1.0 / ((X / s.angular[:, None]) ** 2).sum(axis=0)
+    gaps = ((pitches[1:] - pitches[:-1]) * np.minimum(reduced[1:], reduced[:-1])).tolist()
     equal = [g <= tolerance for g in gaps]
     if all(equal):
         pitches = pitches.mean(keepdims=True)

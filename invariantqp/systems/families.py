@@ -6,7 +6,7 @@
 
 in the frame of the normal form, with the principal pitches a, b, c. The axes of a 2-system of type IA lie on Plucker's
 conoid, the cylindroid; they meet the z axis at right angles, within |a - b| of each other. Those of the other 2-systems
-with screws are a plane pencil (IIA), parallel lines in a plane (IB, IIB) or one line (IB with p = 0). A screw is named
+with screws are a plane pencil (IIA), parallel lines in a plane (IB, IIB) or one line (IB with p = 0). A screw is given
 by its coefficients in the normal form.
 
 Reference: [DS] Tables 1 and 2, Figure 1. R. S. Ball, A Treatise on the Theory of Screws, 1900, Sect. 13 (cylindroid)
@@ -25,7 +25,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.se3 import adjoint, inverse
 from invariantqp.systems.classification import GibsonHunt, classify
-from invariantqp.systems.subspaces import Subspace
+from invariantqp.systems.subspaces import Subspace, as_system
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -45,7 +45,7 @@ class ScrewFamily(Value):
     basis: Array = field(converter=own)
 
     def screws(self, coefficients: ArrayLike) -> Array:
-        """The (6, n) twists of (k, n) or (k,) coefficients, of unit angular part, or else of unit translation."""
+        """The (6, n) twists of (k, n) or (k,) coefficients, unit in the angular part, or else in the linear."""
         k = self.basis.shape[1]
         c = arrays.array(coefficients, "coefficients", "numbers")
         c = c.reshape(-1, 1) if c.ndim == 1 else c
@@ -57,9 +57,9 @@ class ScrewFamily(Value):
         c = c / sizes
         local = self.type.normal_form.dot(c)
         size = np.linalg.norm(local[:3], axis=0)
-        still = size <= arrays.ROUNDING
-        size[still] = np.linalg.norm(local[3:, still], axis=0)
-        local[:3, still] = 0.0
+        slides = size <= arrays.ROUNDING
+        size[slides] = np.linalg.norm(local[3:, slides], axis=0)
+        local[:3, slides] = 0.0
         return np.asarray(adjoint(self.pose, check=False).dot(local / size))
 
     def pitches(self, coefficients: ArrayLike) -> Array:
@@ -83,11 +83,11 @@ class ScrewFamily(Value):
 
 @frozen(eq=False, repr=False, slots=False)
 class Cylindroid(ScrewFamily):
-    """The screws of a 2-system by an angle: c = (cos t, sin t); of type IA and IIA it is that of the axis to x."""
+    """The screws of a 2-system by an angle, c = (cos t, sin t); of types IA and IIA the angle of the axis to x."""
 
     @property
     def length(self) -> float:
-        """|a - b| of type IA, along the z axis of `pose`; 0 of axes that meet or are one, inf of parallel ones."""
+        """|a - b| of type IA, along the z axis of `pose`; 0 for axes that meet or coincide, inf for parallel ones."""
         moduli = self.type.moduli
         if self.type.name in {"IA", "IIA"}:
             return float(abs(moduli[0] - moduli[-1]))
@@ -120,35 +120,26 @@ class PitchField(ScrewFamily):
         return np.asarray(back.T.dot(np.diag((*d, d.prod()))).dot(back))
 
 
-def cylindroid(J: ArrayLike) -> Cylindroid:
+def cylindroid(J: ArrayLike | Subspace) -> Cylindroid:
     """The cylindroid of the 2-system that (6, m) twists span: pitch and axis of every screw in it.
 
     Raises:
         BadInput: the twists span no 2-system.
     """
-    return cylindroid_of(Subspace(arrays.columns(J)))
+    return Cylindroid(*_family(J, 2))
 
 
-def cylindroid_of(system: Subspace) -> Cylindroid:
-    """`cylindroid` of a system."""
-    return Cylindroid(*_family(system, 2))
-
-
-def pitch_field(J: ArrayLike) -> PitchField:
+def pitch_field(J: ArrayLike | Subspace) -> PitchField:
     """The pitch field of the 3-system that (6, m) twists span: pitch and axis of every screw in it.
 
     Raises:
         BadInput: the twists span no 3-system.
     """
-    return pitch_field_of(Subspace(arrays.columns(J)))
+    return PitchField(*_family(J, 3))
 
 
-def pitch_field_of(system: Subspace) -> PitchField:
-    """`pitch_field` of a system."""
-    return PitchField(*_family(system, 3))
-
-
-def _family(system: Subspace, dimension: int) -> tuple[GibsonHunt, float, Array, Array]:
+def _family(J: ArrayLike | Subspace, dimension: int) -> tuple[GibsonHunt, float, Array, Array]:
+    system = as_system(J)
     if system.dimension != dimension:
         raise BadInput("J", f"a {system.dimension}-system", f"twists that span a {dimension}-system")
     kind = classify(system)

@@ -1,4 +1,4 @@
-"""The Gram matrix G_h = J'Q_h J of twists, and the pitches at which it loses rank.
+"""The Gram matrix G_h = J'Q_h J of twists, and the principal pitches, at which it loses rank.
 
     G_h = G_0 - 2h K,   K = J_omega'J_omega;   principal pitches: the finite h with rank(G_h) < rank(J)
 
@@ -17,7 +17,7 @@ proved by the formulas above and checked in exact arithmetic by tests/systems/te
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, isinf
 from typing import NamedTuple
 
 import numpy as np
@@ -28,30 +28,28 @@ from invariantqp.errors import BlindSystem
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
-from invariantqp.geometry.forms import finite_pitch, pitch_form
+from invariantqp.geometry.forms import pitch_form
 from invariantqp.geometry.linear import TINY, orthogonal
 from invariantqp.geometry.se3 import SWAPPED
-from invariantqp.systems.subspaces import Subspace, undecided
+from invariantqp.systems.subspaces import Subspace, as_system, rounding_error
 
 
-def gram_matrix(J: ArrayLike, h: float) -> Array:
+def gram_matrix(J: ArrayLike | Subspace, h: float) -> Array:
     """G_h = J'Q_h J of (6, m) twists: (m, m) symmetric, the same in every frame [length].
+
+    The pitch h is finite [length/rad], or inf for half the Killing form.
 
     Reference: [DS] Sect. 3.
     """
-    return gram(Subspace(arrays.columns(J)), arrays.number(h, "h", "a pitch, finite or inf", infinite=True))
-
-
-def gram(system: Subspace, h: float) -> Array:
-    """J'Q_h J of the twists of a system, computed about its own point, where few digits cancel."""
-    T = system.coordinates
-    G: Array = T.T.dot(pitch_form(h / system.length)).dot(T)
-    return (1.0 if abs(h) == inf else system.length) * 0.5 * (G + G.T)
+    system, pitch = as_system(J), arrays.number(h, "h", "a pitch, finite or inf", infinite=True)
+    T = system.coordinates  # about the own point, where few digits cancel
+    G: Array = T.T.dot(pitch_form(pitch / system.length)).dot(T)
+    return (1.0 if isinf(pitch) else system.length) * 0.5 * (G + G.T)
 
 
 @frozen
 class Border:
-    """One decision: `quantity` is zero up to a relative error `value` of the twists, compared with the tolerance."""
+    """A decision of the type: `quantity` is zero if the relative error of the twists is `value`, or else it is not."""
 
     quantity: str
     value: float
@@ -59,7 +57,7 @@ class Border:
 
     @property
     def vanishes(self) -> bool:
-        """Whether the quantity counted as zero."""
+        """Whether the quantity counts as zero."""
         return self.value <= self.tolerance
 
     @property
@@ -73,7 +71,7 @@ class Border:
 class Parts(NamedTuple):
     """A system of at most three dimensions, split into screws of finite pitch and translations, in own coordinates.
 
-    W (3, e) orthonormal directions, V (3, e) their moments, N (3, d) orthonormal translations; `firmness` (e,) is the
+    W (3, e) orthonormal directions, V (3, e) their moments, N (3, d) orthonormal translations; `angular` (e,) is the
     angular part of a unit twist along each column of W, `coupled` whether a translation has a part along the axes. The
     `pitches` of a type are its distinct principal pitches; W and V are then along principal directions.
     """
@@ -81,19 +79,17 @@ class Parts(NamedTuple):
     W: Array
     V: Array
     N: Array
-    firmness: Array
+    angular: Array
     coupled: bool
     borders: tuple[Border, ...]
     pitches: Array = np.empty(0)
 
 
-def at_most_three(basis: Array) -> Array:
-    """An orthonormal basis of a system or, of one with more than three dimensions, of its reciprocal."""
-    return basis if basis.shape[1] <= 3 else orthogonal(basis[SWAPPED])
-
-
-def split(basis: Array, independence: float, tolerance: float) -> Parts:
-    """Split an orthonormal basis (6, n), n <= 3, whose errors are those of the twists over `independence`."""
+def split(system: Subspace) -> Parts:
+    """Split a system of 1 to 3 dimensions, or the reciprocal of one of 4 or 5."""
+    independence, tolerance = system.independence, system.tolerance  # errors of the basis are tolerance / independence
+    basis = system.span.basis
+    basis = basis if basis.shape[1] <= 3 else orthogonal(basis[SWAPPED])
     W, sigma, Vt = np.linalg.svd(basis[:3], full_matrices=False)
     e, n = int(np.count_nonzero(sigma * independence > tolerance)), basis.shape[1]
     borders = [
@@ -109,29 +105,18 @@ def split(basis: Array, independence: float, tolerance: float) -> Parts:
     return Parts(W[:, :e], moments[:, :e] / sigma[:e], N, sigma[:e], coupled, tuple(borders))
 
 
-def parts_of(system: Subspace) -> Parts:
-    """The split of a system of 1 to 5 dimensions, or of its reciprocal.
-
-    Raises:
-        BadInput: rounding leaves it open.
-    """
-    parts = split(at_most_three(system.span.basis), system.independence, system.tolerance)
-    decided(system, parts.borders)
-    return parts
-
-
-def decided(system: Subspace, borders: tuple[Border, ...]) -> None:
-    """Raise where a number near zero may be the rounding of twists far from their own point."""
+def check_rounding(system: Subspace, borders: tuple[Border, ...]) -> None:
+    """Raise `BadInput` if rounding of twists far from the origin decides one of the borders."""
     if system.rounding > system.tolerance and any(b.value <= system.rounding for b in borders):
-        raise undecided("a type and principal pitches", system)
+        raise rounding_error("a type and principal pitches", system)
 
 
 @frozen(eq=False, repr=False, slots=False)
 class PrincipalPitches(Value):
-    """The pitches at which a system has no h-pseudoinverse, with their proofs.
+    """The pitches at which a system has no h-pseudoinverse, with their screws.
 
     Attributes:
-        values: (k',) ascending, with multiplicity [length/rad]; none where every h works, or none does.
+        values: (k',) ascending, with multiplicity [length/rad]; empty if every h works, or none does.
         screws: (6, k') z_i of pitch h_i and unit angular part, with mutually orthogonal axes: J'Q_{h_i} z_i = 0.
         conditions: (k',) change of each pitch, over the own length, for a relative error of one in the twists.
         blind: (6, b) unit translations (0; v) that are reciprocal to the whole system for every h; b = 0 iff some h
@@ -144,15 +129,20 @@ class PrincipalPitches(Value):
     blind: Array = field(converter=own)
 
 
-def pencil(system: Subspace, parts: Parts | None = None) -> PrincipalPitches:
-    """The principal pitches and screws of a system, and the translations that no pitch form sees."""
+def pencil(system: Subspace) -> PrincipalPitches:
+    """The principal pitches and screws of a system, and its blind directions.
+
+    Raises:
+        BadInput: rounding decides.
+    """
     none = np.empty((6, 0))
     if system.dimension in (0, 6):
         return PrincipalPitches(np.empty(0), none, np.empty(0), none)
-    W, V, N, _, coupled, *_ = parts_of(system) if parts is None else parts
+    W, V, N, _, coupled, borders, _ = split(system)
+    check_rounding(system, borders)
     e, d = W.shape[1], N.shape[1]
     left, coupling, right = np.linalg.svd(W.T.dot(N))
-    c = 1 if coupled else 0  # the rank of C, with at most one screw or one translation beside the other
+    c = 1 if coupled else 0  # the rank of C: one screw beside translations, or one translation beside screws
     if c < d:
         blind = np.vstack((np.zeros((3, d - c)), N.dot(right[c:].T)))
         return PrincipalPitches(np.empty(0), none, np.empty(0), blind)
@@ -160,7 +150,7 @@ def pencil(system: Subspace, parts: Parts | None = None) -> PrincipalPitches:
     A = W.T.dot(V)
     pitches, X = np.linalg.eigh(0.5 * E.T.dot(A + A.T).dot(E))
     z = np.vstack((W, V)).dot(E.dot(X))
-    if d and e > d:  # the rows of G_h z = 0 across null(C') are met by adding translations
+    if d and e > d:  # translations solve the rows of G_h z = 0 that are orthogonal to null(C')
         force = W.T.dot(z[3:]) + V.T.dot(z[:3]) - 2.0 * W.T.dot(z[:3]) * pitches
         z[3:] -= N.dot(right[:c].T.dot(left[:, :c].T.dot(force) / coupling[:c, None]))
     if system.dimension > 3:
@@ -172,10 +162,10 @@ def pencil(system: Subspace, parts: Parts | None = None) -> PrincipalPitches:
     return PrincipalPitches(pitches * system.length, system.from_own.dot(z), conditions, none)
 
 
-def principal_pitches(J: ArrayLike) -> Array:
+def principal_pitches(J: ArrayLike | Subspace) -> Array:
     """The finite pitches at which (6, m) twists have no h-pseudoinverse: (k',) ascending, with multiplicity.
 
-    In length/rad; there are none where every h works (rank 6, or a hinge with a slide along it).
+    In length/rad; empty if every h works (rank 6, or a hinge with a slide along it).
 
     Raises:
         BlindSystem: no h works; carries the translations that are reciprocal to the whole system.
@@ -186,7 +176,7 @@ def principal_pitches(J: ArrayLike) -> Array:
     return principal_screws(J)[0]
 
 
-def principal_screws(J: ArrayLike) -> tuple[Array, Array]:
+def principal_screws(J: ArrayLike | Subspace) -> tuple[Array, Array]:
     """The principal pitches h_i (k',) with their screws z_i (6, k'): J'Q_{h_i} z_i = 0 proves that h_i does not work.
 
     The screws are mutually orthogonal axes (omega_i.omega_j = 0) of unit angular part, and of pitch h_i each.
@@ -196,38 +186,38 @@ def principal_screws(J: ArrayLike) -> tuple[Array, Array]:
 
     Reference: [DS] Sect. 5.2, 5.3; proof of Theorem 3.1.
     """
-    found = pencil(Subspace(J))
-    if found.blind.shape[1]:
-        raise BlindSystem(found.blind)
-    return found.values, found.screws
+    result = pencil(as_system(J))
+    if result.blind.shape[1]:
+        raise BlindSystem(result.blind)
+    return result.values, result.screws
 
 
-def blind_directions(J: ArrayLike) -> Array:
-    """The pure translations of (6, m) twists that are reciprocal to all of them for every h: no pitch form sees them.
+def blind_directions(J: ArrayLike | Subspace) -> Array:
+    """The translations in the span of (6, m) twists that are reciprocal to all of it for every h.
 
     They are unit columns (6, b), (0; v); b = 0 iff some h works.
 
     Reference: [DS] Sect. 5 (planes tangent to every q_h at an infinite pitch screw).
     """
-    return pencil(Subspace(J)).blind
+    return pencil(as_system(J)).blind
 
 
-def gram_polynomial(J: ArrayLike) -> Array:
+def gram_polynomial(J: ArrayLike | Subspace) -> Array:
     """Coefficients (m + 1,) of det(J'Q_h J) = c_0 + c_1 h + ... + c_m h^m for the (6, m) columns given.
 
     For other columns J A of the same system they are multiplied by det(A)^2, so their ratios and signs are invariants
     of the system; a rigid motion changes nothing. All are zero iff no h works or the columns are dependent. They are
-    not normalised: divide by the last non-zero one for a monic polynomial. That of h^i is in units of length^(m-i).
+    not normalised: divide by the last non-zero one for a monic polynomial. The unit of c_i is length^(m-i).
 
     Reference: [DS] (5.1) and the invariants i_1, i_2, i_3 of Sect. 5.2; Sect. 5.3.
     """
-    system = Subspace(J)
-    result = np.zeros(system.twists.shape[1] + 1)
-    found = pencil(system)
-    if system.dimension < len(result) - 1 or found.blind.shape[1]:
-        return result
-    # The determinant at one pitch that is no root, and the roots.
-    h = system.length + float(np.abs(found.values).max(initial=0.0))
-    monic = np.atleast_1d(np.poly(found.values))[::-1]
-    result[: len(monic)] = monic * np.linalg.det(gram(system, finite_pitch(h))) / np.prod(h - found.values)
-    return result
+    system = as_system(J)
+    coefficients = np.zeros(system.twists.shape[1] + 1)
+    roots = pencil(system)
+    if system.dimension < len(coefficients) - 1 or roots.blind.shape[1]:
+        return coefficients
+    # The polynomial from its roots and its value at a pitch that is no root.
+    h = system.length + float(np.abs(roots.values).max(initial=0.0))
+    monic = np.atleast_1d(np.poly(roots.values))[::-1]
+    coefficients[: len(monic)] = monic * np.linalg.det(gram_matrix(system, h)) / np.prod(h - roots.values)
+    return coefficients

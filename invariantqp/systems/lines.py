@@ -1,4 +1,4 @@
-"""Lines in involution: 2 to 6 axes with a wrench along them that loads no joint; transversals; planes of null screws.
+"""Lines in involution: 2 to 6 axes and forces along them that need no joint torque; transversals; null planes.
 
     z in S meet S^{perp 0}:   W = Q_0 z = Q_0 J lambda is a wrench along the lines with J'W = 0: no joint needs a torque
 
@@ -16,7 +16,8 @@ form on the reciprocal system R, and det(J'Q_0 J) = 0 iff det(R'Q_0 R) = 0. Of f
     IIB, pitch p != 0                                             one at infinity, twice          in involution
     IIA or IIB, pitch 0                                           infinitely many                 in involution
 
-IIB with p != 0 is four lines parallel to one plane at heights above it that have the cross ratio of their directions.
+R is of type IIB with p != 0 if the lines are parallel to one plane and their heights have the cross ratio of their
+directions.
 Five lines are in involution iff they have a transversal, finite or at infinity.
 
 Planes of null screws are the 3-systems in which all screws have one pitch h and every two are h-reciprocal:
@@ -53,10 +54,10 @@ from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.geometry.linear import orthogonal
 from invariantqp.geometry.screws import pitch
 from invariantqp.geometry.se3 import norm
-from invariantqp.systems.classification import gibson_hunt
-from invariantqp.systems.gram import gram
+from invariantqp.systems.classification import classify
+from invariantqp.systems.gram import gram_matrix
 from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, factors
-from invariantqp.systems.subspaces import Subspace
+from invariantqp.systems.subspaces import Subspace, as_system
 
 # [DS] Table 2: the 3-systems that lie in one q_h, as planes.
 _FAMILIES: dict[str, Literal["alpha", "beta"]] = {"IIA": "alpha", "IIC": "alpha", "IIB": "beta", "IID": "beta"}
@@ -64,19 +65,19 @@ _FAMILIES: dict[str, Literal["alpha", "beta"]] = {"IIA": "alpha", "IIC": "alpha"
 
 @frozen(eq=False, repr=False, slots=False)
 class Involution(Value):
-    """Whether lines are in involution, and what meets them.
+    """Whether lines are in involution, and their transversals.
 
     Attributes:
-        holds: whether forces along the lines, not all zero, ask no torque of any joint.
+        holds: whether forces along the lines, not all zero, need no torque of any joint.
         determinant: Sylvester's det(J'Q_0 J) of the columns as given; J A has det(A)^2 times it.
         rank: number of independent lines.
-        transversals: (6, n) unit lines that meet (or are parallel to) all lines. All of them where finitely many;
-            where infinitely many, independent ones from which the others are combined.
+        transversals: (6, n) unit lines that meet (or are parallel to) all lines: all of them if finitely many, else a
+            basis of their span.
         transversal_count: 0, 1, 2 or inf, without those at infinity.
-        double: whether the only transversal, a line or at infinity, counts twice (a limit of two that came together).
+        double: whether the only transversal, a line or at infinity, counts twice (the limit of two).
         at_infinity: (6, k) translations reciprocal to all lines: transversals at infinity.
         joint_forces: (m,) lambda, unit, the forces along the lines that balance; None unless `holds`.
-        equilibrium_wrench: (6,) their sum W = Q_0 J lambda: zero where the lines are dependent, else a force along a
+        equilibrium_wrench: (6,) their sum W = Q_0 J lambda: zero if the lines are dependent, else a force along a
             transversal, or a couple, that does no work on any joint; None unless `holds`.
     """
 
@@ -96,8 +97,8 @@ def involution(lines: ArrayLike, tolerance: float = 1.0 / LARGEST_CONDITION) -> 
 
     Args:
         lines: (6, m) twists of pitch 0 as columns, of any length, 2 <= m <= 6.
-        tolerance: relative error of the lines: they are in involution if such an error could have made them so. By
-            default that at which `has_pseudoinverse` refuses.
+        tolerance: relative error of the lines: they are in involution if lines within such an error are. By default
+            that at which `has_pseudoinverse` is false.
 
     Reference: [DS] Sect. 4.
     """
@@ -105,25 +106,24 @@ def involution(lines: ArrayLike, tolerance: float = 1.0 / LARGEST_CONDITION) -> 
     limit = arrays.tolerance(tolerance)
     system = Subspace(J).exact
     factored = factors(system, 0.0)
-    Q = pitch_form(0.0)  # in any frame and unit of length the same matrix
+    Q = pitch_form(0.0)  # the same matrix in every frame and unit of length
     dependent = system.dimension < J.shape[1]
-    kernel = int(np.count_nonzero(factored.shares * limit > 1.0))
-    holds = dependent or kernel > 0
+    kernel = int(np.count_nonzero(factored.screw_conditions * limit > 1.0))
     forces: Array | None = None
     wrench: Array | None = None
     if dependent:
         forces = system.null_space[:, -1]
         wrench = np.zeros(6)
-    elif holds:
-        balanced = system.joint_velocities(factored.lost[:, None])[:, 0]
-        forces = np.asarray(balanced / np.linalg.norm(balanced))
+    elif kernel:
+        forces = system.joint_velocities(factored.self_reciprocal[:, None])[:, 0]
+        forces = np.asarray(forces / np.linalg.norm(forces))
         wrench = Q.dot(J.dot(forces))
     R = orthogonal(Q.dot(system.span.basis))
     null, infinite, double = _null_lines(R, Q, kernel)
     finite, at_infinity = _finite_and_infinite(null, limit * system.joint_condition)
     return Involution(
-        holds=holds,
-        determinant=float(np.linalg.det(gram(system, 0.0))),
+        holds=dependent or kernel > 0,
+        determinant=float(np.linalg.det(gram_matrix(system, 0.0))),
         rank=system.dimension,
         transversals=system.from_own.dot(finite),
         transversal_count=inf if infinite else float(finite.shape[1]),
@@ -149,22 +149,22 @@ def _lines(value: ArrayLike) -> Array:
 
 
 def _null_lines(R: Array, Q: Array, kernel: int) -> tuple[Array, bool, bool]:
-    """Null twists of the Klein form on the reciprocal system R (6, n); whether infinitely many; whether one, twice.
+    """Null twists of the Klein form on the reciprocal system R (6, n); whether infinitely many; whether one is double.
 
-    `kernel` is the dimension of S meet S^{perp 0}, on which the form vanishes whether seen from S or from R.
+    `kernel` is the dimension of S meet S^{perp 0}, the kernel of the form on S and on R.
     """
     n = R.shape[1]
     mu, E = np.linalg.eigh(R.T.dot(Q).dot(R))
     zero = np.zeros(n, dtype=bool)
     zero[np.argsort(np.abs(mu))[:kernel]] = True
     up, down = np.flatnonzero(~zero & (mu > 0.0)), np.flatnonzero(~zero & (mu < 0.0))
-    # Combinations of a positive and a negative direction are null, and so is all of the kernel.
+    # Null are combinations of a positive and a negative direction, and the kernel.
     pairs = [
         np.sqrt(-mu[j]) * E[:, i] + sign * np.sqrt(mu[i]) * E[:, j] for i in up for j in down for sign in (1.0, -1.0)
     ]
     null = np.hstack((E[:, zero], np.array(pairs).T.reshape(n, len(pairs))))
     infinite = kernel > 1
-    if n > 2 and pairs:  # of infinitely many as many independent ones as there are
+    if n > 2 and pairs:  # infinitely many: a basis of their span
         infinite, null = True, null[:, _independent(null)]
     return R.dot(null), infinite, n > 1 and kernel == 1 and not pairs
 
@@ -180,13 +180,13 @@ def _independent(columns: Array) -> list[int]:
 
 
 def _finite_and_infinite(null: Array, tolerance: float) -> tuple[Array, Array]:
-    """Null twists (lengths of order one) as unit lines, and those with no angular part as unit translations."""
+    """Null twists as unit lines, and those with no angular part as unit translations."""
     unit = null / np.sqrt((null * null).sum(axis=0))
     w = np.sqrt((unit[:3] * unit[:3]).sum(axis=0))
-    far = w <= tolerance
-    at_infinity = unit[:, far]
+    infinite = w <= tolerance
+    at_infinity = unit[:, infinite]
     at_infinity[:3] = 0.0
-    return unit[:, ~far] / w[~far], at_infinity
+    return unit[:, ~infinite] / w[~infinite], at_infinity
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -207,7 +207,7 @@ class NullPlane(Value):
 
     @property
     def basis(self) -> Array:
-        """(6, 3) screws that span it."""
+        """(6, 3) screws that span the plane."""
         if self.direction is None:
             return np.eye(6)[:, 3:] if self.point is None else _screws(np.eye(3), self.point, self.h)
         u = self.direction
@@ -243,12 +243,12 @@ def beta_plane(point: ArrayLike, normal: ArrayLike, h: float = 0.0) -> NullPlane
     return NullPlane("beta", finite_pitch(h), arrays.vector(point, 3, "point"), arrays.direction(normal, "normal"))
 
 
-def null_plane(S: ArrayLike) -> NullPlane | None:
-    """The alpha- or beta-plane that (6, m) twists span, dependent or not; None where they span no such plane.
+def null_plane(S: ArrayLike | Subspace) -> NullPlane | None:
+    """The alpha- or beta-plane that (6, m) twists span, dependent or not; None if they span no such plane.
 
     Reference: [DS] Table 2, types IIA to IID.
     """
-    kind = gibson_hunt(arrays.columns(S, "S"))
+    kind = classify(as_system(S, "S"))
     if kind.dimension != 3 or kind.name not in _FAMILIES:
         return None
     axes, h = kind.motion[:3, :3], kind.moduli[0] if kind.moduli else inf

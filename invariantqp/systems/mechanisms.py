@@ -1,4 +1,4 @@
-"""Limbs and parallel mechanisms: what a limb constrains, what the platform can do, by name.
+"""Constraint wrenches of limbs, and freedoms and mobility of parallel mechanisms.
 
     constraints of a limb = wrenches that do no work on its joint twists
     freedoms of the platform = meet of the limbs' systems
@@ -36,14 +36,14 @@ _NAMES = {"twist": ("rotation", "screw", "translation"), "wrench": ("force", "wr
 
 @frozen(eq=False, repr=False, slots=False)
 class NamedScrew(Value):
-    """A freedom or a constraint by name: `str()` says it in words.
+    """A freedom or a constraint, classified by its pitch; `str()` describes it in words.
 
     Attributes:
         kind: "rotation", "screw" or "translation" of a twist; "force", "wrench" or "couple" of a wrench.
         screw: (6,) the unit twist (omega; v) or wrench (m; f).
-        pitch: 0 of a rotation and a force, inf of a translation and a couple [length/rad; length].
+        pitch: 0 for a rotation and a force, inf for a translation and a couple [length/rad; length].
         direction: (3,) unit.
-        point: (3,) of the axis, the nearest to the origin; None of a translation and a couple.
+        point: (3,) of the axis, the nearest to the origin; None for a translation and a couple.
     """
 
     kind: str
@@ -63,12 +63,12 @@ class NamedScrew(Value):
 
 @frozen(eq=False, repr=False, slots=False)
 class Mobility(Value):
-    """What a parallel mechanism can do in the position given.
+    """Freedoms, constraints and mobility of a parallel mechanism in one position.
 
     Attributes:
         freedoms: independent motions of the platform.
         constraints: for each limb its independent constraint wrenches on the platform.
-        degrees_of_freedom: of the whole mechanism: of the platform, and self-motions of limbs.
+        degrees_of_freedom: of the whole mechanism, self-motions of limbs included.
         overconstraints: number of redundant constraints.
         twists: (6, k) a basis of the platform's motions.
     """
@@ -81,41 +81,44 @@ class Mobility(Value):
 
     def __str__(self) -> str:
         head = f"{self.degrees_of_freedom} degrees of freedom, {self.overconstraints} redundant constraints"
-        limbs = (f"limb {i}: {', '.join(map(str, held)) or 'none'}" for i, held in enumerate(self.constraints))
+        limbs = (f"limb {i}: {', '.join(map(str, limb)) or 'none'}" for i, limb in enumerate(self.constraints))
         return "\n".join((head, f"platform: {', '.join(map(str, self.freedoms)) or 'held'}", *limbs))
 
 
 def limb_constraints(J: ArrayLike, tolerance: float = TOLERANCE) -> tuple[NamedScrew, ...]:
-    """The constraint wrenches of a limb on the platform at its end: as many as its joints leave, and independent.
+    """A basis of the constraint wrenches of a limb on the platform at its end.
 
     Args:
         J: (6, n) joint twists of the limb in its present position, one frame for all limbs; (6, 0) is a rigid limb.
-        tolerance: relative error of the twists, beside which pitches and angles count as zero.
+        tolerance: relative error of the twists, within which pitches and angles count as zero.
     """
-    limb = Subspace(J, tolerance=tolerance)
-    return _named(Subspace(limb.annihilator()[SWAPPED], tolerance=tolerance, length=limb.length), "wrench")
+    return _constraints(Subspace(J, tolerance=tolerance))
 
 
 def mobility(limbs: Sequence[ArrayLike], tolerance: float = TOLERANCE) -> Mobility:
     """Freedoms, constraints and mobility of a platform on limbs, each given as `limb_constraints` takes it."""
-    given = arrays.listed(limbs, "limbs", "a list of (6, n) joint twists, one a limb")
+    given = arrays.sequence(limbs, "limbs", "a list of (6, n) joint twists, one a limb")
     if not given:
         raise BadInput("limbs", "no limbs", "at least one")
     systems = [Subspace(J, tolerance=tolerance, argument=f"limbs[{i}]") for i, J in enumerate(given)]
-    platform = reduce(lambda shared, limb: shared.meet(limb), systems)
-    idle = sum(s.twists.shape[1] - s.dimension for s in systems)
-    held = sum(6 - s.dimension for s in systems)
+    platform = reduce(Subspace.meet, systems)
+    self_motions = sum(s.twists.shape[1] - s.dimension for s in systems)
+    constraints = sum(6 - s.dimension for s in systems)
     return Mobility(
         freedoms=_named(Subspace(platform.basis, tolerance=tolerance), "twist"),
-        constraints=tuple(limb_constraints(J, tolerance) for J in given),
-        degrees_of_freedom=platform.dimension + idle,
-        overconstraints=held - (6 - platform.dimension),
+        constraints=tuple(_constraints(limb) for limb in systems),
+        degrees_of_freedom=platform.dimension + self_motions,
+        overconstraints=constraints - (6 - platform.dimension),
         twists=platform.basis,
     )
 
 
+def _constraints(limb: Subspace) -> tuple[NamedScrew, ...]:
+    return _named(Subspace(limb.annihilator()[SWAPPED], tolerance=limb.tolerance, length=limb.length), "wrench")
+
+
 def _named(system: Subspace, sort: Literal["twist", "wrench"]) -> tuple[NamedScrew, ...]:
-    """A basis of a system along the axes of its normal form, or its reciprocal's; wrenches come as twists Q_0 w."""
+    """A basis of a system along the axes of its normal form, or its reciprocal's; wrenches as twists Q_0 w."""
     k = system.dimension
     if k == 0:
         return ()
@@ -132,7 +135,7 @@ def _named(system: Subspace, sort: Literal["twist", "wrench"]) -> tuple[NamedScr
 
 
 def _name(pose: Array, local: Array, smallest: float, sort: Literal["twist", "wrench"]) -> NamedScrew:
-    """Name a screw that is given in a frame."""
+    """The named screw of a twist in a frame; pitches up to `smallest` are zero."""
     h = local[:3].dot(local[3:]) / local[:3].dot(local[:3]) if local[:3].any() else inf
     if abs(h) <= smallest:
         local, h = np.concatenate((local[:3], local[3:] - h * local[:3])), 0.0
@@ -145,9 +148,9 @@ def _name(pose: Array, local: Array, smallest: float, sort: Literal["twist", "wr
 
 
 def _reciprocal_of_normal_form(R: Array) -> Array:
-    """(6, 6-n) basis of what is reciprocal to a normal form of one or two columns, as sparse as the normal form.
+    """Sparse basis (6, 6-n) of the reciprocal system of a normal form of one or two columns.
 
-    Each column gives one equation for (v; omega); the first of its unknowns is found from the others.
+    Each column gives one equation for (v; omega); its first unknown follows from the others.
     """
     equations = R.T  # R'Q_0 t = 0 with the unknowns in the order v, omega
     solved = [int(np.flatnonzero(row)[0]) for row in equations]

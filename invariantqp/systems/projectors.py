@@ -1,4 +1,4 @@
-"""Dual projectors: they split twists along S and Z, and wrenches along the annihilators of the two.
+"""Dual projectors: P splits twists along S and Z, P* splits wrenches along the annihilators of S and Z.
 
     P = S (K'S)^-1 K',   K = Z*       P on S along Z           P* = (I - P)' = W (Z'W)^-1 Z'   on W = S* along Z*
 
@@ -31,27 +31,27 @@ from invariantqp.geometry.forms import finite_pitch
 from invariantqp.geometry.linear import orthogonal
 from invariantqp.geometry.sizes import LENGTH_LIMIT
 from invariantqp.systems.classification import classify
-from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, factors, pitches_if_decided, well_conditioned
-from invariantqp.systems.subspaces import Subspace
+from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, by_engine, factors, pitches_or_none
+from invariantqp.systems.subspaces import Subspace, as_system
 
-# What a refusal offers instead of a pitch.
 RULES = ("h", "complement", "metric")
-CHOICES = "metric=M (a stiffness or an inertia at the contact) or complement=Z (what may be given up)"
+# The alternatives to a pitch, in messages.
+ALTERNATIVES = "metric=M (a stiffness or an inertia at the contact) or complement=Z (what may be given up)"
 
 
 @frozen(eq=False, repr=False, slots=False)
 class DualProjectors(Value):
-    """P on twists and P* = (I - P)' on wrenches, with the spaces they belong to.
+    """P on twists and P* = (I - P)' on wrenches, with bases of their ranges and kernels.
 
     Attributes:
-        motion: (6, 6) P, takes a twist to its part in S.
-        force: (6, 6) P* = (I - P)', takes a wrench to its part in S*.
+        motion: (6, 6) P, projects a twist on S.
+        force: (6, 6) P* = (I - P)', projects a wrench on S*.
         freedoms: (6, k) basis of S.
-        complement: (6, 6-k) basis of Z, the twists that P takes to zero.
+        complement: (6, 6-k) basis of Z, the kernel of P.
         constraints: (6, 6-k) basis of S* = W, the wrenches that do no work on S.
-        norm: |P|, one over the sine of the angle between S and Z, lengths in `unit`: at least 1, and without bound as
-            the two come to share a twist and P ceases to exist; 0 where S is the zero system.
-        unit: the length that counts as 1 in `norm`.
+        norm: |P|, one over the sine of the angle between S and Z, lengths in `unit`: at least 1; unbounded as S and Z
+            come to share a twist; 0 for the zero system.
+        unit: the unit of length of `norm`.
     """
 
     motion: Array = field(converter=own)
@@ -66,7 +66,7 @@ class DualProjectors(Value):
         """The projectors of the moved system: Ad P Ad^-1, and Ad* P* Ad*^-1 with the coadjoint.
 
         Args:
-            pose: (4, 4) a_from_b; what was expressed in b is then expressed in a.
+            pose: (4, 4) a_from_b, from frame b of these projectors to frame a of the result.
         """
         T = arrays.pose(pose)
         A, B = se3.adjoint(T, check=False), se3.coadjoint(T, check=False)
@@ -81,7 +81,7 @@ class DualProjectors(Value):
 
 
 def dual_projectors(
-    S: ArrayLike | None = None,
+    S: ArrayLike | Subspace | None = None,
     *,
     wrenches: ArrayLike | None = None,
     h: float | None = None,
@@ -91,7 +91,7 @@ def dual_projectors(
     """The projectors on S along Z, for twists, and on S*, for wrenches.
 
     Args:
-        S: (6, m) twists that span the freedoms; (6, 0) for none.
+        S: (6, m) twists that span the freedoms, (6, 0) for none; or a `ScrewSystem`.
         wrenches: (6, m) constraint wrenches (m; f) instead of S; S is then all twists on which they do no work.
         h: pitch [length/rad]: Z is the h-reciprocal system of S.
         complement: (6, n) twists that span Z.
@@ -102,8 +102,8 @@ def dual_projectors(
         DualProjectors, in the frame of S.
 
     Raises:
-        NoProjectors: S meets its h-reciprocal, or is too near to it for three correct digits; names the type of S, and
-            the pitches and choices that are left.
+        NoProjectors: S meets its h-reciprocal, or is too near to it for three correct digits; names the type of S, its
+            principal pitches and the alternatives.
         BadInput: not one of S and wrenches, not one of the three rules, NaN, shapes, nearly dependent columns, a
             complement that shares a twist with S or does not fill six dimensions with it, a metric that is not
             positive definite.
@@ -114,17 +114,18 @@ def dual_projectors(
         found = "neither S nor wrenches" if S is None else "both S and wrenches"
         raise BadInput("S", found, "the freedoms S or the constraint wrenches")
     name, value = one_rule(h, complement, metric)
-    answer = well_conditioned(law.projectors, S, wrenches, *(value if name == rule else None for rule in RULES))
-    if answer is not None:
-        return DualProjectors(*answer)
+    if not isinstance(S, Subspace):
+        fields = by_engine(law.projectors, S, wrenches, *(value if name == rule else None for rule in RULES))
+        if fields is not None:
+            return DualProjectors(*fields)
     if S is not None:
-        return projectors_of(Subspace(S, argument="S"), (name, value))
+        return projectors_of(as_system(S, "S"), (name, value))
     given = Subspace(arrays.columns(wrenches, "wrenches"), argument="wrenches")  # type: ignore[arg-type]
     return projectors_of(Subspace(given.annihilator()), (name, value), given)
 
 
 def one_rule(h: float | None, complement: Any, metric: Any) -> tuple[str, Any]:
-    """The name and the value of the one rule that is given for the complement."""
+    """The name and the value of the one given rule for the complement."""
     values = zip(RULES, (h, complement, getattr(metric, "carried", metric)), strict=True)
     given = [(name, value) for name, value in values if value is not None]
     if len(given) != 1:
@@ -134,19 +135,20 @@ def one_rule(h: float | None, complement: Any, metric: Any) -> tuple[str, Any]:
 
 
 def projectors_of(system: Subspace, rule: tuple[str, Any], wrenches: Subspace | None = None) -> DualProjectors:
-    """The projectors on a system along the complement of a rule; `wrenches` are what it was found from, if any."""
+    """The projectors on a system along the complement of a rule; `wrenches` are its constraints, if given instead."""
     name, value = rule
     system = system.exact
     U, k = system.span.basis, system.dimension
     if name == "metric":
         root = np.linalg.cholesky(arrays.positive_definite(value, 6, "metric")).T.dot(system.from_own)
-        Q, triangle = np.linalg.qr(root.dot(U))  # least squares in the metric, whose condition is not squared
+        Q, triangle = np.linalg.qr(root.dot(U))  # least squares by QR, so that the metric's condition is not squared
         P = U.dot(np.linalg.solve(triangle, Q.T.dot(root)))
         Z = np.linalg.qr(np.linalg.solve(root, orthogonal(Q)))[0]
     else:
         if name == "h":
-            _refuse_pitch(system, finite_pitch(value), wrenches)
-            K = np.linalg.qr(system.form(finite_pitch(value)).dot(U))[0]
+            pitch = finite_pitch(value)
+            _check_pitch(system, pitch, wrenches)
+            K = np.linalg.qr(system.form(pitch).dot(U))[0]
         else:
             K = _annihilator_of(value, system, (wrenches or system).joint_condition)
         P = U.dot(np.linalg.solve(K.T.dot(U), K.T)) if k else np.zeros((6, 6))
@@ -168,23 +170,23 @@ def projectors_of(system: Subspace, rule: tuple[str, Any], wrenches: Subspace | 
 
 
 def own_unit(J: Array) -> float:
-    """The power of two nearest |J_v|_F / |J_omega|_F; 1 where either part vanishes, exactly or but for rounding."""
+    """The power of two nearest |J_v|_F / |J_omega|_F; 1 if either part vanishes, up to rounding."""
     w, v = float(np.linalg.norm(J[:3])), float(np.linalg.norm(J[3:]))
     if v >= LENGTH_LIMIT * w or w >= LENGTH_LIMIT * v:
         return 1.0
     return float(2.0 ** round(log2(v) - log2(w)))
 
 
-def _annihilator_of(complement: ArrayLike | None, system: Subspace, spread: float) -> Array:
+def _annihilator_of(complement: ArrayLike, system: Subspace, condition: float) -> Array:
     """Orthonormal wrenches (6, k) that do no work on the given Z, in the system's own coordinates."""
-    given = Subspace(complement, argument="complement")  # type: ignore[arg-type]
+    given = Subspace(complement, argument="complement")
     U, k = system.span.basis, system.dimension
     if given.dimension != 6 - k:
         expected = f"twists that span {6 - k} dimensions"
         raise BadInput("complement", f"rank {given.dimension}", expected, f"S has {k}, and both must fill six.")
     K = np.linalg.qr(system.from_own.T.dot(given.annihilator()))[0]
     _, sines, Vt = np.linalg.svd(K.T.dot(U))
-    if k and max(spread, given.joint_condition) > LARGEST_CONDITION * sines[-1]:
+    if k and max(condition, given.joint_condition) > LARGEST_CONDITION * sines[-1]:
         z = system.from_own.dot(U.dot(Vt[-1]))
         found = f"a Z that shares the twist ({listed(z / np.linalg.norm(z))}) with S"
         expected = f"{6 - k} twists that with S span all six dimensions"
@@ -192,23 +194,23 @@ def _annihilator_of(complement: ArrayLike | None, system: Subspace, spread: floa
     return np.asarray(K)
 
 
-def _refuse_pitch(system: Subspace, h: float, wrenches: Subspace | None) -> None:
-    """Raise unless S and its h-reciprocal fill six dimensions, by a margin that leaves three correct digits."""
+def _check_pitch(system: Subspace, h: float, wrenches: Subspace | None) -> None:
+    """Raise unless S and its h-reciprocal fill six dimensions, with three correct digits of P."""
     # Wrenches W are the twists Q_0 W measured by -h: W'Q_h^-1 W = (Q_0 W)'Q_{-h}(Q_0 W).
     given, pitch = (system, h) if wrenches is None else (Subspace(wrenches.twists[se3.SWAPPED]), -h)
     factored = factors(given, pitch)
     if factored.exists:
         return
     if factored.dependent:
-        worst = f"condition {factored.joint_condition:.1g}"
-        found = f"columns so nearly dependent that rounding decides what they span ({worst})"
+        condition = f"condition {factored.joint_condition:.1g}"
+        found = f"columns so nearly dependent that rounding decides what they span ({condition})"
         argument = "S" if wrenches is None else "wrenches"
         raise BadInput(argument, found, "independent columns", "Leave out a column.")
-    z = factored.lost
+    z = factored.self_reciprocal
     if wrenches is not None:
         z[3:] += 2.0 * h * z[:3]  # Q_h^-1 w for the wrench w = Q_0 z
         z = z / np.linalg.norm(z)
     k, kind = system.dimension, classify(system)
     name = f"a {k}-system {'whose reciprocal is ' if kind.reciprocal else ''}of type {kind}"
     ranks = (k, k - factored.rank + factored.gram_rank)
-    raise NoProjectors(h, name, ranks, z, pitches_if_decided(system), CHOICES)
+    raise NoProjectors(h, name, ranks, z, pitches_or_none(system), ALTERNATIVES)

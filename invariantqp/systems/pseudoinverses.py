@@ -3,8 +3,8 @@
     J = T C  (T a basis of the system, C of full row rank):   J^{+h} = M^-1 C'(C M^-1 C')^-1 (T'Q_h T)^-1 T'Q_h
     (hP1) J X J = J     (hP2) X J X = X     (hP3) (J X)^{*h} = J X     (hP4) (X J)* = X J
 
-It measures twists by Q_h and so depends on no choice of frame. There is one iff rank(T'Q_h T) = rank(J); in floating
-point it is given where at least three digits of it are correct. J is factored before a Gram matrix is formed, because
+It measures twists by Q_h and so depends on no choice of frame. It exists iff rank(T'Q_h T) = rank(J); in floating point
+it is returned if at least three digits of it are correct. J is factored before a Gram matrix is formed, because
 (J'Q_h J)^-1 J'Q_h squares the condition number of J.
 
 (hP3) says that Q_h J X is symmetric: J X projects twists on im J along its h-reciprocal. (hP4) says that M X J is
@@ -31,14 +31,14 @@ from invariantqp.geometry.arrays import ROUNDING, Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.geometry.sizes import LENGTH_LIMIT
-from invariantqp.systems.gram import gram, pencil
-from invariantqp.systems.subspaces import LEAST_INDEPENDENCE, Subspace
+from invariantqp.systems.gram import gram_matrix, pencil
+from invariantqp.systems.subspaces import LEAST_INDEPENDENCE, Subspace, as_system
 
-# Above this the relative error of 1e-15 that forward kinematics in float64 leaves of joint twists can change J^{+h} by
+# Above this, a relative error of 1e-15 of the joint twists, as of forward kinematics in float64, can change J^{+h} by
 # more than a thousandth. Arms that are singular by structure (a SCARA at any h) have hundreds of times this number.
 LARGEST_CONDITION = 1e12
-# Joints whose speeds differ by more are scaled to unit speed first: a few would decide the own point and length.
-UNEQUAL = 1e2
+# Columns whose sizes differ by more are scaled to unit size first: else a few would decide the own point and length.
+LARGEST_SIZE_RATIO = 1e2
 
 
 def form_adjoint(A: ArrayLike, domain: ArrayLike, codomain: ArrayLike) -> Array:
@@ -65,8 +65,7 @@ def form_adjoint(A: ArrayLike, domain: ArrayLike, codomain: ArrayLike) -> Array:
 def h_adjoint(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None) -> Array:
     """J^{*h} = M^-1 J'Q_h (m, 6), the adjoint of a Jacobian: x'M (J^{*h} s) = (J x)'Q_h s.
 
-    Q_h s is the wrench that pairs with twists as Q_h does, so J'Q_h s are the torques that it asks of the joints. The
-    adjoint of Ad J, in another frame, is J^{*h} Ad^-1.
+    J'Q_h s are the joint torques of the wrench Q_h s. The adjoint of Ad J, in another frame, is J^{*h} Ad^-1.
 
     Args:
         J: (6, m) joint twists as columns.
@@ -84,23 +83,23 @@ def h_adjoint(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None) 
 
 
 class Factors(NamedTuple):
-    """J^{+h} from its factors, and how far it can be trusted: how much a relative error of the twists can change it.
+    """J^{+h} from its factors, with its condition number with respect to the twists.
 
         J = T C,   T'Q_h T = diag(mu),   X = J^{+h} = C^+ diag(1/mu) T'Q_h,   G^+ = C^+ diag(1/mu) C^+'
         dX = -X dJ X + G^+ dJ'Q_h(I - JX) + (I - XJ) dJ'X'X + ...
 
-    The condition number is a bound on the sum of these terms, over |X|, for columns of J with relative errors of size
-    one. Two choices keep digits: independent columns are scaled to unit size, which cancels; and where |h| is longer
-    than the arm, lengths are measured in |h|, since h times the rounding of a rotation would hide the translations.
+    The condition number is a bound on the sum of these terms, over |X|, for columns of J with relative errors of one.
+    Two choices keep digits: independent columns are scaled to unit size, which cancels; and if |h| exceeds the own
+    length, it is the unit of length, since h times the rounding of a rotation would hide the translations.
 
     Reference: [DS] Theorem 2.2; the condition number is ours, after Wedin's for the Moore-Penrose inverse.
     """
 
-    inverse: Array  # (m, 6) J^{+h}; meaningless where `exists` is false
-    condition: float  # ratio of the relative error of J^{+h} to that of the twists, at worst
-    joint_condition: float  # the same for the joint velocities that make a twist; the form has no part in it
+    inverse: Array  # (m, 6) J^{+h}; undefined unless `exists`
+    condition: float  # largest ratio of the relative error of J^{+h} to that of the twists
+    joint_condition: float  # `Subspace.joint_condition`, which does not depend on the form
     screws: Array  # (6, r) basis of the system, mutually h-reciprocal
-    shares: Array  # (r,) condition number of the part of J^{+h} that belongs to each screw
+    screw_conditions: Array  # (r,) condition number of the part of J^{+h} along each screw
 
     @property
     def exists(self) -> bool:
@@ -110,12 +109,12 @@ class Factors(NamedTuple):
     @property
     def rank(self) -> int:
         """Rank of J."""
-        return len(self.shares)
+        return len(self.screw_conditions)
 
     @property
     def gram_rank(self) -> int:
         """Numerical rank of J'Q_h J."""
-        return int(np.count_nonzero(self.shares <= LARGEST_CONDITION))
+        return int(np.count_nonzero(self.screw_conditions <= LARGEST_CONDITION))
 
     @property
     def dependent(self) -> bool:
@@ -123,9 +122,9 @@ class Factors(NamedTuple):
         return self.joint_condition * self.joint_condition >= self.condition
 
     @property
-    def lost(self) -> Array:
+    def self_reciprocal(self) -> Array:
         """(6,) the unit screw of the system that is nearest to being h-reciprocal to all of it."""
-        z = self.screws[:, int(self.shares.argmax())]
+        z = self.screws[:, int(self.screw_conditions.argmax())]
         return np.asarray(z / np.linalg.norm(z))
 
 
@@ -133,55 +132,56 @@ def factors(system: Subspace, h: float, metric: Array | None = None) -> Factors:
     """J^{+h} of a system's twists with its condition number, for a finite h and a checked joint metric (m, m)."""
     system = system.exact
     r, m = system.dimension, system.twists.shape[1]
-    sizes = speeds(system.twists)
-    hidden = False  # whether columns are so small that they look like rounding of the others
-    if sizes.all() and sizes.max(initial=0.0) > UNEQUAL * sizes.min(initial=inf):
+    sizes = _column_sizes(system.twists)
+    hidden = False  # whether some columns are within the rounding of the others
+    if sizes.all() and sizes.max(initial=0.0) > LARGEST_SIZE_RATIO * sizes.min(initial=inf):
         unit = Subspace(system.twists / sizes).exact
         if unit.dimension == m:
-            found = factors(unit, h)
-            return found._replace(inverse=found.inverse / sizes[:, None])
+            scaled = factors(unit, h)
+            return scaled._replace(inverse=scaled.inverse / sizes[:, None])
         hidden = unit.dimension > r
     if r == 0:
         return Factors(np.zeros((m, 6)), 1.0, 1.0, np.empty((6, 0)), np.empty(0))
-    U, velocities, units, errors = joint_side(system, metric)
+    U, velocities, units, errors = _full_rank_factors(system, metric)
     # Sorted by angular part, so that rotations and translations stay apart when the unit of length is changed.
-    far = max(1.0, abs(h) / system.length)
-    sorting = np.linalg.svd(U[:3])[2].T
-    T = U.dot(sorting)
-    T[3:] /= far
-    longest = np.linalg.norm(T, axis=0)
-    Q = pitch_form(h / (far * system.length))
-    T, velocities = T / longest, velocities.dot(sorting / longest)
+    scale = max(1.0, abs(h) / system.length)
+    order = np.linalg.svd(U[:3])[2].T
+    T = U.dot(order)
+    T[3:] /= scale
+    lengths = np.linalg.norm(T, axis=0)
+    Q = pitch_form(h / (scale * system.length))
+    T, velocities = T / lengths, velocities.dot(order / lengths)
     mu, E = np.linalg.eigh(T.T.dot(Q).dot(T))
     T, velocities = T.dot(E), velocities.dot(E)
     images = Q.dot(T)
-    with np.errstate(all="ignore"):  # where some mu is zero the condition number comes out infinite
+    with np.errstate(all="ignore"):  # if some mu is zero, the condition number is infinite
         inverse = (velocities / mu).dot(images.T)
         gram_inverse = (velocities / mu).dot(velocities.T)
-        beyond = Q - (images / mu).dot(images.T)
+        rest = Q - (images / mu).dot(images.T)
         size = np.linalg.norm(inverse)
-        rows = np.linalg.norm(inverse, axis=1) + np.linalg.norm(gram_inverse, axis=1) * np.linalg.norm(beyond) / size
+        rows = np.linalg.norm(inverse, axis=1) + np.linalg.norm(gram_inverse, axis=1) * np.linalg.norm(rest) / size
         condition = float(errors.dot(rows) + (errors.sum() * size if r < m else 0.0))
-        # For each screw z the first two terms are alike: z'Q_h dJ C^+ / mu, and the same seen from S^{perp h}.
-        shares = 2.0 * errors.dot(np.abs(velocities)) * np.linalg.norm(images, axis=0) / np.abs(mu)
-        inverse[:, 3:] /= far
+        # The first two terms of dX along a screw z have one size: z'Q_h dJ C^+ / mu, on S and on S^{perp h}.
+        conditions = 2.0 * errors.dot(np.abs(velocities)) * np.linalg.norm(images, axis=0) / np.abs(mu)
+        inverse[:, 3:] /= scale
         inverse = units.dot(inverse).dot(system.to_own)
-    T[3:] *= far
-    known = isfinite(condition) and not hidden
+    T[3:] *= scale
+    if hidden or not isfinite(condition):
+        condition = inf
     joint_condition = inf if hidden else system.joint_condition
-    return Factors(inverse, condition if known else inf, joint_condition, system.from_own.dot(T), shares)
+    return Factors(inverse, condition, joint_condition, system.from_own.dot(T), conditions)
 
 
-def speeds(J: Array) -> Array:
-    """(m,) sizes of twists, lengths over the median distance of those that turn."""
+def _column_sizes(J: Array) -> Array:
+    """(m,) norms of twists, lengths over the median distance of the rotation axes."""
     w, v = np.linalg.norm(J[:3], axis=0), np.linalg.norm(J[3:], axis=0)
-    turns = w * LENGTH_LIMIT > v
-    length = float(np.median(v[turns] / w[turns])) if turns.any() else 1.0
+    rotates = w * LENGTH_LIMIT > v
+    length = float(np.median(v[rotates] / w[rotates])) if rotates.any() else 1.0
     return np.asarray(np.hypot(w, v / (length or 1.0)))
 
 
-def joint_side(system: Subspace, metric: Array | None) -> tuple[Array, Array, Array, Array]:
-    """U (6, r) orthonormal, joint velocities (m, r) that make its columns, their units (m, m), errors of columns (m,).
+def _full_rank_factors(system: Subspace, metric: Array | None) -> tuple[Array, Array, Array, Array]:
+    """U (6, r) orthonormal, joint velocities (m, r) for its columns, their units (m, m), errors of the columns (m,).
 
     Independent columns have unit size; with dependent ones the units make the joint metric the identity.
     """
@@ -197,40 +197,40 @@ def joint_side(system: Subspace, metric: Array | None) -> tuple[Array, Array, Ar
     return U[:, :r], Vt[:r].T / sigma[:r], units, sigma[0] * magnified * system.error_factors
 
 
-def has_pseudoinverse(J: ArrayLike, h: float) -> bool:
+def has_pseudoinverse(J: ArrayLike | Subspace, h: float) -> bool:
     """Whether (6, m) twists have an h-pseudoinverse that can be computed to three digits: rank(J'Q_h J) = rank(J).
 
     Reference: [DS] Theorem 2.2.
     """
-    return factors(Subspace(arrays.columns(J)), finite_pitch(h)).exists
+    return factors(as_system(J), finite_pitch(h)).exists
 
 
 @overload
 def pseudoinverse(
-    J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = ..., return_condition: Literal[False] = ...
+    J: ArrayLike | Subspace, h: float, *, joint_metric: ArrayLike | None = ..., return_condition: Literal[False] = ...
 ) -> Array: ...
 
 
 @overload
 def pseudoinverse(
-    J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = ..., return_condition: Literal[True]
+    J: ArrayLike | Subspace, h: float, *, joint_metric: ArrayLike | None = ..., return_condition: Literal[True]
 ) -> tuple[Array, float]: ...
 
 
 def pseudoinverse(
-    J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None, return_condition: bool = False
+    J: ArrayLike | Subspace, h: float, *, joint_metric: ArrayLike | None = None, return_condition: bool = False
 ) -> Array | tuple[Array, float]:
     """J^{+h}, the h-pseudoinverse of (6, m) twists of any rank, correct to three digits or more.
 
     For rank 6 it is the same for every h, and with `joint_metric=None` it is the Moore-Penrose pseudoinverse.
 
     Args:
-        J: (6, m) joint twists as columns, (omega; v).
+        J: (6, m) joint twists as columns, (omega; v), or a `ScrewSystem`.
         h: finite pitch [length/rad].
         joint_metric: (m, m) or (m,) positive definite, the metric M on joint velocities; None is the identity. It
-            matters only where joints are dependent.
-        return_condition: whether to return the condition number too: the ratio of the relative error of J^{+h} to that
-            of the twists, at worst. It goes to infinity towards a principal pitch.
+            matters only for dependent joints.
+        return_condition: whether to return the condition number too: the largest ratio of the relative error of J^{+h}
+            to that of the twists. It goes to infinity towards a principal pitch.
 
     Returns:
         (m, 6) matrix; x = J^{+h} s is the joint velocity for the twist s. With `return_condition`, (matrix, condition).
@@ -241,18 +241,19 @@ def pseudoinverse(
 
     Reference: [DS] Theorem 2.2, (3.1) for independent columns, (2.15) for rank 6.
     """
-    if joint_metric is None and return_condition is False and type(h) is float:
-        inverse = well_conditioned(law.pseudoinverse, J, h)
+    if joint_metric is None and return_condition is False and type(h) is float and not isinstance(J, Subspace):
+        inverse = by_engine(law.pseudoinverse, J, h)
         if inverse is not None:
             return np.asarray(inverse)
-    found = invert(Subspace(arrays.columns(J)), h, joint_metric)
-    return (found.inverse, found.condition) if arrays.flag(return_condition, "return_condition") else found.inverse
+    factored = invert(as_system(J), h, joint_metric)
+    both = arrays.flag(return_condition, "return_condition")
+    return (factored.inverse, factored.condition) if both else factored.inverse
 
 
-def well_conditioned(answer: Callable[..., Any], *arguments: Any) -> Any | None:
-    """What the engine answers, None where arguments are to be checked or rounding is to be looked at."""
+def by_engine(function: Callable[..., Any], *arguments: Any) -> Any | None:
+    """The result of the engine; None if it is not well conditioned, or arguments are refused."""
     try:
-        return answer(*arguments)
+        return function(*arguments)
     except (ValueError, TypeError):
         return None
 
@@ -268,9 +269,9 @@ def invert(system: Subspace, h: float, joint_metric: ArrayLike | None = None) ->
 
 
 def no_pseudoinverse(system: Subspace, pitch: float, factored: Factors) -> NoPseudoinverse:
-    """Why there is no J^{+h}, or none that can be computed."""
-    pitches = pitches_if_decided(system)
-    z = system.exact.basis[:, -1] if factored.dependent else factored.lost
+    """The error that says why there is no J^{+h}, or none that can be computed."""
+    pitches = pitches_or_none(system)
+    z = system.exact.basis[:, -1] if factored.dependent else factored.self_reciprocal
     return NoPseudoinverse(
         h=pitch,
         rank=factored.rank,
@@ -281,46 +282,42 @@ def no_pseudoinverse(system: Subspace, pitch: float, factored: Factors) -> NoPse
 
 
 def inverse_along(system: Subspace, projector: Array, joint_metric: ArrayLike | None) -> Array:
-    """J^+ P (m, 6) for a projector P (6, 6) on the system, J^+ of least size in the joint metric."""
+    """J^+ P (m, 6) for a projector P (6, 6) on the system, J^+ of least norm in the joint metric."""
     system = system.exact
     m = system.twists.shape[1]
     metric = None if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
-    U, velocities, units, _ = joint_side(system, metric)
+    U, velocities, units, _ = _full_rank_factors(system, metric)
     return np.asarray(units.dot(velocities).dot(U.T).dot(system.to_own).dot(projector))
 
 
-def pitches_if_decided(system: Subspace) -> Array:
-    """The principal pitches for a message; none where no h works, or rounding hides them."""
+def pitches_or_none(system: Subspace) -> Array:
+    """The principal pitches for a message; empty if no h works, or rounding hides them."""
     try:
         return pencil(system).values
     except BadInput:
         return np.empty(0)
 
 
-def damped_pseudoinverse(J: ArrayLike, h: float, damping: float, *, joint_metric: ArrayLike | None = None) -> Array:
-    """The damped h-pseudoinverse V diag(mu / (mu^2 + damping^2)) V'J'Q_h (m, 6) of (6, m) twists, for any h.
+def damped_pseudoinverse(
+    J: ArrayLike | Subspace, h: float, damping: float, *, joint_metric: ArrayLike | None = None
+) -> Array:
+    """The damped h-pseudoinverse X = V diag(mu / (mu^2 + damping^2)) V'J'Q_h (m, 6) of (6, m) twists, for any h.
 
-    J'Q_h J V = M V diag(mu), V'M V = I. It tends to J^{+h} as the damping tends to 0, where that exists, and is bounded
-    and continuous in J and h through every principal pitch: |X s| <= |V'J'Q_h s| / (2 damping) in the metric M, for
-    X the result. Of the part of a twist along each J v, the share mu^2 / (mu^2 + damping^2) is done, from 0 at a
-    principal pitch to 1. A change of frame takes X to X Ad^-1. It is [DS]'s damped formula with
-    Lambda = damping^2 M (J'Q_h J)^-1 M.
+    J'Q_h J V = M V diag(mu), V'M V = I. It tends to J^{+h} as the damping tends to 0, if that exists, and is bounded
+    and continuous in J and h through every principal pitch: |X s| <= |V'J'Q_h s| / (2 damping) in the metric M. The
+    gain along each J v is mu^2 / (mu^2 + damping^2), from 0 at a principal pitch to 1. A change of frame takes X to
+    X Ad^-1. It is [DS]'s damped formula with Lambda = damping^2 M (J'Q_h J)^-1 M.
 
     Args:
-        J: (6, m) joint twists as columns.
+        J: (6, m) joint twists as columns, or a `ScrewSystem`.
         h: finite pitch [length/rad].
         damping: above zero, in the unit of mu: a length, if M has no unit; 0 is `pseudoinverse`.
-        joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity. Where joints
-            turn and slide, give one: without it the answer depends on the unit of length.
+        joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity. Give one for
+            revolute and prismatic joints together: without it the result depends on the unit of length.
 
     Reference: after [DS] Sect. 6.2; the choice of Lambda and its bounds are ours, proved by the formula.
     """
-    return damped(Subspace(arrays.columns(J)), h, damping, joint_metric)
-
-
-def damped(system: Subspace, h: float, damping: float, joint_metric: ArrayLike | None) -> Array:
-    """`damped_pseudoinverse` of a system's twists."""
-    size = arrays.not_negative(damping, "damping", "a damping")
+    system, size = as_system(J), arrays.not_negative(damping, "damping", "a damping")
     if size == 0.0:
         return invert(system, h, joint_metric).inverse
     mu, V = spectrum(system, finite_pitch(h), joint_metric)
@@ -334,7 +331,7 @@ def damped(system: Subspace, h: float, damping: float, joint_metric: ArrayLike |
 def spectrum(system: Subspace, h: float, joint_metric: ArrayLike | None) -> tuple[Array, Array]:
     """mu (m,) and V (m, m) with J'Q_h J V = M V diag(mu), V'M V = I, |mu| descending."""
     m = system.twists.shape[1]
-    G = gram(system, h)
+    G = gram_matrix(system, h)
     whiten = np.eye(m)
     if joint_metric is not None:
         M = arrays.positive_definite(joint_metric, m, "joint_metric")
@@ -346,13 +343,13 @@ def spectrum(system: Subspace, h: float, joint_metric: ArrayLike | None) -> tupl
 
 @frozen(eq=False, repr=False, slots=False)
 class PenroseConditions(Value):
-    """How well X meets the four conditions.
+    """The residuals of the four conditions.
 
     Attributes:
         residuals: (4,) of (hP1)-(hP4), each relative to the matrix it should equal: |J X J - J| over |J|, ...; lengths
-            are measured in the arm's own unit, so no unit enters.
+            are measured in the own length.
         magnification: |J||X|, by which rounding can be magnified in the products.
-        tolerance: the residual that counts as zero where nothing is magnified.
+        tolerance: the residual that counts as zero, times the magnification.
     """
 
     residuals: Array = field(converter=own)
@@ -368,12 +365,17 @@ class PenroseConditions(Value):
 
 
 def penrose_conditions(
-    J: ArrayLike, X: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None, tolerance: float = ROUNDING
+    J: ArrayLike | Subspace,
+    X: ArrayLike,
+    h: float,
+    *,
+    joint_metric: ArrayLike | None = None,
+    tolerance: float = ROUNDING,
 ) -> PenroseConditions:
-    """Test (hP1)-(hP4): whether X (m, 6) is the h-pseudoinverse of J (6, m), and how well.
+    """Test (hP1)-(hP4): whether X (m, 6) is the h-pseudoinverse of J (6, m).
 
     Args:
-        J: (6, m) joint twists as columns.
+        J: (6, m) joint twists as columns, or a `ScrewSystem`.
         X: (m, 6) matrix to test.
         h: finite pitch [length/rad].
         joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity.
@@ -381,36 +383,36 @@ def penrose_conditions(
 
     Reference: [DS] (hP1)-(hP4).
     """
-    twists = arrays.columns(J)
-    m, system = twists.shape[1], Subspace(twists)
+    system = as_system(J)
+    m = system.twists.shape[1]
     Q = system.form(finite_pitch(h))
     M = np.eye(m) if joint_metric is None else arrays.positive_definite(joint_metric, m, "joint_metric")
     limit = arrays.tolerance(tolerance)
     A, B = system.coordinates, arrays.matrix(X, (m, 6), "X").dot(system.from_own)
     on_twists, on_joints = Q.dot(A).dot(B), M.dot(B).dot(A)
-    wholes = (A, B, on_twists, on_joints)
-    made = (A.dot(B).dot(A), B.dot(A).dot(B), on_twists.T, on_joints.T)
-    sizes = [float(np.linalg.norm(whole)) or 1.0 for whole in wholes]
-    off = [float(np.linalg.norm(one - whole)) / size for one, whole, size in zip(made, wholes, sizes, strict=True)]
-    return PenroseConditions(np.array(off), float(np.linalg.norm(A) * np.linalg.norm(B)), limit)
+    expected = (A, B, on_twists, on_joints)
+    products = (A.dot(B).dot(A), B.dot(A).dot(B), on_twists.T, on_joints.T)
+    sizes = [float(np.linalg.norm(matrix)) or 1.0 for matrix in expected]
+    residuals = [float(np.linalg.norm(a - b)) / size for a, b, size in zip(products, expected, sizes, strict=True)]
+    return PenroseConditions(np.array(residuals), float(np.linalg.norm(A) * np.linalg.norm(B)), limit)
 
 
 @frozen(eq=False, repr=False, slots=False)
 class Existence(Value):
-    """The three conditions of Theorem 3.1 under which there is no J^{+h}, each as a number that is then zero.
+    """The three conditions of Theorem 3.1 for which there is no J^{+h}, each as a number that is then zero.
 
         (i) rank(J'Q_h J) < rank(J)     (ii) S meets S^{perp h}     (iii) S is tangent to q_h at a point z of S
 
     Attributes:
         h: the given pitch [length/rad].
         rank: rank of J.
-        condition: condition number of J^{+h}, the ratio of its relative error to that of the twists, at worst.
+        condition: condition number of J^{+h}, the largest ratio of its relative error to that of the twists.
         gram_rank: (i) numerical rank of J'Q_h J.
         gram_eigenvalue: (i) least |eigenvalue| of U'Q_h U over |Q_h|, U an orthonormal basis of S.
         angle: (ii) least angle between S and S^{perp h} [rad].
-        pitch_distance: (iii) |h - h_i| to the nearest principal pitch, in units of |h| + the system's length; 0 where
-            some translation is reciprocal to all of S, inf where every pitch works, NaN where rounding hides them.
-        certificate: (6,) z in S, h-reciprocal to all of S, which proves that there is no h-pseudoinverse; None where
+        pitch_distance: (iii) |h - h_i| to the nearest principal pitch, in units of |h| + the own length; 0 if some
+            translation is reciprocal to all of S, inf if every pitch works, NaN if rounding hides them.
+        certificate: (6,) z in S, h-reciprocal to all of S, which proves that there is no h-pseudoinverse; None if
             there is one.
     """
 
@@ -429,33 +431,27 @@ class Existence(Value):
         return self.condition <= LARGEST_CONDITION
 
 
-def existence(J: ArrayLike, h: float) -> Existence:
+def existence(J: ArrayLike | Subspace, h: float) -> Existence:
     """Evaluate the three conditions of Theorem 3.1 for (6, m) twists and a finite pitch h [length/rad].
 
     The twists may be dependent: rank(J) takes the place of m in the theorem.
 
     Reference: [DS] Theorem 3.1; `certificate` is the z of its proof.
     """
-    return conditions_of(Subspace(arrays.columns(J)), h)
-
-
-def conditions_of(system: Subspace, h: float) -> Existence:
-    """`existence` of a system."""
-    pitch = finite_pitch(h)
-    system = system.exact
+    system, pitch = as_system(J).exact, finite_pitch(h)
     factored = factors(system, pitch)
     if factored.rank in (0, 6):
         return Existence(pitch, factored.rank, factored.condition, factored.rank, 1.0, 0.5 * pi, inf, None)
-    if system.concurrent and pitch:  # axes that meet have no length but that of the pitch
+    if system.concurrent and pitch:  # axes that meet have no own length: the pitch is the unit
         system = type(system)(system.twists, tolerance=system.tolerance, length=abs(pitch))
     U, Q = system.span.basis, system.form(pitch)
     mu = np.linalg.eigvalsh(U.T.dot(Q).dot(U))
-    images = np.linalg.qr(Q.dot(U))[0]  # an orthonormal basis of what is orthogonal to S^{perp h}
+    images = np.linalg.qr(Q.dot(U))[0]  # an orthonormal basis of the orthogonal complement of S^{perp h}
     sine = float(np.linalg.svd(images.T.dot(U), compute_uv=False)[-1])
     try:
-        found = pencil(system.with_tolerance(LEAST_INDEPENDENCE * float(system.error_factors.max())))
-        gaps = np.abs(found.values - pitch) / (abs(pitch) + system.length)
-        distance = 0.0 if found.blind.shape[1] else float(gaps.min(initial=inf))
+        principal = pencil(system.with_tolerance(LEAST_INDEPENDENCE * float(system.error_factors.max())))
+        gaps = np.abs(principal.values - pitch) / (abs(pitch) + system.length)
+        distance = 0.0 if principal.blind.shape[1] else float(gaps.min(initial=inf))
     except BadInput:
         distance = nan
     return Existence(
@@ -466,5 +462,5 @@ def conditions_of(system: Subspace, h: float) -> Existence:
         gram_eigenvalue=float(np.abs(mu).min() / np.abs(Q).max()),
         angle=float(np.arcsin(min(1.0, sine))),
         pitch_distance=distance,
-        certificate=None if factored.exists else factored.lost,
+        certificate=None if factored.exists else factored.self_reciprocal,
     )

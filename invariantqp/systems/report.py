@@ -1,8 +1,5 @@
 """A report on the joint twists of an arm, in numbers and words: rank, type, principal pitches, blind directions.
 
-`describe` collects the results of the other files of this package in one object. Its sentences say what each result
-means to an engineer who does not know the classification of screw systems.
-
 Reference: [DS] Sect. 3, 5.
 """
 
@@ -13,17 +10,16 @@ from attrs import field, frozen
 from numpy.typing import ArrayLike
 
 from invariantqp.errors import listed, written
-from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.systems.classification import GibsonHunt, classify
 from invariantqp.systems.gram import pencil
-from invariantqp.systems.subspaces import Subspace
+from invariantqp.systems.subspaces import Subspace, as_system
 
 
 @frozen(eq=False, repr=False, slots=False)
 class SystemReport(Value):
-    """What (6, m) joint twists can and cannot do.
+    """Rank, type, principal pitches and blind directions of (6, m) joint twists.
 
     Attributes:
         joints: m.
@@ -31,11 +27,11 @@ class SystemReport(Value):
         type: the Gibson-Hunt type, with moduli, normal form and margin.
         principal_pitches: (k',) ascending pitches without a pseudoinverse [length/rad]; empty if every pitch works, or
             none does.
-        principal_screws: (6, k') for each of them the screw that proves it.
-        blind_directions: (6, b) unit translations that no pitch form sees, along the axes of the frame as far as they
-            can be; b > 0 exactly where no h works.
-        singularity_distance: smallest over largest singular value of the twists, taken about their own point and in
-            their own length, so the same in every frame and unit; 0 in a singularity.
+        principal_screws: (6, k') their screws.
+        blind_directions: (6, b) unit translations that are reciprocal to the whole system, as close to the axes of the
+            frame as possible; b > 0 iff no h works.
+        singularity_distance: smallest over largest singular value of the twists in own coordinates, so the same in
+            every frame and unit; 0 in a singularity.
     """
 
     joints: int
@@ -70,7 +66,7 @@ class SystemReport(Value):
             along = "; ".join(f"({listed(v)})" for v in self.blind_directions[3:].T)
             use = (
                 f"No pitch h works: every pitch form is blind to translation along {along}. "
-                "Say what may be given up, Complement(Z), or use a metric carried by a body, CarriedMetric."
+                "Use Complement(Z), Z the twists that may be given up, or CarriedMetric, a metric carried by a body."
             )
         elif len(self.principal_pitches):
             pitches = listed(self.principal_pitches, 6)
@@ -83,32 +79,28 @@ class SystemReport(Value):
         return (*sentences, f"Close to type {t.next}: {size}.")
 
 
-def describe(J: ArrayLike) -> SystemReport:
+def describe(J: ArrayLike | Subspace) -> SystemReport:
     """Report on (6, m) joint twists."""
-    return report_on(Subspace(arrays.columns(J)))
-
-
-def report_on(system: Subspace) -> SystemReport:
-    """`describe` a system."""
-    kind, found = classify(system), pencil(system)
+    system = as_system(J)
+    kind, principal = classify(system), pencil(system)
     joints = system.twists.shape[1]
     return SystemReport(
         joints=joints,
         rank=kind.dimension,
         type=kind,
-        principal_pitches=found.values,
-        principal_screws=found.screws,
-        blind_directions=along_axes(found.blind),
+        principal_pitches=principal.values,
+        principal_screws=principal.screws,
+        blind_directions=along_axes(principal.blind),
         singularity_distance=0.0 if kind.dimension < min(6, joints) else system.independence,
     )
 
 
 def along_axes(blind: Array) -> Array:
-    """An orthonormal basis of the same (6, b) translations, as close to the axes of the frame as there is."""
-    left = blind[3:].dot(blind[3:].T)
+    """An orthonormal basis of the same (6, b) translations, as close to the axes of the frame as possible."""
+    projector = blind[3:].dot(blind[3:].T)
     basis = np.zeros_like(blind)
     for i in range(blind.shape[1]):
-        nearest = left[:, int(np.diag(left).argmax())]
+        nearest = projector[:, int(np.diag(projector).argmax())]
         basis[3:, i] = nearest / np.linalg.norm(nearest)
-        left = left - np.outer(basis[3:, i], basis[3:, i])
+        projector = projector - np.outer(basis[3:, i], basis[3:, i])
     return basis

@@ -9,14 +9,14 @@ the sign is that of w_i'Q_h w_i = 2 |omega|^2 (pitch - h), positive for a screw 
 of the |sigma_i| is sqrt det(J M^-1 J'), for every h. A small gain belongs to a screw of pitch near h, or to joints that
 are nearly dependent.
 
-With G = M^-1 J'Q_h J, W moves the tool with all gains one, and R is S seen on the tool's side. W is an isometry up to
-signs, W'Q_h W = M sign(G): it exists iff the kernel of G is that of J, which is to say iff J has an h-pseudoinverse. It
-is an isometry (Higham, Mehl and Tisseur) iff G has no negative eigenvalue besides: for rank J <= 3 without translations
-and h below all principal pitches, above all of them for -Q_h, and for rank 4 or more never. S and W are unique on the
-joint velocities that move the tool, and zero on the others.
+With G = M^-1 J'Q_h J, all gains of W are one, and R is S on twists. W is an isometry up to signs, W'Q_h W = M sign(G):
+it exists iff the kernel of G is that of J, that is iff J has an h-pseudoinverse. It is an isometry (Higham, Mehl and
+Tisseur) iff, in addition, G has no negative eigenvalue: for rank J <= 3 without translations and h below all principal
+pitches, above all of them for -Q_h, and for rank 4 or more never. S and W are unique on the joint velocities that move
+the tool, and zero on the others.
 
-Reference: asked for in [DS] Sect. 7. Bolshakov, van der Mee, Ran, Reichstein and Rodman
-1997; Higham, Mehl and Tisseur 2010.
+Reference: asked for in [DS] Sect. 7. Bolshakov, van der Mee, Ran, Reichstein and Rodman 1997; Higham, Mehl and Tisseur
+2010.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from invariantqp.geometry.arrays import Array
 from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, invert, spectrum
-from invariantqp.systems.subspaces import Subspace
+from invariantqp.systems.subspaces import Subspace, as_system
 
 
 @frozen(eq=False, repr=False, slots=False)
@@ -46,8 +46,8 @@ class HyperbolicSpectrum(Value):
         values: (m,) mu_i [length, over the metric's unit].
         joint_directions: (m, m) v_i as columns, M-orthonormal.
         twists: (6, m) t_i = J v_i, mutually h-reciprocal.
-        condition: largest over smallest |sigma_i| of the first `rank`; inf where the smallest |mu_i| may be rounding,
-            as at a principal pitch and wherever no h works.
+        condition: largest over smallest |sigma_i| of the first `rank`; inf if the smallest |mu_i| may be rounding, as
+            at a principal pitch and if no h works.
     """
 
     h: float
@@ -63,34 +63,29 @@ class HyperbolicSpectrum(Value):
         return np.asarray(np.sign(self.values) * np.sqrt(np.abs(self.values)))
 
 
-def hyperbolic_singular_values(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None) -> HyperbolicSpectrum:
+def hyperbolic_singular_values(
+    J: ArrayLike | Subspace, h: float, *, joint_metric: ArrayLike | None = None
+) -> HyperbolicSpectrum:
     """The hyperbolic singular values of (6, m) twists, with principal joint directions and twists.
 
     Args:
-        J: (6, m) joint twists.
+        J: (6, m) joint twists, or a `ScrewSystem`.
         h: finite pitch [length/rad].
-        joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity. Where joints
-            turn and slide, give one: without it the answer depends on the unit of length.
+        joint_metric: (m, m) or (m,) positive definite metric M on joint velocities; None is the identity. Give one for
+            revolute and prismatic joints together: without it the result depends on the unit of length.
 
     Reference: asked for in [DS] Sect. 7; J'Q_h J is the subject of Sect. 3.
     """
-    return singular_values_of(Subspace(arrays.columns(J)), h, joint_metric)
-
-
-def singular_values_of(system: Subspace, h: float, joint_metric: ArrayLike | None = None) -> HyperbolicSpectrum:
-    """`hyperbolic_singular_values` of a system."""
-    system = system.exact
-    pitch = finite_pitch(h)
+    system, pitch = as_system(J).exact, finite_pitch(h)
     values, V = spectrum(system, pitch, joint_metric)
     r = system.dimension
     values[r:] = 0.0
-    # |J v|^2 |Q_h|: what an error of one in J can change in mu.
+    # The error of mu for an error of one in J is at most |J v|^2 |Q_h|.
     sizes = (system.coordinates.dot(V) ** 2).sum(axis=0)[:r]
-    largest = float(sizes.max(initial=0.0)) * float(np.linalg.norm(system.form(pitch), 2)) * system.length
-    noise = system.rounding * largest
+    error = float(sizes.max(initial=0.0)) * float(np.linalg.norm(system.form(pitch), 2)) * system.length
     least = float(np.abs(values[:r]).min(initial=inf))
-    counted = np.sqrt(np.abs(values[:r]))
-    condition = 1.0 if not r else inf if least <= noise else float(counted[0] / counted[-1])
+    gains = np.sqrt(np.abs(values[:r]))
+    condition = 1.0 if not r else inf if least <= system.rounding * error else float(gains[0] / gains[-1])
     return HyperbolicSpectrum(pitch, r, values, V, system.twists.dot(V), condition)
 
 
@@ -119,7 +114,7 @@ class HyperbolicPolar(Value):
     screws: Array = field(converter=own)
 
 
-def hyperbolic_polar(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None = None) -> HyperbolicPolar:
+def hyperbolic_polar(J: ArrayLike | Subspace, h: float, *, joint_metric: ArrayLike | None = None) -> HyperbolicPolar:
     """The hyperbolic polar decomposition of (6, m) twists; arguments are those of `hyperbolic_singular_values`.
 
     Raises:
@@ -128,10 +123,10 @@ def hyperbolic_polar(J: ArrayLike, h: float, *, joint_metric: ArrayLike | None =
 
     Reference: asked for in [DS] Sect. 7.
     """
-    system, pitch = Subspace(arrays.columns(J)), finite_pitch(h)
-    found = singular_values_of(system, pitch, joint_metric)
-    r, m = found.rank, system.twists.shape[1]
-    mu, V, moved = found.values[:r], found.joint_directions[:, :r], found.twists[:, :r]
+    system, pitch = as_system(J), finite_pitch(h)
+    result = hyperbolic_singular_values(system, pitch, joint_metric=joint_metric)
+    r, m = result.rank, system.twists.shape[1]
+    mu, V, moved = result.values[:r], result.joint_directions[:, :r], result.twists[:, :r]
     try:
         invert(system, pitch)
     except NoPseudoinverse as error:

@@ -17,7 +17,7 @@ The eigenvalues of psi are the gains of the closed loop: mu_i / (mu_i + 1) on J 
         mu < -lambda                               above 1: the tool overshoots
     Lambda = lambda^2 G^-1                         mu^2 / (mu^2 + lambda^2), in [0, 1) whatever the sign of mu
 
-An arm of rank 4 or more has values mu of both signs for every h; the velocity law damps by the last choice.
+An arm of rank 4 or more has values mu of both signs for every h; the velocity law uses the last choice.
 
 Reference: [DS] Theorem 6.1, (6.3), (6.4), Example 4; Sect. 6.2, the formulas after it, which have no number. The
 formula for Phi_h(J^{+h}s), with it the h of zero error, and the eigenvalues of psi are ours.
@@ -36,7 +36,7 @@ from invariantqp.geometry.fields import Value, own
 from invariantqp.geometry.forms import finite_pitch, pitch_form
 from invariantqp.systems.gram import gram_matrix, principal_pitches
 from invariantqp.systems.pseudoinverses import LARGEST_CONDITION, invert
-from invariantqp.systems.subspaces import Subspace
+from invariantqp.systems.subspaces import Subspace, as_system
 
 
 def psi(J: ArrayLike, h: float, Lambda: ArrayLike) -> Array:
@@ -95,7 +95,7 @@ class StationaryPoint(Value):
 
     @property
     def kind(self) -> str:
-        """One of "minimum", "maximum" and "saddle", self-motions left aside; "flat" where J = 0."""
+        """One of "minimum", "maximum" and "saddle", self-motions excluded; "flat" if J = 0."""
         up, down, _ = self.signature
         if up and down:
             return "saddle"
@@ -105,18 +105,18 @@ class StationaryPoint(Value):
 def error_form(J: ArrayLike, twist: ArrayLike, h: float, velocity: ArrayLike) -> tuple[float, Array]:
     """Phi_h(x) = (s - Jx)'Q_h(s - Jx) [length] and its gradient -2 J'Q_h(s - Jx), (m,).
 
-    For (6, m) joint twists, a wanted twist s (6,), a pitch h [length/rad] and a joint velocity x (m,).
+    For (6, m) joint twists, a commanded twist s (6,), a pitch h [length/rad] and a joint velocity x (m,).
 
     Reference: [DS] (6.3), and (6.4) with m, not 6, entries in the gradient.
     """
     twists, s = arrays.columns(J), arrays.twist(twist)
     x = arrays.vector(velocity, twists.shape[1], "velocity")
-    left = s - twists.dot(x)
+    residual = s - twists.dot(x)
     Q = pitch_form(h)
-    return float(left.dot(Q).dot(left)), np.asarray(-2.0 * twists.T.dot(Q.dot(left)))
+    return float(residual.dot(Q).dot(residual)), np.asarray(-2.0 * twists.T.dot(Q.dot(residual)))
 
 
-def stationary_point(J: ArrayLike, twist: ArrayLike, h: float) -> StationaryPoint:
+def stationary_point(J: ArrayLike | Subspace, twist: ArrayLike, h: float) -> StationaryPoint:
     """The stationary point J^{+h} s of Phi_h, its value and its kind; (6, m) twists, s (6,), h finite [length/rad].
 
     Raises:
@@ -124,22 +124,15 @@ def stationary_point(J: ArrayLike, twist: ArrayLike, h: float) -> StationaryPoin
 
     Reference: [DS] Theorem 6.1.
     """
-    twists = arrays.columns(J)
-    return stationary(Subspace(twists), arrays.twist(twist), h)
-
-
-def stationary(system: Subspace, twist: Array, h: float) -> StationaryPoint:
-    """`stationary_point` of a system."""
-    system = system.exact
-    pitch = finite_pitch(h)
-    found = invert(system, pitch)
-    velocity = found.inverse.dot(twist)
-    value, gradient = error_form(system.twists, twist, pitch, velocity)
+    system, s, pitch = as_system(J).exact, arrays.twist(twist), finite_pitch(h)
+    factored = invert(system, pitch)
+    velocity = factored.inverse.dot(s)
+    value, gradient = error_form(system.twists, s, pitch, velocity)
     # The inertia of J'Q_h J is that of U'Q_h U (J = U C, C of full row rank) and m - r zeros.
     U, r = system.span.basis, system.dimension
     up = int(np.count_nonzero(np.linalg.eigvalsh(U.T.dot(system.form(pitch)).dot(U)) > 0.0))
     signature = (up, r - up, system.twists.shape[1] - r)
-    return StationaryPoint(velocity, value, gradient, signature, found.condition)
+    return StationaryPoint(velocity, value, gradient, signature, factored.condition)
 
 
 def vanishing_pitches(J: ArrayLike, twist: ArrayLike) -> Array:

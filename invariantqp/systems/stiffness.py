@@ -69,13 +69,8 @@ def wrench_pseudoinverse(W: ArrayLike, h: float) -> Array:
     try:
         result: Array = pseudoinverse(swap.dot(wrenches), -pitch).dot(swap)
     except NoPseudoinverse as error:
-        raise NoPseudoinverse(
-            h=pitch,
-            rank=error.rank,
-            gram_rank=error.gram_rank,
-            self_reciprocal=error.self_reciprocal,
-            principal_pitches=-error.principal_pitches,
-        ) from error
+        proof = (error.rank, error.gram_rank, error.self_reciprocal)
+        raise NoPseudoinverse(pitch, *proof, -error.principal_pitches) from error
     return result
 
 
@@ -95,9 +90,9 @@ def platform_stiffness(W: ArrayLike, leg_stiffness: ArrayLike) -> Array:
 def leg_spectrum(W: ArrayLike, h: float, leg_stiffness: ArrayLike | None = None) -> HyperbolicSpectrum:
     """The conditioning of (6, n) unit leg wrenches, the same in every frame: eigenvalues of (W'Q_h^-1 W, diag(1/k)).
 
-    `.condition` tells how near the legs are to singular, `.joint_directions` are leg forces, and `.twists` are the
-    principal wrenches W v_i with their halves swapped: the screws along which they act. h is finite [length/rad], the
-    stiffness k (n,) above zero [force/length], the same for each leg if left out.
+    `.condition` is that of the legs, `.joint_directions` are leg forces, and `.twists` are the screws along which the
+    principal wrenches W v_i act. h is finite [length/rad], the stiffness k (n,) above zero [force/length], by default
+    the same for each leg.
 
     Reference: asked for in [DS] Sect. 7.
     """
@@ -123,15 +118,14 @@ class Eigenscrews(Value):
         values: (r,) r the rank; lambda of K t = lambda Q_0 t [force/rad], or of C w = lambda Q_0 w; descending. Three
             are positive and three negative if K is definite; the sum is zero if K is made of springs along lines.
         screws: (6, r) eigenscrews, mutually reciprocal: twists t of K, wrenches w of C; of unit angular part or force,
-            or of unit translation or moment where that is zero.
+            or, if that is zero, of unit translation or moment.
         pitches: (r,) of the eigenscrews [length/rad].
-        centre: (3,) the point about which the coupling block of K, or of C, is symmetric; None where more than one
-            is. The centres of K and of C = K^-1 generally differ.
+        centre: (3,) the point about which the coupling block of K, or of C, is symmetric; None if it is not unique. The
+            centres of K and of C = K^-1 generally differ.
         translational: (a,) principal stiffnesses against translation [force/length], or compliances, descending.
-        force_axes: (6, a) for each a wrench of unit force: applied alone it moves the body along that force without
-            turning it.
+        force_axes: (6, a) for each a wrench of unit force, which translates the body along that force.
         rotational: (b,) principal stiffnesses against rotation [moment/rad], or compliances, descending.
-        rotation_axes: (6, b) for each a twist of unit angular part: a couple alone along its axis makes it.
+        rotation_axes: (6, b) for each a twist of unit angular part, the displacement by a couple along its axis.
     """
 
     values: Array = field(converter=own)
@@ -149,7 +143,7 @@ def eigenscrews(K: ArrayLike, *, compliance: bool = False) -> Eigenscrews:
 
     Args:
         K: stiffness, wrench (m; f) = K twist (omega; v) for small displacements; or compliance, twist = C wrench.
-        compliance: which of the two it is.
+        compliance: whether K is a compliance.
 
     Raises:
         BadInput: not symmetric, or with a negative eigenvalue: a stiffness under load may have both, and then possibly
@@ -171,8 +165,8 @@ def eigenscrews(K: ArrayLike, *, compliance: bool = False) -> Eigenscrews:
     if not sizes[-1] > 0.0 or sizes[0] < -rounding * sizes[-1]:
         found = f"an eigenvalue {sizes[0] / np.abs(sizes).max():.2g} times the largest" if M.any() else "zeros"
         raise BadInput("K", found, "a positive semidefinite stiffness or compliance", "Take one without load.")
-    kept = sizes > rounding * sizes[-1]
-    B = E[:, kept] * np.sqrt(sizes[kept])
+    positive = sizes > rounding * sizes[-1]
+    B = E[:, positive] * np.sqrt(sizes[positive])
     swap = pitch_form(0.0)
     values, Y = np.linalg.eigh(B.T.dot(swap).dot(B))
     order = np.argsort(-values, kind="stable")
@@ -206,31 +200,33 @@ def _centre(M: Array) -> tuple[Array, bool]:
     B, D = M[:3, 3:], M[3:, 3:]
     skew = B - B.T
     sums, axes = np.linalg.eigh(np.trace(D) * np.eye(3) - D)
-    held = sums > ROUNDING * max(float(sums[-1]), 0.0)
+    fixed = sums > ROUNDING * max(float(sums[-1]), 0.0)
     moment = axes.T.dot((skew[2, 1], skew[0, 2], skew[1, 0]))
-    return axes[:, held].dot(moment[held] / sums[held]), bool(held.all())
+    return axes[:, fixed].dot(moment[fixed] / sums[fixed]), bool(fixed.all())
 
 
-def _length(M: Array, moved: Array, far: float) -> tuple[float, float]:
-    """sqrt(tr A / tr D) about the centre, a distance `far` away, and what rounding is of the largest eigenvalue then.
+def _length(M: Array, moved: Array, distance: float) -> tuple[float, float]:
+    """sqrt(tr A / tr D) about the centre, at a distance from the origin, and the rounding of the largest eigenvalue.
 
-    Where tr A is no more than the rounding of M, or one of the two is zero, the distance or 1 takes the length's place.
+    If tr A is within the rounding of M, or one of the two is zero, the length is the distance or 1.
     """
     given, a, d = (float(np.trace(block)) for block in (M[:3, :3], moved[:3, :3], moved[3:, 3:]))
-    terms = abs(given) + far * far * abs(d)
-    length = float(np.sqrt(a / d)) if a > ROUNDING * terms and d * LENGTH_LIMIT**2 > a else far if d > 0.0 else 1.0
+    terms = abs(given) + distance * distance * abs(d)
+    length = distance if d > 0.0 else 1.0
+    if a > ROUNDING * terms and d * LENGTH_LIMIT**2 > a:
+        length = float(np.sqrt(a / d))
     length = length or 1.0
-    return length, max(ROUNDING, ROUNDING_ERROR * (terms + far * length * abs(d)) / max(a, length**2 * d, TINY))
+    return length, max(ROUNDING, ROUNDING_ERROR * (terms + distance * length * abs(d)) / max(a, length**2 * d, TINY))
 
 
 def _families(M: Array, least: float) -> tuple[Array, Array, Array, Array]:
     """D n = d n with the images M (0; n) / d, and (A - B D^+ B') n = a n with the arguments (n; -D^+ B' n)."""
     A, B, D = M[:3, :3], M[:3, 3:], M[3:, 3:]
     d, N = np.linalg.eigh(D)
-    kept = d > least
-    d, N = d[kept][::-1], N[:, kept][:, ::-1]
+    positive = d > least
+    d, N = d[positive][::-1], N[:, positive][:, ::-1]
     inverse = (N / d).dot(N.T)
     a, H = np.linalg.eigh(A - B.dot(inverse).dot(B.T))
-    some = a > least
-    a, H = a[some][::-1], H[:, some][:, ::-1]
+    positive = a > least
+    a, H = a[positive][::-1], H[:, positive][:, ::-1]
     return d, np.vstack((B.dot(N) / d, N)), a, np.vstack((H, -inverse.dot(B.T).dot(H)))

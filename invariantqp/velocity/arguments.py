@@ -53,8 +53,8 @@ def measure_of(
     if isinstance(point, str) and point != "own":
         raise BadInput("point", excerpt(point), '"own" or (3,) in the frame of J')
     named = point is not None and not isinstance(point, str)
-    p = sizes.not_too_far(arrays.vector(point, 3, "point")) if named else own_point(J, s)  # type: ignore[arg-type]
-    L = length_at(J, p, s) if length is None else sizes.usual_length(length)
+    p = sizes.bounded_points(arrays.vector(point, 3, "point")) if named else own_point(J, s)  # type: ignore[arg-type]
+    L = length_at(J, p, s) if length is None else sizes.bounded_length(length)
     if isinstance(form, CarriedMetric):
         return Measure(form.root(), p, L, None)
     return Measure(root_at(p, L), p, L, form)

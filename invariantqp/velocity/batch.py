@@ -121,7 +121,7 @@ def solve_velocities(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityO
         "point": point if isinstance(point, str) else None,
     }
     fields = checked(m, common)
-    fields |= {"lower": lower, "upper": upper, "length": None if length is None else sizes.usual_length(length)}
+    fields |= {"lower": lower, "upper": upper, "length": None if length is None else sizes.bounded_length(length)}
     fields["metric"] = None if metric is None else arrays.positive_definite(metric, m, "joint_metric")
     if options.get("backend") is None:
         velocity, residual, numbers = law.solve_rows(twists, s, **fields, **rows, threads=cpu_count())
@@ -146,12 +146,12 @@ def _check(twists: Array, s: Array, lower: Array, upper: Array, rows: dict[str, 
     Raises:
         BadInput: NaN, sizes that cannot be computed with, crossed bounds.
     """
-    sizes.usual_rows(_finite(twists, "J"))
-    sizes.not_too_fast(_finite(s, "twist"))
+    sizes.bounded_jacobians(_finite(twists, "J"))
+    sizes.bounded_twists(_finite(s, "twist"))
     if rows["posture"] is not None:
         _finite(rows["posture"], "posture")
     if rows["points"] is not None:
-        sizes.not_too_far(_finite(rows["points"], "point"))
+        sizes.bounded_points(_finite(rows["points"], "point"))
     wrong = ~(lower <= upper) | (lower == np.inf) | (upper == -np.inf)  # NaN is not below anything either
     if wrong.any():
         i, j = (int(k) for k in np.argwhere(wrong)[0])

@@ -111,7 +111,7 @@ def solve_velocity(J: ArrayLike, twist: ArrayLike, **options: Unpack[VelocityOpt
         except (ValueError, TypeError, AttributeError, KeyError):
             pass
         except ArithmeticError:
-            raise no_projector(sizes.joint_twists(J), form_of(options.get("form"))) from None
+            raise no_projector(sizes.bounded_jacobian(J), form_of(options.get("form"))) from None
     return _checked_solution(J, twist, options)
 
 
@@ -248,7 +248,7 @@ def _checked_limits(m: int, options: Mapping[str, Any]) -> dict[str, Any]:
 
 def _checked_solution(J: ArrayLike, twist: ArrayLike, options: VelocityOptions) -> VelocitySolution:
     """The solution for arguments of any kind."""
-    twists, s = sizes.joint_twists(J), sizes.not_too_fast(arrays.twist(twist))
+    twists, s = sizes.bounded_jacobian(J), sizes.bounded_twists(arrays.twist(twist))
     check_joints(twists.shape[1])
     fields, form, backend = checked(twists.shape[1], options), form_of(options.get("form")), options.get("backend")
     measure = measure_of(twists, s, form, options.get("point"), options.get("length"))

@@ -82,7 +82,7 @@ class TwistTask(Value):
         Raises:
             BadInput: NaN, shapes that do not fit, a weight that is not positive, something that is no form or point.
         """
-        twists, wanted, chosen = sizes.joint_twists(J), sizes.not_too_fast(arrays.twist(twist)), form_of(form)
+        twists, wanted, chosen = sizes.bounded_jacobian(J), sizes.bounded_twists(arrays.twist(twist)), form_of(form)
         measure = measure_of(twists, wanted, chosen, point, None)
         share, level = arrays.number(weight, "weight", positive=True), arrays.count(priority, "priority")
         self.__attrs_init__(twists, wanted, chosen, share, level, measure.point, measure)

@@ -812,7 +812,7 @@ def test_the_unit_of_length_changes_no_velocity(panda, acceleration):
         link = next(link for link in panda.links if link.name == name)
         bodies[small.names[link.body - 1]] = bodies.get(small.names[link.body - 1], [])
         for shape in shapes:
-            T, half = link.frame @ shape.place, shape.half[2] * link.frame[:3, :3] @ shape.place[:3, 2]
+            T, half = link.frame @ shape.placement, shape.half[2] * link.frame[:3, :3] @ shape.placement[:3, 2]
             ends = T[:3, 3] - half, T[:3, 3] + half
             bodies[small.names[link.body - 1]].append(Capsule(*(unit * end for end in ends), unit * shape.radius))
     options = {"dt": DT, "acceleration_limit": acceleration}
@@ -1044,7 +1044,7 @@ def test_a_shape_stays_what_it_is():
     with pytest.raises(AttributeError, match="move"):
         ball.radius = 0.2
     ball.move(iq.transform(translation=[0, 0, 1.0]))
-    np.testing.assert_array_equal((ball.pose @ ball.place)[:3, 3], [0.1, 0, 1.0])
+    np.testing.assert_array_equal((ball.pose @ ball.placement)[:3, 3], [0.1, 0, 1.0])
     assert "sphere" in repr(ball)
 
 

@@ -177,6 +177,6 @@ def test_without_coal_a_mesh_is_refused_with_what_to_install():
 def test_what_its_library_raises_comes_through(ur5):
     block = Mesh(CORNERS, iq.transform(translation=[0.5, 0, 0.2]), hull=True)
     limit = Clearance(ur5, None, [block])
-    broken = patch.object(type(block.solid), "places", side_effect=RuntimeError("no mesh"))
+    broken = patch.object(type(block.mesh), "distances", side_effect=RuntimeError("no mesh"))
     with broken, pytest.raises(RuntimeError, match="no mesh"):
         limit.at(START)

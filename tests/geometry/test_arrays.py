@@ -88,7 +88,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_every_refusal_says_what_was_found_and_what_was_expected(case):
+def test_bad_input_says_what_was_found_and_expected(case):
     call, argument, found = REFUSED[case]
     with pytest.raises(iq.BadInput) as caught:
         call()
@@ -101,12 +101,12 @@ def test_every_refusal_says_what_was_found_and_what_was_expected(case):
     assert isinstance(error, iq.InvariantQPError)
 
 
-def test_a_transposed_jacobian_is_told_so():
+def test_the_error_of_a_transposed_jacobian_says_so():
     with pytest.raises(iq.BadInput, match=r"Transpose it\."):
         arrays.columns(np.zeros((4, 6)))
 
 
-def test_infinity_passes_where_it_is_asked_for():
+def test_infinity_is_accepted_on_request():
     assert arrays.number(INF, "h", infinite=True) == INF
     assert arrays.number(np.float32("-inf"), "h", infinite=True) == -INF
     with pytest.raises(iq.BadInput):
@@ -122,7 +122,7 @@ def test_fractions_and_decimals_are_numbers():
     assert arrays.number(Fraction(1, 2), "h") == 0.5
 
 
-def test_a_checked_array_is_the_callers():
+def test_a_float_array_is_not_copied():
     q = np.arange(3.0)
     assert arrays.vector(q, 3, "q") is q
 
@@ -139,18 +139,18 @@ def test_large_finite_numbers_are_not_taken_for_infinite():
 
 
 @pytest.mark.parametrize("parts", [[0.4, 0, 0.5], [0, 0, 0, 1.0], [0.4, 0, 0.5, 0, 0, 0, 1.0]])
-def test_parts_of_a_pose_are_told_how_to_become_one(parts):
+def test_the_error_of_parts_of_a_pose_says_how_to_make_one(parts):
     with pytest.raises(iq.BadInput, match=r"iq\.transform\(rotation, position\) makes one; .*from_quat"):
         arrays.pose(parts, "target")
 
 
-def test_a_pose_without_its_last_row_is_told_how_to_have_it():
+def test_the_error_of_a_pose_without_last_row_says_how_to_add_it():
     expected = r"target: found shape \(3, 4\); expected a \(4, 4\) .* np\.vstack\(\(T, \[0, 0, 0, 1\]\)\)"
     with pytest.raises(iq.BadInput, match=expected):
         arrays.pose(np.eye(4)[:3], "target")
 
 
-def test_a_rotation_may_be_scipys_and_a_quaternion_is_told_how_to_become_one():
+def test_scipy_rotations_are_accepted_and_quaternions_refused():
     turned = Rotation.from_rotvec((0.1, -0.4, 0.3))
     np.testing.assert_array_equal(iq.transform(turned)[:3, :3], turned.as_matrix())
     with pytest.raises(iq.BadInput, match=r"quaternion's rotation .*from_quat"):

@@ -7,7 +7,7 @@ import pytest
 from support.repeats import repeats
 
 from invariantqp.engine import law
-from invariantqp.geometry.distance import Placed, places
+from invariantqp.geometry.distance import CollisionObject, distances
 from invariantqp.geometry.se3 import transform
 from invariantqp.geometry.shapes import Box, Capsule, Core, HalfSpace, Shape, Sphere
 
@@ -34,13 +34,13 @@ def made(kind, rng, spread=0.35):
     return HalfSpace(p, R[:, 0])
 
 
-def placed(shape: Shape) -> Placed:
-    return Placed(shape.core, shape.radius, shape.half, shape.pose.dot(shape.place))
+def placed(shape: Shape) -> CollisionObject:
+    return CollisionObject(shape.core, shape.radius, shape.half, shape.pose.dot(shape.placement))
 
 
 def by_coal(a: Shape, b: Shape) -> float:
     def of(shape):
-        T = shape.pose.dot(shape.place)
+        T = shape.pose.dot(shape.placement)
         if shape.core is Core.SEGMENT:
             length = 2.0 * float(shape.half[2])
             made = coal.Capsule(shape.radius, length) if length > 0.0 else coal.Sphere(shape.radius)
@@ -57,7 +57,7 @@ def by_coal(a: Shape, b: Shape) -> float:
 def by_mujoco(a: Shape, b: Shape) -> float:
     geoms = ""
     for i, shape in enumerate((a, b)):
-        T = shape.pose.dot(shape.place)
+        T = shape.pose.dot(shape.placement)
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T[:3, :3]).ravel())
         kind, size = "box", shape.half
@@ -78,9 +78,9 @@ def test_distances_are_those_of_coal_and_mujoco(one, other):
     apart = inside = 0
     for _ in range(repeats(1000, 80)):
         a, b = made(one, rng), made(other, rng)
-        near = places(placed(a), placed(b))
+        near = distances(placed(a), placed(b))
         d = near[0].distance
-        assert places(placed(b), placed(a))[0].distance == pytest.approx(d, abs=1e-14)
+        assert distances(placed(b), placed(a))[0].distance == pytest.approx(d, abs=1e-14)
         assert [place.distance for place in near] == sorted(place.distance for place in near)
         reference = by_coal(a, b)
         # coal's and MuJoCo's general solvers end at 1e-6 where boxes are involved.
@@ -92,7 +92,7 @@ def test_distances_are_those_of_coal_and_mujoco(one, other):
     assert inside > 3
 
 
-def core_distance(placed: Placed, x: np.ndarray) -> float:
+def core_distance(placed: CollisionObject, x: np.ndarray) -> float:
     """How far a point is from a core, 0 inside."""
     y = placed.pose[:3, :3].T @ (x - placed.pose[:3, 3])
     if placed.core is Core.HALF_SPACE:
@@ -101,11 +101,11 @@ def core_distance(placed: Placed, x: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)
-def test_each_place_is_a_point_of_either_core_and_the_line_between_them(one, other):
+def test_each_distance_joins_points_of_the_two_cores(one, other):
     rng, apart = np.random.default_rng(40 + 4 * KINDS.index(one) + KINDS.index(other)), 0
     for _ in range(repeats(500, 40)):
         a, b = placed(made(one, rng)), placed(made(other, rng))
-        for place in places(a, b):
+        for place in distances(a, b):
             thick = a.radius + b.radius
             assert np.linalg.norm(place.normal) == pytest.approx(1.0, abs=1e-12)
             if place.distance + thick <= 1e-9:
@@ -122,22 +122,22 @@ def test_a_frame_changes_no_distance_and_turns_normals_and_points():
         a, b = placed(made(one, rng)), placed(made(other, rng))
         X = transform(rotation(rng), rng.uniform(-2.0, 2.0, 3))
         moved = (p._replace(pose=X @ p.pose) for p in (a, b))
-        near, seen = places(a, b)[0], places(*moved)[0]
-        assert seen.distance == pytest.approx(near.distance, abs=1e-12)
-        if near.distance > 1e-3:
-            np.testing.assert_allclose(seen.normal, X[:3, :3] @ near.normal, atol=1e-9)
+        here, there = distances(a, b)[0], distances(*moved)[0]
+        assert there.distance == pytest.approx(here.distance, abs=1e-12)
+        if here.distance > 1e-3:
+            np.testing.assert_allclose(there.normal, X[:3, :3] @ here.normal, atol=1e-9)
 
 
-def test_shapes_without_a_size_have_numbers_and_half_spaces_no_distance():
+def test_degenerate_shapes_have_finite_distances():
     point, sheet = Sphere([0, 0, 0.3], 0.0), Box(np.eye(4), [0.2, 0.2, 0.0])
-    assert places(placed(point), placed(sheet))[0].distance == pytest.approx(0.3, abs=1e-15)
+    assert distances(placed(point), placed(sheet))[0].distance == pytest.approx(0.3, abs=1e-15)
     same = [point, sheet, Box(np.eye(4), [0, 0, 0]), Capsule([0, 0, 0], [0, 0, 0], 0.0)]
     for a in same:
         for b in same:
-            for place in places(placed(a), placed(b)):
+            for place in distances(placed(a), placed(b)):
                 assert np.isfinite((place.distance, *place.normal, *place.point)).all()
     floor = placed(HalfSpace([0, 0, 0], [0, 0, 1]))
-    assert places(floor, floor) == []
+    assert distances(floor, floor) == []
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_shapes_without_a_size_have_numbers_and_half_spaces_no_distance():
     [np.zeros(16), np.zeros(18), np.zeros((17, 1)), np.full(17, np.nan), np.full(17, 1j), np.zeros(0), None, "shape",
      np.r_[5.0, np.zeros(16)], np.r_[0.5, np.zeros(16)], np.r_[3.0, np.zeros(16)], np.r_[0.0, -1.0, np.zeros(15)]],
 )  # fmt: skip
-def test_what_is_no_shape_is_refused(wrong):
+def test_the_engine_refuses_bad_shapes(wrong):
     good = placed(Sphere([0, 0, 0], 0.1)).numbers
     for two in ((wrong, good), (good, wrong)):
         with pytest.raises((ValueError, TypeError)):

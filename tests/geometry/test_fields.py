@@ -1,4 +1,4 @@
-"""Frozen values with arrays: what is kept, compared, hashed and shown."""
+"""Frozen values with arrays: copies, comparison, hash and repr."""
 
 import copy
 import pickle
@@ -33,7 +33,7 @@ class Old:
     a: np.ndarray
 
 
-def test_a_value_is_checked_and_keeps_its_own():
+def test_a_value_checks_and_copies_its_arguments():
     normal = np.array([0.0, 0.0, 1.0])
     plane = Plane(normal, 2)
     normal[0] = 9.0
@@ -51,14 +51,14 @@ def test_equal_values_are_equal_and_hash_alike():
 
 
 @pytest.mark.parametrize("travel", [copy.copy, copy.deepcopy, lambda v: pickle.loads(pickle.dumps(v))])
-def test_a_value_travels_and_stays_read_only(travel):
+def test_a_copied_or_pickled_value_is_read_only(travel):
     there = travel(Plane([0, 0, 1]))
     assert there == Plane([0, 0, 1])
     with pytest.raises(ValueError, match="read-only"):
         there.normal[0] = 1.0
 
 
-def test_a_result_compares_arrays_in_tuples_and_leaves_out_what_it_is_told_to():
+def test_comparison_of_arrays_in_tuples_without_excluded_fields():
     one, two = (Answer(np.ones(2), (np.zeros(3), Old(np.ones(2))), note) for note in ("one", "two"))
     assert one == two
     assert one != Answer(np.ones(2), (np.zeros(3), Old(np.zeros(2))), "one")

@@ -13,7 +13,7 @@ EXAMPLES = settings(deadline=None, derandomize=True, max_examples=60)
 
 @EXAMPLES
 @given(DIRECTION, POINT, st.floats(-5.0, 5.0))
-def test_pitch_and_axis_come_back(u, q, h):
+def test_pitch_and_axis_of_a_helical_joint(u, q, h):
     s = iq.se3.helical(u, q, h)
     assert iq.se3.pitch(s) == pytest.approx(h, abs=1e-13 * (1.0 + np.abs(q).max()))
     direction, point = iq.se3.axis(s)
@@ -24,7 +24,7 @@ def test_pitch_and_axis_come_back(u, q, h):
 
 @EXAMPLES
 @given(DIRECTION, POINT)
-def test_a_hinge_keeps_its_axis_at_rest_and_a_slide_turns_nothing(u, q):
+def test_revolute_and_prismatic_joints(u, q):
     hinge, slide = iq.revolute(u, q), iq.se3.prismatic(u)
     np.testing.assert_allclose(hinge[3:] + np.cross(hinge[:3], q), 0.0, atol=1e-13)
     assert iq.se3.pitch(hinge) == pytest.approx(0.0, abs=1e-13)
@@ -65,3 +65,20 @@ def test_a_pitch_too_large_to_square_is_still_a_pitch():
 def test_infinite_pitch_of_either_sign_is_the_slide():
     np.testing.assert_array_equal(iq.se3.helical((0, 2, 0), (1, 1, 1), np.inf), iq.se3.prismatic((0, 1, 0)))
     np.testing.assert_array_equal(iq.se3.helical((0, 2, 0), (1, 1, 1), -np.inf), iq.se3.prismatic((0, 1, 0)))
+
+
+def test_magnitude_pitch_and_axis_of_twists_and_wrenches():
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        u, p, h, size = rng.normal(size=3), rng.normal(size=3), rng.normal(), rng.uniform(0.1, 5.0)
+        s = size * iq.se3.helical(u, p, h)
+        for found in (iq.se3.screw_of(s), iq.se3.screw_of_wrench(np.concatenate((s[3:], s[:3])))):
+            assert (found.magnitude, found.pitch) == (pytest.approx(size), pytest.approx(h))
+            np.testing.assert_allclose(found.direction, u / np.linalg.norm(u), atol=1e-12)
+            np.testing.assert_allclose(np.cross(p - found.point, found.direction), 0.0, atol=1e-10)
+    couple = iq.se3.screw_of_wrench([0, 0, 3, 0, 0, 0])
+    assert (couple.magnitude, couple.pitch, couple.point) == (3.0, np.inf, None)
+    slide = iq.se3.screw_of([0, 0, 0, 0, 2, 0])
+    assert (slide.magnitude, slide.pitch, slide.direction.tolist()) == (2.0, np.inf, [0, 1, 0])
+    with pytest.raises(iq.BadInput, match="wrench"):
+        iq.se3.screw_of_wrench(np.zeros(5))

@@ -24,7 +24,7 @@ ARM = """<mujoco><compiler angle="radian"/><worldbody><geom name="floor" type="p
 
 def off(shape, points):
     """How far points (n, 3) stick out of a capsule or a box."""
-    local = (points - shape.place[:3, 3]) @ shape.place[:3, :3]
+    local = (points - shape.placement[:3, 3]) @ shape.placement[:3, :3]
     return np.linalg.norm(local - np.clip(local, -shape.half, shape.half), axis=1) - shape.radius
 
 
@@ -209,7 +209,7 @@ def test_meshes_and_balls_of_an_mjcf():
     bar, (ball,) = found["a"], found["b"]
     assert np.min([off(one, corners) for one in bar], axis=0).max() < 1e-6
     assert sum(map(volume, bar)) < 1.01 * 0.3 * 0.08 * 0.08
-    assert (ball.radius, ball.place[:3, 3].tolist()) == (0.05, [0.1, 0.0, 0.0])
+    assert (ball.radius, ball.placement[:3, 3].tolist()) == (0.05, [0.1, 0.0, 0.0])
 
 
 # Another tool
@@ -220,7 +220,7 @@ TIP = iq.exp([0.3, 0.2, 0.1, 0.02, -0.03, 0.2])
 
 
 def same_shape(one, other):
-    np.testing.assert_allclose(one.place, other.place, atol=1e-15)
+    np.testing.assert_allclose(one.placement, other.placement, atol=1e-15)
     np.testing.assert_allclose([*one.half, one.radius], [*other.half, other.radius], atol=1e-15)
     return type(one) is type(other)
 

@@ -41,7 +41,7 @@ ALGEBRA = {
         for name in ("adjoint", "coadjoint", "inverse", "log")
     },
     "exp": lambda: (iq.exp, {"twist": TWIST, "check": True}),
-    "bracket": lambda: (iq.se3.bracket, {"first": TWIST, "second": TWIST}),
+    "bracket": lambda: (iq.se3.bracket, {"first": TWIST, "second": TWIST, "check": True}),
     "transform": lambda: (iq.transform, {"rotation": np.eye(3), "translation": POINT}),
     "pitch_form": lambda: (iq.pitch_form, {"h": H}),
     "pitch_form_inverse": lambda: (iq.pitch_form_inverse, {"h": H}),

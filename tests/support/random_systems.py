@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import invariantqp as iq
 from invariantqp.systems.classification import normal_form
@@ -26,6 +27,9 @@ MODULUS_NAMES = {
     (3, "IID"): (),
 }
 CLASSES = sorted(MODULUS_NAMES)
+every_class = pytest.mark.parametrize("key", CLASSES, ids=[f"{k}-{n}" for k, n in CLASSES])
+# Three parallel hinges: no pitch works.
+PLANAR = np.column_stack([iq.revolute((0, 0, 1), p) for p in ((0, 0, 0), (0.4, 0, 0), (0.7, 0.3, 0))])
 DISTINCT = {(2, "IA"), (3, "IA1"), (3, "IA2"), (3, "IB3")}  # whose pitches must differ
 WITHOUT = {"h=inf", "IC", "IIC", "IID", "IB3"}  # and IIB, of either dimension: no h works
 

@@ -16,5 +16,5 @@ ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD="$runtime" \
     tests/velocity/test_batch.py tests/velocity/test_several.py tests/control/test_frame_cost.py \
     tests/control/test_clearance_engine.py tests/control/test_clearance_at_first.py tests/geometry/test_distance.py \
     tests/control/test_loop.py tests/pose/test_search.py tests/pose/test_poses.py tests/robots/test_chain.py \
-    tests/systems/test_projectors.py tests/systems/test_pseudoinverses.py::test_the_engine_answers_what_is_well_conditioned \
+    tests/systems/test_projectors.py tests/systems/test_pseudoinverses.py::test_the_engine_inverts_well_conditioned_systems \
     tests/paths/test_joint_motion.py tests/paths/test_override.py tests/force/test_hybrid.py

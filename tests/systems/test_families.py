@@ -86,7 +86,7 @@ def test_axes_of_one_pitch_lie_on_its_quadric(name):
         assert np.append(r, 1.0) @ field.quadric(h) @ np.append(r, 1.0) == pytest.approx(determinant, abs=1e-9)
 
 
-def test_what_has_no_family_or_no_quadric_says_so():
+def test_systems_without_a_family_or_quadric_are_refused():
     rng = np.random.default_rng(6)
     for make, J in ((cylindroid, rng.normal(size=(6, 3))), (pitch_field, rng.normal(size=(6, 2)))):
         with pytest.raises(iq.BadInput, match="-system"):

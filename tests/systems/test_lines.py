@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.random_systems import CLASSES, distance, motion, sample
+from support.random_systems import distance, every_class, motion, sample
 
 import invariantqp as iq
+from invariantqp.systems.classification import normal_form
 from invariantqp.systems.lines import alpha_plane, beta_plane, null_plane
 
 Q0 = iq.pitch_form(0.0)
@@ -113,86 +114,41 @@ def test_three_lines_are_in_involution_where_two_are_coplanar():
         assert not found.holds
 
 
-def test_four_lines_that_all_meet_a_pencil():
-    # Two in a plane, two through a point of it: reciprocal to a plane pencil (IIA with h = 0).
-    rng = np.random.default_rng(4)
-    p, a, b = rng.normal(size=(3, 3))
-    J = np.array(
-        [
-            iq.revolute(a, p + 0.7 * b),
-            iq.revolute(b - 0.3 * a, p + 0.4 * a),
-            iq.revolute(rng.normal(size=3), p),
-            iq.revolute(rng.normal(size=3), p),
-        ]
-    ).T
-    found = iq.involution(J)
-    check(J, found)
-    assert (found.rank, found.transversal_count, found.double) == (4, inf, False)
-    assert found.transversals.shape == (6, 2)
-    kind = iq.gibson_hunt(J)
-    assert (str(kind), kind.moduli) == ("IIA", (pytest.approx(0.0, abs=1e-9),))
+# The table of lines.py: reciprocal, transversals, those at infinity, whether one is double, whether in involution.
+OF_FOUR_LINES = [
+    ("IA", (-0.5, 0.25), 2, 0, False, False),
+    ("IA", (0.25, 0.5), 0, 0, False, False),
+    ("IIA", (0.5,), 0, 0, False, False),
+    ("IB", (0.5,), 1, 1, False, False),
+    ("IA", (0.0, 0.5), 1, 0, True, True),
+    ("IIB", (0.7,), 0, 1, True, True),
+    ("IIA", (0.0,), inf, 0, False, True),
+    ("IIB", (0.0,), inf, 0, False, True),
+]
 
 
-@pytest.mark.parametrize("q", [0.3, 1.0, -2.0])
-def test_four_lines_with_one_double_transversal(q):
-    J = np.array([(1, 0, 1, 0, 0, 0), (0, 0, 1, 0, 0, 0), (0, 1, 1, 0, -q, q), (0, -1, 1, 0, q, q)], dtype=float).T
-    J = iq.adjoint(motion(np.random.default_rng(5))) @ J
-    found = iq.involution(J)
-    check(J, found)
-    assert (found.rank, found.transversal_count, found.double) == (4, 1, True)
-    kind = iq.gibson_hunt(J)
-    assert str(kind) == "IA"
-    assert min(abs(h) for h in kind.moduli) < 1e-9
-
-
-def parallel_to_a_plane(rng, pitch):
-    """Four lines parallel to z = 0 at heights (a + b t) / (pitch t - q), t the slope of each: R is IIB of some pitch.
-
-    A screw (u; w) along the plane is reciprocal to the line of direction d at height c iff d.w + c (z x d).u = 0,
-    wherever the line is moved along the plane.
-    """
-    u, across = rng.normal(size=2), rng.normal()
-    w = pitch * u + across * np.array([-u[1], u[0]])
-    lines = []
-    for angle in rng.uniform(0.0, np.pi, size=4):
-        d = np.array([np.cos(angle), np.sin(angle)])
-        height = -d @ w / (np.array([-d[1], d[0]]) @ u)
-        lines.append(iq.revolute((*d, 0.0), (*rng.normal(size=2), height)))
-    return np.array(lines).T
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_four_lines_with_one_double_transversal_at_infinity(seed):
-    """They have no h-pseudoinverse for any h, and no line meets all four."""
-    rng = np.random.default_rng(seed)
-    J = iq.adjoint(motion(rng)) @ parallel_to_a_plane(rng, 0.7)
-    found = iq.involution(J)
-    check(J, found)
-    assert (found.rank, found.transversal_count, found.double) == (4, 0, True)
-    assert found.at_infinity.shape == (6, 1)
-    kind = iq.gibson_hunt(J)
-    assert (str(kind), kind.moduli) == ("IIB", (pytest.approx(0.7, abs=1e-6),))
-    for h in (-1.3, 0.0, 0.4):
-        assert not iq.has_pseudoinverse(J, h)
-
-
-@pytest.mark.parametrize(("pitches", "count"), [((-0.5, 0.25), 2), ((0.25, 0.5), 0), ((0.5, 0.5), 0), ((0.0, 0.5), 1)])
-def test_the_transversals_of_a_type_a_reciprocal_are_real_for_pitches_of_opposite_sign(pitches, count):
+@pytest.mark.parametrize(("name", "moduli", "count", "at_infinity", "double", "holds"), OF_FOUR_LINES)
+def test_four_lines_by_the_type_of_their_reciprocal(name, moduli, count, at_infinity, double, holds):
     """Four lines of the 4-system reciprocal to a given 2-system, found by solving for pitch 0 in it."""
     rng = np.random.default_rng(11)
-    R = np.array([(1, 0, 0, pitches[0], 0, 0), (0, 1, 0, 0, pitches[1], 0)]).T
-    S = iq.reciprocal(R)
-    lines = []
-    while len(lines) < 4:
-        a, b = S @ rng.normal(size=4), S @ rng.normal(size=4)
-        quadratic = [b @ Q0 @ b, 2.0 * (a @ Q0 @ b), a @ Q0 @ a]
-        roots = np.roots(quadratic)
-        if np.isreal(roots).all():
-            lines.append(a + roots[0].real * b)
-    found = iq.involution(np.array(lines).T)
-    assert (found.rank, found.transversal_count) == (4, count)
-    assert found.holds is (0.0 in pitches)
-    assert found.double is (0.0 in pitches)
+    S = iq.adjoint(motion(rng)) @ iq.reciprocal(normal_form(2, name, moduli))
+    for _ in range(5):
+        lines = []
+        while len(lines) < 4:
+            a, b = S @ rng.normal(size=4), S @ rng.normal(size=4)
+            roots = np.roots([b @ Q0 @ b, 2.0 * (a @ Q0 @ b), a @ Q0 @ a])
+            line = a + rng.choice(roots).real * b
+            if np.isreal(roots).all() and np.linalg.matrix_rank([*lines, line], tol=1e-2) > len(lines):
+                lines.append(line)
+        J = np.array(lines).T
+        found, kind = iq.involution(J), iq.gibson_hunt(J)
+        assert (str(kind), kind.moduli) == (name, pytest.approx(moduli, abs=1e-6))
+        assert (found.rank, found.transversal_count, found.double, found.holds) == (4, count, double, holds)
+        assert found.transversals.shape[1] + found.at_infinity.shape[1] == min(count, 2) + at_infinity
+        assert count == inf or found.at_infinity.shape[1] == at_infinity
+        assert any(iq.has_pseudoinverse(J, h) for h in (-1.3, 0.0, 0.4)) is (name != "IIB")
+        if holds:
+            check(J, found)
 
 
 def test_five_lines_parallel_to_a_plane_have_their_transversal_at_infinity():
@@ -202,22 +158,6 @@ def test_five_lines_parallel_to_a_plane_have_their_transversal_at_infinity():
     found = iq.involution(J)
     check(J, found)
     assert (found.rank, found.transversal_count, found.double, found.at_infinity.shape) == (5, 0, False, (6, 1))
-
-
-def test_four_lines_with_one_transversal_and_one_at_infinity():
-    # Reciprocal to an IB system: [DS] counts the single finite transversal.
-    rng = np.random.default_rng(6)
-    lines = []
-    for _ in range(4):  # meets the x axis, and across (1, 0.5, 0)
-        u = rng.normal(size=3)
-        u[0] = -0.5 * u[1]
-        lines.append(iq.revolute(u, (rng.normal(), 0.0, 0.0)))
-    J = np.array(lines).T
-    found = iq.involution(J)
-    assert not found.holds
-    assert (found.transversal_count, found.double, found.at_infinity.shape) == (1, False, (6, 1))
-    np.testing.assert_allclose(np.abs(found.transversals[:, 0]), [1, 0, 0, 0, 0, 0], atol=1e-12)
-    assert str(iq.gibson_hunt(J)) == "IB"
 
 
 def test_five_lines_are_in_involution_where_they_share_a_transversal():
@@ -267,7 +207,7 @@ def test_no_frame_matters():
     assert there.transversal_count == here.transversal_count
 
 
-def test_what_is_not_a_line_is_refused():
+def test_twists_that_are_no_lines_are_refused():
     rng = np.random.default_rng(10)
     a = line(rng)
     for other, words in [
@@ -299,7 +239,7 @@ def planes(rng, h):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, h=PITCHES)
-def test_their_screws_are_the_ones_they_are_named_for(seed, h):
+def test_null_planes_contain_the_screws_of_their_definition(seed, h):
     rng = np.random.default_rng(seed)
     p, q, u, n = rng.normal(size=(4, 3))
     for s in (alpha_plane(p, h).basis @ rng.normal(size=(3, 4))).T:
@@ -319,7 +259,7 @@ def test_their_screws_are_the_ones_they_are_named_for(seed, h):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, h=PITCHES)
-def test_each_is_its_own_h_reciprocal_and_has_no_h_pseudoinverse(seed, h):
+def test_null_planes_are_self_reciprocal_without_an_h_pseudoinverse(seed, h):
     rng = np.random.default_rng(seed)
     for name, plane in planes(rng, h).items():
         S = plane.basis
@@ -331,7 +271,7 @@ def test_each_is_its_own_h_reciprocal_and_has_no_h_pseudoinverse(seed, h):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, h=PITCHES)
-def test_two_families(seed, h):
+def test_null_planes_of_the_two_families_meet_in_different_dimensions(seed, h):
     """Planes of one family meet in one screw, planes of different families in none or in a pencil."""
     rng = np.random.default_rng(seed)
     found = [*planes(rng, h).values(), *list(planes(rng, h).values())[:3]]
@@ -347,7 +287,7 @@ def test_two_families(seed, h):
 
 @settings(max_examples=60, deadline=None)
 @given(seed=SEEDS, h=PITCHES, unit=st.sampled_from([1e-3, 1.0, 1e3]))
-def test_they_are_recognised_wherever_they_are(seed, h, unit):
+def test_null_planes_are_recognised_in_every_frame_and_unit(seed, h, unit):
     rng = np.random.default_rng(seed)
     T = motion(rng, 1.0)
     for name, plane in planes(rng, h).items():
@@ -361,13 +301,13 @@ def test_they_are_recognised_wherever_they_are(seed, h, unit):
             assert found.h == pytest.approx(unit * h, abs=1e-6 * unit)
 
 
-@pytest.mark.parametrize("key", CLASSES, ids=lambda c: f"{c[0]}-{c[1]}")
-def test_no_other_system_is_one(key):
+@every_class
+def test_systems_of_other_types_are_no_null_planes(key):
     J, _ = sample(np.random.default_rng(1), key)
     assert (null_plane(J) is not None) == (key in {(3, "IIA"), (3, "IIB"), (3, "IIC"), (3, "IID")})
 
 
-def test_those_that_are_groups_of_motions_close_under_the_bracket():
+def test_null_planes_that_are_lie_algebras_close_under_the_bracket():
     """A spherical wrist, planar motion with a pitch, and slides do; hinges in a plane and bolts at a point do not."""
 
     def closed(plane):

@@ -148,7 +148,7 @@ def test_the_platform_moves_as_every_limb_does():
         np.testing.assert_allclose(held.T @ named, 0.0, atol=1e-7 * (1.0 + np.abs(named).max()))
 
 
-def test_what_is_held_says_nothing_and_a_rigid_limb_holds_all():
+def test_rigid_limbs_and_fixed_platforms():
     assert [c.kind for c in limb_constraints(np.zeros((6, 0)))] == ["force"] * 3 + ["couple"] * 3
     assert limb_constraints(np.eye(6)) == ()
     held = mobility([np.zeros((6, 0)), np.eye(6)])
@@ -159,17 +159,17 @@ def test_what_is_held_says_nothing_and_a_rigid_limb_holds_all():
         mobility([np.eye(6), np.eye(5)])
 
 
-def test_words():
+def test_freedoms_and_constraints_in_words():
     hinge = iq.revolute((0, 0, 1), (1, 0, 0))
     words = {str(c) for c in limb_constraints(hinge)}
     assert "force along (0, 0, 1) through (1, 0, 0)" in words
     assert "couple about (1, 0, 0)" in words
     bolt = mobility([iq.se3.helical((0, 0, 1), pitch=0.01)]).freedoms
     assert [str(f) for f in bolt] == ["screw of pitch 0.01 along (0, 0, 1) through (0, 0, 0)"]
-    said = str(mobility([hinge, hinge])).split("\n")
-    assert said[0] == "1 degrees of freedom, 5 redundant constraints"
-    assert said[1] == "platform: rotation about (0, 0, 1) through (1, 0, 0)"
-    assert len(said) == 4
-    assert "float64" not in str(said)
+    lines = str(mobility([hinge, hinge])).split("\n")
+    assert lines[0] == "1 degrees of freedom, 5 redundant constraints"
+    assert lines[1] == "platform: rotation about (0, 0, 1) through (1, 0, 0)"
+    assert len(lines) == 4
+    assert "float64" not in str(lines)
     door = mobility([hinge]).freedoms
     assert [str(f) for f in door] == ["rotation about (0, 0, 1) through (1, 0, 0)"]

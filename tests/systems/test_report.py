@@ -1,10 +1,8 @@
 import numpy as np
 import pytest
-from support.random_systems import CLASSES, admits, motion, sample
+from support.random_systems import admits, every_class, motion, sample
 
 import invariantqp as iq
-
-IDS = [f"{k}-{n}" for k, n in CLASSES]
 
 
 def words(J):
@@ -15,7 +13,7 @@ def planar(n):
     return np.array([iq.revolute((0, 0, 1), p) for p in ((0, 0, 0), (0.5, 0, 0), (0.8, 0.3, 0))[:n]]).T
 
 
-def test_a_scara_is_told_which_directions_are_blind_and_what_to_use():
+def test_the_report_of_a_scara_names_blind_directions_and_alternatives():
     J = np.column_stack((planar(3), iq.se3.prismatic((0, 0, 1))))
     report = iq.systems.describe(J)
     assert str(report).split("\n") == list(report.sentences())
@@ -30,7 +28,7 @@ def test_a_scara_is_told_which_directions_are_blind_and_what_to_use():
     assert "No pitch h works" in words(planar(3))
 
 
-def test_a_regular_arm_is_told_the_pitches_to_stay_away_from():
+def test_the_report_of_a_regular_arm_names_its_principal_pitches():
     J = np.random.default_rng(1).normal(size=(6, 5))
     report = iq.systems.describe(J)
     np.testing.assert_allclose(report.principal_pitches, iq.principal_pitches(J))
@@ -59,7 +57,7 @@ def test_singularity_distance_is_the_same_in_every_frame_and_unit():
     assert iq.systems.describe(scaled).singularity_distance == pytest.approx(expected)
 
 
-def test_it_falls_to_zero_towards_a_singularity():
+def test_singularity_distance_falls_to_zero_towards_a_singularity():
     rng = np.random.default_rng(4)
     J = rng.normal(size=(6, 6))
     distances = []
@@ -69,13 +67,13 @@ def test_it_falls_to_zero_towards_a_singularity():
     assert distances[0] > 50.0 * distances[1] > 2500.0 * distances[2] > 0.0
 
 
-def test_near_another_type_a_sentence_says_which():
+def test_the_report_names_a_near_type():
     S = np.array([(1, 0, 0, 0.5, 0, 0), (0, 1, 0, 0, 0.5 + 4e-7, 0)]).T
     assert "Close to type IIA: the pitch difference" in words(S)
     assert "Close to" not in words(np.random.default_rng(5).normal(size=(6, 2)))
 
 
-@pytest.mark.parametrize("key", CLASSES, ids=IDS)
+@every_class
 def test_every_type_with_noise_is_described_without_contradiction(key):
     rng = np.random.default_rng(6)
     for upper in [False, True] if key[0] < 3 else [False]:

@@ -12,7 +12,7 @@ SEEDS = st.integers(0, 2**31)
 
 @settings(max_examples=60, deadline=None)
 @given(seed=SEEDS, m=st.integers(1, 7), h=st.floats(-2.0, 2.0))
-def test_it_maps_to_where_the_cost_is_stationary(seed, m, h):
+def test_psi_maps_to_the_stationary_point_of_the_cost(seed, m, h):
     """[DS]'s Psi(x) = (s - Jx)'Q_h(s - Jx) + x'Lambda x, differentiated by differences at the x that psi belongs to."""
     rng = np.random.default_rng(seed)
     J, s, A = rng.normal(size=(6, m)), rng.normal(size=6), rng.normal(size=(m, m))
@@ -33,11 +33,12 @@ def test_it_maps_to_where_the_cost_is_stationary(seed, m, h):
 
 @settings(max_examples=60, deadline=None)
 @given(seed=SEEDS, m=st.integers(1, 6), h=st.floats(-2.0, 2.0))
-def test_its_eigenvalues_are_the_gains_that_are_stated(seed, m, h):
+def test_eigenvalues_of_psi_are_the_gains(seed, m, h):
     rng = np.random.default_rng(seed)
     J, A = rng.normal(size=(6, m)), rng.normal(size=(m, m))
     G = iq.systems.gram_matrix(J, h)
-    for Lambda in (0.3 * np.eye(m), A @ A.T + 0.1 * np.eye(m)):
+    inverse = [0.09 * np.linalg.inv(G)] if np.linalg.cond(G) < 1e5 else []  # gains mu^2 / (mu^2 + 0.09): damping
+    for Lambda in (0.3 * np.eye(m), A @ A.T + 0.1 * np.eye(m), *inverse):
         mu = np.linalg.eigvals(np.linalg.solve(Lambda, G)).real
         if np.abs(mu + 1.0).min() < 1e-3:
             continue
@@ -59,22 +60,7 @@ def test_signs_of_the_gains():
             psi(S, 0.0, pole)
 
 
-@settings(max_examples=40, deadline=None)
-@given(seed=SEEDS, m=st.integers(1, 6), h=st.floats(-2.0, 2.0), size=st.floats(1e-3, 10.0))
-def test_the_inverse_as_lambda_damps_whatever_the_signs(seed, m, h, size):
-    rng = np.random.default_rng(seed)
-    J = rng.normal(size=(6, m))
-    G = iq.systems.gram_matrix(J, h)
-    if np.linalg.cond(G) > 1e5:
-        return
-    mu = np.linalg.eigvalsh(G)
-    gains = np.linalg.eigvals(psi(J, h, size**2 * np.linalg.inv(G)))
-    np.testing.assert_allclose(
-        np.sort(gains.real), np.sort(np.append(mu**2 / (mu**2 + size**2), np.zeros(6 - m))), atol=1e-6
-    )
-
-
-def test_h_adjoint_frames_and_the_projector_it_tends_to():
+def test_psi_is_its_own_h_adjoint_and_tends_to_the_projector():
     rng = np.random.default_rng(1)
     J, h = rng.normal(size=(6, 4)), 0.7
     Lambda = np.diag(rng.uniform(0.1, 1.0, size=4))
@@ -96,7 +82,7 @@ def test_bad_lambda(value, said):
 
 
 @pytest.mark.parametrize("m", [1, 2, 3, 4, 5, 7])
-def test_the_pseudoinverse_is_stationary_and_its_kind_is_what_probing_shows(m):
+def test_the_pseudoinverse_is_a_stationary_point_of_the_right_kind(m):
     rng = np.random.default_rng(m)
     for h in (-6.0, 0.3, 6.0):
         J, s = rng.normal(size=(6, m)), rng.normal(size=6)
@@ -111,15 +97,6 @@ def test_the_pseudoinverse_is_stationary_and_its_kind_is_what_probing_shows(m):
         assert sum(found.signature) == m
         if m >= 4:
             assert found.kind == "saddle"
-
-
-def test_gradient_against_differences():
-    rng = np.random.default_rng(3)
-    J, s, x, step = rng.normal(size=(6, 4)), rng.normal(size=6), rng.normal(size=4), 1e-5
-    _, gradient = iq.systems.error_form(J, s, 0.4, x)
-    for i, e in enumerate(np.eye(4)):
-        up, down = (iq.systems.error_form(J, s, 0.4, x + sign * step * e)[0] for sign in (1, -1))
-        assert gradient[i] == pytest.approx((up - down) / (2 * step), abs=1e-8)
 
 
 def test_outside_the_principal_pitches_it_is_a_true_optimum():
@@ -156,7 +133,7 @@ def test_value_and_vanishing_pitches_are_frame_free():
     )
 
 
-def test_where_nothing_can_vanish_or_everything_does_it_says_so():
+def test_vanishing_pitches_are_refused_if_none_or_all_vanish():
     rng = np.random.default_rng(10)
     J = rng.normal(size=(6, 3))
     with pytest.raises(iq.BadInput, match="span"):

@@ -31,7 +31,7 @@ def test_a_leg_wrench_is_the_leg_speed_of_a_moving_platform():
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6, 8])
-def test_wrench_pseudoinverse_is_what_defines_it(n):
+def test_the_wrench_pseudoinverse_satisfies_its_definition(n):
     rng = np.random.default_rng(n)
     W, h = iq.systems.leg_wrenches(*legs(rng, n)), 0.4
     inverse = iq.systems.wrench_pseudoinverse(W, h)
@@ -45,34 +45,6 @@ def test_wrench_pseudoinverse_is_what_defines_it(n):
         np.testing.assert_allclose(inverse, np.linalg.solve(W.T @ form @ W, W.T @ form), rtol=1e-7, atol=1e-9)
     else:
         np.testing.assert_allclose(inverse, np.linalg.pinv(W), atol=1e-9)
-
-
-def test_wrench_and_twist_projectors_are_dual():
-    # [DS] Sect. 6.3: P* = W W^{+h} on the annihilator of S is (I - P_h)'.
-    S = np.random.default_rng(3).normal(size=(6, 3))
-    W, h = iq.systems.annihilator(S), 0.7
-    P = S @ iq.pseudoinverse(S, h)
-    np.testing.assert_allclose(W @ iq.systems.wrench_pseudoinverse(W, h), (np.eye(6) - P).T, atol=1e-10)
-
-
-def test_accuracy_survives_nearly_dependent_legs():
-    rng = np.random.default_rng(4)
-    base, top = legs(rng, 3)
-    base[1], top[1] = base[0] + 1e-6 * rng.normal(size=3), top[0] + 1e-6 * rng.normal(size=3)
-    W = iq.systems.leg_wrenches(base, top)
-    f = rng.normal(size=3)
-    # cond(W) = 1e6: the factored form keeps eps * cond, the normal equations only eps * cond^2.
-    assert np.abs(iq.systems.wrench_pseudoinverse(W, 0.4) @ (W @ f) - f).max() < 1e-8
-
-
-def test_where_it_fails_it_says_so_in_pitches_of_wrenches():
-    W = np.array([[0.0, 0.0, 0.5, 0.0, 0.0, 1.0]]).T  # W'Q_h^-1 W = 2 (m.f + h f.f) = 0 at h = -0.5
-    assert W[:, 0] @ iq.pitch_form_inverse(-0.5) @ W[:, 0] == 0.0
-    with pytest.raises(iq.NoPseudoinverse) as caught:
-        iq.systems.wrench_pseudoinverse(W, -0.5)
-    assert caught.value.h == -0.5
-    np.testing.assert_allclose(caught.value.principal_pitches, [-0.5])
-    assert iq.systems.wrench_pseudoinverse(W, 0.5).shape == (1, 6)
 
 
 def test_stiffness_is_the_force_of_small_displacements_and_moves_as_a_tensor():
@@ -96,8 +68,8 @@ def test_conditioning_is_frame_free_where_singular_values_are_not(n):
     assert abs(np.linalg.cond(moved) - np.linalg.cond(W)) > 0.1
     eigenvalues = np.linalg.eigvals(iq.systems.platform_stiffness(W, k) @ iq.pitch_form_inverse(h)).real
     found = here.values[: here.rank]
-    kept = eigenvalues[np.argsort(-np.abs(eigenvalues))][: here.rank]
-    np.testing.assert_allclose(np.sort(found), np.sort(kept), rtol=1e-6)
+    largest = eigenvalues[np.argsort(-np.abs(eigenvalues))][: here.rank]
+    np.testing.assert_allclose(np.sort(found), np.sort(largest), rtol=1e-6)
     assert iq.systems.leg_spectrum(W, h).condition == pytest.approx(iq.systems.leg_spectrum(W, h, np.ones(n)).condition)
 
 
@@ -112,7 +84,7 @@ def test_a_singular_platform_has_no_condition():
     assert iq.systems.annihilator(W).shape == (6, 1)
 
 
-def test_bad_input_is_told():
+def test_bad_input():
     with pytest.raises(iq.BadInput, match="leg 1 of length zero"):
         iq.systems.leg_wrenches([[0, 0, 0], [1, 1, 1]], [[0, 0, 1], [1, 1, 1]])
     with pytest.raises(iq.BadInput, match="no legs"):
@@ -121,7 +93,12 @@ def test_bad_input_is_told():
         iq.systems.platform_stiffness(np.eye(6), [1, 1, 1, 1, 1, 0])
 
 
-def test_what_is_said_of_wrenches_is_true_of_wrenches():
+def test_errors_of_wrenches_have_the_pitches_and_screws_of_wrenches():
+    W = np.array([[0.0, 0.0, 0.5, 0.0, 0.0, 1.0]]).T  # W'Q_h^-1 W = 2 (m.f + h f.f) = 0 at h = -0.5
+    with pytest.raises(iq.NoPseudoinverse) as caught:
+        iq.systems.wrench_pseudoinverse(W, -0.5)
+    assert caught.value.h == -0.5
+    np.testing.assert_allclose(caught.value.principal_pitches, [-0.5])
     # A force at the origin, along z: W'Q_0^-1 W = 0, and the screw of the wrench is z = Q_0 w.
     w = iq.systems.leg_wrenches([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
     with pytest.raises(iq.NoPseudoinverse, match=r"Gram matrix has rank 0, the system rank 1") as caught:
@@ -148,7 +125,7 @@ def rebuilt(found, *, compliance):
 
 @settings(max_examples=80, deadline=None)
 @given(seed=SEEDS, rank=st.integers(1, 6), compliance=st.booleans())
-def test_eigenscrews_and_axes_are_what_they_say(seed, rank, compliance):
+def test_eigenscrews_and_axes_satisfy_their_definition(seed, rank, compliance):
     rng = np.random.default_rng(seed)
     K = psd(rng, rank)
     found = eigenscrews(K, compliance=compliance)
@@ -171,7 +148,7 @@ def test_eigenscrews_and_axes_are_what_they_say(seed, rank, compliance):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, unit=st.sampled_from([1e-3, 1.0, 1e3]), compliance=st.booleans())
-def test_no_frame_and_no_unit_changes_them(seed, unit, compliance):
+def test_eigenscrews_do_not_depend_on_frame_and_unit(seed, unit, compliance):
     rng = np.random.default_rng(seed)
     K, T = psd(rng, 6), motion(rng)
     A = iq.adjoint(T) if compliance else iq.coadjoint(T)
@@ -236,8 +213,8 @@ def test_springs_along_lines_have_no_trace():
 
 
 @pytest.mark.parametrize("far", [0.1, 10.0, 1e3])
-def test_springs_far_away_have_the_rank_that_they_have(far):
-    """Concurrent ones too, whose moments vanish about the centre: what is left of them there is rounding."""
+def test_springs_far_from_the_origin_keep_their_rank(far):
+    """Concurrent ones too, whose moments vanish about the centre: there they are rounding."""
     rng = np.random.default_rng(8)
     for i in range(150):
         n, place = int(rng.integers(1, 7)), far * rng.normal(size=3)
@@ -253,7 +230,7 @@ def test_springs_far_away_have_the_rank_that_they_have(far):
         assert len(found.translational) + len(found.rotational) == rank
 
 
-def test_what_has_more_than_one_centre_has_none():
+def test_a_centre_that_is_not_unique_is_none():
     one = np.zeros(6)
     one[5] = 1.0
     found = eigenscrews(np.outer(one, one))  # a spring along z
@@ -265,7 +242,7 @@ def test_what_has_more_than_one_centre_has_none():
     np.testing.assert_allclose(free.rotational, [3.0, 2.0, 1.0])
 
 
-def test_what_is_no_stiffness_is_refused():
+def test_matrices_that_are_no_stiffness_are_refused():
     skew = np.eye(6)
     skew[0, 1] = 0.1
     for K, said in (

@@ -8,7 +8,7 @@ import invariantqp as iq
 from invariantqp.systems.subspaces import Subspace
 
 
-def test_rounding_is_not_a_length():
+def test_rounding_does_not_set_the_own_length():
     """Translations with 1e-17 of rotation, and axes through the origin with 1e-17 of moment, keep their rank."""
     rng = np.random.default_rng(1)
     gantry = np.vstack((1e-17 * rng.normal(size=(3, 3)), np.eye(3)))
@@ -58,7 +58,7 @@ def test_sum_and_meet_are_a_lattice(seed, shared, a, b):
     assert same(iq.reciprocal(total), iq.systems.system_meet(iq.reciprocal(S1), iq.reciprocal(S2), 1e-10))
 
 
-def test_moving_the_systems_moves_every_answer():
+def test_reciprocals_move_with_the_system():
     rng = np.random.default_rng(1)
     Ad = iq.adjoint(motion(rng))
     S = rng.normal(size=(6, 3))
@@ -68,7 +68,7 @@ def test_moving_the_systems_moves_every_answer():
     assert same(Ad @ z, iq.systems.self_reciprocal(Ad @ S, h, 1e-10))
 
 
-def test_units_of_length_move_the_answers_along():
+def test_reciprocals_scale_with_the_unit_of_length():
     S = np.random.default_rng(2).normal(size=(6, 2))
     scale = np.array([[1.0], [1.0], [1.0], [1e3], [1e3], [1e3]])
     assert same(iq.reciprocal(S, 0.5) * scale, iq.reciprocal(S * scale, 500.0))
@@ -83,22 +83,16 @@ def test_self_reciprocal_at_a_principal_pitch_is_its_screw():
     assert iq.systems.self_reciprocal(np.eye(6), 0.3).shape == (6, 0)
 
 
-def test_systems_that_meet_in_nothing_and_the_zero_system():
-    E = np.eye(6)
-    assert iq.systems.system_meet(E[:, :2], E[:, 3:5]).shape == (6, 0)
-    assert same(iq.systems.system_sum(E[:, :2], E[:, 1:3]), E[:, :3])
-    assert same(iq.systems.system_meet(E[:, :2], E[:, 1:3]), E[:, 1:2])
-    assert iq.systems.screw_system(np.zeros((6, 2))).shape == (6, 0)
-    assert iq.reciprocal(np.zeros((6, 2))).shape == (6, 6)
-
-
-def test_half_the_killing_form_has_no_reciprocal():
+def test_an_infinite_pitch_has_no_reciprocal():
     with pytest.raises(iq.BadInput, match="Killing"):
         iq.reciprocal(np.eye(6)[:, :2], float("inf"))
 
 
-def test_the_zero_system_is_a_system():
-    """What these functions return for no twists is taken by all of them."""
+def test_systems_with_no_common_twist_and_the_zero_system():
+    """The zero system is accepted by all functions."""
+    E = np.eye(6)
+    assert iq.systems.system_meet(E[:, :2], E[:, 3:5]).shape == (6, 0)
+    assert same(iq.systems.system_meet(E[:, :2], E[:, 1:3]), E[:, 1:2])
     zero, S = iq.systems.screw_system(np.zeros((6, 2))), np.random.default_rng(4).normal(size=(6, 2))
     assert zero.shape == (6, 0)
     for other in (iq.reciprocal(zero, 0.3), iq.systems.annihilator(zero)):

@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike
 from invariantqp.errors import BadInput, listed, written
 from invariantqp.geometry import arrays
 from invariantqp.geometry.arrays import ROUNDING, Array
-from invariantqp.geometry.screws import turning
+from invariantqp.geometry.screws import angular_speeds
 from invariantqp.robots.kinematics import Robot, middle, require_robot
 from invariantqp.systems.points import centre
 from invariantqp.systems.report import SystemReport, along_axes, describe
@@ -252,7 +252,7 @@ def _turned(robot: Robot, start: Array) -> Array | None:
     q = start
     for step in range(STEPS + 1):
         J = robot.jacobian(q)
-        rates = turning(J)
+        rates = angular_speeds(J)
         turns = rates > 0.0
         if np.count_nonzero(turns) < 2:
             return None
@@ -402,8 +402,8 @@ def inspect(robot: Robot, *, name: str = "robot", q: ArrayLike | None = None, sa
     mid = middle(require_robot(robot))
     state, where = mid, "in the middle of the joint range"
     if q is not None:
-        state, where = arrays.joints(q, robot.names, "q"), "at the joint positions given"
-    if not arrays.count(samples, "samples", arrays.MANY):
+        state, where = arrays.joint_vector(q, robot.names, "q"), "at the joint positions given"
+    if not arrays.count(samples, "samples", arrays.LARGEST_COUNT):
         raise BadInput("samples", "0", "one or more")
     report = describe(robot.jacobian(state))
     seen = survey(robot, spread(robot, samples))

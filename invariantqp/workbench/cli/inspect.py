@@ -130,7 +130,7 @@ def print_clearance(clearance: Clearance, q: Array) -> None:
     console = Console(highlight=False, soft_wrap=True)
     console.print("\n[bold]bodies[/bold]")
     for name, shapes in clearance.bodies.items():
-        kinds = Counter(shape.called for shape in shapes)
+        kinds = Counter(shape.label for shape in shapes)
         console.print(f"  {name}: {', '.join(f'{n} x {kind}' for kind, n in kinds.items())}", markup=False)
     near = clearance.at(q)
     console.print(f"  nearest where the arm is: {near}" if near.first else "  no two of them can touch", markup=False)

@@ -73,7 +73,7 @@ def joint_frames(robot: Chain) -> list[tuple[bool, Array]]:
         slides = not screw[:3].any()
         if not slides and abs(screws.pitch(screw)) > arrays.NEGLIGIBLE:
             raise RobotModelError(f"joint {name} is helical; other libraries model hinges and slides only")
-        found.append((slides, se3.facing(screw[3:] if slides else screw[:3], point)))
+        found.append((slides, se3.pose_along_z(screw[3:] if slides else screw[:3], point)))
     return found
 
 

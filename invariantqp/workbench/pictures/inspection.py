@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 
 from invariantqp.errors import BadInput, written
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.distance import Placed, corners
+from invariantqp.geometry.distance import CollisionObject, corners
 from invariantqp.geometry.shapes import Core
 from invariantqp.robots.bodies import SIDES
 from invariantqp.robots.kinematics import Robot, joint_ranges
@@ -129,11 +129,11 @@ def bodies_picture(clearance: Clearance, q: ArrayLike, path: Path | str) -> Path
     return Path(path)
 
 
-def _outline(placed: Placed, seen: list[int]) -> Array:
+def _outline(placed: CollisionObject, seen: list[int]) -> Array:
     """(n, 2) corners of a shape's shadow."""
     turn = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
-    if placed.solid is not None:
-        flat = placed.solid.drawn().reshape(-1, 3).dot(placed.pose[:3, :3].T)[:, seen] + placed.pose[seen, 3]
+    if placed.mesh is not None:
+        flat = placed.mesh.display_triangles().reshape(-1, 3).dot(placed.pose[:3, :3].T)[:, seen] + placed.pose[seen, 3]
         return np.asarray(flat[ConvexHull(flat).vertices])
     ends = np.array(corners(placed.half)).dot(placed.pose[:3, :3].T) + placed.pose[:3, 3]
     circle = placed.radius * np.stack((np.cos(turn), np.sin(turn)), axis=1)

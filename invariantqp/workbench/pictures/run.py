@@ -131,7 +131,7 @@ def _progress(axes: Axes, time: Array, along: PathTrace) -> None:
 
 
 def _curve(axes: Axes, trace: Trace, contact: ContactTrace) -> None:
-    across = np.stack(se3.across(contact.normal))
+    across = np.stack(se3.perpendicular_axes(contact.normal))
     first = trace.counted_from
     desired = 1e3 * (contact.desired[first:] - contact.desired[0]).dot(across.T)
     drawn = 1e3 * (contact.drawn[first:] - contact.desired[0]).dot(across.T)

@@ -95,7 +95,7 @@ def ball_at(point: Array, outwards: Array) -> Solid:
 def _surface(surface: Plane) -> Solid:
     """A plane, or a table with its edges, in the base frame."""
     if not surface.edges:
-        return Solid("plane", (), se3.facing(surface.normal, surface.point))
+        return Solid("plane", (), se3.pose_along_z(surface.normal, surface.point))
     x = surface.edges[0] / np.linalg.norm(surface.edges[0])
     R = np.column_stack((x, np.cross(surface.normal, x), surface.normal))
     low, high = np.full(2, -FAR), np.full(2, FAR)
@@ -121,7 +121,7 @@ def _tip(springs: SurfaceSprings, T: Array) -> Solid:
     if len(springs.points) == 2:
         along = springs.points[1] - springs.points[0]
         half = 0.5 * float(np.linalg.norm(along))
-        return Solid("capsule", (TIP, half), se3.facing(along, p + TIP * up))
+        return Solid("capsule", (TIP, half), se3.pose_along_z(along, p + TIP * up))
     a, b = springs.points[1] - springs.points[0], springs.points[2] - springs.points[1]
     sides = 0.5 * float(np.linalg.norm(a)), 0.5 * float(np.linalg.norm(b))
     R = np.column_stack((a / (2.0 * sides[0]), b / (2.0 * sides[1]), np.cross(a, b) / (4.0 * sides[0] * sides[1])))

@@ -256,8 +256,8 @@ class Task(Section):
         """How many ticks a run has."""
         duration, dt = self.path.duration, self.law.dt
         ticks = (self.settle + duration) / dt
-        if round(duration / dt) < 1 or ticks > arrays.MANY:
-            expected = f"1 to {arrays.MANY} ticks of {dt:g} s each"
+        if round(duration / dt) < 1 or ticks > arrays.LARGEST_COUNT:
+            expected = f"1 to {arrays.LARGEST_COUNT} ticks of {dt:g} s each"
             raise BadInput("path.duration", f"{duration:g} s, {ticks:.3g} ticks", expected, "Change it, or law.dt.")
         return round(ticks)
 

@@ -112,7 +112,7 @@ def _surface(c: Candidate | None, poses: Array) -> Surroundings:
             half, along = 0.2 * half, frames[len(frames) // 2, :3, 2]
         return Surroundings(axis=np.stack((middle - half * along, middle + half * along)))
     z = c.surface[:3, 2]
-    corners = patch(path, middle, *se3.across(z), margin)
+    corners = patch(path, middle, *se3.perpendicular_axes(z), margin)
     if c.kind == "sphere" and c.centre is not None and c.radius is not None:
         off = corners - c.centre
         aside = off - (off @ z)[..., None] * z

@@ -12,7 +12,7 @@ import numpy as np
 
 from invariantqp.geometry import screws, se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.distance import Placed
+from invariantqp.geometry.distance import CollisionObject
 from invariantqp.geometry.shapes import Core
 from invariantqp.robots.kinematics import Robot
 from invariantqp.workbench.runs.clearancespec import Around
@@ -49,7 +49,7 @@ def surroundings(task: Task, robot: Robot, path: Array) -> Surroundings:
         middle = foot + along * along.dot(T[:3, 3])
         return Surroundings(axis=np.stack((middle - margin * along, middle + margin * along)))
     surface = springs.surface
-    corners = patch(path, surface.point, *se3.across(surface.normal), margin)
+    corners = patch(path, surface.point, *se3.perpendicular_axes(surface.normal), margin)
     for edge in surface.edges:
         beyond = np.maximum((corners - surface.point - edge).dot(edge) / edge.dot(edge), 0.0)
         corners = corners - beyond[..., None] * edge
@@ -89,13 +89,13 @@ def solids(around: Around, time: Array, m: int, reach: float) -> tuple[Solid, ..
     return tuple(made)
 
 
-def faces(placed: Placed, reach: float) -> Array:
+def faces(placed: CollisionObject, reach: float) -> Array:
     """(n, 4, 3) faces of a shape in its own frame."""
     if placed.core is Core.HALF_SPACE:
         at = np.linspace(-reach, reach, SIDE + 1)  # to each side of the arm
         return tiles(np.array([[(x, y, 0.0) for y in at] for x in at]))
-    if placed.solid is not None:
-        corners = placed.solid.drawn()
+    if placed.mesh is not None:
+        corners = placed.mesh.display_triangles()
         return np.concatenate((corners, corners[:, 2:]), axis=1)
     if placed.core is Core.BOX:
         across = [[(s, -s, -1.0), (s, s, -1.0), (s, s, 1.0), (s, -s, 1.0)] for s in (-1.0, 1.0)]  # x, outwards

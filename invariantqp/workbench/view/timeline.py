@@ -14,7 +14,7 @@ import numpy as np
 
 from invariantqp.geometry import se3
 from invariantqp.geometry.arrays import Array
-from invariantqp.geometry.screws import turning
+from invariantqp.geometry.screws import angular_speeds
 from invariantqp.robots.chain import Chain, Coupled
 from invariantqp.robots.kinematics import Robot
 from invariantqp.workbench.pictures.charts import (
@@ -167,7 +167,7 @@ def arm_in(robot: Robot, q: Array) -> dict[str, Any]:
     made_of = robot.joints if isinstance(robot, Chain) else Coupled(robot.jacobian(zero), each, each)
     return {
         "joints": robot.names,
-        "slides": (turning(robot.jacobian(q[0])) == 0.0).tolist(),
+        "slides": (angular_speeds(robot.jacobian(q[0])) == 0.0).tolist(),
         "points": np.array([(np.zeros(3), *p, T[:3, 3]) for p, T in zip(joints, tool, strict=True)]),
         "tool": tool,
         **made_of._asdict(),

@@ -41,7 +41,7 @@ def test_obstacles_are_where_the_file_says_and_go_there_and_back():
     around = one.around(one.load_robot())
     ball, shelf = around.obstacles[:2]
     around.move(1.0)
-    np.testing.assert_allclose((ball.pose @ ball.place)[:3, 3], [0.6, 0.3, 0.4], atol=1e-12)
+    np.testing.assert_allclose((ball.pose @ ball.placement)[:3, 3], [0.6, 0.3, 0.4], atol=1e-12)
     np.testing.assert_allclose(ball.twist, 0.0, atol=1e-12)
     around.move(0.5)
     np.testing.assert_allclose(ball.twist[3:], [0, -0.1 * np.pi, 0], atol=1e-12)
@@ -170,7 +170,7 @@ def test_a_mesh_is_read_turned_scaled_and_drawn(tmp_path):
     one = task([ramp])
     made = one.around(one.load_robot()).obstacles[0]
     np.testing.assert_allclose(2.0 * made.half, [0.4, 0.2, 0.3])
-    np.testing.assert_allclose(made.place[:3, 3], [1.0, 0.6, 0.15])
+    np.testing.assert_allclose(made.placement[:3, 3], [1.0, 0.6, 0.15])
     drawn = timeline_of(iq.run_task(one)).solids[-1]
     assert drawn.faces.shape == (4, 4, 3)
     missing = task([{**ramp, "source": "nowhere.stl"}])
