@@ -20,7 +20,8 @@ from invariantqp.geometry.distance import Placed, corners
 from invariantqp.geometry.shapes import Core
 from invariantqp.robots.bodies import SIDES
 from invariantqp.robots.kinematics import Robot, joint_ranges
-from invariantqp.workbench.analysis.inspection import MULTIPLES, Inspection
+from invariantqp.workbench.analysis.inspection import Inspection
+from invariantqp.workbench.analysis.recommendation import MULTIPLES
 from invariantqp.workbench.analysis.survey import Survey, survey
 from invariantqp.workbench.pictures.charts import BLUE, RULE, SKY, TEXT, VERMILION
 from invariantqp.workbench.pictures.figure import figure_file
