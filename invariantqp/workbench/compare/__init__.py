@@ -7,7 +7,7 @@ ours  by_hand  libraries   the methods
 arms  tasks                the bed: kinds of tasks on five arms, and task files
 worker  drive              a process for each environment, methods in turn
 environments               Python environments of libraries that exclude one another
-figures                    what a run is judged by, and when one dominates another
+figures                    errors, accelerations and settling time of a run; dominance
 sweep  results             all methods on all tasks; results.json
 tables  report             tables, chart and page of it
 """
